@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +16,7 @@ from glbench.cli.options import REPORTS, AsJson, Out
 from glbench.errors import ResultError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from glbench.evaluation import Result, RunResult
     from glbench.leaderboard import StoredResult
@@ -311,10 +312,13 @@ def compare(
     """
     from glbench.cli.stored import task_ids
     from glbench.leaderboard.catalogue import together
+    from glbench.leaderboard.collect import own_and_released_results, published_expectations
+    from glbench.leaderboard.entries import entries_by_task
     from glbench.leaderboard.pairs import compare_entries, corrected_p_values
 
     tasks = task_ids(task or [])
-    ours, theirs = _entries(first, tasks, out), _entries(second, tasks, out)
+    by_task = cache(lambda: entries_by_task(own_and_released_results(out)[0], published_expectations()))
+    ours, theirs = _entries(first, tasks, out, by_task), _entries(second, tasks, out, by_task)
     common = [task_id for task_id in ours if task_id in theirs]
     if not common:
         msg = f"'{first}' has results on {', '.join(ours)}; '{second}' on {', '.join(theirs)}: none in common. Evaluate both on one task."
@@ -367,18 +371,18 @@ def compare(
             )
 
 
-def _entries(wanted: str, tasks: Sequence[str], out: Path) -> dict[str, Entry]:
-    """By task what ``wanted`` means: an agent with all its trainings, one training, or a result file."""
+def _entries(
+    wanted: str, tasks: Sequence[str], out: Path, by_task: Callable[[], Mapping[str, Sequence[Entry]]]
+) -> dict[str, Entry]:
+    """By task what ``wanted`` means: an agent with all its trainings, one training, or a result file. ``by_task`` reads all results."""
     from glbench.cli.stored import check_folder, find_results
-    from glbench.leaderboard.collect import own_and_released_results, published_expectations
-    from glbench.leaderboard.entries import entries_by_task, entry_of
+    from glbench.leaderboard.entries import entry_of
 
     check_folder(out)
     if not (wanted.endswith(".json") or Path(wanted).is_file()):
-        stored, _ = own_and_released_results(out)
         found = {
             task_id: entry
-            for task_id, entries in entries_by_task(stored, published_expectations()).items()
+            for task_id, entries in by_task().items()
             for entry in entries
             if entry.name == wanted and (not tasks or task_id in tasks or task_id.rpartition("/")[2] in tasks)
         }

@@ -22,7 +22,7 @@ from glbench.agents.tuned_rule_settings import RulePages
 from glbench.errors import GlbenchError
 from glbench.evaluation import Result
 from glbench.resources import data_folder, left_out
-from glbench.tasks import list_tasks, published_task, task_card
+from glbench.tasks import list_tasks, published_task
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,8 @@ def _deltas() -> Mapping[str, float]:
 @cache
 def _interface(task_id: str) -> tuple[tuple[str, ...], ...]:
     """What a policy for a task sees, and what it does."""
-    card = task_card(published_task(task_id))
-    return card.observation_names, card.action_names
+    task = published_task(task_id)
+    return tuple(one.name for one in task.observed()), tuple(action.name for action in task.actions)
 
 
 @cache

@@ -27,7 +27,7 @@ from glbench.leaderboard.statistics import (
     pooled,
     probability_of_improvement,
 )
-from glbench.tasks import get_task, list_suites
+from glbench.tasks import list_suites, published_task
 from glbench.tasks.best_known import SEVERAL, BestKnown, read_best_known
 from glbench.tasks.ledger import MONEY
 from glbench.tasks.references import References, read_references
@@ -207,7 +207,7 @@ def suite_tables(
 
 def scenario_names(task_id: str, seeds: Sequence[int]) -> list[tuple[Hashable, ...]]:
     """A name for each run of a published task: runs with one seed in tasks of one family and salt have the same season and crop."""
-    scenario = get_task(task_id).scored.scenario
+    scenario = published_task(task_id).scored.scenario
     family = (task_id,) if scenario.legacy else (scenario.family, scenario.salt)
     return [(*family, seed) for seed in seeds]
 

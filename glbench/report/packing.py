@@ -10,11 +10,14 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
-from operator import sub
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from glbench.evaluation.profiles import Profile
 from glbench.leaderboard.catalogue import catalogue, drawn
@@ -56,35 +59,38 @@ class Blocks:
     by_name: dict[str, str] = field(default_factory=dict)
     _names: dict[str, str] = field(default_factory=dict)
 
-    def add(self, kind: str, document: Any) -> str:
-        """Keep ``document`` and return its name."""
-        packed = squeezed(json.dumps(document, sort_keys=True, separators=(",", ":")).encode())
-        name = self._names.setdefault(packed, f"{kind}-{len(self.by_name)}")
-        self.by_name[name] = packed
-        return name
+    def add(self, kind: str, documents: Iterable[Any]) -> list[str]:
+        """Keep ``documents`` and return their names. All cores compress: zlib takes longer than all the rest of the page."""
+        texts = (json.dumps(one, sort_keys=True, separators=(",", ":")).encode() for one in documents)
+        names = []
+        with ThreadPoolExecutor() as pool:
+            for packed in pool.map(squeezed, texts):
+                names.append(self._names.setdefault(packed, f"{kind}-{len(self.by_name)}"))
+                self.by_name[names[-1]] = packed
+        return names
 
 
 def squeezed(text: bytes) -> str:
     """Text as gzip in base64, which every browser of the last years opens by itself."""
-    return base64.b64encode(gzip.compress(text, compresslevel=9, mtime=0)).decode("ascii")
+    return base64.b64encode(gzip.compress(text, compresslevel=7, mtime=0)).decode("ascii")
 
 
 def profile_blocks(
     known: Sequence[Known], tasks: Mapping[str, TaskSpec | None], blocks: Blocks
 ) -> tuple[dict[tuple[str, str], str], dict[str, str]]:
     """Names of the profiles by task id and ``results_digest``, and of the weather by task id."""
-    profiles: dict[tuple[str, str], str] = {}
-    weather: dict[str, str] = {}
-    for item in known:
-        if item.profile is None:
-            continue
-        profiles[item.row.task_id, item.row.results_digest] = blocks.add(
-            "profile", embedded_profile(item.profile, tasks[item.row.task_id])
-        )
-    for item in sorted(known, key=lambda one: not one.stored.released):  # what came with glbench knows the weather best
-        if item.profile is not None and item.row.task_id not in weather:
-            weather[item.row.task_id] = blocks.add("weather", _weather(item.profile.document))
-    return profiles, weather
+    with_profile = [(item, item.profile) for item in known if item.profile is not None]
+    names = blocks.add("profile", (embedded_profile(one, tasks[item.row.task_id]) for item, one in with_profile))
+    profiles = {
+        (item.row.task_id, item.row.results_digest): name for (item, _), name in zip(with_profile, names, strict=True)
+    }
+    outside: dict[str, Profile] = {}
+    for item, one in sorted(
+        with_profile, key=lambda pair: not pair[0].stored.released
+    ):  # what came with glbench knows the weather best
+        outside.setdefault(item.row.task_id, one)
+    weather = blocks.add("weather", (_weather(one.document) for one in outside.values()))
+    return profiles, dict(zip(outside, weather, strict=True))
 
 
 def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
@@ -124,19 +130,22 @@ def _columns(part: str, drawn_of: Mapping[str, frozenset[str]], columns: Mapping
 
 def _coarse(packed: Mapping[str, Any], levels: int) -> dict[str, Any]:
     """Whole numbers times a coarser ``resolution``, each as the difference from the known one before it in its row."""
-    factor = max(1, _largest(packed["values"]) // levels)
-    return {"resolution": packed["resolution"] * factor, "differences": _differences(packed["values"], factor)}
+    cells = np.array(
+        packed["values"], dtype=np.float64
+    )  # NaN where nothing is known; the rest are whole numbers below 2**53
+    factor = max(1, int(np.fmax.reduce(np.abs(cells), axis=None, initial=0.0)) // levels)
+    return {
+        "resolution": packed["resolution"] * factor,
+        "differences": _differences((2.0 * cells + factor) // (2.0 * factor)),
+    }
 
 
-def _largest(cells: Sequence[Any]) -> int:
-    if any(isinstance(cell, list) for cell in cells):
-        return max(map(_largest, cells))
-    return max(map(abs, filter(None, cells)), default=0)
-
-
-def _differences(cells: Sequence[Any], factor: int) -> list[Any]:
-    if any(isinstance(cell, list) for cell in cells):
-        return [_differences(row, factor) for row in cells]
-    known = [(2 * cell + factor) // (2 * factor) for cell in cells if cell is not None]
-    steps = map(sub, known, (0, *known))
-    return [None if cell is None else next(steps) for cell in cells]
+def _differences(cells: NDArray[np.float64]) -> list[Any]:
+    known = ~np.isnan(cells)
+    if known.all():
+        return list(np.diff(cells, prepend=0.0).astype(np.int64).tolist())
+    if cells.ndim > 1:
+        return [_differences(row) for row in cells]
+    steps = np.full(cells.shape, None, dtype=object)
+    steps[known] = np.diff(cells[known], prepend=0.0).astype(np.int64)
+    return list(steps.tolist())

@@ -6,6 +6,7 @@ import builtins
 import gzip
 import json
 import re
+import sys
 from base64 import b64decode
 from dataclasses import replace
 from types import SimpleNamespace
@@ -13,6 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from glbench.errors import GlbenchError
 from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.evaluation.profiles import load_profile, profile_path
 from glbench.leaderboard import StoredResult, collect_results
@@ -186,6 +188,13 @@ def test_a_result_without_recorded_actions_is_named_with_the_reason(made):
     done = complete_profiles(released)
     assert done.made == ()
     assert [path for path, _ in done.impossible] == [item.path for item in released]
+
+
+@pytest.mark.parametrize("package", ["jinja2", "plotly"])
+def test_without_the_extra_the_error_names_it(package, monkeypatch):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(GlbenchError, match=rf"{package}.*glbench\[report\]"):
+        build_report(())
 
 
 def test_the_library_loads_neither_jinja_nor_plotly(monkeypatch):

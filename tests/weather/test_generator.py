@@ -11,10 +11,11 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pvlib.solarposition import declination_spencer71, equation_of_time_spencer71
 
 from glbench.errors import WeatherError
 from glbench.weather import Blocks, GeneratedSeason, SeasonGenerator, WeatherRecord, disturbances, load_weather
-from glbench.weather.generator import MARGIN_DAYS, RAMP_HOURS, calendar_days, clear_sky
+from glbench.weather.generator import MARGIN_DAYS, RAMP_HOURS, calendar_days, clear_sky, spencer_1971
 from glbench.weather.record import QUANTITIES
 
 TRAINING, TEST = (2008, 2009, 2010), (2011, 2012)
@@ -207,6 +208,13 @@ def test_radiation_keeps_its_clearness_under_the_sun_of_the_season(
         same = place == calendar_days(season.sources)
         np.testing.assert_array_equal(now[same], then[same])
         assert (now[(here == 0.0) & (there > 0.0)] == 0).all()
+
+
+def test_the_sun_is_that_of_pvlib_to_the_last_bit() -> None:
+    days = np.arange(365)
+    declination, minutes = spencer_1971(days)
+    np.testing.assert_array_equal(declination, declination_spencer71(days + 1))
+    np.testing.assert_array_equal(minutes, equation_of_time_spencer71(days + 1))
 
 
 def test_the_clear_sky_is_that_of_the_place(schiphol: WeatherRecord) -> None:
