@@ -76,7 +76,7 @@ _CLONE, _CLONE3, _SOCKET, _LIMITS, _OPTION = (56, 220), (435, 435), (41, 198), (
 
 
 class Mode(Enum):
-    """How the agent becomes nobody."""
+    """How the privileges of the agent are dropped to an unused uid."""
 
     USER_NAMESPACE = "user"
     """In a user namespace, in which the agent is nobody; what any user may do."""
