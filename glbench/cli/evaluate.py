@@ -664,7 +664,10 @@ class _Progress(Bar):
             self._began = self._line = (now, standing.step)
             if standing.step > 0:
                 messages().print(f"Going on at step {standing.step} of {standing.steps}, where it was interrupted.")
-        description, lost = "replaying recorded steps" if standing.replaying else "running", standing.runs - standing.alive
+        description, lost = (
+            "replaying recorded steps" if standing.replaying else "running",
+            standing.runs - standing.alive,
+        )
         failed = f"{lost} of {standing.runs} runs failed" if lost else ""
         if not self.on_terminal:
             self._show_line(now, standing, description, failed)

@@ -90,7 +90,8 @@ class Round:
             or closes.year in (dt.MINYEAR, dt.MAXYEAR)  # in UTC it may be in no year that there is
         ):
             msg = (
-                f"The closing time needs a time zone and whole seconds, such as {_EXAMPLE}; got {quoted(str(closes))}."
+                f"The closing time needs a time zone, whole seconds and a year from 2 to 9998, such as {_EXAMPLE}; "
+                f"got {quoted(str(closes))}."
             )
             raise GlbenchError(msg)
         if self.weather is None:

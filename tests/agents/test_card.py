@@ -153,7 +153,7 @@ def test_trainings_of_a_recipe_need_a_seed(tmp_path: Path) -> None:
     card, problems = check_card(file)
     assert (card, problems) == (
         None,
-        ["trainings of a recipe differ in their seed: give 'seed' beside 'recipe', such as seed = 1"],
+        ["a 'recipe' needs a 'seed', because trainings of one recipe differ in their seed: add, for example, seed = 1"],
     )
     file.write_text(f"{text}seed = 0\n")
     assert read_card(file).recipe == "mine"

@@ -209,4 +209,4 @@ def test_the_costs_of_all_steps_are_those_of_the_total(task: TaskSpec, fused: bo
 
 def test_the_step_of_the_price_is_told(task: TaskSpec) -> None:
     line = next(words for words in task.ledger.lines() if "cost_co2" in words)
-    assert "x 0.08 EUR, 0.2 EUR beyond 12 kg m-2" in line
+    assert "x 0.08 EUR kg-1, 0.2 EUR kg-1 beyond 12 kg m-2" in line

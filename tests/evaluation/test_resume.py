@@ -53,7 +53,7 @@ def test_same_bits_with_and_without_interruption(
     assert resumed.results_digest == good_result.results_digest
     assert resumed.evaluation.resumed_at_step == step
     assert [p.step for p in seen if p.replaying] == list(range(1, step + 1))
-    assert [p.step for p in seen if not p.replaying] == list(range(step, 25))
+    assert [p.step for p in seen if not p.replaying and p.waiting in ("", "act")] == list(range(step, 25))
     assert list(tmp_path.rglob("*.npz")) == [], "the checkpoint is removed when the result is there"
 
 

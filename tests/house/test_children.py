@@ -139,7 +139,6 @@ def test_a_program_has_nothing_to_read_and_its_time() -> None:
         (("bound", "long.toml", "--scenario", "3", "--scenario", "4", "--workers", "2"), 3),
         (("submit", "check", "slow.py", "--task", "long.toml"), 1),
         (("evaluate", "slow.py", "--task", "long.toml"), 0),
-        (("bench",), 1),
     ],
     ids=lambda value: str(value[0]) if isinstance(value, tuple) else "",
 )

@@ -280,7 +280,7 @@ def test_a_sandboxed_agent_finds_no_data_in_the_installed_packages(wheel, data_w
     for file in (wheel, data_wheel):
         with zipfile.ZipFile(file) as archive:
             archive.extractall(site)
-    shown = [str(bound.outside) for bound in visible._shown(set()) if bound.outside not in visible.libraries()]
+    shown = [str(bound.outside) for bound in visible._visible_files(set()) if bound.outside not in visible.libraries()]
     packages = [
         file
         for library in visible.libraries()

@@ -87,8 +87,8 @@ def test_the_task_with_a_test_alone_is_one(page: str, write: Write) -> None:
     task = get_task(write(block(page, "toml", "Spring2012")))
     assert (task.split, task.scenario.generated) == ("test", None)
     assert [season.start.year for season in task.scenario.seasons] == [2012]
-    with pytest.raises(TaskError, match="has no training split"):
-        GreenhouseEnv(task)
+    preview = GreenhouseEnv(task).task
+    assert (preview.split, preview.season_years) == ("preview", (2008, 2009, 2010))
     GreenhouseEnv(task, split="test").reset(seed=1)
 
 

@@ -51,7 +51,9 @@ GRU = "  memory: {hours: [1, 4], gru: 8}\n  critic_sees: [tAir, epi]\n"
 
 def tiny(day: TaskSpec, folder: Path, more: str = "") -> CompiledSettings:
     file = folder / "tiny.yml"
-    file.write_text(TINY + more, encoding="utf-8")
+    names = {line.partition(":")[0] for line in more.splitlines()}
+    others = [line for line in TINY.splitlines(keepends=True) if line.partition(":")[0] not in names]
+    file.write_text("".join(others) + more, encoding="utf-8")
     return read_compiled_settings(file, day)
 
 

@@ -43,7 +43,9 @@ def start(request: pytest.FixtureRequest, day: TaskSpec, tmp_path_factory: pytes
 
 def settings_for(start: Path, folder: Path, more: str = "") -> SearchSettings:
     file = folder / "search.yml"
-    file.write_text(SEARCH.format(start=start) + more, encoding="utf-8")
+    names = {line.partition(":")[0] for line in more.splitlines()}
+    others = [line for line in SEARCH.splitlines(keepends=True) if line.partition(":")[0] not in names]
+    file.write_text("".join(others).format(start=start) + more, encoding="utf-8")
     return read_season_search(file, "test/Day-v1")
 
 
