@@ -124,6 +124,11 @@ def test_workers_that_hold_the_lock_and_programs_of_ended_threads_end(tmp_path: 
     kill_and_look((sys.executable, "busy.py"), tmp_path, wanted=3)
 
 
+def test_a_process_that_a_benchmark_measures_ends_with_it(tmp_path: Path) -> None:
+    code = "from glbench.speed import run; run._run('import time; time.sleep(600)')"
+    kill_and_look((sys.executable, "-c", code), tmp_path, wanted=1)
+
+
 def test_a_program_has_nothing_to_read_and_its_time() -> None:
     assert children.run(["cat"], timeout=10.0).stdout == ""
     began_at = time.monotonic()
