@@ -67,7 +67,8 @@ class Listening:
     def on_saved(self, steps):
         pass
     def on_evaluation(self, point):
-        print("evaluated", self.seed, point.steps, flush=True)
+        sys.stdout.write(f"evaluated {self.seed} {point.steps}\\n")  # one write: two threads never share a line
+        sys.stdout.flush()
 
 task = get_task("day.toml")
 settings = read_settings(Path("settings.yml"), "ppo", task.id)
