@@ -17,16 +17,16 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
-from glbench.agents.card import RecipeId, read_toml
+from glbench.agents.card import RecipeId
 from glbench.agents.identity import Training, baseline_names, check_file, check_sizes, files_of_folder, policy_digest
-from glbench.agents.pages import said_better
 from glbench.agents.protocol import Agent, PrivilegedController, ScenarioController, Sight
 from glbench.errors import GlbenchError, SubmissionError, did_you_mean
 from glbench.fields import Count
 from glbench.model import get_model
 from glbench.resources import data_folder, how_to_get_data, left_out, sha256_of_files, with_unix_line_ends
+from glbench.settings import read_toml, validated
 from glbench.tasks.quantities import PAPER_MODEL
 from glbench.untrusted import MIB, opened_archive, quoted, real_path
 
@@ -76,7 +76,7 @@ class _Controller:
 
     def read(self, place: Path) -> Settings:
         """Read what the card calls the controller's settings: rules, a grower's page, trained policies, or recorded actions."""
-        with _damage_in_words(), said_better(self.reader[0]):
+        with _damage_in_words():
             settings: Settings = _found(self.reader)(place)
         return settings
 
@@ -396,11 +396,7 @@ def _read_card(file: Path) -> Card:
         plain = {key: value for key, value in content.items() if not isinstance(value, dict)}
         if isinstance(content.get("training"), dict) and "recipe" in content["training"]:
             plain["training"] = content["training"]
-        return Card.model_validate(plain)
     except SubmissionError as error:
         msg = f"Cannot read the card {file}: {error}."
         raise SubmissionError(msg) from error
-    except ValidationError as error:
-        problems = "; ".join(f"'{p['loc'][0] if p['loc'] else 'file'}': {p['msg']}" for p in error.errors())
-        msg = f"The card {file} cannot be used: {problems}."
-        raise SubmissionError(msg) from error
+    return validated(Card, plain, "the card", file)

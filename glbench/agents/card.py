@@ -6,7 +6,6 @@ can say who made an agent, what its training cost, and what it knows. ``docs/sub
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
@@ -25,12 +24,10 @@ from pydantic import (
 
 from glbench.errors import SubmissionError, did_you_mean
 from glbench.fields import Count
-from glbench.untrusted import quoted, read_regular, reason_of
+from glbench.settings import Problem, problems_of, read_toml
+from glbench.untrusted import quoted
 
-_LARGEST_CARD = 64 * 1024
 _LONGEST_KEY = 80
-_MOST_DOTS = 500
-"""Dots of a line: reading a key takes a time that grows with the square of its parts."""
 _MOST_ITEMS = 10_000
 Split = Literal["training", "validation", "test"]
 """Seasons of a task that agents learn from, that they are chosen by, and that they are judged by."""
@@ -187,31 +184,6 @@ def read_card(file: Path) -> SubmissionCard:
     return card
 
 
-def read_toml(file: Path) -> dict[str, Any]:
-    """The content of a card, which anybody may have written.
-
-    Raises
-    ------
-    SubmissionError
-        When it is not TOML; the message continues a sentence that begins with "it".
-    """
-    try:
-        text = read_regular(file, _LARGEST_CARD).decode("utf-8-sig").replace("\r\n", "\n")
-        if any(line.count(".") > _MOST_DOTS for line in text.splitlines()):
-            msg = f"it has a line with more than {_MOST_DOTS} dots, and no key of a card has two"
-            raise SubmissionError(msg)
-        return tomllib.loads(text)
-    except (OSError, UnicodeDecodeError) as error:
-        msg = f"it cannot be read ({reason_of(error)})"
-        raise SubmissionError(msg) from error
-    except ValueError as error:  # tomllib's own, and Python's for an integer of thousands of digits
-        msg = f"it is no valid TOML ({reason_of(error)})"
-        raise SubmissionError(msg) from error
-    except RecursionError as error:
-        msg = "it is no valid TOML (its tables or lists are nested without end)"
-        raise SubmissionError(msg) from error
-
-
 def check_card(file: Path) -> tuple[SubmissionCard | None, list[str]]:
     """The card in ``file``, or ``None`` and everything that is wrong with it, one sentence each."""
     try:
@@ -221,7 +193,7 @@ def check_card(file: Path) -> tuple[SubmissionCard | None, list[str]]:
     try:
         return SubmissionCard.model_validate(document), []
     except ValidationError as error:
-        return None, list(dict.fromkeys(_in_words(problem, document) for problem in error.errors()))
+        return None, list(dict.fromkeys(_in_words(problem, document) for problem in problems_of(error)))
 
 
 _EXAMPLES = {
@@ -247,20 +219,19 @@ _CHOICES: dict[str, tuple[str, ...]] = {"information": get_args(Information), "s
 _KEYS = {*SubmissionCard.model_fields, *Training.model_fields, *Normalisation.model_fields}
 
 
-def _in_words(problem: Any, document: dict[str, Any]) -> str:
-    """One problem of pydantic as a sentence with the key, what is wrong, and what it should look like."""
-    place = [part for part in problem["loc"] if isinstance(part, int) or part in document or part in _KEYS]
+def _in_words(problem: Problem, document: dict[str, Any]) -> str:
+    """A problem as a sentence with the key, what is wrong, and what it should look like."""
+    place = [part for part in problem.place if isinstance(part, int) or part in document or part in _KEYS]
     where = ".".join(str(part)[:_LONGEST_KEY] for part in place)
     key = next((str(part) for part in reversed(place) if not isinstance(part, int)), "")
     example = f", such as {key} = {_EXAMPLES[key]}" if key in _EXAMPLES else ""
-    if problem["type"] == "missing":
-        return f"'{problem['loc'][-1]}' is missing{example}"
-    if problem["type"] == "extra_forbidden":
-        unknown = str(problem["loc"][-1])[:_LONGEST_KEY]
+    if problem.kind == "missing":
+        return f"'{problem.place[-1]}' is missing{example}"
+    if problem.kind == "extra_forbidden":
+        unknown = str(problem.place[-1])[:_LONGEST_KEY]
         return f"{quoted(unknown)} is not a key of a card.{did_you_mean(unknown, _KEYS)}".rstrip(".")
-    if problem["type"] == "literal_error":
-        return f"'{where}' is {quoted(problem['input'])}, expected one of {', '.join(_CHOICES[key])}"
-    if problem["type"] == "value_error":
-        said = str(problem["ctx"]["error"])
-        return f"'{where}': {said}" if where else said
-    return f"'{where}' is {quoted(problem['input'])}: {problem['msg'][:1].lower()}{problem['msg'][1:]}{example}"
+    if problem.kind == "literal_error":
+        return f"'{where}' is {quoted(problem.value)}, expected one of {', '.join(_CHOICES[key])}"
+    if problem.kind == "value_error":
+        return f"'{where}': {problem.reason}" if where else problem.reason
+    return f"'{where}' is {quoted(problem.value)}: {problem.reason[:1].lower()}{problem.reason[1:]}{example}"

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from glbench.agents.tuned_rule_settings import TunedRuleSettings, rounded
-from glbench.errors import SubmissionError, did_you_mean
+from glbench.errors import SubmissionError
+from glbench.settings import read_settings
 from glbench.untrusted import quoted
-from glbench.yaml_reader import read_yaml
 
 TASKS = "tasks"
 """Key of a page beside the numbers: ids of the tasks that it is for."""
@@ -145,13 +145,7 @@ def read_energy_rule_pages(place: Path) -> EnergyRulePages:
 
 def read_energy_rule_page(file: Path) -> EnergyRulePage:
     """Read one page. Errors as for ``read_energy_rule_pages``."""
-    content = read_yaml(file, "the energy rules", SubmissionError)
-    try:
-        page = _Page.model_validate(content)
-    except ValidationError as error:
-        problems = "; ".join(_in_words([str(part) for part in p["loc"]], p["type"], p["msg"]) for p in error.errors())
-        msg = f"The energy rules {file} cannot be used: {problems}."
-        raise SubmissionError(msg) from error
+    page = read_settings(_Page, file, "the energy rules")
     return EnergyRulePage(tuple(page.tasks), EnergyRuleSettings(**page.model_dump(exclude={TASKS})))
 
 
@@ -166,12 +160,3 @@ def energy_settings_text(page: EnergyRulePage, heading: Sequence[str] = ()) -> s
         given = f"{name}: {rounded(value)!r}"
         lines += [f"{given:<{_COMMENT_COLUMN}} # {about['unit']}{', ' if about['unit'] != '-' else ' '}{words}"]
     return "\n".join(lines) + "\n"
-
-
-def _in_words(place: Sequence[str], kind: str, message: str) -> str:
-    name = place[0] if place else ""
-    if kind == "missing":
-        return f"'{name}' is missing"
-    if kind == "extra_forbidden":
-        return f"there is no setting {quoted(name)}.{did_you_mean(name, _Page.model_fields)}".rstrip(".")
-    return f"'{name}': {message[0].lower()}{message[1:]}"

@@ -16,13 +16,12 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from glbench.agents.card import read_toml
 from glbench.agents.rule_based_fair import clock_from
 from glbench.errors import ShapeError, SubmissionError, did_you_mean
+from glbench.settings import read_settings
 from glbench.tasks import set_points as names
-from glbench.untrusted import place_of
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
@@ -142,12 +141,7 @@ def read_grower_settings(path: Path) -> GrowerSettings:
     SubmissionError
         When the file cannot be read, lacks a setting, or has an unknown or impossible one.
     """
-    try:
-        return GrowerSettings.model_validate(read_toml(path))
-    except ValidationError as error:
-        problems = "; ".join(f"'{place_of(p['loc']) or 'file'}': {p['msg']}" for p in error.errors())
-        msg = f"The grower's settings {path} cannot be used: {problems}."
-        raise SubmissionError(msg) from error
+    return read_settings(GrowerSettings, path, "the grower's settings", toml=True)
 
 
 class GrowerAgent:

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from glbench.control import Climatology, EndValue, Outlook, PredictiveController, Scenario, StateEstimator, actions_of
 from glbench.env.actuation import make_actuation
 from glbench.errors import GlbenchError, ShapeError, SubmissionError, did_you_mean
-from glbench.untrusted import place_of
-from glbench.yaml_reader import read_yaml
+from glbench.settings import read_settings
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
@@ -81,17 +80,12 @@ def read_predictive_settings(path: Path) -> PredictiveSettings:
     SubmissionError
         When the file cannot be read, lacks a setting, or has an unknown or impossible one.
     """
-    content = read_yaml(path, "the settings of predictive control", SubmissionError)
+    settings = read_settings(PredictiveSettings, path, "the settings of predictive control")
     try:
-        settings = PredictiveSettings.model_validate(content)
         for value in settings.end_values.values():
             EndValue.read(value)
-    except ValidationError as error:
-        problems = "; ".join(f"'{place_of(p['loc']) or 'file'}': {p['msg']}" for p in error.errors())
-        msg = f"The settings of predictive control in {path} cannot be used: {problems}."
-        raise SubmissionError(msg) from error
     except GlbenchError as error:
-        msg = f"The settings of predictive control in {path} cannot be used: {error}"
+        msg = f"The settings of predictive control {path} cannot be used: {error}"
         raise SubmissionError(msg) from error
     return settings
 

@@ -8,10 +8,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from glbench.errors import SubmissionError, did_you_mean
-from glbench.yaml_reader import read_yaml
+from glbench.settings import read_settings
 
 _Hour = Annotated[float, Field(ge=0.0, le=24.0)]
 _Radiation = Annotated[float, Field(ge=0.0)]
@@ -89,20 +88,4 @@ def read_rule_settings(path: Path) -> RuleSettings:
     SubmissionError
         When the file is missing, is no YAML mapping, lacks a setting, or has an unknown or impossible one.
     """
-    content = read_yaml(path, "the rule settings", SubmissionError)
-    try:
-        return RuleSettings.model_validate(content)
-    except ValidationError as error:
-        problems = "; ".join(
-            _in_words(str(p["loc"][0]) if p["loc"] else "file", p["type"], p["msg"]) for p in error.errors()
-        )
-        msg = f"The rule settings {path} cannot be used: {problems}."
-        raise SubmissionError(msg) from error
-
-
-def _in_words(name: str, kind: str, message: str) -> str:
-    if kind == "missing":
-        return f"'{name}' is missing"
-    if kind == "extra_forbidden":
-        return f"there is no setting '{name}'.{did_you_mean(name, RuleSettings.model_fields)}".rstrip(".")
-    return f"'{name}': {message[0].lower()}{message[1:]}"
+    return read_settings(RuleSettings, path, "the rule settings")

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from glbench.errors import SubmissionError, did_you_mean
-from glbench.yaml_reader import read_yaml
+from glbench.errors import SubmissionError
+from glbench.settings import read_settings
 
 REWARD = "reward"
 """Key of a file beside the numbers: the reward modules of the tasks that they are for."""
@@ -183,15 +183,7 @@ def read_rule_pages(place: Path) -> RulePages:
 
 def read_rule_page(file: Path) -> RulePage:
     """Read one page. Errors as for ``read_rule_pages``."""
-    content = read_yaml(file, "the rules", SubmissionError)
-    try:
-        page = _Page.model_validate(content)
-    except ValidationError as error:
-        problems = "; ".join(
-            _in_words(str(p["loc"][0]) if p["loc"] else "", p["type"], p["msg"]) for p in error.errors()
-        )
-        msg = f"The rules {file} cannot be used: {problems}."
-        raise SubmissionError(msg) from error
+    page = read_settings(_Page, file, "the rules")
     return RulePage(
         page.reward, TunedRuleSettings(**{name: getattr(page, name) for name in TunedRuleSettings.model_fields})
     )
@@ -233,12 +225,3 @@ def _about(name: str) -> dict[str, Any]:
     about = TunedRuleSettings.model_fields[name].json_schema_extra
     assert isinstance(about, dict)
     return about
-
-
-def _in_words(name: str, kind: str, message: str) -> str:
-    if kind == "missing":
-        return f"'{name}' is missing"
-    if kind == "extra_forbidden":
-        return f"there is no setting '{name}'.{did_you_mean(name, _Page.model_fields)}".rstrip(".")
-    said = message.removeprefix("Value error, ")
-    return f"'{name}': {said[0].lower()}{said[1:]}" if name else said

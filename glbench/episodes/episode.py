@@ -24,9 +24,10 @@ from glbench.episodes.mcap_file import PACKAGE, Layout, McapWriter, Part, Scan, 
 from glbench.episodes.signals import ACTION, MESSAGES, TOPICS, Column, Group, Moment
 from glbench.errors import EpisodeError, did_you_mean
 from glbench.resources import write_atomically
+from glbench.settings import first_problems
 from glbench.showing import html_of
 from glbench.tasks.prices import local_times
-from glbench.untrusted import one_line, place_of, quoted, refuse_crowd, visible
+from glbench.untrusted import one_line, quoted, refuse_crowd, visible
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -398,8 +399,7 @@ def _attached(path: Path, found: Scan, name: str, kind: type[Record]) -> Record:
         refuse_crowd(data)
         return kind.model_validate_json(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        msg = f"{path}: the attached {name} is invalid ({place_of(first['loc'])}: {first['msg']})."
+        msg = f"{path}: the attached {name} is invalid ({first_problems(error)})."
         raise EpisodeError(msg) from error
     except ValueError as error:
         msg = f"{path}: the attached {name} is invalid: {error}."

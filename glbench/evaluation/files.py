@@ -16,9 +16,10 @@ from pydantic import ValidationError
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation.records import SCHEMA_NAME, SCHEMA_VERSION, Result
 from glbench.resources import write_atomically
-from glbench.untrusted import MIB, parse_json, place_of, quoted, read_regular, reason_of
+from glbench.settings import first_problems
+from glbench.untrusted import MIB, parse_json, quoted, read_regular, reason_of
 
-_SHOWN_PROBLEMS = 3
+_MOST_PROBLEMS = 3
 LARGEST_RESULT = 32 * MIB
 """A run takes less than 1.5 kB, and a task has at most 10,000."""
 _PREFIX: Final = "glbench-scratch-"
@@ -82,7 +83,7 @@ def load_result(path: Path | str) -> Result:
     try:
         return Result.model_validate_json(text)
     except ValidationError as error:
-        msg = f"{path} is no valid result: {_problems(error)}. Evaluate again with `glbench evaluate ... --fresh`."
+        msg = f"{path} is no valid result: {first_problems(error, _MOST_PROBLEMS)}. Evaluate again with `glbench evaluate ... --fresh`."
         raise ResultError(msg) from error
 
 
@@ -125,17 +126,6 @@ def _check_schema(path: Path, text: str) -> None:
             "Update glbench, or use the one that wrote it."
         )
         raise ResultError(msg)
-
-
-def _problems(error: ValidationError) -> str:
-    """The first problems in words: where in the file, and what."""
-    listed = []
-    for problem in error.errors()[:_SHOWN_PROBLEMS]:
-        where = place_of(problem["loc"])
-        what = problem["msg"].removeprefix("Value error, ")
-        listed.append(f"{where}: {what}" if where else what)
-    more = error.error_count() - len(listed)
-    return "; ".join(listed) + (f"; and {more} more" if more > 0 else "")
 
 
 class Scratch:

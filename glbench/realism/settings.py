@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from glbench.agents.card import read_toml
+from glbench import settings
 from glbench.agents.grower import Heating, HumidityDeficit, Screen, Ventilation
-from glbench.errors import ArchiveError, SubmissionError
-from glbench.untrusted import place_of
+from glbench.errors import ArchiveError
 
 SHIPPED = Path(__file__).with_name("settings.toml")
 
@@ -95,12 +94,5 @@ def read_settings(path: Path = SHIPPED) -> Settings:
     ArchiveError
         When the file cannot be read, lacks an entry, or has an unknown or impossible one.
     """
-    try:
-        return Settings.model_validate(read_toml(path))
-    except SubmissionError as error:
-        msg = f"The settings {path} cannot be used: {error}. Copy {SHIPPED} and change it."
-        raise ArchiveError(msg) from error
-    except ValidationError as error:
-        problems = "; ".join(f"'{place_of(p['loc']) or 'file'}': {p['msg']}" for p in error.errors())
-        msg = f"The settings {path} cannot be used: {problems}. {SHIPPED} explains each entry."
-        raise ArchiveError(msg) from error
+    advice = f"{SHIPPED} explains each entry. Copy it and change it."
+    return settings.read_settings(Settings, path, "the settings", ArchiveError, toml=True, advice=advice)

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
-from pydantic_core import ErrorDetails
 
 from glbench.errors import TaskError, did_you_mean
+from glbench.settings import Problem, problems_of
 from glbench.tasks.bases import Written, as_written, read_written, shown_path
 from glbench.tasks.spec import TaskSpec, file_of, schema_of
 from glbench.tasks.tables import Table
@@ -36,7 +36,7 @@ def task_of(written: Written, shown: str) -> TaskSpec:
         file = file_of(written.content)
     except ValidationError as error:
         root = schema_of(written.content)
-        problems = list(dict.fromkeys(_explain(root, detail) for detail in error.errors(include_url=False)))
+        problems = list(dict.fromkeys(_explain(root, problem) for problem in problems_of(error)))
         raise TaskError(
             _listed(shown if written.base is None else f"{shown} (base {written.base})", problems)
         ) from None
@@ -49,11 +49,11 @@ def _listed(shown: str, problems: list[str]) -> str:
     return f"{shown} has {len(problems)} mistakes:\n" + "\n".join(f"  - {problem}" for problem in problems)
 
 
-def _explain(root: type[BaseModel], detail: ErrorDetails) -> str:
+def _explain(root: type[BaseModel], problem: Problem) -> str:
     """One mistake in words."""
-    *tables, key = [str(part) for part in detail["loc"]] or ["the file"]
+    *tables, key = [str(part) for part in problem.place] or ["the file"]
     place = f"[{'.'.join(tables)}] " if tables else ""
-    owner, kind = _table_at(root, tables), detail["type"]
+    owner, kind = _table_at(root, tables), problem.kind
     allowed = _description(owner, key)
     if kind == "missing":
         if _is_table(owner, key):
@@ -64,20 +64,19 @@ def _explain(root: type[BaseModel], detail: ErrorDetails) -> str:
         near = did_you_mean(key, known) or f" Known: {', '.join(known)}."
         return f"'{key}' is not a key {f'of {place}'.rstrip() if tables else 'or table of a task'}.{near}"
     if kind == "model_type":
-        return f"[{'.'.join([*tables, key])}] must be a table, not {as_written(detail['input'])}."
+        return f"[{'.'.join([*tables, key])}] must be a table, not {as_written(problem.value)}."
     if kind == "value_error":
-        reason = str(detail["ctx"]["error"])
         if _is_table(owner, key) or _is_entry(root, tables):
-            return f"[{'.'.join([*tables, key])}] {reason}"
-        if not detail["loc"]:  # about more than one table: it names them
-            return reason
-        return f"{place}{key} = {as_written(detail['input'])}: {reason}"
+            return f"[{'.'.join([*tables, key])}] {problem.reason}"
+        if not problem.place:  # about more than one table: it names them
+            return problem.reason
+        return f"{place}{key} = {as_written(problem.value)}: {problem.reason}"
     if not allowed:
-        return _inside(root, [*tables, key], detail)
-    return f"{place}{key} = {as_written(detail['input'])} is not allowed. It must be {allowed}."
+        return _inside(root, [*tables, key], problem)
+    return f"{place}{key} = {as_written(problem.value)} is not allowed. It must be {allowed}."
 
 
-def _inside(root: type[BaseModel], parts: list[str], detail: ErrorDetails) -> str:
+def _inside(root: type[BaseModel], parts: list[str], problem: Problem) -> str:
     """A mistake inside the value of a key: which key, where in its list, and what must be there."""
     described = (
         (place, allowed)
@@ -91,9 +90,9 @@ def _inside(root: type[BaseModel], parts: list[str], detail: ErrorDetails) -> st
     elif inner and inner[0].isdecimal():
         inner[0] = f"entry {inner[0]}"
     table = f"[{'.'.join(parts[:place])}] " if place else ""
-    number = " a finite number" if detail["type"] in _NO_NUMBER and inner else ""
+    number = " a finite number" if problem.kind in _NO_NUMBER and inner else ""
     rule = f"It must be{number}: {key} is {allowed}." if number else f"{key} must be {allowed}."
-    return f"{table}{', '.join([key, *inner])} = {as_written(detail['input'])} is not allowed. {rule}"
+    return f"{table}{', '.join([key, *inner])} = {as_written(problem.value)} is not allowed. {rule}"
 
 
 def _table_at(root: type[BaseModel], tables: list[str]) -> type[BaseModel]:

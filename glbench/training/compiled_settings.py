@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from glbench.errors import TrainingError
 from glbench.resources import data_folder
+from glbench.settings import validated
 from glbench.training.settings import (
     FIRST_TRAINING_SEED,
     Accrual,
@@ -18,7 +20,6 @@ from glbench.training.settings import (
     FrozenSettings,
     Normalization,
     TrainingSeed,
-    in_words,
     section,
 )
 
@@ -163,5 +164,4 @@ def read_compiled_settings(file: Path | None, task: TaskSpec, steps: int | None 
     content = section(source, task.id)
     if steps is not None:
         content["n_timesteps"] = steps
-    with in_words(source, CompiledSettings):
-        return CompiledSettings(**content)
+    return validated(CompiledSettings, content, "the settings", source, TrainingError)

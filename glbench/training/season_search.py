@@ -28,6 +28,7 @@ from glbench.env import Simulation
 from glbench.errors import TrainingError, did_you_mean
 from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
+from glbench.settings import validated
 from glbench.training.card import POLICY, Making, note_session, write_card
 from glbench.training.export import policy_in, start_of
 from glbench.training.folder import SEARCH, SETTINGS, claim, folder_lock, open_folder
@@ -38,7 +39,6 @@ from glbench.training.settings import (
     FrozenSettings,
     PolicyFile,
     TrainingSeed,
-    in_words,
     section,
 )
 from glbench.training.steady import varies, without_steady_columns
@@ -157,8 +157,7 @@ class SearchSettings(FrozenSettings):
         TrainingError
             When there is none.
         """
-        with in_words(policy, cls):
-            return cls(start_from=policy)
+        return validated(cls, {"start_from": policy}, "the settings", policy, TrainingError)
 
     @property
     def digest(self) -> str:
@@ -181,8 +180,7 @@ def read_season_search(file: Path, task_id: str, start_from: Path | None = None)
         content["start_from"] = start_from
     elif isinstance(content.get("start_from"), str):
         content["start_from"] = real_path(file.parent / content["start_from"])
-    with in_words(file, SearchSettings):
-        return SearchSettings(**content)
+    return validated(SearchSettings, content, "the settings", file, TrainingError)
 
 
 class Variations:

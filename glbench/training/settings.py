@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from glbench.errors import TrainingError, did_you_mean
+from glbench.errors import TrainingError
 from glbench.resources import data_folder
+from glbench.settings import validated
 from glbench.untrusted import real_path
 from glbench.yaml_reader import read_yaml
 
@@ -230,8 +229,8 @@ def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
         if isinstance(value, str) and _LIKE_A_NUMBER.match(value):
             msg = f"'{key}: {value}' in {file} is not a number."
             raise TrainingError(msg)
-    with in_words(file, TrainingSettings):
-        return TrainingSettings(algorithm=algorithm, **own, hyperparameters=rest)
+    content = {**own, "algorithm": algorithm, "hyperparameters": rest}
+    return validated(TrainingSettings, content, "the settings", file, TrainingError, inline="hyperparameters")
 
 
 def section(file: Path, task_id: str) -> dict[str, Any]:
@@ -267,40 +266,6 @@ def _overlaid(under: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
         if isinstance(value, dict) and isinstance(under.get(key), dict)
     }
     return {**under, **over, **both}
-
-
-def problems_of(error: ValidationError, kind: type[FrozenSettings]) -> str:
-    """What pydantic found wrong with settings of a kind, as the end of a sentence."""
-    problems = "; ".join(_said(problem["loc"], problem["type"], problem["msg"], kind) for problem in error.errors())
-    return problems if problems.endswith((".", "?")) else f"{problems}."
-
-
-@contextmanager
-def in_words(file: Path, kind: type[FrozenSettings]) -> Iterator[None]:
-    """Say what is wrong with settings of a kind in ``file``.
-
-    Raises
-    ------
-    TrainingError
-        Instead of pydantic's error.
-    """
-    try:
-        yield
-    except ValidationError as error:
-        msg = f"The settings in {file} cannot be used: {problems_of(error, kind)}"
-        raise TrainingError(msg) from error
-
-
-def _said(place: tuple[str | int, ...], problem: str, words: str, kind: type[FrozenSettings]) -> str:
-    name = ".".join(map(str, place))
-    if place == ("hyperparameters",):
-        return words.removeprefix("Value error, ")
-    if problem != "extra_forbidden":
-        return f"'{name}': {words}"
-    for part in place[:-1]:
-        found = kind.model_fields[str(part)].annotation
-        kind = found if isinstance(found, type) and issubclass(found, FrozenSettings) else kind
-    return f"There is no setting '{name}'.{did_you_mean(str(place[-1]), kind.model_fields)}"
 
 
 def _sections(file: Path) -> dict[str, dict[str, Any]]:

@@ -24,6 +24,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from glbench.children import worker
 from glbench.errors import GlbenchError, TrainingError, did_you_mean
+from glbench.settings import readable_errors, validated
 from glbench.tasks import get_task
 from glbench.training.algorithms import check_settings
 from glbench.training.card import settings_digest
@@ -34,11 +35,10 @@ from glbench.training.settings import (
     FrozenSettings,
     TrainingSettings,
     numbers,
-    problems_of,
     read_settings,
     shipped_settings,
 )
-from glbench.untrusted import place_of, real_path
+from glbench.untrusted import real_path
 from glbench.yaml_reader import read_yaml
 
 if TYPE_CHECKING:
@@ -162,13 +162,8 @@ def read_search(file: Path) -> Search:
     TrainingError
         When it cannot be read, or asks for something impossible.
     """
-    content = read_yaml(file, "the search", TrainingError)
-    try:
-        search = Search.model_validate(numbers(content))
-    except ValidationError as error:
-        problems = "; ".join(f"'{place_of(p['loc']) or 'file'}': {p['msg']}" for p in error.errors())
-        msg = f"The search in {file} cannot be used: {problems}. docs/training.md shows one."
-        raise TrainingError(msg) from error
+    content = numbers(read_yaml(file, "the search", TrainingError))
+    search = validated(Search, content, "the search", file, TrainingError, advice="docs/training.md shows one.")
     config = search.config
     return search if config is None else search.model_copy(update={"config": real_path(file.parent / config)})
 
@@ -188,7 +183,8 @@ def with_choices(settings: TrainingSettings, choices: dict[str, Any], steps: int
     try:
         return TrainingSettings.model_validate(content)
     except ValidationError as error:
-        msg = f"A trial cannot be trained: {problems_of(error, TrainingSettings)}"
+        problems = readable_errors(error, TrainingSettings, inline="hyperparameters")
+        msg = f"A trial cannot be trained: {problems}"
         raise TrainingError(msg) from error
 
 

@@ -216,7 +216,11 @@ def test_every_number_has_bounds_a_unit_and_a_meaning() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("engine_price: 0.05", "engine_price: 5.0", r"'engine_price': input should be less than or equal to 0.4"),
+        (
+            "engine_price: 0.05",
+            "engine_price: 5.0",
+            r"'engine_price' is 5 EUR kWh-1; it must be from -0.05 to 0.4 EUR kWh-1",
+        ),
         ("engine_price: 0.05", "", r"'engine_price' is missing"),
         (
             "engine_price: 0.05",

@@ -245,7 +245,7 @@ def test_every_number_has_bounds_a_unit_and_a_meaning() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("boiler_band: 4.0", "boiler_band: 0.0", r"'boiler_band': input should be greater than or equal to 0.5"),
+        ("boiler_band: 4.0", "boiler_band: 0.0", r"'boiler_band' is 0 K; it must be from 0.5 to 10 K"),
         ("boiler_band: 4.0", "", r"'boiler_band' is missing"),
         ("boiler_band: 4.0", "boiler_bnad: 4.0", r"there is no setting 'boiler_bnad'. Did you mean 'boiler_band'"),
         ("co2_dim: 600.0", "co2_dim: .nan", r"at line \d+, 'co2_dim: .nan.*': '.nan' is not a finite number"),

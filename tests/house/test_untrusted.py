@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from glbench.agents.card import Names, Numbers, read_toml
+from glbench.agents.card import Names, Numbers
 from glbench.episodes.action_log import RunTable
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import Result, load_result
@@ -18,6 +18,7 @@ from glbench.evaluation.profiles.record import _Lines, read_profile
 from glbench.evaluation.records import EvaluationRecord
 from glbench.realism.comparison import read_comparison
 from glbench.resources import data_folder
+from glbench.settings import read_toml
 from glbench.speed.record import read_record
 from glbench.tasks import get_task
 from glbench.training.card import read_card

@@ -284,7 +284,7 @@ def test_impossible_settings_are_refused_in_words(day: TaskSpec, tmp_path: Path)
     for more, words in {
         "  batch_size: 50\n": "'batch_size: 50' does not divide the 192 steps of a rollout",
         "  first_env_seed: 666\n": "666 is not a seed for training",
-        "  learning_rat: 1e-3\n": "There is no setting 'learning_rat'. Did you mean 'learning_rate'",
+        "  learning_rat: 1e-3\n": "there is no setting 'learning_rat'. Did you mean 'learning_rate'",
         "  memory: {gru: 8}\n  batch_size: 32\n": "a batch has whole sequences: 'n_steps: 12' must divide 'batch_size: 32'",
         "  memory: {hours: [1, -4]}\n": "time constants are positive numbers of hours, not 1, -4",
         "  normalize: {rewards: false}\n": "always normalises observations and rewards",

@@ -138,7 +138,7 @@ def test_an_action_may_begin_anew(day: TaskSpec, start: Path, tmp_path: Path) ->
 
 def test_impossible_settings_are_named(tmp_path: Path) -> None:
     with pytest.raises(
-        TrainingError, match=r"'population': .*; There is no setting 'generation'. Did you mean 'generations'"
+        TrainingError, match=r"'population': .*; there is no setting 'generation'. Did you mean 'generations'"
     ):
         settings_for(tmp_path / "policy.npz", tmp_path, "  population: 1\n  generation: 5\n")
 

@@ -16,7 +16,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, Val
 from glbench.errors import ResultError
 from glbench.evaluation.records import Digest
 from glbench.fields import Count, Word
-from glbench.untrusted import LARGEST_INTEGER, MIB, gunzip, parse_json, place_of, quoted, read_regular, reason_of
+from glbench.settings import first_problems
+from glbench.untrusted import LARGEST_INTEGER, MIB, gunzip, parse_json, quoted, read_regular, reason_of
 
 SCHEMA: Final = "glbench/profile"
 VERSION: Final = 1
@@ -168,8 +169,6 @@ def read_profile(path: Path) -> Profile:
     try:
         _Document.model_validate(document)
     except ValidationError as error:
-        problem = error.errors()[0]
-        where = place_of(problem["loc"])
-        msg = f"{path} is no profile as glbench writes it ({where}: {problem['msg']}). Delete it and run `glbench report --complete`."
+        msg = f"{path} is no profile as glbench writes it ({first_problems(error)}). Delete it and run `glbench report --complete`."
         raise ResultError(msg) from error
     return Profile(document)
