@@ -65,13 +65,13 @@ class KernelHook(BuildHookInterface[Any]):
         from glbench.kernel.compiled.library import prebuild
         from glbench.kernel.compiled.prebuilt import levels_to_build, write_manifest
         from glbench.kernel.compiled.stepper import absent_equipment, traits_of
-        from glbench.model import judged, registered_models
+        from glbench.model import registered_models, with_violation_meters
 
         if not levels_to_build():
             return False
         asked = _asked_by_tasks(Path(self.root) / "tasks")
         models = [
-            judged(model) if metered else model
+            with_violation_meters(model) if metered else model
             for model in registered_models()
             for metered in (False, True)
             if (model.id, model.variant, metered) in asked

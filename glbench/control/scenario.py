@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env import run_weather
-from glbench.env.runs import run_parameters
 from glbench.env.scenario import RunScenarios
 from glbench.env.seeds import checked_seed
+from glbench.env.simulation import run_parameters
 from glbench.env.spaces import the_task
 from glbench.env.step_result import read_only
 

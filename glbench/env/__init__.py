@@ -10,9 +10,9 @@ from glbench.env.accounts import Accounts, make_accounts
 from glbench.env.actuation import ACTUATIONS, register_actuation
 from glbench.env.greenhouse import GreenhouseEnv
 from glbench.env.info import info_quantities
+from glbench.env.numpy_environments import ObservationInputs
 from glbench.env.observations import register_observation
 from glbench.env.quantities import QUANTITIES, StepQuantity
-from glbench.env.reference import ObservationInputs
 from glbench.env.rewards import REWARDS, StepOutcome, register_reward
 from glbench.env.scenario import RunWeather, run_weather, run_years, season_names
 from glbench.env.simulation import Simulation

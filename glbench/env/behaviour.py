@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -26,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.accounts import make_accounts
-from glbench.env.runs import Runs
 from glbench.env.scenario import RunScenarios
+from glbench.env.simulation import Simulation
 from glbench.errors import TaskError
 from glbench.registration import BEHAVIOUR_NAME
 from glbench.resources import write_atomically
@@ -184,14 +185,15 @@ def _step(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
         after[:, [model.state_index(name) for name in model.air]] = _AIR
     after[:, earning] += np.array(_GROWN)[:, None]
     fixed = _FixedStep(after)
-    runs = Runs(task, n, fixed, fused=False)
-    runs.start(np.arange(n), _SEEDS, before)
+    simulation = Simulation(task, n, fixed, fused=False)
+    simulation.reset(_SEEDS)
+    simulation.restore(replace(simulation.snapshot(), states=before))
     low, high = task_card(task).action_bounds
     part = 0.5 + 0.45 * (np.arange(1, n * len(low) + 1) * _GOLDEN % 1.0).reshape(n, -1)
-    table = runs.step(low + (high - low) * part).table
+    table = simulation.step(low + (high - low) * part).table
     nominal = task.parameters()
     drawn = (fixed.parameters != nominal).any(axis=0)
-    observed = {"observed": runs.observe().astype(np.float64).ravel()} if task.schema_version > 1 else {}
+    observed = {"observed": simulation.observe().astype(np.float64).ravel()} if task.schema_version > 1 else {}
     return {
         **{quantity.name: row for quantity, row in zip(task.quantities, table, strict=True)},
         "controls": fixed.controls.ravel(),

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from glbench.env.climate import AIR
 from glbench.env.forecast import HOUR
-from glbench.env.reference import ObservationInputs
+from glbench.env.numpy_environments import ObservationInputs
 from glbench.env.weather_pool import CLOCK, WeatherTables
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule

@@ -1,7 +1,7 @@
 """A task as a program: everything around the kernel's step, recorded as tapes from the formulas of the task's parts.
 
 Every part that glbench ships can be recorded. A registered part is Python: the program leaves a gap for it, which only
-``glbench.env.reference`` can fill. The same holds where parameters follow from drawn ones by more than arithmetic.
+``glbench.env.numpy_environments`` can fill. The same holds where parameters follow from drawn ones by more than arithmetic.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from glbench.env.actuation import (
 )
 from glbench.env.climate import AIR, record_air
 from glbench.env.formulas import record_formula
+from glbench.env.numpy_environments import NO_PARTS, PythonParts
 from glbench.env.observations import (
     AirFormula,
     Formula,
@@ -38,7 +39,6 @@ from glbench.env.observations import (
 )
 from glbench.env.process_computer import Measured
 from glbench.env.quantities import REWARD
-from glbench.env.reference import NO_PARTS, PythonParts
 from glbench.env.rewards import REWARDS, StepOutcome, make_reward
 from glbench.env.scenario import RunScenarios
 from glbench.env.today import PART as TODAY

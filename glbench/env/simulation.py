@@ -10,20 +10,28 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glbench.arrays import real_numbers
 from glbench.env.accounts import make_accounts
+from glbench.env.actuation import ActionReader
 from glbench.env.kernels import SCORING_PRESET, Stepper, check_kernel, shared_kernel
-from glbench.env.program import make_program
-from glbench.env.runs import Runs
+from glbench.env.numpy_environments import NO_PARTS, NumpyEnvironments, ParameterDraws
+from glbench.env.program import air_columns, info_columns, make_program
+from glbench.env.quantities import REWARD
+from glbench.env.scenario import RunScenarios
 from glbench.env.seeds import checked_seed, no_generators
 from glbench.env.snapshot import Snapshot
 from glbench.env.spaces import the_task
 from glbench.env.step_result import StepResult, read_only
 from glbench.errors import GlbenchError, ShapeError, TaskError
+from glbench.kernel.environment import Environments
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
+
+_REAL_TYPES = "fd"
+"""Codes of the types that are copied without a look at them: float32 and float64."""
 
 
 def check_runs(n: int) -> None:
@@ -39,11 +47,26 @@ def check_runs(n: int) -> None:
         raise ShapeError(msg)
 
 
+def run_parameters(task: TaskSpec, seed: int) -> Floats:
+    """Parameters of the run with ``seed``: ``(p,)`` if they are constant, ``(steps, p)`` if some are drawn in every step."""
+    program, parts = make_program(task)
+    scenes = RunScenarios(task).draw([seed])
+    start = program.nominal[None] if scenes.parameters is None else scenes.parameters
+    if not program.drawn:
+        constant: Floats = start[0].copy()
+        return constant
+    draws = ParameterDraws(program, parts, task.steps)
+    draws.begin(start)
+    return draws.of_step(start, scenes.keys.repeat(task.steps, axis=0), np.arange(task.steps))
+
+
 class Simulation:
     """``n`` runs of ``task``, each with its own seed and step counter, stepped together.
 
     A run gives the same bits alone, in any batch, at any place in it. A run that has ended (at the horizon or by a failed
     step) stays as it is: its action is not looked at, its quantities are 0. Not safe for use by several threads at once.
+
+    The runs' environments overwrite their arrays in every step. The arrays here are read-only copies, made on first access after a step.
 
     Parameters
     ----------
@@ -62,8 +85,12 @@ class Simulation:
     ----------
     seeds
         Seeds of the runs ``(n,)``, read-only.
+    over
+        How many runs have ended.
     p_nominal
         Nominal parameters ``(parameters,)``.
+    scenarios
+        Draws the scenario of a run from its seed.
     """
 
     def __init__(
@@ -76,91 +103,130 @@ class Simulation:
         self.p_nominal = task.parameters()
         self.accounts = make_accounts(task)
         make_program(task)  # raises for a part that the task names and nobody made, or that does not fit it
-        self._given_kernel = kernel
-        self._may_fuse = fused
-        self._begun = False
+        self.scenarios = RunScenarios(task)
         self.seeds = read_only(np.zeros(n, dtype=np.uint64))
+        self.over = 0
+        self._kernel_choice, self._may_fuse = kernel, fused
+        self._readers = {"given": ActionReader.of_task(task), "given_controls": ActionReader.of_controls(task)}
+        self._air, self._info = air_columns(task), info_columns(task)
+        self._ready = False  # whether reset or restore was called
+        self._has_result = False
+        self._failures = 0
+        self._copies: dict[str, Any] = {}
 
     @cached_property
     def kernel(self) -> Stepper:
         """What integrates a step."""
-        given = self._given_kernel
-        if given is None or isinstance(given, str):
-            return shared_kernel(self.task.model_value, self.task.step_seconds, given or SCORING_PRESET)
-        return given
+        choice = self._kernel_choice
+        if choice is None or isinstance(choice, str):
+            return shared_kernel(self.task.model_value, self.task.step_seconds, choice or SCORING_PRESET)
+        return choice
 
     @cached_property
-    def _runs(self) -> Runs:
-        """Made when first needed, because it may compile the kernel."""
-        return Runs(self.task, self.n, self.kernel, fused=self._may_fuse)
+    def _environments(self) -> Environments:
+        """Made when first needed, because it may compile the kernel; before ``reset`` they stand at the start of seed 0."""
+        program, parts = make_program(self.task)
+        make = getattr(self.kernel, "environments", None)  # a custom kernel steps states only
+        environments: Environments | None = None
+        if self._may_fuse and make is not None and parts is NO_PARTS:
+            environments = make(program, self.n)
+        if environments is None:
+            states = len(self.task.model_value.states)
+            environments = NumpyEnvironments(program, self.n, self.kernel, states, parts)
+        vars(self)["_environments"] = environments
+        self._start(np.arange(self.n), [0] * self.n)
+        return environments
+
+    @cached_property
+    def _single(self) -> tuple[Floats, NDArray[np.float32], Floats]:
+        """Table, observation and action of the first run."""
+        environments = self._environments
+        return environments.table[0], environments.observations[0], environments.given[0]
 
     @property
     def fused(self) -> bool:
         """Whether a step is one call of the compiled kernel."""
-        return self._runs.fused
+        return not isinstance(self._environments, NumpyEnvironments)
 
     @property
     def x(self) -> Floats:
         """States ``(n, states)``, read-only; replaced in every step, never written to."""
-        return self._runs.x
+        return self._copy("x")
 
     @property
     def u(self) -> Floats:
         """Controls in force ``(n, controls)``, fractions; read-only, replaced in every step."""
-        return self._runs.u
+        return self._copy("u")
 
     @property
     def k(self) -> NDArray[np.int64]:
         """Steps taken ``(n,)``, read-only; replaced in every step."""
-        return self._runs.k
+        return self._copy("k")
 
     @property
     def ended(self) -> NDArray[np.bool_]:
         """Whether a run has ended ``(n,)``, read-only."""
-        return self._runs.ended
+        return self._copy("ended")
 
     @property
-    def over(self) -> int:
-        """How many runs have ended."""
-        return self._runs.over
+    def memory(self) -> Floats:
+        """What the runs keep from step to step besides states and controls ``(n, m)``, read-only."""
+        return self._copy("memory")
 
     @property
     def air(self) -> Floats:
-        """Air temperature [degC], CO2 [ppm] and relative humidity [%] inside, ``(3, n)``, read-only."""
-        return self._runs.air
+        """Air temperature [degC], CO2 [ppm] and relative humidity [%] inside, ``(3, n)``, read-only; ``(0, n)`` without an air."""
+        if "air" not in self._copies:
+            self._copies["air"] = read_only(self._table()[self._air].copy())
+        air: Floats = self._copies["air"]
+        return air
 
     @property
     def info_columns(self) -> Floats:
         """Steps taken, hour of day [h], day of year, air, controls in physical units, ``(columns, n)``: ``info`` without a step."""
-        return self._runs.info
+        return self._table()[: self._info]
 
     @property
     def result(self) -> StepResult | None:
         """What the last step gave; ``None`` when runs were reset or restored since."""
-        return self._runs.result
+        if not self._has_result:
+            return None
+        if "result" not in self._copies:
+            table = self._table()[self._info :]
+            self._copies["result"] = StepResult(
+                self._environments.observations.copy(),
+                table[REWARD],
+                self.ended,
+                self._environments.failures() if self._failures else [],
+                table,
+                tuple(quantity.name for quantity in self.task.quantities),
+            )
+        result: StepResult = self._copies["result"]
+        return result
 
     @property
     def d(self) -> Floats:
         """Disturbances that act in each run's next step, ``(n, disturbances)``: what a privileged controller may know."""
-        rows: Floats = self._runs.scenarios.pool.values[self._runs.weather_rows]
+        day, k = self.scenarios.pool.day, self._environments.k
+        rows: Floats = self.scenarios.pool.values[self._environments.days[np.arange(self.n), k // day] + k % day]
         return rows
 
     @property
     def hour_of_day(self) -> Floats:
         """Hour of day at the start of each run's next step, ``(n,)``, 0 to 24."""
-        rows: Floats = self._runs.scenarios.pool.calendar[self._runs.calendar_rows, 0]
+        rows: Floats = self.scenarios.pool.calendar[self._calendar_rows(), 0]
         return rows
 
     @property
     def day_of_year(self) -> Floats:
         """Day of year at the start of each run's next step, ``(n,)``, 0 at the start of 1 January."""
-        rows: Floats = self._runs.scenarios.pool.calendar[self._runs.calendar_rows, 1]
+        rows: Floats = self.scenarios.pool.calendar[self._calendar_rows(), 1]
         return rows
 
     @property
     def time(self) -> NDArray[np.datetime64]:
         """Date and time (UTC) at the start of each run's next step, ``(n,)``."""
-        rows: NDArray[np.datetime64] = self._runs.scenarios.pool.times[self._runs.calendar_rows]
+        rows: NDArray[np.datetime64] = self.scenarios.pool.times[self._calendar_rows()]
         return rows
 
     def reset(self, seeds: Sequence[int] | NDArray[np.integer], rows: ArrayLike | None = None) -> NDArray[np.float32]:
@@ -177,24 +243,24 @@ class Simulation:
             When there are not as many seeds as rows, a seed is not a whole number from 0 to 2**64 - 1, or some rows only
             are reset before all were.
         """
-        chosen = self._rows(rows)
+        places = self._rows(rows)
         numbers = [checked_seed(seed) for seed in seeds]
-        if len(numbers) != len(chosen):
-            msg = f"reset got {len(numbers)} seeds for {len(chosen)} runs. Give one seed a run."
+        if len(numbers) != len(places):
+            msg = f"reset got {len(numbers)} seeds for {len(places)} runs. Give one seed a run."
             raise ShapeError(msg)
-        if rows is not None and not self._begun:
+        if rows is not None and not self._ready:
             msg = "Some runs cannot be reset before all were: call reset with one seed for each run first."
             raise GlbenchError(msg)
         all_seeds = self.seeds.copy()
-        all_seeds[chosen] = np.array(numbers, dtype=np.uint64)
+        all_seeds[places] = np.array(numbers, dtype=np.uint64)
         self.seeds = read_only(all_seeds)
-        self._runs.start(chosen, numbers)
-        self._begun = True
+        self._start(places, numbers)
+        self._ready = True
         return self.observe()
 
     def observe(self) -> NDArray[np.float32]:
         """Observations of all runs as they stand, ``(n, columns)`` float32."""
-        return self._runs.observe()
+        return self._environments.observations.copy()
 
     def step(self, actions: ArrayLike) -> StepResult:
         """Take one step with ``actions`` ``(n, m)``, in the order and bounds of the task's card.
@@ -207,7 +273,9 @@ class Simulation:
             When all runs have ended, or none was started.
         """
         self._check_running()
-        return self._runs.step(actions)
+        self._write("given", actions)
+        self._finish_step("given", self._environments.step())
+        return self._step_result()
 
     def step_single(self, action: ArrayLike) -> tuple[NDArray[np.float32], list[float], bool]:
         """Take one step with the only run, without the cost of arrays for many.
@@ -223,10 +291,16 @@ class Simulation:
             ``(columns,)`` float32; the numbers of ``info_columns`` and, after them, the step's quantities; whether the run has ended.
             ``result`` has the rest.
         """
-        runs = self._runs
-        if not self._begun or runs.over == self.n:
+        if not self._ready or self.over == self.n:
             self._check_running()
-        return runs.step_single(action)
+        table, observation, values = self._single
+        if type(action) is np.ndarray and action.shape == values.shape and action.dtype.char in _REAL_TYPES:
+            values[:] = action
+        else:
+            numbers = real_numbers(action)
+            self._write("given", action if numbers is None else numbers[None])
+        self._finish_step("given", self._environments.step())
+        return observation.copy(), table.tolist(), self.over == 1
 
     def step_controls(self, controls: ArrayLike) -> StepResult:
         """Take one step with ``controls`` ``(n, controls)``, fractions applied as they are: no actuation, no rate limit.
@@ -234,19 +308,24 @@ class Simulation:
         For privileged controllers and for replaying. Raises as ``step`` does.
         """
         self._check_running()
-        return self._runs.step_controls(controls)
+        self._write("given_controls", controls)
+        self._finish_step("given_controls", self._environments.step_controls())
+        return self._step_result()
 
     def end(self, rows: ArrayLike) -> None:
         """End the runs in ``rows`` (numbers or a mask) where they stand, for a reason outside the simulation."""
-        self._runs.end(self._rows(rows))
+        ended = self._environments.ended
+        ended[self._rows(rows)] = True
+        self.over = int(np.count_nonzero(ended))
+        self._copies.pop("ended", None)
 
     def __getstate__(self) -> dict[str, Any]:
         """What makes another simulation that continues from here: no kernel's memory, no arrays of the compiled library."""
         return {
-            "made_with": (self.task, self.n, self._given_kernel),
+            "made_with": (self.task, self.n, self._kernel_choice),
             "fused": self._may_fuse,
-            "snapshot": self.snapshot() if self._begun else None,
-            "result": self.result if self._begun else None,
+            "snapshot": self.snapshot() if self._ready else None,
+            "result": self.result if self._ready else None,
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -257,10 +336,10 @@ class Simulation:
 
     def snapshot(self) -> Snapshot:
         """What ``restore`` needs to continue from here with the same bits."""
-        self._check_begun()
+        self._check_ready()
         task = self.task
         return Snapshot(
-            task.id, task.digest, self.x, self.u, self.k, self.seeds, self.ended, no_generators(), self._runs.memory, _split(task)
+            task.id, task.digest, self.x, self.u, self.k, self.seeds, self.ended, no_generators(), self.memory, _split(task)
         )  # fmt: skip
 
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
@@ -292,26 +371,92 @@ class Simulation:
         return self.observe()
 
     def _continue(self, snapshot: Snapshot, result: StepResult | None) -> None:
+        """Continue all runs from ``snapshot``; ``result`` is what their last step gave, if that is known."""
+        environments = self._environments
         self.seeds = read_only(snapshot.seeds.copy())
-        self._runs.restore(snapshot, result)
-        self._begun = True
+        self._set_scenarios(np.arange(self.n), snapshot.seeds.tolist())
+        environments.x[:], environments.u[:], environments.k[:] = snapshot.states, snapshot.controls, snapshot.steps
+        environments.ended[:], environments.memory[:] = snapshot.ended, snapshot.memory
+        self._observe()
+        if result is not None:
+            self._copies["result"], self._has_result = result, True
+        self._ready = True
+
+    def _start(self, rows: NDArray[np.intp], seeds: Sequence[int]) -> None:
+        environments = self._environments
+        environments.x[rows], environments.memory[rows] = self._set_scenarios(rows, seeds)
+        environments.u[rows], environments.k[rows], environments.ended[rows] = 0.0, 0, False
+        self._observe()
+
+    def _set_scenarios(self, rows: NDArray[np.intp], seeds: Sequence[int]) -> tuple[Floats, Floats]:
+        """Give the runs in ``rows`` the scenarios of ``seeds``; returns the states and the memory that they start with."""
+        environments, scenes = self._environments, self.scenarios.draw(seeds)
+        environments.days[rows], environments.first[rows] = scenes.days, scenes.first
+        environments.keys[rows], environments.traits[rows] = scenes.keys, scenes.traits
+        if scenes.parameters is not None:
+            environments.parameters[rows] = scenes.parameters
+        return scenes.states, scenes.memory
+
+    def _observe(self) -> None:
+        self._copies.clear()
+        self._has_result = False
+        self._environments.observe()
+        self.over = int(np.count_nonzero(self._environments.ended))
+
+    def _write(self, name: str, values: ArrayLike) -> None:
+        """Write actions or controls into the environments' array ``name``."""
+        array: Floats = getattr(self._environments, name)
+        if type(values) is np.ndarray and values.shape == array.shape and values.dtype.char in _REAL_TYPES:
+            array[:] = values
+        else:
+            array[:] = self._readers[name].read(values, self.n)
+
+    def _finish_step(self, name: str, failures: int) -> None:
+        """Take note of a step; raises for values that the environments did not accept, with the message of their reader."""
+        environments = self._environments
+        if failures < 0:
+            self._readers[name](getattr(environments, name), self.n, environments.ended)
+        self._failures, self._has_result, self.over = failures, True, environments.over
+        self._copies.clear()
+
+    def _step_result(self) -> StepResult:
+        result = self.result
+        assert result is not None
+        return result
+
+    def _calendar_rows(self) -> NDArray[np.int64]:
+        """Row of the pool's calendar at which each run stands ``(n,)``."""
+        rows: NDArray[np.int64] = self._environments.first + self._environments.k
+        return rows
+
+    def _table(self) -> Floats:
+        if "table" not in self._copies:
+            self._copies["table"] = self._environments.table.copy().T
+        table: Floats = self._copies["table"]
+        return table
+
+    def _copy(self, name: str) -> NDArray[Any]:
+        if name not in self._copies:
+            self._copies[name] = read_only(getattr(self._environments, name).copy())
+        array: NDArray[Any] = self._copies[name]
+        return array
 
     def _rows(self, rows: ArrayLike | None) -> NDArray[np.intp]:
         """Row numbers from numbers, a mask, or ``None`` for all."""
         everything = np.arange(self.n)
         if rows is None:
             return everything
-        given = np.asarray(rows)
-        return np.atleast_1d(everything[given if given.dtype == np.bool_ else given.astype(np.intp)])
+        index = np.asarray(rows)
+        return np.atleast_1d(everything[index if index.dtype == np.bool_ else index.astype(np.intp)])
 
-    def _check_begun(self) -> None:
-        if not self._begun:
+    def _check_ready(self) -> None:
+        if not self._ready:
             msg = "Nothing was started yet: call reset first."
             raise GlbenchError(msg)
 
     def _check_running(self) -> None:
-        self._check_begun()
-        if self._runs.over == self.n:
+        self._check_ready()
+        if self.over == self.n:
             msg = "Every run has ended. Call reset to start new ones."
             raise GlbenchError(msg)
 

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from glbench.env.actuation import recorded_actuation
 from glbench.env.info import info_quantities
+from glbench.env.numpy_environments import NO_PARTS
 from glbench.env.observations import python_part
 from glbench.env.program import info_columns, make_program
 from glbench.env.quantities import REWARD
-from glbench.env.reference import NO_PARTS
 from glbench.env.rewards import REWARDS
 from glbench.env.scenario import RunScenarios
 from glbench.env.uncertainty import UNIFORM

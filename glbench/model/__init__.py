@@ -27,7 +27,6 @@ from glbench.model.expressions import Expr
 from glbench.model.greenhouse import Meter, compose
 from glbench.model.greenlight import GreenLightClimate
 from glbench.model.heat_harvesting import HARVEST_METERS, HeatHarvesting
-from glbench.model.judging import NO_LIMIT, SIDES, Side, judged, limit_parameter, violation_meter
 from glbench.model.model import Capacity, Evaluation, Flow, Model, Seen, Signal, Step, Stock
 from glbench.model.paper import (
     AUXILIARIES,
@@ -66,6 +65,14 @@ from glbench.model.quantities import Quantity, Variable
 from glbench.model.submodels import Addition, Around, Climate, Crop, Nothing
 from glbench.model.surroundings import AirExchange, CropExchange, Surroundings
 from glbench.model.variants import VARIANTS
+from glbench.model.violation_meters import (
+    NO_LIMIT,
+    SIDES,
+    Side,
+    limit_parameter,
+    violation_meter,
+    with_violation_meters,
+)
 
 __all__ = [
     "AUXILIARIES",
@@ -129,7 +136,6 @@ __all__ = [
     "humidity_deficit",
     "initial_state",
     "jacobian",
-    "judged",
     "limit_parameter",
     "model_digest",
     "parameter_group",
@@ -142,4 +148,5 @@ __all__ = [
     "tomato",
     "vapour_pressure_deficit",
     "violation_meter",
+    "with_violation_meters",
 ]

@@ -1,6 +1,6 @@
-"""The differential equations: the balance of every compartment of greenhouse and tomato crop, in the order of the state vector.
+"""The differential equations of the climate: the balance of every compartment of the greenhouse, in the order of the state vector.
 
-Every flux is positive from its first to its second name. Source: Vanthoor (2011) chapters 8 and 9, Katzin (2021) chapter 7.
+Every flux is positive from its first to its second name. Source: Vanthoor (2011) chapter 8, Katzin (2021) chapter 7.
 """
 
 from __future__ import annotations
@@ -11,17 +11,12 @@ from glbench.model.actuators import Actuators
 from glbench.model.capacities import Capacities
 from glbench.model.co2 import Co2Transport
 from glbench.model.convection import Convection
-from glbench.model.crop.allocation import Allocation
-from glbench.model.crop.harvest import Harvest
-from glbench.model.crop.photosynthesis import Photosynthesis
-from glbench.model.crop.respiration import Respiration
-from glbench.model.crop.temperature import GrowthInhibition
 from glbench.model.longwave import LongWave, Views
 from glbench.model.optics import Optics
-from glbench.model.parameters import ClimateParameters, TomatoParameters
+from glbench.model.parameters import ClimateParameters
 from glbench.model.shortwave import ShortWave
-from glbench.model.states import ClimateState, TomatoState
-from glbench.model.surroundings import AirExchange, CropExchange, Surroundings
+from glbench.model.states import ClimateState
+from glbench.model.surroundings import AirExchange, CropExchange
 from glbench.model.transpiration import Transpiration
 from glbench.model.vapour import Vapour
 from glbench.model.ventilation import Ventilation
@@ -44,22 +39,6 @@ class ClimateFluxes(NamedTuple):
     transpiration: Transpiration
     vapour: Vapour
     co2: Co2Transport
-
-
-class TomatoFluxes(NamedTuple):
-    """Everything that the balances of the tomato crop are made of, one record a process."""
-
-    photosynthesis: Photosynthesis
-    inhibition: GrowthInhibition
-    allocation: Allocation
-    respiration: Respiration
-    harvest: Harvest
-    crop: CropExchange
-
-
-def net_uptake(ph: Photosynthesis, re: Respiration, p: TomatoParameters) -> CropExchange:
-    """CO2 taken from the main air: photosynthesis less all respiration, as CO2 instead of CH2O. Vanthoor (2011) eq. 9.1."""
-    return CropExchange(p.m_co2 / p.m_ch2o * (ph.mc_air_buf - re.mc_buf_air - re.mc_org_air))
 
 
 def climate_balances(p: ClimateParameters, f: ClimateFluxes, taken: CropExchange) -> ClimateState:
@@ -160,20 +139,4 @@ def without(rates: ClimateState, p: ClimateParameters, f: ClimateFluxes, taken: 
     """
     return rates._replace(
         t_air=rates.t_air - taken.heat / p.cap_air, vp_air=rates.vp_air - taken.vapour / f.capacities.cap_vp_air
-    )
-
-
-def tomato_balances(x: TomatoState, s: Surroundings, f: TomatoFluxes) -> TomatoState:
-    """Time derivative of the states of the tomato crop, in the unit of the state per second.
-
-    Vanthoor (2011) eqs 9.9, 9.1, 9.4, 9.6, 9.2 (Katzin 2021, eq. 7.43) and 9.8.
-    """
-    ph, al, re, ha = f.photosynthesis, f.allocation, f.respiration, f.harvest
-    return TomatoState(
-        t_can24=(s.x.t_can - x.t_can24) / DAY,
-        c_buf=ph.mc_air_buf - al.mc_buf_fruit - al.mc_buf_leaf - al.mc_buf_stem - re.mc_buf_air,
-        c_leaf=al.mc_buf_leaf - re.mc_leaf_air - ha.mc_leaf_har,
-        c_stem=al.mc_buf_stem - re.mc_stem_air,
-        c_fruit=al.mc_buf_fruit - re.mc_fruit_air - ha.mc_fruit_har,
-        t_can_sum=s.x.t_can / DAY,
     )

@@ -430,10 +430,10 @@ class TaskSpec:
             model = get_model(self.model_id, self.model.variant)
         if not self.judges_means:
             return model
-        from glbench.model import judged
+        from glbench.model import with_violation_meters
 
         with self._asked_by("constraints"):
-            return judged(model)
+            return with_violation_meters(model)
 
     @property
     def judges_means(self) -> bool:

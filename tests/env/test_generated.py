@@ -18,7 +18,6 @@ from gymnasium.utils.env_checker import check_env
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation, program, run_weather, weather_pool
 from glbench.env.generated import SeasonMaker
 from glbench.env.program import make_program
-from glbench.env.runs import Runs
 from glbench.env.scenario import RunScenarios
 from glbench.env.weather_pool import WeatherPool
 from glbench.errors import TaskError
@@ -293,8 +292,8 @@ def test_a_program_and_the_runs_of_it_share_one_pool(task: TaskSpec, forgotten: 
     for number in range(20):
         WeatherPool.of(task.in_split("test", f"other {number}"))
     assert make_program(task)[0] is made
-    runs = Runs(task, 1, Kernel(TOMATO, 900.0, preset="fast"))
-    assert runs.scenarios.pool.values is made.weather
+    simulation = Simulation(task, 1, Kernel(TOMATO, 900.0, preset="fast"))
+    assert simulation.scenarios.pool.values is made.weather
     assert (WeatherPool.of(task) is WeatherPool.of(pickle.loads(pickle.dumps(task)))) is True
     assert WeatherPool.of(task) is not WeatherPool.of(task.in_split("test"))
     assert WeatherPool.of(get_task(task.source)) is WeatherPool.of(task)

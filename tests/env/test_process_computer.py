@@ -342,8 +342,7 @@ def random_set_points(task: TaskSpec, steps: int, n: int, seed: int = 3) -> NDAr
 
 
 def bits(simulation: Simulation) -> list[bytes]:
-    run = simulation._runs
-    return [array.tobytes() for array in (run.x, run.u, run.memory, run.k)]
+    return [array.tobytes() for array in (simulation.x, simulation.u, simulation.memory, simulation.k)]
 
 
 @pytest.fixture(scope="module")
@@ -382,7 +381,7 @@ def test_a_run_has_the_same_bits_alone_and_in_a_batch(task: TaskSpec) -> None:
         together.step(actions)
         alone.step(actions[2:3])
     assert together.x[2].tobytes() == alone.x[0].tobytes()
-    assert together._runs.memory[2].tobytes() == alone._runs.memory[0].tobytes()
+    assert together.memory[2].tobytes() == alone.memory[0].tobytes()
 
 
 def deficit_of(temperature: NDArray[np.float64], humidity: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -437,7 +436,7 @@ def test_a_snapshot_and_a_pickle_continue_with_what_the_computer_remembers(task:
     course = random_set_points(task, 40, 3)
     for actions in course[:20]:
         simulation.step(actions)
-    assert (simulation._runs.memory[:, 0] == 1.0).all()
+    assert (simulation.memory[:, 0] == 1.0).all()
     others = [copy.deepcopy(simulation), pickle.loads(pickle.dumps(simulation)), Simulation(task, 3, "fast")]
     others[2].restore(Snapshot.from_bytes(simulation.snapshot().to_bytes()))
     for actions in course[20:]:
@@ -697,7 +696,7 @@ def test_the_computer_reads_what_the_sensors_show(make_computer: MakeComputer, t
     seen = fused.reset(list(range(n)))[:, 0]
     wanted = np.array([[action.of(WANTED[action.name]) for action in task.actions]] * n)
     for step in range(40):
-        heating = fused._runs.memory[:, 1] if step else np.full(n, 18.0)
+        heating = fused.memory[:, 1] if step else np.full(n, 18.0)
         reading, before = seen, fused.u[:, 0]
         results = [one.step(wanted) for one in (fused, plain)]
         asked = np.clip((heating - reading) / 2.0, 0.0, 1.0)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from glbench.env.numpy_environments import NumpyEnvironments
 from glbench.env.philox import key_of, uniforms
-from glbench.env.reference import PlainEnvironments
 from glbench.kernel import Kernel, why_not_compiled
 from glbench.kernel.environment import ActionBounds, Environments, Lookup, ParameterNoise, Program
 from glbench.kernel.tape import Recorder, Tape
@@ -119,7 +119,7 @@ def pair(kernel: Kernel, made: Program, n: int = N) -> Iterator[Environments]:
     compiled = kernel.environments(made, n)
     assert compiled is not None
     yield compiled
-    yield PlainEnvironments(made, n, kernel, 2)
+    yield NumpyEnvironments(made, n, kernel, 2)
 
 
 def everything(environments: Environments, row: slice | int = slice(None)) -> list[bytes]:
@@ -237,7 +237,7 @@ def test_a_failed_step_leaves_the_memory_and_costs_its_charge(kernel: Kernel) ->
         take(environments, actions(1)[0])
         environments.x[4, 0] = np.inf
         memory = environments.memory[:, 1:].copy()
-        if isinstance(environments, PlainEnvironments):
+        if isinstance(environments, NumpyEnvironments):
             environments._kernel = _Refusing(kernel)
         assert take(environments, actions(1)[0]) == 1
         assert environments.table[4, MONEY] == -7.0

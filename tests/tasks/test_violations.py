@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from glbench.env import GreenhouseVectorEnv, Simulation, make_accounts
-from glbench.env.runs import Runs
 from glbench.episodes.definition import definition_json, task_of
 from glbench.episodes.signals import signals_of
 from glbench.errors import TaskError
 from glbench.evaluation.metrics import metrics_of, units_of
 from glbench.kernel import Kernel
 from glbench.leaderboard.catalogue import catalogue, drawn
-from glbench.model import NO_LIMIT, get_model, judged
+from glbench.model import NO_LIMIT, get_model, with_violation_meters
 from glbench.report.task_words import definition_in_words, figures
 from glbench.tasks import TaskSpec, get_task, task_card
 
@@ -70,7 +69,7 @@ def test_a_task_that_says_nothing_is_what_it_was(plain: TaskSpec, write: Write) 
 def test_means_are_judged_by_a_model_with_meters_and_the_limits_of_the_task(write: Write, plain: TaskSpec) -> None:
     task = get_task(write(MEAN.replace("mean", "mean", 1) + "air_temperature.low = 14.0\n"))
     assert task.digest != plain.digest
-    assert task.model_value == judged(plain.model_value)
+    assert task.model_value == with_violation_meters(plain.model_value)
     assert task.model_id == plain.model_id
     own = task.parameters_by_name()
     assert [own[name] for name in ("lowestAirTemperature", "highestAirTemperature")] == [14.0, 34.0]
@@ -196,9 +195,7 @@ def test_fused_and_reference_give_the_same_bits_alone_and_in_a_batch(money: Task
     actions = np.random.default_rng(1).uniform(-1.0, 1.0, (12, 5, 6))
     tables = []
     for fused, rows in ((True, range(5)), (False, range(5)), (True, [3])):
-        simulation = Simulation(money, len(rows), kernel=kernel)
-        if not fused:
-            vars(simulation)["_runs"] = Runs(money, len(rows), kernel, fused=False)
+        simulation = Simulation(money, len(rows), kernel=kernel, fused=fused)
         assert simulation.fused == fused
         simulation.reset([7 + row for row in rows])
         tables.append(np.stack([_quantities(simulation, action[list(rows)]) for action in actions]))

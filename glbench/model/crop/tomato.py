@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
-from glbench.model.balances import TomatoFluxes, net_uptake, tomato_balances
+from glbench.model.balances import DAY
 from glbench.model.bounds import COLDEST, HOTTEST, Horizon
-from glbench.model.crop.allocation import allocation
-from glbench.model.crop.harvest import harvest
-from glbench.model.crop.photosynthesis import photosynthesis
-from glbench.model.crop.respiration import respiration
-from glbench.model.crop.temperature import growth_inhibition
+from glbench.model.crop.allocation import Allocation, allocation
+from glbench.model.crop.harvest import Harvest, harvest
+from glbench.model.crop.photosynthesis import Photosynthesis, photosynthesis
+from glbench.model.crop.respiration import Respiration, respiration
+from glbench.model.crop.temperature import GrowthInhibition, growth_inhibition
 from glbench.model.derived import derived_tomato
 from glbench.model.expressions import Expr
 from glbench.model.greenlight import CANOPY_EXCESS
@@ -23,7 +23,7 @@ from glbench.model.parameters import TomatoParameters
 from glbench.model.quantities import states_of
 from glbench.model.states import TomatoState
 from glbench.model.submodels import Crop, CropStart
-from glbench.model.surroundings import Surroundings
+from glbench.model.surroundings import CropExchange, Surroundings
 from glbench.model.variants import AUTHOR, Variant
 
 LEAVES = 95283.0
@@ -53,6 +53,22 @@ _FASTEST_FRUIT_GROWTH = 0.25  # kg m-2 a day; 0.328 mg m-2 s-1 is 0.028 kg m-2 a
 _FRUIT_AT_START = 1.0  # kg m-2
 _BELOW_ZERO = 0.01  # kg m-2; a mass that is used up may undershoot zero by the tolerance of the integration
 _KG_PER_MG, _GRAM_PER_MG = 1e-6, 1e-3
+
+
+class TomatoFluxes(NamedTuple):
+    """Everything that the balances of the tomato crop are made of, one record a process."""
+
+    photosynthesis: Photosynthesis
+    inhibition: GrowthInhibition
+    allocation: Allocation
+    respiration: Respiration
+    harvest: Harvest
+    crop: CropExchange
+
+
+def net_uptake(ph: Photosynthesis, re: Respiration, p: TomatoParameters) -> CropExchange:
+    """CO2 taken from the main air: photosynthesis less all respiration, as CO2 instead of CH2O. Vanthoor (2011) eq. 9.1."""
+    return CropExchange(p.m_co2 / p.m_ch2o * (ph.mc_air_buf - re.mc_buf_air - re.mc_org_air))
 
 
 @dataclass(frozen=True)
@@ -94,7 +110,16 @@ class VanthoorTomato(Crop):
         )
 
     def rates(self, x: TomatoState, s: Surroundings, fluxes: TomatoFluxes, p: TomatoParameters) -> TomatoState:
-        return tomato_balances(x, s, fluxes)
+        """Vanthoor (2011) eqs 9.9, 9.1, 9.4, 9.6, 9.2 (Katzin 2021, eq. 7.43) and 9.8."""
+        ph, al, re, ha = fluxes.photosynthesis, fluxes.allocation, fluxes.respiration, fluxes.harvest
+        return TomatoState(
+            t_can24=(s.x.t_can - x.t_can24) / DAY,
+            c_buf=ph.mc_air_buf - al.mc_buf_fruit - al.mc_buf_leaf - al.mc_buf_stem - re.mc_buf_air,
+            c_leaf=al.mc_buf_leaf - re.mc_leaf_air - ha.mc_leaf_har,
+            c_stem=al.mc_buf_stem - re.mc_stem_air,
+            c_fruit=al.mc_buf_fruit - re.mc_fruit_air - ha.mc_fruit_har,
+            t_can_sum=s.x.t_can / DAY,
+        )
 
     def derived(self, p: TomatoParameters) -> TomatoParameters:
         return derived_tomato(p)

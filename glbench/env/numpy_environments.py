@@ -94,7 +94,7 @@ class PythonParts:
 NO_PARTS = PythonParts(slice(0, 0))
 
 
-class PlainEnvironments(Environments):
+class NumpyEnvironments(Environments):
     """``n`` environments of ``program`` around ``kernel``, of a model with ``states``."""
 
     def __init__(self, program: Program, n: int, kernel: Stepper, states: int, parts: PythonParts = NO_PARTS) -> None:

@@ -11,17 +11,16 @@ from collections import namedtuple
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from operator import attrgetter
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 from glbench.errors import GlbenchError
 from glbench.model.air import co2_ppm, relative_humidity
-from glbench.model.bounds import Horizon
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr, fmax
 from glbench.model.greenhouse import record_of, typed_record
-from glbench.model.model import Capacity, Evaluation, Flow, Model, Record, Seen, Signal, Start, Stock
-from glbench.model.parameter_checks import Order, Shares
+from glbench.model.model import Evaluation, Model, Record, Start
 from glbench.model.parameter_table import BENCHMARK, ParameterInfo
 from glbench.model.quantities import Variable, public_name
 
@@ -85,38 +84,46 @@ _METERS = typed_record(
 )
 
 
-@dataclass(frozen=True)
-class Judged(Model):
-    """The model ``plain`` with six more states and six more parameters, after its own; made by :func:`judged`.
+def _of_base(member: str) -> Any:
+    """A member that is that of the model without meters."""
+    return property(attrgetter(f"base.{member}"))
 
-    Nothing depends on the meters and no error of theirs counts, so the other states take the course that they take without them.
+
+@dataclass(frozen=True)
+class WithViolationMeters(Model):
+    """The model ``base`` with six more states and six more parameters, after its own; made by :func:`with_violation_meters`.
+
+    Nothing depends on the meters and no error of theirs counts, so the other states take the course that they take without them. The
+    meters are no :class:`~glbench.model.Addition`: those are parts of a composed greenhouse, and their states precede its clock.
     """
 
-    plain: Model
+    base: Model
+
+    version = _of_base("version")
+    variant = _of_base("variant")
+    Controls = _of_base("Controls")
+    Disturbances = _of_base("Disturbances")
+    air = _of_base("air")
+    singular = _of_base("singular")
+    crop_states = _of_base("crop_states")
+    shares = _of_base("shares")
+    orders = _of_base("orders")
+    observation_modules = _of_base("observation_modules")
+    refuse = _of_base("refuse")
+    capacities = _of_base("capacities")
+    flows = _of_base("flows")
+    stocks = _of_base("stocks")
+    bounds = _of_base("bounds")
+    observed = _of_base("observed")
+    signals = _of_base("signals")
 
     @property
     def name(self) -> str:
-        return f"{self.plain.name}-judged"
-
-    @property
-    def version(self) -> str:
-        return self.plain.version
-
-    @property
-    def variant(self) -> str:
-        return self.plain.variant
+        return f"{self.base.name}-judged"
 
     @cached_property
     def State(self) -> type[Any]:  # type: ignore[override]  # noqa: N802 -- a class
-        return record_of("State", (self.plain.State, _METERS))
-
-    @property
-    def Controls(self) -> type[Any]:  # type: ignore[override]  # noqa: N802 -- a class
-        return self.plain.Controls
-
-    @property
-    def Disturbances(self) -> type[Any]:  # type: ignore[override]  # noqa: N802 -- a class
-        return self.plain.Disturbances
+        return record_of("State", (self.base.State, _METERS))
 
     @cached_property
     def Parameters(self) -> type[Any]:  # type: ignore[override]  # noqa: N802 -- a class
@@ -124,49 +131,26 @@ class Judged(Model):
 
     @property
     def table(self) -> tuple[ParameterInfo, ...]:
-        return (*self.plain.table, *_LIMITS)
-
-    @property
-    def air(self) -> tuple[str, str, str] | None:
-        return self.plain.air
-
-    @property
-    def singular(self) -> tuple[str, str] | None:
-        return self.plain.singular
-
-    @property
-    def crop_states(self) -> tuple[str, ...]:
-        return self.plain.crop_states
-
-    @property
-    def shares(self) -> tuple[Shares, ...]:
-        return self.plain.shares
-
-    @property
-    def orders(self) -> tuple[Order, ...]:
-        return self.plain.orders
+        return (*self.base.table, *_LIMITS)
 
     def equations(self, x: Record, u: Record, d: Record, p: Record) -> Evaluation:
-        """Evaluate the plain model, and the distances of its main air from the limits; relative humidity is not cut off at 100 %."""
-        evaluation = self.plain.equations(self.plain.State(*x[: len(self.plain.states)]), u, d, self._own(p))
-        temperature, density, pressure = (x[self.plain.state_index(name)] for name in self.plain.air or ())
+        """Evaluate the model, and the distances of its main air from the limits; relative humidity is not cut off at 100 %."""
+        evaluation = self.base.equations(self.base.State(*x[: len(self.base.states)]), u, d, self._own(p))
+        temperature, density, pressure = (x[self.base.state_index(name)] for name in self.base.air or ())
         air = {
             "air_temperature": temperature,
             "co2": co2_ppm(temperature, density),
             "relative_humidity": relative_humidity(temperature, pressure),
         }
-        limits = dict(zip(_PLACES, p[len(self.plain.table) :], strict=True))
+        limits = dict(zip(_PLACES, p[len(self.base.table) :], strict=True))
         outside = (_distance(air[name], limits[name, side], side) for name, side in _PLACES)
         return Evaluation(self.State(*evaluation.derivative, *outside), evaluation.fluxes)
 
     def derived(self, p: Record) -> Record:
-        return self.Parameters(*self.plain.derived(self._own(p)), *p[len(self.plain.table) :])
-
-    def refuse(self, values: Mapping[str, float]) -> None:
-        self.plain.refuse(values)
+        return self.Parameters(*self.base.derived(self._own(p)), *p[len(self.base.table) :])
 
     def starts(self) -> Mapping[str, Start]:
-        return {word: self._start(start) for word, start in self.plain.starts().items()}
+        return {word: self._start(start) for word, start in self.base.starts().items()}
 
     def _start(self, start: Start) -> Start:
         def with_meters(d: Disturbances, air_temperature: float, p: Record) -> Record:
@@ -174,38 +158,16 @@ class Judged(Model):
 
         return with_meters
 
-    def capacities(self, p: Mapping[str, float]) -> tuple[Capacity, ...]:
-        return self.plain.capacities(p)
-
-    def flows(self) -> tuple[Flow, ...]:
-        return self.plain.flows()
-
-    def stocks(self) -> tuple[Stock, ...]:
-        return self.plain.stocks()
-
-    def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
-        return self.plain.bounds(horizon)
-
-    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
-        return self.plain.observed(module, horizon)
-
-    @property
-    def observation_modules(self) -> Mapping[str, str]:
-        return self.plain.observation_modules
-
-    def signals(self) -> tuple[Signal, ...]:
-        return self.plain.signals()
-
     def _own(self, p: Record) -> Record:
-        """The parameters of the plain model."""
-        return self.plain.Parameters(*p[: len(self.plain.table)])
+        """The parameters of the model without meters."""
+        return self.base.Parameters(*p[: len(self.base.table)])
 
 
 def _distance(value: Expr, limit: Expr, side: Side) -> Expr:
     return fmax(0.0, limit - value if side == "low" else value - limit)
 
 
-def judged(model: Model) -> Judged:
+def with_violation_meters(model: Model) -> WithViolationMeters:
     """The same model with meters on how far air temperature [°C s], CO2 [ppm s] and relative humidity [% s] are outside limits.
 
     The limits are parameters (``limit_parameter``) with values that are never reached, the meters states (``violation_meter``), both after
@@ -216,15 +178,15 @@ def judged(model: Model) -> Judged:
     GlbenchError
         When the model has no air, or a state or parameter that is called like a meter or a limit.
     """
-    return model if isinstance(model, Judged) else _judged(model)
+    return model if isinstance(model, WithViolationMeters) else _with_violation_meters(model)
 
 
 @lru_cache(maxsize=64)
-def _judged(model: Model) -> Judged:
+def _with_violation_meters(model: Model) -> WithViolationMeters:
     if model.air is None:
         msg = f"{model.id} has no air whose climate could be judged: its `air` is None. Name its states there."
         raise GlbenchError(msg)
-    made = Judged(model)
+    metered = WithViolationMeters(model)
     states = (model.state_names, [violation_meter(*place) for place in _PLACES])
     parameters = (model.parameter_names, [info.name for info in _LIMITS])
     for kind, (own, added) in {"state": states, "parameter": parameters}.items():
@@ -232,4 +194,4 @@ def _judged(model: Model) -> Judged:
             if name in own:
                 msg = f"{model.id} has a {kind} called '{name}', as the meters of its violations have. Give it another name."
                 raise GlbenchError(msg)
-    return made
+    return metered

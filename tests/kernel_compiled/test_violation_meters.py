@@ -16,11 +16,11 @@ from glbench.model import (
     TOMATO,
     Model,
     co2_ppm,
-    judged,
     limit_parameter,
     registered_models,
     relative_humidity,
     violation_meter,
+    with_violation_meters,
 )
 from glbench.speed.subjects import points
 from tests.tasks.toy import Toy
@@ -64,8 +64,8 @@ def violations(x: Array) -> Array:
 
 @pytest.mark.parametrize("model", WITH_AIR, ids=str)
 def test_every_model_with_an_air_can_be_judged(model: Model) -> None:
-    made = judged(model)
-    assert made == judged(model) == judged(made)
+    made = with_violation_meters(model)
+    assert made == with_violation_meters(model) == with_violation_meters(made)
     assert pickle.loads(pickle.dumps(made)) == made
     assert made.state_names == (*model.state_names, *METERS)
     assert made.parameter_names == (*model.parameter_names, *LIMITS)
@@ -89,7 +89,7 @@ def test_names_of_limits_and_meters() -> None:
 
 def test_the_rates_are_the_distances_and_the_others_stay(some: tuple[Array, Array, Array]) -> None:
     x, u, d = some
-    made = judged(TOMATO)
+    made = with_violation_meters(TOMATO)
     humid = x.copy()
     humid[:, TOMATO.state_index("vpAir")] *= 1.5  # some of it above saturation
     rates = made.rhs(np.hstack([humid, np.zeros((len(x), 6))]), u, d, made.parameters.default("benchmark", LIMITS))
@@ -102,7 +102,7 @@ def test_the_rates_are_the_distances_and_the_others_stay(some: tuple[Array, Arra
 @pytest.mark.parametrize("preset", ["fast", "standard", "reference"])
 def test_no_bit_of_the_others_changes(some: tuple[Array, Array, Array], preset: str, compiled: None) -> None:
     x, u, d = some
-    made = judged(TOMATO)
+    made = with_violation_meters(TOMATO)
     plain = Kernel(TOMATO, 900.0, preset=preset).step(x, u, d, TOMATO.parameters.default())
     p = made.parameters.default("benchmark", LIMITS)
     metered = Kernel(made, 900.0, preset=preset).step(np.hstack([x, np.full((len(x), 6), 1e4)]), u, d, p)
@@ -111,7 +111,7 @@ def test_no_bit_of_the_others_changes(some: tuple[Array, Array, Array], preset: 
 
 def test_limits_that_are_not_stated_are_never_reached(some: tuple[Array, Array, Array], compiled: None) -> None:
     x, u, d = some
-    made = judged(TOMATO)
+    made = with_violation_meters(TOMATO)
     after = Kernel(made, 900.0, preset="fast").step(
         np.hstack([x, np.zeros((len(x), 6))]), u, d, made.parameters.default()
     )
@@ -124,7 +124,7 @@ def test_the_meters_give_the_time_mean(
 ) -> None:
     """Against 900 single seconds of the plain model and the trapezoidal rule; ``most`` in degC, ppm and %."""
     x, u, d = some
-    made, p = judged(TOMATO), TOMATO.parameters.default()
+    made, p = with_violation_meters(TOMATO), TOMATO.parameters.default()
     second = Kernel(TOMATO, 1.0, preset="tight")
     total, now, seen = np.zeros((len(x), 6)), x, violations(x)
     for _ in range(900):
@@ -139,7 +139,7 @@ def test_the_meters_give_the_time_mean(
 
 def test_cvodes_gives_the_same_within_its_tolerance(some: tuple[Array, Array, Array], compiled: None) -> None:
     x, u, d = (part[:6] for part in some)
-    made = judged(TOMATO)
+    made = with_violation_meters(TOMATO)
     p, given = made.parameters.default("benchmark", LIMITS), np.hstack([x, np.zeros((6, 6))])
     one, other = (Kernel(made, 900.0, backend=name).step(given, u, d, p) for name in ("compiled", "casadi"))
     np.testing.assert_allclose(one[:, :-6], other[:, :-6], rtol=1e-5, atol=1e-3)
@@ -148,7 +148,7 @@ def test_cvodes_gives_the_same_within_its_tolerance(some: tuple[Array, Array, Ar
 
 def test_derivatives_of_the_rates(some: tuple[Array, Array, Array]) -> None:
     """Away from kinks the meters follow air and limits as differences say."""
-    made = judged(TOMATO)
+    made = with_violation_meters(TOMATO)
     x, u, d = np.append(some[0][0], np.zeros(6)), some[1][0], some[2][0]
     t, c, v = (made.state_index(name) for name in made.air or ())
     x[[t, c, v]] = 30.0, 1000.0, 3900.0
@@ -168,7 +168,7 @@ def test_derivatives_of_the_rates(some: tuple[Array, Array, Array]) -> None:
 @pytest.mark.slow
 def test_derivatives_of_a_step(some: tuple[Array, Array, Array], compiled: None) -> None:
     """A meter's derivative to heating, against differences, where the air is too cold all the time."""
-    made = judged(TOMATO)
+    made = with_violation_meters(TOMATO)
     kernel = Kernel(made, 900.0, preset="tight")
     x, u, d = np.append(some[0][0], np.zeros(6)), np.full(6, 0.3), some[2][0]
     p = made.parameters.default("benchmark", LIMITS | {"lowestAirTemperature": 60.0, "highestAirTemperature": 70.0})
@@ -183,4 +183,4 @@ def test_derivatives_of_a_step(some: tuple[Array, Array, Array], compiled: None)
 
 def test_a_model_without_air_cannot_be_judged() -> None:
     with pytest.raises(GlbenchError, match="has no air"):
-        judged(Toy())
+        with_violation_meters(Toy())
