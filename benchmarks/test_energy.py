@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from docs.accuracy_table import EXACT, make_inputs, run_compiled
 from glbench.kernel import Kernel
 from glbench.kernel.compiled import availability
-from glbench.kernel.compiled.accuracy import EXACT, make_inputs, run_compiled
 from glbench.kernel.records import Rows
 from glbench.model import TOMATO_ENERGY, get_model
 

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from docs.accuracy_table import EXACT, make_inputs, run_compiled
 from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
-from glbench.kernel.compiled.accuracy import EXACT, make_inputs, run_compiled
 from glbench.kernel.records import Rows, as_rows
 from glbench.model import TOMATO, default_parameters
 

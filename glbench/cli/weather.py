@@ -264,12 +264,12 @@ def statistics(
     view = table(title, "figure", "value", "limits", "", "the worst", right=("value",), folded=("figure", "the worst"))
     for figure in found.figures:
         limited = figure.limits != ""
-        verdict = ("kept" if figure.kept else "missed") if limited else ""
+        verdict = ("kept" if figure.within_limits else "missed") if limited else ""
         view.add_row(
             Text(figure.name),
-            figure.shown,
+            figure.text,
             figure.limits,
-            Text(verdict, "green" if figure.kept else "bold red"),
+            Text(verdict, "green" if figure.within_limits else "bold red"),
             figure.worst,
         )
     output().print(view)

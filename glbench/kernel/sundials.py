@@ -193,6 +193,26 @@ class CvodesBackend:
         return f"{what}; {inputs_in_words(self._model, rows, row)}"
 
 
+def paper_cvodes(model: Model, tolerance: float, step_seconds: float, *, jit: bool = False) -> Any:
+    """CasADi's CVODES as the paper runs it: equal absolute and relative tolerance on unscaled states.
+
+    With ``jit`` the model is compiled by gcc, which CasADi does in the working directory and leaves its files there.
+    """
+    x, u, d = (ca.SX.sym(key, model.sizes[key]) for key in "xud")
+    rate = model.rhs_function()(x, u, d, model.parameters.default())
+    options: dict[str, Any] = {"abstol": tolerance, "reltol": tolerance, "max_num_steps": 100_000}
+    if jit:
+        options |= {
+            "jit": True,
+            "jit_cleanup": False,
+            "compiler": "shell",
+            "jit_options": {"flags": ["-O3", "-march=native"], "verbose": False, "cleanup": False},
+        }
+    return ca.integrator(
+        "cvodes_step", "cvodes", {"x": x, "p": ca.vertcat(u, d), "ode": rate}, 0.0, step_seconds, options
+    )
+
+
 def _options(settings: CvodesSettings) -> dict[str, Any]:
     return {
         "abstol": settings.absolute,

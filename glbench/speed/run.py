@@ -27,7 +27,7 @@ from glbench import children
 from glbench.errors import GlbenchError
 from glbench.evaluation.provenance import machine, versions
 from glbench.kernel import Kernel
-from glbench.kernel.compiled.accuracy import make_cvodes
+from glbench.kernel.sundials import paper_cvodes
 from glbench.model import TOMATO
 from glbench.speed.record import FirstUse, Measurement, Memory, SpeedRecord
 from glbench.speed.subjects import STEP_SECONDS, Points, Season, Subject, Work, paper_season, points
@@ -110,7 +110,10 @@ def references(subjects: Iterable[Subject]) -> Iterator[dict[float, Reference]]:
     with tempfile.TemporaryDirectory(prefix="glbench-bench-") as folder:
         os.chdir(folder)
         try:
-            yield {seconds: Reference(make_cvodes(TOLERANCE, seconds, jit=compiled), compiled) for seconds in lengths}
+            yield {
+                seconds: Reference(paper_cvodes(TOMATO, TOLERANCE, seconds, jit=compiled), compiled)
+                for seconds in lengths
+            }
         finally:
             os.chdir(before)
 

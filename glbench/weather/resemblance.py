@@ -7,27 +7,20 @@ days; generated ones begin on the same days in turn. Days are those of the gener
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from glbench.errors import WeatherError
-from glbench.weather.classifiers import Labels, area_under_curve, boosted, logistic
 from glbench.weather.generator import DAY_HOURS, MARGIN_DAYS, SeasonGenerator, calendar_days
 from glbench.weather.record import SKY, FloatArray, IntArray
 
 LAGS = 5
 BASE_TEMPERATURE = 18.0  # degC
-AROUND = 12
-"""Hours on either side of midnight that the classifiers see."""
 FOLLOWED = ("air_temperature", "relative_humidity", "wind_speed")
 MOST_AT_JOINTS = 0.10
 """Largest accepted Kolmogorov-Smirnov distance of changes at joints."""
-SIDE_DAYS = 14
-"""Days in a row of the record on which a classifier is trained, before as many on which it is tried."""
-FEWEST_NIGHTS = 20
 SPLIT_KEY = 0x6A6F696E
 
 
@@ -42,8 +35,8 @@ class Figure:
     worst: str = ""
 
     @property
-    def shown(self) -> str:
-        """The value in words."""
+    def text(self) -> str:
+        """The value, rounded."""
         return f"{self.value:.1f}" if self.name.endswith(("[%]", "[d]", "mean]")) else f"{self.value:.3f}"
 
     @property
@@ -54,7 +47,7 @@ class Figure:
         return f"{self.low:g} to {self.high:g}"
 
     @property
-    def kept(self) -> bool:
+    def within_limits(self) -> bool:
         """Whether the value lies within its limits."""
         return (self.low is None or self.value >= self.low) and (self.high is None or self.value <= self.high)
 
@@ -90,11 +83,11 @@ class Resemblance:
     @property
     def accepted(self) -> bool:
         """Whether every figure keeps its limits."""
-        return all(figure.kept for figure in self.figures)
+        return all(figure.within_limits for figure in self.figures)
 
 
 @dataclass(frozen=True)
-class _Seasons:
+class Seasons:
     """Seasons as hours (n, days, 24) of each quantity, with the calendar day (n, days) of each day."""
 
     hours: dict[str, FloatArray]
@@ -131,14 +124,13 @@ def resemblance(
     if seasons < 20 or within_days < 0:
         msg = f"Statistics need at least 20 seasons and no negative spread of first days; got {seasons} seasons, {within_days} days."
         raise WeatherError(msg)
-    made = _generated(generator, start, within_days, days, seasons, seed)
-    real = _real(generator, start, within_days, days)
+    made = generated_seasons(generator, start, within_days, days, seasons, seed)
+    real = real_seasons(generator, start, within_days, days)
     figures = (
         *_daily(made, real),
         *_midnights(made, real),
         *_sums(made, real),
         *_repeats(made, seed),
-        *_nights(made, seed),
     )
     return Resemblance(
         source=generator.record.name,
@@ -158,9 +150,10 @@ def _names(generator: SeasonGenerator) -> tuple[str, ...]:
     return (*FOLLOWED, "global_radiation", sky)
 
 
-def _generated(
+def generated_seasons(
     generator: SeasonGenerator, start: dt.date, within_days: int, days: int, seasons: int, seed: int
-) -> _Seasons:
+) -> Seasons:
+    """``seasons`` generated seasons of so many days, their first days in turn from ``start`` to ``within_days`` later."""
     inner = slice(MARGIN_DAYS, MARGIN_DAYS + days)
     hours: dict[str, list[FloatArray]] = {name: [] for name in _names(generator)}
     calendar, sources, joints = [], [], []
@@ -174,10 +167,17 @@ def _generated(
         sources.append(season.sources[inner])
         joints.append(season.joints[inner])
     stacked = {name: np.stack(column) for name, column in hours.items()}
-    return _Seasons(stacked, np.stack(calendar), np.stack(sources), np.stack(joints))
+    return Seasons(stacked, np.stack(calendar), np.stack(sources), np.stack(joints))
 
 
-def _real(generator: SeasonGenerator, start: dt.date, within_days: int, days: int) -> _Seasons:
+def real_seasons(generator: SeasonGenerator, start: dt.date, within_days: int, days: int) -> Seasons:
+    """Every season of the generator's years that begins on one of these first days.
+
+    Raises
+    ------
+    WeatherError
+        When no such season lies wholly inside the years.
+    """
     numbers, values = generator.real_days()
     first = calendar_days(np.array([(start - dt.date(1970, 1, 1)).days]))[0]
     calendar = calendar_days(numbers)
@@ -190,10 +190,10 @@ def _real(generator: SeasonGenerator, start: dt.date, within_days: int, days: in
         raise WeatherError(msg)
     rows = begins[:, None] + np.arange(days)
     hours = {name: values[name][rows] for name in _names(generator)}
-    return _Seasons(hours, calendar[rows], numbers[rows], np.zeros(rows.shape, dtype=np.bool_))
+    return Seasons(hours, calendar[rows], numbers[rows], np.zeros(rows.shape, dtype=np.bool_))
 
 
-def _by_day(seasons: _Seasons) -> dict[str, FloatArray]:
+def daily_values(seasons: Seasons) -> dict[str, FloatArray]:
     """Daily means of every quantity and the daily range of temperature, (n, days) each."""
     daily = {name.replace("_", " "): hours.mean(axis=-1) for name, hours in seasons.hours.items()}
     return {**daily, "daily range": np.ptp(seasons.hours["air_temperature"], axis=-1)}
@@ -204,9 +204,9 @@ def _worst(name: str, values: dict[str, float], *, limit: float) -> Figure:
     return Figure(name, abs(values[which]), None, limit, which)
 
 
-def _daily(made: _Seasons, real: _Seasons) -> list[Figure]:
+def _daily(made: Seasons, real: Seasons) -> list[Figure]:
     """Means, standard deviations, autocorrelations and correlations of daily values, less the real years' trend over the season."""
-    ours, theirs = _by_day(made), _by_day(real)
+    ours, theirs = daily_values(made), daily_values(real)
     day = np.arange(made.calendar.shape[1]) + 0.0
     bias, ratio, lagged = {}, {}, {}
     anomalies: list[list[FloatArray]] = [[], []]
@@ -239,21 +239,21 @@ def _daily(made: _Seasons, real: _Seasons) -> list[Figure]:
     ]
 
 
-def _changes(seasons: _Seasons) -> dict[str, FloatArray]:
+def midnight_changes(seasons: Seasons) -> dict[str, FloatArray]:
     """Change over each midnight inside the season (n, days - 1), of what runs on through the night."""
     return {
         name: hours[:, 1:, 0] - hours[:, :-1, -1] for name, hours in seasons.hours.items() if name != "global_radiation"
     }
 
 
-def _midnights(made: _Seasons, real: _Seasons) -> list[Figure]:
+def _midnights(made: Seasons, real: Seasons) -> list[Figure]:
     """Compare changes over midnight at joints with those of the real years: with signs the worst quantity, without signs each.
 
     Signs hide the effect of rounding on small changes: as many of them vanish upward as downward.
     """
     from scipy.stats import ks_2samp
 
-    ours, theirs = _changes(made), _changes(real)
+    ours, theirs = midnight_changes(made), midnight_changes(real)
     joined = made.joints[:, 1:]
     signed, sizes = (
         {
@@ -273,7 +273,7 @@ def _midnights(made: _Seasons, real: _Seasons) -> list[Figure]:
     ]
 
 
-def _sums(made: _Seasons, real: _Seasons) -> list[Figure]:
+def _sums(made: Seasons, real: Seasons) -> list[Figure]:
     """Sums of a season: radiation [MJ m-2] and degree-hours [K h] below 18 degC; their mean over the real one, and their spread."""
     figures = []
     days = made.calendar.shape[1]
@@ -289,7 +289,7 @@ def _sums(made: _Seasons, real: _Seasons) -> list[Figure]:
     return figures
 
 
-def _repeats(made: _Seasons, seed: int) -> list[Figure]:
+def _repeats(made: Seasons, seed: int) -> list[Figure]:
     """How much of their days two seasons share, how much a season repeats, and how far its days are from their place."""
     rng = np.random.default_rng((seed, SPLIT_KEY, 1))
     first, second = (rng.integers(len(made.sources), size=1000) for _ in range(2))
@@ -304,68 +304,3 @@ def _repeats(made: _Seasons, seed: int) -> list[Figure]:
         Figure("days that a season repeats [%]", 100.0 * float(again)),
         Figure("mean distance from their place in the year [d]", float(drift.mean())),
     ]
-
-
-def _nights(made: _Seasons, seed: int) -> list[Figure]:
-    """Can a classifier tell joined nights from others? Trained on the nights of some weeks of the record, tried on those of the rest.
-
-    The same days come again in other seasons: split by season, it would only learn the record's own nights by heart.
-    No figures where there are too few nights of either kind.
-    """
-    rows, joined, side = _night_rows(made)
-    rng = np.random.default_rng((seed, SPLIT_KEY, 2))
-    joints, others, more = _sampled(joined, side, rng)
-    if min(one.size for one in joints) < FEWEST_NIGHTS:
-        return []
-    figures = []
-    for name, classify, most in (("logistic", logistic, 0.65), ("boosted", boosted, 0.75)):
-        figures.append(
-            Figure(f"joined nights found, {name}, AUC [-]", _found(classify, rows, joints, others), None, most)
-        )
-        figures.append(Figure(f"control, {name}, AUC [-]", _found(classify, rows, others, more), 0.45, 0.55))
-    halves = np.repeat(np.arange(len(made.joints)) % 2, made.joints.shape[1] - 1)
-    joints, others, _ = _sampled(joined, halves, rng)
-    figures.append(
-        Figure("the same, having seen the same nights, boosted, AUC [-]", _found(boosted, rows, joints, others))
-    )
-    return figures
-
-
-def _sampled(
-    joined: npt.NDArray[np.bool_], side: IntArray, rng: np.random.Generator
-) -> tuple[list[IntArray], list[IntArray], list[IntArray]]:
-    """On side 1 and side 0: the joined nights, as many others, and as many others again."""
-    joints = [rng.permutation(np.flatnonzero(joined & (side == one))) for one in (1, 0)]
-    plain = [rng.permutation(np.flatnonzero(~joined & (side == one))) for one in (1, 0)]
-    both = [(one, other, min(one.size, other.size // 2)) for one, other in zip(joints, plain, strict=True)]
-    return [one[:n] for one, _, n in both], [two[:n] for _, two, n in both], [two[n : 2 * n] for _, two, n in both]
-
-
-def _found(
-    classify: Callable[[FloatArray, Labels, FloatArray], FloatArray],
-    rows: FloatArray,
-    ones: list[IntArray],
-    zeros: list[IntArray],
-) -> float:
-    """Area under the curve on the second of both, after training on the first."""
-    which = [np.concatenate(both) for both in zip(ones, zeros, strict=True)]
-    labels: list[Labels] = [np.arange(both.size) < one.size for both, one in zip(which, ones, strict=True)]
-    scores = classify(rows[which[0]], labels[0], rows[which[1]])
-    return area_under_curve(scores, labels[1])
-
-
-def _night_rows(made: _Seasons) -> tuple[FloatArray, npt.NDArray[np.bool_], IntArray]:
-    """What is seen of each night (n, features): changes from hour to hour around midnight, and of the daily means.
-
-    Then whether it is joined, and the side of the record that both its days are from: 1, 0, or -1 where they differ.
-    """
-    parts = []
-    for name, hours in made.hours.items():
-        if name != "global_radiation":
-            around = np.concatenate([hours[:, :-1, -AROUND:], hours[:, 1:, :AROUND]], axis=-1)
-            parts.append(np.diff(around, axis=-1))
-    parts += [np.diff(daily, axis=1)[..., None] for daily in _by_day(made).values()]
-    rows = np.concatenate(parts, axis=-1)
-    week = made.sources // SIDE_DAYS % 2
-    side = np.where(week[:, 1:] == week[:, :-1], week[:, 1:], -1)
-    return rows.reshape(-1, rows.shape[-1]), made.joints[:, 1:].ravel(), side.ravel()

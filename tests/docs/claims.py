@@ -33,11 +33,10 @@ from docs import (
 from glbench.env.accounts import make_accounts
 from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
-from glbench.kernel.compiled.accuracy import make_cvodes
 from glbench.kernel.compiled.generate import Traits, generate
 from glbench.kernel.compiled.stepper import absent_equipment
 from glbench.kernel.compiled.tolerances import LARGEST_SUBSTEPS, PRESETS, SMALLEST_SUBSTEP
-from glbench.kernel.sundials import SUBSTEP_LIMIT
+from glbench.kernel.sundials import SUBSTEP_LIMIT, paper_cvodes
 from glbench.leaderboard.comparisons import RESOLUTION
 from glbench.leaderboard.fresh_draws import ERROR, FEWEST
 from glbench.leaderboard.statistics import RESAMPLES, estimate_mean
@@ -385,7 +384,7 @@ def errors(backend: str, preset: str) -> tuple[float, float, float]:
     """Largest scaled errors of the known steps of 300 s, in winter and in summer, and the number of steps above 1e-6."""
     steps, p = known_steps(300), default_parameters()
     if backend == "published":
-        step, held = make_cvodes(1e-6, 300.0), np.hstack([steps.u, steps.d])
+        step, held = paper_cvodes(TOMATO, 1e-6, 300.0), np.hstack([steps.u, steps.d])
         got = np.array([step(x0=x, p=q)["xf"].full().ravel() for x, q in zip(steps.x, held, strict=True)])
     else:
         got = Kernel(TOMATO, 300.0, backend=backend, preset=preset).step(steps.x, steps.u, steps.d, p)
@@ -472,10 +471,13 @@ def size_at_joints(measurement: str, quantity: str) -> float:
 def calm_midnights() -> tuple[float, float]:
     """Share of the joined midnights of generated seasons, and of the real ones, over which wind does not change [%]."""
     generator, first = SeasonGenerator(load_weather("schiphol"), (2008, 2009, 2010)), dt.date(2010, 2, 15)
-    made, real = resemblance._generated(generator, first, 28, 60, 1000, 1), resemblance._real(generator, first, 28, 60)
+    made, real = (
+        resemblance.generated_seasons(generator, first, 28, 60, 1000, 1),
+        resemblance.real_seasons(generator, first, 28, 60),
+    )
     joined, plain = (
-        resemblance._changes(made)["wind_speed"][made.joints[:, 1:]],
-        resemblance._changes(real)["wind_speed"],
+        resemblance.midnight_changes(made)["wind_speed"][made.joints[:, 1:]],
+        resemblance.midnight_changes(real)["wind_speed"],
     )
     return 100.0 * float((joined == 0.0).mean()), 100.0 * float((plain == 0.0).mean())
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from docs.accuracy_table import EXACT, compare, errors, make_inputs
 from glbench.errors import ShapeError, UnknownNameError
 from glbench.kernel import Rows, state_scale
 from glbench.kernel.compiled import CompiledStepper, Failure, failed_with, tolerances
-from glbench.kernel.compiled.accuracy import EXACT, compare, errors, make_cvodes, make_inputs
+from glbench.kernel.sundials import paper_cvodes
 from glbench.model import PARAMETER_NAMES, STATE_NAMES, TOMATO, VARIANTS, default_parameters, rhs, tomato
 
 STATE_SCALE = state_scale(TOMATO)
@@ -83,7 +84,7 @@ def test_condensation_at_the_end_of_a_step_is_seen() -> None:
 def test_both_variants_agree_with_cvodes(rows: RowArrays, parameters: Array, variant: str) -> None:
     x, u, d = (a[:3] for a in rows)
     found = step(CompiledStepper(tomato(variant), 900.0, preset="tight"), x, u, d, parameters)
-    cvodes = make_cvodes(1e-10, model=tomato(variant))
+    cvodes = paper_cvodes(tomato(variant), 1e-10, 900.0)
     exact = np.stack([cvodes(x0=x[i], p=np.concatenate([u[i], d[i]]))["xf"].full().ravel() for i in range(3)])
     assert np.max(np.abs(found - exact) / STATE_SCALE) < 1e-6
 
