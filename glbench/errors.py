@@ -1,4 +1,4 @@
-"""The few error types of glbench, and the helper that finds the nearest known name.
+"""The few error types of glbench, and helpers for their messages.
 
 Every message says what happened, with which value, and what to do next. The command line prints the message and leaves;
 programs catch ``GlbenchError``.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import operator
+import traceback
 from collections.abc import Iterable
 
 
@@ -104,3 +105,9 @@ def did_you_mean(name: str, known: Iterable[str], *, list_few: bool = True) -> s
     if list_few and 0 < len(names) <= 12:
         return " Known: " + ", ".join(names) + "."
     return ""
+
+
+def last_line(error: BaseException) -> str:
+    """Type and message of an error on one line."""
+    lines = [line.strip() for line in "".join(traceback.format_exception_only(error)).splitlines() if line.strip()]
+    return lines[-1].rstrip(".") if lines else type(error).__name__

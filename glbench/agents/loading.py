@@ -32,7 +32,7 @@ from glbench.agents.identity import (
     read_identity,
 )
 from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, ScenarioController, Sight, SingleRunAgent
-from glbench.errors import SubmissionError, did_you_mean
+from glbench.errors import SubmissionError, did_you_mean, last_line
 from glbench.resources import data_folder
 
 if TYPE_CHECKING:
@@ -116,12 +116,6 @@ def describe_error(error: BaseException, within: Path) -> str:
         return last_line(error)
     frame = (own or list(frames))[-1]
     return f"{last_line(error)} ({Path(frame.filename).name}:{frame.lineno}, in {frame.name})"
-
-
-def last_line(error: BaseException) -> str:
-    """Type and message of an error on one line."""
-    lines = [line.strip() for line in "".join(traceback.format_exception_only(error)).splitlines() if line.strip()]
-    return lines[-1].rstrip(".") if lines else type(error).__name__
 
 
 def _own_modules(folder: Path) -> frozenset[str]:

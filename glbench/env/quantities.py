@@ -5,7 +5,8 @@ The quantities of any task are ``task.quantities``: they follow from its ledger 
 
 from __future__ import annotations
 
-from glbench.tasks.ledger import LIMITED, StepQuantity, paper_v1, step_quantities
+from glbench.tasks.ledger import LIMITED, StepQuantity, step_quantities
+from glbench.tasks.schema1 import paper_v1
 from glbench.tasks.tables import PricesTable
 
 _PAPER = paper_v1(

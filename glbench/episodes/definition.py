@@ -32,7 +32,7 @@ def task_of(definition: bytes) -> TaskSpec:
         When the attachment defines no task.
     """
     from glbench.tasks import TaskSpec
-    from glbench.tasks.written import tables_of_schema_1, with_dates
+    from glbench.tasks.serialisation import tables_of_schema_1, with_dates
 
     try:
         plain = parse_json(definition)

@@ -30,7 +30,7 @@ from glbench.tasks import (
     TaskSpec,
     task_card,
 )
-from glbench.tasks.bases import Change
+from glbench.tasks.inheritance import Change
 from glbench.tasks.ledger import FLOW, LIMITED, VIOLATION_PRICES
 from glbench.tasks.tables import AnyForecastTable, SensorsTable, SplitsTable, SplitTable
 from glbench.tasks.vocabulary import FORECAST_ERRORS

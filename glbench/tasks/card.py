@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from glbench.errors import TaskError
 from glbench.tasks.actions import Action
-from glbench.tasks.given import public_definition
+from glbench.tasks.injected_task import public_definition
 from glbench.tasks.ledger import LIMITED, LedgerItem
 from glbench.tasks.quantities import PAPER_MODEL, Capacity, Quantity
 from glbench.tasks.tables import TaskFile1

@@ -10,11 +10,10 @@ from pathlib import Path
 from glbench.canonical import canonical_sha256
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.registration import draft_files, task_files
-from glbench.tasks.bases import Written, read_written, shipped_file, shown_path
 from glbench.tasks.deprecated import tell_if_deprecated
-from glbench.tasks.given import given_task
+from glbench.tasks.inheritance import TaskTables, read_tables, shipped_file, shown_path
+from glbench.tasks.injected_task import injected_task
 from glbench.tasks.lock import LOCK_WORDS, LockEntry, lock_path, read_lock, write_lock
-from glbench.tasks.reading import read_task, task_of
 from glbench.tasks.spec import TaskSpec
 from glbench.tasks.stale_prices import stale_prices
 from glbench.untrusted import real_path
@@ -54,13 +53,24 @@ def get_task(id_or_path: str | Path) -> TaskSpec:
     if not isinstance(id_or_path, str | Path):
         msg = f"A task is asked for by its id, such as '{DEFAULT_TASK}', or by its file (.toml); got {id_or_path!r}."
         raise UnknownNameError(msg)
-    given = given_task(str(id_or_path))
-    if given is not None:
-        return given
+    injected = injected_task(str(id_or_path))
+    if injected is not None:
+        return injected
     path = Path(id_or_path)
     if isinstance(id_or_path, Path) or path.suffix == ".toml":
         return _load(path)
     return _load(shipped_file(str(id_or_path)))
+
+
+def read_task(path: Path) -> TaskSpec:
+    """Task of the file ``path``. Checks everything that can be checked without the model and the weather.
+
+    Raises
+    ------
+    TaskError
+        When the file or its base cannot be read, is not TOML, or they do not define a task.
+    """
+    return TaskSpec.of_tables(read_tables(path), shown_path(path))
 
 
 def published_task(task_id: str) -> TaskSpec:
@@ -174,20 +184,20 @@ def _load(path: Path, *, whole: bool = True) -> TaskSpec:
     if remembered is not None and all(_state(one) == state for one, state in remembered[1].items()):
         return remembered[0]
     states = {one: _state(one) for one in (file, lock)}
-    written = read_written(file)
-    states |= {one: _state(one) for one in written.files}
-    task = (_checked if whole else _listed)(file, written, lock, states[lock])
+    tables = read_tables(file)
+    states |= {one: _state(one) for one in tables.files}
+    task = (_checked if whole else _listed)(file, tables, lock, states[lock])
     _REMEMBERED[file, lock, whole] = task, states
     return task
 
 
 @lru_cache(maxsize=256)
-def _checked(file: Path, written: Written, _lock: Path, _lock_state: _State) -> TaskSpec:
+def _checked(file: Path, tables: TaskTables, _lock: Path, _lock_state: _State) -> TaskSpec:
     """``_load`` for one content of file, bases and prices and state of the lock: a task is checked once, and again when it changes."""
-    for base in written.files:
+    for base in tables.files:
         if _is_shipped(base) and base.suffix == ".toml":
             _load(base, whole=False)  # a published base that was edited is refused
-    task = task_of(written, shown_path(file))
+    task = TaskSpec.of_tables(tables, shown_path(file))
     entry = read_lock().get(task.id)
     if entry is None:
         task.fingerprint()  # whatever cannot be resolved is reported now and not in the middle of a run
@@ -218,9 +228,9 @@ def _is_shipped(path: Path) -> bool:
 
 
 @lru_cache(maxsize=256)
-def _listed(file: Path, written: Written, _lock: Path, _lock_state: _State) -> TaskSpec:
+def _listed(file: Path, tables: TaskTables, _lock: Path, _lock_state: _State) -> TaskSpec:
     """As ``_checked``, but weather and model are not compared with the lock."""
-    task = task_of(written, shown_path(file))
+    task = TaskSpec.of_tables(tables, shown_path(file))
     entry = read_lock().get(task.id)
     if entry is not None:
         check_file_against_lock(task, entry)

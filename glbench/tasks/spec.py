@@ -25,23 +25,15 @@ from glbench.canonical import canonical_sha256
 from glbench.errors import GlbenchError, ParameterError, TaskError, UnknownNameError, WeatherError, did_you_mean
 from glbench.registration import task_ids
 from glbench.showing import html_of
-from glbench.tasks.ledger import (
-    FLOW,
-    LIMITED,
-    MONEY,
-    STOCK,
-    Beyond,
-    Ledger,
-    LedgerItem,
-    StepQuantity,
-    paper_v1,
-    step_quantities,
-)
+from glbench.tasks.inheritance import Change, TaskTables, read_tables, shown_path
+from glbench.tasks.ledger import FLOW, LIMITED, MONEY, STOCK, Beyond, Ledger, LedgerItem, StepQuantity, step_quantities
 from glbench.tasks.lock import Fingerprint, read_lock
 from glbench.tasks.prices import PriceTable
 from glbench.tasks.quantities import PAPER_MODEL, Capacity, ObservationContext, Quantity, capacities, of_model
 from glbench.tasks.scenario import Generated, ParameterGroup, Scenario, Season, StartGroup
+from glbench.tasks.schema1 import paper_v1
 from glbench.tasks.sealed import commitment_of, weather_of
+from glbench.tasks.serialisation import changed_tables, file_of, record_of, tables_of, with_dates
 from glbench.tasks.tables import (
     PROCESS_COMPUTER,
     ActuationTable,
@@ -67,12 +59,10 @@ from glbench.tasks.tables import (
     WeatherTable,
 )
 from glbench.tasks.vocabulary import ACTUATION_KINDS, INITIAL_STATES, OBSERVATION_MODULES
-from glbench.tasks.written import tables_of, with_dates
 
 if TYPE_CHECKING:
     from glbench.model import Model
     from glbench.tasks.actions import Action
-    from glbench.tasks.bases import Change
     from glbench.weather import Disturbances, WeatherRecord
 
 FloatArray = npt.NDArray[np.float64]
@@ -186,6 +176,17 @@ class TaskSpec:
         """
         return cls(file_of(content))
 
+    @classmethod
+    def of_tables(cls, tables: TaskTables, source: str) -> Self:
+        """The task of the tables of a file that messages call ``source``.
+
+        Raises
+        ------
+        TaskError
+            When they define no task; it lists every mistake.
+        """
+        return cls(record_of(tables, source), source, tables.base, tables.changes)
+
     def replace(self, changes: Mapping[str, Any] | None = None, /, **tables: Any) -> TaskSpec:
         """The task with ``changes``: what a task file means that names this task as its base and says what differs.
 
@@ -202,9 +203,10 @@ class TaskSpec:
         TaskError
             When the result is not a task; it names table, key and value. When the id is that of a shipped task.
         """
-        from glbench.tasks.replacing import replaced
-
-        return replaced(self, {} if changes is None else changes, tables)
+        base = tables_of(self.file, self.source)
+        task = _changed_task(*changed_tables(base, self.id, {} if changes is None else changes, tables))
+        known = task.splits.names if task.splits is not None else ()
+        return task if self.split is None or self.split not in known else task.in_split(self.split, self.sealed)
 
     def model_copy(self, update: Mapping[str, Any]) -> TaskSpec:
         """A copy with other tables, which are not checked; it can be run, but not recorded. ``replace`` checks."""
@@ -267,11 +269,10 @@ class TaskSpec:
     @cached_property
     def preview(self) -> SplitTable | None:
         """Years and number of seasons of the preview; ``None`` if there is a training split, or only scored real years."""
-        from glbench.tasks.library import get_task
-
         if self.splits is None or self.splits.training is not None:
             return None
-        test, base = self.splits.test, get_task(self.base) if self.base in task_ids() else None
+        test, path = self.splits.test, task_ids().get(self.base or "")
+        base = None if path is None else TaskSpec.of_tables(read_tables(path), shown_path(path))
         training = base.splits.training if base is not None and base.splits is not None else None
         if base is not None and training is not None and base.weather.source == self.weather.source:
             return training if test.seasons is not None else SplitTable(years=training.years)
@@ -320,7 +321,7 @@ class TaskSpec:
         TaskError
             When there is no such file: a copy of schema 2 that was changed without a check.
         """
-        content = tables_of(self)
+        content = tables_of(self.file, self.source)
         plain: dict[str, Any] = json.loads(json.dumps(content, default=lambda moment: moment.isoformat()))
         return plain
 
@@ -1001,23 +1002,12 @@ class TaskSpec:
         return f"<TaskSpec {self.id}>"
 
 
-def file_of(content: Mapping[str, Any]) -> TaskFile1 | TaskFile2:
-    """The tables of a task file as records, in the schema that they name.
-
-    Raises
-    ------
-    pydantic.ValidationError
-        When they define no task.
-    """
-    file = schema_of(content).model_validate(content)
-    if isinstance(file, TaskFile2):
-        file._written = content
-    return file
-
-
-def schema_of(content: Mapping[str, Any]) -> type[TaskFile1] | type[TaskFile2]:
-    """The record that describes the tables of a task file."""
-    return TaskFile2 if content.get("schema") == 2 and not isinstance(content["schema"], bool) else TaskFile1
+@lru_cache(maxsize=64)
+def _changed_task(tables: TaskTables, source: str) -> TaskSpec:
+    """The task of changed tables. Whatever cannot be resolved is reported now and not in the middle of a run."""
+    task = TaskSpec.of_tables(tables, source)
+    task.fingerprint()
+    return task
 
 
 @lru_cache(maxsize=16)

@@ -18,7 +18,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from glbench.errors import did_you_mean
 from glbench.tasks import vocabulary as words
-from glbench.tasks.bases import as_written
+from glbench.tasks.inheritance import as_written
 from glbench.tasks.ledger import LIMITED, VIOLATION_PRICES
 from glbench.tasks.prices import HOURS_A_DAY, SHAPE, Market, PriceTable
 

@@ -15,7 +15,7 @@ from glbench import registration
 from glbench.env import program, weather_pool
 from glbench.env.behaviour import lock_behaviour
 from glbench.registration import task_files
-from glbench.tasks import bases, library, list_tasks, lock, lock_new_tasks, replacing, spec
+from glbench.tasks import inheritance, library, list_tasks, lock, lock_new_tasks, spec
 from tests.tasks.names import FILE
 
 
@@ -75,7 +75,7 @@ def forget() -> Iterator[Callable[[], None]]:
 
     def forget_all() -> None:
         spec._disturbances.cache_clear()
-        for remembered in (program._shipped, weather_pool._recent, replacing._made):
+        for remembered in (program._shipped, weather_pool._recent, spec._changed_task):
             remembered.cache_clear()
         weather_pool._ALIVE.clear()
         library._checked.cache_clear()
@@ -93,7 +93,7 @@ def published(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forget: Callable[
     for path in task_files():
         if path.name in {FILE, "schiphol2010code-delta30-v1.toml"}:
             shutil.copy(path, folder)
-    for module in (registration, lock, bases):
+    for module in (registration, lock, inheritance):
         monkeypatch.setattr(module, "data_folder", lambda _name: folder)
     lock_new_tasks()
     lock_behaviour(list_tasks())

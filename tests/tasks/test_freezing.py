@@ -30,7 +30,7 @@ from glbench.tasks import (
     get_task,
     list_tasks,
     read_lock,
-    spec,
+    serialisation,
     tables,
 )
 from glbench.tasks.ledger import Ledger
@@ -96,7 +96,7 @@ def add_an_optional_key(monkeypatch: pytest.MonkeyPatch) -> None:
         weather: Weather
         sensors: str = "perfect"
 
-    monkeypatch.setattr(spec, "TaskFile1", File)
+    monkeypatch.setattr(serialisation, "TaskFile1", File)
 
 
 def add_a_metric_and_words(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,7 +162,7 @@ def test_an_optional_key_changes_no_digest_of_schema_2(
     class File(tables.TaskFile2):
         sensors: str = "perfect"
 
-    monkeypatch.setattr(spec, "TaskFile2", File)
+    monkeypatch.setattr(serialisation, "TaskFile2", File)
     forget()
     again = get_task(path)
     assert isinstance(again.file, File)

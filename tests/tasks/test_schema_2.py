@@ -143,7 +143,7 @@ def test_a_task_is_read_again_only_when_one_of_its_files_changes(write: Write, t
     own.write_text(f'base = "{base.name}"\nid = "mylab/Own-v1"\ntitle = "Own"\n', encoding="utf-8")
     first = get_task(own)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(library, "read_written", None)
+        patch.setattr(library, "read_tables", None)
         assert get_task(own) is first
     base.write_text(base.read_text(encoding="utf-8") + "weather.days = 5\n", encoding="utf-8")
     assert get_task(own).weather.days == 5

@@ -31,8 +31,7 @@ from glbench.agents.formats.policy import (
     normaliser,
     without_warnings,
 )
-from glbench.agents.loading import last_line
-from glbench.errors import SubmissionError
+from glbench.errors import SubmissionError, last_line
 from glbench.untrusted import opened_archive
 
 if TYPE_CHECKING:

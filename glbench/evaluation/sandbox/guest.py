@@ -46,7 +46,7 @@ from glbench.evaluation.sandbox.frames import (
     encoded,
     packed_problems,
 )
-from glbench.tasks.given import give
+from glbench.tasks.injected_task import set_task
 
 _CREATE_RULESET, _RESTRICT_SELF = 444, 446
 """Numbers of the system calls, on all processors the same."""
@@ -158,7 +158,7 @@ class Host:
         """Make the agent, or one adapter with its agent for each run."""
         self._setup, self._agents = setup, []
         limit_this_process(setup.sizes)
-        give(setup.definition)
+        set_task(setup.definition)
         try:
             loaded = load_agent(Path(setup.path))
             self._line.answer(Kind.LOADED)

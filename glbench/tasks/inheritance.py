@@ -7,7 +7,7 @@ schema 1 under a file of schema 2 is converted first. ``without = ["sensors", "s
 out. ``[splits]`` with years takes the place of the base's as a whole: the years that are stated are all there are. Prices in a file
 beside the task (``file = "gas.csv"``) are taken over as a series.
 
-``TaskSpec.replace`` puts tasks together in the same way (``combined``), in Python.
+``TaskSpec.replace`` puts tasks together in the same way (``inherit``), in Python.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Written:
+class TaskTables:
     """What a task file defines.
 
     Attributes
@@ -77,7 +77,7 @@ class Written:
         return hash(repr(self.content))
 
 
-def read_written(path: Path, above: tuple[Path, ...] = ()) -> Written:
+def read_tables(path: Path, above: tuple[Path, ...] = ()) -> TaskTables:
     """The tables of the task file ``path`` and of its bases, put together.
 
     ``above`` are the files that led here.
@@ -105,16 +105,16 @@ def read_written(path: Path, above: tuple[Path, ...] = ()) -> Written:
         if WITHOUT in content:
             msg = f"{shown}: without = {as_written(content[WITHOUT])} says what of a base is left out, and there is no base. Add one."
             raise TaskError(msg)
-        return Written(content, files=prices)
-    found = read_written(under, files)
+        return TaskTables(content, files=prices)
+    found = read_tables(under, files)
     prices = take_over_prices(content, path.parent, shown, found.content)
     base = content.pop(BASE)
-    return combined(found.content, content, base, shown, (*prices, real_path(under), *found.files))
+    return inherit(found.content, content, base, shown, (*prices, real_path(under), *found.files))
 
 
-def combined(
+def inherit(
     below: Mapping[str, Any], content: Mapping[str, Any], base: str, shown: str, files: tuple[Path, ...] = ()
-) -> Written:
+) -> TaskTables:
     """The tables ``content`` over ``below``, those of the task ``base``; ``shown`` is what messages call the result.
 
     Raises
@@ -136,7 +136,7 @@ def combined(
     _check_parts(kept, own, base, shown)
     merged = _merged(kept, own)
     _take_one_cost_of_violations(merged, own)
-    return Written(merged, base, tuple(_changes(inherited, merged)), files)
+    return TaskTables(merged, base, tuple(_changes(inherited, merged)), files)
 
 
 _NEW_PART = {"ledger": "side", "price_tables": "unit"}

@@ -1,8 +1,8 @@
-"""The task of an agent in a sandbox: what its definition says, without seeds and salts, where there are no files of tasks.
+"""The task of an agent in a sandbox, where there are no task files: its definition without seeds and salts.
 
-An evaluation writes the definition of its task for the agent's process, which hands it to ``give``. From then on ``get_task`` finds that
-task there, and no other. It is as public as the card: models, parameters, limits, prices and how widely things are drawn. Weather that it
-names is not there, so whatever needs weather fails.
+An evaluation passes the definition of its task to the agent's process, which calls ``set_task`` with it. From then on ``get_task`` finds
+that task there, and no other. It is as public as the card: models, parameters, limits, prices and how widely things are drawn. Weather
+that it names is not there, so whatever needs weather fails.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from glbench.errors import TaskError
 if TYPE_CHECKING:
     from glbench.tasks.spec import TaskSpec
 
-_GIVEN: list[str] = []
+_DEFINITION: list[str] = []
 
 
 def public_definition(task: TaskSpec) -> str:
@@ -33,22 +33,22 @@ def public_definition(task: TaskSpec) -> str:
     return json.dumps(tables)
 
 
-def give(definition: str) -> None:
+def set_task(definition: str) -> None:
     """Let ``get_task`` find the task of a ``public_definition``, in the life of this process."""
-    _GIVEN[:] = [definition] if definition else []
+    _DEFINITION[:] = [definition] if definition else []
 
 
-def given_task(task_id: str) -> TaskSpec | None:
-    """The task that was given, if that is its id or its short form.
+def injected_task(task_id: str) -> TaskSpec | None:
+    """The injected task, if that is its id or its short form.
 
     Raises
     ------
     TaskError
         When its parts are not known here: somebody registered them in another process.
     """
-    if not _GIVEN:
+    if not _DEFINITION:
         return None
-    task = _read(_GIVEN[0])
+    task = _read(_DEFINITION[0])
     return task if task_id in (task.id, task.short_id) else None
 
 

@@ -1,0 +1,345 @@
+"""From the tables of a task file to its record and back, with every mistake in words.
+
+``record_of`` checks the tables of a file. A message names the file, the table, the key, the value and what is allowed; all mistakes of a
+file are listed at once. ``tables_of`` gives the tables of a record as its file writes them. ``changed_tables`` applies changes in Python
+(``TaskSpec.replace``, the keyword ``overrides`` of the environments) as a task file does that names the task as its base.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import datetime as dt
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, get_args, get_origin
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from glbench.errors import TaskError, did_you_mean
+from glbench.registration import task_ids
+from glbench.settings import Problem, problems_of
+from glbench.tasks.inheritance import WITHOUT, TaskTables, as_written, check_plain, inherit, take_over_prices
+from glbench.tasks.tables import Table, TaskFile1, TaskFile2
+
+OWN_NAMESPACE = "my"
+"""Namespace of a changed task without an id of its own."""
+
+_NO_NUMBER = ("finite_number", "float_type", "float_parsing")
+
+
+def file_of(content: Mapping[str, Any]) -> TaskFile1 | TaskFile2:
+    """The tables of a task file as records, in the schema that they name.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        When they define no task.
+    """
+    file = schema_of(content).model_validate(content)
+    if isinstance(file, TaskFile2):
+        file._written = content
+    return file
+
+
+def schema_of(content: Mapping[str, Any]) -> type[TaskFile1] | type[TaskFile2]:
+    """The record that describes the tables of a task file."""
+    return TaskFile2 if content.get("schema") == 2 and not isinstance(content["schema"], bool) else TaskFile1
+
+
+def record_of(tables: TaskTables, source: str) -> TaskFile1 | TaskFile2:
+    """The record of the tables of a file that messages call ``source``.
+
+    Raises
+    ------
+    TaskError
+        When they define no task; it lists every mistake.
+    """
+    try:
+        return file_of(tables.content)
+    except ValidationError as error:
+        root = schema_of(tables.content)
+        problems = list(dict.fromkeys(_explain(root, problem) for problem in problems_of(error)))
+    name = source if tables.base is None else f"{source} (base {tables.base})"
+    if len(problems) == 1:
+        msg = f"{name}: {problems[0]}"
+    else:
+        msg = f"{name} has {len(problems)} mistakes:\n" + "\n".join(f"  - {problem}" for problem in problems)
+    raise TaskError(msg) from None
+
+
+def _explain(root: type[BaseModel], problem: Problem) -> str:
+    """One mistake in words."""
+    *tables, key = [str(part) for part in problem.place] or ["the file"]
+    place = f"[{'.'.join(tables)}] " if tables else ""
+    owner, kind = _table_at(root, tables), problem.kind
+    allowed = _description(owner, key)
+    if kind == "missing":
+        if _record_class(owner, key) is not None:
+            return f"the table [{'.'.join([*tables, key])}] is missing."
+        return f"{place}lacks the key '{key}': {allowed or 'it is required'}."
+    if kind == "extra_forbidden":
+        known = _keys(owner)
+        near = did_you_mean(key, known) or f" Known: {', '.join(known)}."
+        return f"'{key}' is not a key {f'of {place}'.rstrip() if tables else 'or table of a task'}.{near}"
+    if kind == "model_type":
+        return f"[{'.'.join([*tables, key])}] must be a table, not {as_written(problem.value)}."
+    if kind == "value_error":
+        if _record_class(owner, key) is not None or _is_entry(root, tables):
+            return f"[{'.'.join([*tables, key])}] {problem.reason}"
+        if not problem.place:  # about more than one table: it names them
+            return problem.reason
+        return f"{place}{key} = {as_written(problem.value)}: {problem.reason}"
+    if not allowed:
+        return _explain_inside(root, [*tables, key], problem)
+    return f"{place}{key} = {as_written(problem.value)} is not allowed. It must be {allowed}."
+
+
+def _explain_inside(root: type[BaseModel], parts: list[str], problem: Problem) -> str:
+    """A mistake inside the value of a key: which key, where in its list, and what must be there."""
+    described = (
+        (place, allowed)
+        for place in range(len(parts) - 1, -1, -1)
+        if (allowed := _description(_table_at(root, parts[:place]), parts[place]))
+    )
+    place, allowed = next(described, (0, "what the pages about tasks say"))
+    key, inner = parts[place], [one for one in parts[place + 1 :] if one not in ("float", "str")]
+    if inner and key == "hourly":
+        inner[0] = f"hour {inner[0]}"
+    elif inner and inner[0].isdecimal():
+        inner[0] = f"entry {inner[0]}"
+    table = f"[{'.'.join(parts[:place])}] " if place else ""
+    number = " a finite number" if problem.kind in _NO_NUMBER and inner else ""
+    rule = f"It must be{number}: {key} is {allowed}." if number else f"{key} must be {allowed}."
+    return f"{table}{', '.join([key, *inner])} = {as_written(problem.value)} is not allowed. {rule}"
+
+
+def _table_at(root: type[BaseModel], tables: list[str]) -> type[BaseModel]:
+    """The class that describes the table with these names."""
+    owner, names = root, iter(tables)
+    for name in names:
+        inner = _record_class(owner, name)
+        if inner is None:
+            break
+        if _has_entries(owner, name):
+            next(names, None)
+        owner = inner
+    return owner
+
+
+def _field(owner: type[BaseModel], key: str) -> Any:
+    for name, field in owner.model_fields.items():
+        if key in (name, field.alias) and key in _keys(owner):
+            return field
+    return None
+
+
+def _record_class(owner: type[BaseModel], key: str) -> type[BaseModel] | None:
+    """The class of the table ``key``, or of its entries; ``None`` where the key is no table."""
+    field = _field(owner, key)
+    candidates = () if field is None else (field.annotation, *get_args(field.annotation))
+    return next((one for one in candidates if isinstance(one, type) and issubclass(one, Table)), None)
+
+
+def _has_entries(owner: type[BaseModel], key: str) -> bool:
+    """Whether the key has several tables, by name or one after the other."""
+    return get_origin(_field(owner, key).annotation) in (dict, tuple)
+
+
+def _is_entry(root: type[BaseModel], tables: list[str]) -> bool:
+    """Whether what is right below ``tables`` is one of several tables."""
+    if not tables:
+        return False
+    owner = _table_at(root, tables[:-1])
+    return _record_class(owner, tables[-1]) is not None and _has_entries(owner, tables[-1])
+
+
+def _keys(owner: type[BaseModel]) -> list[str]:
+    """Keys of a table as a file writes them."""
+    return [field.alias or name for name, field in owner.model_fields.items()]
+
+
+def _description(owner: type[BaseModel], key: str) -> str:
+    field = _field(owner, key)
+    return (field.description or "") if field is not None else ""
+
+
+_UNITS: Mapping[str, Mapping[str, str]] = MappingProxyType(
+    {
+        "initial_state": {"air_temperature": "degC"},
+        "prices": {
+            "fruit": "EUR kg-1", "dry_matter_content": "kg kg-1", "co2": "EUR kg-1", "heat": "EUR kWh-1", "electricity": "EUR kWh-1",
+        },
+        "penalty_scale": {"air_temperature": "degC", "co2": "ppm", "relative_humidity": "%"},
+        "failed_step": {"epi": "EUR m-2"},
+        "time_limits": {"start": "s", "step": "s", "run": "s"},
+    }
+)  # fmt: skip
+"""Keys of schema 1 that a file writes with their unit and a task holds as plain numbers."""
+
+
+def tables_of(file: TaskFile1 | TaskFile2, source: str) -> dict[str, Any]:
+    """The tables of a task as TOML gives them; ``source`` is what messages call the task.
+
+    Raises
+    ------
+    TaskError
+        When the record is an unchecked copy of schema 2, for which there are none.
+    """
+    if isinstance(file, TaskFile1):
+        plain = file.model_dump(mode="json", by_alias=True)
+        plain["model"]["overrides"] = {name: [value, unit] for name, value, unit in file.model.overrides}
+        return with_dates(tables_of_schema_1(plain))
+    if file._written is None:
+        msg = (
+            f"{source} is a changed copy of a task, which nothing checked. Make it with replace, or write it as a file."
+        )
+        raise TaskError(msg)
+    return copy.deepcopy(dict(file._written))
+
+
+def tables_of_schema_1(plain: Mapping[str, Any]) -> dict[str, Any]:
+    """Plain values of a task of schema 1, overrides as pairs of value and unit, as a file writes them: numbers with their units.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError, AttributeError
+        When the values define no task.
+    """
+    written = {key: dict(value) if isinstance(value, Mapping) else value for key, value in plain.items()}
+    written["model"]["overrides"] = {
+        name: {"value": value, "unit": unit} for name, (value, unit) in plain["model"]["overrides"].items()
+    }
+    for table, owner in (
+        ("initial_state", written),
+        ("prices", written),
+        ("penalty_scale", written["reward"]),
+        ("failed_step", written["evaluation"]),
+        ("time_limits", written["evaluation"]),
+    ):
+        units = _UNITS[table]
+        if owner.get(table) is None:  # a task that limits no time
+            owner.pop(table, None)
+            continue
+        owner[table] = {
+            key: {"value": value, "unit": units[key]} if key in units else value for key, value in owner[table].items()
+        }
+    written["observation"] = {key: value for key, value in written["observation"].items() if value is not None}
+    return written
+
+
+def with_dates(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """A copy of ``tables`` in which days and moments that are text (ISO 8601) are what TOML makes of them."""
+    copied: dict[str, Any] = copy.deepcopy(dict(tables))
+    for table, key, parse in _moments(copied):
+        if isinstance(table, dict) and isinstance(table.get(key), str):
+            with contextlib.suppress(ValueError):  # the check of the tables says what a day or a moment must look like
+                table[key] = parse(table[key])
+    return copied
+
+
+def _moments(tables: Mapping[str, Any]) -> Iterator[tuple[Any, str, Callable[[str], dt.date]]]:
+    """Every place of a day or a moment: its table, its key, and what parses it."""
+
+    def inside(table: object, key: str) -> Any:
+        return table.get(key) if isinstance(table, Mapping) else None
+
+    def entries(table: object, key: str) -> list[Any]:
+        value = inside(table, key)
+        return value if isinstance(value, list) else []
+
+    yield inside(tables, "weather"), "start", dt.date.fromisoformat
+    for season in entries(tables.get("scenario"), "seasons"):
+        yield season, "start", dt.date.fromisoformat
+    prices = tables.get("price_tables")
+    for table in prices.values() if isinstance(prices, Mapping) else ():
+        for point in entries(table, "series"):
+            yield point, "time", dt.datetime.fromisoformat
+
+
+def changed_tables(base: Mapping[str, Any], base_id: str, *changes: Mapping[str, Any]) -> tuple[TaskTables, str]:
+    """The tables of a task with all of ``changes``, and what messages call the result; see ``TaskSpec.replace``.
+
+    ``base`` are the tables of the task ``base_id``.
+
+    Raises
+    ------
+    TaskError
+        When the changes are no tables of a task, or have the id of a shipped task.
+    """
+    own_id = f"{OWN_NAMESPACE}/{base_id.partition('/')[2]}"
+    names_to_drop: list[str] = []
+    tables: dict[str, Any] = {}
+    for change in changes:
+        if not isinstance(change, Mapping):
+            msg = f'{own_id}: changes of a task are a mapping such as {{"weather.days": 30}}; got {change!r}.'
+            raise TaskError(msg)
+        for key, value in _nested(change, names_to_drop, "").items():
+            _add(tables, key, value, "")
+    own = {"id": own_id, "title": f"{base['title']}, changed", **tables}
+    source = own["id"] if isinstance(own["id"], str) else own_id
+    if names_to_drop and isinstance(listed := own.get(WITHOUT, []), list):
+        own[WITHOUT] = [*listed, *names_to_drop]
+    if own["id"] in task_ids():
+        msg = (
+            f"'{own['id']}' is the id of a task that comes with glbench. A changed task needs an id of its own: "
+            f'replace(..., id="{own_id}").'
+        )
+        raise TaskError(msg)
+    check_plain(own, source)
+    take_over_prices(own, Path(), source, base)
+    return inherit(base, with_dates(own), base_id, source), source
+
+
+def _nested(changes: Mapping[str, Any], names_to_drop: list[str], prefix: str) -> dict[str, Any]:
+    """Tables in tables of keys such as ``weather.days``; keys whose value is ``None`` go to ``names_to_drop``."""
+    nested: dict[str, Any] = {}
+    for key, value in changes.items():
+        if not isinstance(key, str) or not all(key.split(".")):
+            msg = f'{prefix}{key!r} is not a key of a task. A key is text such as "weather.days".'
+            raise TaskError(msg)
+        first, _, rest = key.partition(".")
+        if value is None and not rest:
+            names_to_drop.append(f"{prefix}{first}")
+            continue
+        inside = {rest: value} if rest else value
+        if isinstance(inside, Mapping):
+            table = _nested(inside, names_to_drop, f"{prefix}{first}.")
+            if inside and not table:
+                continue  # all of it is left out
+            _add(nested, first, table, prefix)
+        else:
+            _add(nested, first, _plain(inside, f"{prefix}{first}"), prefix)
+    return nested
+
+
+def _add(table: dict[str, Any], key: str, value: Any, prefix: str) -> None:
+    """``value`` at ``key`` of ``table``; two tables are put together."""
+    there = table.get(key)
+    if isinstance(there, dict) and isinstance(value, dict):
+        for inner, entry in value.items():
+            _add(there, inner, entry, f"{prefix}{key}.")
+    elif key in table:
+        msg = f"{prefix}{key} is given twice. Keep one of the two."
+        raise TaskError(msg)
+    else:
+        table[key] = value
+
+
+def _plain(value: object, key: str) -> object:
+    """``value`` as a task file could hold it."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(entry, key) for entry in value]
+    if isinstance(value, Mapping):
+        return {str(name): _plain(entry, f"{key}.{name}") for name, entry in value.items()}
+    if isinstance(value, str | bool | int | float | dt.date):
+        return value
+    msg = (
+        f"{key} is a value of the type {type(value).__name__}. "
+        "A task holds text, numbers, True and False, dates, lists and tables."
+    )
+    raise TaskError(msg)
