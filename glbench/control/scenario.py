@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 
 from glbench.env import run_weather
 from glbench.env.scenario import RunScenarios
-from glbench.env.seeds import checked_seed
-from glbench.env.simulation import run_parameters
-from glbench.env.spaces import the_task
-from glbench.env.step_result import read_only
+from glbench.env.simulation import read_only, run_parameters
+from glbench.env.spaces import checked_seed, the_task
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec

@@ -15,9 +15,8 @@ from glbench.env.observations import register_observation
 from glbench.env.quantities import QUANTITIES, StepQuantity
 from glbench.env.rewards import REWARDS, StepOutcome, register_reward
 from glbench.env.scenario import RunWeather, run_weather, run_years, season_names
-from glbench.env.simulation import Simulation
+from glbench.env.simulation import Simulation, StepResult
 from glbench.env.snapshot import Snapshot
-from glbench.env.step_result import StepResult
 from glbench.env.uncertainty import DISTRIBUTIONS, register_distribution
 from glbench.env.vector import GreenhouseVectorEnv
 from glbench.env.weather_pool import WeatherTables

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from glbench.arrays import real_numbers
 from glbench.env import process_computer
-from glbench.env.factories import Factories
 from glbench.env.logic import at_least, held_switch, select, within
 from glbench.env.process_computer import Measured
+from glbench.env.registries import PartRegistry
 from glbench.errors import ActionError, TaskError
 from glbench.kernel.environment import ActionBounds
 from glbench.tasks.actions import Action
@@ -38,7 +38,7 @@ Actuation = Callable[[Floats, Floats], Floats]
 
 MakeActuation = Callable[["TaskSpec"], Actuation]
 
-ACTUATIONS: Factories[MakeActuation] = Factories("kind of actuation", ACTUATION_KINDS)
+ACTUATIONS: PartRegistry[MakeActuation] = PartRegistry("kind of actuation", ACTUATION_KINDS)
 
 PART = "actuation"
 """Under which it asks for memory."""
@@ -149,7 +149,7 @@ class RecordedActuation:
     work
         From a task and the inputs to the controls that the task grants, and what is remembered.
     memory
-        Names and start values of what is remembered (``glbench.env.slots``), besides the clocks of machines that are switched.
+        Names and start values of what is remembered (``glbench.env.memory_layout``), besides the clocks of machines that are switched.
     """
 
     work: Callable[[TaskSpec, ActuationInputs], tuple[Mapping[str, Any], Mapping[str, Any]]]
@@ -286,7 +286,7 @@ def recorded_actuation(task: TaskSpec) -> RecordedActuation | None:
 
 
 def actuation_memory(task: TaskSpec) -> Mapping[str, float]:
-    """What the actuation of a task remembers from step to step, with start values (``glbench.env.slots``)."""
+    """What the actuation of a task remembers from step to step, with start values (``glbench.env.memory_layout``)."""
     recorded = recorded_actuation(task)
     return {} if recorded is None else {**recorded.memory, **{hold_clock(name): LONG_AGO for name in task.on_off}}
 

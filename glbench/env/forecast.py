@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.random import ar1_paths
 from glbench.env.uncertainty import season_key
-from glbench.env.wandering import wandering
 from glbench.errors import TaskError
 from glbench.tasks.quantities import FORECAST
 from glbench.weather.generator import calendar_days, clear_sky
@@ -154,7 +154,7 @@ class ForecastTable:
         if factor == 0.0:
             return errors
         key = season_key(self.task.scenario, "forecast errors", f"season {season}")
-        path = wandering(key, hours + 1, np.array(PERSISTENCE)) * (np.array(SPREAD) * factor)
+        path = ar1_paths(key, hours + 1, np.array(PERSISTENCE)) * (np.array(SPREAD) * factor)
         for quantity, phi in enumerate(PERSISTENCE):
             a = path[:, quantity]
             faded, hour = 1.0, 0

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.forecast import ForecastTable
-from glbench.env.philox import uniforms
+from glbench.env.random import ar1_paths, uniforms
 from glbench.env.uncertainty import season_key
-from glbench.env.wandering import wandering
 from glbench.errors import GlbenchError, TaskError
 from glbench.weather import COLUMNS, GeneratedSeason, SeasonGenerator, disturbances
 from glbench.weather.preprocessing import co2_density
@@ -117,7 +116,7 @@ class SeasonMaker:
         every = max(3600 // self._task.weather.step_seconds, 1)
         hours = -(-rows // every)
         key = self._key("CO2 outside", f"season {number}")
-        path = wandering(key, hours, np.array([CO2_PERSISTENCE]))[:, 0]
+        path = ar1_paths(key, hours, np.array([CO2_PERSISTENCE]))[:, 0]
         middle, half = (low + high) / 2.0, (high - low) / 2.0
         by_hour = middle + half * np.clip(path / 2.0, -1.0, 1.0)
         return np.repeat(by_hour, every)[:rows]

@@ -13,17 +13,27 @@ from numpy.typing import NDArray
 from glbench.arrays import real_numbers
 from glbench.env.actuation import TO_NUMBERS
 from glbench.env.info import FAILURE, STEP_REWARD, InfoWriter
-from glbench.env.panel import panel
-from glbench.env.rendering import FRAMES_PER_SECOND, PICTURES, RENDER_MODES, Camera, checked_render_mode, drawable_modes
-from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
+from glbench.env.rendering import (
+    FRAMES_PER_SECOND,
+    PICTURES,
+    RENDER_MODES,
+    Camera,
+    checked_render_mode,
+    drawable_modes,
+    panel,
+)
 from glbench.env.simulation import Simulation
 from glbench.env.spaces import (
     STATE,
     action_space,
     check_names,
+    checked_seed,
+    draw_seed,
     observation_space,
+    pack_generator,
     state_option,
     task_of_environment,
+    unpack_generator,
     with_horizon,
 )
 from glbench.errors import ActionError

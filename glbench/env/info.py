@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from glbench.tasks.ledger import LIMITED, StepQuantity
 
 if TYPE_CHECKING:
-    from glbench.env.simulation import Simulation
-    from glbench.env.step_result import StepResult
+    from glbench.env.simulation import Simulation, StepResult
     from glbench.tasks import TaskSpec
 
 FAILURE = "failure"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.philox import uniforms
+from glbench.env.random import uniforms
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters, Deviation
 from glbench.errors import TaskError
 from glbench.kernel.environment import ActionBounds, Environments, ParameterNoise, Program

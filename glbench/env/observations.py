@@ -75,7 +75,7 @@ class AirFormula:
 
 
 @dataclass(frozen=True)
-class Today:
+class DailySum:
     """A column that sums up since midnight what comes in a second, from controls, disturbances and parameters (``Seen.today``)."""
 
     name: str
@@ -89,7 +89,7 @@ class Locked:
     control: str
 
 
-Shown = Numbers | TableRows | Formula | AirFormula | Today | Locked
+Shown = Numbers | TableRows | Formula | AirFormula | DailySum | Locked
 
 ObservationPart = Callable[[ObservationInputs], NDArray[np.floating]]
 """Columns of one module, ``(n, columns)``, finite numbers. Row i may depend on row i of the inputs only."""
@@ -174,7 +174,7 @@ def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, .
                 raise TaskError(msg)
             shown.append(AirFormula(column.of_air))
         elif column.today is not None:
-            shown.append(Today(column.name, column.today))
+            shown.append(DailySum(column.name, column.today))
         elif column.source in air:
             shown.append(Numbers("air", (air.index(column.source),), (column.factor,)))
         elif column.source in model.state_names:

@@ -26,8 +26,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from glbench.env.climate import AIR
-from glbench.env.panel import time_words
-from glbench.env.trail import HOURS_SHOWN, MONEY, DayLight, Trail
+from glbench.env.history import HOURS_SHOWN, MONEY, DailyLightSums, RecentHistory, time_words
 from glbench.model import Air
 
 if TYPE_CHECKING:
@@ -105,7 +104,7 @@ class _Curve:
 
 
 class Picture:
-    """Draws trails of a task's runs.
+    """Draws histories of a task's runs.
 
     Parameters
     ----------
@@ -124,11 +123,11 @@ class Picture:
         self._told = self._figure.text(0.012, 0.952, "", fontsize=7.5, color=_QUIET, ha="left", va="top", animated=True)
         horizon = task.observation_context().horizon
         self._deficits = task.model_value.observed("vapour_deficit", horizon) or ()
-        self._light = DayLight(task).columns
+        self._light = DailyLightSums(task).columns
         self._seed = self._figure.text(  # at the foot: unseeded episodes have seeds of up to 20 digits
             0.988, 0.008, "", fontsize=7, color=_QUIET, ha="right", va="bottom", animated=True
         )
-        self._airs = len(AIR) if task.model_value.air else 0  # a trail begins with so many columns of air
+        self._airs = len(AIR) if task.model_value.air else 0  # a history begins with so many columns of air
         self._climate = self._make_climate()
         self._controls = tuple(
             (index, capacity)
@@ -153,19 +152,19 @@ class Picture:
         }
         self._background: Any = None
 
-    def __call__(self, trail: Trail, simulation: Simulation, row: int) -> NDArray[np.uint8]:
-        """Where the run in ``row`` stands, and its trail, ``(480, 640, 3)``; the array is the caller's."""
-        points = trail.table()
+    def __call__(self, history: RecentHistory, simulation: Simulation, row: int) -> NDArray[np.uint8]:
+        """Where the run in ``row`` stands, and its history, ``(480, 640, 3)``; the array is the caller's."""
+        points = history.table()
         hours = np.arange(1 - len(points), 1).astype(np.float64) * (self._task.step_seconds / 3600.0)
         time = simulation.time[row]
         self._title.set_text(f"{self._task.short_id}   {time_words(time, float(simulation.hour_of_day[row]))}")
-        self._told.set_text("    ".join(self._values(simulation.air[:, row].tolist(), trail)))
+        self._told.set_text("    ".join(self._values(simulation.air[:, row].tolist(), history)))
         self._place.set_text(f"step {simulation.k[row]} of {self._task.steps}")
         self._seed.set_text(f"seed {simulation.seeds[row]}")
         changed = [
             curve.axes for column, curve in self._climate.items() if self._show_air(curve, hours, points[:, column])
         ]
-        if self._show_money(hours, points.T[MONEY], trail.first_step):
+        if self._show_money(hours, points.T[MONEY], history.first_step):
             changed.append(self._money.axes)
         if self._look_back(-float(hours[0])):
             self._background = None
@@ -196,12 +195,12 @@ class Picture:
         self._figure.draw_artist(room)
         self._figure.draw_artist(axes)
 
-    def _values(self, air: list[float], trail: Trail) -> list[str]:
+    def _values(self, air: list[float], history: RecentHistory) -> list[str]:
         """What growers read besides: deficits of the air, light of the day so far."""
         found = [(one, one.of_air(Air(*air))) for one in self._deficits if one.of_air is not None]
-        if trail.light is not None:
+        if history.light is not None:
             found += [
-                (one, value) for one, value in zip(self._light, trail.light.sums, strict=True) if math.isfinite(value)
+                (one, value) for one, value in zip(self._light, history.light.sums, strict=True) if math.isfinite(value)
             ]
         return [f"{_name(one.name)} {_short(float(value))} {_UNITS.get(one.unit, one.unit)}" for one, value in found]
 

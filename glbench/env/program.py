@@ -24,15 +24,16 @@ from glbench.env.actuation import (
     recorded_actuation,
 )
 from glbench.env.climate import AIR, record_air
+from glbench.env.daily_sums import DAILY_SUMS, daily_sum
 from glbench.env.formulas import record_formula
 from glbench.env.numpy_environments import NO_PARTS, PythonParts
 from glbench.env.observations import (
     AirFormula,
+    DailySum,
     Formula,
     Locked,
     Numbers,
     TableRows,
-    Today,
     checked_part,
     python_part,
     shown_by,
@@ -41,8 +42,6 @@ from glbench.env.process_computer import Measured
 from glbench.env.quantities import REWARD
 from glbench.env.rewards import REWARDS, StepOutcome, make_reward
 from glbench.env.scenario import RunScenarios
-from glbench.env.today import PART as TODAY
-from glbench.env.today import since_midnight
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters
 from glbench.env.weather_pool import CLOCK, WeatherPool, WeatherTables
 from glbench.errors import TaskError
@@ -53,7 +52,7 @@ from glbench.tasks.ledger import TRAVEL
 from glbench.weather import COLUMNS
 
 if TYPE_CHECKING:
-    from glbench.env.slots import Slots
+    from glbench.env.memory_layout import MemoryLayout
     from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
@@ -117,7 +116,7 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
     charges = {"reward": charge.reward, "epi": charge.epi, "penalty": charge.penalty}
     info, names = info_columns(task), [quantity.name for quantity in task.quantities]
     update = Recorder()
-    scenarios.sensors.update(update, _true_air(task, update), scenarios.slots)
+    scenarios.sensors.update(update, _true_air(task, update), scenarios.memory_layout)
     outcome, lookups, columns, reward, observation = _outcome(task, scenarios, update)
     followers, python_followers = _followers(task, scenarios)
     kind = recorded_actuation(task)
@@ -147,7 +146,7 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
         update=update.tape(),
         streams=(scenarios.sensors.numbers,) if scenarios.sensors.numbers else (),
         traits=2 * len(scenarios.sensors.sensors),
-        memory=scenarios.slots.width,
+        memory=scenarios.memory_layout.width,
         lookups=lookups,
         columns=columns,
         width=info + len(names),
@@ -169,7 +168,7 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
 
 
 def _actuation(task: TaskSpec, kind: RecordedActuation, scenarios: RunScenarios) -> Tape:
-    recorder, names, places = Recorder(), task.model_value.control_names, scenarios.slots.of(ACTUATION)
+    recorder, names, places = Recorder(), task.model_value.control_names, scenarios.memory_layout.of(ACTUATION)
     given = ActuationInputs(
         actions={action.name: recorder.input("given", place) for place, action in enumerate(task.actions)},
         controls={name: recorder.input("controls", names.index(name)) for name in task.actuation.controls},
@@ -189,7 +188,7 @@ def _measured(task: TaskSpec, recorder: Recorder, scenarios: RunScenarios) -> Me
     air = _true_air(task, recorder, "before")
     if not air:
         return None
-    temperature, co2, humidity = scenarios.sensors.readings(recorder, air, scenarios.slots)
+    temperature, co2, humidity = scenarios.sensors.readings(recorder, air, scenarios.memory_layout)
     radiation, outside, wind = (recorder.input("weather", COLUMNS.index(name)) for name in ("iGlob", "tOut", "wind"))
     hour = recorder.input("calendar", CLOCK.index("hour_of_day"))
     deficit = record_formula(humidity_deficit, [temperature, humidity], recorder)
@@ -236,8 +235,8 @@ def _outcome(
     ]
     for column, value in enumerate([*rows, *quantities]):
         recorder.output("table", column, value)
-    measured = scenarios.sensors.readings(recorder, air, scenarios.slots)
-    lookups, parts, columns = _observation(task, recorder, controls, measured, update, scenarios.slots)
+    measured = scenarios.sensors.readings(recorder, air, scenarios.memory_layout)
+    lookups, parts, columns = _observation(task, recorder, controls, measured, update, scenarios.memory_layout)
     return recorder.tape(), lookups, columns, reward, parts
 
 
@@ -276,7 +275,7 @@ def _quantities(
 
 
 def _observation(
-    task: TaskSpec, recorder: Recorder, controls: list[Value], air: list[Value], update: Recorder, slots: Slots
+    task: TaskSpec, recorder: Recorder, controls: list[Value], air: list[Value], update: Recorder, layout: MemoryLayout
 ) -> tuple[tuple[Lookup, ...], tuple[tuple[slice, Any], ...], int]:
     tables, nominal = WeatherTables.of(task), task.model_value.Parameters(*task.parameters().tolist())
     lookups: list[Lookup] = []
@@ -299,13 +298,13 @@ def _observation(
             elif isinstance(shown, AirFormula):
                 recorder.output("observation", at, _of_air(shown, air, recorder))
                 at += 1
-            elif isinstance(shown, Today):
-                place = slots.of(TODAY)[shown.name]
+            elif isinstance(shown, DailySum):
+                place = layout.of(DAILY_SUMS)[shown.name]
                 update.output("memory", place, _sum_of_today(task, shown, update, place))
                 recorder.output("observation", at, recorder.input("memory", place))
                 at += 1
             elif isinstance(shown, Locked):
-                place = slots.of(ACTUATION)[hold_clock(shown.control)]
+                place = layout.of(ACTUATION)[hold_clock(shown.control)]
                 recorder.output(
                     "observation", at, _minutes_locked(task, shown.control, recorder.input("memory", place))
                 )
@@ -329,7 +328,7 @@ def _minutes_locked(task: TaskSpec, control: str, steps: Value) -> Any:
     return np.maximum(left, 0.0) * (task.step_seconds / 60.0)
 
 
-def _sum_of_today(task: TaskSpec, shown: Today, recorder: Recorder, place: int) -> Value:
+def _sum_of_today(task: TaskSpec, shown: DailySum, recorder: Recorder, place: int) -> Value:
     """What a column sums up since midnight, after the step, from what it had before it."""
     model = task.model_value
     nominal = model.Parameters(*task.parameters().tolist())
@@ -342,7 +341,7 @@ def _sum_of_today(task: TaskSpec, shown: Today, recorder: Recorder, place: int) 
     hour = CLOCK.index("hour_of_day")
     before, now = recorder.input("calendar_before", hour), recorder.input("calendar", hour)
     so_far, comes = recorder.input("memory", place), record_formula(rate, [*controls, *acted], recorder)
-    summed: Value = since_midnight(so_far, comes, before, now, task.step_seconds)
+    summed: Value = daily_sum(so_far, comes, before, now, task.step_seconds)
     return summed
 
 

@@ -1,4 +1,4 @@
-"""Render modes: text always, pictures with the extra ``video``."""
+"""Render modes: a panel of text always, pictures with the extra ``video``."""
 
 from __future__ import annotations
 
@@ -10,17 +10,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.climate import AIR
+from glbench.env.history import DailyLightSums, RecentHistory, time_words
 from glbench.env.program import air_columns, info_columns
 from glbench.env.quantities import EPI
-from glbench.env.trail import DayLight, Trail
 from glbench.errors import GlbenchError, UnknownNameError
+from glbench.model import Air
+from glbench.tasks.ledger import LIMITED
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from glbench.env.picture import Picture
-    from glbench.env.simulation import Simulation
-    from glbench.env.step_result import StepResult
+    from glbench.env.simulation import Simulation, StepResult
+    from glbench.model import Seen
+    from glbench.tasks import TaskSpec
+    from glbench.tasks.ledger import LedgerItem
+    from glbench.tasks.quantities import Capacity
 
 TEXT, PICTURES = "ansi", "rgb_array"
 RENDER_MODES = (TEXT, PICTURES)
@@ -32,6 +38,16 @@ NO_PICTURES = (
     "The render mode 'rgb_array' needs matplotlib, which is not installed: pip install 'glbench[video]'. "
     "Without it the environment works, but cannot be drawn."
 )
+
+_CLIMATE, _CROP, _DEFICITS = "indoor_climate", "crop", "vapour_deficit"
+"""Observation modules whose quantities the panel shows, of models that have them."""
+_OUTSIDE = (("tOut", "air", ".1f"), ("iGlob", "sun", ".0f"), ("wind", "wind", ".1f"))
+_TOO = {
+    "air_temperature": ("too cold", "too warm"),
+    "co2": ("too little CO2", "too much CO2"),
+    "relative_humidity": ("too dry", "too humid"),
+}
+_CENTS = 100.0
 
 
 def drawable_modes() -> tuple[str, ...]:
@@ -65,9 +81,9 @@ class Camera:
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self._shown = slice(air_columns(simulation.task).start, info_columns(simulation.task))  # air and controls
-        self._light = DayLight(simulation.task)
-        self._trails: list[Trail] = []
+        self._info_part = slice(air_columns(simulation.task).start, info_columns(simulation.task))  # air and controls
+        self._light = DailyLightSums(simulation.task)
+        self._histories: list[RecentHistory] = []
         self._pictures: dict[int, Picture] = {}  # one a row: what a picture keeps suits the next one of the same run
 
     def __getstate__(self) -> dict[str, Any]:
@@ -78,23 +94,23 @@ class Camera:
         """Follow new episodes in ``rows``, by default in all."""
         simulation = self._simulation
         if rows is None:
-            rows, self._trails = range(simulation.n), [None] * simulation.n  # type: ignore[list-item]
+            rows, self._histories = range(simulation.n), [None] * simulation.n  # type: ignore[list-item]
         for row in rows:
-            trail = self._trails[row] = Trail(int(simulation.k[row]), simulation.task.step_seconds)
-            trail.add(simulation.info_columns[self._shown, row].tolist())
-            trail.light = self._light.begin(simulation, row)
+            history = self._histories[row] = RecentHistory(int(simulation.k[row]), simulation.task.step_seconds)
+            history.add(simulation.info_columns[self._info_part, row].tolist())
+            history.light = self._light.begin(simulation, row)
 
     def follow_only(self, numbers: Sequence[float], epi: float) -> None:
         """Note a step of the only run, from the numbers of ``Simulation.step_single``."""
-        self._trails[0].add(numbers[self._shown], epi)
-        self._trails[0].light = self._light.add(self._trails[0].light, self._simulation, 0)
+        self._histories[0].add(numbers[self._info_part], epi)
+        self._histories[0].light = self._light.add(self._histories[0].light, self._simulation, 0)
 
     def follow(self, result: StepResult, rows: Iterable[int]) -> None:
         """Note the step that ``rows`` have taken."""
-        shown, epi = self._simulation.info_columns[self._shown].T.tolist(), result.table[EPI].tolist()
+        values, epi = self._simulation.info_columns[self._info_part].T.tolist(), result.table[EPI].tolist()
         for row in rows:
-            self._trails[row].add(shown[row], epi[row])
-            self._trails[row].light = self._light.add(self._trails[row].light, self._simulation, row)
+            self._histories[row].add(values[row], epi[row])
+            self._histories[row].light = self._light.add(self._histories[row].light, self._simulation, row)
 
     def picture(self, row: int) -> NDArray[np.uint8]:
         """Picture of a run, ``(480, 640, 3)``.
@@ -104,7 +120,7 @@ class Camera:
         GlbenchError
             Without matplotlib, or before the first reset.
         """
-        if not self._trails:
+        if not self._histories:
             msg = "There is nothing to draw yet: call reset first."
             raise GlbenchError(msg)
         if row not in self._pictures:
@@ -113,4 +129,107 @@ class Camera:
             except ModuleNotFoundError as error:
                 raise GlbenchError(NO_PICTURES) from error
             self._pictures[row] = Picture(self._simulation.task)
-        return self._pictures[row](self._trails[row], self._simulation, row)
+        return self._pictures[row](self._histories[row], self._simulation, row)
+
+
+def panel(simulation: Simulation, row: int, result: StepResult | None) -> str:
+    """What a grower would want to know of one run, in a few lines; ``result`` is its last step, if it took one."""
+    task = simulation.task
+    model = task.model_value
+    time = time_words(simulation.time[row], float(simulation.hour_of_day[row]))
+    horizon = task.observation_context().horizon
+    modules = {module: model.observed(module, horizon) or () for module in model.observation_modules}
+    shown = {name: modules.get(name, ()) for name in (_CLIMATE, _CROP)}
+    if not any(shown.values()):
+        shown["state"] = next(iter(modules.values()), ())
+    places = {entry.name: place for place, entry in enumerate(model.disturbances)}
+    weather = ", ".join(
+        f"{words} {simulation.d[row, places[name]]:{form}} {model.disturbances[places[name]].unit.replace('°C', 'degC')}"
+        for name, words, form in _OUTSIDE
+        if name in places
+    )
+    controls = ", ".join(
+        _control(capacity, fraction)
+        for capacity, fraction in zip(task.capacities(), simulation.u[row].tolist(), strict=True)
+    )
+    told = {
+        "inside": _seen(simulation, row, shown[_CLIMATE]),
+        "": _seen(simulation, row, modules.get(_DEFICITS, ())),
+        "outside": weather,
+        "controls": controls,
+        "crop": _seen(simulation, row, shown[_CROP]),
+        "state": _seen(simulation, row, shown.get("state", ())),
+        **({} if result is None else _last_step(simulation, result, row)),
+    }
+    lines = [f"{task.title}: {time}, step {simulation.k[row]} of {task.steps}"]
+    return "\n".join([*lines, *(f"  {name:9} {text}" for name, text in told.items() if text)])
+
+
+def _seen(simulation: Simulation, row: int, columns: Sequence[Seen]) -> str:
+    """Quantities that the model observes, in words."""
+    task = simulation.task
+    model, numbers = task.model_value, simulation.x[row].tolist()
+    known = dict(zip(model.state_names, numbers, strict=True))
+    if model.air:
+        known |= dict(zip(AIR, simulation.air[:, row].tolist(), strict=True))
+
+    def value(column: Seen) -> float:
+        if column.of is not None:
+            return float(column.of(model.State(*numbers), model.Parameters(*task.parameters().tolist())))
+        if column.of_air is not None:
+            return float(column.of_air(Air(*simulation.air[:, row].tolist())))
+        return float(known[column.source] * column.factor)
+
+    return ", ".join(
+        f"{_words(column.name)} {value(column):.4g} {column.unit}" for column in columns if column.today is None
+    )
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ").replace("co2", "CO2")
+
+
+def _control(capacity: Capacity, fraction: float) -> str:
+    name = _words(capacity.quantity)
+    return (
+        f"{name} {fraction:.0%}" if capacity.unit == "-" else f"{name} {fraction * capacity.at_one:.3g} {capacity.unit}"
+    )
+
+
+def _last_step(simulation: Simulation, result: StepResult, row: int) -> dict[str, str]:
+    quantities = {name: float(values[row]) for name, values in result.quantities.items()}
+    ledger = simulation.task.ledger
+    earned, paid = (
+        [f"{_label(item)} {_CENTS * quantities[item.name]:.3f}" for item in side]
+        for side in (ledger.earned, ledger.paid)
+    )
+    sum_of = " - ".join([" + ".join(earned) or "0", *paid])
+    told = {
+        "limits": _complaints(quantities) or ("all kept" if simulation.task.constraints.items() else ""),
+        "this step": f"{_CENTS * quantities['epi']:+.3f} ct m-2 = {sum_of}; {_score(simulation.task, quantities)}",
+    }
+    reasons = [failure.reason for failure in result.failed if failure.row == row]
+    return {**told, "stopped": ", ".join(reasons)}
+
+
+def _score(task: TaskSpec, quantities: dict[str, float]) -> str:
+    """The reward of the step; where it is money, after what violations cost."""
+    if not task.scores_money:
+        return f"reward {quantities['reward']:.3f}"
+    violations, score = (_CENTS * quantities[name] for name in ("penalty", "reward"))
+    return f"violations {violations:.3f}, score {score:+.3f}"
+
+
+def _label(item: LedgerItem) -> str:
+    """The item in a sentence; terminals may lack the letters of plots."""
+    label = (item.label or _words(item.name)).replace("₂", "2")
+    return label if label[1:2].isupper() else label.lower()
+
+
+def _complaints(quantities: dict[str, float]) -> str:
+    return ", ".join(
+        f"{word} by {quantities[f'violation_{name}_{side}']:.3g} {unit}"
+        for name, unit in LIMITED.items()
+        for side, word in zip(("low", "high"), _TOO[name], strict=True)
+        if quantities.get(f"violation_{name}_{side}", 0.0) > 0.0
+    )

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.factories import Factories
+from glbench.env.registries import PartRegistry
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks.vocabulary import REWARD_MODULES
 
@@ -60,7 +60,7 @@ RewardPart = Callable[[StepOutcome], NDArray[np.float64]]
 MakeReward = Callable[["TaskSpec", "Accounts"], RewardPart]
 """Makes a part for a task; the accounts hold its prices, limits and the bounds of its EPI."""
 
-REWARDS: Factories[MakeReward] = Factories("reward module", REWARD_MODULES)
+REWARDS: PartRegistry[MakeReward] = PartRegistry("reward module", REWARD_MODULES)
 
 
 def register_reward(name: str, meaning: str, make: MakeReward) -> None:

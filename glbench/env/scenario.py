@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 
 from glbench.env.actuation import PART as ACTUATION
 from glbench.env.actuation import actuation_memory
+from glbench.env.daily_sums import DAILY_SUMS, initial_memory
 from glbench.env.generated import SeasonMaker
-from glbench.env.philox import uniforms
+from glbench.env.memory_layout import allocate
+from glbench.env.random import uniforms
 from glbench.env.sensors import PART as SENSORS
 from glbench.env.sensors import STREAM as SENSOR_STREAM
 from glbench.env.sensors import Sensors
-from glbench.env.slots import allocate
-from glbench.env.today import PART as TODAY
-from glbench.env.today import asks
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters, stream_key
 from glbench.env.weather_pool import CLOCK, WeatherPool
 
@@ -60,7 +59,7 @@ class RunScenarios:
         The groups of parameters that the step draws, and those that are drawn here.
     sensors
         Those that err.
-    slots
+    memory_layout
         What the runs keep in memory.
     """
 
@@ -74,7 +73,13 @@ class RunScenarios:
         self._model = task.model_value
         self._derived = DerivedParameters(self._model, self.nominal, self.places(self.in_episode))
         self.sensors = Sensors.of(task)
-        self.slots = allocate(**{ACTUATION: actuation_memory(task), SENSORS: self.sensors.asks(), TODAY: asks(task)})
+        self.memory_layout = allocate(
+            **{
+                ACTUATION: actuation_memory(task),
+                SENSORS: self.sensors.initial_memory(),
+                DAILY_SUMS: initial_memory(task),
+            }
+        )
         self._starts: dict[int, Floats] = {}
 
     def places(self, groups: Sequence[ParameterGroup]) -> tuple[int, ...]:
@@ -99,7 +104,7 @@ class RunScenarios:
             ),
             self._parameters(seeds),
             self.sensors.traits(self._numbers(seeds, "sensor offsets", self.sensors.trait_numbers)),
-            self.slots.rows(n),
+            self.memory_layout.rows(n),
         )
 
     def _numbers(self, seeds: Sequence[int], stream: str, count: int) -> Floats:

@@ -4,8 +4,9 @@ The reading of a quantity q in step k of a run of N steps is
 
     r(k) = q(k) + s w(k) + b + d k / N
 
-with noise s w(k), w bell-shaped and new in every step; a bias b of the run, bell-shaped with the standard deviation stated; and a drift
-that reaches d at the end, drawn evenly between minus and plus the value stated. The reading stays within the bounds of its column.
+with noise s w(k), w approximately normal and new in every step; a bias b of the run, approximately normal with the stated standard
+deviation; and a drift that reaches d at the end, drawn evenly between minus and plus the stated value. The reading stays within the
+bounds of its column.
 
 A sensor that drops out shows its last reading until it is back. It does so with the chance 1 / (mean steps between) in each step but the
 first of a run, and comes back with the chance 1 / (mean steps of a drop-out). docs/uncertainty.md has pictures.
@@ -21,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.climate import AIR
-from glbench.env.slots import Slots
-from glbench.env.wandering import BELL_NUMBERS, bell
+from glbench.env.memory_layout import MemoryLayout
+from glbench.env.random import UNIFORMS_PER_NORMAL, approx_normal
 from glbench.errors import TaskError
 from glbench.kernel.tape import Recorder
 
@@ -105,7 +106,7 @@ class Sensors:
 
     @property
     def _each(self) -> int:
-        return BELL_NUMBERS + (self.out > 0.0)
+        return UNIFORMS_PER_NORMAL + (self.out > 0.0)
 
     @property
     def numbers(self) -> int:
@@ -115,31 +116,31 @@ class Sensors:
     @property
     def trait_numbers(self) -> int:
         """Random numbers that they need once a run."""
-        return (BELL_NUMBERS + 1) * len(self.sensors)
+        return (UNIFORMS_PER_NORMAL + 1) * len(self.sensors)
 
     def traits(self, numbers: Floats) -> Floats:
         """Bias and drift of each sensor, ``(n, 2 sensors)``, from ``trait_numbers`` uniform numbers a run."""
-        columns = numbers.reshape(len(numbers), len(self.sensors), BELL_NUMBERS + 1)
+        columns = numbers.reshape(len(numbers), len(self.sensors), UNIFORMS_PER_NORMAL + 1)
         found = [
             column
             for place, sensor in enumerate(self.sensors)
             for column in (
-                bell(*columns[:, place, :BELL_NUMBERS].T) * sensor.bias,
-                (2.0 * columns[:, place, BELL_NUMBERS] - 1.0) * sensor.drift,
+                approx_normal(*columns[:, place, :UNIFORMS_PER_NORMAL].T) * sensor.bias,
+                (2.0 * columns[:, place, UNIFORMS_PER_NORMAL] - 1.0) * sensor.drift,
             )
         ]
         return np.stack(found, axis=1) if found else np.zeros((len(numbers), 0))
 
-    def asks(self) -> dict[str, float]:
+    def initial_memory(self) -> dict[str, float]:
         """Numbers that they keep from step to step: whether each hangs, and its last reading."""
         if self.out == 0.0:
             return {}
         return {f"{what} {sensor.name}": 0.0 for sensor in self.sensors for what in ("out", "held")}
 
-    def readings(self, recorder: Recorder, air: Sequence[Any], slots: Slots) -> list[Any]:
+    def readings(self, recorder: Recorder, air: Sequence[Any], layout: MemoryLayout) -> list[Any]:
         """What the sensors show of ``air`` (its quantities in order, true): recorded values, those without a sensor as they are."""
         shown = list(air)
-        kept = slots.of(PART)
+        kept = layout.of(PART)
         for place, sensor in enumerate(self.sensors):
             fresh = self._fresh(recorder, sensor, place, air[sensor.place])
             if kept:
@@ -148,15 +149,15 @@ class Sensors:
             shown[sensor.place] = fresh
         return shown
 
-    def update(self, recorder: Recorder, air: Sequence[Any], slots: Slots) -> None:
+    def update(self, recorder: Recorder, air: Sequence[Any], layout: MemoryLayout) -> None:
         """Record which sensors hang after a step, and at which reading."""
-        kept = slots.of(PART)
+        kept = layout.of(PART)
         steps: Any = recorder.input("counter", 0) if kept else 0.0
         not_first = np.minimum(steps - 1.0, 1.0)
         for place, sensor in enumerate(self.sensors if kept else ()):
             now_out, now_held = (kept[f"{what} {sensor.name}"] for what in ("out", "held"))
             was_out, held = recorder.input("memory", now_out), recorder.input("memory", now_held)
-            number = recorder.input("noise", place * self._each + BELL_NUMBERS)
+            number = recorder.input("noise", place * self._each + UNIFORMS_PER_NORMAL)
             # Before the first step nothing was shown that a sensor could hang at.
             chance = (was_out * (self.stays_out - self.out) + self.out) * not_first
             out = np.maximum(np.sign(chance - number), 0.0)
@@ -167,7 +168,7 @@ class Sensors:
 
     def _fresh(self, recorder: Recorder, sensor: Sensor, place: int, true: Any) -> Any:
         first = place * self._each
-        noise = bell(*(recorder.input("noise", first + number) for number in range(BELL_NUMBERS)))
+        noise = approx_normal(*(recorder.input("noise", first + number) for number in range(UNIFORMS_PER_NORMAL)))
         bias, drift = (recorder.input("trait", 2 * place + which) for which in range(2))
         reading = true + noise * sensor.noise + bias + drift * (recorder.input("counter", 0) * (1.0 / self.steps))
         return np.minimum(np.maximum(reading, sensor.low), sensor.high)

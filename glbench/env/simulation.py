@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -18,20 +19,67 @@ from glbench.env.numpy_environments import NO_PARTS, NumpyEnvironments, Paramete
 from glbench.env.program import air_columns, info_columns, make_program
 from glbench.env.quantities import REWARD
 from glbench.env.scenario import RunScenarios
-from glbench.env.seeds import checked_seed, no_generators
 from glbench.env.snapshot import Snapshot
-from glbench.env.spaces import the_task
-from glbench.env.step_result import StepResult, read_only
+from glbench.env.spaces import checked_seed, no_generators, the_task
 from glbench.errors import GlbenchError, ShapeError, TaskError
 from glbench.kernel.environment import Environments
+from glbench.kernel.records import all_finite
 
 if TYPE_CHECKING:
+    from glbench.kernel import StepFailure
     from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 
 _REAL_TYPES = "fd"
 """Codes of the types that are copied without a look at them: float32 and float64."""
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """``array``, made read-only."""
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class StepResult:
+    """What one step of ``n`` runs gave.
+
+    Attributes
+    ----------
+    observations
+        ``(n, columns)`` float32.
+    rewards
+        ``(n,)``.
+    terminated
+        ``(n,)``; whether the run has ended, in this step or before.
+    failed
+        Runs that could not be integrated in this step, with the reason in words. Such a run keeps its state and ends. Its
+        reward, EPI and penalty are what the task counts for one failed step; the other quantities are those of a step
+        in which nothing grew.
+    table
+        The quantities of the step, ``(quantities, n)``; rows, units and meanings in ``task.quantities``. 0 for a run that
+        had ended before.
+    names
+        Names of the quantities.
+    """
+
+    observations: NDArray[np.float32]
+    rewards: NDArray[np.float64]
+    terminated: NDArray[np.bool_]
+    failed: list[StepFailure]
+    table: NDArray[np.float64]
+    names: tuple[str, ...]
+
+    @property
+    def whole(self) -> bool:
+        """Whether no run failed and every number is finite; huge ones (1e150) may count as infinite."""
+        return not self.failed and all_finite(self.table)
+
+    @cached_property
+    def quantities(self) -> dict[str, NDArray[np.float64]]:
+        """The rows of ``table`` by name, each ``(n,)``."""
+        return dict(zip(self.names, self.table, strict=True))
 
 
 def check_runs(n: int) -> None:

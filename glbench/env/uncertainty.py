@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.factories import Factories
-from glbench.env.philox import key_of
+from glbench.env.random import key_of
+from glbench.env.registries import PartRegistry
 from glbench.kernel.tape import Recorder, Tape, Value
 from glbench.model import Model
 from glbench.tasks.scenario import Scenario
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 Deviation = Callable[[Floats, float], Floats]
 """Relative deviations from uniform numbers in [0, 1) and the task's half width; element by element."""
 
-DISTRIBUTIONS: Factories[Deviation] = Factories("distribution", DISTRIBUTION_WORDS)
+DISTRIBUTIONS: PartRegistry[Deviation] = PartRegistry("distribution", DISTRIBUTION_WORDS)
 
 UNIFORM = "uniform"
 """The distribution that the compiled step draws itself."""

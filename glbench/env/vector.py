@@ -15,19 +15,21 @@ from numpy.typing import NDArray
 from glbench.env.greenhouse import GreenhouseEnv
 from glbench.env.info import InfoWriter, add_failures, add_objects
 from glbench.env.kernels import SCORING_PRESET, check_kernel
-from glbench.env.panel import panel
-from glbench.env.rendering import PICTURES, Camera, checked_render_mode
-from glbench.env.seeds import checked_seed, draw_seed, pack_generator, unpack_generator
+from glbench.env.rendering import PICTURES, Camera, checked_render_mode, panel
 from glbench.env.simulation import Simulation, check_runs
 from glbench.env.spaces import (
     RESET_MASK,
     STATE,
     action_space,
     check_names,
+    checked_seed,
+    draw_seed,
     mask_option,
     observation_space,
+    pack_generator,
     state_option,
     task_of_environment,
+    unpack_generator,
     with_horizon,
 )
 from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean, whole_number
@@ -38,8 +40,8 @@ if TYPE_CHECKING:
     from gymnasium.envs.registration import EnvSpec
 
     from glbench.env.kernels import Stepper
+    from glbench.env.simulation import StepResult
     from glbench.env.snapshot import Snapshot
-    from glbench.env.step_result import StepResult
     from glbench.tasks import TaskSpec
 
 Observations = NDArray[np.float32]

@@ -18,9 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.climate import read_air
-from glbench.env.forecast import ForecastTable
+from glbench.env.forecast import HOUR, ForecastTable
 from glbench.env.generated import SeasonMaker
-from glbench.env.prices import SeasonPrices
+from glbench.env.random import ar1_paths
+from glbench.env.uncertainty import season_key
+from glbench.errors import TaskError
+from glbench.tasks.prices import SeasonOfPrices, day_ahead, price_rows
+from glbench.tasks.vocabulary import DAY_AHEAD, PRICES
 from glbench.weather import COLUMNS
 
 if TYPE_CHECKING:
@@ -37,6 +41,7 @@ DAYS_A_YEAR = 365.0
 _RADIATION, _TEMPERATURE, _PRESSURE, _CO2, _WIND = (
     COLUMNS.index(name) for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind")
 )
+_MEASURED_RADIATION, _MEASURED_WIND = 0, 4  # their columns in ``WeatherTables.measured``
 _PUBLISHED = [_RADIATION, _TEMPERATURE, _PRESSURE, _CO2, _WIND]
 
 
@@ -62,6 +67,111 @@ class WeatherTables:
     def of(task: TaskSpec) -> WeatherTables:
         """Tables of a task, shared by all its environments in this process."""
         return WeatherPool.of(task).tables
+
+
+@dataclass(frozen=True, eq=False)
+class SeasonPrices:
+    """What fills the prices of a task's pool.
+
+    A market's prices belong to a season, because its sun and wind make them. What nothing explains is a path of the season's own.
+
+    Attributes
+    ----------
+    task
+        The task.
+    every
+        Steps an hour.
+    widths
+        Width of the table of prices of now, and of that of coming hours: 0 for what nobody sees.
+    by_season
+        Whether each season has prices of its own.
+    """
+
+    task: TaskSpec
+    every: int
+    widths: tuple[int, int]
+    by_season: bool
+
+    @staticmethod
+    def of(task: TaskSpec) -> SeasonPrices:
+        """The prices of a task, which may be none.
+
+        Raises
+        ------
+        TaskError
+            When prices go by the hour and a control step does not divide an hour.
+        """
+        tables, ahead = task.price_tables, task.day_ahead
+        modules = task.observation.modules
+        markets = [name for name, table in tables.items() if table.market is not None]
+        step = task.weather.step_seconds
+        by_hour = [
+            *(f"price_tables.{name}" for name in markets),
+            *(["observation.day_ahead"] if ahead is not None else []),
+        ]
+        if by_hour and HOUR % step:
+            msg = f"{task.source}: [{by_hour[0]}] is hourly; step_seconds = {step} does not divide an hour. Use 900."
+            raise TaskError(msg)
+        coming = 0 if ahead is None or DAY_AHEAD not in modules else len(ahead.prices) * len(ahead.hours)
+        return SeasonPrices(
+            task, max(HOUR // step, 1), (len(tables) if PRICES in modules else 0, coming), bool(markets)
+        )
+
+    def room(self, rows: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Tables of the prices of now and of coming hours for so many rows of a calendar."""
+        now, coming = (np.zeros((rows if width else 0, width), np.float32) for width in self.widths)
+        return now, coming
+
+    def rows(
+        self, number: int, times: NDArray[np.datetime64], hour_of_day: Floats, measured: NDArray[np.floating]
+    ) -> Floats:
+        """Prices at each row of the calendar of the season ``number``, ``(rows, price tables)``.
+
+        Parameters
+        ----------
+        number
+            Of the season.
+        times, hour_of_day
+            Start [UTC] and hour of day of each row, ``(rows,)``.
+        measured
+            The season's weather as measured (``WeatherTables.measured``), ``(rows, 5)``.
+        """
+        tables, season = self.task.price_tables, None
+        if self.by_season:
+            hours = -(-len(times) // self.every)
+            paths = {
+                table.source or name: ar1_paths(
+                    season_key(self.task.scenario, f"price {table.source or name}", f"season {number}"),
+                    hours,
+                    np.array([table.market.persistence]),
+                )[:, 0]
+                for name, table in tables.items()
+                if table.market is not None
+            }
+            weather = np.asarray(measured, np.float64)
+            season = SeasonOfPrices(self.every, weather[:, _MEASURED_RADIATION], weather[:, _MEASURED_WIND], paths)
+        return price_rows(tables, tables, times, hour_of_day, season)
+
+    def show(
+        self,
+        tables: tuple[NDArray[np.float32], NDArray[np.float32]],
+        at: slice,
+        prices: Floats,
+        times: NDArray[np.datetime64],
+        hour_of_day: Floats,
+    ) -> None:
+        """Write what is seen of a season's prices into the rows ``at`` of the tables that ``room`` gave."""
+        now, coming = tables
+        if len(now):
+            now[at] = prices
+        if len(coming):
+            ahead, names = self.task.day_ahead, list(self.task.price_tables)
+            assert ahead is not None
+            columns = [
+                day_ahead(prices[:, names.index(name)], times, hour_of_day, self.every, ahead.hours)
+                for name in ahead.prices
+            ]
+            coming[at] = np.concatenate(columns, axis=1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.today import sums_since_midnight
+from glbench.env.daily_sums import daily_sums
 from glbench.env.weather_pool import CLOCK
 from glbench.errors import TaskError
 from glbench.model import humidity_deficit, vapour_pressure_deficit
@@ -519,7 +519,7 @@ def _derived(task: TaskSpec) -> list[tuple[Column, Formula]]:
         def sums(vectors: Vectors) -> Floats:
             u, d = model.Controls(*vectors["control"].T), model.Disturbances(*vectors["disturbance"].T)
             rates = np.broadcast_to(np.asarray(rate(u, d, nominal), dtype=np.float64), len(vectors["control"]))
-            return sums_since_midnight(rates, vectors["clock"][:, 0], task.step_seconds)
+            return daily_sums(rates, vectors["clock"][:, 0], task.step_seconds)
 
         return sums
 

@@ -128,7 +128,7 @@ def _laid_out(
         "key": scenes.keys,
         "parameter": program.nominal if scenes.parameters is None else scenes.parameters,
         "trait": scenes.traits,
-        "remembered": scenarios.slots.start,
+        "remembered": scenarios.memory_layout.start,
         "show": np.array(shown, np.int64),
     }
     arrays = {key: np.ascontiguousarray(array) for key, array in arrays.items()}

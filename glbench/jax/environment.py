@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.kernels import check_kernel
-from glbench.env.seeds import checked_seed
-from glbench.env.spaces import action_space, observation_space, task_of_environment
+from glbench.env.spaces import action_space, checked_seed, observation_space, task_of_environment
 from glbench.errors import ActionError, ShapeError, whole_number
 from glbench.jax.door import open_door
 from glbench.jax.library import RESET, STEP

@@ -6,7 +6,7 @@ A market's price of an hour is
 
 with the hour h of the task's clock, W = 1 on Saturday and Sunday, the means over the hour of global radiation G [W m-2] and wind v
 [m s-1] of the run's own weather, and an autocorrelated hourly path a with mean 0 and standard deviation 1
-(``glbench.env.wandering``). It is kept within ``lowest`` and ``highest``. This is a generator of plausible prices and no model of a
+(``glbench.env.random``). It is kept within ``lowest`` and ``highest``. This is a generator of plausible prices and no model of a
 market: its form and its defaults are chosen, docs/prices.md shows what comes out.
 """
 

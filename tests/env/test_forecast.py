@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from glbench.env import Simulation, run_weather
 from glbench.env.climate import read_air
 from glbench.env.forecast import LEVELS, PERSISTENCE, SPREAD, ForecastTable
-from glbench.env.philox import key_of, uniforms
-from glbench.env.wandering import wandering
+from glbench.env.random import ar1_paths, key_of, uniforms
 from glbench.env.weather_pool import WeatherPool
 from glbench.errors import TaskError
 from glbench.tasks import TaskSpec
@@ -286,14 +285,14 @@ def test_a_place_with_half_hours_has_its_own_clear_sky(levels: dict[str, TaskSpe
 
 def test_wandering_paths_keep_their_size_and_persistence() -> None:
     key = np.array([[1, 2]], np.uint64)
-    paths = wandering(key, 60_000, np.array([0.9, 0.979]))
+    paths = ar1_paths(key, 60_000, np.array([0.9, 0.979]))
     assert paths.std(axis=0) == pytest.approx([1.0, 1.0], abs=0.08)
     for path, phi in zip(paths.T, (0.9, 0.979), strict=True):
         assert np.corrcoef(path[:-1], path[1:])[0, 1] == pytest.approx(phi, abs=0.006)
-    many = np.array([wandering(np.array([[k, 5]], np.uint64), 1, np.array([0.9]))[0, 0] for k in range(4000)])
+    many = np.array([ar1_paths(np.array([[k, 5]], np.uint64), 1, np.array([0.9]))[0, 0] for k in range(4000)])
     assert many.std() == pytest.approx(1.0, abs=0.04)
     assert np.abs(many).max() <= 3.0
-    assert (wandering(key, 50, np.array([0.9, 0.979])) == paths[:50]).all()
+    assert (ar1_paths(key, 50, np.array([0.9, 0.979])) == paths[:50]).all()
 
 
 def test_mistakes_are_named(folder: Path) -> None:

@@ -13,9 +13,9 @@ from gymnasium.utils.env_checker import check_env
 
 from glbench.env import GreenhouseEnv, Simulation, program
 from glbench.env.climate import AIR
+from glbench.env.daily_sums import daily_sum, daily_sums
 from glbench.env.formulas import record_formula
 from glbench.env.observations import AirFormula, shown_by
-from glbench.env.today import since_midnight, sums_since_midnight
 from glbench.env.weather_pool import WeatherTables
 from glbench.kernel import StepFailure
 from glbench.kernel.tape import Recorder, RecordingError
@@ -259,10 +259,10 @@ def test_sums_of_a_run_have_the_bits_of_its_steps() -> None:
     rng = np.random.default_rng(2)
     hours = (np.arange(601) * 0.25 + 0.1) % 24.0
     rates = rng.uniform(0.0, 1.0, 600)
-    sums = sums_since_midnight(rates, hours, 900.0)
+    sums = daily_sums(rates, hours, 900.0)
     so_far = 0.0
     for k in range(600):
-        so_far = float(since_midnight(so_far, rates[k], hours[k], hours[k + 1], 900.0))
+        so_far = float(daily_sum(so_far, rates[k], hours[k], hours[k + 1], 900.0))
         assert sums[k + 1] == so_far
     (midnight,) = np.flatnonzero(hours[1:200] < hours[:199] - 12.0)[:1]
     assert sums[midnight + 1] == pytest.approx(rates[midnight] * 0.1 * 3600.0)  # the part of the step after midnight
@@ -270,7 +270,7 @@ def test_sums_of_a_run_have_the_bits_of_its_steps() -> None:
 
 def test_summer_time_ends_without_a_new_day() -> None:
     hours = np.array([1.75, 2.0, 2.25, 2.5, 2.75, 2.0, 2.25])
-    assert sums_since_midnight(np.ones(6), hours, 900.0).tolist() == [900.0 * k for k in range(7)]
+    assert daily_sums(np.ones(6), hours, 900.0).tolist() == [900.0 * k for k in range(7)]
 
 
 def test_a_formula_is_recorded_with_the_bits_of_the_models_function() -> None:

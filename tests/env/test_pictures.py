@@ -15,8 +15,8 @@ import pytest
 from numpy.typing import NDArray
 
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, rendering, run_weather
+from glbench.env.history import RecentHistory
 from glbench.env.picture import Picture
-from glbench.env.trail import Trail
 from glbench.errors import GlbenchError
 from glbench.kernel import StepFailure
 from glbench.model import humidity_deficit, vapour_pressure_deficit
@@ -135,11 +135,11 @@ def test_a_control_is_drawn_from_the_start_to_the_end_of_its_step(day: TaskSpec)
     assert (0.8 - heights).tolist() == pytest.approx([0.0, 0.08, 0.08, 0.16, 0.16])  # 0.8 is the height of a full lane
 
 
-def test_a_trail_forgets_what_is_older_than_two_days() -> None:
-    trail = Trail(0, 900.0)
+def test_a_history_forgets_what_is_older_than_two_days() -> None:
+    history = RecentHistory(0, 900.0)
     for step in range(400):
-        trail.add([float(step)] * 9, 0.5)
-    table = trail.table()
+        history.add([float(step)] * 9, 0.5)
+    table = history.table()
     assert table.shape == (193, 10)
     assert table[[0, -1], 0].tolist() == [207.0, 399.0]
     assert table[-1, -1] == 200.0
@@ -177,8 +177,8 @@ def test_every_row_has_a_picture_that_is_the_single_environments(day: TaskSpec, 
             assert not np.array_equal(pictures[0], pictures[1])
     assert len(rows.render() or ()) == 2
     assert rows._camera is not None
-    assert rows._camera._trails[0].first_step == 0
-    assert len(rows._camera._trails[0].table()) == (3 if mode == "NextStep" else 4)
+    assert rows._camera._histories[0].first_step == 0
+    assert len(rows._camera._histories[0].table()) == (3 if mode == "NextStep" else 4)
 
 
 def test_a_picture_does_not_depend_on_matplotlibs_global_state(day: TaskSpec) -> None:
@@ -201,7 +201,7 @@ def test_what_is_kept_between_pictures_is_not_seen(day: TaskSpec) -> None:
         last = drawn(environment)
     camera = environment._camera
     assert camera is not None
-    assert np.array_equal(Picture(day)(camera._trails[0], environment.simulation, 0), last)
+    assert np.array_equal(Picture(day)(camera._histories[0], environment.simulation, 0), last)
 
 
 def test_an_environment_that_draws_can_be_copied(day: TaskSpec) -> None:

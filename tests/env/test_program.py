@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from glbench.env.numpy_environments import NumpyEnvironments
-from glbench.env.philox import key_of, uniforms
+from glbench.env.random import key_of, uniforms
 from glbench.kernel import Kernel, why_not_compiled
 from glbench.kernel.environment import ActionBounds, Environments, Lookup, ParameterNoise, Program
 from glbench.kernel.tape import Recorder, Tape

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from glbench.env import ObservationInputs, Simulation, Snapshot, register_observation
-from glbench.env.philox import uniforms
+from glbench.env.random import uniforms
 from glbench.env.uncertainty import stream_key
 from glbench.errors import TaskError
 from glbench.kernel import Kernel, why_not_compiled

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation, Snapshot, StepResult
-from glbench.env.seeds import pack_generator, unpack_generator
+from glbench.env.spaces import pack_generator, unpack_generator
 from glbench.errors import GlbenchError, ResultError, ShapeError, TaskError
 from glbench.tasks import TaskSpec
 from tests.env.stepping import StillKernel, run, walk

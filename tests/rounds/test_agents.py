@@ -81,7 +81,7 @@ CLAIRVOYANT = """
 KNOWS, FIRST_SEED, FAMILY, SALT = {knows}, 10000, "test/Tiny", "test"
 
 def reset(self, task, n_runs):
-    from glbench.env.philox import key_of, uniforms
+    from glbench.env.random import key_of, uniforms
     self.n = n_runs
     self.air = task.observation_names.index("air_temperature")
     self.boiler, self.vents = (task.action_names.index(name) for name in ("uBoil", "uVent"))

@@ -3,8 +3,8 @@
 A part says what it needs and with which value a run starts. ``allocate`` gives every number a place in the row of memory of a run
 (``glbench.kernel.environment``), which the part's tapes read and write:
 
-    slots = allocate(actuation={"heating": 0.0}, sensors={"held": 20.0})
-    slots.of("sensors")["held"]  # 1
+    layout = allocate(actuation={"heating": 0.0}, sensors={"held": 20.0})
+    layout.of("sensors")["held"]  # 1
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from glbench.errors import TaskError
 
 
 @dataclass(frozen=True, eq=False)
-class Slots:
+class MemoryLayout:
     """Places in a row of memory.
 
     Attributes
@@ -48,7 +48,7 @@ class Slots:
         return np.tile(self.start, (n, 1))
 
 
-def allocate(**asked: Mapping[str, float]) -> Slots:
+def allocate(**requests: Mapping[str, float]) -> MemoryLayout:
     """Give a place to every number that parts ask for: names and start values by part, in the order given.
 
     Raises
@@ -58,13 +58,13 @@ def allocate(**asked: Mapping[str, float]) -> Slots:
     """
     parts: dict[str, Mapping[str, int]] = {}
     start: list[float] = []
-    for part, numbers in asked.items():
+    for part, numbers in requests.items():
         parts[part] = MappingProxyType({name: len(start) + place for place, name in enumerate(numbers)})
         for name, value in numbers.items():
             if not np.isfinite(value):
-                msg = f"'{name}' of the {part} starts at {value!r}. What a run remembers starts at a finite number."
+                msg = f"'{name}' of the {part} starts at {value!r}. The memory of a run starts with finite numbers."
                 raise TaskError(msg)
             start.append(float(value))
     array = np.array(start, dtype=np.float64)
     array.flags.writeable = False
-    return Slots(MappingProxyType(parts), array)
+    return MemoryLayout(MappingProxyType(parts), array)

@@ -1,4 +1,4 @@
-"""Random numbers that are a function of an address: the counter-based generator Philox4x32-10, vectorised.
+"""Random numbers that are a function of an address (the counter-based generator Philox4x32-10, vectorised), and AR(1) processes.
 
 An ordinary generator remembers how often it was asked; the value that a run receives then depends on what else was drawn
 before it. A counter-based generator has no memory. It turns a key (whose stream) and a counter (which draw) into four words
@@ -11,16 +11,19 @@ Tested against the known-answer vectors of the Random123 library.
 from __future__ import annotations
 
 import hashlib
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Words = NDArray[np.uint64]
-"""Unsigned 32-bit words, each kept in 64 bits so that products of two of them do not overflow."""
+"""Unsigned 32-bit words, each in 64 bits so that products of two of them do not overflow."""
 
 ROUNDS = 10
 WORDS_PER_BLOCK = 4
 UNIFORMS_PER_BLOCK = 2
+UNIFORMS_PER_NORMAL = 3
+"""Uniform numbers that an approximately normal number is made of."""
 
 _MULTIPLIERS = np.array([0xD2511F53, 0xCD9E8D57], dtype=np.uint64)
 _WEYL = np.array([0x9E3779B9, 0xBB67AE85], dtype=np.uint64)
@@ -103,3 +106,45 @@ def uniforms(keys: Words, steps: NDArray[np.int64], count: int) -> NDArray[np.fl
     trailing = (words[1::2] >> np.uint64(6)).astype(np.float64)
     numbers = (leading * 67108864.0 + trailing) * 2.0**-53
     return np.moveaxis(numbers, 0, -1).reshape(n, m, blocks * UNIFORMS_PER_BLOCK)[:, :, :count]
+
+
+def approx_normal(a: Any, b: Any, c: Any) -> Any:
+    """A number with mean 0 and standard deviation 1 from three uniform ones: nearly normal, and never beyond 3.
+
+    Their sum has mean 3/2 and variance 3/12. Only additions and a product: the same bits everywhere, in tapes as well.
+    """
+    return (a + b + c - 1.5) * 2.0
+
+
+def ar1_paths(key: NDArray[np.uint64], length: int, persistence: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Paths a(t) = phi a(t - 1) + sqrt(1 - phi**2) w(t), with w approximately normal and a(0) = w(0); mean 0 and standard deviation 1.
+
+    Parameters
+    ----------
+    key
+        Of the stream of random numbers, ``(1, 2)``.
+    length
+        How many values a path has.
+    persistence
+        phi of each path, ``(paths,)``.
+
+    Returns
+    -------
+    ndarray
+        Shape ``(length, paths)``.
+    """
+    count = len(persistence)
+    numbers = uniforms(key, np.arange(length, dtype=np.int64)[None], UNIFORMS_PER_NORMAL * count)[0]
+    a, b, c = numbers.reshape(length, count, UNIFORMS_PER_NORMAL).transpose(2, 0, 1)
+    shocks = approx_normal(a, b, c)
+    paths = np.empty((length, count))
+    for path in range(count):
+        phi = float(persistence[path])
+        fresh = float(np.sqrt(1.0 - phi * phi))
+        value = float(shocks[0, path])
+        values = [value]
+        for shock in shocks[1:, path].tolist():
+            value = phi * value + fresh * shock
+            values.append(value)
+        paths[:, path] = values
+    return paths

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from glbench.env.philox import key_of, philox4x32, uniforms
+from glbench.env.random import key_of, philox4x32, uniforms
 
 # Random123 1.14, tests/kat_vectors, lines "philox4x32 10": counter, key, answer.
 KNOWN_ANSWERS = [

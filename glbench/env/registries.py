@@ -11,7 +11,7 @@ from glbench.tasks.vocabulary import Registry, Word
 Make = TypeVar("Make")
 
 
-class Factories(Generic[Make]):
+class PartRegistry(Generic[Make]):
     """Makers of parts by name.
 
     The tasks' vocabulary knows which words a task file may use, and what they mean; this knows what they do. Registering a part adds
@@ -40,15 +40,15 @@ class Factories(Generic[Make]):
 
     def recorded(self, name: str) -> Any:
         """How the part ``name`` is recorded; ``None`` for one that only numpy knows."""
-        return self._found(name)[1]
+        return self._entry(name)[1]
 
     def __getitem__(self, name: str) -> Make:
-        return self._found(name)[0]
+        return self._entry(name)[0]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._makers)
 
-    def _found(self, name: str) -> tuple[Make, Any]:
+    def _entry(self, name: str) -> tuple[Make, Any]:
         try:
             return self._makers[name]
         except KeyError:

@@ -1,4 +1,4 @@
-"""The last two days of a run, as a picture shows them."""
+"""The last two days of a run and its light since midnight, as a picture shows them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.today import HOURS_BACK, since_midnight
+from glbench.env.daily_sums import HOURS_BACK, daily_sum
+from glbench.tasks.prices import local_times
 
 if TYPE_CHECKING:
     from glbench.env.simulation import Simulation
@@ -20,17 +21,17 @@ if TYPE_CHECKING:
 HOURS_SHOWN = 48.0
 
 MONEY = -1
-"""Column of a trail with the profit so far."""
+"""Column of a history with the profit so far."""
 
 
 @dataclass(frozen=True, eq=False)
-class Light:
+class DailyLight:
     """Light of a run since midnight, and what its next step begins with.
 
     Attributes
     ----------
     sums
-        One for each column of ``DayLight``; not a number as long as the trail does not reach back to midnight.
+        One for each column of ``DailyLightSums``; not a number as long as the history does not reach back to midnight.
     weather
         Disturbances that act in the next step.
     hour
@@ -42,7 +43,7 @@ class Light:
     hour: float
 
 
-class DayLight:
+class DailyLightSums:
     """Sums up the light of the day while runs are followed, whether a task observes it or not.
 
     Attributes
@@ -53,18 +54,18 @@ class DayLight:
 
     def __init__(self, task: TaskSpec) -> None:
         model = task.model_value
-        seen = model.observed("light_today", task.observation_context().horizon) or ()
-        self.columns = tuple(column for column in seen if column.today is not None)
+        columns = model.observed("light_today", task.observation_context().horizon) or ()
+        self.columns = tuple(column for column in columns if column.today is not None)
         self._model, self._seconds = model, task.step_seconds
         self._nominal: Any = model.Parameters(*task.parameters().tolist())
 
-    def begin(self, simulation: Simulation, row: int) -> Light:
+    def begin(self, simulation: Simulation, row: int) -> DailyLight:
         """Where a run stands whose past is not known."""
         hour = float(simulation.hour_of_day[row])
-        known = simulation.k[row] == 0 or hour == 0.0
-        return self._light(simulation, row, [0.0 if known else math.nan for _ in self.columns])
+        since_midnight = simulation.k[row] == 0 or hour == 0.0
+        return self._light(simulation, row, [0.0 if since_midnight else math.nan for _ in self.columns])
 
-    def add(self, light: Light | None, simulation: Simulation, row: int) -> Light:
+    def add(self, light: DailyLight | None, simulation: Simulation, row: int) -> DailyLight:
         """After a step that began with ``light``."""
         if light is None:
             return self.begin(simulation, row)
@@ -73,41 +74,48 @@ class DayLight:
         sums = []
         for column, so_far in zip(self.columns, light.sums, strict=True):
             assert column.today is not None
-            known = 0.0 if now < light.hour - HOURS_BACK else so_far
-            sums.append(float(since_midnight(known, column.today(u, d, self._nominal), light.hour, now, self._seconds)))
+            before = 0.0 if now < light.hour - HOURS_BACK else so_far
+            sums.append(float(daily_sum(before, column.today(u, d, self._nominal), light.hour, now, self._seconds)))
         return self._light(simulation, row, sums)
 
-    def _light(self, simulation: Simulation, row: int, sums: Sequence[float]) -> Light:
-        return Light(tuple(sums), tuple(simulation.d[row].tolist()), float(simulation.hour_of_day[row]))
+    def _light(self, simulation: Simulation, row: int, sums: Sequence[float]) -> DailyLight:
+        return DailyLight(tuple(sums), tuple(simulation.d[row].tolist()), float(simulation.hour_of_day[row]))
 
 
-class Trail:
+class RecentHistory:
     """Air, controls in force and EPI so far of one run.
 
     Parameters
     ----------
     first_step
-        Steps taken when the trail begins; the EPI counts from there.
+        Steps taken when the history begins; the EPI counts from there.
     step_seconds
         Length of a step [s].
 
     Attributes
     ----------
     light
-        Light since midnight, where somebody follows it.
+        Light since midnight, where it is followed.
     """
 
     def __init__(self, first_step: int, step_seconds: float) -> None:
         self.first_step = first_step
-        self.light: Light | None = None
+        self.light: DailyLight | None = None
         self._epi = 0.0
         self._points: deque[list[float]] = deque(maxlen=int(HOURS_SHOWN * 3600.0 / step_seconds) + 1)
 
-    def add(self, shown: Sequence[float], epi: float = 0.0) -> None:
+    def add(self, values: Sequence[float], epi: float = 0.0) -> None:
         """Note the air and controls after a step that earned ``epi`` [EUR m-2]."""
         self._epi += epi
-        self._points.append([*shown, self._epi])
+        self._points.append([*values, self._epi])
 
     def table(self) -> NDArray[np.float64]:
         """One row a point, the last one now: air, controls in physical units, profit so far [EUR m-2]."""
         return np.array(self._points)
+
+
+def time_words(time: np.datetime64, hour_of_day: float) -> str:
+    """A moment in UTC and, where it shows another time, on the clock of the greenhouse."""
+    local = local_times(np.array([time]), np.array([hour_of_day]))[0]
+    words = np.datetime_as_string(time, unit="m").replace("T", " ")
+    return f"{words} UTC" if local == time else f"{words} UTC, {np.datetime_as_string(local, unit='m')[-5:]} local"

@@ -10,22 +10,22 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
-PART = "light of the day"
-"""The part of a task that asks for a memory of these sums (``glbench.env.slots``)."""
+DAILY_SUMS = "light of the day"
+"""The part of a task that asks for a memory of these sums (``glbench.env.memory_layout``)."""
 
 HOURS_BACK = 12.0
 """The clock falls back by more than this at midnight, and by an hour at most when summer time ends."""
 SECONDS_AN_HOUR = 3600.0
 
 
-def asks(task: TaskSpec) -> dict[str, float]:
+def initial_memory(task: TaskSpec) -> dict[str, float]:
     """The sums that a run of ``task`` keeps, by the names of their columns, and what they start with."""
     model, horizon = task.model_value, task.observation_context().horizon
     columns = (column for module in task.observation.modules for column in model.observed(module, horizon) or ())
     return {column.name: 0.0 for column in columns if column.today is not None}
 
 
-def since_midnight(so_far: Any, rate: Any, hour_before: Any, hour: Any, step_seconds: float) -> Any:
+def daily_sum(so_far: Any, rate: Any, hour_before: Any, hour: Any, step_seconds: float) -> Any:
     """Sum since midnight at the end of a step, from that at its start.
 
     Parameters
@@ -43,23 +43,21 @@ def since_midnight(so_far: Any, rate: Any, hour_before: Any, hour: Any, step_sec
     -------
     Number, array or recorded value, as given. Of a step over midnight only the part after it counts.
     """
-    kept, seconds = _of_step(hour_before, hour, step_seconds)
-    return so_far * kept + rate * seconds
+    share, seconds = _daily_share(hour_before, hour, step_seconds)
+    return so_far * share + rate * seconds
 
 
-def sums_since_midnight(
-    rates: NDArray[np.float64], hours: NDArray[np.float64], step_seconds: float
-) -> NDArray[np.float64]:
+def daily_sums(rates: NDArray[np.float64], hours: NDArray[np.float64], step_seconds: float) -> NDArray[np.float64]:
     """The same for all steps of a run, to the bit: ``(steps + 1,)`` from rates ``(steps,)`` and hours of day ``(steps + 1,)``."""
-    kept, seconds = _of_step(hours[:-1], hours[1:], step_seconds)
+    share, seconds = _daily_share(hours[:-1], hours[1:], step_seconds)
     sums = [0.0]
-    for share, amount in zip(kept.tolist(), (rates * seconds).tolist(), strict=True):
-        sums.append(sums[-1] * share + amount)
+    for same_day, amount in zip(share.tolist(), (rates * seconds).tolist(), strict=True):
+        sums.append(sums[-1] * same_day + amount)
     return np.array(sums)
 
 
-def _of_step(hour_before: Any, hour: Any, step_seconds: float) -> tuple[Any, Any]:
-    """Whether what there was is kept (1 or 0), and the seconds of the step that count."""
+def _daily_share(hour_before: Any, hour: Any, step_seconds: float) -> tuple[Any, Any]:
+    """Whether the sum so far counts (1, or 0 over midnight), and the seconds of the step that count."""
     passed = np.sign(np.maximum(hour_before - hour - HOURS_BACK, 0.0))
     after = np.minimum(hour * SECONDS_AN_HOUR, step_seconds)
     return 1.0 - passed, step_seconds + passed * (after - step_seconds)
