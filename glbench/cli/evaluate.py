@@ -527,7 +527,7 @@ def _runs(result: Result) -> str:
 
 def _summary(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> Table:
     """Mean of what ranks on each task, of every agent; a few agents side by side, many below each other."""
-    from glbench.leaderboard.catalogue import pretty_unit
+    from glbench.quantities import pretty_unit
 
     cells = {(outcome.job.agent_name, outcome.job.task.short_id): _cell(outcome) for outcome in outcomes}
     agents = list(dict.fromkeys(job.agent_name for job in jobs))

@@ -224,7 +224,7 @@ def summary_table(result: Result, known: Catalogue) -> Table:
 
 def unit_of(metric: Metric) -> str:
     """Unit as people write it, or a dash."""
-    from glbench.leaderboard.catalogue import pretty_unit
+    from glbench.quantities import pretty_unit
 
     return pretty_unit(metric.unit) or _NONE
 

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from glbench.env.formulas import record_function
 from glbench.kernel.tape import Recorder, Tape, Value
 from glbench.model import co2_ppm, relative_humidity
+from glbench.quantities import AIR as _AIR
 
-AIR = {"air_temperature": "degC", "co2": "ppm", "relative_humidity": "%"}
+AIR = {name: entry.unit for name, entry in _AIR.items()}
 """What is known of the air, with units."""
 
 

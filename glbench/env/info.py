@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.quantities import CLOCK
 from glbench.tasks.ledger import LIMITED, StepQuantity
 
 if TYPE_CHECKING:
@@ -34,8 +35,7 @@ def info_quantities(task: TaskSpec) -> tuple[StepQuantity, ...]:
     return (
         StepQuantity("seed", "-", "seed of the episode"),
         StepQuantity("step", "-", "steps taken"),
-        StepQuantity("hour_of_day", "h", "clock at the end of the step"),
-        StepQuantity("day_of_year", "day", "calendar at the end of the step, 0 at the start of 1 January"),
+        *(StepQuantity(entry.name, entry.unit, entry.at_end) for entry in CLOCK.values()),
         *(
             StepQuantity(name, unit, f"{name.replace('_', ' ')} inside, true value")
             for name, unit in LIMITED.items()

@@ -28,6 +28,7 @@ from PIL import Image, ImageDraw, ImageFont
 from glbench.env.climate import AIR
 from glbench.env.history import HOURS_SHOWN, MONEY, DailyLightSums, RecentHistory, time_words
 from glbench.model import Air
+from glbench.quantities import pretty_unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -48,14 +49,6 @@ WIDTH, HEIGHT = 640, 480
 _DPI = 100
 _INK, _QUIET, _EDGE, _BAND = "#1f2933", "#52606d", "#b8c2cc", "#dcefdc"
 _LINE, _BROKEN, _CONTROL, _MONEY = "#14532d", "#d92d20", "#e2a23b", "#1d5fa8"
-_UNITS = {
-    "degC": "°C",
-    "W m-2": "W/m²",
-    "mg m-2 s-1": "mg/m²/s",
-    "g m-3": "g/m³",
-    "J cm-2": "J/cm²",
-    "mol m-2": "mol/m²",
-}
 _CLIMATE, _RIGHT = (0.072, 0.385), (0.625, 0.36)
 """Left edge and width of the two columns, shares of the figure."""
 _TOP, _BOTTOM, _GAP = 0.87, 0.075, 0.07
@@ -202,7 +195,7 @@ class Picture:
             found += [
                 (one, value) for one, value in zip(self._light, history.light.sums, strict=True) if math.isfinite(value)
             ]
-        return [f"{_name(one.name)} {_short(float(value))} {_UNITS.get(one.unit, one.unit)}" for one, value in found]
+        return [f"{_name(one.name)} {_short(float(value))} {_unit(one.unit)}" for one, value in found]
 
     def _axes(self, column: tuple[float, float], bottom: float, height: float, *, labelled: bool) -> Axes:
         """Axes over the hours shown, in a column of the figure."""
@@ -248,7 +241,7 @@ class Picture:
         height = (_TOP - _BOTTOM - (len(limits) - 1) * _GAP) / max(len(limits), 1)
         curves = {}
         for place, (name, limit) in enumerate(limits):
-            unit = _UNITS.get(AIR[name], AIR[name])
+            unit = _unit(AIR[name])
             bottom = _TOP - height - place * (height + _GAP)
             axes = self._axes(_CLIMATE, bottom, height, labelled=place == len(limits) - 1)
             curve = self._curve(axes, f"{_name(name)} ({limit.low:g} to {limit.high:g} {unit})", unit, _LINE)
@@ -460,6 +453,10 @@ def _font(size: float, weight: str) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(f"{get_data_path()}/fonts/ttf/{file}", size, layout_engine=ImageFont.Layout.BASIC)
 
 
+def _unit(unit: str) -> str:
+    return pretty_unit(unit) or unit
+
+
 def _short(value: float) -> str:
     return f"{value:.{0 if value >= 100.0 else 1 if value >= 10.0 else 2}f}"
 
@@ -472,4 +469,4 @@ def _name(name: str) -> str:
 def _amount(capacity: Capacity, used: float) -> str:
     if capacity.unit == "-":
         return f"{used:.0%}"
-    return f"{round(used, 2):.3g} {_UNITS.get(capacity.unit, capacity.unit)}"
+    return f"{round(used, 2):.3g} {_unit(capacity.unit)}"

@@ -16,7 +16,8 @@ from glbench.env.program import air_columns, info_columns
 from glbench.env.quantities import EPI
 from glbench.errors import GlbenchError, UnknownNameError
 from glbench.model import Air
-from glbench.tasks.ledger import LIMITED
+from glbench.quantities import AIR as LIMITED
+from glbench.quantities import VIOLATION, in_sentence
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -42,11 +43,6 @@ NO_PICTURES = (
 _CLIMATE, _CROP, _DEFICITS = "indoor_climate", "crop", "vapour_deficit"
 """Observation modules whose quantities the panel shows, of models that have them."""
 _OUTSIDE = (("tOut", "air", ".1f"), ("iGlob", "sun", ".0f"), ("wind", "wind", ".1f"))
-_TOO = {
-    "air_temperature": ("too cold", "too warm"),
-    "co2": ("too little CO2", "too much CO2"),
-    "relative_humidity": ("too dry", "too humid"),
-}
 _CENTS = 100.0
 
 
@@ -221,15 +217,18 @@ def _score(task: TaskSpec, quantities: dict[str, float]) -> str:
 
 
 def _label(item: LedgerItem) -> str:
-    """The item in a sentence; terminals may lack the letters of plots."""
-    label = (item.label or _words(item.name)).replace("₂", "2")
-    return label if label[1:2].isupper() else label.lower()
+    return _plain(item.label or _words(item.name))
+
+
+def _plain(label: str) -> str:
+    """A label in a sentence; terminals may lack the letters of plots."""
+    return in_sentence(label.replace("₂", "2"))
 
 
 def _complaints(quantities: dict[str, float]) -> str:
     return ", ".join(
-        f"{word} by {quantities[f'violation_{name}_{side}']:.3g} {unit}"
-        for name, unit in LIMITED.items()
-        for side, word in zip(("low", "high"), _TOO[name], strict=True)
-        if quantities.get(f"violation_{name}_{side}", 0.0) > 0.0
+        f"{_plain(words['label'])} by {quantities[f'{VIOLATION}{name}_{side}']:.3g} {entry.unit}"
+        for name, entry in LIMITED.items()
+        for side, words in (("low", entry.below), ("high", entry.above))
+        if quantities.get(f"{VIOLATION}{name}_{side}", 0.0) > 0.0
     )

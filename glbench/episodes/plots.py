@@ -79,7 +79,7 @@ def climate(*episodes: Episode, days: Days | None = None) -> Drawing:
 
 def controls(*episodes: Episode, days: Days | None = None) -> Drawing:
     """The controls that were applied, as steps. Arguments and errors as for ``climate``."""
-    return _over_time(episodes, _page(_of_one_task(episodes), "Controls"), days)
+    return _over_time(episodes, _controls(_of_one_task(episodes)), days)
 
 
 def money(*episodes: Episode) -> Drawing:
@@ -119,7 +119,7 @@ def typical_day(*episodes: Episode) -> Drawing:
         Without an episode, or with episodes of several tasks.
     """
     signals = _of_one_task(episodes)
-    curves = [*(one for one in _page(signals, "Climate") if one.limits), *_page(signals, "Controls")]
+    curves = [*(one for one in _page(signals, "Climate") if one.limits), *_controls(signals)]
     columns = 3
     rows = -(-len(curves) // columns)
     figure = Drawing(figsize=(_WIDTH, _ROW * rows + 0.6))
@@ -199,6 +199,11 @@ def _of_one_task(episodes: Sequence[Episode]) -> Signals:
 
 def _page(signals: Signals, title: str) -> tuple[Curve, ...]:
     return next((page.curves for page in signals.pages if page.title == title), ())
+
+
+def _controls(signals: Signals) -> list[Curve]:
+    """The controls themselves, without what is summed over them."""
+    return [curve for curve in _page(signals, "Controls") if not curve.summed]
 
 
 def _values(episode: Episode, curve: Curve) -> NDArray[np.float64]:

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from glbench.episodes.accounts import ACTING, weeks_of
 from glbench.episodes.episode import Episode
-from glbench.episodes.signals import Curve, Floats, Line, Signals, raised, signals_of
+from glbench.episodes.signals import Curve, Floats, Line, Signals, signals_of
 from glbench.errors import GlbenchError
+from glbench.quantities import raised_unit
 from glbench.tasks import TaskSpec, task_card
 from glbench.tasks.prices import local_times
 
@@ -314,7 +315,7 @@ def weeks_card(shown: Shown) -> str:
 
 
 def _account_unit(line: Line) -> str:
-    unit = raised(line.unit)
+    unit = raised_unit(line.unit)
     return "–" if unit == "-" else f"{unit} d⁻¹" if line.kind == "light" else unit
 
 

@@ -7,7 +7,6 @@ climate and its violations; from its ledger the money and the amounts.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -16,11 +15,12 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench import quantities
 from glbench.env.daily_sums import daily_sums
 from glbench.env.weather_pool import CLOCK
 from glbench.errors import TaskError
 from glbench.model import humidity_deficit, vapour_pressure_deficit
-from glbench.tasks.ledger import FLOW, LIMITED, LedgerItem
+from glbench.tasks.ledger import FLOW, LedgerItem
 
 if TYPE_CHECKING:
     from glbench.model import Model
@@ -45,8 +45,6 @@ _BEGUN: frozenset[Source] = frozenset({"air", "state", "clock", "derived"})
 KWH_A_CUBIC_METRE = 31.65 / 3.6
 """Heat in a cubic metre of natural gas [kWh m-3]: its lower heating value, 31.65 MJ m-3, as in the published code of GreenLight
 (``energyContentGas``). The energy tasks count gas by it, too; the upper one of the same Dutch gas is 35.17 MJ m-3."""
-PHOTONS_A_JOULE = 0.5 * 4.6e-2
-"""PAR in global radiation [mol m-2 per J cm-2]: half of its energy (Vanthoor, 2011, table 8.1), 4.6 umol for each joule (table 9.1)."""
 
 TOPICS: dict[Moment, str] = {"start": "/inputs", "end": "/outcome"}
 """Topics of a record: what acts during a step, and the result at its end."""
@@ -407,7 +405,7 @@ def signals_of(task: TaskSpec) -> Signals:
         pages=pages,
         overview=_overview(task, paths),
         worst="penalty",
-        names={name: _AIR[name][0] for name in _MEASURED},
+        names={name: entry.words for name, entry in quantities.AIR.items()},
         prices=tuple(_price(task, item) for item in (*ledger.earned, *ledger.paid)),
         total="epi",
         income=tuple(item.name for item in ledger.earned),
@@ -422,23 +420,10 @@ def signals_of(task: TaskSpec) -> Signals:
     )
 
 
-_AIR = {
-    "air_temperature": ("air temperature", "Air temperature", "°C"),
-    "relative_humidity": ("relative humidity", "Relative humidity", "%"),
-    "co2": ("CO₂", "CO₂", "ppm"),
-}
-"""What is measured in the main air, in the order shown: in a sentence, as a title, its unit."""
-_MEASURED = {
-    "air_temperature": "air temperature",
-    "co2": "CO2 of the indoor air",
-    "relative_humidity": "relative humidity of the indoor air",
-}
-"""The same in the order of the simulation, as a record explains it."""
-_DEFICITS = (
-    ("vapour_pressure_deficit", "Vapour pressure deficit (VPD)", "kPa", vapour_pressure_deficit),
-    ("humidity_deficit", "Humidity deficit", "g m⁻³", humidity_deficit),
-)
-"""What follows from temperature and humidity of the main air: name, title, unit, formula."""
+_AIR = ("air_temperature", "relative_humidity", "co2")
+"""What is measured in the main air, in the order shown."""
+_DEFICITS = {"vapour_pressure_deficit": vapour_pressure_deficit, "humidity_deficit": humidity_deficit}
+"""What follows from temperature and humidity of the main air."""
 _HOUR = CLOCK[0]
 _TITLES = {
     "climate": "Climate",
@@ -449,27 +434,16 @@ _TITLES = {
 }
 """Pages that a model's signals may be on, in their order; other groups of signals follow, each with a page."""
 _KWH = "kWh m-2"
-_GAS = {"heat": "Heat as natural gas", "gas": "Natural gas"}
-"""Flows that are also shown in cubic metres of gas. Heat is converted for a boiler without losses (lower heating value)."""
-_LIGHT = {
-    "climate/par_today": ("Light above the crop, sun and lamps", "mol m-2", 1.0),
-    "weather/radiation_today": ("Light outside", "mol m-2", PHOTONS_A_JOULE),
-}
-"""Sums of the day that are light: title, unit, and the factor to it."""
-_LABELS = {"electricity": "Lamp electricity", "co2_dosed": "CO₂"}
-"""Better words than the ledger's for flows that are paid for."""
-_AMOUNTS = {"co2_dosed": "CO₂ dosed", "engine_hours": "Running hours of the engine"}
-"""The same for their amounts."""
+_TOTALS: Mapping[str, LineKind] = {"epi": "profit", "penalty": "violations", "reward": "score"}
 _ONE, _PERCENT = "–", "%"
 _SHUT_TO_OPEN = (-5.0, 105.0)
 """Range of the controls [%], with room for lines at its ends."""
 _COLUMNS_OF_CONTROLS = 4
-_PLAIN, _RAISED = "0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"
 
 
 def _recorded(task: TaskSpec) -> tuple[Signal, ...]:
     """Controls, weather, climate, crop, other states, clock, what is derived, money and amounts, violations."""
-    model, quantities = task.model_value, task.quantities
+    model = task.model_value
     crop = model.crop_states
     states = [
         Signal(s.name, s.unit, s.meaning, "crop" if s.name in crop else "state", "state", i)
@@ -477,19 +451,19 @@ def _recorded(task: TaskSpec) -> tuple[Signal, ...]:
     ]
     amounts = [
         Signal(q.name, q.unit, q.meaning, "violations" if _judges(q.name) else "economics", "quantity", i)
-        for i, q in enumerate(quantities)
+        for i, q in enumerate(task.quantities)
     ]
     return (
         *(Signal(c.name, "-", c.meaning, "controls", "control", i) for i, c in enumerate(model.controls)),
         *(Signal(d.name, d.unit, d.meaning, "weather", "disturbance", i) for i, d in enumerate(model.disturbances)),
         *(
-            Signal(name, LIMITED[name], meaning, "climate", "air", i)
-            for i, (name, meaning) in enumerate(_MEASURED.items())
+            Signal(name, entry.unit, entry.meaning, "climate", "air", i)
+            for i, (name, entry) in enumerate(quantities.AIR.items())
             if model.air is not None
         ),
         *sorted((one for one in states if one.group == "crop"), key=lambda one: crop.index(one.name)),
         *(one for one in states if one.group == "state"),
-        Signal(_HOUR, "h", "clock of the greenhouse", "clock", "clock", 0),
+        Signal(_HOUR, quantities.CLOCK[_HOUR].unit, quantities.CLOCK[_HOUR].meaning, "clock", "clock", 0),
         *(
             Signal(column.name, column.unit, column.meaning, "derived", "derived", i)
             for i, (column, _) in enumerate(_derived(task))
@@ -500,7 +474,7 @@ def _recorded(task: TaskSpec) -> tuple[Signal, ...]:
 
 
 def _judges(quantity: str) -> bool:
-    return quantity == "penalty" or quantity.startswith(("violation_", "hours_outside_"))
+    return quantity == "penalty" or quantity.startswith((quantities.VIOLATION, quantities.OUTSIDE))
 
 
 def _derived(task: TaskSpec) -> list[tuple[Column, Formula]]:
@@ -512,7 +486,7 @@ def _derived(task: TaskSpec) -> list[tuple[Column, Formula]]:
         return lambda vectors: np.asarray(of(model.State(*vectors["state"].T), nominal), dtype=np.float64)
 
     def of_air(formula: Callable[[Any, Any], Any]) -> Formula:
-        temperature, humidity = (list(_MEASURED).index(name) for name in ("air_temperature", "relative_humidity"))
+        temperature, humidity = (list(quantities.AIR).index(name) for name in ("air_temperature", "relative_humidity"))
         return lambda vectors: formula(vectors["air"][:, temperature], vectors["air"][:, humidity])
 
     def of_day(rate: Callable[[Any, Any, Any], Any]) -> Formula:
@@ -525,13 +499,16 @@ def _derived(task: TaskSpec) -> list[tuple[Column, Formula]]:
 
     found: list[tuple[Column, Formula]] = []
     for drawn in model.signals():
-        column = Column(drawn.path.rpartition("/")[2], plain_unit(drawn.unit), drawn.label)
+        column = Column(drawn.path.rpartition("/")[2], quantities.plain_unit(drawn.unit), drawn.label)
         if drawn.of is not None:
             found.append((column, of_states(drawn.of)))
         elif drawn.today is not None:
             found.append((column, of_day(drawn.today)))
     if model.air is not None:
-        found += [(Column(name, plain_unit(unit), title), of_air(formula)) for name, title, unit, formula in _DEFICITS]
+        found += [
+            (Column(name, entry.unit, entry.label), of_air(_DEFICITS[name]))
+            for name, entry in quantities.DEFICITS.items()
+        ]
     return found
 
 
@@ -541,10 +518,16 @@ def _pages(task: TaskSpec) -> tuple[Page, ...]:
     curves: dict[str, list[Curve]] = {group: [] for group in _TITLES}
     if model.air is not None:
         curves["climate"] += (
-            Curve(f"climate/{name}", title, unit, (name,), limits=name if name in limited else None)
-            for name, (_, title, unit) in _AIR.items()
+            Curve(
+                f"climate/{name}", quantities.AIR[name].label, quantities.raised_unit(quantities.AIR[name].unit), (name,),
+                limits=name if name in limited else None,
+            )
+            for name in _AIR
+        )  # fmt: skip
+        curves["climate"] += (
+            Curve(f"climate/{name}", entry.label, quantities.raised_unit(entry.unit), (name,))
+            for name, entry in quantities.DEFICITS.items()
         )
-        curves["climate"] += (Curve(f"climate/{name}", title, unit, (name,)) for name, title, unit, _ in _DEFICITS)
     earned = [item for item in _by_amount(task.ledger.earned) if not _is_energy(item)]
     curves["crop"] += _whole_harvest(earned)
     curves["crop"] += (
@@ -556,7 +539,15 @@ def _pages(task: TaskSpec) -> tuple[Page, ...]:
         _summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued != FLOW
     )
     curves.setdefault("energy", []).extend(_energy(task))
-    pages = [Page(_TITLES.get(group) or _sentence(group), tuple(listed)) for group, listed in curves.items() if listed]
+    for quantity in task.quantities:
+        if quantity.name in quantities.STEP and (page := quantities.STEP[quantity.name].page):
+            title, unit = f"{quantities.STEP[quantity.name].label}, summed", _unit_of(quantity.unit)
+            curves.setdefault(page, []).append(Curve(f"{page}/{quantity.name}", title, unit, (quantity.name,), "sum"))
+    pages = [
+        Page(_TITLES.get(group) or quantities.capitalised(group), tuple(listed))
+        for group, listed in curves.items()
+        if listed
+    ]
     return (*pages, Page("Money", _money(task)), Page("Violations", _violations(task, limited)))
 
 
@@ -564,9 +555,13 @@ def _whole_harvest(earned: Sequence[LedgerItem]) -> Iterable[Curve]:
     """All that is paid for of a harvest that is sold in several ways, such as fruit on the plants and fruit picked."""
     if len(earned) > 1 and len({item.amount_unit for item in earned}) == 1:
         first, *others = (_amount_title(item) for item in earned)
-        title = " and ".join([first, *map(_within, others)])
+        title = " and ".join([first, *map(quantities.in_sentence, others)])
         yield Curve(
-            "crop/harvest", f"{title}, summed", raised(earned[0].amount_unit), tuple(i.amount for i in earned), "sum"
+            "crop/harvest",
+            f"{title}, summed",
+            quantities.raised_unit(earned[0].amount_unit),
+            tuple(i.amount for i in earned),
+            "sum",
         )
 
 
@@ -575,15 +570,16 @@ def _energy(task: TaskSpec) -> Iterable[Curve]:
     ledger = task.ledger
     for item in _by_amount((*(item for item in ledger.earned if _is_energy(item)), *ledger.paid)):
         yield _summed(f"energy/{item.amount}", _amount_title(item), item)
-        if (title := _GAS.get(item.flow)) is not None:
+        if title := _gas(item):
             yield Curve(
-                f"energy/{item.amount}_cubic_metres",
-                f"{title}, summed",
-                "m³ m⁻²",
-                (item.amount,),
-                "sum",
+                f"energy/{item.amount}_cubic_metres", f"{title}, summed", "m³ m⁻²", (item.amount,), "sum",
                 1 / KWH_A_CUBIC_METRE,
-            )
+            )  # fmt: skip
+
+
+def _gas(item: LedgerItem) -> str:
+    """What an amount is called in cubic metres of gas, for a boiler without losses (lower heating value); empty for most."""
+    return quantities.FLOWS[item.flow].gas if item.flow in quantities.FLOWS else ""
 
 
 def _is_energy(item: LedgerItem) -> bool:
@@ -599,22 +595,25 @@ def _accounts(task: TaskSpec) -> tuple[Line, ...]:
         kind: LineKind = "grown" if item.sign > 0 else "used"
         gained = " gained" if item.valued != FLOW else ""
         yield Line(item.amount, _amount_title(item) + gained, item.amount_unit, kind, item.amount)
-        if (title := _GAS.get(item.flow)) is not None:
+        if title := _gas(item):
             name, factor = f"{item.amount}_cubic_metres", 1 / KWH_A_CUBIC_METRE
             yield Line(name, title, "m3 m-2", kind, item.amount, factor)
 
     def money(item: LedgerItem) -> Line:
         return Line(item.name, _label(item), item.unit, "earned" if item.sign > 0 else "paid", item.name)
 
-    priced = bool(task.violation_prices)
     return (
         *_light(task),
         *(line for item in _by_amount((*ledger.earned, *ledger.paid)) for line in amount(item)),
         *(money(item) for item in (*ledger.earned, *ledger.paid)),
-        Line("epi", "Profit", units["epi"], "profit", "epi"),
-        Line("penalty", "Violations" if priced else "Penalty", units["penalty"], "violations", "penalty"),
-        Line("reward", "Reward" if units["reward"] == "-" else "Score", units["reward"], "score", "reward"),
+        *(Line(name, _total(name, units[name]), units[name], kind, name) for name, kind in _TOTALS.items()),
     )
+
+
+def _total(name: str, unit: str) -> str:
+    """What profit, penalty or reward is called, which may be in money."""
+    entry = quantities.STEP[name]
+    return entry.priced["label"] if entry.priced and unit == quantities.MONEY else entry.label
 
 
 def _light(task: TaskSpec) -> Iterable[Line]:
@@ -631,9 +630,11 @@ def _light(task: TaskSpec) -> Iterable[Line]:
         return amounts
 
     for drawn in model.signals():
-        if drawn.today is not None and (words := _LIGHT.get(drawn.path)) is not None:
-            title, unit, factor = words
-            yield Line(drawn.path.rpartition("/")[2], title, unit, "light", formula=of(drawn.today, factor))
+        name = drawn.path.rpartition("/")[2]
+        if drawn.today is not None and name in quantities.LIGHT:
+            words = quantities.LIGHT[name]
+            formula = of(drawn.today, words.day_factor)
+            yield Line(name, words.day, words.day_unit or words.unit, "light", formula=formula)
 
 
 def _curve(model: Model, drawn: Drawn) -> Curve:
@@ -662,12 +663,13 @@ def _by_amount(items: Iterable[LedgerItem]) -> tuple[LedgerItem, ...]:
 
 def _label(item: LedgerItem) -> str:
     """What an item is called."""
-    return _LABELS.get(item.flow) or _lowered(item.label) or _sentence(item.name)
+    entry = quantities.known_flow(item.flow, item.label)
+    return (entry and entry.label) or _lowered(item.label) or quantities.capitalised(item.name)
 
 
 def _amount_title(item: LedgerItem) -> str:
-    known = item.amount_label or _AMOUNTS.get(item.flow) or _LABELS.get(item.flow)
-    return known or _lowered(item.label) or _sentence(item.amount)
+    known = item.amount_label or (quantities.FLOWS[item.flow].amount_label if item.flow in quantities.FLOWS else "")
+    return known or (_label(item) if item.label else quantities.capitalised(item.amount))
 
 
 def _lowered(label: str) -> str:
@@ -679,7 +681,7 @@ def _summed(path: str, title: str, item: LedgerItem) -> Curve:
     return Curve(
         path,
         f"{title}, summed" if item.valued == FLOW else f"{title} gained",
-        raised(item.amount_unit),
+        quantities.raised_unit(item.amount_unit),
         (item.amount,),
         "sum",
     )
@@ -693,34 +695,39 @@ def _money(task: TaskSpec) -> tuple[Curve, ...]:
     profit = "Economic performance" if ledger.meaning.startswith("economic performance") else "Profit"
     return (
         summed("epi", f"{profit} (EPI)", "EUR m⁻²"),
-        *(summed(i.name, f"Revenue of the {_within(_label(i))}", raised(i.unit)) for i in ledger.earned),
-        *(summed(i.name, f"Cost of {_within(_label(i))}", raised(i.unit)) for i in ledger.paid),
-        summed("reward", "Reward" if units["reward"] == "-" else "Score", _unit_of(units["reward"])),
+        *(
+            summed(i.name, f"Revenue of the {quantities.in_sentence(_label(i))}", quantities.raised_unit(i.unit))
+            for i in ledger.earned
+        ),
+        *(
+            summed(i.name, f"Cost of {quantities.in_sentence(_label(i))}", quantities.raised_unit(i.unit))
+            for i in ledger.paid
+        ),
+        summed("reward", _total("reward", units["reward"]), _unit_of(units["reward"])),
     )
 
 
 def _unit_of(unit: str) -> str:
-    return _ONE if unit == "-" else raised(unit)
+    return _ONE if unit == "-" else quantities.raised_unit(unit)
 
 
 def _violations(task: TaskSpec, limited: list[str]) -> tuple[Curve, ...]:
-    hours = tuple(q.name for q in task.quantities if q.name.startswith("hours_outside_"))
-    priced = bool(task.violation_prices)
-    penalty = next(_unit_of(quantity.unit) for quantity in task.quantities if quantity.name == "penalty")
+    hours = tuple(q.name for q in task.quantities if q.name.startswith(quantities.OUTSIDE))
+    penalty = next(quantity.unit for quantity in task.quantities if quantity.name == "penalty")
     return (
         *(
             Curve(
                 f"violations/{name}",
-                f"{title} beyond its limits, − below, + above",
-                unit,
-                (f"violation_{name}_low", f"violation_{name}_high"),
+                f"{quantities.AIR[name].label} beyond its limits, − below, + above",
+                quantities.raised_unit(quantities.AIR[name].unit),
+                (f"{quantities.VIOLATION}{name}_low", f"{quantities.VIOLATION}{name}_high"),
                 "beyond",
             )
-            for name, (_, title, unit) in _AIR.items()
+            for name in _AIR
             if name in limited
         ),
         *([Curve("violations/hours", "Time outside the limits, summed", "h", hours, "any")] if hours else []),
-        Curve("violations/penalty", f"{'Violations' if priced else 'Penalty'}, summed", penalty, ("penalty",), "sum"),
+        Curve("violations/penalty", f"{_total('penalty', penalty)}, summed", _unit_of(penalty), ("penalty",), "sum"),
     )
 
 
@@ -739,9 +746,9 @@ def _overview(task: TaskSpec, paths: list[str]) -> tuple[tuple[str, ...], ...]:
 
 def _price(task: TaskSpec, item: LedgerItem) -> str:
     """As in ``heat 0.09 EUR/kWh``; a price that changes with the calendar from its lowest to its highest."""
-    unit = item.amount_unit.removesuffix("m-2").strip(" -")
+    unit = quantities.unit_sold(item.amount_unit)
     price = f"{item.price:g}" if not isinstance(item.price, str) else _range(task.price_tables[item.price].limits)
-    return f"{item.goods or _within(_label(item))} {price} EUR{f'/{unit}' if unit else ' each'}"
+    return f"{item.goods or quantities.in_sentence(_label(item))} {price} EUR{f'/{unit}' if unit else ' each'}"
 
 
 def _range(values: tuple[float, ...]) -> str:
@@ -751,27 +758,6 @@ def _range(values: tuple[float, ...]) -> str:
 
 def _harvest(item: LedgerItem) -> str:
     """As in ``kg/m² of fruit grown``."""
-    unit = item.amount_unit.removesuffix("m-2").strip(" -")
-    what = _within(_amount_title(item).partition(",")[0])
+    unit = quantities.unit_sold(item.amount_unit)
+    what = quantities.in_sentence(_amount_title(item).partition(",")[0])
     return f"{unit}/m² of {what}" if unit else f"{what} per m²"
-
-
-def _sentence(name: str) -> str:
-    words = name.replace("_", " ")
-    return words[:1].upper() + words[1:]
-
-
-def _within(label: str) -> str:
-    """A label within a sentence: its first letter small, unless it begins an abbreviation."""
-    words = label.replace("_", " ")
-    return words if words[1:2].isupper() else words[:1].lower() + words[1:]
-
-
-def raised(unit: str) -> str:
-    """``kg m⁻²`` for ``kg m-2``."""
-    return re.sub(r"-?\d+", lambda found: found[0].translate(str.maketrans(_PLAIN, _RAISED)), unit)
-
-
-def plain_unit(unit: str) -> str:
-    """``kg m-2`` for ``kg m⁻²``."""
-    return unit.translate(str.maketrans(_RAISED, _PLAIN))

@@ -14,26 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.quantities import QUANTITIES
-from glbench.tasks.ledger import MONEY
+from glbench.quantities import OUTSIDE, RUN, STEP, VIOLATION
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
     from glbench.tasks.ledger import StepQuantity
 
 ANY_LIMIT = "hours_outside_limits"
-HOURS = "h"
+HOURS = RUN[ANY_LIMIT].unit
 
-_OUTSIDE = "hours_outside_"
-_VIOLATION = "violation_"
 _PAPER_NAMES = {"fruit_fresh": "yield", "co2_dosed": "co2"}
 """Metrics of tasks of schema 1 that have another name than their quantity."""
 _PAPER_ORDER = (
     "reward", "epi", "revenue", "cost_heat", "cost_electricity", "cost_co2", "penalty", "yield", "heat", "electricity", "co2",
 )  # fmt: skip
-_SUMS = {
-    "reward": "sum of the task's reward",
-    "penalty": "sum of the scaled distances outside the climate limits",
-}
 
 
 @dataclass(frozen=True)
@@ -54,20 +48,20 @@ def _metrics(quantities: Iterable[StepQuantity], *, paper: bool) -> tuple[Metric
     """Reward, profit, money, penalty and amounts; then the hours outside each limit, its lower side first, and outside any."""
     sums, hours = [], []
     for q in quantities:
-        if q.name.startswith(_OUTSIDE):
+        if q.name.startswith(OUTSIDE):
             meaning = q.meaning.replace("length of the step if", "time at which").replace(" at its end", "")
             meaning = meaning.replace(" at some time of it", ", in whole steps")
-            hours.append(Metric(f"hours_{q.name.removeprefix(_OUTSIDE)}", q.unit, meaning, q.name))
-        elif not q.name.startswith(_VIOLATION):
+            hours.append(Metric(f"hours_{q.name.removeprefix(OUTSIDE)}", q.unit, meaning, q.name))
+        elif not q.name.startswith(VIOLATION):
             name = _PAPER_NAMES.get(q.name, q.name) if paper else q.name
-            meaning = q.meaning if q.unit == MONEY and q.name == "penalty" else _SUMS.get(q.name, q.meaning)
-            sums.append(Metric(name, q.unit, meaning, q.name))
+            summed = STEP[q.name].summed if q.name in STEP and q.meaning == STEP[q.name].meaning else ""
+            sums.append(Metric(name, q.unit, summed or q.meaning, q.name))
     if paper:
         sums.sort(key=lambda metric: _PAPER_ORDER.index(metric.name))
     # The quantities have the lower sides of all limits first.
     limits = [metric.name.rpartition("_")[0] for metric in hours]
     hours.sort(key=lambda metric: limits.index(metric.name.rpartition("_")[0]))
-    any_limit = Metric(ANY_LIMIT, HOURS, "time at which at least one of these limits was broken")
+    any_limit = Metric(ANY_LIMIT, HOURS, RUN[ANY_LIMIT].meaning)
     return (*sums, *hours, *([any_limit] if hours else []))
 
 
@@ -80,7 +74,7 @@ PAPER_ONLY = frozenset(_PAPER_NAMES.values())
 COMMON_UNITS = {name: unit for name, unit in UNITS.items() if name in ("reward", "epi", "penalty") or unit == HOURS}
 """Units of the metrics that mean the same in every task."""
 
-MONEY_TOO = {"reward": MONEY, "penalty": MONEY}
+MONEY_TOO = {name: entry.priced["unit"] for name, entry in STEP.items() if entry.priced}
 """Units of those that are in money where violations have prices."""
 
 
@@ -106,7 +100,7 @@ class StepMetrics:
         rows = {quantity.name: row for row, quantity in enumerate(task.quantities)}
         # What is derived from others takes any quantity's place first.
         self._rows = np.array([rows[metric.quantity or "reward"] for metric in metrics])
-        outside = [i for i, metric in enumerate(metrics) if (metric.quantity or "").startswith(_OUTSIDE)]
+        outside = [i for i, metric in enumerate(metrics) if (metric.quantity or "").startswith(OUTSIDE)]
         self._any = self.names.index(ANY_LIMIT) if outside else None
         self._outside = slice(outside[0], outside[-1] + 1) if outside else slice(0)
 

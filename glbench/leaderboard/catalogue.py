@@ -1,21 +1,23 @@
 """What tables, the terminal and the report call things in a task: metrics, what is sold and bought, limits, controls, recorded columns.
 
-Everything comes from the task: from its metrics, its ledger, its limits and its model. ``catalogue.toml`` has better words for some of it.
+Everything comes from the task: from its metrics, its ledger, its limits and its model; ``glbench.quantities`` has the words of what glbench
+knows. ``catalogue.toml`` says what the pages of the report show where.
 """
 
 from __future__ import annotations
 
-import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any, Literal
 
+from glbench import quantities
+from glbench.quantities import MONEY, in_sentence, pretty_unit, sentence, unit_sold
 from glbench.registration import task_ids
 from glbench.tasks import PAPER_TASK, published_task
-from glbench.tasks.ledger import FLOW, MONEY
+from glbench.tasks.ledger import FLOW
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -26,11 +28,12 @@ _ORDER = ("score", "profit", "earned", "paid", "penalty", "amount", "violation",
 _DIGITS = {"EUR m-2": 3, "kWh m-2": 2, "kg m-2": 3, "h": 1}
 _FEW_DIGITS = 2
 _COLOURS = 8
+_INKS = ("accent", "soft", "vent", "lamp")
 
 
 @dataclass(frozen=True)
 class Metric:
-    """A metric: its unit in result files, and how it is shown; ``catalogue.toml`` explains the fields."""
+    """A metric: its unit in result files, and how it is shown; ``quantities.toml`` explains the fields."""
 
     name: str
     unit: str
@@ -169,91 +172,99 @@ def has_several_seasons(task: TaskSpec) -> bool:
 
 
 @cache
-def _words() -> Mapping[str, Any]:
-    words = tomllib.loads((resources.files("glbench.leaderboard") / "catalogue.toml").read_text(encoding="utf-8"))
-    return words | {name: {entry["name"]: entry for entry in words[name]} for name in ("metric", "limit")} | {
-        "item": {entry["flow"]: entry for entry in words["item"]}
-    }  # fmt: skip
+def _layout() -> Mapping[str, Any]:
+    """What ``catalogue.toml`` says."""
+    return tomllib.loads((resources.files("glbench.leaderboard") / "catalogue.toml").read_text(encoding="utf-8"))
 
 
 @cache
 def _of_task(task: TaskSpec) -> Catalogue:
     from glbench.evaluation.metrics import metrics_of
 
-    told, ledger, limits = _words(), task.ledger, [name for name, _ in task.constraints.items()]
-    known = {item.name: _known(item) for item in ledger.items}
-    usual = (
-        {item.flow for item in ledger.items if known[item.name]} == told["item"].keys()
-        and set(limits) == told["limit"].keys()
-        and "scaled_epi" in task.reward.modules
-    )
-    of_money = {item.name: item for item in ledger.items}
-    of_amount = {item.amount: item for item in ledger.items}
-    labels = {item.name: known[item.name].get("label") or item.label or item.name for item in ledger.items}
-    # What is known comes first: a stored task has its tables in another order than the file that it came from.
-    flows = {item.name: place for place, item in enumerate(ledger.items)} | {
-        item.name: list(told["item"]).index(item.flow) - len(told["item"]) for item in ledger.items if known[item.name]
-    }
-    ledger_items = sorted(ledger.items, key=lambda item: (-item.sign, flows[item.name]))
+    limits, usual = [name for name, _ in task.constraints.items()], _is_usual(task)
+    coverage = _layout()["coverage"]["several" if has_several_seasons(task) else "one"]
+    ledger_items = _known_first(task.ledger.items)
     earned, paid = (
-        sentence([in_sentence(labels[item.name]) for item in ledger_items if item.sign == sign]) for sign in (1, -1)
+        sentence([in_sentence(_label(item)) for item in ledger_items if item.sign == sign]) for sign in (1, -1)
     )
     profit = " minus ".join(side for side in (earned, paid) if side)
-    metrics, amounts = {}, {}
+    of_money = {item.name: item for item in ledger_items}
+    of_amount = {item.amount: item for item in task.ledger.items}
+    metrics, amounts = [], {}
     for one in metrics_of(task):
         if one.name in of_money:
-            item = of_money[one.name]
-            words = _money_words(item, labels[item.name]) | known[item.name].get("money", {})
-            metric = Metric(one.name, one.unit, **words)
+            words = _money_words(of_money[one.name])
         elif one.quantity in of_amount:
-            item = of_amount[one.quantity]
-            words = _amount_words(item, labels[item.name]) | known[item.name].get("amount", {})
-            metric, amounts[item.amount] = Metric(one.name, one.unit, **words), one.name
-        elif one.name in told["metric"]:
-            words = {
-                key: value
-                for key, value in told["metric"][one.name].items()
-                if key not in ("name", "elsewhere", "money")
-            }
-            if not usual:
-                words |= told["metric"][one.name].get("elsewhere", {})
-                words["explanation"] = words["explanation"].format(profit=profit)
-            if one.unit == MONEY and task.violation_prices:
-                words |= told["metric"][one.name].get("money", {})
-            metric = Metric(one.name, one.unit, **words)
+            words, amounts[one.quantity] = _amount_words(of_amount[one.quantity]), one.name
         else:
-            metric = unknown_metric(one.name, one.unit)
-        metrics[one.name] = metric
-    items = [
-        _item(item, place, labels[item.name], known[item.name], amounts.get(item.amount, item.amount))
-        for place, item in enumerate(ledger_items)
-    ]
+            words = _counted_words(
+                one.name, profit, usual=usual, money=bool(one.unit == MONEY and task.violation_prices)
+            )
+        metrics.append(Metric(one.name, one.unit, **words) if words else unknown_metric(one.name, one.unit))
+    items = [_item(item, place, amounts.get(item.amount, item.amount)) for place, item in enumerate(ledger_items)]
     places = {name: place for place, item in enumerate(items) for name in (item.money, item.amount)}
-    ordered = sorted(metrics.values(), key=lambda metric: (_ORDER.index(metric.kind), places.get(metric.name, 0)))
-    coverage = told["coverage"]["several" if has_several_seasons(task) else "one"]
+    metrics.sort(key=lambda metric: (_ORDER.index(metric.kind), places.get(metric.name, 0)))
     lead = (
         f"{coverage['run']}: they earn with {earned or 'nothing'} and pay for {paid or 'nothing'}"
         f"{', while the climate stays within limits' if limits else ''}."
     )
     return Catalogue(
-        metrics={metric.name: metric for metric in ordered},
+        metrics={metric.name: metric for metric in metrics},
         items=tuple(items),
-        limits={name: told["limit"].get(name, {}).get("label", name) for name in limits},
-        lead=told["usual"]["lead"].format(run=coverage["run"]) if usual else lead,
+        limits={name: quantities.AIR[name].label for name in limits},
+        lead=_layout()["usual"]["lead"].format(run=coverage["run"]) if usual else lead,
         draws=coverage["draws"],
         beyond=coverage["beyond"],
-        caution=told["usual"]["caution"] if usual else "",
+        caution=_layout()["usual"]["caution"] if usual else "",
     )
 
 
-def _known(item: LedgerItem) -> Mapping[str, Any]:
-    """Words for what a ledger prices; none where the task calls it differently or values it otherwise."""
-    found: Mapping[str, Any] = _words()["item"].get(item.flow, {}) if item.valued == FLOW else {}
-    return found
+def _is_usual(task: TaskSpec) -> bool:
+    """Whether a task has the items, the limits and the reward of the paper."""
+    return (
+        {item.flow for item in task.ledger.items if _known(item)} == set(_layout()["usual"]["flows"])
+        and {name for name, _ in task.constraints.items()} == quantities.AIR.keys()
+        and "scaled_epi" in task.reward.modules
+    )
 
 
-def _money_words(item: LedgerItem, label: str) -> dict[str, Any]:
-    sold = item.sign > 0
+def _known(item: LedgerItem) -> quantities.Entry | None:
+    """The entry of what a ledger prices; none where the task calls it differently or values it otherwise."""
+    entry = quantities.known_flow(item.flow, item.label) if item.valued == FLOW else None
+    return entry if entry and entry.label else None
+
+
+def _label(item: LedgerItem) -> str:
+    entry = _known(item)
+    return entry.label if entry else item.label or item.name
+
+
+def _known_first(items: Sequence[LedgerItem]) -> list[LedgerItem]:
+    """What is earned, then what is paid; first what is known: a stored task has its tables in another order than the file it came from."""
+    flows = list(quantities.FLOWS)
+    places = {item.name: flows.index(item.flow) - len(flows) if _known(item) else items.index(item) for item in items}
+    return sorted(items, key=lambda item: (-item.sign, places[item.name]))
+
+
+def _counted_words(name: str, profit: str, *, usual: bool, money: bool) -> dict[str, Any]:
+    """Words of a metric that no item of the ledger makes; empty for one that is unknown."""
+    for limited in quantities.AIR.values():
+        for side, words in (("low", limited.below), ("high", limited.above)):
+            if name == f"hours_{limited.name}_{side}":
+                return {"kind": "violation", "decimals": 1, "better": "low", **words}
+    entry = quantities.STEP.get(name) or quantities.RUN.get(name)
+    if entry is None:
+        return {}
+    words = {"label": entry.label, **entry.metric}
+    elsewhere, in_money = words.pop("elsewhere", {}), words.pop("money", {})
+    if not usual:
+        words |= elsewhere
+        words["explanation"] = words["explanation"].format(profit=profit)
+    return words | (in_money if money else {})
+
+
+def _money_words(item: LedgerItem) -> dict[str, Any]:
+    sold, label, entry = item.sign > 0, _label(item), _known(item)
     return {
         "kind": "earned" if sold else "paid",
         "label": label,
@@ -261,41 +272,41 @@ def _money_words(item: LedgerItem, label: str) -> dict[str, Any]:
         "line": f"  {in_sentence(label) if sold else f'cost of {in_sentence(label)}'}",
         "better": "high" if sold else "low",
         "explanation": f"What {in_sentence(label)} {'earned' if sold else 'cost'} at the task's price.",
+        **(entry.money if entry else {}),
     }
 
 
-def _amount_words(item: LedgerItem, label: str) -> dict[str, Any]:
+def _amount_words(item: LedgerItem) -> dict[str, Any]:
+    label, entry = _label(item), _known(item)
+    meaning = item.amount_meaning or label
     return {
         "kind": "amount",
         "label": label,
         "decimals": 2,
         "line": label,
         "better": "high" if item.sign > 0 else "low",
-        "explanation": _sentence_of(item.amount_meaning or label),
+        "explanation": f"{meaning[:1].upper()}{meaning[1:].rstrip('.')}.",
         "heading": label,
         "digits": 2,
+        **(entry.amount if entry else {}),
     }
 
 
-def _item(item: LedgerItem, place: int, label: str, known: Mapping[str, Any], amount: str) -> Item:
+def _item(item: LedgerItem, place: int, amount: str) -> Item:
+    label, entry, sold = _label(item), _known(item) or quantities.Entry(item.flow), unit_sold(item.amount_unit)
     return Item(
         money=item.name,
         amount=amount,
         column=item.amount,
         sign=item.sign,
         label=label,
-        short=known.get("short", in_sentence(label)),
-        words=known.get("words", in_sentence(label)),
-        unit=f"EUR/{unit_sold(item) or 'piece'}" if "m-2" in item.amount_unit else f"EUR/(m² {item.amount_unit})",
-        colour=known.get("colour", place % _COLOURS),
-        least=known.get("least", 0.0),
+        short=entry.short or in_sentence(label),
+        words=entry.words or in_sentence(label),
+        unit=f"EUR/{sold or 'piece'}" if "m-2" in item.amount_unit else f"EUR/(m² {item.amount_unit})",
+        colour=place % _COLOURS if entry.colour is None else entry.colour,
+        least=entry.least,
         table=isinstance(item.price, str),
     )
-
-
-def unit_sold(item: LedgerItem) -> str:
-    """What a price is for: ``kg`` where amounts are in kg m-2; empty where they are counted."""
-    return item.amount_unit.removesuffix("m-2").strip(" -")
 
 
 def together(found: Sequence[Catalogue]) -> Catalogue:
@@ -309,7 +320,7 @@ def together(found: Sequence[Catalogue]) -> Catalogue:
             metrics[metric.name] = replace(other, explanation=f"{other.explanation} Or: {metric.explanation}")
     ordered = sorted(metrics.values(), key=lambda metric: _ORDER.index(metric.kind))
     alike = len({one.draws for one in found}) == 1
-    coverage = {"draws": found[0].draws, "beyond": found[0].beyond} if alike else _words()["coverage"]["both"]
+    coverage = {"draws": found[0].draws, "beyond": found[0].beyond} if alike else _layout()["coverage"]["both"]
     return Catalogue(
         metrics={metric.name: metric for metric in ordered},
         items=tuple({item.money: item for one in reversed(found) for item in one.items}.values()),
@@ -325,84 +336,67 @@ def together(found: Sequence[Catalogue]) -> Catalogue:
 def drawn(task: TaskSpec | None) -> Drawn:
     """What the report draws of a task, or of one that is not known."""
     task = task or published_task(PAPER_TASK)
-    told, ledger = _words(), task.ledger
+    layout, ledger = _layout(), task.ledger
     labels = {one.name: one.label or one.name for one in task.model_value.capacities(task.parameters_by_name())}
-    controls = [*(name for name in told["order"]["controls"] if name in labels), *labels]
-    names = tuple(dict.fromkeys(controls))
+    controls = tuple(dict.fromkeys((*(name for name in layout["order"]["controls"] if name in labels), *labels)))
     share = {"unit": "%", "factor": 100, "decimals": 0, "range": [0, 102]}
-    series = {one["name"]: _in_words(one, task) for one in told["series"]}
-    series |= {item.amount: _series(item, task) for item in ledger.items if item.amount not in series}
-    series |= {name: {"name": name, "label": labels[name], **share} for name in names}
-    sides = {"earned": _columns(ledger.earned), "paid": _columns(ledger.paid)}
+    series = {name: _in_words(words, task) for name, words in quantities.charts().items()}
+    for item in ledger.items:
+        if item.amount not in series:
+            series[item.amount] = _series(item)
+        elif item.flow in quantities.FLOWS and not _known(item):  # the ledger has a label of its own
+            series[item.amount] = series[item.amount] | {"label": _label(item)}
+    series |= {name: {"name": name, "label": labels[name], **share} for name in controls}
+    sides = {
+        side: tuple(dict.fromkeys(item.amount for item in items))
+        for side, items in (("earned", ledger.earned), ("paid", ledger.paid))
+    }
     charts = {
         chart: tuple(dict.fromkeys(name for column in columns for name in sides.get(column, (column,))))
-        for chart, columns in told["charts"].items()
+        for chart, columns in layout["charts"].items()
     }
-    missing = _missing(told, names)
-    lined = [
-        panel | {"lines": [line for line in panel["lines"] if line.get("column") not in missing]}
-        for panel in (_in_words(panel, task) for panel in told["panel"])
-    ]
-    shown = {line.get("column") for panel in lined for line in panel["lines"]}
-    others = [name for name in names if name not in {*told["order"]["controls"], *shown}]
-    inks = ("accent", "soft", "vent", "lamp")
-    lined += [
-        {"title": f"{labels[name]}, %", "lines": [{"column": name, "name": labels[name], "ink": inks[place % len(inks)]}]}
-        for place, name in enumerate(others)
-    ]  # fmt: skip
-    return Drawn(names, series, charts, tuple(panel for panel in lined if panel["lines"]))
+    return Drawn(controls, series, charts, tuple(_panels(task, controls, labels)))
 
 
-def _in_words(series: Mapping[str, Any], task: TaskSpec) -> dict[str, Any]:
+def _panels(task: TaskSpec, controls: Sequence[str], labels: Mapping[str, str]) -> Iterator[Mapping[str, Any]]:
+    """The panels of the worst run; then one for each control that is in none of them and has no place of its own."""
+    layout = _layout()
+    usual = layout["order"]["controls"]
+    in_panels = set()
+    for panel in (_in_words(panel, task) for panel in layout["panel"]):
+        lines = [
+            {"name": in_sentence(labels[line["column"]]), **line} if line.get("column") in labels else line
+            for line in panel["lines"]
+            if line.get("column") in labels or line.get("column") not in usual
+        ]
+        in_panels |= {line.get("column") for line in lines}
+        if lines:
+            yield panel | {"lines": lines}
+    others = [name for name in controls if name not in usual and name not in in_panels]
+    for place, name in enumerate(others):
+        line = {"column": name, "name": labels[name], "ink": _INKS[place % len(_INKS)]}
+        yield {"title": f"{labels[name]}, %", "lines": [line]}
+
+
+def _in_words(words: Mapping[str, Any], task: TaskSpec) -> dict[str, Any]:
     """A series or a panel in the words for tasks in which violations have prices, or in those for others."""
-    words = {key: value for key, value in series.items() if key != "priced"}
-    return words | (series.get("priced", {}) if task.violation_prices else {})
+    others = {key: value for key, value in words.items() if key != "priced"}
+    return others | (words.get("priced", {}) if task.violation_prices else {})
 
 
-def _columns(items: Iterable[LedgerItem]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(item.amount for item in items))
-
-
-def _missing(told: Mapping[str, Any], controls: Sequence[str]) -> set[str]:
-    """Controls with words that the task's model does not have."""
-    return set(told["order"]["controls"]) - set(controls)
-
-
-def _series(item: LedgerItem, task: TaskSpec) -> dict[str, Any]:
+def _series(item: LedgerItem) -> dict[str, Any]:
     """An amount as a chart."""
-    label, unit = (
-        _of_task(task).items[[*task.ledger.earned, *task.ledger.paid].index(item)].label,
-        pretty_unit(item.amount_unit),
-    )
-    words = {"name": item.amount, "label": label, "unit": f"{unit} an hour", "decimals": 3, "daily": f"{unit} a day"}
-    gas = {"gas": "Natural gas"} if item.flow == "gas" else {}
-    return words | ({"amount": True} if item.valued == FLOW else {}) | gas
+    unit, flow = pretty_unit(item.amount_unit), quantities.FLOWS.get(item.flow)
+    words = {
+        "name": item.amount,
+        "label": _label(item),
+        "unit": f"{unit} an hour",
+        "decimals": 3,
+        "daily": f"{unit} a day",
+    }
+    return words | ({"amount": True} if item.valued == FLOW else {}) | ({"gas": flow.gas} if flow and flow.gas else {})
 
 
 def unknown_metric(name: str, unit: str) -> Metric:
     """A metric without words: it is called by its name."""
     return Metric(name, unit, "unknown", name, _FEW_DIGITS, name, "high", "")
-
-
-def pretty_unit(unit: str) -> str:
-    """A unit as people write it: ``EUR/m²`` for ``EUR m-2``; empty for none."""
-    text = re.sub(
-        r"(?:^| )(\w+?)-(\d)",
-        lambda match: f"/{match[1]}{'' if match[2] == '1' else '²' if match[2] == '2' else '³'}",
-        unit,
-    )
-    return {"-": "", "degC": "°C"}.get(text, text)
-
-
-def in_sentence(label: str) -> str:
-    """A label inside a sentence: ``heat`` for ``Heat``; ``CO₂`` stays."""
-    return label if label[1:2].isupper() else label[:1].lower() + label[1:]
-
-
-def sentence(words: Sequence[str]) -> str:
-    """``heat, light and CO2``."""
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
-
-
-def _sentence_of(words: str) -> str:
-    return f"{words[:1].upper()}{words[1:].rstrip('.')}."

@@ -27,9 +27,9 @@ from glbench.leaderboard.statistics import (
     pooled,
     probability_of_improvement,
 )
+from glbench.quantities import MONEY
 from glbench.tasks import list_suites, published_task
 from glbench.tasks.best_known import SEVERAL, BestKnown, read_best_known
-from glbench.tasks.ledger import MONEY
 from glbench.tasks.references import References, read_references
 
 NOTHING = "do_nothing"

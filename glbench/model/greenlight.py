@@ -5,8 +5,8 @@ Units and signs are in docs/nomenclature.md. Source: Katzin (2021) on top of Van
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from glbench.errors import ParameterError
@@ -46,6 +46,7 @@ from glbench.model.transpiration import transpiration
 from glbench.model.vapour import vapour
 from glbench.model.variants import AUTHOR, Variant
 from glbench.model.ventilation import ventilation
+from glbench.quantities import AIR, DEFICITS, FLOWS, INSIDE, LIGHT, OUTDOOR, Entry, raised_unit
 
 JOULES_PER_KWH = 3.6e6
 KG_PER_MG = 1e-6
@@ -200,27 +201,27 @@ class GreenLightClimate(Climate):
 
     def flows(self) -> tuple[Flow, ...]:
         return (
-            Flow("heat", "kWh m-2", "heat of the boiler", "Heat", _heat),
-            Flow("electricity", "kWh m-2", "electricity of the lamps", "Electricity", _electricity),
-            Flow("co2_dosed", "kg m-2", "CO2 dosed", "CO₂ dosed", _co2_dosed),
+            _flow(FLOWS["heat"], _heat),
+            _flow(FLOWS["electricity"], _electricity),
+            _flow(FLOWS["co2_dosed"], _co2_dosed),
         )
 
     def signals(self) -> tuple[Signal, ...]:
         return (
             Signal("climate/canopy_temperature", "Canopy temperature", "°C", "tCan"),
-            Signal("climate/pipe_temperature", "Rail pipe temperature", "°C", "tPipe"),
-            Signal("climate/par_today", "Light of sun and lamps since midnight", "mol m⁻²", "", today=_photons),
+            _signal("climate/pipe_temperature", INSIDE["pipe_temperature"], "tPipe"),
+            _signal("climate/par_today", LIGHT["par_today"], "", _photons),
             Signal("controls/boiler", "Boiler valve (heating)", "%", "uBoil", 100.0),
             Signal("controls/vents", "Roof vents open", "%", "uVent", 100.0),
             Signal("controls/lamps", "Lamps", "%", "uLamp", 100.0),
             Signal("controls/co2_dosing", "CO₂ dosing valve", "%", "uCo2", 100.0),
             Signal("controls/thermal_screen", "Thermal screen closed", "%", "uThScr", 100.0),
             Signal("controls/blackout_screen", "Blackout screen closed", "%", "uBlScr", 100.0),
-            Signal("weather/global_radiation", "Sun outside (global radiation)", "W m⁻²", "iGlob"),
-            Signal("weather/radiation_today", "Radiation sum outside since midnight", "J cm⁻²", "", today=_radiation),
-            Signal("weather/temperature", "Outside temperature", "°C", "tOut"),
-            Signal("weather/wind", "Wind", "m s⁻¹", "wind"),
-            Signal("weather/vapour_pressure", "Outside vapour pressure", "Pa", "vpOut"),
+            _signal("weather/global_radiation", OUTDOOR["global_radiation"], "iGlob"),
+            _signal("weather/radiation_today", LIGHT["radiation_today"], "", _radiation),
+            _signal("weather/temperature", OUTDOOR["outdoor_temperature"], "tOut"),
+            _signal("weather/wind", OUTDOOR["wind_speed"], "wind"),
+            _signal("weather/vapour_pressure", OUTDOOR["outdoor_vapour_pressure"], "vpOut"),
         )
 
     def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
@@ -235,34 +236,27 @@ class GreenLightClimate(Climate):
         }
 
     def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
-        temperature = Seen("air_temperature", "degC", "air below the screens", "air_temperature", COLDEST, HOTTEST)
-        co2 = Seen("co2", "ppm", "CO2 of the air below the screens", "co2", 0.0, highest_co2_ppm(horizon))
-        humidity = Seen(
-            "relative_humidity", "%", "relative humidity of the air below the screens", "relative_humidity", 0.0, 100.0
+        temperature, co2, humidity = (
+            Seen(name, entry.unit, entry.observed, name, low, high)
+            for (name, entry), (low, high) in zip(
+                AIR.items(), ((COLDEST, HOTTEST), (0.0, highest_co2_ppm(horizon)), (0.0, 100.0)), strict=True
+            )
         )
-        pipe = Seen("pipe_temperature", "degC", "rail pipes", "tPipe", COLDEST, HOTTEST_METAL)
+        pipe = _seen(INSIDE["pipe_temperature"], COLDEST, HOTTEST_METAL, "tPipe")
         driest = round_up(vapour_pressure_deficit(HOTTEST, 0.0)), round_up(humidity_deficit(HOTTEST, 0.0))
         vpd, deficit = (
-            Seen(
-                name,
-                unit,
-                f"{name.replace('_', ' ')} of the air below the screens, as observed",
-                "",
-                0.0,
-                most,
-                of_air=of,
-            )
-            for name, unit, most, of in (
-                ("vapour_pressure_deficit", "kPa", driest[0], _vapour_pressure_deficit),
-                ("humidity_deficit", "g m-3", driest[1], _humidity_deficit),
+            replace(_seen(DEFICITS[name], 0.0, most), of_air=of)
+            for name, most, of in (
+                ("vapour_pressure_deficit", driest[0], _vapour_pressure_deficit),
+                ("humidity_deficit", driest[1], _humidity_deficit),
             )
         )
         brightest = highest_light_sums(horizon)
         radiation, par = (
-            Seen(name, unit, f"{words}, summed since midnight", "", 0.0, most, today=rate)
-            for name, unit, words, most, rate in (
-                ("radiation_today", "J cm-2", "global radiation outside", brightest[0], _radiation),
-                ("par_today", "mol m-2", "photons of PAR above the canopy, of sun and lamps", brightest[1], _photons),
+            Seen(name, LIGHT[name].unit, f"{LIGHT[name].meaning}, summed since midnight", "", 0.0, most, today=rate)
+            for name, most, rate in (
+                ("radiation_today", brightest[0], _radiation),
+                ("par_today", brightest[1], _photons),
             )
         )
         return {
@@ -271,6 +265,20 @@ class GreenLightClimate(Climate):
             "indoor_climate": (temperature, co2, humidity, pipe),
             "published_indoor_climate": (co2, temperature, humidity, pipe),
         }.get(module)
+
+
+def _flow(entry: Entry, amount: Callable[[Step], Expr]) -> Flow:
+    return Flow(entry.name, entry.unit, entry.meaning, entry.amount_label or entry.item_label, amount)
+
+
+def _signal(
+    path: str, entry: Entry, source: str, today: Callable[[Record, Record, Record], Expr] | None = None
+) -> Signal:
+    return Signal(path, entry.label, raised_unit(entry.unit), source, today=today)
+
+
+def _seen(entry: Entry, low: float, high: float, source: str = "") -> Seen:
+    return Seen(entry.name, entry.unit, entry.meaning, source, low, high)
 
 
 def _heat(step: Step) -> Expr:

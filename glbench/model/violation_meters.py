@@ -23,6 +23,7 @@ from glbench.model.greenhouse import record_of, typed_record
 from glbench.model.model import Evaluation, Model, Record, Start
 from glbench.model.parameter_table import BENCHMARK, ParameterInfo
 from glbench.model.quantities import Variable, public_name
+from glbench.quantities import AIR, pretty_unit
 
 Side = Literal["low", "high"]
 SIDES: tuple[Side, ...] = ("low", "high")
@@ -33,7 +34,7 @@ NO_LIMIT = 1e9
 _WEIGHTLESS = 2.0**100
 """Size of the meters as the integrators take it: so large that no error of theirs shortens a substep."""
 
-_UNITS = {"air_temperature": "°C", "co2": "ppm", "relative_humidity": "%"}
+_UNITS = {name: pretty_unit(entry.unit) for name, entry in AIR.items()}
 _WORDS = {"air_temperature": "temperature", "co2": "CO2", "relative_humidity": "relative humidity"}
 _SIDES: Mapping[Side, tuple[str, str]] = {"low": ("lowest", "below"), "high": ("highest", "above")}
 _PLACES: tuple[tuple[str, Side], ...] = tuple((name, side) for name in _UNITS for side in SIDES)

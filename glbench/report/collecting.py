@@ -12,11 +12,12 @@ import numpy as np
 from glbench.evaluation.files import short_task_id
 from glbench.evaluation.profiles import Profile
 from glbench.leaderboard import Row, StoredResult, TaskTable
-from glbench.leaderboard.catalogue import Catalogue, Drawn, pretty_unit
+from glbench.leaderboard.catalogue import Catalogue, Drawn
 from glbench.leaderboard.estimates import Estimate
 from glbench.leaderboard.regret import PARTS
 from glbench.leaderboard.statistics import SCORES, Interval
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
+from glbench.quantities import pretty_unit
 from glbench.report.settings import settings_of
 from glbench.report.task_words import clock_of, definition_in_words, figures
 from glbench.tasks import TaskSpec, list_suites, read_lock

@@ -18,7 +18,7 @@ from glbench.agents.baselines import Baseline, read_baseline
 from glbench.agents.energy_rule_settings import EnergyRulePages
 from glbench.agents.identity import baseline_names
 from glbench.agents.tuned_rule_settings import RulePages
-from glbench.leaderboard.catalogue import pretty_unit
+from glbench.quantities import pretty_unit
 from glbench.resources import data_folder
 
 if TYPE_CHECKING:

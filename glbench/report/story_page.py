@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench import __version__
-from glbench.episodes.signals import KWH_A_CUBIC_METRE, Curve, Line, plain_unit
+from glbench.episodes.signals import KWH_A_CUBIC_METRE, Curve, Line
 from glbench.extras import require
-from glbench.leaderboard.catalogue import in_sentence, pretty_unit, sentence
+from glbench.quantities import in_sentence, plain_unit, pretty_unit, sentence
 from glbench.report.story import MEANINGS, PERIODS, Story
 
 Floats = NDArray[np.float64]

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 from zoneinfo import ZoneInfo
 
 from glbench.errors import GlbenchError
-from glbench.leaderboard.catalogue import catalogue, pretty_unit, unit_sold
+from glbench.leaderboard.catalogue import catalogue
+from glbench.quantities import pretty_unit, unit_sold
 from glbench.tasks import (
     ACTUATION_KINDS,
     INITIAL_STATES,
@@ -418,7 +419,9 @@ def _prices(task: TaskSpec) -> Section:
 def _price_of(item: LedgerItem) -> str:
     """The unit of a price in words: ``EUR per kg``; ``EUR per m2 and h`` for hourly costs; ``EUR per piece``."""
     return (
-        f"EUR per {unit_sold(item) or 'piece'}" if "m-2" in item.amount_unit else f"EUR per m2 and {item.amount_unit}"
+        f"EUR per {unit_sold(item.amount_unit) or 'piece'}"
+        if "m-2" in item.amount_unit
+        else f"EUR per m2 and {item.amount_unit}"
     )
 
 

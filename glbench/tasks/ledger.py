@@ -11,21 +11,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
+from glbench.quantities import AIR, MONEY, OUTSIDE, STEP, VIOLATION
+
 FLOW: Literal["when it flows"] = "when it flows"
 STOCK: Literal["as stock"] = "as stock"
-MONEY = "EUR m-2"
-LIMITED = {"air_temperature": "degC", "co2": "ppm", "relative_humidity": "%"}
+LIMITED = {name: entry.unit for name, entry in AIR.items()}
 """Quantities of the main air that a task can constrain, with the unit their limits are written in."""
 
 VIOLATION_PRICES = {name: f"{MONEY} {unit}-1 h-1" for name, unit in LIMITED.items()}
 """Units of the prices of violations."""
 TRAVEL = "actuator_travel"
-
-_LIMITED_WORDS = {
-    "air_temperature": "air temperature",
-    "co2": "CO2 of the indoor air",
-    "relative_humidity": "relative humidity of the indoor air",
-}
 
 
 @dataclass(frozen=True)
@@ -166,35 +161,33 @@ def step_quantities(
         ", ".join(item.label.lower() or item.name for item in side) for side in (earned, paid) if side
     )
     sides = (("low", "below"), ("high", "above"))
-    penalty = (
-        StepQuantity("penalty", MONEY, "what the violations cost, each at its price")
-        if priced
-        else StepQuantity("penalty", "-", "sum of the violations, each divided by its penalty scale")
-    )
-    moved = StepQuantity(TRAVEL, "-", "change of every control in the step, added up; 1 is a control from 0 to 1")
+
+    def known(name: str, **words: str) -> StepQuantity:
+        return StepQuantity(name, words.get("unit", STEP[name].unit), words.get("meaning", STEP[name].meaning))
+
     return (
-        StepQuantity("reward", reward_unit, "reward of the step"),
+        known("reward", unit=reward_unit),
         StepQuantity("epi", MONEY, profit),
         *(StepQuantity(item.name, item.unit, _money_words(item)) for item in (*earned, *paid)),
-        penalty,
+        known("penalty", **({key: STEP["penalty"].priced[key] for key in ("unit", "meaning")} if priced else {})),
         *(StepQuantity(name, item.amount_unit, item.amount_meaning or item.label) for name, item in amounts.items()),
-        *([moved] if travel else []),
+        *([known(TRAVEL)] if travel else []),
         *(
             StepQuantity(
-                f"violation_{name}_{side}",
+                f"{VIOLATION}{name}_{side}",
                 LIMITED[name],
-                f"mean distance of the {_LIMITED_WORDS[name]} {word} its limit in the step"
+                f"mean distance of the {AIR[name].meaning} {word} its limit in the step"
                 if means
-                else f"distance of the {_LIMITED_WORDS[name]} {word} its limit at the end of the step",
+                else f"distance of the {AIR[name].meaning} {word} its limit at the end of the step",
             )
             for side, word in sides
             for name in limited
         ),
         *(
             StepQuantity(
-                f"hours_outside_{name}_{side}",
+                f"{OUTSIDE}{name}_{side}",
                 "h",
-                f"length of the step if the {_LIMITED_WORDS[name]} is {word} its limit {'at some time of it' if means else 'at its end'}",
+                f"length of the step if the {AIR[name].meaning} is {word} its limit {'at some time of it' if means else 'at its end'}",
             )
             for side, word in sides
             for name in limited

@@ -1,7 +1,6 @@
 """Names, units and bounds of what a task can show to an agent, whatever the model: the clock, the weather, the controls, all states.
 
-What a model shows besides (the climate inside, the crop) is its own, with its bounds (``Model.observed``, ``Model.bounds``). Bounds
-outdoors are a little beyond what was ever measured on earth (-89 and 57 degC; 1900 W m-2 under broken cloud).
+What a model shows besides (the climate inside, the crop) is its own, with its bounds (``Model.observed``, ``Model.bounds``).
 """
 
 from __future__ import annotations
@@ -18,10 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import UnknownNameError, did_you_mean
+from glbench.quantities import CLOCK, OUTDOOR
 from glbench.tasks.ledger import LIMITED
 
 if TYPE_CHECKING:
     from glbench.model import Horizon, Model
+    from glbench.quantities import Entry
 
 PAPER_MODEL = "greenlight-tomato-1.0.0"
 """The model of every task of schema 1."""
@@ -164,6 +165,13 @@ def of_model(module: str) -> QuantityTable:
     return columns
 
 
+def _of_catalogue(entries: Mapping[str, Entry], *names: str) -> tuple[Quantity, ...]:
+    """Entries of the catalogue as columns: all, or those of these names."""
+    return tuple(
+        Quantity(e.name, e.unit, e.low, e.high, e.meaning) for e in (entries[name] for name in names or entries)
+    )
+
+
 def _cycle(name: str, period: str) -> tuple[Quantity, Quantity]:
     return (
         Quantity(f"sin_{name}", "-", -1.0, 1.0, f"sine of the {period}, one turn a cycle"),
@@ -178,10 +186,7 @@ def time(context: ObservationContext) -> tuple[Quantity, ...]:
 
 def local_time(context: ObservationContext) -> tuple[Quantity, ...]:
     """Hour of day and day of year, as ``info`` has them."""
-    return (
-        Quantity("hour_of_day", "h", 0.0, 24.0, "clock of the greenhouse"),
-        Quantity("day_of_year", "day", 0.0, 366.0, "calendar of the greenhouse, 0 at the start of 1 January"),
-    )
+    return _of_catalogue(CLOCK)
 
 
 def published_time(context: ObservationContext) -> tuple[Quantity, ...]:
@@ -250,16 +255,12 @@ def day_ahead_prices(context: ObservationContext) -> tuple[Quantity, ...]:
     )
 
 
-_GLOBAL_RADIATION = Quantity("global_radiation", "W m-2", 0.0, 2000.0, "sun and sky on a horizontal plane outside")
-_OUTDOOR_TEMPERATURE = Quantity("outdoor_temperature", "degC", -90.0, 60.0, "air outside")
-_OUTDOOR_HUMIDITY = Quantity("outdoor_relative_humidity", "%", 0.0, 100.0, "relative humidity outside")
-_OUTDOOR_CO2 = Quantity("outdoor_co2", "ppm", 0.0, 2500.0, "CO2 outside")
-_WIND = Quantity("wind_speed", "m s-1", 0.0, 120.0, "wind speed")
-_OUTDOOR_VAPOUR_PRESSURE = Quantity("outdoor_vapour_pressure", "Pa", 0.0, 2.5e4, "vapour pressure outside")
-_OUTDOOR_CO2_DENSITY = Quantity("outdoor_co2_density", "mg m-3", 0.0, 1.0e4, "CO2 density outside")
-
-_WEATHER = (_GLOBAL_RADIATION, _OUTDOOR_TEMPERATURE, _OUTDOOR_HUMIDITY, _OUTDOOR_CO2, _WIND)
-_PUBLISHED_FORECAST = (_GLOBAL_RADIATION, _OUTDOOR_TEMPERATURE, _OUTDOOR_VAPOUR_PRESSURE, _OUTDOOR_CO2_DENSITY, _WIND)
+_WEATHER = _of_catalogue(
+    OUTDOOR, "global_radiation", "outdoor_temperature", "outdoor_relative_humidity", "outdoor_co2", "wind_speed"
+)
+_PUBLISHED_FORECAST = _of_catalogue(
+    OUTDOOR, "global_radiation", "outdoor_temperature", "outdoor_vapour_pressure", "outdoor_co2_density", "wind_speed"
+)
 
 
 def weather(context: ObservationContext) -> tuple[Quantity, ...]:
@@ -281,7 +282,7 @@ def forecast(context: ObservationContext) -> tuple[Quantity, ...]:
     return _ahead(context.forecast_steps, _WEATHER)
 
 
-FORECAST = (_GLOBAL_RADIATION, _OUTDOOR_TEMPERATURE, _OUTDOOR_HUMIDITY, _WIND)
+FORECAST = _of_catalogue(OUTDOOR, "global_radiation", "outdoor_temperature", "outdoor_relative_humidity", "wind_speed")
 """What is forecast by the hour."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from glbench.quantities import FLOWS
 from glbench.tasks.ledger import Ledger, LedgerItem
 from glbench.tasks.tables import PricesTable
 
@@ -11,6 +12,15 @@ _KG_PER_MG = 1e-6
 def paper_v1(prices: PricesTable) -> Ledger:
     """The ledger of the GreenLight-Gym paper (2025): growth of the fruit's dry mass, sold fresh, minus heat, electricity and CO2."""
     fresh = _KG_PER_MG / prices.dry_matter_content
+    heat, electricity, co2 = (
+        LedgerItem(
+            f"cost_{name}", flow, flow, FLOWS[flow].unit, 1.0, price, -1, label=FLOWS[flow].item_label,
+            meaning=FLOWS[flow].price_of, amount_meaning=FLOWS[flow].meaning,
+        )
+        for name, flow, price in (
+            ("heat", "heat", prices.heat), ("electricity", "electricity", prices.electricity), ("co2", "co2_dosed", prices.co2),
+        )
+    )  # fmt: skip
     return Ledger(
         (
             LedgerItem(
@@ -19,18 +29,9 @@ def paper_v1(prices: PricesTable) -> Ledger:
                 amount_meaning="fresh fruit grown: dry increment divided by the dry matter content",
                 amount_label="Fruit grown, fresh", goods="tomatoes",
             ),
-            LedgerItem(
-                "cost_heat", "heat", "heat", "kWh m-2", 1.0, prices.heat, -1, label="Heat",
-                meaning="price of the boiler's heat", amount_meaning="heat of the boiler",
-            ),
-            LedgerItem(
-                "cost_electricity", "electricity", "electricity", "kWh m-2", 1.0, prices.electricity, -1, label="Electricity",
-                meaning="price of the lamps' electricity", amount_meaning="electricity of the lamps",
-            ),
-            LedgerItem(
-                "cost_co2", "co2_dosed", "co2_dosed", "kg m-2", 1.0, prices.co2, -1, label="CO₂",
-                meaning="price of the CO2 dosed", amount_meaning="CO2 dosed",
-            ),
+            heat,
+            electricity,
+            co2,
         ),
         "economic performance: revenue minus the costs of heat, electricity and CO2",
     )  # fmt: skip

@@ -23,10 +23,11 @@ import numpy.typing as npt
 
 from glbench.canonical import canonical_sha256
 from glbench.errors import GlbenchError, ParameterError, TaskError, UnknownNameError, WeatherError, did_you_mean
+from glbench.quantities import MONEY
 from glbench.registration import task_ids
 from glbench.showing import html_of
 from glbench.tasks.inheritance import Change, TaskTables, read_tables, shown_path
-from glbench.tasks.ledger import FLOW, LIMITED, MONEY, STOCK, Beyond, Ledger, LedgerItem, StepQuantity, step_quantities
+from glbench.tasks.ledger import FLOW, LIMITED, STOCK, Beyond, Ledger, LedgerItem, StepQuantity, step_quantities
 from glbench.tasks.lock import Fingerprint, read_lock
 from glbench.tasks.prices import PriceTable
 from glbench.tasks.quantities import PAPER_MODEL, Capacity, ObservationContext, Quantity, capacities, of_model

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench import quantities
 from glbench.env.climate import read_air
 from glbench.env.flows import flow_amounts
 from glbench.env.scenario import RunScenarios
@@ -113,7 +114,7 @@ def columns_of(task: TaskSpec) -> Columns:
         light,
         rates,
         amounts,
-        tuple(q.name for q in task.quantities if q.name.startswith(_OUTSIDE)),
+        tuple(q.name for q in task.quantities if q.name.startswith(quantities.OUTSIDE)),
         (*controls, *climate, *(c for c in amounts if c.name in {*earned, "epi", "penalty"})),
         tuple(c.name for c in amounts if c.name != "epi"),
     )
@@ -123,18 +124,11 @@ _SHOWN = ("indoor_climate", "vapour_deficit", "light_today")
 """Observation modules that profiles show, whether the task's agents observe them or not."""
 _TODAY = "_today"
 """What the names of sums since midnight end with; a profile has the amount of each step."""
-_OUTSIDE = "hours_outside_"
-_AIR = {
-    "air_temperature": "air temperature at the end of the step",
-    "co2": "CO2 of the indoor air at the end of the step",
-    "relative_humidity": "relative humidity of the indoor air at the end of the step",
-}
+_AIR = {name: f"{entry.meaning} at the end of the step" for name, entry in quantities.AIR.items()}
 """What is measured in the main air, in the order of the simulation."""
-WEATHER_COLUMNS = (
-    ProfileColumn("global_radiation", "W m-2", "sun and sky on a horizontal plane outside", "level"),
-    ProfileColumn("outdoor_temperature", "degC", "air outside", "level"),
-    ProfileColumn("outdoor_relative_humidity", "%", "relative humidity outside", "level"),
-    ProfileColumn("wind_speed", "m s-1", "wind speed", "level"),
+WEATHER_COLUMNS = tuple(
+    ProfileColumn(name, quantities.OUTDOOR[name].unit, quantities.OUTDOOR[name].meaning, "level")
+    for name in ("global_radiation", "outdoor_temperature", "outdoor_relative_humidity", "wind_speed")
 )
 """The same for all agents of a task."""
 
@@ -212,8 +206,8 @@ def _read(task: TaskSpec, trace: Trace, lengths: NDArray[np.int64], acting: Floa
             assert one.today is not None
             named[column.name] = np.broadcast_to(one.today(u, d, _nominal(task)), trace.u.shape[:2]) * task.step_seconds
     rows = {quantity.name: row for row, quantity in enumerate(task.quantities)}
-    quantities = (*(column.name for column in columns.amounts), *columns.limits)
-    named |= {name: trace.quantities[:, rows[name]] for name in quantities}
+    counted = (*(column.name for column in columns.amounts), *columns.limits)
+    named |= {name: trace.quantities[:, rows[name]] for name in counted}
     if energy_columns(task):
         named |= {_ENERGY + name: values for name, values in _energy(task, trace).items()}
     taken = np.arange(len(trace.u))[:, None] < lengths
@@ -401,7 +395,7 @@ def _misfit(result: Result, profile: Profile) -> str:
         "season": (season["columns"], every, (3, days)),
         "calendar": (
             document["calendar"],
-            {limit.removeprefix(_OUTSIDE) for limit in columns.limits},
+            {limit.removeprefix(quantities.OUTSIDE) for limit in columns.limits},
             (days, of_day),
         ),
         "worst": (document["worst"], {c.name for c in columns.worst}, (hours,)),
@@ -457,7 +451,7 @@ class _Made:
     def calendar(self) -> dict[str, Any]:
         """By day and hour of day: minutes outside each limit, mean over the runs, in tenths."""
         return {
-            name.removeprefix(_OUTSIDE): tables.pack(
+            name.removeprefix(quantities.OUTSIDE): tables.pack(
                 tables.calendar(outside, self._lengths, self._a_day, self._seconds), 2
             )
             for name, outside in self._course.outside.items()

@@ -25,6 +25,7 @@ from glbench.model.states import TomatoState
 from glbench.model.submodels import Crop, CropStart
 from glbench.model.surroundings import CropExchange, Surroundings
 from glbench.model.variants import AUTHOR, Variant
+from glbench.quantities import FLOWS
 
 LEAVES = 95283.0
 """Leaf carbohydrates of the mature crop [mg m-2]: a leaf area index of 2.53."""
@@ -133,7 +134,7 @@ class VanthoorTomato(Crop):
                 "fruit_growth",
                 "mg m-2",
                 "carbohydrate gained by the fruit, harvest taken off",
-                "Fruit",
+                FLOWS["fruit_growth"].label,
                 _fruit_growth,
                 lambda step: step.parameters.rg_fruit * step.seconds,
             ),
