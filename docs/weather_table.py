@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from docs.tables import with_tables
 from glbench.weather import Blocks, SeasonGenerator, load_weather
-from glbench.weather.resemblance import (
+from glbench.weather.comparison import (
     SPLIT_KEY,
     Figure,
     Resemblance,

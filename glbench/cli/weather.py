@@ -196,7 +196,7 @@ def generate(
 
     from glbench.errors import WeatherError
     from glbench.weather import SeasonGenerator, load_weather
-    from glbench.weather.picture import write_picture
+    from glbench.weather.comparison import write_picture
     from glbench.weather.store import write_record
 
     for path, suffix in ((out, ".parquet"), (picture, ".png")):
@@ -247,8 +247,8 @@ def statistics(
     """How well generated seasons resemble the real years, beside the limits that a generator must keep."""
     from glbench.resources import write_atomically
     from glbench.weather import SeasonGenerator, load_weather
+    from glbench.weather.comparison import resemblance
     from glbench.weather.generator import Blocks
-    from glbench.weather.resemblance import resemblance
 
     given: dict[str, Any] = {"shortest": shortest, "longest": longest, "window": window, "nearest": nearest}
     blocks = dataclasses.replace(Blocks(), **{key: value for key, value in given.items() if value is not None})
@@ -358,7 +358,7 @@ def _degrees(value: float, positive: str, negative: str) -> str:
 
 
 def _report_saved(record: WeatherRecord, path: Path) -> None:
-    from glbench.weather.plausible import doubts, in_figures
+    from glbench.weather.summary import doubts, in_figures
 
     saved = f"Weather '{path.stem}': {record.period}, {record.hours:,} h, SHA-256 {record.digest[:12]}, in {path}"
     put(saved)

@@ -22,20 +22,17 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from glbench.errors import WeatherError
-from glbench.weather.preprocessing import (
+from glbench.weather import preprocessing
+from glbench.weather.record import (
     RAW_SECONDS,
-    Prepared,
-    Window,
-    co2_density,
-    seconds_into_year,
-    sigmoid,
-    sky_temperature,
-    soil_temperature,
+    SLOT_SECONDS,
+    FloatArray,
+    IntArray,
+    Place,
+    WeatherRecord,
     time_zone,
-    utc_offsets,
-    vapour_pressure,
+    utc_text,
 )
-from glbench.weather.record import SLOT_SECONDS, FloatArray, IntArray, Place, WeatherRecord, utc_text
 
 DELTA_T = 67.0  # s, terrestrial minus universal time; 65.5 to 69.4 s from 2008 to 2024, 1 s moves the sun by 0.004 deg
 STANDARD_PRESSURE_HPA = 1013.25
@@ -140,16 +137,7 @@ class Means:
         return np.asarray(head + between + partial(self._last, self._to))
 
 
-@dataclass(frozen=True)
-class _Days:
-    """The local calendar days of a window: begin and end of each (seconds since 1970-01-01 UTC), and each step's day."""
-
-    begins: IntArray
-    ends: IntArray
-    of_step: IntArray
-
-
-def prepare(record: WeatherRecord, window: Window) -> Prepared:
+def prepare(record: WeatherRecord, window: preprocessing.Window) -> preprocessing.Prepared:
     """Disturbances of ``window``, each row the mean over its step.
 
     At the record's two ends, where an instant has no neighbour, its value is held (for less than an hour).
@@ -159,31 +147,45 @@ def prepare(record: WeatherRecord, window: Window) -> Prepared:
     WeatherError
         When a local calendar day of the window has daylight hours that the record does not cover.
     """
-    days = _local_days(window, record.timezone)
-    first = (max(min(window.start, int(days.begins[0])), record.begin) - record.begin) // SLOT_SECONDS
-    last = -(-(min(max(window.end, int(days.ends[-1])), record.end) - record.begin) // SLOT_SECONDS)
+    zone = time_zone(record.timezone)
+
+    def midnight(number: int) -> int:
+        date = dt.date(1970, 1, 1) + dt.timedelta(days=number)
+        return int(dt.datetime.combine(date, dt.time(), tzinfo=zone).timestamp())
+
+    # The local calendar days of the window: begin and end of each (seconds since 1970-01-01 UTC), and each step's day.
+    local_day = (window.times + preprocessing.utc_offsets(window.times, record.timezone)) // DAY_SECONDS
+    numbers, day_of_step = np.unique(local_day, return_inverse=True)
+    begins = np.array([midnight(int(number)) for number in numbers], dtype=np.int64)
+    ends = np.array([midnight(int(number) + 1) for number in numbers], dtype=np.int64)
+    first = (max(min(window.start, int(begins[0])), record.begin) - record.begin) // SLOT_SECONDS
+    last = -(-(min(max(window.end, int(ends[-1])), record.end) - record.begin) // SLOT_SECONDS)
     slots = _Slots(record, first, last)
     steps = Means(window.times, window.times + window.step, slots.begin, SLOT_SECONDS)
     samples = Means(window.times, window.times + window.step, slots.begin, RAW_SECONDS)
     temperature = slots.step_means("air_temperature", steps)
     is_day = slots.is_day
-    is_day_smooth = np.where((is_day > 0.0) & (is_day < 1.0), sigmoid(is_day), is_day)
+    is_day_smooth = np.where((is_day > 0.0) & (is_day < 1.0), preprocessing.sigmoid(is_day), is_day)
     values = np.column_stack(
         [
             steps.of_amounts(slots.energy, slots.shares),
             temperature,
             slots.step_means("vapour_pressure", steps),
-            co2_density(temperature, window.co2_ppm),
+            preprocessing.co2_density(temperature, window.co2_ppm),
             slots.step_means("wind_speed", steps),
-            sky_temperature(record, lambda name: slots.step_means(name, steps), temperature, overcast=8.0),
-            soil_temperature(seconds_into_year(np.asarray(window.times + window.step / 2.0, dtype=np.float64))),
-            _radiation_sums(slots, days)[days.of_step],
+            preprocessing.sky_temperature(
+                record, lambda name: slots.step_means(name, steps), temperature, overcast=8.0
+            ),
+            preprocessing.soil_temperature(
+                preprocessing.seconds_into_year(np.asarray(window.times + window.step / 2.0, dtype=np.float64))
+            ),
+            _radiation_sums(slots, begins, ends)[day_of_step],
             samples.of_constants(is_day),
             samples.of_constants(is_day_smooth),
         ]
     )
     # The slot before and the slot after were read too, for the instants and the clearness.
-    return Prepared(values, max(first - 1, 0), min(last + 1, record.hours))
+    return preprocessing.Prepared(values, max(first - 1, 0), min(last + 1, record.hours))
 
 
 @dataclass(frozen=True)
@@ -202,7 +204,7 @@ class _Slots:
     @cached_property
     def sine(self) -> FloatArray:
         """Sine of the solar elevation in the middle of every 5 minutes, (slots + 2, 12): one slot more on either side."""
-        return _sine_over(self.record.place, self.begin - SLOT_SECONDS, self.last - self.first + 2)
+        return sines_over(self.record.place, self.begin - SLOT_SECONDS, self.last - self.first + 2)
 
     @property
     def energy(self) -> IntArray:
@@ -231,10 +233,10 @@ class _Slots:
         the result does not depend on the window asked for.
         """
         around = np.arange(self.first - 1, self.last + 1)
-        known = (around >= 0) & (around < self.record.hours)
-        hourly = self.record.values("global_radiation")[np.where(known, around, 0)]
+        inside = (around >= 0) & (around < self.record.hours)
+        hourly = self.record.values("global_radiation")[np.where(inside, around, 0)]
         sunshine = np.maximum(self.sine, 0.0).mean(axis=1)
-        sunlit = known & (sunshine > 0.0)
+        sunlit = inside & (sunshine > 0.0)
         kappa = np.ones(around.size)
         kappa[sunlit] = np.minimum(hourly[sunlit] / sunshine[sunlit], BRIGHTEST_BEAM)
         own = kappa[1:-1, None]
@@ -256,22 +258,22 @@ class _Slots:
         """Means over the steps of the quantity ``name``, or of ``"vapour_pressure"`` [Pa], read as its timing says."""
         before = max(self.first - 1, 0)
         timing = self.record.timing["air_temperature" if name == "vapour_pressure" else name]
-        values = self._hourly(name, before)
+        if name == "vapour_pressure":
+            values = preprocessing.vapour_pressure(
+                self.record.values("air_temperature", before, self.last),
+                self.record.values("relative_humidity", before, self.last),
+            )
+        else:
+            values = self.record.values(name, before, self.last)
+        if name == "cloud_cover":  # KNMI's 9 means that the sky cannot be seen: as good as overcast
+            values = np.minimum(values, 8.0)
         if timing == "mean":
             return steps.of_constants(values[self.first - before :])
         nodes = values if self.first > 0 else np.concatenate((values[:1], values))
         return steps.of_lines(nodes)
 
-    def _hourly(self, name: str, first: int) -> FloatArray:
-        if name == "vapour_pressure":
-            temperature = self.record.values("air_temperature", first, self.last)
-            return vapour_pressure(temperature, self.record.values("relative_humidity", first, self.last))
-        values = self.record.values(name, first, self.last)
-        # KNMI's 9 means that the sky cannot be seen: as good as overcast.
-        return np.minimum(values, 8.0) if name == "cloud_cover" else values
 
-
-def _sine_over(place: Place, begin: int, slots: int) -> FloatArray:
+def sines_over(place: Place, begin: int, slots: int) -> FloatArray:
     """Sine of the solar elevation in the middle of every 5 minutes of ``slots`` hours from ``begin``, (slots, 12)."""
     phase = begin % RAW_SECONDS
     first, last = (moment // BLOCK_SECONDS for moment in (begin - phase, begin - phase + slots * SLOT_SECONDS - 1))
@@ -282,7 +284,7 @@ def _sine_over(place: Place, begin: int, slots: int) -> FloatArray:
 
 @lru_cache(maxsize=512)
 def _sine_in_block(place: Place, block: int, phase: int) -> FloatArray:
-    """The same of all 5 minutes of a block, the first of which begins ``phase`` seconds after it, (1152,).
+    """Sine of the solar elevation in the middle of all 5 minutes of a block, the first of which begins ``phase`` seconds after it, (1152,).
 
     Remembered, because it costs far more than all the rest, and windows overlap. Whole blocks, so that no bit depends on the window.
     """
@@ -299,39 +301,23 @@ def _normalised(weights: FloatArray) -> FloatArray:
     return np.where(mean > 0.0, weights, 1.0) / np.where(mean > 0.0, mean, 1.0)
 
 
-def _local_days(window: Window, timezone: str) -> _Days:
-    local_day = (window.times + utc_offsets(window.times, timezone)) // DAY_SECONDS
-    numbers, of_step = np.unique(local_day, return_inverse=True)
-    zone = time_zone(timezone)
+def _radiation_sums(slots: _Slots, begins: IntArray, ends: IntArray) -> FloatArray:
+    """Radiation sum [MJ m-2] of each local calendar day (23 or 25 h long where the clock changes).
 
-    def midnight(number: int) -> int:
-        date = dt.date(1970, 1, 1) + dt.timedelta(days=number)
-        return int(dt.datetime.combine(date, dt.time(), tzinfo=zone).timestamp())
-
-    begins = np.array([midnight(int(number)) for number in numbers], dtype=np.int64)
-    ends = np.array([midnight(int(number) + 1) for number in numbers], dtype=np.int64)
-    return _Days(begins, ends, of_step)
-
-
-def _radiation_sums(slots: _Slots, days: _Days) -> FloatArray:
-    """Radiation sum [MJ m-2] of each local calendar day (23 or 25 h long where the clock changes)."""
+    Raises when the sun (or its twilight) shines in hours of a needed day that the record does not have.
+    """
     record = slots.record
-    for begin, end in ((int(days.begins[0]), record.begin), (record.end, int(days.ends[-1]))):
-        _check_dark(record, begin, end)
-    begins, ends = np.maximum(days.begins, record.begin), np.minimum(days.ends, record.end)
+    for begin, end in ((int(begins[0]), record.begin), (record.end, int(ends[-1]))):
+        if begin >= end:
+            continue
+        sine = sine_of_elevation(np.arange(begin, end, RAW_SECONDS, dtype=np.float64), record.place)
+        if bool(np.any(sine > -TWILIGHT_SINE)):
+            msg = (
+                f"Weather '{record.name}' covers {record.period}: daylight hours from {utc_text(begin)} to {utc_text(end)} UTC are "
+                f"missing, so the radiation sum of that day (clock of {record.timezone}) is unknown. Start a day later, or end a "
+                "day earlier."
+            )
+            raise WeatherError(msg)
+    begins, ends = np.maximum(begins, record.begin), np.minimum(ends, record.end)
     rates = Means(begins, ends, slots.begin, SLOT_SECONDS).of_amounts(slots.energy, slots.shares)
     return np.asarray(rates * (ends - begins) * 1e-6)
-
-
-def _check_dark(record: WeatherRecord, begin: int, end: int) -> None:
-    """Raise when the sun (or its twilight) shines between ``begin`` and ``end``, hours of a needed day without a record."""
-    if begin >= end:
-        return
-    sine = sine_of_elevation(np.arange(begin, end, RAW_SECONDS, dtype=np.float64), record.place)
-    if bool(np.any(sine > -TWILIGHT_SINE)):
-        msg = (
-            f"Weather '{record.name}' covers {record.period}: daylight hours from {utc_text(begin)} to {utc_text(end)} UTC are "
-            f"missing, so the radiation sum of that day (clock of {record.timezone}) is unknown. Start a day later, or end a "
-            "day earlier."
-        )
-        raise WeatherError(msg)

@@ -20,8 +20,16 @@ import numpy as np
 import numpy.typing as npt
 
 from glbench.errors import WeatherError
-from glbench.weather.preprocessing import RAW_SECONDS
-from glbench.weather.record import QUANTITIES, SKY, SLOT_SECONDS, FloatArray, IntArray, Place, WeatherRecord
+from glbench.weather.record import (
+    QUANTITIES,
+    RAW_SECONDS,
+    SKY,
+    SLOT_SECONDS,
+    FloatArray,
+    IntArray,
+    Place,
+    WeatherRecord,
+)
 
 DAY_SECONDS = 86400
 DAY_HOURS = 24
@@ -149,8 +157,18 @@ class SeasonGenerator:
         sources = self._days.numbers[chain]
         for array in (sources, joints):
             array.setflags(write=False)
-        record = self._record(first, self._days.joined(chain, joints, calendar))
-        return GeneratedSeason(start, record, sources, joints)
+        record, years = self.record, ", ".join(str(year) for year in self.years)
+        season = WeatherRecord(
+            name=f"{record.name}-season",
+            place=record.place,
+            begin=first * DAY_SECONDS - self._days.ahead,
+            counts=self._days.joined(chain, joints, calendar),
+            timing=record.timing,
+            source=f"season generated from the years {years} of weather '{record.name}': {record.source}",
+            licence=record.licence,
+            notes=(f"generated: blocks of days of the years {years}, joined in a new order; its dates are nominal",),
+        )
+        return GeneratedSeason(start, season, sources, joints)
 
     def source_years(self, start: dt.date, days: int, numbers: npt.NDArray[np.float64]) -> IntArray:
         """Source year of each day ``(days,)`` of the season; arguments and errors as for ``season``, but faster."""
@@ -160,12 +178,12 @@ class SeasonGenerator:
     def _chained(
         self, start: dt.date, days: int, numbers: npt.NDArray[np.float64]
     ) -> tuple[int, IntArray, IntArray, npt.NDArray[np.bool_]]:
-        """First day of the record, the calendar, and the result of ``_chain``."""
-        wanted = self.numbers(days)
+        """First day of the record, and of each day the calendar, the day of the years that it is taken from, and whether a block begins."""
+        count = self.numbers(days)
         numbers = np.asarray(numbers, dtype=np.float64)
-        if numbers.shape != (wanted,) or not bool(np.all((numbers >= 0.0) & (numbers < 1.0))):
+        if numbers.shape != (count,) or not bool(np.all((numbers >= 0.0) & (numbers < 1.0))):
             msg = (
-                f"A season of {days} days is made of {wanted} random numbers from 0 to 1 (1 excluded), see "
+                f"A season of {days} days is made of {count} random numbers from 0 to 1 (1 excluded), see "
                 f"SeasonGenerator.numbers; got an array of shape {numbers.shape}."
             )
             raise WeatherError(msg)
@@ -174,29 +192,29 @@ class SeasonGenerator:
             raise WeatherError(msg)
         first = (start - dt.date(1970, 1, 1)).days - MARGIN_DAYS
         calendar = calendar_days(first + np.arange(_length(days)))
-        return first, calendar, *self._chain(calendar, numbers.tolist())
-
-    def _chain(self, calendar: IntArray, numbers: list[float]) -> tuple[IntArray, npt.NDArray[np.bool_]]:
-        """For each day of the season, the day of the years that it is taken from, and whether a block begins with it."""
         chain = np.empty(calendar.size, dtype=np.int64)
         joints = np.zeros(calendar.size, dtype=np.bool_)
         shortest, longest = self.blocks.shortest, self.blocks.longest
         at = 0
-        for i in range(0, len(numbers), 2):
-            length = (
-                _rest_of_block(shortest, longest, numbers[i])
-                if at == 0
-                else shortest + int(numbers[i] * (longest - shortest + 1))
-            )
+        for for_length, for_choice in numbers.reshape(-1, 2).tolist():
+            if at == 0:
+                # What is left of the block that the season begins in, so that joints are equally likely on all days.
+                at_least = np.minimum(
+                    longest - np.arange(longest), longest - shortest + 1
+                )  # lengths of 1, 2, ... days or more
+                running = np.cumsum(at_least)
+                length = 1 + int(np.searchsorted(running, for_length * running[-1], side="right"))
+            else:
+                length = shortest + int(for_length * (longest - shortest + 1))
             choice = self._choices(chain[max(at - self.blocks.rest, 0) : at], int(calendar[at]), length)
-            begin = choice[int(numbers[i + 1] * choice.size)]
+            begin = choice[int(for_choice * choice.size)]
             end = min(at + length, calendar.size)
             chain[at:end] = np.arange(begin, begin + end - at)
             joints[at] = at > 0
             at = end
             if at == calendar.size:
                 break
-        return chain, joints
+        return first, calendar, chain, joints
 
     def _choices(self, recent: IntArray, calendar_day: int, length: int) -> IntArray:
         """Days that a block of ``length`` days may begin with after the days ``recent``: all near the calendar day, or the best matches."""
@@ -210,9 +228,8 @@ class SeasonGenerator:
         for window in range(blocks.window, YEAR_DAYS, 5):
             begins = np.flatnonzero(possible & (from_place <= window))
             if after:
-                held = recent >= begins[:, None] - 1
-                held &= recent < begins[:, None] + length
-                begins = begins[~held.any(axis=1)]
+                overlap = (recent >= begins[:, None] - 1) & (recent < begins[:, None] + length)
+                begins = begins[~overlap.any(axis=1)]
             if begins.size >= blocks.nearest:
                 break
         if not after:
@@ -222,20 +239,6 @@ class SeasonGenerator:
             / self._loneliness[begins - 1]
         )
         return begins[np.argsort(distance, kind="stable")[: blocks.nearest]]
-
-    def _record(self, first: int, counts: Mapping[str, IntArray]) -> WeatherRecord:
-        record = self.record
-        years = ", ".join(str(year) for year in self.years)
-        return WeatherRecord(
-            name=f"{record.name}-season",
-            place=record.place,
-            begin=first * DAY_SECONDS - self._days.ahead,
-            counts=counts,
-            timing=record.timing,
-            source=f"season generated from the years {years} of weather '{record.name}': {record.source}",
-            licence=record.licence,
-            notes=(f"generated: blocks of days of the years {years}, joined in a new order; its dates are nominal",),
-        )
 
 
 def calendar_days(numbers: IntArray) -> IntArray:
@@ -255,13 +258,6 @@ def _length(days: int) -> int:
     return int(days) + 2 * MARGIN_DAYS
 
 
-def _rest_of_block(shortest: int, longest: int, number: float) -> int:
-    """What is left of the block that a season begins in [d], so that joints are equally likely on all days."""
-    at_least = np.minimum(longest - np.arange(longest), longest - shortest + 1)  # lengths of 1, 2, ... days or more
-    running = np.cumsum(at_least)
-    return 1 + int(np.searchsorted(running, number * running[-1], side="right"))
-
-
 class _Days:
     """The days of some years of a record, and what matching and joining need to know of them.
 
@@ -279,7 +275,9 @@ class _Days:
 
     def __init__(self, record: WeatherRecord, years: tuple[int, ...]) -> None:
         self.names = tuple(record.counts)
-        self.ahead = _solar_clock(record)
+        # Mean solar time, rounded so that midnight is the beginning of a slot.
+        past = record.begin % SLOT_SECONDS
+        self.ahead = round((record.longitude / 15.0 * 3600.0 + past) / SLOT_SECONDS) * SLOT_SECONDS - past
         self.place = record.place
         self.numbers, first_slots = _whole_years(record, years, self.ahead)
         self.calendar = calendar_days(self.numbers)
@@ -330,30 +328,33 @@ class _Days:
         clear = np.maximum(self.clear_sky.mean(axis=1)[self.calendar], 1.0)
         clearness = self.values("global_radiation").mean(axis=1) / clear
         day = np.column_stack([hourly[..., :3].mean(axis=1), clearness, np.ptp(self.values("air_temperature"), axis=1)])
-        parts = ((hourly[:, -1], blocks.midnight), (day, blocks.day), (self._five_days(day), blocks.days))
+        # Means over each day and the (up to four) days before it.
+        last = np.arange(self.numbers.size)
+        before = np.minimum(last - np.maximum.accumulate(np.where(self.follows, 0, last)), 4)
+        running = np.concatenate((np.zeros((1, day.shape[1])), np.cumsum(day, axis=0)))
+        five_days = (running[last + 1] - running[last - before]) / (before + 1)[:, None]
+        parts = ((hourly[:, -1], blocks.midnight), (day, blocks.day), (five_days, blocks.days))
         scaled = [part / np.maximum(part.std(axis=0), 1e-9) * np.sqrt(weights) for part, weights in parts]
         # Rounded, so that another processor's last bit does not change the order of matches.
         return np.asarray(np.round(np.concatenate(scaled, axis=1), 9))
 
-    def _five_days(self, day: FloatArray) -> FloatArray:
-        """Means over each day and the (up to four) days before it."""
-        since = np.arange(self.numbers.size) - np.maximum.accumulate(
-            np.where(self.follows, 0, np.arange(self.numbers.size))
-        )
-        before = np.minimum(since, 4)
-        running = np.concatenate((np.zeros((1, day.shape[1])), np.cumsum(day, axis=0)))
-        last = np.arange(self.numbers.size)
-        return np.asarray((running[last + 1] - running[last - before]) / (before + 1)[:, None])
-
     def joined(self, chain: IntArray, joints: npt.NDArray[np.bool_], calendar: IntArray) -> Mapping[str, IntArray]:
         """Columns of a season whose days are ``chain``, moved to the days of the year ``calendar`` and joined smoothly."""
-        made = self.counts[chain]
+        season = self.counts[chain]
         from_calendar = self.calendar[chain]
         # Columns that hold temperatures follow the mean course of the year.
         warm = [i for i, name in enumerate(self.names) if name in ("air_temperature", "sky_temperature")]
-        made[..., warm] += (self.warmth[calendar] - self.warmth[from_calendar])[..., None]
+        season[..., warm] += (self.warmth[calendar] - self.warmth[from_calendar])[..., None]
         radiation = self.names.index("global_radiation")
-        made[..., radiation] = self._under_the_sun_of(calendar, chain)
+        # Radiation: the clearness of each hour, under the sun of its new day.
+        measured = self.counts[chain, :, radiation]
+        here, there = self.clear_sky[calendar], self.clear_sky[from_calendar]
+        high = there > LOW_SUN
+        moved = measured * np.where(high, here, 0.0) / np.where(high, there, 1.0)
+        # Where the sun stands high in this season only, the nearest sunlit hour of the day says how clear it is.
+        risen = self._clearness[chain] * here
+        twilight = np.where((here > 0.0) | (there == 0.0), measured, 0.0)
+        season[..., radiation] = np.where(high, moved, np.where(here > LOW_SUN, risen, twilight))
         begins = np.flatnonzero(joints)
         if begins.size:
             before, own = (
@@ -365,25 +366,14 @@ class _Days:
             gap[:, warm] += (warmth[self.calendar[own]] - warmth[self.calendar[before]])[:, None]
             gap[:, radiation] = 0.0
             ramp = np.arange(1, RAMP_HOURS + 1) / (2.0 * RAMP_HOURS)
-            made[begins - 1] -= ramp[:, None] * gap[:, None, :]
-            made[begins] += ramp[::-1, None] * gap[:, None, :]
-        np.rint(made / self.grid, out=made)
-        made *= self.grid
-        np.clip(made, self.low, self.high, out=made)
-        columns = np.ascontiguousarray(made.reshape(-1, len(self.names)).T).astype(np.int64)
+            season[begins - 1] -= ramp[:, None] * gap[:, None, :]
+            season[begins] += ramp[::-1, None] * gap[:, None, :]
+        np.rint(season / self.grid, out=season)
+        season *= self.grid
+        np.clip(season, self.low, self.high, out=season)
+        columns = np.ascontiguousarray(season.reshape(-1, len(self.names)).T).astype(np.int64)
         columns.setflags(write=False)
         return MappingProxyType(dict(zip(self.names, columns, strict=True)))
-
-    def _under_the_sun_of(self, calendar: IntArray, chain: IntArray) -> FloatArray:
-        """Radiation of the days ``chain`` [counts], with the clearness of each hour under the sun of the days ``calendar``."""
-        measured = self.counts[chain, :, self.names.index("global_radiation")]
-        here, there = self.clear_sky[calendar], self.clear_sky[self.calendar[chain]]
-        high = there > LOW_SUN
-        moved = measured * np.where(high, here, 0.0) / np.where(high, there, 1.0)
-        # Where the sun stands high in this season only, the nearest sunlit hour of the day says how clear it is.
-        risen = self._clearness[chain] * here
-        twilight = np.where((here > 0.0) | (there == 0.0), measured, 0.0)
-        return np.where(high, moved, np.where(here > LOW_SUN, risen, twilight))
 
     @cached_property
     def _clearness(self) -> FloatArray:
@@ -453,12 +443,6 @@ def _waves(days: FloatArray) -> FloatArray:
     """A constant, a yearly and a half-yearly wave at ``days`` (n,) of the year: (n, 5)."""
     angle = 2.0 * np.pi / YEAR_DAYS * days
     return np.column_stack([np.ones_like(angle), *(f(k * angle) for k in (1.0, 2.0) for f in (np.cos, np.sin))])
-
-
-def _solar_clock(record: WeatherRecord) -> int:
-    """Seconds by which mean solar time is ahead of UTC, rounded so that midnight is the beginning of a slot."""
-    past = record.begin % SLOT_SECONDS
-    return round((record.longitude / 15.0 * 3600.0 + past) / SLOT_SECONDS) * SLOT_SECONDS - past
 
 
 def _whole_years(record: WeatherRecord, years: tuple[int, ...], ahead: int) -> tuple[IntArray, IntArray]:

@@ -8,6 +8,7 @@ hours day by day and may add a day. An answer is kept in the cache, with its SHA
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import http.client
 import os
@@ -26,8 +27,18 @@ import numpy as np
 from glbench.errors import WeatherError, whole_number
 from glbench.resources import cache_folder, write_atomically
 from glbench.untrusted import reason_of
-from glbench.weather.assemble import USUAL_TIMING, Origin, Rows, assemble, require_columns
-from glbench.weather.record import SLOT_SECONDS, FloatArray, IntArray, Place, WeatherRecord
+from glbench.weather.record import (
+    SLOT_SECONDS,
+    USUAL_TIMING,
+    FloatArray,
+    IntArray,
+    Origin,
+    Place,
+    Rows,
+    WeatherRecord,
+    assemble,
+    require_columns,
+)
 
 KNMI_SOURCE = "Royal Netherlands Meteorological Institute (KNMI), hourly observations"
 KNMI_LICENCE = (
@@ -69,20 +80,7 @@ def native_rows(
     value = {name: np.asarray(column, dtype=np.float64) for name, column in native.items()}
     if numbers is None:
         numbers = np.arange(1, value["HH"].size + 1, dtype=np.int64)
-    columns: dict[str, FloatArray] = {
-        "air_temperature": value["T"] / 10.0,
-        "relative_humidity": value["U"],
-        "cloud_cover": value["N"],
-        "wind_speed": value["FH"] / 10.0,
-        # J cm-2 in the slot; 1e4 J m-2 over 3600 s as one rounded division.
-        "global_radiation": value["Q"] * 10000.0 / SLOT_SECONDS,
-    }
-    return Rows(file, _slot_ends(file, value["YYYYMMDD"], value["HH"], numbers), columns, USUAL_TIMING, numbers)
-
-
-def _slot_ends(file: str, dates: FloatArray, hours: FloatArray, numbers: IntArray) -> IntArray:
-    """End of each slot [s since 1970-01-01 UTC] from YYYYMMDD and HH."""
-    unique, which = np.unique(dates.astype(np.int64), return_inverse=True)
+    unique, which = np.unique(value["YYYYMMDD"].astype(np.int64), return_inverse=True)
     midnights = np.empty(unique.size, dtype=np.int64)
     for i, date in enumerate(unique):
         text = f"{int(date):08d}"
@@ -92,12 +90,22 @@ def _slot_ends(file: str, dates: FloatArray, hours: FloatArray, numbers: IntArra
             row = numbers[np.flatnonzero(which == i)[0]]
             msg = f"{file}, row {row}: the date {text} does not exist. Correct the file or fetch it again."
             raise WeatherError(msg) from error
+    hours = value["HH"]
     bad = np.flatnonzero(~((hours >= 1) & (hours <= 24) & (hours % 1 == 0)))
     if bad.size:
         i = int(bad[0])
         msg = f"{file}, row {numbers[i]}: the hour {hours[i]:g} is not one of 1 to 24. Correct the file or fetch it again."
         raise WeatherError(msg)
-    return np.asarray(midnights[which] + SLOT_SECONDS * hours.astype(np.int64), dtype=np.int64)
+    slot_ends = np.asarray(midnights[which] + SLOT_SECONDS * hours.astype(np.int64), dtype=np.int64)
+    columns: dict[str, FloatArray] = {
+        "air_temperature": value["T"] / 10.0,
+        "relative_humidity": value["U"],
+        "cloud_cover": value["N"],
+        "wind_speed": value["FH"] / 10.0,
+        # J cm-2 in the slot; 1e4 J m-2 over 3600 s as one rounded division.
+        "global_radiation": value["Q"] * 10000.0 / SLOT_SECONDS,
+    }
+    return Rows(file, slot_ends, columns, USUAL_TIMING, numbers)
 
 
 @dataclass(frozen=True)
@@ -143,23 +151,23 @@ def read_knmi(
 
 def record_from_knmi(table: KnmiTable, name: str, *, station: int | None = None, fill_gaps: int = 0) -> WeatherRecord:
     """Checked record of one station of a KNMI table. Raises ``WeatherError`` as ``read_knmi`` does."""
-    found = sorted({int(number) for number in table.columns["STN"]})
-    if station is None and len(found) > 1:
-        msg = f"{table.file} holds the stations {', '.join(map(str, found))}: choose one with --station."
+    present = sorted({int(number) for number in table.columns["STN"]})
+    if station is None and len(present) > 1:
+        msg = f"{table.file} holds the stations {', '.join(map(str, present))}: choose one with --station."
         raise WeatherError(msg)
-    if station is not None and station not in found:
-        held = ", ".join(map(str, found)) or "no station at all"
-        msg = f"{table.file} holds {held}, not station {station}. Choose the right file or station."
+    if station is not None and station not in present:
+        stations = ", ".join(map(str, present)) or "no station at all"
+        msg = f"{table.file} holds {stations}, not station {station}. Choose the right file or station."
         raise WeatherError(msg)
-    chosen = found[0] if station is None else station
-    if chosen not in table.stations:
+    number = present[0] if station is None else station
+    if number not in table.stations:
         msg = (
-            f"{table.file} gives no coordinates for station {chosen}: its comments have no station table. Fetch the file from "
+            f"{table.file} gives no coordinates for station {number}: its comments have no station table. Fetch the file from "
             "KNMI's hourly service (`glbench weather fetch`), which writes one."
         )
         raise WeatherError(msg)
-    own = table.only(np.flatnonzero(table.columns["STN"] == chosen))
-    origin = Origin(name, own.stations[chosen], f"{KNMI_SOURCE}, station {chosen}", KNMI_LICENCE)
+    own = table.only(np.flatnonzero(table.columns["STN"] == number))
+    origin = Origin(name, own.stations[number], f"{KNMI_SOURCE}, station {number}", KNMI_LICENCE)
     return assemble(native_rows(own.file, own.columns, own.lines), origin, fill_gaps=fill_gaps)
 
 
@@ -181,7 +189,10 @@ def parse_knmi(text: str, file: str) -> KnmiTable:
             header = ["HH" if title.strip() == "H" else title.strip() for title in line.split(",")]
             require_columns(file, header, ("STN", "YYYYMMDD", "HH", *NATIVE_COLUMNS))
         elif station := _STATION.match(line):
-            stations[int(station[1])] = _place(station)
+            code, longitude, latitude, altitude, title = station.groups()
+            town = title.strip().title() if title.isupper() else title.strip()
+            place = Place(f"KNMI {code}, {town}", float(latitude), float(longitude), float(altitude), KNMI_TIMEZONE)
+            stations[int(code)] = place
         elif header and line and not raw.lstrip(' "').startswith("#"):
             rows.append(raw.split(","))
             numbers.append(number)
@@ -193,7 +204,7 @@ def parse_knmi(text: str, file: str) -> KnmiTable:
         )
         raise WeatherError(msg)
     lines = np.array(numbers, dtype=np.int64)
-    kept = ("STN", "YYYYMMDD", "HH", *NATIVE_COLUMNS)
+    names = ("STN", "YYYYMMDD", "HH", *NATIVE_COLUMNS)
     for number, row in zip(numbers, rows, strict=True):
         if len(row) != len(header):
             content = ",".join(row).strip()
@@ -202,14 +213,8 @@ def parse_knmi(text: str, file: str) -> KnmiTable:
                 "damaged: fetch it again."
             )
             raise WeatherError(msg)
-    columns = {name: _numbers(file, name, [row[header.index(name)] for row in rows], lines) for name in kept}
+    columns = {name: _numbers(file, name, [row[header.index(name)] for row in rows], lines) for name in names}
     return KnmiTable(file, columns, lines, stations)
-
-
-def _place(match: re.Match[str]) -> Place:
-    number, longitude, latitude, altitude, title = match.groups()
-    name = title.strip().title() if title.isupper() else title.strip()
-    return Place(f"KNMI {number}, {name}", float(latitude), float(longitude), float(altitude), KNMI_TIMEZONE)
 
 
 def _numbers(file: str, name: str, fields: list[str], lines: IntArray) -> FloatArray:
@@ -304,30 +309,34 @@ def fetch_knmi(
         "vars": "Q:T:U:FH:N",
         "fmt": "csv",
     }
-    cached = _cache_file(address, form, station, year)
-    content = None if refresh else _read_cache(cached)
+    key = hashlib.sha256(f"{address}?{urllib.parse.urlencode(sorted(form.items()))}".encode()).hexdigest()[:12]
+    cache = cache_folder() / "weather" / f"knmi_{station}_{year}_{key}.txt"
+    content = None
+    if not refresh:
+        with contextlib.suppress(OSError):
+            # The checksum goes in front of the text: one file, so that there is no moment with one and not the other.
+            checksum, _, text = cache.read_bytes().partition(b"\n")
+            content = text if hashlib.sha256(text).hexdigest().encode() == checksum else None
     fresh = content is None
     if content is None:
         content = _download(address, form, timeout_seconds, total_seconds, progress)
-    record = _year_of(content, f"KNMI's answer for station {station}, {year}", station, year, name, fill_gaps)
+    file = f"KNMI's answer for station {station}, {year}"
+    table = parse_knmi(content.decode("utf-8", errors="replace"), file)
+    own = table.only(np.flatnonzero((table.columns["YYYYMMDD"] // 10000) == year))
+    if own.lines.size == 0:
+        msg = f"{file}: it holds no hour of {year}. Does the station exist, and did it measure in that year?"
+        raise WeatherError(msg)
+    record = record_from_knmi(own, name or f"knmi-{station}-{year}", station=station, fill_gaps=fill_gaps)
+    expected = int((np.datetime64(f"{year + 1}-01-01") - np.datetime64(f"{year}-01-01")).astype(np.int64)) * 24
+    if record.hours != expected:
+        msg = (
+            f"{file} runs from {record.period}: {record.hours} of {expected} hours. The answer was cut off, or the year is not "
+            "over yet. Try again, or choose another year."
+        )
+        raise WeatherError(msg)
     if fresh:
-        # The checksum goes in front of the text: one file, so that there is no moment with one and not the other.
-        write_atomically(cached, hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
+        write_atomically(cache, hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
     return record
-
-
-def _cache_file(address: str, form: dict[str, str], station: int, year: int) -> Path:
-    key = hashlib.sha256(f"{address}?{urllib.parse.urlencode(sorted(form.items()))}".encode()).hexdigest()[:12]
-    return cache_folder() / "weather" / f"knmi_{station}_{year}_{key}.txt"
-
-
-def _read_cache(path: Path) -> bytes | None:
-    """Content of the cache file, or None when there is none or its checksum does not hold."""
-    try:
-        checksum, _, content = path.read_bytes().partition(b"\n")
-    except OSError:
-        return None
-    return content if hashlib.sha256(content).hexdigest().encode() == checksum else None
 
 
 def _download(
@@ -383,21 +392,3 @@ def _silent(address: str, timeout_seconds: float) -> WeatherError:
         "Files downloaded by hand come in with `glbench weather import`."
     )
     return WeatherError(msg)
-
-
-def _year_of(content: bytes, file: str, station: int, year: int, name: str | None, fill_gaps: int) -> WeatherRecord:
-    """Record of exactly the hours of ``year`` in KNMI's answer."""
-    table = parse_knmi(content.decode("utf-8", errors="replace"), file)
-    wanted = table.only(np.flatnonzero((table.columns["YYYYMMDD"] // 10000) == year))
-    if wanted.lines.size == 0:
-        msg = f"{file}: it holds no hour of {year}. Does the station exist, and did it measure in that year?"
-        raise WeatherError(msg)
-    record = record_from_knmi(wanted, name or f"knmi-{station}-{year}", station=station, fill_gaps=fill_gaps)
-    expected = int((np.datetime64(f"{year + 1}-01-01") - np.datetime64(f"{year}-01-01")).astype(np.int64)) * 24
-    if record.hours != expected:
-        msg = (
-            f"{file} runs from {record.period}: {record.hours} of {expected} hours. The answer was cut off, or the year is not "
-            "over yet. Try again, or choose another year."
-        )
-        raise WeatherError(msg)
-    return record

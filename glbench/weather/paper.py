@@ -14,18 +14,8 @@ from __future__ import annotations
 import numpy as np
 
 from glbench.errors import WeatherError
-from glbench.weather.preprocessing import (
-    RAW_SECONDS,
-    Prepared,
-    Window,
-    co2_density,
-    seconds_into_year,
-    sigmoid,
-    sky_temperature,
-    soil_temperature,
-    vapour_pressure,
-)
-from glbench.weather.record import SLOT_SECONDS, FloatArray, IntArray, WeatherRecord, utc_text
+from glbench.weather import preprocessing
+from glbench.weather.record import RAW_SECONDS, SLOT_SECONDS, FloatArray, WeatherRecord, utc_text
 
 VERSION = 1
 NODES_PER_SLOT = SLOT_SECONDS // RAW_SECONDS
@@ -33,7 +23,7 @@ DAY_SECONDS = 86400
 RADIATION_FLOOR = 1e-10  # W m-2; smaller values after resampling are rounding and become 0
 
 
-def prepare(record: WeatherRecord, window: Window) -> Prepared:
+def prepare(record: WeatherRecord, window: preprocessing.Window) -> preprocessing.Prepared:
     """Disturbances of ``window`` as the published pipeline makes them; row k is the value at the start of step k.
 
     Raises
@@ -41,16 +31,6 @@ def prepare(record: WeatherRecord, window: Window) -> Prepared:
     WeatherError
         When a calendar day (UTC) of the window is only partly in the record: its radiation sum would be wrong.
     """
-    first_slot, last_slot = _slots(record, window)
-    grid = _five_minute_grid(record, first_slot, last_slot, window.co2_ppm)
-    values = _at_times(grid, record.begin + first_slot * SLOT_SECONDS, window.times)
-    radiation = values[:, 0]
-    radiation[radiation < RADIATION_FLOOR] = 0.0
-    return Prepared(values, first_slot, last_slot)
-
-
-def _slots(record: WeatherRecord, window: Window) -> tuple[int, int]:
-    """Slots to read: the whole days of the window and one day on either side, as far as the record goes."""
     first_day = window.start // DAY_SECONDS * DAY_SECONDS
     after = -(-window.end // DAY_SECONDS) * DAY_SECONDS
     if first_day < record.begin or after > record.end:
@@ -60,9 +40,23 @@ def _slots(record: WeatherRecord, window: Window) -> tuple[int, int]:
             "so that day's radiation sum is unknown. Start a day later, or end a day earlier."
         )
         raise WeatherError(msg)
-    first_slot = max(0, (first_day - DAY_SECONDS - record.begin) // SLOT_SECONDS)
-    last_slot = min(record.hours, -(-(after + DAY_SECONDS - record.begin) // SLOT_SECONDS))
-    return int(first_slot), int(last_slot)
+    # The whole days of the window and one day on either side are read, as far as the record goes.
+    first_slot = int(max(0, (first_day - DAY_SECONDS - record.begin) // SLOT_SECONDS))
+    last_slot = int(min(record.hours, -(-(after + DAY_SECONDS - record.begin) // SLOT_SECONDS)))
+    grid = _five_minute_grid(record, first_slot, last_slot, window.co2_ppm)
+    since = window.times - (record.begin + first_slot * SLOT_SECONDS)
+    index, rest = np.divmod(since, RAW_SECONDS)
+    if rest.any():
+        from scipy.interpolate import PchipInterpolator
+
+        # In units of the grid step, so that a node is met exactly; PCHIP passes through its nodes.
+        between = PchipInterpolator(np.arange(grid.shape[0], dtype=np.float64), grid, axis=0)
+        values = np.asarray(between(since / RAW_SECONDS), dtype=np.float64)
+    else:
+        values = grid[index]
+    radiation = values[:, 0]
+    radiation[radiation < RADIATION_FLOOR] = 0.0
+    return preprocessing.Prepared(values, first_slot, last_slot)
 
 
 def _five_minute_grid(record: WeatherRecord, first_slot: int, last_slot: int, co2_ppm: float) -> FloatArray:
@@ -70,8 +64,8 @@ def _five_minute_grid(record: WeatherRecord, first_slot: int, last_slot: int, co
 
     def line(hourly: FloatArray) -> FloatArray:
         # The node after the last slot belongs to the next slot; at the record's very end the last value is held.
-        left, right = hourly[:-1, None], hourly[1:, None]
-        nodes = left + (right - left) * (np.arange(NODES_PER_SLOT) / NODES_PER_SLOT)
+        here, later = hourly[:-1, None], hourly[1:, None]
+        nodes = here + (later - here) * (np.arange(NODES_PER_SLOT) / NODES_PER_SLOT)
         return np.append(nodes.ravel(), hourly[-1])
 
     def column(name: str) -> FloatArray:
@@ -82,6 +76,8 @@ def _five_minute_grid(record: WeatherRecord, first_slot: int, last_slot: int, co
     radiation = line(column("global_radiation"))
     temperature = line(temperature_hourly)
     times = record.begin + first_slot * SLOT_SECONDS + RAW_SECONDS * np.arange(radiation.size, dtype=np.int64)
+    days = times // DAY_SECONDS
+    days -= days[0]
     edges_before_record = first_slot * NODES_PER_SLOT
     is_day, is_day_smooth = day_flags(
         radiation > 0.0, edges_before_record, record.hours * NODES_PER_SLOT - edges_before_record
@@ -90,23 +86,16 @@ def _five_minute_grid(record: WeatherRecord, first_slot: int, last_slot: int, co
         [
             radiation,
             temperature,
-            vapour_pressure(temperature, line(column("relative_humidity"))),
-            co2_density(temperature, co2_ppm),
+            preprocessing.vapour_pressure(temperature, line(column("relative_humidity"))),
+            preprocessing.co2_density(temperature, co2_ppm),
             line(column("wind_speed")),
-            line(sky_temperature(record, column, temperature_hourly, overcast=9.0)),
-            soil_temperature(seconds_into_year(times.astype(np.float64))),
-            _radiation_sum_of_the_day(times, radiation),
+            line(preprocessing.sky_temperature(record, column, temperature_hourly, overcast=9.0)),
+            preprocessing.soil_temperature(preprocessing.seconds_into_year(times.astype(np.float64))),
+            (np.bincount(days, weights=radiation) * RAW_SECONDS * 1e-6)[days],  # of each node's calendar day (UTC)
             is_day,
             is_day_smooth,
         ]
     )
-
-
-def _radiation_sum_of_the_day(times: IntArray, radiation: FloatArray) -> FloatArray:
-    """Radiation sum [MJ m-2] of each node's calendar day (UTC), constant within the day."""
-    days = times // DAY_SECONDS
-    days -= days[0]
-    return np.asarray((np.bincount(days, weights=radiation) * RAW_SECONDS * 1e-6)[days])
 
 
 def day_flags(light: np.ndarray, offset: int = 0, raw_samples: int | None = None) -> tuple[FloatArray, FloatArray]:
@@ -126,17 +115,5 @@ def day_flags(light: np.ndarray, offset: int = 0, raw_samples: int | None = None
     where = (edges[:, None] + np.arange(-(n // 2), n // 2)).ravel()
     linear, smooth = flag.copy(), flag.copy()
     linear[where] = np.where(rising[:, None], ramp, 1.0 - ramp).ravel()
-    smooth[where] = np.where(rising[:, None], sigmoid(ramp), 1.0 - sigmoid(ramp)).ravel()
+    smooth[where] = np.where(rising[:, None], preprocessing.sigmoid(ramp), 1.0 - preprocessing.sigmoid(ramp)).ravel()
     return linear, smooth
-
-
-def _at_times(grid: FloatArray, grid_begin: int, times: IntArray) -> FloatArray:
-    """Rows of ``grid`` at ``times``: the nodes themselves where a time is a node, else PCHIP between them."""
-    index, rest = np.divmod(times - grid_begin, RAW_SECONDS)
-    if not rest.any():
-        return grid[index]
-    from scipy.interpolate import PchipInterpolator
-
-    # In units of the grid step, so that a node is met exactly; PCHIP passes through its nodes.
-    between = PchipInterpolator(np.arange(grid.shape[0], dtype=np.float64), grid, axis=0)
-    return np.asarray(between((times - grid_begin) / RAW_SECONDS), dtype=np.float64)

@@ -9,12 +9,11 @@ import datetime as dt
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
 
 from glbench.errors import WeatherError
-from glbench.weather.record import FloatArray, IntArray, WeatherRecord
+from glbench.weather.record import FloatArray, IntArray, WeatherRecord, time_zone
 
 COLUMNS = (
     "iGlob",
@@ -28,8 +27,6 @@ COLUMNS = (
     "isDay",
     "isDaySmooth",
 )
-RAW_SECONDS = 300
-"""Both preprocessings pass through a 5-minute grid, like the published data."""
 SLOPE = 10.0
 """Steepness of the sigmoid that rounds the day flag's ramps."""
 EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
@@ -79,21 +76,6 @@ def sigmoid(ramp: FloatArray) -> FloatArray:
     return np.asarray(1.0 / (1.0 + np.exp(-SLOPE * (ramp - 0.5))))
 
 
-def time_zone(name: str) -> ZoneInfo:
-    """IANA time zone ``name``.
-
-    Raises
-    ------
-    WeatherError
-        When the time-zone database has no such zone.
-    """
-    try:
-        return ZoneInfo(name)
-    except (ZoneInfoNotFoundError, ValueError, OSError) as error:
-        msg = f"'{name}' is no time zone of the IANA database. Use a name such as Europe/Amsterdam or Etc/GMT-1."
-        raise WeatherError(msg) from error
-
-
 def to_utc_seconds(start: dt.datetime | dt.date, clock: str) -> int:
     """Seconds since 1970-01-01 UTC of ``start``; without a time zone of its own it is read on ``clock`` (an IANA name).
 
@@ -135,14 +117,11 @@ def _offsets_of_day(day: int, clock: str) -> IntArray:
     """Seconds by which ``clock`` is ahead of UTC at each quarter of an hour of the day (UTC) ``day`` days after 1970-01-01, (96,)."""
     zone = time_zone(clock)
     quarters = range(day * QUARTERS_OF_A_DAY, (day + 1) * QUARTERS_OF_A_DAY)
-    offsets = np.array([_offset(quarter * OFFSET_SECONDS, zone) for quarter in quarters], dtype=np.int64)
+    moments = (dt.datetime.fromtimestamp(quarter * OFFSET_SECONDS, tz=zone) for quarter in quarters)
+    ahead = [int((moment.utcoffset() or dt.timedelta()).total_seconds()) for moment in moments]
+    offsets = np.array(ahead, dtype=np.int64)
     offsets.setflags(write=False)
     return offsets
-
-
-def _offset(seconds: int, zone: ZoneInfo) -> int:
-    offset = dt.datetime.fromtimestamp(seconds, tz=zone).utcoffset()
-    return int(offset.total_seconds()) if offset is not None else 0
 
 
 def clock_time(window: Window, clock: str) -> tuple[FloatArray, FloatArray]:

@@ -29,10 +29,23 @@ import numpy as np
 
 from glbench.errors import SEMICOLONS, UnknownNameError, WeatherError, did_you_mean
 from glbench.untrusted import reason_of
-from glbench.weather.assemble import USUAL_TIMING, Origin, Rows, assemble, check_order, require_columns
 from glbench.weather.knmi import read_knmi
 from glbench.weather.preprocessing import KELVIN
-from glbench.weather.record import QUANTITIES, SLOT_SECONDS, FloatArray, IntArray, Place, Timing, WeatherRecord
+from glbench.weather.record import (
+    QUANTITIES,
+    SLOT_SECONDS,
+    USUAL_TIMING,
+    FloatArray,
+    IntArray,
+    Origin,
+    Place,
+    Rows,
+    Timing,
+    WeatherRecord,
+    assemble,
+    check_order,
+    require_columns,
+)
 from glbench.weather.store import read_stored
 
 if TYPE_CHECKING:
@@ -136,11 +149,27 @@ def read_csv(path: Path | str, *, name: str | None = None, fill_gaps: int = 0) -
     origin, timing = _described(file, comments, name or path.stem.lower())
     time_title = next(title for title in header if title in TIME_COLUMNS)
     position = header.index(time_title)
-    ends = np.array(
-        [_time(file, n, row[position]) + TIME_COLUMNS[time_title] for n, row in zip(numbers, rows, strict=True)],
-        dtype=np.int64,
-    )
-    columns = {quantity: _values(file, numbers, rows, header, titles[quantity], quantity) for quantity in titles}
+    ends = np.empty(len(rows), dtype=np.int64)
+    for i, (number, row) in enumerate(zip(numbers, rows, strict=True)):
+        try:
+            moment = dt.datetime.fromisoformat(row[position])
+        except ValueError as error:
+            msg = f"{file}, row {number}: '{row[position]}' is no time such as 2010-03-01T05:00Z. Correct the file."
+            raise WeatherError(msg) from error
+        if moment.tzinfo is None:
+            moment = moment.replace(tzinfo=dt.UTC)
+        ends[i] = int(moment.timestamp()) + TIME_COLUMNS[time_title]
+    columns: dict[str, FloatArray] = {}
+    for quantity, title in titles.items():
+        factor, offset = UNITS[quantity][title[title.index("[") + 1 : -1]]
+        position = header.index(title)
+        values = [
+            _number(file, number, title, row[position])
+            if row[position]
+            else math.nan  # an empty field is a missing value
+            for number, row in zip(numbers, rows, strict=True)
+        ]
+        columns[quantity] = np.asarray(np.array(values) * factor + offset)
     return assemble(Rows(file, ends, columns, timing, np.array(numbers, dtype=np.int64)), origin, fill_gaps=fill_gaps)
 
 
@@ -195,8 +224,8 @@ def _columns(file: str, header: Sequence[str]) -> dict[str, str]:
     if problems:
         missing = [title for title in _EXPECTED if _TITLES.get(title) in QUANTITIES and _TITLES[title] not in titles]
         lines = [*problems[:_MOST_PROBLEMS], *([f"missing: {', '.join(missing)}"] if missing else [])]
-        listed, found = "\n".join(f"  - {line}" for line in lines), ",".join(header)[:_LONGEST_HEADER]
-        msg = f"{file}: the titles of its columns cannot be used.\n{listed}\n  found:    {found}\n  expected: {EXPECTED_HEADER}"
+        listed, titles_there = "\n".join(f"  - {line}" for line in lines), ",".join(header)[:_LONGEST_HEADER]
+        msg = f"{file}: the titles of its columns cannot be used.\n{listed}\n  found:    {titles_there}\n  expected: {EXPECTED_HEADER}"
         raise WeatherError(msg)
     return titles
 
@@ -204,15 +233,17 @@ def _columns(file: str, header: Sequence[str]) -> dict[str, str]:
 def meant_by(title: str) -> str | None:
     """The documented title that a short one such as ``temp`` or ``RH (%)`` seems to mean."""
     word = re.sub(r"[\[(].*", "", title).strip().lower().replace(" ", "_").replace("-", "_")
-    return next((meant for meant, words in _SHORT.items() if word in words), None)
+    return next((title for title, words in _SHORT.items() if word in words), None)
 
 
 def _described(file: str, comments: Mapping[str, str], name: str) -> tuple[Origin, dict[str, Timing]]:
     timing = dict(USUAL_TIMING)
-    known = (*REQUIRED_KEYS, *TEXT_KEYS, *(f"timing {quantity}" for quantity in QUANTITIES))
+    keys = (*REQUIRED_KEYS, *TEXT_KEYS, *(f"timing {quantity}" for quantity in QUANTITIES))
     for key, value in comments.items():
-        if key not in known:
-            msg = f"{file}: unknown comment '# {key}: ...'.{did_you_mean(key, known)} Leave other remarks without a colon."
+        if key not in keys:
+            msg = (
+                f"{file}: unknown comment '# {key}: ...'.{did_you_mean(key, keys)} Leave other remarks without a colon."
+            )
             raise WeatherError(msg)
         if key.startswith("timing "):
             if value not in get_args(Timing):
@@ -230,30 +261,6 @@ def _described(file: str, comments: Mapping[str, str], name: str) -> tuple[Origi
     place = Place(comments.get("station", name), latitude, longitude, altitude, comments["timezone"])
     source = comments.get("source", f"file {Path(file).name}")
     return Origin(name, place, source, comments.get("licence", "Not stated in the file.")), timing
-
-
-def _time(file: str, row: int, text: str) -> int:
-    try:
-        moment = dt.datetime.fromisoformat(text)
-    except ValueError as error:
-        msg = f"{file}, row {row}: '{text}' is no time such as 2010-03-01T05:00Z. Correct the file."
-        raise WeatherError(msg) from error
-    if moment.tzinfo is None:
-        moment = moment.replace(tzinfo=dt.UTC)
-    return int(moment.timestamp())
-
-
-def _values(
-    file: str, numbers: Sequence[int], rows: Sequence[Sequence[str]], header: Sequence[str], title: str, quantity: str
-) -> FloatArray:
-    """The column ``title`` in the canonical unit of ``quantity``; an empty field is a missing value (NaN)."""
-    factor, offset = UNITS[quantity][title[title.index("[") + 1 : -1]]
-    position = header.index(title)
-    raw = [
-        _number(file, number, title, row[position]) if row[position] else math.nan
-        for number, row in zip(numbers, rows, strict=True)
-    ]
-    return np.asarray(np.array(raw) * factor + offset)
 
 
 def _number(file: str, row: int, what: str, text: str) -> float:
@@ -346,46 +353,43 @@ def read_tmy(
     Parameters and errors as for ``read_epw``; a TMY is always a typical year.
     """
     path = Path(path)
-    local = _read_tmy2(path) if path.suffix.lower() in (".tm2", ".tmy2") else _read_tmy3(path)
+    if path.suffix.lower() in (".tm2", ".tmy2"):
+        from pvlib.iotools import read_tmy2
+
+        data, meta = _through_pvlib(path, "a TMY2 file", lambda: read_tmy2(str(path)))
+        local = _Local(
+            file=str(path),
+            calendar=_calendar(data, first_year=1900),
+            columns=_values_of(data, TMY2_COLUMNS),
+            row_numbers=_rows_after(TMY2_HEADER_LINES, data),
+            utc_offset=float(meta["TZ"]),
+            station=str(meta["City"]).replace("_", " ").title(),
+            coordinates=(meta["latitude"], meta["longitude"], meta["altitude"]),
+            source=f"NREL TMY2 {path.name}, station {meta['WBAN']}",
+        )
+    else:
+        from pvlib.iotools import read_tmy3
+
+        data, meta = _through_pvlib(path, "a TMY3 file", lambda: read_tmy3(str(path), coerce_year=NOMINAL_YEAR))
+        require_columns(
+            str(path), [str(title) for title in data.columns], [column for column, *_ in TMY3_COLUMNS.values()]
+        )
+        index = cast("pd.DatetimeIndex", data.index)
+        if bool(np.any(index.minute != 0)):
+            msg = f"{path}: its stamps are not whole hours, so it is unclear which hour a value belongs to. Use hour-ending TMY3."
+            raise WeatherError(msg)
+        starts = index.tz_localize(None) - np.timedelta64(1, "h")
+        local = _Local(
+            file=str(path),
+            calendar=np.stack([starts.year, starts.month, starts.day, starts.hour], axis=1).astype(np.int64),
+            columns=_values_of(data, TMY3_COLUMNS),
+            row_numbers=_rows_after(TMY3_HEADER_LINES, data),
+            utc_offset=meta["TZ"],
+            station=str(meta["Name"]).strip().strip('"'),
+            coordinates=(meta["latitude"], meta["longitude"], meta["altitude"]),
+            source=f"NREL TMY3 {path.name}, station {meta['USAF']}",
+        )
     return _record(local, name, timezone, year or NOMINAL_YEAR, fill_gaps)
-
-
-def _read_tmy3(path: Path) -> _Local:
-    from pvlib.iotools import read_tmy3
-
-    data, meta = _through_pvlib(path, "a TMY3 file", lambda: read_tmy3(str(path), coerce_year=NOMINAL_YEAR))
-    require_columns(str(path), [str(title) for title in data.columns], [source for source, *_ in TMY3_COLUMNS.values()])
-    index = cast("pd.DatetimeIndex", data.index)
-    if bool(np.any(index.minute != 0)):
-        msg = f"{path}: its stamps are not whole hours, so it is unclear which hour a value belongs to. Use hour-ending TMY3."
-        raise WeatherError(msg)
-    starts = index.tz_localize(None) - np.timedelta64(1, "h")
-    return _Local(
-        file=str(path),
-        calendar=np.stack([starts.year, starts.month, starts.day, starts.hour], axis=1).astype(np.int64),
-        columns=_values_of(data, TMY3_COLUMNS),
-        row_numbers=_rows_after(TMY3_HEADER_LINES, data),
-        utc_offset=meta["TZ"],
-        station=str(meta["Name"]).strip().strip('"'),
-        coordinates=(meta["latitude"], meta["longitude"], meta["altitude"]),
-        source=f"NREL TMY3 {path.name}, station {meta['USAF']}",
-    )
-
-
-def _read_tmy2(path: Path) -> _Local:
-    from pvlib.iotools import read_tmy2
-
-    data, meta = _through_pvlib(path, "a TMY2 file", lambda: read_tmy2(str(path)))
-    return _Local(
-        file=str(path),
-        calendar=_calendar(data, first_year=1900),
-        columns=_values_of(data, TMY2_COLUMNS),
-        row_numbers=_rows_after(TMY2_HEADER_LINES, data),
-        utc_offset=float(meta["TZ"]),
-        station=str(meta["City"]).replace("_", " ").title(),
-        coordinates=(meta["latitude"], meta["longitude"], meta["altitude"]),
-        source=f"NREL TMY2 {path.name}, station {meta['WBAN']}",
-    )
 
 
 def _through_pvlib(
@@ -432,9 +436,27 @@ def _record(
     starts = _starts(local, nominal_year)
     rows = Rows(local.file, starts + SLOT_SECONDS, local.columns, TIMING, local.row_numbers)
     if nominal_year is not None:
-        rows = _turned(rows, nominal_year, fill_gaps)
+        # The whole typical year from 1 January 00:00 UTC: hours that UTC puts outside the year re-enter at its other end.
+        check_order(rows)
+        if rows.slot_ends.size != YEAR_HOURS and fill_gaps == 0:
+            msg = (
+                f"{rows.file} holds {rows.slot_ends.size} hours instead of the {YEAR_HOURS} of a typical year. Get the whole file, "
+                "or import with --fill-gaps N if single hours are missing."
+            )
+            raise WeatherError(msg)
+        begin = calendar.timegm((nominal_year, 1, 1, 0, 0, 0))
+        ends = begin + (rows.slot_ends - begin - 1) % (YEAR_HOURS * SLOT_SECONDS) + 1
+        order = np.argsort(ends, kind="stable")
+        columns = {column: values[order] for column, values in rows.columns.items()}
+        rows = Rows(rows.file, ends[order], columns, rows.timing, rows.row_numbers[order])
+    offset = local.utc_offset
+    if not timezone and (offset != int(offset) or not -12 <= offset <= 14):
+        msg = f"{local.file}: its clock is {offset:+g} h from UTC, which has no fixed IANA zone. Give one with --timezone."
+        raise WeatherError(msg)
+    # In the names of fixed zones east of Greenwich is minus.
+    zone = timezone or (f"Etc/GMT{-int(offset):+d}" if offset else "Etc/GMT")
     latitude, longitude, altitude = local.coordinates
-    place = Place(local.station, latitude, longitude, altitude, timezone or _fixed_zone(local.file, local.utc_offset))
+    place = Place(local.station, latitude, longitude, altitude, zone)
     notes = (
         () if nominal_year is None else (f"typical year, its months from different years; all named {nominal_year}",)
     )
@@ -460,32 +482,6 @@ def _starts(local: _Local, nominal_year: int | None) -> IntArray:
     return starts - round(local.utc_offset * SLOT_SECONDS)
 
 
-def _turned(rows: Rows, year: int, fill_gaps: int) -> Rows:
-    """The whole typical year from 1 January 00:00 UTC: hours that UTC puts outside the year re-enter at its other end."""
-    check_order(rows)
-    if rows.slot_ends.size != YEAR_HOURS and fill_gaps == 0:
-        msg = (
-            f"{rows.file} holds {rows.slot_ends.size} hours instead of the {YEAR_HOURS} of a typical year. Get the whole file, "
-            "or import with --fill-gaps N if single hours are missing."
-        )
-        raise WeatherError(msg)
-    begin = calendar.timegm((year, 1, 1, 0, 0, 0))
-    ends = begin + (rows.slot_ends - begin - 1) % (YEAR_HOURS * SLOT_SECONDS) + 1
-    order = np.argsort(ends, kind="stable")
-    columns = {name: values[order] for name, values in rows.columns.items()}
-    return Rows(rows.file, ends[order], columns, rows.timing, rows.row_numbers[order])
-
-
-def _fixed_zone(file: str, utc_offset: float) -> str:
-    """IANA name of a fixed offset [h]; in these names east of Greenwich is minus."""
-    if utc_offset != int(utc_offset) or not -12 <= utc_offset <= 14:
-        msg = (
-            f"{file}: its clock is {utc_offset:+g} h from UTC, which has no fixed IANA zone. Give one with --timezone."
-        )
-        raise WeatherError(msg)
-    return f"Etc/GMT{-int(utc_offset):+d}" if utc_offset else "Etc/GMT"
-
-
 def read_weather(
     path: Path | str,
     file_format: str = "auto",
@@ -508,26 +504,26 @@ def read_weather(
         When the format cannot be told, an option does not belong to it, or its reader refuses the file.
     """
     path = Path(path)
-    chosen = detect_format(path) if file_format == "auto" else file_format
-    if chosen not in FORMATS:
-        msg = f"There is no weather format '{chosen}'.{did_you_mean(chosen, ('auto', *FORMATS))}"
+    kind = detect_format(path) if file_format == "auto" else file_format
+    if kind not in FORMATS:
+        msg = f"There is no weather format '{kind}'.{did_you_mean(kind, ('auto', *FORMATS))}"
         raise UnknownNameError(msg)
-    typical = chosen in ("epw", "tmy")
+    typical = kind in ("epw", "tmy")
     for option, value, fits in (
         ("--timezone", timezone, typical),
         ("--year", year, typical),
-        ("--station", station, chosen == "knmi"),
+        ("--station", station, kind == "knmi"),
     ):
         if value is not None and not fits:
-            msg = f"{path} is read as {chosen}, which takes no {option}. Leave it out, or choose the --format."
+            msg = f"{path} is read as {kind}, which takes no {option}. Leave it out, or choose the --format."
             raise WeatherError(msg)
-    if chosen == "knmi":
+    if kind == "knmi":
         return read_knmi(path, name=name, station=station, fill_gaps=fill_gaps)
-    if chosen == "csv":
+    if kind == "csv":
         return read_csv(path, name=name, fill_gaps=fill_gaps)
-    if chosen == "parquet":
+    if kind == "parquet":
         return read_stored(path, name)
-    read = read_epw if chosen == "epw" else read_tmy
+    read = read_epw if kind == "epw" else read_tmy
     return read(path, name=name, timezone=timezone, year=year, fill_gaps=fill_gaps)
 
 
@@ -556,16 +552,14 @@ def detect_format(path: Path) -> Format:
         return "epw"
     if "Date (MM/DD/YYYY)" in text:
         return "tmy"
-    if any(f"{quantity} [" in text for quantity in UNITS) or _has_titles(text):
+    if any(f"{quantity} [" in text for quantity in UNITS):
+        return "csv"
+    # Whether the first line that is no comment looks like the titles of a table of weather, if not the documented ones.
+    first = next((line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")), "")
+    if sum(meant_by(title.strip(' "\ufeff')) is not None for title in re.split("[,;\t]", first)) > 1:
         return "csv"
     msg = (
         f"{path} looks like none of the known weather formats ({', '.join(FORMATS)}). If it is one, name it with --format. "
         f"The titles of a CSV are:\n  {EXPECTED_HEADER}"
     )
     raise WeatherError(msg)
-
-
-def _has_titles(text: str) -> bool:
-    """Whether the first line that is no comment looks like the titles of a table of weather, if not the documented ones."""
-    first = next((line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")), "")
-    return sum(meant_by(title.strip(' "\ufeff')) is not None for title in re.split("[,;\t]", first)) > 1

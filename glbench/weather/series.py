@@ -96,7 +96,16 @@ def disturbances(
         msg = f"The start is a datetime.date or datetime.datetime; got {start!r}."
         raise WeatherError(msg)
     clock = "UTC" if preprocessing == "paper" else record.timezone
-    window = _window(start, steps, step_seconds, co2_ppm, clock)
+    if not 1 <= step_seconds <= 86400 or step_seconds != int(step_seconds):
+        msg = f"The control step must be a whole number of seconds from 1 to 86400, not {step_seconds!r} s."
+        raise WeatherError(msg)
+    if steps < 1 or steps != int(steps):
+        msg = f"Weather was asked for {steps!r} steps; ask for a whole number, at least 1."
+        raise WeatherError(msg)
+    if not (math.isfinite(co2_ppm) and 0.0 <= co2_ppm <= 5000.0):
+        msg = f"CO2 outside must lie between 0 and 5000 ppm, not {co2_ppm!r} ppm."
+        raise WeatherError(msg)
+    window = Window(to_utc_seconds(start, clock), int(steps), int(step_seconds), float(co2_ppm))
     _check_period(record, window)
     prepared = (paper if preprocessing == "paper" else conserving).prepare(record, window)
     hour_of_day, day_of_year = clock_time(window, clock)
@@ -111,19 +120,6 @@ def disturbances(
         digest=_digest(record, window, prepared, preprocessing),
         preprocessing=preprocessing,
     )
-
-
-def _window(start: dt.datetime | dt.date, steps: int, step_seconds: float, co2_ppm: float, clock: str) -> Window:
-    if not 1 <= step_seconds <= 86400 or step_seconds != int(step_seconds):
-        msg = f"The control step must be a whole number of seconds from 1 to 86400, not {step_seconds!r} s."
-        raise WeatherError(msg)
-    if steps < 1 or steps != int(steps):
-        msg = f"Weather was asked for {steps!r} steps; ask for a whole number, at least 1."
-        raise WeatherError(msg)
-    if not (math.isfinite(co2_ppm) and 0.0 <= co2_ppm <= 5000.0):
-        msg = f"CO2 outside must lie between 0 and 5000 ppm, not {co2_ppm!r} ppm."
-        raise WeatherError(msg)
-    return Window(to_utc_seconds(start, clock), int(steps), int(step_seconds), float(co2_ppm))
 
 
 def _check_period(record: WeatherRecord, window: Window) -> None:

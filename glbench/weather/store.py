@@ -24,9 +24,18 @@ import numpy as np
 
 from glbench.errors import UnknownNameError, WeatherError, did_you_mean
 from glbench.resources import data_folder, user_data_folder, write_atomically
-from glbench.weather.assemble import Origin, assemble
 from glbench.weather.knmi import native_rows
-from glbench.weather.record import QUANTITIES, SCHEMA, SLOT_SECONDS, IntArray, Place, WeatherInfo, WeatherRecord
+from glbench.weather.record import (
+    QUANTITIES,
+    SCHEMA,
+    SLOT_SECONDS,
+    IntArray,
+    Origin,
+    Place,
+    WeatherInfo,
+    WeatherRecord,
+    assemble,
+)
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -135,7 +144,16 @@ def save_weather(record: WeatherRecord, name: str, *, overwrite: bool = False) -
 
 def write_record(record: WeatherRecord, path: Path) -> None:
     """Write ``record`` as a canonical Parquet file with its description, whole or not at all; ``read_weather`` reads it again."""
-    write_atomically(path, _parquet_bytes(record))
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    ends = record.begin + SLOT_SECONDS * np.arange(1, record.hours + 1, dtype=np.int64)
+    columns: dict[str, Any] = {"slot_end": pa.array(ends, type=pa.timestamp("s", tz="UTC"))}
+    columns |= {name: pa.array(counts, type=pa.int64()) for name, counts in record.counts.items()}
+    table = pa.table(columns).replace_schema_metadata({METADATA_KEY: json.dumps(_described(record)).encode()})
+    sink = io.BytesIO()
+    pq.write_table(table, sink, compression="zstd")
+    write_atomically(path, sink.getvalue())
 
 
 def check_new_name(name: str, *, overwrite: bool = False) -> Path:
@@ -206,20 +224,18 @@ def _load_shipped(name: str, folder: Path) -> WeatherRecord:
     entry = _manifest(folder)[name]
     path = folder / entry["file"]
     try:
-        record = _canonical(path, name) if entry["format"] == "canonical" else _knmi(path, name, entry)
+        if entry["format"] == "canonical":
+            record = _canonical(path, name)
+        else:  # KNMI's own whole numbers
+            table = _parquet_table(path)
+            columns = {field: _integers(table, field) for field in table.column_names}
+            place = Place(entry["station"], entry["latitude"], entry["longitude"], entry["altitude"], entry["timezone"])
+            record = assemble(native_rows(str(path), columns), Origin(name, place, entry["source"], entry["licence"]))
     except (ValueError, TypeError, NotImplementedError, WeatherError) as error:
         raise _changed(path, folder, f"unreadable: {error.__cause__ or error}") from error
     if record.digest != entry["digest"]:
         raise _changed(path, folder, f"locked {entry['digest'][:12]}..., found {record.digest[:12]}...")
     return record
-
-
-def _knmi(path: Path, name: str, entry: Mapping[str, Any]) -> WeatherRecord:
-    """Record of a Parquet file in KNMI's own whole numbers."""
-    table = _parquet_table(path)
-    columns = {field: _integers(table, field) for field in table.column_names}
-    place = Place(entry["station"], entry["latitude"], entry["longitude"], entry["altitude"], entry["timezone"])
-    return assemble(native_rows(str(path), columns), Origin(name, place, entry["source"], entry["licence"]))
 
 
 def _integers(table: Any, name: str) -> IntArray:
@@ -237,19 +253,6 @@ def _changed(path: Path, folder: Path, evidence: str) -> WeatherError:
         "restore the file or install glbench again, and bring your own weather in with `glbench weather import`."
     )
     return WeatherError(msg)
-
-
-def _parquet_bytes(record: WeatherRecord) -> bytes:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    ends = record.begin + SLOT_SECONDS * np.arange(1, record.hours + 1, dtype=np.int64)
-    columns: dict[str, Any] = {"slot_end": pa.array(ends, type=pa.timestamp("s", tz="UTC"))}
-    columns |= {name: pa.array(counts, type=pa.int64()) for name, counts in record.counts.items()}
-    table = pa.table(columns).replace_schema_metadata({METADATA_KEY: json.dumps(_described(record)).encode()})
-    sink = io.BytesIO()
-    pq.write_table(table, sink, compression="zstd")
-    return sink.getvalue()
 
 
 def read_stored(path: Path, name: str | None = None) -> WeatherRecord:

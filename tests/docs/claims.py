@@ -56,7 +56,7 @@ from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card
 from glbench.tasks.prices import RADIATION, SHAPE
 from glbench.tasks.tables import ProcessComputerTable
 from glbench.training.compiled_settings import CompiledSettings, read_compiled_settings
-from glbench.weather import SeasonGenerator, load_weather, resemblance
+from glbench.weather import SeasonGenerator, comparison, load_weather
 from tests.kernel.known_steps import known_steps
 
 STATE_SCALE = state_scale(TOMATO)
@@ -472,12 +472,12 @@ def calm_midnights() -> tuple[float, float]:
     """Share of the joined midnights of generated seasons, and of the real ones, over which wind does not change [%]."""
     generator, first = SeasonGenerator(load_weather("schiphol"), (2008, 2009, 2010)), dt.date(2010, 2, 15)
     made, real = (
-        resemblance.generated_seasons(generator, first, 28, 60, 1000, 1),
-        resemblance.real_seasons(generator, first, 28, 60),
+        comparison.generated_seasons(generator, first, 28, 60, 1000, 1),
+        comparison.real_seasons(generator, first, 28, 60),
     )
     joined, plain = (
-        resemblance.midnight_changes(made)["wind_speed"][made.joints[:, 1:]],
-        resemblance.midnight_changes(real)["wind_speed"],
+        comparison.midnight_changes(made)["wind_speed"][made.joints[:, 1:]],
+        comparison.midnight_changes(real)["wind_speed"],
     )
     return 100.0 * float((joined == 0.0).mean()), 100.0 * float((plain == 0.0).mean())
 
@@ -1367,7 +1367,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("52.318° N, 4.790° E, −3.3 m", "source: KNMI"),
         ("0 … 1500", "definition: the range that is accepted"),
         *(
-            (words, "definition: glbench/weather/plausible.py")
+            (words, "definition: glbench/weather/summary.py")
             for words in ("above 10°, 98 % of the hours", "1.45 times as much: the unit")
         ),
         ("0.001 degC, 0.001 %, 0.001 m/s", "definition: the canonical record"),

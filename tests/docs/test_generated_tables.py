@@ -25,7 +25,7 @@ from glbench.realism import read_settings
 from glbench.speed import read_record
 from glbench.tasks import get_task
 from glbench.weather import Blocks, load_weather
-from glbench.weather.resemblance import Figure
+from glbench.weather.comparison import Figure
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 MEASUREMENTS = DOCS / "measurements"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from docs import weather_table
 from glbench.weather import SeasonGenerator, load_weather
-from glbench.weather.resemblance import generated_seasons
+from glbench.weather.comparison import generated_seasons
 
 
 @pytest.mark.slow

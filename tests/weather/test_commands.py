@@ -20,7 +20,7 @@ from glbench.cli.weather import app
 from glbench.errors import GlbenchError, UnknownNameError, WeatherError
 from glbench.model import PARAMETER_NAMES, default_parameters
 from glbench.weather import SeasonGenerator, load_weather, read_weather
-from glbench.weather.assemble import LONGEST_FILL
+from glbench.weather.record import LONGEST_FILL
 from glbench.weather.summary import PHOTONS_PER_JOULE, monthly
 from tests.weather.files import csv_rows, csv_text, knmi_days, knmi_line, knmi_text, write_epw
 

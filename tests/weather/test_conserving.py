@@ -281,11 +281,11 @@ def test_what_is_remembered_of_sun_and_clock_changes_no_bit(schiphol: WeatherRec
         (-5 * 86400, 24 * 5),
     ):
         middles = begin + 300 * (np.arange(slots * 12) + 0.5)
-        sine = conserving._sine_over(schiphol.place, begin, slots)
+        sine = conserving.sines_over(schiphol.place, begin, slots)
         assert sine.shape == (slots, 12)
         np.testing.assert_array_equal(sine.ravel(), sine_of_elevation(middles, schiphol.place))
         sine[:] = 0.0  # what is handed out is not what is remembered
-        assert conserving._sine_over(schiphol.place, begin, slots).any()
+        assert conserving.sines_over(schiphol.place, begin, slots).any()
 
 
 @pytest.mark.parametrize(

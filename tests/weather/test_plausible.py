@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from glbench.weather import WeatherRecord, load_weather
-from glbench.weather.plausible import doubts, in_figures
+from glbench.weather.summary import doubts, in_figures
 
 SHIPPED = ("schiphol", "greensboro", "sand_point", "miami")
 

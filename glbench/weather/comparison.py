@@ -1,20 +1,29 @@
-"""How well generated seasons resemble the real years that they are made of, in figures beside the limits that a generator must keep.
+"""Generated seasons beside the real years that they are generated of: figures with the limits that a generator must keep, and a picture.
 
 Everything is computed on the same days of the year: real seasons are the windows of the years that begin on each of the possible first
 days; generated ones begin on the same days in turn. Days are those of the generator, midnight to midnight of solar time.
+
+The picture needs matplotlib (the extra ``video``), and uses none of its global state.
 """
 
 from __future__ import annotations
 
 import datetime as dt
+import io
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from glbench.errors import WeatherError
-from glbench.weather.generator import DAY_HOURS, MARGIN_DAYS, SeasonGenerator, calendar_days
+from glbench.resources import write_atomically
+from glbench.weather.generator import DAY_HOURS, MARGIN_DAYS, GeneratedSeason, SeasonGenerator, calendar_days
 from glbench.weather.record import SKY, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 LAGS = 5
 BASE_TEMPERATURE = 18.0  # degC
@@ -22,6 +31,11 @@ FOLLOWED = ("air_temperature", "relative_humidity", "wind_speed")
 MOST_AT_JOINTS = 0.10
 """Largest accepted Kolmogorov-Smirnov distance of changes at joints."""
 SPLIT_KEY = 0x6A6F696E
+SIZE = (11.0, 10.0)
+"""Width and height [inch], at 100 pixels an inch."""
+INK, QUIET, EDGE = "#1f2933", "#52606d", "#b8c2cc"
+YEAR_COLOURS = ("#1d5fa8", "#e2a23b", "#3a8f5c", "#a44a8c", "#7a6a58", "#4aa3a8")
+ROOM_OF_A_DATE = 4  # days of a block that can carry its dates
 
 
 @dataclass(frozen=True)
@@ -124,13 +138,13 @@ def resemblance(
     if seasons < 20 or within_days < 0:
         msg = f"Statistics need at least 20 seasons and no negative spread of first days; got {seasons} seasons, {within_days} days."
         raise WeatherError(msg)
-    made = generated_seasons(generator, start, within_days, days, seasons, seed)
+    generated = generated_seasons(generator, start, within_days, days, seasons, seed)
     real = real_seasons(generator, start, within_days, days)
     figures = (
-        *_daily(made, real),
-        *_midnights(made, real),
-        *_sums(made, real),
-        *_repeats(made, seed),
+        *_daily(generated, real),
+        *_midnights(generated, real),
+        *_sums(generated, real),
+        *_repeats(generated, seed),
     )
     return Resemblance(
         source=generator.record.name,
@@ -204,10 +218,10 @@ def _worst(name: str, values: dict[str, float], *, limit: float) -> Figure:
     return Figure(name, abs(values[which]), None, limit, which)
 
 
-def _daily(made: Seasons, real: Seasons) -> list[Figure]:
+def _daily(generated: Seasons, real: Seasons) -> list[Figure]:
     """Means, standard deviations, autocorrelations and correlations of daily values, less the real years' trend over the season."""
-    ours, theirs = daily_values(made), daily_values(real)
-    day = np.arange(made.calendar.shape[1]) + 0.0
+    ours, theirs = daily_values(generated), daily_values(real)
+    day = np.arange(generated.calendar.shape[1]) + 0.0
     bias, ratio, lagged = {}, {}, {}
     anomalies: list[list[FloatArray]] = [[], []]
     for name, values in theirs.items():
@@ -246,15 +260,15 @@ def midnight_changes(seasons: Seasons) -> dict[str, FloatArray]:
     }
 
 
-def _midnights(made: Seasons, real: Seasons) -> list[Figure]:
+def _midnights(generated: Seasons, real: Seasons) -> list[Figure]:
     """Compare changes over midnight at joints with those of the real years: with signs the worst quantity, without signs each.
 
     Signs hide the effect of rounding on small changes: as many of them vanish upward as downward.
     """
     from scipy.stats import ks_2samp
 
-    ours, theirs = midnight_changes(made), midnight_changes(real)
-    joined = made.joints[:, 1:]
+    ours, theirs = midnight_changes(generated), midnight_changes(real)
+    joined = generated.joints[:, 1:]
     signed, sizes = (
         {
             name.replace("_", " "): float(
@@ -273,13 +287,16 @@ def _midnights(made: Seasons, real: Seasons) -> list[Figure]:
     ]
 
 
-def _sums(made: Seasons, real: Seasons) -> list[Figure]:
+def _sums(generated: Seasons, real: Seasons) -> list[Figure]:
     """Sums of a season: radiation [MJ m-2] and degree-hours [K h] below 18 degC; their mean over the real one, and their spread."""
     figures = []
-    days = made.calendar.shape[1]
+    days = generated.calendar.shape[1]
     radiation, below = (
-        [one.hours["global_radiation"].sum(axis=(1, 2)) * 3600e-6 for one in (made, real)],
-        [np.maximum(BASE_TEMPERATURE - one.hours["air_temperature"], 0.0).sum(axis=(1, 2)) for one in (made, real)],
+        [one.hours["global_radiation"].sum(axis=(1, 2)) * 3600e-6 for one in (generated, real)],
+        [
+            np.maximum(BASE_TEMPERATURE - one.hours["air_temperature"], 0.0).sum(axis=(1, 2))
+            for one in (generated, real)
+        ],
     )
     for name, (ours, theirs) in ((f"radiation sum of {days} days", radiation), (f"degree-hours of {days} days", below)):
         limits = (0.98, 1.02) if name.startswith("radiation") else (None, None)
@@ -289,18 +306,131 @@ def _sums(made: Seasons, real: Seasons) -> list[Figure]:
     return figures
 
 
-def _repeats(made: Seasons, seed: int) -> list[Figure]:
+def _repeats(generated: Seasons, seed: int) -> list[Figure]:
     """How much of their days two seasons share, how much a season repeats, and how far its days are from their place."""
     rng = np.random.default_rng((seed, SPLIT_KEY, 1))
-    first, second = (rng.integers(len(made.sources), size=1000) for _ in range(2))
-    pairs = [(made.sources[i], made.sources[j]) for i, j in zip(first, second, strict=True) if i != j]
+    first, second = (rng.integers(len(generated.sources), size=1000) for _ in range(2))
+    pairs = [(generated.sources[i], generated.sources[j]) for i, j in zip(first, second, strict=True) if i != j]
     shared = np.mean([np.isin(one, other).mean() for one, other in pairs])
     same = np.mean([(one == other).mean() for one, other in pairs])
-    again = np.mean([1.0 - np.unique(one).size / one.size for one in made.sources])
-    drift = (calendar_days(made.sources) - made.calendar + 182) % 365 - 182
+    again = np.mean([1.0 - np.unique(one).size / one.size for one in generated.sources])
+    drift = (calendar_days(generated.sources) - generated.calendar + 182) % 365 - 182
     return [
         Figure("days that two seasons share [%]", 100.0 * float(shared)),
         Figure("the same at the same place [%]", 100.0 * float(same)),
         Figure("days that a season repeats [%]", 100.0 * float(again)),
         Figure("mean distance from their place in the year [d]", float(drift.mean())),
     ]
+
+
+def write_picture(generator: SeasonGenerator, season: GeneratedSeason, path: Path) -> None:
+    """Write a PNG to ``path``: daily figures of ``season`` over those of the generator's years, and where each day was taken from.
+
+    Raises
+    ------
+    WeatherError
+        When matplotlib is not installed.
+    """
+    try:
+        from matplotlib import dates as matplotlib_dates
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure as Canvas
+    except ImportError as error:
+        msg = "A picture of a season needs matplotlib, which is not installed: pip install 'glbench[video]'. Or leave out --picture."
+        raise WeatherError(msg) from error
+    figure = Canvas(figsize=SIZE, dpi=100, layout="constrained", facecolor="white")
+    canvas: Any = FigureCanvasAgg(figure)
+    rows: Any = figure.subplots(5, 1, sharex=True, height_ratios=[3, 3, 2.4, 2.4, 1.1])
+    inner = slice(MARGIN_DAYS, season.sources.size - MARGIN_DAYS)
+    hours = {name: season.record.values(name).reshape(-1, DAY_HOURS)[inner] for name in season.record.counts}
+    dates = np.datetime64(season.start, "D") + np.arange(len(hours["air_temperature"]))
+    real = _real_years(generator, calendar_days(dates.astype(np.int64)))
+    panels = (
+        ("air_temperature", "air temperature\n[°C], daily mean", 1.0),
+        ("global_radiation", "global radiation\n[MJ m⁻² d⁻¹]", 0.0864),  # a day of 1 W m-2
+        ("relative_humidity", "relative humidity\n[%], daily mean", 1.0),
+        ("wind_speed", "wind speed\n[m s⁻¹], daily mean", 1.0),
+    )
+    for axes, (name, title, factor) in zip(rows[:-1], panels, strict=True):
+        for i, (year, values) in enumerate(real.items()):
+            axes.plot(dates, factor * values[name].mean(axis=-1), color=_colour(i), lw=1.0, alpha=0.75, label=f"{year}")
+        axes.plot(dates, factor * hours[name].mean(axis=-1), color=INK, lw=2.2, label="generated")
+        axes.set_ylabel(title, fontsize=9, color=INK)
+        axes.tick_params(labelsize=8.5, colors=QUIET)
+        axes.grid(color=EDGE, lw=0.5, alpha=0.6)
+        for side in ("top", "right"):
+            axes.spines[side].set_visible(False)
+    low, high = hours["air_temperature"].min(axis=-1), hours["air_temperature"].max(axis=-1)
+    rows[0].fill_between(dates, low, high, color=INK, alpha=0.10, lw=0, label="generated, lowest to highest hour")
+    for axes in (rows[1], rows[3]):
+        axes.set_ylim(bottom=0.0)
+    _blocks(rows[-1], generator, dates, season.sources[inner], season.joints[inner])
+    figure.legend(
+        *rows[0].get_legend_handles_labels(),
+        loc="outside upper center",
+        ncols=min(len(real), 6) + 2,
+        frameon=False,
+        fontsize=9,
+    )
+    years = ", ".join(str(year) for year in generator.years)
+    rows[0].set_title(f"A season generated from {years} ({season.record.station})", loc="left", fontsize=12, color=INK)
+    library: Any = matplotlib_dates  # matplotlib does not say what its locators take
+    rows[-1].set_xlim(dates[0] - np.timedelta64(12, "h"), dates[-1] + np.timedelta64(12, "h"))
+    rows[-1].xaxis.set_major_locator(library.AutoDateLocator(minticks=5, maxticks=12))
+    rows[-1].xaxis.set_major_formatter(library.DateFormatter("%-d %b"))
+    rows[-1].tick_params(axis="x", labelsize=8.5, colors=QUIET)
+    rows[-1].set_xlabel("day of the season (dates are nominal)", fontsize=9, color=INK)
+    sink = io.BytesIO()
+    canvas.print_png(sink)
+    write_atomically(path, sink.getvalue())
+
+
+def _real_years(generator: SeasonGenerator, calendar: IntArray) -> dict[int, dict[str, FloatArray]]:
+    """Hours of the same calendar days in each year, (days, 24) of each quantity; NaN where a season runs out of the year."""
+    numbers, values = generator.real_days()
+    own_years = numbers.astype("datetime64[D]").astype("datetime64[Y]").astype(np.int64) + 1970
+    own = calendar_days(numbers)
+    turned = np.flatnonzero(np.diff(calendar) < 0)
+    wanted_year = np.zeros(calendar.size, dtype=np.int64)
+    if turned.size:
+        wanted_year[turned[0] + 1 :] = 1
+    by_year = {}
+    for year in generator.years:
+        rows = np.full(calendar.size, -1, dtype=np.int64)
+        for i, (day, later) in enumerate(zip(calendar, wanted_year, strict=True)):
+            here = np.flatnonzero((own == day) & (own_years == year + later))
+            rows[i] = here[0] if here.size else -1
+        by_year[year] = {name: np.where((rows >= 0)[:, None], column[rows], np.nan) for name, column in values.items()}
+    return by_year
+
+
+def _blocks(axes: Axes, generator: SeasonGenerator, dates: Any, sources: IntArray, joints: Any) -> None:
+    """A strip that says where each block was taken from, and lines at the joints."""
+    begins = np.flatnonzero(joints | (np.arange(joints.size) == 0))
+    for begin, end in zip(begins, np.append(begins[1:], joints.size), strict=True):
+        first = sources[begin].astype("datetime64[D]").item()
+        colour = _colour(generator.years.index(first.year))
+        axes.barh(
+            0.0,
+            float(end - begin),
+            left=dates[begin] - np.timedelta64(12, "h"),
+            height=1.0,
+            color=colour,
+            alpha=0.55,
+            ec="white",
+            lw=2,
+        )
+        if end - begin >= ROOM_OF_A_DATE:
+            middle = dates[begin] - np.timedelta64(12, "h") + np.timedelta64(int(12 * (end - begin)), "h")
+            axes.text(
+                middle, 0.0, f"{first.day} {first:%b}\n{first.year}", ha="center", va="center", fontsize=7.5, color=INK
+            )
+    axes.set_yticks([])
+    axes.set_ylabel("taken from", fontsize=9, color=INK)
+    axes.set_ylim(-0.5, 0.5)
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)
+
+
+def _colour(number: int) -> str:
+    return YEAR_COLOURS[number % len(YEAR_COLOURS)]

@@ -9,7 +9,7 @@ import pytest
 
 from glbench.errors import WeatherError
 from glbench.weather import Blocks, SeasonGenerator, WeatherRecord, load_weather
-from glbench.weather.resemblance import (
+from glbench.weather.comparison import (
     Figure,
     Resemblance,
     generated_seasons,
