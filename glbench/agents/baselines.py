@@ -15,7 +15,7 @@ from functools import cache
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict
 
@@ -33,7 +33,7 @@ from glbench.untrusted import MIB, opened_archive, quoted, real_path
 if TYPE_CHECKING:
     from glbench.agents.energy_rule_settings import EnergyRulePages
     from glbench.agents.grower import GrowerSettings
-    from glbench.agents.network_agent import PolicyFiles
+    from glbench.agents.network_policy import PolicyFiles
     from glbench.agents.plans import PlanFolder
     from glbench.agents.predictive import PredictiveSettings
     from glbench.agents.recording import Recording
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from glbench.agents.tuned_rule_settings import RulePages
     from glbench.tasks import TaskCard
 
-    Settings = (
+    Settings: TypeAlias = (
         RuleSettings
         | RulePages
         | EnergyRulePages
@@ -148,15 +148,15 @@ _CONTROLLERS = {
     "network": _Controller(
         sees="observations",
         information="observations and the public task card",
-        reader=("network_agent", "PolicyFiles.at"),
-        maker=("network_agent", "NetworkAgent"),
+        reader=("network_policy", "PolicyFiles.at"),
+        maker=("network_policy", "PolicyAgent"),
         version="6fcf81c123040c502f9068710aceb794d84916948e29ce0d711175a4640c19ba",
     ),
     "actor": _Controller(
         sees="observations",
         information="observations and the public task card",
-        reader=("actor", "ActorFiles.at"),
-        maker=("actor", "ActorAgent"),
+        reader=("network_policy", "PolicyFiles.at"),
+        maker=("network_policy", "PolicyAgent"),
         version="e49117f6dd9b61cf6ed41b2150606726786ac0780e5a18059087026cccf01b65",
     ),
     "grower": _Controller(

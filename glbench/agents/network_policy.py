@@ -1,7 +1,10 @@
-"""A trained policy in one small file without code in it, evaluated with numpy alone.
+"""Trained policies, each in one small file without code in it, evaluated with numpy alone; and the agent that acts by them.
 
-The file is an ``.npz`` of plain arrays (no pickles): weights, biases, normalisation of the observations, names of
-observations and actions, and what it was trained on. ``glbench export`` writes it; docs/training.md lists the entries.
+The file is an ``.npz`` of plain arrays (no pickles): weights, biases, normalisation of the observations, names of observations and
+actions, and what it was trained on. ``glbench export`` writes it; docs/training.md lists the entries. A file of ``glbench train ppo``
+holds such a network and what is before and behind it. Before it are traces, running means of observed columns, and a gated recurrent
+unit (Cho et al., 2014): the policy's memory. Behind it, the network's output is the position that a control should have, and the action
+moves the control there as fast as the task allows.
 """
 
 from __future__ import annotations
@@ -9,25 +12,83 @@ from __future__ import annotations
 import io
 import itertools
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.agents.exact_math import ExactLinear, relu, silu, tanh
+from glbench.agents import deterministic_math
+from glbench.agents.protocol import check_runs
 from glbench.arrays import ArrayFile, checked_facts
 from glbench.errors import ShapeError, SubmissionError
-from glbench.untrusted import MIB, quoted, read_regular
+from glbench.untrusted import MIB, quoted, read_regular, reason_of
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
 Floats = NDArray[np.float64]
+Layer = Callable[[Any], Any]
 FORMAT = 1
-ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {"SiLU": silu, "Tanh": tanh, "ReLU": relu}
+
+
+class Arithmetic(NamedTuple):
+    """What a policy computes with."""
+
+    arrays: Any
+    """numpy, or a namespace like it."""
+    affine: Callable[[Any, Any], Layer]
+    """From weights ``(inputs, outputs)`` and bias ``(outputs,)`` to a function of ``x`` that is ``x @ weights + bias``."""
+    activations: Mapping[str, Callable[[Any], Any]]
+    sigmoid: Callable[[Any], Any]
+
+
+def affine(weights: Any, bias: Any) -> Layer:
+    """``x @ weights + bias`` as a function of ``x``, for any kind of array."""
+    return lambda x: x @ weights + bias
+
+
+def hidden(layers: Sequence[Layer], x: Any, activation: Callable[[Any], Any]) -> Any:
+    """Output of hidden layers, each followed by the activation."""
+    for layer in layers:
+        x = activation(layer(x))
+    return x
+
+
+def gru_step(input_gates: Any, memory_gates: Any, memory: Any, arithmetic: Arithmetic) -> Any:
+    """The memory ``(rows, units)`` of a gated recurrent unit after a step.
+
+    ``input_gates`` and ``memory_gates`` ``(rows, 3 * units)`` are what the affine maps of the input and of the memory give for the gates
+    that keep and that reset, and for what is new.
+    """
+    keep, reset, new = arithmetic.arrays.split(input_gates, 3, -1)
+    keep_too, reset_too, new_too = arithmetic.arrays.split(memory_gates, 3, -1)
+    new = arithmetic.activations["Tanh"](new + arithmetic.sigmoid(reset + reset_too) * new_too)
+    return new + arithmetic.sigmoid(keep + keep_too) * (memory - new)
+
+
+def _silu(x: Any) -> Any:
+    with np.errstate(over="ignore"):  # exp(-x) of a large negative x is infinite, and x / infinity is 0
+        return x / (1.0 + np.exp(-x))
+
+
+EXACT = Arithmetic(
+    np,
+    deterministic_math.ExactLinear.of,
+    {"SiLU": deterministic_math.silu, "Tanh": deterministic_math.tanh, "ReLU": deterministic_math.relu},
+    deterministic_math.sigmoid,
+)
+"""Gives each row the same bits in any batch and on any processor. Agents act by it."""
+FAST = Arithmetic(
+    np,
+    affine,
+    {"SiLU": _silu, "Tanh": np.tanh, "ReLU": deterministic_math.relu},
+    lambda x: 0.5 + 0.5 * np.tanh(0.5 * x),
+)
+"""Equals ``EXACT`` up to rounding and takes a fraction of the time. Trainings use it."""
+ACTIVATIONS = EXACT.activations
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +113,8 @@ class NetworkPolicy:
         ``"clip"``: the last layer is the action, cut to the bounds. ``"tanh"``: its tanh, stretched to the bounds.
     about
         How it was made, for people: algorithm, seed, steps, ...
+    arithmetic
+        What ``act`` computes with; not part of the file.
     """
 
     task_id: str
@@ -68,6 +131,7 @@ class NetworkPolicy:
     activation: str
     output: Literal["clip", "tanh"]
     about: dict[str, str | int | float]
+    arithmetic: Arithmetic = field(default=EXACT, repr=False)
 
     def __post_init__(self) -> None:
         sizes = [len(self.observation_names), *(len(bias) for bias in self.biases)]
@@ -97,30 +161,36 @@ class NetworkPolicy:
         if not ((self.scale > 0.0).all() and (self.low < self.high).all() and self.clip > 0.0):
             msg = "The policy has a scale or a clip of 0 or less, or a lower bound that is not below the upper bound."
             raise ShapeError(msg)
-        layers = tuple(ExactLinear.of(matrix, bias) for matrix, bias in zip(self.weights, self.biases, strict=True))
-        object.__setattr__(self, "_layers", layers)
+        layers = zip(self.weights, self.biases, strict=True)
+        object.__setattr__(self, "_layers", [self.arithmetic.affine(matrix, bias) for matrix, bias in layers])
 
     def act(self, observations: NDArray[np.floating[Any]]) -> Floats:
-        """Actions ``(rows, actions)`` for ``observations`` ``(rows, observations)``: each row the same bits in any batch."""
-        normalised = (observations.astype(np.float64) - self.mean) / self.scale
-        x = np.clip(normalised, -self.clip, self.clip)
-        layers: tuple[ExactLinear, ...] = self._layers  # type: ignore[attr-defined]
-        between = ACTIVATIONS[self.activation]
-        for layer in layers[:-1]:
-            x = between(layer(x))
-        x = layers[-1](x)
+        """Actions ``(rows, actions)`` for ``observations`` ``(rows, observations)``."""
+        last: Layer = self._layers[-1]  # type: ignore[attr-defined]
+        return self.bounded(last(self.hidden(self.normalised(observations))))
+
+    def normalised(self, observations: NDArray[np.floating[Any]]) -> Floats:
+        """What the first layer gets for observations, or for the first columns of them."""
+        columns = observations.shape[1]
+        values = (observations.astype(np.float64) - self.mean[:columns]) / self.scale[:columns]
+        x: Floats = np.clip(values, -self.clip, self.clip)
+        return x
+
+    def hidden(self, x: Any) -> Any:
+        """The last hidden layer ``(rows, hidden)`` for normalised observations."""
+        return hidden(self._layers[:-1], x, self.arithmetic.activations[self.activation])  # type: ignore[attr-defined]
+
+    def bounded(self, x: Floats) -> Floats:
+        """Actions for the output ``x`` of the last layer."""
         if self.output == "tanh":
+            tanh = self.arithmetic.activations["Tanh"]
             x = self.low + 0.5 * (tanh(x) + 1.0) * (self.high - self.low)
         actions: Floats = np.clip(x, self.low, self.high)
         return actions
 
     def why_not(self, task: TaskCard) -> str | None:
         """Why this policy cannot act in ``task``, in words; ``None`` when it can."""
-        if task.observation_names != self.observation_names:
-            return f"it was trained on {_columns(self.observation_names)}, and {task.id} shows {_columns(task.observation_names)}"
-        if task.action_names != self.action_names or [action.low for action in task.actions] != self.low.tolist():
-            return f"its actions are not those of {task.id}"
-        return None
+        return _mismatch(self.observation_names, self.action_names, self.low, task)
 
     def to_bytes(self) -> bytes:
         """The policy as the bytes of its file; equal policies give equal bytes."""
@@ -147,28 +217,146 @@ class NetworkPolicy:
         )
         return file.getvalue()
 
+
+@dataclass(frozen=True, eq=False)
+class Gru:
+    """A gated recurrent unit: from the input ``(rows, inputs)`` and the memory ``(rows, units)`` to the next memory.
+
+    Attributes
+    ----------
+    weights, bias
+        Of the input, ``(inputs, 3 * units)`` and ``(3 * units,)``, float32: of the gates that keep and that reset, and of what is new.
+    recurrent
+        Of the memory, ``(units, 3 * units)``.
+    """
+
+    weights: NDArray[np.float32]
+    bias: NDArray[np.float32]
+    recurrent: NDArray[np.float32]
+    arithmetic: Arithmetic = field(default=EXACT, repr=False)
+
+    def __post_init__(self) -> None:
+        wide = 3 * self.units
+        if self.weights.shape[1:] != (wide,) or self.bias.shape != (wide,) or self.recurrent.shape[1:] != (wide,):
+            msg = f"A memory cannot have weights of shapes {self.weights.shape}, {self.bias.shape} and {self.recurrent.shape}."
+            raise ShapeError(msg)
+        if not all(np.isfinite(array).all() for array in (self.weights, self.bias, self.recurrent)):
+            msg = "A memory has weights that are not finite."
+            raise ShapeError(msg)
+        maps = self.arithmetic.affine(self.weights, self.bias), self.arithmetic.affine(self.recurrent, np.zeros(wide))
+        object.__setattr__(self, "_maps", maps)
+
+    @property
+    def units(self) -> int:
+        """Numbers that it remembers."""
+        return len(self.recurrent)
+
+    def __call__(self, x: Floats, memory: Floats) -> Floats:
+        """The memory after the input ``x``."""
+        of_input, of_memory = self._maps  # type: ignore[attr-defined]
+        after: Floats = gru_step(of_input(x), of_memory(memory), memory, self.arithmetic)
+        return after
+
+
+@dataclass(frozen=True, eq=False)
+class Actor:
+    """A policy: a network, and what is before and behind it.
+
+    Attributes
+    ----------
+    network
+        From the observed columns and, after them, the traces and the recurrent unit's memory to one number an action. Its bounds are those
+        of these numbers: 0 and 1 where they are positions of controls, those of the action elsewhere.
+    traced
+        Columns that leave traces ``(t,)``.
+    shares
+        How far each trace goes towards the reading in a step ``(k,)``; there are ``k`` traces of every such column, those of the first
+        share first.
+    max_change
+        How far an action of 1 moves its control in a step ``(m,)``, of its range; 0 where the network gives the action itself.
+    low, high
+        Bounds of the actions ``(m,)``.
+    gru
+        The recurrent unit, whose inputs are columns and traces as the network gets them; ``None`` for none.
+    plain
+        Whether it is the network alone, which gets the readings as they are.
+    """
+
+    network: NetworkPolicy
+    traced: NDArray[np.int64]
+    shares: Floats
+    max_change: Floats
+    low: Floats
+    high: Floats
+    gru: Gru | None = None
+    plain: bool = False
+
     @classmethod
-    def from_bytes(cls, data: bytes, name: str) -> NetworkPolicy:
-        """Read what ``to_bytes`` wrote; ``name`` is for messages.
+    def of(cls, network: NetworkPolicy) -> Actor:
+        """A policy without memory, whose network gives the actions themselves."""
+        nothing = np.zeros(0)
+        still = np.zeros(len(network.action_names))
+        return cls(network, nothing.astype(np.int64), nothing, still, network.low, network.high, plain=True)
 
-        Raises
-        ------
-        SubmissionError
-            When the bytes are no policy, or a damaged one.
+    def __post_init__(self) -> None:
+        columns = len(self.columns)
+        actions = len(self.network.action_names)
+        well = (
+            self.traced.ndim == 1
+            and all(0 <= column < columns for column in self.traced)
+            and self.shares.ndim == 1
+            and bool(((self.shares > 0) & (self.shares <= 1)).all())
+            and {self.max_change.shape, self.low.shape, self.high.shape} == {(actions,)}
+            and bool((np.isfinite(self.max_change) & (self.max_change >= 0) & (self.low < self.high)).all())
+            and (self.gru is None or len(self.gru.weights) + self.gru.units == len(self.network.observation_names))
+        )
+        if not well or not np.isfinite([self.low, self.high]).all():
+            traces = f"traces of the columns {quoted(self.traced.tolist())} with shares {quoted(self.shares.tolist())}"
+            changes = (
+                f"changes of {quoted(self.max_change.tolist())} a step, such bounds, or a recurrent unit of other sizes"
+            )
+            msg = f"A policy of {columns} columns and {actions} actions cannot have {traces}, {changes}."
+            raise ShapeError(msg)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the observed columns."""
+        names = self.network.observation_names
+        units = 0 if self.gru is None else self.gru.units
+        return names[: len(names) - units - len(self.traced) * len(self.shares)]
+
+    def why_not(self, task: TaskCard) -> str | None:
+        """Why this policy cannot act in ``task``, in words; ``None`` when it can."""
+        return _mismatch(self.columns, self.network.action_names, self.low, task)
+
+    def preference(self, task: TaskCard) -> tuple[Any, ...]:
+        """The smallest says which of several policies acts in ``task``: its own, else the one trained under the nearest uncertainty.
+
+        With a memory, or positions: its own, else the first.
         """
-        try:
-            file = ArrayFile.of(data)
-            if file.integer("format") != FORMAT:
-                msg = f"The policy {name} has format {file.integer('format')}; this version of glbench reads format {FORMAT}."
-                raise SubmissionError(msg)
-            return cls(**_fields(file))
-        except (ValueError, ShapeError) as error:
-            msg = f"{name} is not a glbench policy, or is damaged: {error}. Write it again with glbench export."
-            raise SubmissionError(msg) from error
+        network = self.network
+        own = network.task_id != task.id
+        return (own, round(abs(network.delta - task.delta), 9), network.delta) if self.plain else (own,)
+
+    def to_bytes(self) -> bytes:
+        """The policy as the bytes of its file; equal policies give equal bytes."""
+        if self.plain:
+            return self.network.to_bytes()
+        file = io.BytesIO()
+        own = {name: getattr(self, name) for name in _OWN}
+        if self.gru is not None:
+            own |= {f"gru_{name}": getattr(self.gru, name) for name in _GRU}
+        np.savez_compressed(file, allow_pickle=False, network=np.frombuffer(self.network.to_bytes(), np.uint8), **own)
+        return file.getvalue()
 
 
-def read_policy(file: Path) -> NetworkPolicy:
-    """The policy in ``file``.
+_OWN = ("traced", "shares", "max_change", "low", "high")
+_GRU = {"weights": 2, "bias": 1, "recurrent": 2}
+"""And how many dimensions they have."""
+
+
+def read_actor(file: Path) -> Actor:
+    """The policy in ``file``, whoever trained it.
 
     Raises
     ------
@@ -180,25 +368,165 @@ def read_policy(file: Path) -> NetworkPolicy:
     except OSError as error:
         msg = f"Cannot read the policy {file}: {error.strerror or error}."
         raise SubmissionError(msg) from error
-    return NetworkPolicy.from_bytes(data, str(file))
+    try:
+        arrays = ArrayFile.of(data)
+        if "network" not in arrays:
+            return Actor.of(_network(arrays, file))
+        network = _network(ArrayFile.of(arrays.integers("network", 1, np.uint8).tobytes()), file)
+        traced, *numbers = _OWN
+        own: dict[str, Any] = {name: arrays.floats(name, 1) for name in numbers}
+        gru = None
+        if "gru_bias" in arrays:
+            parts: dict[str, Any] = {name: arrays.floats(f"gru_{name}", of, np.float32) for name, of in _GRU.items()}
+            gru = Gru(**parts)
+        return Actor(network, arrays.integers(traced, 1, np.int64), **own, gru=gru)
+    except (ValueError, ShapeError) as error:
+        msg = f"{file} is not a glbench policy, or is damaged: {reason_of(error)}. Train it again, or write it again with glbench export."
+        raise SubmissionError(msg) from error
 
 
-def _fields(file: ArrayFile) -> dict[str, Any]:
+def read_policy(file: Path) -> NetworkPolicy:
+    """The network in ``file``, which has to be one without a memory.
+
+    Raises
+    ------
+    SubmissionError
+        When it cannot be read, or has a memory or positions.
+    """
+    policy = read_actor(file)
+    if not policy.plain:
+        msg = (
+            f"{file} is a policy of the compiled PPO. glbench tune and start_from work with those of Stable-Baselines3: "
+            "glbench train ppo --config baselines/ppo/paper.yml"
+        )
+        raise SubmissionError(msg)
+    return policy.network
+
+
+@dataclass(frozen=True)
+class PolicyFiles:
+    """A policy file, or a folder of them, trained on different tasks."""
+
+    files: tuple[Path, ...]
+
+    @classmethod
+    def at(cls, place: Path) -> PolicyFiles:
+        """The policy file ``place``, or all of the folder ``place``.
+
+        Raises
+        ------
+        SubmissionError
+            When there is none.
+        """
+        files = tuple(sorted(place.glob("*.npz"))) if place.is_dir() else (place,)
+        if not files or not files[0].is_file():
+            msg = f"There is no policy at {place}. glbench train writes one, and glbench export makes one of a trained model."
+            raise SubmissionError(msg)
+        return cls(files)
+
+
+class PolicyAgent:
+    """An ``Agent`` that acts by its policy, and keeps the traces, memory and positions of every run.
+
+    Of several policies the one acts that ``Actor.preference`` says. Where a policy has a memory or positions, a reading that is missing
+    (not finite) leaves a trace as it is, and counts as the column's mean in training.
+    """
+
+    def __init__(self, policies: PolicyFiles | Actor) -> None:
+        self._policies = (policies,) if isinstance(policies, Actor) else tuple(map(read_actor, policies.files))
+        self._runs = 0
+
+    def reset(self, task: TaskCard, n_runs: int, /) -> None:
+        """Begin ``n_runs`` runs: all controls are at 0, and there are no traces yet.
+
+        Raises
+        ------
+        SubmissionError
+            When no policy fits the task's observations and actions.
+        """
+        self.policy = policy = policy_for(task, self._policies)
+        self._runs = n_runs
+        self._positions = np.zeros((n_runs, len(policy.max_change)))
+        self._traces = np.full((n_runs, len(policy.shares), len(policy.traced)), np.nan)
+        self._memory = np.zeros((n_runs, 0 if policy.gru is None else policy.gru.units))
+
+    def act(self, observations: NDArray[np.float32], /) -> Floats:
+        """Actions (n_runs, actions).
+
+        Raises
+        ------
+        ShapeError
+            When there are not as many rows as runs were announced to ``reset``.
+        """
+        check_runs(observations, self._runs)
+        policy = self.policy
+        if policy.plain:
+            return policy.network.act(observations)
+        network, inputs = policy.network, self._inputs(observations.astype(np.float64))
+        if policy.gru is not None:
+            self._memory = policy.gru(network.normalised(inputs), self._memory)
+        output = network.act(np.concatenate([inputs, self._memory], axis=1))
+        moves = policy.max_change > 0
+        change = np.where(moves, policy.max_change, 1.0)
+        actions: Floats = np.where(moves, (output - self._positions) / change, output)
+        actions = np.clip(actions, policy.low, policy.high)
+        self._positions = np.clip(self._positions + change * actions, 0.0, 1.0)
+        return actions
+
+    def _inputs(self, readings: Floats) -> Floats:
+        """Observed columns and traces after these readings, missing ones filled in."""
+        policy, traces = self.policy, self._traces
+        latest = readings[:, None, policy.traced]
+        after = traces + policy.shares[:, None] * (latest - traces)
+        self._traces = np.where(np.isnan(traces), latest, np.where(np.isfinite(latest), after, traces))
+        inputs = np.concatenate([readings, self._traces.reshape(len(readings), -1)], axis=1)
+        return np.where(np.isfinite(inputs), inputs, policy.network.mean[: inputs.shape[1]])
+
+
+def policy_for(task: TaskCard, policies: Sequence[Actor]) -> Actor:
+    """The policy that acts in ``task``.
+
+    Raises
+    ------
+    SubmissionError
+        When none fits its observations and actions.
+    """
+    fitting = [policy for policy in policies if policy.why_not(task) is None]
+    if not fitting:
+        reasons = "; ".join(sorted({str(policy.why_not(task)) for policy in policies}))
+        msg = f"The trained policy does not fit this task: {reasons}. Train one for it: glbench train ppo --task {task.id}."
+        raise SubmissionError(msg)
+    return min(fitting, key=lambda policy: policy.preference(task))
+
+
+def _network(file: ArrayFile, place: Path) -> NetworkPolicy:
+    if file.integer("format") != FORMAT:
+        msg = f"The policy {place} has format {file.integer('format')}; this version of glbench reads format {FORMAT}."
+        raise SubmissionError(msg)
     layers = range(file.count("weight_"))
-    return {
-        "task_id": file.text("task_id"),
-        "delta": file.number("delta"),
-        "observation_names": file.texts("observation_names"),
-        "action_names": file.texts("action_names"),
-        **{name: file.floats(name, 1) for name in ("low", "high", "mean", "scale")},
-        "clip": file.number("clip"),
-        "weights": tuple(file.floats(f"weight_{layer}", 2, np.float32) for layer in layers),
-        "biases": tuple(file.floats(f"bias_{layer}", 1, np.float32) for layer in layers),
-        "activation": file.text("activation"),
-        "output": file.text("output"),
-        "about": checked_facts(file.table("about")),
-    }
+    columns: dict[str, Any] = {name: file.floats(name, 1) for name in ("low", "high", "mean", "scale")}
+    output: Any = file.text("output")
+    return NetworkPolicy(
+        task_id=file.text("task_id"),
+        delta=file.number("delta"),
+        observation_names=file.texts("observation_names"),
+        action_names=file.texts("action_names"),
+        **columns,
+        clip=file.number("clip"),
+        weights=tuple(file.floats(f"weight_{layer}", 2, np.float32) for layer in layers),
+        biases=tuple(file.floats(f"bias_{layer}", 1, np.float32) for layer in layers),
+        activation=file.text("activation"),
+        output=output,
+        about=checked_facts(file.table("about")),
+    )
 
 
-def _columns(names: tuple[str, ...]) -> str:
-    return f"{len(names)} observations ({', '.join(names[:3])}, ...)"
+def _mismatch(columns: tuple[str, ...], actions: tuple[str, ...], low: Floats, task: TaskCard) -> str | None:
+    if task.observation_names != columns:
+        mine, theirs = (
+            f"{len(names)} observations ({', '.join(names[:3])}, ...)" for names in (columns, task.observation_names)
+        )
+        return f"it was trained on {mine}, and {task.id} shows {theirs}"
+    if task.action_names != actions or [action.low for action in task.actions] != low.tolist():
+        return f"its actions are not those of {task.id}"
+    return None

@@ -7,7 +7,7 @@ are part of glbench may be privileged; every result says so.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,19 @@ class Agent(Protocol):
 
     def act(self, observations: Observations, /) -> Actions:
         """Actions (n_runs, actions) for ``observations`` (n_runs, observations), called once a control step."""
+
+
+def check_runs(rows: NDArray[Any], n_runs: int, what: str = "observations") -> None:
+    """Refuse ``rows`` of another number of runs than an agent was reset for.
+
+    Raises
+    ------
+    ShapeError
+        When it is another.
+    """
+    if len(rows) != n_runs:
+        msg = f"act got {what} of {len(rows)} runs, reset was called with {n_runs}. Call reset first."
+        raise ShapeError(msg)
 
 
 @runtime_checkable
@@ -130,9 +143,7 @@ class PerRunAgent:
         ShapeError
             When there are not as many rows as runs were announced to ``reset``.
         """
-        if len(observations) != len(self.agents):
-            msg = f"act got observations of {len(observations)} runs, reset was called with {len(self.agents)}. Call reset first."
-            raise ShapeError(msg)
+        check_runs(observations, len(self.agents))
         # Own copies: an agent that changes its observation in place must not change what others see or what is recorded.
         rows = [self._row(run, agent.act(observations[run].copy())) for run, agent in enumerate(self.agents)]
         lengths = {row.shape[0] for row in rows}

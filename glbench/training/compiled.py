@@ -8,7 +8,7 @@ import signal
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,9 +17,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.agents.actor import Actor, ActorAgent
-from glbench.agents.gru import Gru
-from glbench.agents.network_policy import NetworkPolicy
+from glbench.agents.network_policy import FAST, Actor, Gru, NetworkPolicy, PolicyAgent
 from glbench.errors import ShapeError, TrainingError
 from glbench.resources import write_atomically
 from glbench.tasks import task_card
@@ -171,7 +169,7 @@ class _Training:
     def evaluate(self, policy: Actor) -> CurvePoint:
         """A point of the learning curve."""
         with self.history.time.spend("evaluation"):
-            agent = ActorAgent(_quick(policy))
+            agent = PolicyAgent(_fast(policy))
             agent.reset(task_card(self.task), len(self._probe.seeds))
             result = self._probe.of(agent.act)
         if self.steps >= self.history.next_evaluation:  # an end between two evaluations does not shift them
@@ -263,36 +261,9 @@ def _evaluate(under_way: _Training, folder: Path, listeners: Sequence[Listener])
         listener.on_saved(under_way.steps)
 
 
-class _QuickNetwork(NetworkPolicy):
-    """Acts like the network up to rounding: ``NetworkPolicy`` gives the same bits everywhere, but takes far longer."""
-
-    def act(self, observations: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        x = np.clip((observations - self.mean) / self.scale, -self.clip, self.clip)
-        *hidden, (weights, biases) = zip(self.weights, self.biases, strict=True)
-        for matrix, bias in hidden:
-            x = np.tanh(x @ matrix + bias)
-        return np.clip(x @ weights + biases, self.low, self.high)
-
-
-class _QuickGru(Gru):
-    """Remembers like the recurrent unit up to rounding."""
-
-    def __call__(self, seen: NDArray[np.float64], memory: NDArray[np.float64]) -> NDArray[np.float64]:
-        keep, reset, new = np.split(seen @ self.weights + self.bias, 3, axis=1)
-        keep_too, reset_too, new_too = np.split(memory @ self.recurrent, 3, axis=1)
-        new = np.tanh(new + _sigmoid(reset + reset_too) * new_too)
-        result: NDArray[np.float64] = new + _sigmoid(keep + keep_too) * (memory - new)
-        return result
-
-
-def _sigmoid(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    return 0.5 + 0.5 * np.tanh(0.5 * x)
-
-
-def _quick(policy: Actor) -> Actor:
-    network = _QuickNetwork(**{field.name: getattr(policy.network, field.name) for field in fields(policy.network)})
-    gru = policy.gru and _QuickGru(policy.gru.weights, policy.gru.bias, policy.gru.recurrent)
-    return replace(policy, network=network, gru=gru)
+def _fast(policy: Actor) -> Actor:
+    gru = None if policy.gru is None else replace(policy.gru, arithmetic=FAST)
+    return replace(policy, network=replace(policy.network, arithmetic=FAST), gru=gru)
 
 
 def _digest(facts: dict[str, Any], leaves: Sequence[NDArray[Any]]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import pickle
 from hashlib import sha256
 from pathlib import Path
@@ -18,9 +17,8 @@ from stable_baselines3.common.vec_env import VecNormalize
 from stable_baselines3.sac.policies import SACPolicy
 from torch import nn
 
-from glbench.agents.actor import Actor
 from glbench.agents.network_policy import ACTIVATIONS, NetworkPolicy, read_policy
-from glbench.errors import SubmissionError, TrainingError
+from glbench.errors import TrainingError
 from glbench.resources import write_atomically
 from glbench.tasks import task_card
 from glbench.training.algorithms import algorithm_class
@@ -204,20 +202,7 @@ def begin_with(file: Path, model: BaseAlgorithm, normalization: Normalizer, task
 
 def policy_in(file: Path, task: TaskSpec) -> NetworkPolicy:
     """The policy in ``file``, which is to begin with on ``task``. Errors as for ``begin_with``."""
-    try:
-        policy = read_policy(file)
-    except DAMAGED as error:
-        msg = f"The policy {file} cannot be read: {error}. Export it again."
-        raise TrainingError(msg) from error
-    except SubmissionError as error:
-        with contextlib.suppress(SubmissionError):
-            Actor.at(file)
-            msg = (
-                f"{file} is a policy of the compiled PPO. glbench tune and start_from work with those of Stable-Baselines3: "
-                "glbench train ppo --config baselines/ppo/paper.yml"
-            )
-            raise TrainingError(msg) from error
-        raise
+    policy = read_policy(file)
     reason = policy.why_not(task_card(task))
     if reason is not None:
         msg = f"There is no starting from {file}: {reason}."

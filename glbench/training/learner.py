@@ -2,7 +2,7 @@
 
 The greenhouses are stepped from inside the function (``glbench.jax``). Actor and critic are perceptrons with tanh between their layers;
 the spread of the actor's output is one number per action. Inputs are normalised by running statistics, rewards by the spread of returns.
-Before and after the actor come the parts of ``glbench.agents.actor``: traces, and controls that are moved to the positions it outputs.
+Before and after the actor come the parts of ``agents.network_policy``: traces, and controls that are moved to the positions it outputs.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.agents.network_policy import Arithmetic, affine, gru_step, hidden
 from glbench.errors import TaskError, TrainingError, UnknownNameError, did_you_mean
 from glbench.jax import Environment, State
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 _LEAST = 1e-3
 """Smallest scale of a column that the settings do not name."""
 _TINY = 1e-8
+_JAX = Arithmetic(jnp, affine, {"Tanh": jnp.tanh}, jax.nn.sigmoid)
 
 
 class Statistics(NamedTuple):
@@ -66,7 +68,7 @@ class Greenhouses(NamedTuple):
     seen: Any
     """Observation and, after it, traces."""
     positions: Any
-    """Of the controls, as ``ActorAgent`` keeps them."""
+    """Of the controls, as ``PolicyAgent`` keeps them."""
     told: Any
     """What ``info`` contained after the last step."""
     begun: Any
@@ -272,7 +274,9 @@ class Learner:
         floor = _LEAST * jnp.abs(told.mean) + _TINY
         besides = jnp.clip((self._told(now) - told.mean) / jnp.sqrt(told.variance + floor**2), -limit, limit)
         critic_input = jnp.concatenate([actor_input, jnp.where(now.begun[:, None], 0.0, besides)], 1)
-        memory = None if now.memory is None else _remember(learning.weights["gru"], actor_input, now.memory)
+        gru, memory = learning.weights.get("gru"), now.memory
+        if memory is not None:
+            memory = _remember(gru, _input_gates(gru, actor_input), memory)
         value = _apply(learning.weights["critic"], _beside(critic_input, memory))[:, 0]
         return critic_input, value, actor_input, memory
 
@@ -340,10 +344,10 @@ class Learner:
     def _replayed(self, weights: Any, sequences: Any) -> Any:
         """The batch of the steps of sequences, with what the recurrent unit remembers at each: gradients go through all of them."""
         (actor_input, critic_input, *others, done), memory = sequences
-        told = _read(weights["gru"], actor_input).swapaxes(0, 1), done.swapaxes(0, 1)[..., None]
+        told = _input_gates(weights["gru"], actor_input).swapaxes(0, 1), done.swapaxes(0, 1)[..., None]
 
         def step(memory: Any, now: Any) -> Any:
-            after = _renewed(weights["gru"], now[0], memory)
+            after = _remember(weights["gru"], now[0], memory)
             return jnp.where(now[1], 0.0, after), after
 
         memories = jax.lax.scan(step, memory, told)[1].swapaxes(0, 1)
@@ -394,13 +398,12 @@ def _network(key: Any, sizes: Sequence[int], last: float) -> list[tuple[Any, Any
 
 
 def _apply(network: list[tuple[Any, Any]], x: Any) -> Any:
-    for weights, bias in network[:-1]:
-        x = jnp.tanh(x @ weights + bias)
-    return x @ network[-1][0] + network[-1][1]
+    *layers, last = (affine(weights, bias) for weights, bias in network)
+    return last(hidden(layers, x, jnp.tanh))
 
 
 def _gru(key: Any, inputs: int, units: int) -> dict[str, Any]:
-    """Weights of a gated recurrent unit, as ``glbench.agents.gru`` has them: orthogonal; at first it keeps three quarters in a step."""
+    """Weights of a gated recurrent unit, as ``Gru`` has them: orthogonal; at first it keeps three quarters in a step."""
     keys, initial = jax.random.split(key, 6), jax.nn.initializers.orthogonal()
     return {
         "weights": jnp.concatenate([initial(one, (inputs, units), jnp.float32) for one in keys[:3]], 1),
@@ -409,21 +412,14 @@ def _gru(key: Any, inputs: int, units: int) -> dict[str, Any]:
     }
 
 
-def _read(gru: dict[str, Any], seen: Any) -> Any:
-    """What is seen, as the gates get it: for all steps at once."""
-    return seen @ gru["weights"] + gru["bias"]
+def _input_gates(gru: dict[str, Any], x: Any) -> Any:
+    """The input as the gates get it: for all steps at once."""
+    return affine(gru["weights"], gru["bias"])(x)
 
 
-def _renewed(gru: dict[str, Any], read: Any, memory: Any) -> Any:
-    """The memory after ``read``."""
-    keep, reset, new = jnp.split(read, 3, -1)
-    keep_too, reset_too, new_too = jnp.split(memory @ gru["recurrent"], 3, -1)
-    new = jnp.tanh(new + jax.nn.sigmoid(reset + reset_too) * new_too)
-    return new + jax.nn.sigmoid(keep + keep_too) * (memory - new)
-
-
-def _remember(gru: dict[str, Any], seen: Any, memory: Any) -> Any:
-    return _renewed(gru, _read(gru, seen), memory)
+def _remember(gru: dict[str, Any], input_gates: Any, memory: Any) -> Any:
+    """The memory after an input."""
+    return gru_step(input_gates, memory @ gru["recurrent"], memory, _JAX)
 
 
 def _beside(x: Any, memory: Any) -> Any:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from glbench.agents.network_policy import NetworkPolicy
+from glbench.agents.network_policy import FAST, NetworkPolicy
 from glbench.env import Simulation
 from glbench.errors import TrainingError, did_you_mean
 from glbench.kernel import make_kernel
@@ -57,7 +57,7 @@ _LOOKED_AT = 5
 
 
 class BatchedPolicy:
-    """As fast as training asks for; ``NetworkPolicy`` gives the same to 1e-6 and the same bits everywhere.
+    """Acts with another last layer in each row.
 
     Attributes
     ----------
@@ -66,9 +66,7 @@ class BatchedPolicy:
     """
 
     def __init__(self, policy: NetworkPolicy) -> None:
-        self._policy = policy
-        self._shared = list(zip(policy.weights[:-1], policy.biases[:-1], strict=True))
-        self._between = _ACTIVATIONS[policy.activation]
+        self._policy = replace(policy, arithmetic=FAST)
         self.take([(policy.weights[-1], policy.biases[-1])])
         self.seconds = 0.0
 
@@ -79,42 +77,16 @@ class BatchedPolicy:
 
     def hidden(self, observations: Singles) -> Singles:
         """The last hidden layer ``(n, hidden)``."""
-        policy = self._policy
-        x = np.clip((observations - policy.mean) / policy.scale, -policy.clip, policy.clip).astype(np.float32)
-        for weights, biases in self._shared:
-            x = self._between(x @ weights + biases)
+        x: Singles = self._policy.hidden(self._policy.normalised(observations).astype(np.float32))
         return x
 
-    def act(self, observations: Singles) -> NDArray[np.float64]:
+    def act(self, observations: Singles) -> Floats:
         """Actions ``(n, actions)`` for observations ``(n, columns)``, row i by the last layer i."""
-        began = time.perf_counter()
-        policy = self._policy
-        last = (self.hidden(observations)[:, None, :] @ self._weights)[:, 0] + self._biases
-        x: NDArray[np.float64] = last.astype(np.float64)
-        if policy.output == "tanh":
-            x = policy.low + 0.5 * (np.tanh(x) + 1.0) * (policy.high - policy.low)
-        actions: NDArray[np.float64] = np.clip(x, policy.low, policy.high)
-        self.seconds += time.perf_counter() - began
+        start = time.perf_counter()
+        output = (self.hidden(observations)[:, None, :] @ self._weights)[:, 0] + self._biases
+        actions = self._policy.bounded(output.astype(np.float64))
+        self.seconds += time.perf_counter() - start
         return actions
-
-
-def _silu(x: Singles) -> Singles:
-    with np.errstate(over="ignore"):  # exp(-x) of a large negative x is infinite, and x / infinity is 0
-        silu: Singles = np.divide(x, 1.0 + np.exp(-x))
-    return silu
-
-
-def _tanh(x: Singles) -> Singles:
-    tanh: Singles = np.tanh(x)
-    return tanh
-
-
-def _relu(x: Singles) -> Singles:
-    relu: Singles = np.maximum(x, 0.0)
-    return relu
-
-
-_ACTIVATIONS = {"SiLU": _silu, "Tanh": _tanh, "ReLU": _relu}
 
 
 class SearchSettings(FrozenSettings):

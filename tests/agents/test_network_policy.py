@@ -13,9 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from glbench.agents import load_agent
-from glbench.agents.exact_math import ExactLinear, exp, silu, tanh
-from glbench.agents.network_agent import policy_for
-from glbench.agents.network_policy import NetworkPolicy, read_policy
+from glbench.agents.deterministic_math import ExactLinear, exp, silu, tanh
+from glbench.agents.network_policy import Actor, NetworkPolicy, policy_for, read_policy
 from glbench.errors import ShapeError, SubmissionError
 from glbench.tasks import TaskCard, get_task, task_card
 
@@ -145,13 +144,13 @@ def test_layers_that_do_not_fit_together_are_refused(card: TaskCard) -> None:
 
 def test_the_policy_of_the_task_acts_else_that_of_the_nearest_uncertainty(card: TaskCard) -> None:
     policies = tuple(
-        replace(policy_of(card), task_id=f"glbench/Schiphol2010-Delta{level}-v1", delta=int(level) / 100)
+        Actor.of(replace(policy_of(card), task_id=f"glbench/Schiphol2010-Delta{level}-v1", delta=int(level) / 100))
         for level in ("00", "10", "30")
     )
-    assert policy_for(card, policies).delta == 0.10
-    assert policy_for(task_card(get_task("Schiphol2010-Delta25-v1")), policies).delta == 0.30
-    assert policy_for(task_card(get_task("Schiphol2010-Delta05-v1")), policies).delta == 0.0
-    assert policy_for(task_card(get_task("Schiphol2010-Delta20-v1")), policies).delta == 0.10
+    assert policy_for(card, policies).network.delta == 0.10
+    assert policy_for(task_card(get_task("Schiphol2010-Delta25-v1")), policies).network.delta == 0.30
+    assert policy_for(task_card(get_task("Schiphol2010-Delta05-v1")), policies).network.delta == 0.0
+    assert policy_for(task_card(get_task("Schiphol2010-Delta20-v1")), policies).network.delta == 0.10
 
 
 def test_a_task_with_other_observations_is_refused_with_the_reason(card: TaskCard) -> None:
@@ -159,7 +158,7 @@ def test_a_task_with_other_observations_is_refused_with_the_reason(card: TaskCar
     with pytest.raises(
         SubmissionError, match=r"trained on 22 observations.*Blind-v1 shows 21.*glbench train ppo --task"
     ):
-        policy_for(other, (policy_of(card),))
+        policy_for(other, (Actor.of(policy_of(card)),))
 
 
 CARD = 'title = "t"\ncontroller = "network"\nsettings = "weights"\ndescription = "d"\nmade = "m"\nsources = []\n[training]\nseed = 1\n'

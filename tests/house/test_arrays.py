@@ -15,8 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 from glbench.agents.actions import read_actions
-from glbench.agents.actor import Actor
-from glbench.agents.network_policy import read_policy
+from glbench.agents.network_policy import read_actor, read_policy
 from glbench.agents.plans import read_book
 from glbench.agents.protocol import PerRunAgent
 from glbench.agents.recording import read_recording
@@ -143,7 +142,7 @@ BOOK = data_folder("baselines") / "best_known" / "plans" / "Schiphol2010-Delta10
 RECORDING = data_folder("baselines") / "recording" / "actions.npz"
 READERS = {
     "policy": (read_policy, POLICY, "not a glbench policy"),
-    "actor": (Actor.at, ACTOR, "not a policy of glbench train ppo"),
+    "actor": (read_actor, ACTOR, "not a glbench policy"),
     "book": (read_book, BOOK, "no book of plans"),
     "recording": (read_recording, RECORDING, "not a recording of actions"),
 }
@@ -292,7 +291,7 @@ def test_a_book_that_cannot_be_is_refused(tmp_path: Path, name: str, value: Any)
 )
 def test_an_actor_that_cannot_be_is_refused(tmp_path: Path, name: str, value: Any) -> None:
     with pytest.raises(SubmissionError, match=r"not a (glbench )?policy"):
-        Actor.at(changed(ACTOR, tmp_path / "x.npz", **{name: value}))
+        read_actor(changed(ACTOR, tmp_path / "x.npz", **{name: value}))
 
 
 def test_what_ships_reads_as_numpy_reads_it() -> None:

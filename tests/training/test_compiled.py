@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from glbench.agents import load_agent
-from glbench.agents.actor import Actor, ActorAgent
-from glbench.agents.gru import Gru
+from glbench.agents.network_policy import Gru, PolicyAgent, read_actor
 from glbench.env import GreenhouseVectorEnv
 from glbench.errors import TrainingError
 from glbench.kernel import why_not_compiled
@@ -27,7 +26,7 @@ pytestmark = [
     pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled())),
 ]
 
-from glbench.training.compiled import _quick, _Training, train_compiled  # noqa: E402
+from glbench.training.compiled import _fast, _Training, train_compiled  # noqa: E402
 from glbench.training.compiled_settings import CompiledSettings, read_compiled_settings  # noqa: E402
 from glbench.training.learner import Greenhouses, Learner, Statistics, _apply, steps_of_controls  # noqa: E402
 
@@ -164,7 +163,7 @@ def test_a_policy_with_a_memory_acts_as_it_learnt_to(day: TaskSpec, tmp_path: Pa
     assert trained.learnt
     card = tomllib.loads((trained.folder / "card.toml").read_text(encoding="utf-8"))
     assert "running means of air_temperature, co2, relative_humidity over 1 h, 4 h" in card["description"]
-    actor = Actor.at(trained.folder / "policy.npz")
+    actor = read_actor(trained.folder / "policy.npz")
     assert len(actor.network.observation_names) == len(actor.columns) + 6
     assert (actor.max_change == day.actuation.max_change).all()
 
@@ -182,7 +181,7 @@ def test_a_policy_with_a_memory_acts_as_it_learnt_to(day: TaskSpec, tmp_path: Pa
         weights=tuple(np.asarray(weights) for weights, _ in quiet.weights["actor"]),
         biases=tuple(np.asarray(bias) for _, bias in quiet.weights["actor"]),
     )
-    agent = ActorAgent(replace(actor, network=network))
+    agent = PolicyAgent(replace(actor, network=network))
     agent.reset(task_card(day), 16)
     for seen in np.asarray(rollout.seen):
         agent.act(seen[:, :columns])
@@ -194,7 +193,7 @@ def test_a_recurrent_unit_remembers_what_it_did_in_training(day: TaskSpec, tmp_p
     """In the rollout, when a batch is replayed, and in the agent of the file."""
     trained = train_compiled(day, tiny(day, tmp_path, GRU), tmp_path / "run", seed=3)
     assert trained.learnt
-    actor = Actor.at(trained.folder / "policy.npz")
+    actor = read_actor(trained.folder / "policy.npz")
     assert actor.gru is not None
     assert actor.to_bytes() == (trained.folder / "policy.npz").read_bytes()
     with pytest.raises(PowerCutError):
@@ -229,8 +228,8 @@ def test_a_recurrent_unit_remembers_what_it_did_in_training(day: TaskSpec, tmp_p
     gru = Gru(*(np.asarray(weights["gru"][name]) for name in ("weights", "bias", "recurrent")))
     exact = replace(actor, network=network, gru=gru)
     whole = ~np.asarray(rollout.done).any(0)
-    for policy in (exact, _quick(exact)):
-        agent = ActorAgent(policy)
+    for policy in (exact, _fast(exact)):
+        agent = PolicyAgent(policy)
         agent.reset(task_card(day), 16)
         for seen in np.asarray(rollout.seen):
             agent.act(seen[:, :columns])

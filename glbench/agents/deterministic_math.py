@@ -103,6 +103,11 @@ def tanh(x: Floats) -> Floats:
     return 1.0 - 2.0 / (exp(2.0 * x) + 1.0)
 
 
+def sigmoid(x: Floats) -> Floats:
+    """``1 / (1 + exp(-x))``."""
+    return 1.0 / (1.0 + exp(-x))
+
+
 def relu(x: Floats) -> Floats:
     """``max(x, 0)``."""
     return np.maximum(x, 0.0)
