@@ -68,7 +68,7 @@ class Flow:
     Attributes
     ----------
     name, unit, meaning
-        ``heat``, ``kWh m-2``, "heat of the boiler".
+        ``heat``, ``kWh m-2``, heat of the boiler.
     label
         Heading in tables and plots.
     amount

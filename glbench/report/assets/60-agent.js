@@ -105,7 +105,7 @@ const earned = (result, task) => {
   const build = () => {
     const values = items.map((item) => item.sign * of(item.money).mean);
     const rest = of(PROFIT).mean - sum(values), failed = result.failed && Math.abs(rest) > 5e-3;
-    const labels = [...items.map((item) => item.label), ...(failed ? ["Missed steps"] : []), "Profit"];
+    const labels = [...items.map((item) => item.label), ...(failed ? ["Missed steps"] : []), wordsOf(task).series[PROFIT].label];
     return {
       traces: [{
         type: "waterfall", orientation: "v", x: labels, y: [...values, ...(failed ? [rest] : []), of(PROFIT).mean], measure: [...values.map(() => "relative"), ...(failed ? ["relative"] : []), "total"],

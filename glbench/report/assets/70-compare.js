@@ -61,7 +61,7 @@ const verdict = (one, two, task) => {
 
 const byItem = (one, two, task) => {
   const words = wordsOf(task), METRICS = words.metric, items = [...words.items.map((item) => [item.money, item.sign]), [PROFIT, 1]];
-  const gaps = items.map(([name, sign]) => { const d = difference(one, two, name); return { name, label: name === PROFIT ? "Profit" : METRICS[name].label, value: sign * d.mean, low: sign > 0 ? d.low : -d.high, high: sign > 0 ? d.high : -d.low }; });
+  const gaps = items.map(([name, sign]) => { const d = difference(one, two, name); return { name, label: name === PROFIT ? words.series[PROFIT].label : METRICS[name].label, value: sign * d.mean, low: sign > 0 ? d.low : -d.high, high: sign > 0 ? d.high : -d.low }; });
   const ends = [Math.min(0, ...gaps.map((gap) => gap.value)), Math.max(0, ...gaps.map((gap) => gap.value))], room = 0.3 * (ends[1] - ends[0] || 1);
   const build = () => ({
     traces: [{
@@ -108,7 +108,7 @@ const byHour = (one, two, task) => later(1500, async () => {
   const money = () => ({
     traces: [
       ...parts.map((part) => ({ type: "bar", name: part.label, x: hours, y: part.runs.map(mean), marker: { color: colourAt(part.ink), opacity: 0.8 }, hovertemplate: "%{y:+,.3f}" })),
-      line(hours, spread.map(([value]) => value), variable("ink"), { name: "Profit", mode: "lines+markers", marker: { size: 5 }, hovertemplate: "%{y:+,.3f}", error_y: { type: "data", symmetric: false, array: spread.map(([m, , high]) => high - m), arrayminus: spread.map(([m, low]) => m - low), thickness: 1, width: 2, color: variable("ink") } }),
+      line(hours, spread.map(([value]) => value), variable("ink"), { name: wordsOf(task).series[PROFIT].label, mode: "lines+markers", marker: { size: 5 }, hovertemplate: "%{y:+,.3f}", error_y: { type: "data", symmetric: false, array: spread.map(([m, , high]) => high - m), arrayminus: spread.map(([m, low]) => m - low), thickness: 1, width: 2, color: variable("ink") } }),
     ],
     layout: layout({ barmode: "relative", bargap: 0.15, showlegend: true, legend: { orientation: "h", y: 1.12, x: 0, font: { color: variable("ink") } }, margin: { l: 8, r: 10, t: 34, b: 8 }, xaxis: HOUR_AXIS, yaxis: { title: axisTitle("EUR/m\u00b2, A minus B"), zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
   });
