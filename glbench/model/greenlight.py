@@ -204,6 +204,7 @@ class GreenLightClimate(Climate):
             _flow(FLOWS["heat"], _heat),
             _flow(FLOWS["electricity"], _electricity),
             _flow(FLOWS["co2_dosed"], _co2_dosed),
+            _flow(FLOWS["lamp_light"], _lamp_light),
         )
 
     def signals(self) -> tuple[Signal, ...]:
@@ -290,6 +291,13 @@ def _heat(step: Step) -> Expr:
 def _electricity(step: Step) -> Expr:
     """Electricity of the lamps [kWh m-2]."""
     return step.controls.u_lamp * (step.parameters.theta_lamp_max * (step.seconds / JOULES_PER_KWH))
+
+
+def _lamp_light(step: Step) -> Expr:
+    """Photons of PAR from the lamps [mol m-2]."""
+    p = step.parameters
+    photons = p.eta_lamp_par * p.zeta_lamp_par * p.theta_lamp_max
+    return step.controls.u_lamp * (photons * step.seconds * MOL_PER_UMOL)
 
 
 def _co2_dosed(step: Step) -> Expr:
