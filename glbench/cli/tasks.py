@@ -270,7 +270,7 @@ def _listing(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> It
         for common, group in groupby(of_suite, key=_common):
             yield Text(common, style="dim")
             rows = list(group)
-            noisy = any(task.schema_version == 1 for task in rows)
+            noisy = any(task.conventions.shows_delta for task in rows)
             columns = ("Task", "What it is", *(("Delta",) if noisy else ()), "Digest")
             view = _plain_table(columns, ("Delta",))
             for task in rows:

@@ -84,7 +84,7 @@ def behaviour(task: TaskSpec) -> dict[str, Number]:
         **{f"step.{name}": weighted_sum(values) for name, values in _step(task).items()},
         **(
             {f"draw.{name}": weighted_sum(values) for name, values in _draws(task).items()}
-            if task.schema_version > 1
+            if task.conventions.freezes_draws
             else {}
         ),
     }
@@ -193,7 +193,7 @@ def _step(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
     table = simulation.step(low + (high - low) * part).table
     nominal = task.parameters()
     drawn = (fixed.parameters != nominal).any(axis=0)
-    observed = {"observed": simulation.observe().astype(np.float64).ravel()} if task.schema_version > 1 else {}
+    observed = {"observed": simulation.observe().astype(np.float64).ravel()} if task.conventions.freezes_draws else {}
     return {
         **{quantity.name: row for quantity, row in zip(task.quantities, table, strict=True)},
         "controls": fixed.controls.ravel(),

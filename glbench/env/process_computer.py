@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from glbench.env.logic import at_least, below, both, held_switch, select, share, switch, within
-from glbench.errors import TaskError
 from glbench.tasks.set_points import (
     BLACKOUT,
     BOILER,
@@ -32,7 +31,6 @@ from glbench.tasks.set_points import (
     VENTILATION,
     VENTS,
 )
-from glbench.tasks.tables import AnyActuationTable
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -110,15 +108,7 @@ def work(
     -------
     controls, memory
         New controls of those that the task grants, and what is remembered.
-
-    Raises
-    ------
-    TaskError
-        When the task has no settings of a process computer.
     """
-    if not isinstance(task.actuation, AnyActuationTable):
-        msg = f"{task.source}: [actuation] A process computer needs a task of schema 2."
-        raise TaskError(msg)
     return _Step(task, task.actuation.process_computer, wanted, controls, measured, memory).done()
 
 

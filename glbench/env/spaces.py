@@ -15,7 +15,7 @@ from glbench.env.actuation import action_bounds
 from glbench.env.snapshot import Snapshot
 from glbench.errors import GlbenchError, ShapeError, did_you_mean
 from glbench.tasks import Normalisation, TaskSpec, get_task
-from glbench.tasks.spec import PREVIEW
+from glbench.tasks.record import PREVIEW
 
 if TYPE_CHECKING:
     from gymnasium.envs.registration import EnvSpec

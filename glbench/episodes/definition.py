@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
@@ -16,11 +16,7 @@ if TYPE_CHECKING:
 
 def definition_json(task: TaskSpec) -> bytes:
     """The definition of ``task``, prose included, as JSON for people and programs."""
-    if task.schema_version > 1:
-        return (json.dumps(task.written(), indent=2, ensure_ascii=False) + "\n").encode()
-    plain: dict[str, Any] = task.model_dump(mode="json", by_alias=True)
-    plain["model"]["overrides"] = {name: [value, unit] for name, value, unit in task.model.overrides}
-    return (json.dumps(plain, indent=2, ensure_ascii=False) + "\n").encode()
+    return (json.dumps(task.attachment(), indent=2, ensure_ascii=False) + "\n").encode()
 
 
 def task_of(definition: bytes) -> TaskSpec:
@@ -32,13 +28,9 @@ def task_of(definition: bytes) -> TaskSpec:
         When the attachment defines no task.
     """
     from glbench.tasks import TaskSpec
-    from glbench.tasks.serialisation import tables_of_schema_1, with_dates
 
     try:
-        plain = parse_json(definition)
-        if plain.get("schema") != 1:
-            return TaskSpec.of_written(plain)
-        return TaskSpec.model_validate(with_dates(tables_of_schema_1(plain)))
+        return TaskSpec.of_attachment(parse_json(definition))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, ValidationError) as error:
         msg = f"The task definition in the record cannot be read ({visible(' '.join(str(error).split())[:200])}). Evaluate again."
         raise EpisodeError(msg) from error

@@ -166,7 +166,7 @@ def versions(task: TaskSpec) -> dict[str, str]:
     model = task.model_value
     return {
         "glbench": __version__,
-        "model": model.version if task.schema_version == 1 else model.id,
+        "model": model.id if task.conventions.names_model else model.version,
         "python": platform.python_version(),
         "numpy": version("numpy"),
         "casadi": version("casadi"),

@@ -80,7 +80,7 @@ MONEY_TOO = {name: entry.priced["unit"] for name, entry in STEP.items() if entry
 
 def metrics_of(task: TaskSpec) -> tuple[Metric, ...]:
     """The metrics of a run of ``task``, in the order of its results."""
-    return METRICS if task.schema_version == 1 else _metrics(task.quantities, paper=False)
+    return METRICS if task.conventions.paper_words else _metrics(task.quantities, paper=False)
 
 
 def units_of(task: TaskSpec) -> dict[str, str]:

@@ -104,7 +104,7 @@ def task_facts(table: TaskTable, steps: int, step_seconds: float) -> dict[str, A
         "days": spec.weather.days,
         "clock": clock_of(spec),
         "suites": list(spec.suites),
-        **({"delta": 100 * spec.uncertainty.delta} if spec.schema_version == 1 else {}),
+        **({"delta": 100 * spec.uncertainty.delta} if spec.conventions.shows_delta else {}),
         "description": " ".join(spec.description.split()),
         "words": [asdict(section) for section in definition_in_words(spec)],
         "versions": _versions(table.task_id),
@@ -123,7 +123,9 @@ def _versions(task_id: str) -> list[dict[str, str]]:
 
 def families(tables: Sequence[TaskTable]) -> list[dict[str, Any]]:
     """Suites of the paper's form of which several tasks have results and differ in delta: what the figure over delta is drawn of."""
-    specs = {table.task_id: table.task for table in tables if table.task is not None and table.task.schema_version == 1}
+    specs = {
+        table.task_id: table.task for table in tables if table.task is not None and table.task.conventions.shows_delta
+    }
     found = []
     for name, members in list_suites().items():
         tasks = sorted((m for m in members if m in specs), key=lambda m: specs[m].uncertainty.delta)

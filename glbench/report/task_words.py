@@ -33,7 +33,7 @@ from glbench.tasks import (
 )
 from glbench.tasks.inheritance import Change
 from glbench.tasks.ledger import FLOW, LIMITED, VIOLATION_PRICES
-from glbench.tasks.tables import AnyForecastTable, SensorsTable, SplitsTable, SplitTable
+from glbench.tasks.tables import ForecastTable, SensorsTable, SplitsTable, SplitTable
 from glbench.tasks.vocabulary import FORECAST_ERRORS
 
 if TYPE_CHECKING:
@@ -258,7 +258,7 @@ def _sensors(sensors: SensorsTable) -> Iterator[str]:
 def _forecast(task: TaskSpec) -> list[str]:
     """The forecast that is shown."""
     hours, table = task.observation.forecast_hours, task.observation.forecast
-    if not hours or not isinstance(table, AnyForecastTable):
+    if not hours or not isinstance(table, ForecastTable):
         return []
     error = table.error
     return [
@@ -281,12 +281,12 @@ def _local(card: TaskCard, end: dt.date) -> str:
 def _greenhouse(task: TaskSpec) -> list[str]:
     names, uncertainty = task.uncertain_parameters(), task.uncertainty
     lines = [
-        *([f"Model {task.model_id}."] if task.schema_version > 1 else []),
+        *([f"Model {task.model_id}."] if task.conventions.names_model else []),
         f"Parameter set '{task.model.parameters}'; {_meaning(MODEL_VARIANTS, task.model.variant)}.",
         *(f"Changed: {name} = {value:g} {unit}." for name, value, unit in task.model.overrides),
         f"Start: {_meaning(INITIAL_STATES, task.initial.kind)} ({task.initial.air_temperature:g} degC), all controls at 0.",
     ]
-    if task.schema_version > 1:
+    if not task.conventions.shows_delta:
         return [*lines, *_scenario(task.scenario)]
     if uncertainty.half_width == 0.0:
         return [*lines, "Nothing is uncertain: the parameters keep their nominal values."]
@@ -487,7 +487,7 @@ def _reward(task: TaskSpec) -> list[str]:
     if "scaled_epi" in modules:
         from glbench.env.accounts import make_accounts
 
-        accounts, paper = make_accounts(task), task.schema_version == 1
+        accounts, paper = make_accounts(task), task.conventions.paper_words
         lowest, highest = (
             (": all that is paid for at its most, no growth", ": growth at the potential rate at 20 degC, nothing used")
             if paper

@@ -31,9 +31,10 @@ if TYPE_CHECKING:
     from glbench.tasks.prices import Market, PriceTable
     from glbench.tasks.quantities import Capacity, Normalisation, ObservationContext, Quantity
     from glbench.tasks.scenario import ParameterGroup, Scenario, Season, StartGroup
+    from glbench.tasks.schema1 import TaskFile1
     from glbench.tasks.sealed import Round, SealedWeather, read_round
     from glbench.tasks.spec import TaskSpec
-    from glbench.tasks.tables import TaskFile1, TaskFile2
+    from glbench.tasks.tables import TaskFile2
     from glbench.tasks.vocabulary import (
         ACTUATION_KINDS,
         DISTRIBUTIONS,
@@ -59,7 +60,8 @@ else:
             "ledger": ("Ledger", "LedgerItem", "StepQuantity"),
             "prices": ("Market", "PriceTable"),
             "scenario": ("ParameterGroup", "Scenario", "Season", "StartGroup"),
-            "tables": ("TaskFile1", "TaskFile2"),
+            "schema1": ("TaskFile1",),
+            "tables": ("TaskFile2",),
             "library": (
                 "DEFAULT_TASK",
                 "PAPER_TASK",

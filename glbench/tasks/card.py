@@ -13,14 +13,13 @@ import numpy.typing as npt
 
 from glbench.errors import TaskError
 from glbench.tasks.actions import Action
+from glbench.tasks.fields import Limits
 from glbench.tasks.injected_task import public_definition
 from glbench.tasks.ledger import LIMITED, LedgerItem
 from glbench.tasks.quantities import PAPER_MODEL, Capacity, Quantity
-from glbench.tasks.tables import TaskFile1
 
 if TYPE_CHECKING:
     from glbench.tasks.spec import TaskSpec
-    from glbench.tasks.tables import Limits
 
 
 @dataclass(frozen=True)
@@ -150,7 +149,7 @@ def task_card(task: TaskSpec) -> TaskCard:
         max_change=task.actuation.max_change,
         controls=task.capacities(),
         constraints=tuple(_constraint(task, name, limits) for name, limits in task.constraints.items()),
-        prices=Prices(**task.prices.model_dump()) if isinstance(task.file, TaskFile1) else None,
+        prices=None if task.file.prices is None else Prices(**task.file.prices.model_dump()),
         reward_modules=task.reward.modules,
         delta=task.uncertainty.delta,
         half_width=task.uncertainty.half_width,

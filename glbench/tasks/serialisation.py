@@ -1,8 +1,8 @@
-"""From the tables of a task file to its record and back, with every mistake in words.
+"""From the tables of a task file to its record, with every mistake in words.
 
 ``record_of`` checks the tables of a file. A message names the file, the table, the key, the value and what is allowed; all mistakes of a
-file are listed at once. ``tables_of`` gives the tables of a record as its file writes them. ``changed_tables`` applies changes in Python
-(``TaskSpec.replace``, the keyword ``overrides`` of the environments) as a task file does that names the task as its base.
+file are listed at once. ``changed_tables`` applies changes in Python (``TaskSpec.replace``, the keyword ``overrides`` of the
+environments) as a task file does that names the task as its base.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import copy
 import datetime as dt
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, get_args, get_origin
 
 import numpy as np
@@ -21,8 +20,10 @@ from pydantic import BaseModel, ValidationError
 from glbench.errors import TaskError, did_you_mean
 from glbench.registration import task_ids
 from glbench.settings import Problem, problems_of
+from glbench.tasks.fields import Table
 from glbench.tasks.inheritance import WITHOUT, TaskTables, as_written, check_plain, inherit, take_over_prices
-from glbench.tasks.tables import Table, TaskFile1, TaskFile2
+from glbench.tasks.schema1 import PaperTaskFile, TaskFile1, tables_of_attachment
+from glbench.tasks.tables import TaskFile2
 
 OWN_NAMESPACE = "my"
 """Namespace of a changed task without an id of its own."""
@@ -30,26 +31,37 @@ OWN_NAMESPACE = "my"
 _NO_NUMBER = ("finite_number", "float_type", "float_parsing")
 
 
-def file_of(content: Mapping[str, Any]) -> TaskFile1 | TaskFile2:
-    """The tables of a task file as records, in the schema that they name.
+def schema_of(content: Mapping[str, Any]) -> type[TaskFile1] | type[TaskFile2]:
+    """The class that describes the tables of a task file."""
+    return TaskFile2 if content.get("schema") == 2 and not isinstance(content["schema"], bool) else TaskFile1
+
+
+def file_of(content: Mapping[str, Any]) -> TaskFile2:
+    """The record of the tables of a task file, whichever schema they are in.
 
     Raises
     ------
     pydantic.ValidationError
         When they define no task.
     """
-    file = schema_of(content).model_validate(content)
-    if isinstance(file, TaskFile2):
-        file._written = content
-    return file
+    kind = schema_of(content)
+    return (
+        kind.of_content(content) if issubclass(kind, TaskFile2) else PaperTaskFile.of_file(kind.model_validate(content))
+    )
 
 
-def schema_of(content: Mapping[str, Any]) -> type[TaskFile1] | type[TaskFile2]:
-    """The record that describes the tables of a task file."""
-    return TaskFile2 if content.get("schema") == 2 and not isinstance(content["schema"], bool) else TaskFile1
+def file_of_attachment(plain: Mapping[str, Any]) -> TaskFile2:
+    """The record of which ``TaskFile2.attachment`` gave ``plain``. Files are not trusted: they come with records of runs.
+
+    Raises
+    ------
+    pydantic.ValidationError, KeyError, TypeError, ValueError, AttributeError
+        When it defines no task.
+    """
+    return file_of(with_dates(tables_of_attachment(plain) if plain.get("schema") == 1 else plain))
 
 
-def record_of(tables: TaskTables, source: str) -> TaskFile1 | TaskFile2:
+def record_of(tables: TaskTables, source: str) -> TaskFile2:
     """The record of the tables of a file that messages call ``source``.
 
     Raises
@@ -164,70 +176,6 @@ def _keys(owner: type[BaseModel]) -> list[str]:
 def _description(owner: type[BaseModel], key: str) -> str:
     field = _field(owner, key)
     return (field.description or "") if field is not None else ""
-
-
-_UNITS: Mapping[str, Mapping[str, str]] = MappingProxyType(
-    {
-        "initial_state": {"air_temperature": "degC"},
-        "prices": {
-            "fruit": "EUR kg-1", "dry_matter_content": "kg kg-1", "co2": "EUR kg-1", "heat": "EUR kWh-1", "electricity": "EUR kWh-1",
-        },
-        "penalty_scale": {"air_temperature": "degC", "co2": "ppm", "relative_humidity": "%"},
-        "failed_step": {"epi": "EUR m-2"},
-        "time_limits": {"start": "s", "step": "s", "run": "s"},
-    }
-)  # fmt: skip
-"""Keys of schema 1 that a file writes with their unit and a task holds as plain numbers."""
-
-
-def tables_of(file: TaskFile1 | TaskFile2, source: str) -> dict[str, Any]:
-    """The tables of a task as TOML gives them; ``source`` is what messages call the task.
-
-    Raises
-    ------
-    TaskError
-        When the record is an unchecked copy of schema 2, for which there are none.
-    """
-    if isinstance(file, TaskFile1):
-        plain = file.model_dump(mode="json", by_alias=True)
-        plain["model"]["overrides"] = {name: [value, unit] for name, value, unit in file.model.overrides}
-        return with_dates(tables_of_schema_1(plain))
-    if file._written is None:
-        msg = (
-            f"{source} is a changed copy of a task, which nothing checked. Make it with replace, or write it as a file."
-        )
-        raise TaskError(msg)
-    return copy.deepcopy(dict(file._written))
-
-
-def tables_of_schema_1(plain: Mapping[str, Any]) -> dict[str, Any]:
-    """Plain values of a task of schema 1, overrides as pairs of value and unit, as a file writes them: numbers with their units.
-
-    Raises
-    ------
-    KeyError, TypeError, ValueError, AttributeError
-        When the values define no task.
-    """
-    written = {key: dict(value) if isinstance(value, Mapping) else value for key, value in plain.items()}
-    written["model"]["overrides"] = {
-        name: {"value": value, "unit": unit} for name, (value, unit) in plain["model"]["overrides"].items()
-    }
-    for table, owner in (
-        ("initial_state", written),
-        ("prices", written),
-        ("penalty_scale", written["reward"]),
-        ("failed_step", written["evaluation"]),
-        ("time_limits", written["evaluation"]),
-    ):
-        units = _UNITS[table]
-        if owner.get(table) is None:  # a task that limits no time
-            owner.pop(table, None)
-            continue
-        owner[table] = {
-            key: {"value": value, "unit": units[key]} if key in units else value for key, value in owner[table].items()
-        }
-    written["observation"] = {key: value for key, value in written["observation"].items() if value is not None}
-    return written
 
 
 def with_dates(tables: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,20 +6,39 @@ Keys carry their unit in their name (``step_seconds``), are plain fractions, or 
 
 from __future__ import annotations
 
+import copy
 import datetime as dt
+import json
 import re
-import unicodedata
 from calendar import monthrange
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, model_validator
 
-from glbench.errors import did_you_mean
+from glbench.errors import TaskError, did_you_mean
 from glbench.tasks import vocabulary as words
+from glbench.tasks.fields import (
+    ClimateQuantityTable,
+    Limits,
+    Override,
+    Table,
+    as_tuple,
+    check_hours,
+    in_unit,
+    limits_in,
+    list_of,
+    one_line,
+    one_of,
+    printable,
+    set_or_list,
+    sorted_overrides,
+    suite_names,
+)
 from glbench.tasks.inheritance import as_written
-from glbench.tasks.ledger import LIMITED, VIOLATION_PRICES
+from glbench.tasks.ledger import LIMITED, VIOLATION_PRICES, Ledger
 from glbench.tasks.prices import HOURS_A_DAY, SHAPE, Market, PriceTable
 
 SECONDS_A_DAY = 86400
@@ -29,60 +48,7 @@ MOST_SEASONS = 10000
 """Generated seasons that a split may have."""
 PERFECT = "perfect"
 
-
-class Table(BaseModel):
-    """Base of the tables: frozen, strict, no unknown keys, no NaN and no infinity."""
-
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False, validate_by_name=False)
-
-
-def in_unit(unit: str) -> BeforeValidator:
-    """Read ``{ value = ..., unit = "..." }`` and hand on the value, if the unit is ``unit``."""
-
-    def value_of(given: object) -> object:
-        if not isinstance(given, Mapping) or set(given) != {"value", "unit"}:
-            msg = f'Write it with its unit: {{ value = ..., unit = "{unit}" }}.'
-            raise ValueError(msg)
-        if given["unit"] != unit:
-            msg = f'Its unit is "{unit}", not {as_written(given["unit"])}: convert the value and write that unit.'
-            raise ValueError(msg)
-        return given["value"]
-
-    return BeforeValidator(value_of)
-
-
-def one_of(known: words.Registry[Any]) -> BeforeValidator:
-    """Accept a word of the registry ``known``; refuse any other with the nearest."""
-
-    def word(given: object) -> str:
-        if not isinstance(given, str):
-            msg = f"It must be the name of a {known.kind}, in quotes."
-            raise ValueError(msg)  # noqa: TRY004 -- pydantic turns ValueErrors into messages, TypeErrors into crashes
-        if given not in known:
-            msg = f"There is no {known.kind} called '{given}'.{did_you_mean(given, known.names)}"
-            raise ValueError(msg)
-        return given
-
-    return BeforeValidator(word)
-
-
-def list_of(kind: str, example: str, known: Callable[[], tuple[str, ...]] | None = None) -> BeforeValidator:
-    """Accept a list of different names, at least one; out of ``known()`` if that is given."""
-
-    def names(given: object) -> tuple[str, ...]:
-        if not isinstance(given, list | tuple) or not given or not all(isinstance(name, str) for name in given):
-            msg = f'It must be a list of names of {kind}s, such as ["{example}"].'
-            raise ValueError(msg)
-        for name in given:
-            if known is not None and name not in known():
-                msg = f"There is no {kind} called '{name}'.{did_you_mean(name, known())}"
-                raise ValueError(msg)
-            if given.count(name) > 1:
-                msg = f"'{name}' is listed twice."
-                raise ValueError(msg)
-        return tuple(given)
-
-    return BeforeValidator(names)
+ControlNames = Annotated[tuple[str, ...], list_of("control", "uVent")]
 
 
 class WeatherTable(Table):
@@ -112,197 +78,6 @@ class WeatherTable(Table):
         return self.days * SECONDS_A_DAY // self.step_seconds
 
 
-Override = tuple[str, float, str]
-"""Name of a parameter, its value, and the unit of the value."""
-
-
-def _sorted_overrides(given: object) -> tuple[Override, ...]:
-    if not isinstance(given, Mapping):
-        msg = 'It must be a table: [model.overrides] with lines such as hAir = { value = 5.7, unit = "m" }.'
-        raise ValueError(msg)  # noqa: TRY004 -- see one_of
-    overrides = []
-    for name, entry in sorted(given.items()):
-        if not isinstance(entry, Mapping) or set(entry) != {"value", "unit"} or not isinstance(entry["unit"], str):
-            msg = f'Write {name} with its unit: {name} = {{ value = ..., unit = "..." }}.'
-            raise ValueError(msg)
-        if isinstance(entry["value"], bool) or not isinstance(entry["value"], int | float):
-            msg = f"The value of {name} is {as_written(entry['value'])}, which is not a number."
-            raise ValueError(msg)  # noqa: TRY004 -- see one_of
-        overrides.append((name, float(entry["value"]), entry["unit"]))
-    return tuple(overrides)
-
-
-class ModelTable(Table):
-    """``[model]``: the equations, the set of parameters, and single parameters that differ from the set."""
-
-    variant: Annotated[str, one_of(words.MODEL_VARIANTS)] = Field(description="a variant of the equations")
-    parameters: str = Field(min_length=1, description='the name of a parameter set in quotes, such as "benchmark"')
-    overrides: Annotated[tuple[Override, ...], BeforeValidator(_sorted_overrides)] = Field(
-        default=(), description="a table of parameters, each with value and unit"
-    )
-
-
-class InitialStateTable(Table):
-    """``[initial_state]``: what stands in the greenhouse when the period starts."""
-
-    kind: Annotated[str, one_of(words.INITIAL_STATES)] = Field(description="a start")
-    air_temperature: Annotated[float, in_unit("degC")] = Field(
-        ge=-20.0, le=50.0, description='a temperature of -20 to 50 degC: { value = 16.5, unit = "degC" }'
-    )
-
-
-def _set_or_list(given: object) -> str | tuple[str, ...]:
-    if isinstance(given, str) and given:
-        return given
-    if isinstance(given, list | tuple) and given and all(isinstance(name, str) for name in given):
-        if len(set(given)) < len(given):
-            msg = "A parameter is listed twice."
-            raise ValueError(msg)
-        return tuple(given)
-    msg = 'It must be the name of a set, such as "crop28", or a list of parameters, such as ["sla", "rgFruit"].'
-    raise ValueError(msg)
-
-
-class UncertaintyTable(Table):
-    """``[uncertainty]``: which parameters are redrawn, how often and how widely."""
-
-    distribution: Annotated[str, one_of(words.DISTRIBUTIONS)] = Field(description="a distribution")
-    delta: float = Field(ge=0.0, lt=1.0, description="a fraction from 0 to below 1, such as 0.10 for 10 %")
-    half_width_factor: float = Field(gt=0.0, le=1.0, description="a factor above 0, up to 1")
-    parameters: Annotated[str | tuple[str, ...], BeforeValidator(_set_or_list)] = Field(
-        description="a parameter set or a list of parameters"
-    )
-    redraw: Literal["step", "episode"] = Field(description='"step" or "episode"')
-
-    @property
-    def half_width(self) -> float:
-        """Largest relative deviation of a parameter from its nominal value."""
-        return self.delta * self.half_width_factor
-
-
-def _listed(given: object) -> object:
-    return tuple(given) if isinstance(given, list) else given
-
-
-class ForecastTable(Table):
-    """``[observation.forecast]``: how far ahead the weather is shown."""
-
-    steps: int = Field(ge=1, le=2000, description="a whole number of steps, 1 to 2000")
-
-
-class ObservationTable(Table):
-    """``[observation]``: what an agent sees, and of which moment."""
-
-    modules: Annotated[
-        tuple[str, ...], list_of(words.OBSERVATION_MODULES.kind, "time", lambda: words.OBSERVATION_MODULES.names)
-    ] = Field(description="a list of observation modules")
-    timing: Literal["current", "published"] = Field(description='"current" or "published"')
-    forecast: ForecastTable | None = None
-
-    @model_validator(mode="after")
-    def _forecast_is_granted_and_shown(self) -> Self:
-        known = words.OBSERVATION_MODULES
-        shown = [name for name in self.modules if name in known and known[name].is_forecast]
-        if shown and self.forecast is None:
-            msg = f"'{shown[0]}' is among the modules, so say how far it looks: add [observation.forecast] with steps = 48."
-            raise ValueError(msg)
-        if self.forecast is not None and not shown:
-            msg = 'There is a table [observation.forecast], but no forecast among the modules: add "forecast" to them.'
-            raise ValueError(msg)
-        return self
-
-    @property
-    def forecast_steps(self) -> int:
-        """Rows of coming weather that are shown; 0 without a forecast."""
-        return self.forecast.steps if self.forecast is not None else 0
-
-    @property
-    def forecast_hours(self) -> tuple[int, ...]:
-        """Hours ahead of a forecast by the hour; none without one."""
-        return ()
-
-
-class ActuationTable(Table):
-    """``[actuation]``: how an action becomes a control. Controls that are not listed stay at 0."""
-
-    kind: Annotated[str, one_of(words.ACTUATION_KINDS)] = Field(description="a kind of actuation")
-    max_change: float = Field(gt=0.0, le=1.0, description="the largest change of a control in a step, above 0, up to 1")
-    controls: Annotated[tuple[str, ...], list_of("control", "uVent")] = Field(description="a list of controls")
-
-
-class Limits(Table):
-    """Lowest and highest value allowed, in ``unit``."""
-
-    low: float = Field(description="a number")
-    high: float = Field(description="a number")
-    unit: str = Field(description="the unit in quotes")
-
-    @model_validator(mode="after")
-    def _low_is_below_high(self) -> Self:
-        if self.low >= self.high:
-            msg = f"low = {self.low:g} must be below high = {self.high:g}."
-            raise ValueError(msg)
-        return self
-
-
-def _limits_in(unit: str) -> BeforeValidator:
-    def check(given: object) -> object:
-        if isinstance(given, Mapping) and given.get("unit", unit) != unit:
-            msg = f'Its unit is "{unit}", not {as_written(given["unit"])}: convert low and high and write that unit.'
-            raise ValueError(msg)
-        return given
-
-    return BeforeValidator(check)
-
-
-class OfTheAir(Table):
-    """A table with an entry for limited quantities of the air."""
-
-    def items(self) -> tuple[tuple[str, Any], ...]:
-        """Names and entries that are there: air temperature, CO2, relative humidity."""
-        entries = ((name, getattr(self, name)) for name in LIMITED)
-        return tuple((name, entry) for name, entry in entries if entry is not None)
-
-
-class ConstraintsTable(OfTheAir):
-    """``[constraints]``: the climate to stay within, checked after every step."""
-
-    air_temperature: Annotated[Limits, _limits_in(LIMITED["air_temperature"])]
-    co2: Annotated[Limits, _limits_in(LIMITED["co2"])]
-    relative_humidity: Annotated[Limits, _limits_in(LIMITED["relative_humidity"])]
-
-
-class PricesTable(Table):
-    """``[prices]``: what fruit is sold for and resources are bought for."""
-
-    fruit: Annotated[float, in_unit("EUR kg-1")] = Field(ge=0.0, description="a price per kg of fresh fruit, 0 or more")
-    dry_matter_content: Annotated[float, in_unit("kg kg-1")] = Field(
-        gt=0.0, le=1.0, description="kg dry per kg fresh fruit, above 0, up to 1"
-    )
-    co2: Annotated[float, in_unit("EUR kg-1")] = Field(ge=0.0, description="a price per kg of CO2, 0 or more")
-    heat: Annotated[float, in_unit("EUR kWh-1")] = Field(ge=0.0, description="a price per kWh of heat, 0 or more")
-    electricity: Annotated[float, in_unit("EUR kWh-1")] = Field(
-        ge=0.0, description="a price per kWh of electricity, 0 or more"
-    )
-
-
-class PenaltyScale(OfTheAir):
-    """Violation that costs 1 per step, for each constraint."""
-
-    air_temperature: Annotated[float, in_unit(LIMITED["air_temperature"])] = Field(gt=0.0, description="above 0 degC")
-    co2: Annotated[float, in_unit(LIMITED["co2"])] = Field(gt=0.0, description="above 0 ppm")
-    relative_humidity: Annotated[float, in_unit(LIMITED["relative_humidity"])] = Field(gt=0.0, description="above 0 %")
-
-
-class RewardTable(Table):
-    """``[reward]``: the sum of these modules is the reward of a step."""
-
-    modules: Annotated[
-        tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", lambda: words.REWARD_MODULES.names)
-    ] = Field(description="a list of reward modules")
-    penalty_scale: PenaltyScale
-
-
 class FailedStep(Table):
     """What every missing step of a failed run counts."""
 
@@ -319,8 +94,8 @@ class TimeLimitsTable(Table):
     run: Annotated[float, in_unit("s")] = Field(gt=0.0, description="above 0 s")
 
 
-def _profit_is_epi(given: object) -> object:
-    return "epi" if given == "profit" else given
+def _profit_is_epi(name: object) -> object:
+    return "epi" if name == "profit" else name
 
 
 class EvaluationTable(Table):
@@ -338,96 +113,62 @@ class EvaluationTable(Table):
         return range(self.first_seed, self.first_seed + self.runs)
 
 
-def _text(given: object) -> object:
-    """Text for people, which stands in terminals and on pages: without characters that steer them."""
-    strange = next((letter for letter in given if not _can_be_shown(letter)), None) if isinstance(given, str) else None
-    if strange is not None:
-        msg = f"It holds the character U+{ord(strange):04X}, which cannot be shown. Take it out."
-        raise ValueError(msg)
-    return given
-
-
-def _can_be_shown(letter: str) -> bool:
-    return letter.isprintable() or letter in "\n\t" or unicodedata.category(letter) == "Zs"
-
-
-def _one_line(given: object) -> object:
-    if isinstance(given, str) and len(given.splitlines()) > 1:
-        msg = "It must be one line."
-        raise ValueError(msg)
-    return _text(given)
-
-
-def _suite_names(given: object) -> tuple[str, ...]:
-    if not isinstance(given, list | tuple) or not all(isinstance(name, str) and name for name in given):
-        msg = 'It must be a list of names, such as ["paper"].'
-        raise ValueError(msg)
-    return tuple(str(_one_line(name)) for name in given)
-
-
-class TaskFile(Table):
-    """What a task file says, as pure data. The tables of the file are fields of the same name; ``[initial_state]`` is ``initial``."""
-
-    id: str = Field(
-        pattern=r"^[A-Za-z0-9_-]+/[A-Za-z0-9_.-]+-v[1-9][0-9]*$",
-        description='an id in quotes with a namespace and a version, such as "mylab/Winter2011-v1"',
-    )
-    title: Annotated[str, BeforeValidator(_one_line)] = Field(min_length=1, description="a title in quotes")
-    description: Annotated[str, BeforeValidator(_text)] = Field(default="", description="text in quotes")
-    suites: Annotated[tuple[str, ...], BeforeValidator(_suite_names)] = Field(default=(), description="a list of names")
-    weather: WeatherTable
-    actuation: ActuationTable
-    evaluation: EvaluationTable
-
-
-class TaskFile1(TaskFile):
-    """Schema 1: the tomato greenhouse of the paper, one season, prices of four things."""
-
-    schema_version: Literal[1] = Field(alias="schema", description="1 or 2")
-    model: ModelTable
-    initial: InitialStateTable = Field(alias="initial_state")
-    uncertainty: UncertaintyTable
-    observation: ObservationTable
-    constraints: ConstraintsTable
-    prices: PricesTable
-    reward: RewardTable
-
-    @model_validator(mode="after")
-    def _has_no_computer(self) -> Self:
-        if self.actuation.kind == PROCESS_COMPUTER:
-            msg = "[actuation] A process computer needs a task of schema 2: add schema = 2 to a file with a base."
-            raise ValueError(msg)
-        return self
-
-
-def _check_hours(hours: tuple[int, ...], longest: int) -> None:
-    if any(not 1 <= hour <= longest for hour in hours) or any(later <= earlier for earlier, later in pairwise(hours)):
-        msg = f"hours = {list(hours)} must be different whole hours from 1 to {longest}, the nearest first."
-        raise ValueError(msg)
-
-
-# Schema 2: any model, a ledger, a scenario. Everything with a default may be left out; what is left out stays out of the digest.
-
-
-class PinnedModelTable(ModelTable):
+class ModelTable(Table):
     """``[model]``: which model, by name and version, its parameters, and single parameters that differ from the set."""
 
-    id: str = Field(min_length=1, description='the id of a model in quotes, such as "greenlight-tomato-1.0.0"')
     variant: str = Field(default="author", min_length=1, description="a variant of the model, in quotes")
     parameters: str = Field(default="benchmark", min_length=1, description='a parameter set, such as "benchmark"')
+    overrides: Annotated[tuple[Override, ...], BeforeValidator(sorted_overrides)] = Field(
+        default=(), description="a table of parameters, each with value and unit"
+    )
+    id: str = Field(min_length=1, description='the id of a model in quotes, such as "greenlight-tomato-1.0.0"')
 
 
-class AnyInitialStateTable(InitialStateTable):
+class InitialStateTable(Table):
     """``[initial_state]``: one of the model's starts."""
 
     kind: str = Field(min_length=1, description="the name of a start in quotes")
+    air_temperature: Annotated[float, in_unit("degC")] = Field(
+        ge=-20.0, le=50.0, description='a temperature of -20 to 50 degC: { value = 16.5, unit = "degC" }'
+    )
 
 
-class AnyForecastTable(Table):
+class UncertaintyTable(Table):
+    """Which parameters are redrawn, how often and how widely: ``[uncertainty]`` of schema 1."""
+
+    distribution: Annotated[str, one_of(words.DISTRIBUTIONS)] = Field(description="a distribution")
+    delta: float = Field(ge=0.0, lt=1.0, description="a fraction from 0 to below 1, such as 0.10 for 10 %")
+    half_width_factor: float = Field(gt=0.0, le=1.0, description="a factor above 0, up to 1")
+    parameters: Annotated[str | tuple[str, ...], BeforeValidator(set_or_list)] = Field(
+        description="a parameter set or a list of parameters"
+    )
+    redraw: Literal["step", "episode"] = Field(description='"step" or "episode"')
+
+    @property
+    def half_width(self) -> float:
+        """Largest relative deviation of a parameter from its nominal value."""
+        return self.delta * self.half_width_factor
+
+
+class PricesTable(Table):
+    """What fruit is sold for and resources are bought for: ``[prices]`` of schema 1."""
+
+    fruit: Annotated[float, in_unit("EUR kg-1")] = Field(ge=0.0, description="a price per kg of fresh fruit, 0 or more")
+    dry_matter_content: Annotated[float, in_unit("kg kg-1")] = Field(
+        gt=0.0, le=1.0, description="kg dry per kg fresh fruit, above 0, up to 1"
+    )
+    co2: Annotated[float, in_unit("EUR kg-1")] = Field(ge=0.0, description="a price per kg of CO2, 0 or more")
+    heat: Annotated[float, in_unit("EUR kWh-1")] = Field(ge=0.0, description="a price per kWh of heat, 0 or more")
+    electricity: Annotated[float, in_unit("EUR kWh-1")] = Field(
+        ge=0.0, description="a price per kWh of electricity, 0 or more"
+    )
+
+
+class ForecastTable(Table):
     """``[observation.forecast]``: coming weather, as the rows that will come or as a forecast that errs."""
 
     steps: int | None = Field(default=None, ge=1, le=2000, description="a whole number of steps, 1 to 2000")
-    hours: Annotated[tuple[int, ...], BeforeValidator(_listed)] = Field(
+    hours: Annotated[tuple[int, ...], BeforeValidator(as_tuple)] = Field(
         default=(), description="a list of whole hours ahead, such as [1, 2, 3, 6, 12, 18, 24]"
     )
     error: Annotated[str, one_of(words.FORECAST_ERRORS)] = Field(
@@ -436,7 +177,7 @@ class AnyForecastTable(Table):
 
     @model_validator(mode="after")
     def _hours_rise(self) -> Self:
-        _check_hours(self.hours, LONGEST_FORECAST)
+        check_hours(self.hours, LONGEST_FORECAST)
         if self.error != PERFECT and not self.hours:
             msg = f'error = "{self.error}" belongs to a forecast by the hour: add hours = [1, 2, 3, 6, 12, 18, 24].'
             raise ValueError(msg)
@@ -447,23 +188,24 @@ class DayAheadTable(Table):
     """``[observation.day_ahead]``: of which prices the coming hours are shown, as far as they are known."""
 
     prices: Annotated[tuple[str, ...], list_of("price table", "power")] = Field(description="a list of price tables")
-    hours: Annotated[tuple[int, ...], BeforeValidator(_listed)] = Field(
+    hours: Annotated[tuple[int, ...], BeforeValidator(as_tuple)] = Field(
         min_length=1, description="a list of whole hours ahead, such as [1, 2, 3, 6, 12]"
     )
 
     @model_validator(mode="after")
     def _hours_rise(self) -> Self:
-        _check_hours(self.hours, HOURS_A_DAY)
+        check_hours(self.hours, HOURS_A_DAY)
         return self
 
 
-class AnyObservationTable(ObservationTable):
-    """``[observation]``: modules that every model has, and the model's own."""
+class ObservationTable(Table):
+    """``[observation]``: what an agent sees: modules that every model has, and the model's own; and of which moment."""
 
     modules: Annotated[tuple[str, ...], list_of(words.OBSERVATION_MODULES.kind, "time")] = Field(
         description="a list of observation modules"
     )
-    forecast: AnyForecastTable | None = None  # type: ignore[assignment]
+    timing: Literal["current", "published"] = Field(description='"current" or "published"')
+    forecast: ForecastTable | None = None
     day_ahead: DayAheadTable | None = None
 
     @model_validator(mode="after")
@@ -471,15 +213,15 @@ class AnyObservationTable(ObservationTable):
         known, forecast = words.OBSERVATION_MODULES, self.forecast
         by_row = [name for name in self.modules if name in known and known[name].is_forecast]
         by_hour = [name for name in self.modules if name == words.WEATHER_FORECAST]
-        for key, shown, example, module in (
+        for key, modules, example, module in (
             ("steps", by_row, "steps = 48", "forecast"),
             ("hours", by_hour, "hours = [1, 2, 3, 6, 12, 18, 24]", words.WEATHER_FORECAST),
         ):
-            given = forecast is not None and bool(getattr(forecast, key))
-            if shown and not given:
-                msg = f"'{shown[0]}' is among the modules, so say how far it looks: add [observation.forecast] with {example}."
+            reaches = forecast is not None and bool(getattr(forecast, key))
+            if modules and not reaches:
+                msg = f"'{modules[0]}' is among the modules, so say how far it looks: add [observation.forecast] with {example}."
                 raise ValueError(msg)
-            if given and not shown:
+            if reaches and not modules:
                 msg = f'[observation.forecast] has {key}, but no such forecast is among the modules: add "{module}" to them.'
                 raise ValueError(msg)
         if forecast is not None and not by_row and not by_hour:
@@ -489,14 +231,14 @@ class AnyObservationTable(ObservationTable):
 
     @model_validator(mode="after")
     def _day_ahead_is_granted_and_shown(self) -> Self:
-        shown = words.DAY_AHEAD in self.modules
-        if shown and self.day_ahead is None:
+        is_shown = words.DAY_AHEAD in self.modules
+        if is_shown and self.day_ahead is None:
             msg = (
                 f"'{words.DAY_AHEAD}' is among the modules, so say of which prices and how far ahead: add [observation.day_ahead] "
                 'with prices = ["power"] and hours = [1, 2, 3, 6, 12].'
             )
             raise ValueError(msg)
-        if self.day_ahead is not None and not shown:
+        if self.day_ahead is not None and not is_shown:
             msg = f'There is a table [observation.day_ahead]: add "{words.DAY_AHEAD}" to the modules, or leave it out.'
             raise ValueError(msg)
         return self
@@ -587,9 +329,15 @@ class OnOffTable(Table):
     hold_minutes: float = Field(default=0.0, ge=0.0, le=1440.0, description="a number of minutes, 0 to 1440")
 
 
-class AnyActuationTable(ActuationTable):
-    """``[actuation]``: as in schema 1, and the settings of a process computer, and machines that are switched."""
+class ActuationTable(Table):
+    """``[actuation]``: how an action becomes a control. Controls that are not listed stay at 0.
 
+    ``process_computer`` has the settings of a process computer, ``on_off`` the machines that are switched.
+    """
+
+    kind: Annotated[str, one_of(words.ACTUATION_KINDS)] = Field(description="a kind of actuation")
+    max_change: float = Field(gt=0.0, le=1.0, description="the largest change of a control in a step, above 0, up to 1")
+    controls: ControlNames = Field(description="a list of controls")
     process_computer: ProcessComputerTable = ProcessComputerTable()
     on_off: dict[str, OnOffTable] = Field(default={}, description="tables [actuation.on_off.<control>]")
 
@@ -612,16 +360,16 @@ class AnyActuationTable(ActuationTable):
         return self
 
 
-class SomeConstraintsTable(OfTheAir):
+class ConstraintsTable(ClimateQuantityTable):
     """``[constraints]``: some limits of the air, or none."""
 
     judged: Literal["end", "mean"] = Field(default="end", description='"end" or "mean"')
-    air_temperature: Annotated[Limits | None, _limits_in(LIMITED["air_temperature"])] = None
-    co2: Annotated[Limits | None, _limits_in(LIMITED["co2"])] = None
-    relative_humidity: Annotated[Limits | None, _limits_in(LIMITED["relative_humidity"])] = None
+    air_temperature: Annotated[Limits | None, limits_in(LIMITED["air_temperature"])] = None
+    co2: Annotated[Limits | None, limits_in(LIMITED["co2"])] = None
+    relative_humidity: Annotated[Limits | None, limits_in(LIMITED["relative_humidity"])] = None
 
 
-class SomePenaltyScales(OfTheAir):
+class PenaltyScales(ClimateQuantityTable):
     """Violation that costs 1 per step, for each constraint."""
 
     air_temperature: Annotated[float | None, in_unit(LIMITED["air_temperature"])] = Field(
@@ -633,7 +381,7 @@ class SomePenaltyScales(OfTheAir):
     )
 
 
-class ViolationPrices(OfTheAir):
+class ViolationPrices(ClimateQuantityTable):
     """What a violation costs for every unit beyond the limit and every hour."""
 
     air_temperature: Annotated[float | None, in_unit(VIOLATION_PRICES["air_temperature"])] = Field(
@@ -651,15 +399,15 @@ class ProfitScale(Limits):
     """The profit of a step that counts as 0 and that which counts as 1 in ``scaled_epi``."""
 
 
-class AnyRewardTable(Table):
+class RewardTable(Table):
     """``[reward]``: the sum of these modules is the reward of a step."""
 
     modules: Annotated[
         tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", lambda: words.REWARD_MODULES.names)
     ] = Field(description="a list of reward modules")
-    penalty_scale: SomePenaltyScales = SomePenaltyScales()
+    penalty_scale: PenaltyScales = PenaltyScales()
     violation_price: ViolationPrices = ViolationPrices()
-    epi_scale: Annotated[ProfitScale | None, _limits_in("EUR m-2")] = None
+    epi_scale: Annotated[ProfitScale | None, limits_in("EUR m-2")] = None
 
 
 class BeyondTable(Table):
@@ -672,20 +420,20 @@ class BeyondTable(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _with_units(cls, given: object) -> object:
-        if not isinstance(given, Mapping):
-            return given
-        read = dict(given)
+    def _with_units(cls, table: object) -> object:
+        if not isinstance(table, Mapping):
+            return table
+        plain = dict(table)
         for key in ("amount", "price"):
-            entry = given.get(key)
+            entry = table.get(key)
             if not isinstance(entry, Mapping) or set(entry) != {"value", "unit"} or not isinstance(entry["unit"], str):
                 msg = (
                     'Write amount and price with their units: beyond = { amount = { value = 12.0, unit = "kg m-2" }, '
                     'price = { value = 0.20, unit = "EUR kg-1" } }.'
                 )
                 raise ValueError(msg)
-            read |= {key: entry["value"], f"{key}_unit": entry["unit"]}
-        return read
+            plain |= {key: entry["value"], f"{key}_unit": entry["unit"]}
+        return plain
 
 
 _NUMBER = re.compile(r"[+-]?\d*[.,]?\d+")
@@ -707,21 +455,21 @@ class ItemTable(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _price_with_unit(cls, given: object) -> object:
-        if not isinstance(given, Mapping) or "price" not in given:
-            return given
-        price = given["price"]
+    def _price_with_unit(cls, table: object) -> object:
+        if not isinstance(table, Mapping) or "price" not in table:
+            return table
+        price = table["price"]
         text = price.get("value") if isinstance(price, Mapping) else price
         if isinstance(text, str) and _NUMBER.fullmatch(text.strip()):
             plain = text.strip().replace(",", ".")
             msg = f'price is "{text}": a number is written without quotes, price = {{ value = {plain}, unit = "EUR kWh-1" }}.'
             raise ValueError(msg)
         if isinstance(price, str):
-            return given
+            return table
         if not isinstance(price, Mapping) or set(price) != {"value", "unit"} or not isinstance(price["unit"], str):
             msg = 'Write the price with its unit, price = { value = 0.09, unit = "EUR kWh-1" }, or name a price table.'
             raise ValueError(msg)
-        return {**given, "price": price["value"], "price_unit": price["unit"]}
+        return {**table, "price": price["value"], "price_unit": price["unit"]}
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
@@ -757,7 +505,7 @@ class MarketTable(Table):
     """``[price_tables.<name>.market]``: prices by the hour like those of a power market; ``glbench.tasks.prices`` has the formula."""
 
     level: float = Field(gt=0.0, description="a price above 0, in the unit of the table")
-    shape: Annotated[tuple[float, ...], BeforeValidator(_listed), AfterValidator(_hours_of_a_day)] | None = Field(
+    shape: Annotated[tuple[float, ...], BeforeValidator(as_tuple), AfterValidator(_hours_of_a_day)] | None = Field(
         default=None, description="24 shares of the level, one an hour"
     )
     weekend: float = Field(ge=-1.0, le=1.0, description="a share of the level, -1 to 1")
@@ -795,10 +543,8 @@ class PriceTableTable(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _lists(cls, given: object) -> object:
-        if isinstance(given, Mapping):
-            return {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
-        return given
+    def _lists(cls, table: object) -> object:
+        return {key: as_tuple(value) for key, value in table.items()} if isinstance(table, Mapping) else table
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -854,8 +600,8 @@ def _utc(moment: dt.datetime) -> dt.datetime:
 
 
 def _month_and_day(text: str) -> tuple[int, int]:
-    found = _DAY.fullmatch(text)
-    month, day = (int(found[1]), int(found[2])) if found else (0, 0)
+    match = _DAY.fullmatch(text)
+    month, day = (int(match[1]), int(match[2])) if match else (0, 0)
     if not 1 <= month <= 12 or not 1 <= day <= monthrange(2000, month)[1]:
         msg = f"'{text}' is not a day of the year. Write month and day with two digits each, such as \"01-15\"."
         raise ValueError(msg)
@@ -884,7 +630,7 @@ class DrawTable(Table):
 class ParameterGroupTable(DrawTable):
     """``[[scenario.parameters]]``: parameters that are drawn."""
 
-    parameters: Annotated[str | tuple[str, ...], BeforeValidator(_set_or_list)] = Field(
+    parameters: Annotated[str | tuple[str, ...], BeforeValidator(set_or_list)] = Field(
         description="a parameter set or a list of parameters"
     )
     redraw: Literal["step", "day", "episode"] = Field(description='"step", "day" or "episode"')
@@ -899,7 +645,7 @@ class StartGroupTable(DrawTable):
 class SplitTable(Table):
     """``[splits.<name>]``: the years from which seasons are drawn, and how many there are."""
 
-    years: Annotated[tuple[int, ...], BeforeValidator(_listed)] = Field(description="a list of years")
+    years: Annotated[tuple[int, ...], BeforeValidator(as_tuple)] = Field(description="a list of years")
     seasons: int | None = Field(default=None, ge=1, le=MOST_SEASONS, description=f"a whole number, 1 to {MOST_SEASONS}")
 
     @model_validator(mode="after")
@@ -946,19 +692,21 @@ class SensorTable(Table):
 
 def _sensor_in(unit: str) -> BeforeValidator:
     """Read the numbers of a sensor, each with its unit."""
-    read = in_unit(unit).func
+    number = in_unit(unit).func
 
-    def value_of(key: str, given: object) -> object:
-        try:
-            return read(given) if key in SensorTable.model_fields else given  # type: ignore[call-arg]
-        except ValueError as error:
-            msg = f"{key} = {as_written(given)}: {error}"
-            raise ValueError(msg) from None
+    def sensor(table: object) -> object:
+        if not isinstance(table, Mapping):
+            return table
+        plain = dict(table)
+        for key, entry in table.items():
+            try:
+                plain[key] = number(entry) if key in SensorTable.model_fields else entry  # type: ignore[call-arg]
+            except ValueError as error:
+                msg = f"{key} = {as_written(entry)}: {error}"
+                raise ValueError(msg) from None
+        return plain
 
-    def values_of(given: object) -> object:
-        return {key: value_of(key, value) for key, value in given.items()} if isinstance(given, Mapping) else given
-
-    return BeforeValidator(values_of)
+    return BeforeValidator(sensor)
 
 
 class DropoutsTable(Table):
@@ -968,7 +716,7 @@ class DropoutsTable(Table):
     hours: float = Field(gt=0.0, le=240.0, description="a number of hours above 0, up to 240")
 
 
-class SensorsTable(OfTheAir):
+class SensorsTable(ClimateQuantityTable):
     """``[sensors]``: sensors of the air inside that err. What is judged is the truth."""
 
     air_temperature: Annotated[SensorTable | None, _sensor_in(LIMITED["air_temperature"])] = None
@@ -987,19 +735,19 @@ class SensorsTable(OfTheAir):
 class ScenarioTable(Table):
     """``[scenario]``: what a run draws. Tasks of one family and salt share their random numbers."""
 
-    family: Annotated[str, BeforeValidator(_one_line)] = Field(min_length=1, description="a name in quotes")
-    salt: Annotated[str, BeforeValidator(_one_line)] = Field(default="", description="text in quotes")
-    seasons: Annotated[tuple[SeasonTable, ...], BeforeValidator(_listed)] = Field(
+    family: Annotated[str, BeforeValidator(one_line)] = Field(min_length=1, description="a name in quotes")
+    salt: Annotated[str, BeforeValidator(one_line)] = Field(default="", description="text in quotes")
+    seasons: Annotated[tuple[SeasonTable, ...], BeforeValidator(as_tuple)] = Field(
         default=(), description='a list of { start = 2010-03-01, source = "schiphol" }'
     )
-    years: Annotated[tuple[int, ...], BeforeValidator(_listed)] = Field(default=(), description="a list of years")
+    years: Annotated[tuple[int, ...], BeforeValidator(as_tuple)] = Field(default=(), description="a list of years")
     start_within_days: int = Field(default=0, ge=0, le=366, description="a whole number of days, 0 to 366")
     generated: bool = Field(default=False, description="true or false")
-    co2_range: Annotated[Limits | None, _limits_in("ppm")] = None
-    parameters: Annotated[tuple[ParameterGroupTable, ...], BeforeValidator(_listed)] = Field(
+    co2_range: Annotated[Limits | None, limits_in("ppm")] = None
+    parameters: Annotated[tuple[ParameterGroupTable, ...], BeforeValidator(as_tuple)] = Field(
         default=(), description="tables [[scenario.parameters]]"
     )
-    start: Annotated[tuple[StartGroupTable, ...], BeforeValidator(_listed)] = Field(
+    start: Annotated[tuple[StartGroupTable, ...], BeforeValidator(as_tuple)] = Field(
         default=(), description="tables [[scenario.start]]"
     )
 
@@ -1021,23 +769,142 @@ class ScenarioTable(Table):
         return self
 
 
+class TaskFile(Table):
+    """What task files of both schemas say. Tables of the file are fields of the same name; ``[initial_state]`` is ``initial``."""
+
+    id: str = Field(
+        pattern=r"^[A-Za-z0-9_-]+/[A-Za-z0-9_.-]+-v[1-9][0-9]*$",
+        description='an id in quotes with a namespace and a version, such as "mylab/Winter2011-v1"',
+    )
+    title: Annotated[str, BeforeValidator(one_line)] = Field(min_length=1, description="a title in quotes")
+    description: Annotated[str, BeforeValidator(printable)] = Field(default="", description="text in quotes")
+    suites: Annotated[tuple[str, ...], BeforeValidator(suite_names)] = Field(default=(), description="a list of names")
+    weather: WeatherTable
+    actuation: ActuationTable
+    evaluation: EvaluationTable
+
+
+@dataclass(frozen=True)
+class Conventions:
+    """What the schema of a task fixes outside its tables, because published results, records and pages have it.
+
+    Attributes
+    ----------
+    keys_by_task
+        Random numbers are keyed by task id and seed, not by family, salt, seed and stream.
+    draws_table, seasons_table
+        Tables of the file that say what is drawn and in which seasons, as messages name them.
+    counts_travel
+        Actuator travel is among the quantities of a step.
+    paper_words
+        Metrics and pages have the names and words of the GreenLight-Gym paper.
+    profiles_deficits
+        Profiles have vapour deficits and light sums.
+    names_model
+        Records and pages name the model by its id, not by its version alone.
+    shows_delta
+        Lists and pages state delta, by which the tasks of a family differ.
+    freezes_draws
+        ``tasks/behaviour.toml`` has what runs draw and observe.
+    """
+
+    keys_by_task: bool = False
+    draws_table: str = "scenario.parameters"
+    seasons_table: str = "scenario"
+    counts_travel: bool = True
+    paper_words: bool = False
+    profiles_deficits: bool = True
+    names_model: bool = True
+    shows_delta: bool = False
+    freezes_draws: bool = True
+
+
 class TaskFile2(TaskFile):
-    """Schema 2: any model, a ledger, a scenario for every run."""
+    """The record of a task, as schema 2 says it: any model, a ledger, a scenario for every run.
+
+    Files of schema 1 become such a record as well (``glbench.tasks.schema1.PaperTaskFile``). ``content`` are the tables that it was read
+    from; ``None`` for an unchecked copy.
+    """
+
+    conventions: ClassVar[Conventions] = Conventions()
 
     schema_version: Literal[2] = Field(alias="schema", description="1 or 2")
-    model: PinnedModelTable
-    initial: AnyInitialStateTable = Field(alias="initial_state")
-    observation: AnyObservationTable
-    actuation: AnyActuationTable
-    constraints: SomeConstraintsTable = SomeConstraintsTable()
+    model: ModelTable
+    initial: InitialStateTable = Field(alias="initial_state")
+    observation: ObservationTable
+    actuation: ActuationTable
+    constraints: ConstraintsTable = ConstraintsTable()
     ledger: dict[str, ItemTable] = Field(default={}, description="tables [ledger.<column>]")
     price_tables: dict[str, PriceTableTable] = Field(default={}, description="tables [price_tables.<name>]")
     scenario: ScenarioTable
     splits: SplitsTable | None = None
     sensors: SensorsTable | None = None
-    reward: AnyRewardTable
+    reward: RewardTable
 
-    _written: Mapping[str, Any] | None = PrivateAttr(default=None)
+    _content: Mapping[str, Any] | None = PrivateAttr(default=None)
+
+    @classmethod
+    def of_content(cls, content: Mapping[str, Any]) -> Self:
+        """The record of the tables ``content``, as TOML gives them.
+
+        Raises
+        ------
+        pydantic.ValidationError
+            When they define no task.
+        """
+        record = cls.model_validate(content)
+        record._content = content
+        return record
+
+    def content(self, source: str) -> dict[str, Any]:
+        """The tables as TOML gives them; ``source`` is what messages call the task.
+
+        Raises
+        ------
+        TaskError
+            When the record is an unchecked copy, which no file defines.
+        """
+        if self._content is None:
+            msg = f"{source} is a changed copy of a task, which nothing checked. Make it with replace, or write it as a file."
+            raise TaskError(msg)
+        return copy.deepcopy(dict(self._content))
+
+    def with_tables(self, update: Mapping[str, Any]) -> TaskFile2:
+        """A copy with other tables, which are not checked."""
+        record = self.model_copy(update=dict(update))
+        record._content = None
+        return record
+
+    def plain(self, **options: Any) -> dict[str, Any]:
+        """What the file says as plain values, as ``pydantic.BaseModel.model_dump`` gives them."""
+        return self.model_dump(**options)
+
+    def attachment(self, source: str) -> dict[str, Any]:
+        """The tables as plain JSON values, as records of runs have them attached. Errors as for ``content``."""
+        return as_json(self.content(source))
+
+    def paper_ledger(self) -> Ledger | None:
+        """The ledger, where the file has prices of the paper's four goods instead of ledger items."""
+        return None
+
+    @property
+    def prices(self) -> PricesTable | None:
+        """Prices of the paper's four goods; ``None`` where the file has a ledger."""
+        return None
+
+    @property
+    def uncertainty(self) -> UncertaintyTable:
+        """Which parameters are redrawn: the widest group of the scenario, or the table of schema 1."""
+        groups = sorted(self.scenario.parameters, key=lambda group: group.half_width)
+        if not groups:
+            return UncertaintyTable.model_construct(
+                distribution="uniform", delta=0.0, half_width_factor=1.0, parameters=(), redraw="episode"
+            )
+        widest = groups[-1]
+        return UncertaintyTable.model_construct(
+            distribution=widest.distribution, delta=widest.half_width, half_width_factor=1.0, parameters=widest.parameters,
+            redraw=widest.redraw,
+        )  # fmt: skip
 
     @model_validator(mode="after")
     def _prices_follow_each_other(self) -> Self:
@@ -1115,6 +982,12 @@ class TaskFile2(TaskFile):
             msg += "."
             raise ValueError(msg)
         return self
+
+
+def as_json(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables of a file as plain JSON values: days and moments as text (ISO 8601)."""
+    plain: dict[str, Any] = json.loads(json.dumps(content, default=lambda moment: moment.isoformat()))
+    return plain
 
 
 def _first(entries: Mapping[str, object]) -> str:

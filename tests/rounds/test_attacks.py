@@ -98,9 +98,9 @@ def test_a_round_with_weather_of_its_own_is_verified_like_any_other(
     assert verify(path, sealed=sealed).exactness == "bits"
     # Somebody else, who has the round's file and not yet its weather.
     monkeypatch.setenv("GLBENCH_DATA", str(tmp_path / "reader"))
-    from glbench.tasks import spec
+    from glbench.tasks import resolver
 
-    spec._record_of.cache_clear()
+    resolver._record_of.cache_clear()
     found = verify(path, sealed=sealed)
     assert verdict(found) == ("unknown", "no_weather", 2)
     assert "glbench weather import" in found.reason

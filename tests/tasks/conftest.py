@@ -15,7 +15,7 @@ from glbench import registration
 from glbench.env import program, weather_pool
 from glbench.env.behaviour import lock_behaviour
 from glbench.registration import task_files
-from glbench.tasks import inheritance, library, list_tasks, lock, lock_new_tasks, spec
+from glbench.tasks import inheritance, library, list_tasks, lock, lock_new_tasks, resolver, spec
 from tests.tasks.names import FILE
 
 
@@ -74,7 +74,7 @@ def forget() -> Iterator[Callable[[], None]]:
     """Forgets what is remembered of tasks in this process, as a new process would; also afterwards."""
 
     def forget_all() -> None:
-        spec._disturbances.cache_clear()
+        resolver._disturbances.cache_clear()
         for remembered in (program._shipped, weather_pool._recent, spec._changed_task):
             remembered.cache_clear()
         weather_pool._ALIVE.clear()

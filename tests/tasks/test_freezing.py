@@ -30,6 +30,7 @@ from glbench.tasks import (
     get_task,
     list_tasks,
     read_lock,
+    schema1,
     serialisation,
     tables,
 )
@@ -92,7 +93,7 @@ def add_an_optional_key(monkeypatch: pytest.MonkeyPatch) -> None:
     class Weather(tables.WeatherTable):
         altitude: float = 0.0
 
-    class File(tables.TaskFile1):
+    class File(schema1.TaskFile1):
         weather: Weather
         sensors: str = "perfect"
 

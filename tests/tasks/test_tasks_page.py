@@ -18,12 +18,12 @@ from glbench.env import GreenhouseEnv
 from glbench.errors import TaskError
 from glbench.tasks import TaskFile1, get_task, list_drafts, list_tasks
 from glbench.tasks.tables import (
-    AnyForecastTable,
-    AnyRewardTable,
     DropoutsTable,
+    ForecastTable,
     ItemTable,
     ParameterGroupTable,
     PriceTableTable,
+    RewardTable,
     ScenarioTable,
     SensorTable,
     SplitTable,
@@ -108,8 +108,8 @@ def test_the_task_of_schema_2_shown_is_one(page: str, write: Write) -> None:
 
 def test_every_key_of_schema_2_is_explained(page: str) -> None:
     for record in (
-        ItemTable, PriceTableTable, ScenarioTable, ParameterGroupTable, StartGroupTable, AnyRewardTable, SplitTable, SensorTable,
-        DropoutsTable, AnyForecastTable,
+        ItemTable, PriceTableTable, ScenarioTable, ParameterGroupTable, StartGroupTable, RewardTable, SplitTable, SensorTable,
+        DropoutsTable, ForecastTable,
     ):  # fmt: skip
         for name, field in record.model_fields.items():
             assert field.exclude or f"`{name}`" in page, name

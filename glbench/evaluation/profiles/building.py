@@ -89,7 +89,7 @@ def columns_of(task: TaskSpec) -> Columns:
     controls = tuple(ProfileColumn(control.name, "-", control.meaning, "level") for control in model.controls)
     horizon = Horizon(task.steps, task.step_seconds, task.parameters_by_name())
     seen, deficits, rates = (model.observed(module, horizon) or () for module in _SHOWN)
-    if task.schema_version == 1:  # profiles of these are published, and keep their columns
+    if not task.conventions.profiles_deficits:
         deficits, rates = (), ()
     seen = (*seen, *deficits)
     meanings = {state.name: state.meaning for state in model.states}

@@ -1,0 +1,171 @@
+"""The digest of a task, by the recipe of its schema. The recipes are frozen: published tasks and results have their digests by them.
+
+A digest is the SHA-256 of canonical JSON (RFC 8785) over: the definition without prose, the resolved parameters, the state at the start,
+the names, units and bounds of the observed columns, the weather, and the model's equations; for schema 2 over the ledger and the names
+of drawn parameters as well. Each part also has a digest of its own, so that a mismatch can be blamed on the right one. Computed numbers
+enter with nine significant digits, because the last bit of ``exp`` may differ between machines.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from glbench.canonical import canonical_sha256
+from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.tasks.lock import Fingerprint
+from glbench.tasks.record import TaskRecord
+from glbench.tasks.resolver import ResolvedTask
+from glbench.tasks.scenario import Season
+from glbench.tasks.tables import PROCESS_COMPUTER
+
+PROSE = frozenset({"title", "description", "suites"})
+"""Fields that explain or file a task and do not change it: they stay out of its digest."""
+DIGITS = 9
+"""Significant digits, in a digest, of numbers that are computed rather than read."""
+
+SCHEMA_1: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "schema": (),
+        "id": (),
+        "weather": ("source", "preprocessing", "start", "days", "step_seconds", "co2_ppm"),
+        "model": ("variant", "parameters", "overrides"),
+        "initial_state": ("kind", "air_temperature"),
+        "uncertainty": ("distribution", "delta", "half_width_factor", "parameters", "redraw"),
+        "observation": ("modules", "timing", "forecast"),
+        "actuation": ("kind", "max_change", "controls"),
+        "constraints": ("air_temperature", "co2", "relative_humidity"),
+        "prices": ("fruit", "dry_matter_content", "co2", "heat", "electricity"),
+        "reward": ("modules", "penalty_scale"),
+        "evaluation": ("first_seed", "runs", "metric", "failed_step"),
+    }
+)
+"""The keys that the digest of a task of schema 1 covers, whatever is added later; ``evaluation.time_limits`` where it is given."""
+
+_EVEN = 0.6180339887498949
+"""Multiples of it, modulo 1, are spread evenly."""
+_GRID = 6180.339887498949  # weather rows enter a digest in steps of 1/6180: no round number lies halfway between two of them
+
+
+def definition_of(task: TaskRecord) -> dict[str, Any]:
+    """What the file says without prose, as plain JSON values: the part of the digest that comes from the file."""
+    plain = _DEFINITIONS[task.schema_version](task)
+    if plain["model"].pop("overrides", None) is not None:
+        plain["model"]["overrides"] = {name: [value, unit] for name, value, unit in task.model.overrides}
+    return plain
+
+
+def _definition_1(task: TaskRecord) -> dict[str, Any]:
+    whole = task.file.plain(mode="json", by_alias=True, exclude=set(PROSE))
+    plain = {
+        table: {key: whole[table][key] for key in keys} if keys else whole[table] for table, keys in SCHEMA_1.items()
+    }
+    if task.evaluation.time_limits is not None:  # a task that says nothing about time has the digest it always had
+        plain["evaluation"]["time_limits"] = whole["evaluation"]["time_limits"]
+    return plain
+
+
+def _definition_2(task: TaskRecord) -> dict[str, Any]:
+    plain = task.file.plain(mode="json", by_alias=True, exclude=set(PROSE), exclude_defaults=True)
+    return {**plain, "schema": task.schema_version}
+
+
+def fingerprint_of(task: ResolvedTask) -> Fingerprint:
+    """The digest of ``task`` and the digests of its parts; needs the model and the weather.
+
+    Raises
+    ------
+    TaskError
+        When the task asks for what does not exist.
+    """
+    model = task.model_value
+    for name in task.actuation.controls:
+        with task.errors_in("actuation"):
+            if name not in model.control_names:
+                msg = f"There is no control called '{name}'.{did_you_mean(name, model.control_names)}"
+                raise UnknownNameError(msg)
+    _ = task.scenario, task.ledger  # what is unknown is an error before anything is recorded
+    if model.air is None and task.constraints.items():
+        msg = f"{task.source}: [constraints] {model.id} has no air whose climate could be limited. Leave the table out."
+        raise TaskError(msg)
+    parts = _PARTS[task.schema_version](task)
+    named = {name: canonical_sha256(part) for name, part in parts.items() if name in Fingerprint.PARTS}
+    return Fingerprint(digest=canonical_sha256(parts), **named, model_version=model.version)
+
+
+def _parts_1(task: ResolvedTask) -> dict[str, Any]:
+    model = task.model_value
+    return {
+        "definition": definition_of(task),
+        "parameters": {name: _rounded(value) for name, value in task.parameters_by_name().items()},
+        "start": [_rounded(value) for value in task.initial_state().tolist()],
+        "observation": [[q.name, q.unit, _rounded(q.low), _rounded(q.high)] for q in task.observed()],
+        "weather": task.disturbances(task.observation.forecast_steps).digest,
+        "model": {"version": model.version, "variant": model.variant, "digest": model.digest},
+    }
+
+
+def _parts_2(task: ResolvedTask) -> dict[str, Any]:
+    model, parts = task.model_value, _parts_1(task)
+    parts["start"] = dict(zip(model.state_names, parts["start"], strict=True))
+    parts["weather"] = _weather_digests(task)
+    parts["model"]["id"] = model.id
+    parts["ledger"] = [
+        [item.name, item.flow, item.amount, item.amount_unit, item.factor, item.price, item.sign, item.valued]
+        for item in task.ledger.items
+    ]  # fmt: skip
+    parts["draws"] = [[group.name, list(group.parameters)] for group in task.scenario.groups]
+    if task.actuation.kind == PROCESS_COMPUTER:
+        parts["actuation"] = {
+            "settings": task.actuation.process_computer.model_dump(),
+            "actions": [[one.name, one.unit, one.low, one.high, one.lowest, one.highest] for one in task.actions],
+        }
+    return parts
+
+
+def _weather_digests(task: ResolvedTask) -> list[list[str]]:
+    """Digests of the weather of all splits, whichever the task is in."""
+    splits = task.splits
+    if splits is None:
+        return [_season_digest(task, season) for season in task.scenario.seasons]
+    digests: list[list[str]] = []
+    for name in splits.names:
+        scenario = task.in_split(name).scenario
+        if scenario.generated is None:
+            digests += [[name, *_season_digest(task, season)] for season in scenario.seasons]
+        else:
+            years = map(str, scenario.generated.years)
+            digests.append([name, "generated", *years, _generated_digest(task, name)])
+    return digests
+
+
+def _generated_digest(task: ResolvedTask, split: str) -> str:
+    """Digest of one season that the generator makes of the years of a split: whole numbers, the same on every machine."""
+    from glbench.weather import SeasonGenerator
+
+    with task.errors_in(f"splits.{split}"):
+        generator = SeasonGenerator(task.record(), getattr(task.splits, split).years)
+    days = task.weather.days
+    numbers = np.asarray(np.arange(1, generator.numbers(days) + 1) * _EVEN % 1.0, np.float64)
+    return generator.season(task.weather.start, days, numbers).record.digest
+
+
+def _season_digest(task: ResolvedTask, season: Season) -> list[str]:
+    rows = task.season(season, task.observation.forecast_steps)
+    calendar = np.column_stack([rows.values, rows.hour_of_day, rows.day_of_year])
+    steps = np.rint(calendar * _GRID).astype("<i8")
+    return [season.source, season.start.isoformat(), hashlib.sha256(steps.tobytes()).hexdigest()]
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+_DEFINITIONS: Mapping[int, Callable[[TaskRecord], dict[str, Any]]] = MappingProxyType(
+    {1: _definition_1, 2: _definition_2}
+)
+_PARTS: Mapping[int, Callable[[ResolvedTask], dict[str, Any]]] = MappingProxyType({1: _parts_1, 2: _parts_2})

@@ -1,0 +1,337 @@
+"""What a task's file says, in one of its splits, without the model and the weather."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import FrozenInstanceError
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any, ClassVar, Self
+
+from glbench.errors import GlbenchError, TaskError, did_you_mean
+from glbench.registration import task_ids
+from glbench.tasks.inheritance import Change, read_tables, shown_path
+from glbench.tasks.prices import PriceTable
+from glbench.tasks.sealed import commitment_of
+from glbench.tasks.serialisation import record_of
+from glbench.tasks.tables import (
+    ActuationTable,
+    ConstraintsTable,
+    Conventions,
+    DayAheadTable,
+    EvaluationTable,
+    InitialStateTable,
+    ModelTable,
+    ObservationTable,
+    OnOffTable,
+    PricesTable,
+    RewardTable,
+    SensorsTable,
+    SplitsTable,
+    SplitTable,
+    TaskFile2,
+    UncertaintyTable,
+    WeatherTable,
+    as_json,
+)
+
+PREVIEW = "preview"
+"""Split of a task that has only a test split: seasons to look at, none of them scored."""
+
+_OF_ALL_SPLITS = frozenset(
+    {
+        "model_value",
+        "_parameters",
+        "_initial_state",
+        "preview",
+        "price_tables",
+        "ledger",
+        "quantities",
+        "_fingerprint",
+        "_hash",
+    }
+)
+
+
+class TaskRecord:
+    """What the file of a task says, and in which of its splits the task is. Equal files make equal records."""
+
+    schema_version: int
+    id: str
+    title: str
+    description: str
+    suites: tuple[str, ...]
+    weather: WeatherTable
+    model: ModelTable
+    initial: InitialStateTable
+    observation: ObservationTable
+    actuation: ActuationTable
+    constraints: ConstraintsTable
+    splits: SplitsTable | None
+    """The years of training, validation and test; ``None`` where all runs share their seasons."""
+    sensors: SensorsTable | None
+    """Sensors that err; ``None`` where the air is observed as it is."""
+    reward: RewardTable
+    evaluation: EvaluationTable
+
+    file: TaskFile2
+    """What the file says, as pure data."""
+    source: str
+    """The file the task was read from, as error messages name it."""
+    base: str | None
+    """The task that its file names as its base: an id or a file; ``None`` where the file is written out."""
+    changes: tuple[Change, ...]
+    """What its file changes in the base."""
+    split: str | None
+    """Which scenarios its runs are drawn from: "training" at first, "validation" or "test"; ``None`` for a task without splits.
+
+    A task with only a test split begins in its test; its environments are in "preview".
+    """
+    sealed: str
+    """The secret part of the salt, of which a host of a round publishes the digest first; "" in the public test."""
+
+    _FORWARDED: ClassVar = frozenset(TaskFile2.model_fields) - {"ledger", "price_tables", "scenario"}
+
+    def __init__(
+        self,
+        file: TaskFile2,
+        source: str = "the task",
+        base: str | None = None,
+        changes: tuple[Change, ...] = (),
+        split: str | None = None,
+        sealed: str = "",
+    ) -> None:
+        vars(self).update({name: getattr(file, name) for name in self._FORWARDED})
+        if split is None and file.splits is not None:
+            split = file.splits.names[0]
+        vars(self).update(file=file, source=source, base=base, changes=changes, split=split, sealed=sealed)
+
+    @property
+    def conventions(self) -> Conventions:
+        """What the schema of the file fixes outside its tables."""
+        return self.file.conventions
+
+    def in_split(self, split: str, sealed: str = "") -> Self:
+        """The same task with the scenarios of ``split``: "training", "validation" or "test"; digest and all else stay.
+
+        A task with only a test split also has "preview": seasons that are not scored. They are made of the training years of its base if
+        both have the same weather record, else of the test's years with other draws. Scored real years have no preview.
+
+        ``sealed`` is the secret of a round (``glbench.tasks.sealed.Round.secret``), for the test only.
+
+        Raises
+        ------
+        TaskError
+            When the task has no such split, or a secret salt is given for another split than the test.
+        """
+        known = self.splits.names if self.splits is not None else ()
+        if split not in known and not (split == PREVIEW and self.preview is not None):
+            has = f"It has {', '.join(known)}." if known else "All its runs share their seasons."
+            msg = f"{self.id} has no split '{split}'.{did_you_mean(split, known)} {has}"
+            raise TaskError(msg)
+        if sealed and split != "test":
+            msg = f"A secret salt belongs to the test; {self.id} was asked for its split '{split}'."
+            raise TaskError(msg)
+        if (split, sealed) == (self.split, self.sealed):
+            return self
+        other = type(self)(self.file, self.source, self.base, self.changes, split, sealed)
+        # What was derived already and is the same in every split.
+        vars(other).update({name: value for name, value in vars(self).items() if name in _OF_ALL_SPLITS})
+        return other
+
+    @property
+    def season_years(self) -> tuple[int, ...] | None:
+        """Years that the seasons of the split are from; ``None`` for a task without splits."""
+        table = self._split_table
+        return None if table is None else table.years
+
+    @property
+    def _split_table(self) -> SplitTable | None:
+        """Years and number of seasons of the split that the task is in."""
+        if self.split == PREVIEW:
+            return self.preview
+        return getattr(self.splits, self.split) if self.split is not None else None
+
+    @cached_property
+    def preview(self) -> SplitTable | None:
+        """Years and number of seasons of the preview; ``None`` if there is a training split, or only scored real years."""
+        if self.splits is None or self.splits.training is not None:
+            return None
+        test, path = self.splits.test, task_ids().get(self.base or "")
+        base = None if path is None else record_of(read_tables(path), shown_path(path))
+        training = base.splits.training if base is not None and base.splits is not None else None
+        if base is not None and training is not None and base.weather.source == self.weather.source:
+            return training if test.seasons is not None else SplitTable(years=training.years)
+        return test if test.seasons is not None else None
+
+    @property
+    def salt_commitment(self) -> str | None:
+        """SHA-256 [hex] of the secret of the round, which its host publishes first; ``None`` with public draws."""
+        return commitment_of(self.sealed) if self.sealed else None
+
+    @property
+    def scored(self) -> Self:
+        """The task with the scenarios of its test split; itself without splits, or when it is in its validation split."""
+        return self if self.splits is None or self.split == "validation" else self.in_split("test", self.sealed)
+
+    def scored_in(self, split: str | None) -> Self:
+        """The task with the scenarios of a result that names ``split``; ``None`` where a result names none."""
+        return self.scored if split is None else self.in_split(split, self.sealed if split == "test" else "")
+
+    @property
+    def chosen_on(self) -> Self:
+        """The task with the scenarios that one chooses between agents by: its validation split, or itself where it has none."""
+        return self.in_split("validation") if self.splits is not None and self.splits.validation else self
+
+    def check_training(self) -> None:
+        """Refuse a task that has a test alone: nothing can be learned in it.
+
+        Raises
+        ------
+        TaskError
+            That names the task to train on.
+        """
+        if self.splits is not None and self.splits.training is None:
+            instead = f"on {self.base}, its base," if self.base is not None else "on another task"
+            msg = (
+                f"{self.id} has no training split: it scores agents that were trained elsewhere. Train {instead} or name the "
+                'split that there is: split="test".'
+            )
+            raise TaskError(msg)
+
+    @property
+    def short_id(self) -> str:
+        """The id without its namespace, such as ``Schiphol2010-Delta10-v1``."""
+        return self.id.partition("/")[2]
+
+    @property
+    def steps(self) -> int:
+        """Number of control steps of an episode."""
+        return self.weather.steps
+
+    @property
+    def step_seconds(self) -> float:
+        """Length of a control step [s]."""
+        return float(self.weather.step_seconds)
+
+    @property
+    def steps_per_day(self) -> int:
+        """Number of control steps of a day."""
+        return 86400 // self.weather.step_seconds
+
+    @property
+    def model_id(self) -> str:
+        """Name and version of the model."""
+        return self.model.id
+
+    @property
+    def prices(self) -> PricesTable:
+        """The prices of a task of schema 1.
+
+        Raises
+        ------
+        TaskError
+            For a task of schema 2, which has a ledger.
+        """
+        if self.file.prices is None:
+            msg = f"{self.source} has no table [prices]: its prices are those of its ledger (task.ledger)."
+            raise TaskError(msg)
+        return self.file.prices
+
+    @cached_property
+    def uncertainty(self) -> UncertaintyTable:
+        """Which parameters are redrawn; of a task of schema 2, the widest group of its scenario."""
+        return self.file.uncertainty
+
+    @cached_property
+    def price_tables(self) -> Mapping[str, PriceTable]:
+        """Prices that change with the calendar, by name."""
+        tables = self.file.price_tables
+        return MappingProxyType({name: table.value(tables) for name, table in tables.items()})
+
+    @property
+    def judges_means(self) -> bool:
+        """Whether violations are means over the step; else what they are at its end."""
+        return self.constraints.judged == "mean" and bool(self.constraints.items())
+
+    @cached_property
+    def violation_prices(self) -> Mapping[str, float]:
+        """What violations cost, by constraint, in ``VIOLATION_PRICES``; empty where the task has penalty scales."""
+        return MappingProxyType(dict(self.reward.violation_price.items()))
+
+    @property
+    def scores_money(self) -> bool:
+        """Whether the reward is money [EUR m-2]: profit minus what violations cost."""
+        return bool(self.violation_prices) and {*self.reward.modules} == {"epi", "scaled_penalty"}
+
+    @cached_property
+    def penalty_scales(self) -> Mapping[str, float]:
+        """Violation that adds 1 to the penalty of a step, by constraint: 1 EUR m-2 where violations have prices."""
+        hours = self.step_seconds / 3600.0
+        prices = {name: 1.0 / (price * hours) for name, price in self.violation_prices.items()}
+        return MappingProxyType({**dict(self.reward.penalty_scale.items()), **prices})
+
+    @property
+    def on_off(self) -> Mapping[str, OnOffTable]:
+        """Controls that are off or run between a lowest load and 1, in the order of the task's controls."""
+        table = self.actuation
+        return {name: table.on_off[name] for name in table.controls if name in table.on_off}
+
+    @property
+    def day_ahead(self) -> DayAheadTable | None:
+        """Of which prices the coming hours are shown; ``None`` where none are."""
+        return self.observation.day_ahead
+
+    def model_copy(self, update: Mapping[str, Any]) -> Self:
+        """A copy with other tables, which are not checked; it can be run, but not recorded. ``replace`` checks."""
+        file = self.file.with_tables(update)
+        return type(self)(file, self.source, self.base, self.changes, self.split, self.sealed)
+
+    def written(self) -> dict[str, Any]:
+        """The tables of the task as its file writes them, dates as text: what ``of_written`` reads.
+
+        Raises
+        ------
+        TaskError
+            When there is no such file: a copy of schema 2 that was changed without a check.
+        """
+        return as_json(self.file.content(self.source))
+
+    def model_dump(self, **options: Any) -> dict[str, Any]:
+        """What the file says as plain values, as ``pydantic.BaseModel.model_dump`` gives them."""
+        return self.file.plain(**options)
+
+    @contextmanager
+    def errors_in(self, table: str) -> Iterator[None]:
+        """Name the task's file and ``table`` in whatever goes wrong inside."""
+        try:
+            yield
+        except TaskError:
+            raise
+        except GlbenchError as error:
+            msg = f"{self.source}: [{table}] {error}"
+            raise TaskError(msg) from error
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash(repr(self.file.plain()))
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (
+            isinstance(other, TaskRecord)
+            and (self.file, self.split, self.sealed) == (other.file, other.split, other.sealed)
+        )
+
+    def __setattr__(self, name: str, value: object) -> None:
+        msg = f"A task is frozen: make another one with model_copy(update={{'{name}': ...}})."
+        raise FrozenInstanceError(msg)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.file, self.source, self.base, self.changes, self.split, self.sealed)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.id}>"

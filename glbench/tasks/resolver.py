@@ -1,0 +1,490 @@
+"""What follows from a task's file: model, parameters, start, weather, actions, observed columns, ledger and scenario.
+
+All of it is computed on demand and remembered. Errors of the model and the weather name the task's file and the table that caused them.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+from collections.abc import Mapping
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from glbench.errors import ParameterError, TaskError, UnknownNameError, WeatherError, did_you_mean
+from glbench.quantities import MONEY
+from glbench.tasks.ledger import FLOW, STOCK, Beyond, Ledger, LedgerItem, StepQuantity, step_quantities
+from glbench.tasks.quantities import Capacity, ObservationContext, Quantity, capacities, of_model
+from glbench.tasks.record import TaskRecord
+from glbench.tasks.scenario import Generated, ParameterGroup, Scenario, Season, StartGroup
+from glbench.tasks.sealed import weather_of
+from glbench.tasks.tables import BeyondTable, ConstraintsTable, ItemTable, WeatherTable
+from glbench.tasks.vocabulary import ACTUATION_KINDS, INITIAL_STATES, OBSERVATION_MODULES
+
+if TYPE_CHECKING:
+    from glbench.model import Model
+    from glbench.tasks.actions import Action
+    from glbench.weather import Disturbances, WeatherRecord
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class ResolvedTask(TaskRecord):
+    """A task with its model, parameters, weather, ledger and scenario."""
+
+    @cached_property
+    def model_value(self) -> Model:
+        """The model.
+
+        Raises
+        ------
+        TaskError
+            When there is none of that id and variant.
+        """
+        from glbench.model import get_model  # not at the top: task files are read without the model
+
+        with self.errors_in("model"):
+            model = get_model(self.model_id, self.model.variant)
+        if not self.judges_means:
+            return model
+        from glbench.model import with_violation_meters
+
+        with self.errors_in("constraints"):
+            return with_violation_meters(model)
+
+    def parameters(self) -> FloatArray:
+        """Nominal parameters, read-only, in the model's order and units, overrides applied and derived ones recomputed.
+
+        Where violations are means over the step, the limits are among them.
+
+        Raises
+        ------
+        TaskError
+            When the set or an overridden parameter is unknown, or a value is impossible; it names file and table.
+        """
+        return self._parameters
+
+    @cached_property
+    def _parameters(self) -> FloatArray:
+        with self.errors_in("model"):
+            overrides: dict[str, Any] = {name: (value, unit) for name, value, unit in self.model.overrides}
+            limits = self._limits()
+            for name in limits.keys() & overrides.keys():
+                msg = f"'{name}' is a limit of the task: state it in [constraints]."
+                raise ParameterError(msg)
+            return _read_only(self.model_value.parameters.default(self.model.parameters, overrides | limits))
+
+    def _limits(self) -> dict[str, float]:
+        """The limits as parameters of a model that judges by them."""
+        if not self.judges_means:
+            return {}
+        from glbench.model import SIDES, limit_parameter
+
+        return {
+            limit_parameter(name, side): getattr(limits, side)
+            for name, limits in self.constraints.items()
+            for side in SIDES
+        }
+
+    def parameters_by_name(self) -> dict[str, float]:
+        """``parameters()`` as a dictionary."""
+        return dict(zip(self.model_value.parameter_names, self.parameters().tolist(), strict=True))
+
+    def uncertain_parameters(self) -> tuple[str, ...]:
+        """Names of the parameters that are redrawn, in the model's order for a set, else as listed, group after group."""
+        return tuple(dict.fromkeys(name for group in self.scenario.groups for name in group.parameters))
+
+    def _drawn(self, wanted: str | tuple[str, ...], table: str) -> tuple[str, ...]:
+        values = self.model_value.parameters
+        with self.errors_in(table):
+            if isinstance(wanted, str):
+                return values.drawn_set(wanted)
+            for name in wanted:
+                if name not in values.names:
+                    msg = f"There is no parameter called '{name}'.{did_you_mean(name, values.names)}"
+                    raise UnknownNameError(msg)
+                info = values.info(name)
+                if info.is_derived:
+                    msg = f"'{name}' follows from other parameters ({name} = {info.formula}): list those instead."
+                    raise ParameterError(msg)
+        return wanted
+
+    def initial_state(self) -> FloatArray:
+        """Nominal state at the start, read-only, in the model's units."""
+        return self._initial_state
+
+    @cached_property
+    def _initial_state(self) -> FloatArray:
+        return _read_only(self.start_state(self.disturbances().values[0]))
+
+    def check_start(self) -> None:
+        """Evaluate the nominal state at the start and the rates there once.
+
+        Raises
+        ------
+        TaskError
+            When one is not finite; it names file, table, state and value.
+        """
+        state = self.initial_state()
+        with self.errors_in("initial_state"):
+            self.model_value.check_rates(state, self.disturbances().values[0], self.parameters())
+
+    def start_state(self, first: FloatArray) -> FloatArray:
+        """State at the start of an episode whose first row of weather is ``first`` ``(disturbances,)``, before any factors."""
+        kind, air_temperature = self.initial.kind, self.initial.air_temperature
+        with self.errors_in("initial_state"):
+            own = INITIAL_STATES[kind].state if kind in INITIAL_STATES else None
+            if own is not None:
+                return own(first, air_temperature, self.parameters())
+            return self.model_value.start(kind, first, air_temperature, self.parameters())
+
+    def capacities(self) -> tuple[Capacity, ...]:
+        """What each control of the model delivers at 1, with its unit."""
+        return capacities(self.model_value, self.parameters_by_name())
+
+    # The weather.
+
+    def record(self) -> WeatherRecord:
+        """The weather record that the task uses."""
+        with self.errors_in("weather"):
+            return _record(self.weather.source)
+
+    def season_record(self) -> WeatherRecord:
+        """The weather record of the split's seasons: the task's, or the round's own, of which agents learn nothing.
+
+        Raises
+        ------
+        TaskError
+            When there is no such record, or the clock of the round's own is another than the task's.
+        """
+        record = self.record()
+        with self.errors_in("weather"):
+            sealed = weather_of(self.sealed)
+            if sealed is None:
+                return record
+            own = _record_of(sealed.digest)
+        if own.timezone != record.timezone:
+            msg = (
+                f"The round's weather has the clock of {own.timezone}, and {self.id} that of {record.timezone}, which its agents see. "
+                "Import the record with that time zone, and make another round."
+            )
+            raise TaskError(msg)
+        return own
+
+    def disturbances(self, extra_rows: int = 0) -> Disturbances:
+        """Weather rows of the nominal season, for the whole episode: ``steps + 1 + extra_rows`` rows, remembered.
+
+        Row k acts on step k; the row after the last step is there because it is observed at the end. A forecast of n steps
+        needs ``extra_rows=n``.
+
+        Raises
+        ------
+        TaskError
+            When there is no such record or it does not cover the period; it names file and table.
+        """
+        with self.errors_in("weather"):
+            return _disturbances(self.weather, self.steps + 1 + extra_rows)
+
+    def season(self, season: Season, extra_rows: int = 0) -> Disturbances:
+        """As ``disturbances``, for a season of the scenario, with the rows of a start up to ``start_within_days`` later."""
+        rows = self.steps + 1 + extra_rows + self.scenario.start_within_days * self.steps_per_day
+        with self.errors_in(self.conventions.seasons_table):
+            table = self.weather.model_copy(update={"source": season.source, "start": season.start})
+            try:
+                return _disturbances(table, rows)
+            except WeatherError as error:
+                late, ahead = self.scenario.start_within_days, (extra_rows + 1) / self.steps_per_day
+                parts = [f"{self.weather.days} days of a run"]
+                if late:
+                    parts.append(
+                        f"{late} days by which it may start later (scenario.start_within_days = {late}; 0 needs none)"
+                    )
+                parts.append(f"{ahead:.2g} days beyond its end, which are observed or forecast")
+                msg = f"{error} What was asked for is {', '.join(parts)}."
+                raise WeatherError(msg) from error
+
+    # What the agent does and observes.
+
+    @cached_property
+    def actions(self) -> tuple[Action, ...]:
+        """The entries of an action, in order, with units and bounds.
+
+        Raises
+        ------
+        TaskError
+            When there is no such kind of actuation, or it cannot work one of the controls.
+        """
+        with self.errors_in("actuation"):
+            return ACTUATION_KINDS[self.actuation.kind].actions(self.actuation.controls)
+
+    def observed(self) -> tuple[Quantity, ...]:
+        """Columns of the observation, in order, with units and finite bounds.
+
+        Raises
+        ------
+        TaskError
+            When there is no such module, or two modules show a quantity of the same name.
+        """
+        columns: dict[str, Quantity] = {}
+        for module in self.observation.modules:
+            for quantity in self.observed_by(module):
+                if quantity.name in columns:
+                    msg = f"{self.source}: [observation] '{quantity.name}' of '{module}' is shown by another module already."
+                    raise TaskError(msg)
+                columns[quantity.name] = quantity
+        return tuple(columns.values())
+
+    def observed_by(self, module: str) -> tuple[Quantity, ...]:
+        """Columns of one observation module: one that every model has or somebody registered, or the model's own.
+
+        Raises
+        ------
+        TaskError
+            When neither the vocabulary nor the model has it.
+        """
+        context, model = self.observation_context(), self.model_value
+        with self.errors_in("observation"):
+            if module in OBSERVATION_MODULES:
+                return OBSERVATION_MODULES[module].quantities(context)
+            if module in model.observation_modules:
+                return of_model(module)(context)
+            near = did_you_mean(module, [*OBSERVATION_MODULES.names, *model.observation_modules])
+            msg = f"{model.id} has no observation module '{module}'.{near}"
+            raise UnknownNameError(msg)
+
+    def observation_context(self) -> ObservationContext:
+        """What the columns of observation modules may depend on."""
+        return ObservationContext(
+            self.steps,
+            self.step_seconds,
+            self.observation.forecast_steps,
+            self.parameters_by_name(),
+            self.model_value,
+            self.observation.forecast_hours,
+            tuple((name, one.hold_minutes) for name, one in self.on_off.items() if one.hold_minutes > 0.0),
+            tuple((name, table.unit, *table.limits) for name, table in self.price_tables.items()),
+            () if self.day_ahead is None else self.day_ahead.prices,
+            () if self.day_ahead is None else self.day_ahead.hours,
+        )
+
+    # What a step earns and costs.
+
+    @cached_property
+    def ledger(self) -> Ledger:
+        """What a control step earns and pays.
+
+        Items of a task of schema 2 stand by side and name, so that no order of keys in a file changes a sum.
+
+        Raises
+        ------
+        TaskError
+            When an item prices what the model does not have, or in a unit that does not fit; it names file and table.
+        """
+        paper = self.file.paper_ledger()
+        if paper is not None:
+            return paper
+        items = []
+        for name, table in sorted(self.file.ledger.items(), key=lambda entry: (entry[1].side, entry[0])):
+            with self.errors_in(f"ledger.{name}"):
+                items.append(self._item(name, table))
+        ledger = Ledger(tuple(items))
+        with self.errors_in("ledger"):
+            _check_columns(ledger, self.constraints)
+        return ledger
+
+    def _item(self, name: str, table: ItemTable) -> LedgerItem:
+        from glbench.model.units import parse_unit
+
+        kind, source = ("flow", table.flow) if table.flow is not None else ("stock", table.stock)
+        known: dict[str, Any] = {entry.name: entry for entry in getattr(self.model_value, f"{kind}s")()}
+        if source is None or source not in known:
+            msg = f"{self.model_id} has no {kind} '{source}'.{did_you_mean(str(source), known)}"
+            raise UnknownNameError(msg)
+        entry = known[source]
+        amount, unit = table.amount or (source if kind == "flow" else f"{source}_gained"), entry.unit
+        amount_unit = table.unit or unit
+        price_unit = table.price_unit
+        if isinstance(table.price, str):
+            tables = self.price_tables
+            if table.price not in tables:
+                msg = f"There is no price table '{table.price}'.{did_you_mean(table.price, tables)} Add [price_tables.{table.price}]."
+                raise UnknownNameError(msg)
+            price_unit = tables[table.price].unit
+        if _product(parse_unit(str(price_unit)), parse_unit(amount_unit)) != parse_unit(MONEY):
+            msg = f"A price in {price_unit} times an amount in {amount_unit} is not in {MONEY}. Correct the unit of one of them."
+            raise ParameterError(msg)
+        if table.factor == 1.0 and parse_unit(amount_unit) != parse_unit(unit):
+            msg = f"'{source}' is in {unit}, the amount in {amount_unit}: give the factor between them."
+            raise ParameterError(msg)
+        beyond = (
+            None if table.beyond is None else self._beyond(table, table.beyond, amount_unit, str(price_unit), entry)
+        )
+        return LedgerItem(
+            name, source, amount, amount_unit, table.factor, table.price, 1 if table.side == "earned" else -1,
+            label=table.label or entry.label, valued=FLOW if kind == "flow" else STOCK,
+            amount_meaning=_amount_in_words(entry.meaning, unit, amount_unit, table.factor), beyond=beyond,
+        )  # fmt: skip
+
+    def _beyond(self, item: ItemTable, beyond: BeyondTable, amount_unit: str, price_unit: str, entry: Any) -> Beyond:
+        """A price that changes with the amount since the start."""
+        if isinstance(item.price, str):
+            msg = f"beyond needs a price that is a number, and this one is the table '{item.price}'. Leave one of them out."
+            raise ParameterError(msg)
+        if getattr(entry, "total", None) is None:
+            metered = [flow.name for flow in self.model_value.flows() if flow.total is not None]
+            msg = (
+                f"beyond counts what has flowed since the start, and {self.model_id} has no meter on '{entry.name}'. "
+                f"It has {', '.join(metered) or 'none'}."
+            )
+            raise ParameterError(msg)
+        for what, given, wanted in (
+            ("amount", beyond.amount_unit, amount_unit),
+            ("price", beyond.price_unit, price_unit),
+        ):
+            if given != wanted:
+                msg = f"beyond: its {what} is in {given}, that of the item in {wanted}. Write both in one unit."
+                raise ParameterError(msg)
+        return Beyond(beyond.amount, beyond.price)
+
+    @cached_property
+    def quantities(self) -> tuple[StepQuantity, ...]:
+        """Every quantity of a control step: reward, profit, money, penalty, amounts, violations, hours outside the limits."""
+        return step_quantities(
+            self.ledger,
+            (name for name, _ in self.constraints.items()),
+            means=self.judges_means,
+            priced=bool(self.violation_prices),
+            reward_unit=MONEY if self.scores_money else "-",
+            travel=self.conventions.counts_travel,
+        )
+
+    # What a run draws.
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """What a run draws: season, first day, start state, parameters.
+
+        Raises
+        ------
+        TaskError
+            When a parameter, a set or a state is unknown; it names file and table.
+        """
+        weather = self.weather
+        scenario = self.file.scenario
+        groups = tuple(
+            ParameterGroup(
+                group.name or f"parameters {place}", self._drawn(group.parameters, self.conventions.draws_table), group.distribution,
+                group.half_width, group.redraw,
+            )
+            for place, group in enumerate(scenario.parameters)
+        )  # fmt: skip
+        with self.errors_in("scenario.start"):
+            starts = []
+            for place, start in enumerate(scenario.start):
+                for name in start.states:
+                    self.model_value.state_index(name)
+                starts.append(
+                    StartGroup(start.name or f"start {place}", start.states, start.distribution, start.half_width)
+                )
+        drawn = [name for one in groups for name in one.parameters]
+        for name in drawn:
+            if drawn.count(name) > 1:
+                msg = f"{self.source}: [scenario.parameters] '{name}' is in two groups. Keep it in one."
+                raise TaskError(msg)
+        split = self._split_table
+        salt, generated, source = scenario.salt, None, weather.source
+        years = scenario.years if split is None else split.years
+        if split is not None:
+            salt = "\n".join(filter(None, (scenario.salt, self.split, self.sealed)))
+            sealed = weather_of(self.sealed)
+            if sealed is not None:
+                source, years = self.season_record().name, sealed.years
+            if split.seasons is not None:
+                between = scenario.co2_range
+                generated = Generated(
+                    years, split.seasons, self.evaluation.first_seed, None if between is None else (between.low, between.high)
+                )  # fmt: skip
+        with self.errors_in("scenario"):
+            seasons = [Season(entry.source or weather.source, entry.start) for entry in scenario.seasons]
+            if generated is None:
+                seasons += [Season(source, _in_year(weather.start, year)) for year in years]
+        return Scenario(
+            scenario.family, salt, groups, tuple(starts),
+            tuple(seasons) or (Season(weather.source, weather.start),), scenario.start_within_days, generated,
+            self.conventions.keys_by_task,
+        )  # fmt: skip
+
+
+@lru_cache(maxsize=16)
+def _record(source: str) -> WeatherRecord:
+    from glbench.weather import load_weather
+
+    return load_weather(source)
+
+
+@lru_cache(maxsize=16)
+def _record_of(digest: str) -> WeatherRecord:
+    from glbench.weather import find_weather
+
+    return _record(find_weather(digest))
+
+
+@lru_cache(maxsize=32)
+def _disturbances(table: WeatherTable, rows: int) -> Disturbances:
+    from glbench.weather import disturbances
+
+    return disturbances(
+        _record(table.source),
+        start=table.start,
+        steps=rows,
+        step_seconds=float(table.step_seconds),
+        preprocessing=table.preprocessing,
+        co2_ppm=table.co2_ppm,
+    )
+
+
+def _check_columns(ledger: Ledger, constraints: ConstraintsTable) -> None:
+    """Refuse two quantities of a step with one name."""
+    by_amount: dict[str, tuple[str, float]] = {}
+    for item in ledger.items:
+        source = (item.flow, item.factor)
+        if by_amount.setdefault(item.amount, source) != source:
+            msg = f"The amount '{item.amount}' is two things. Give one of them another name: amount = ..."
+            raise UnknownNameError(msg)
+    limited = (name for name, _ in constraints.items())
+    names = [quantity.name for quantity in step_quantities(ledger, limited, travel=True)]
+    for name in names:
+        if names.count(name) > 1:
+            msg = f"'{name}' is the name of two columns. Give one of them another name."
+            raise UnknownNameError(msg)
+
+
+def _amount_in_words(meaning: str, unit: str, amount_unit: str, factor: float) -> str:
+    """Description of an amount; if it is a multiple of the flow, such as fresh fruit of carbohydrate, with the factor."""
+    times = factor / {("mg m-2", "kg m-2"): 1e-6, ("MJ m-2", "kWh m-2"): 1.0 / 3.6}.get((unit, amount_unit), 1.0)
+    if math.isclose(times, 1.0):
+        return meaning
+    known = unit == amount_unit or times != factor
+    return f"{times:.4g} times the {meaning}" if known else f"{factor:.4g} {amount_unit} for each {unit} of {meaning}"
+
+
+def _in_year(day: dt.date, year: int) -> dt.date:
+    try:
+        return day.replace(year=year)
+    except ValueError:
+        msg = f"{year} has no 29 February: start on another day."
+        raise UnknownNameError(msg) from None
+
+
+def _product(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
+    """Exponents of the product of two units."""
+    summed = {symbol: one.get(symbol, 0) + other.get(symbol, 0) for symbol in {*one, *other}}
+    return {symbol: exponent for symbol, exponent in summed.items() if exponent}
+
+
+def _read_only(array: FloatArray) -> FloatArray:
+    array.setflags(write=False)
+    return array
