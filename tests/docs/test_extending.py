@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from glbench.env import Simulation
+from glbench.episodes.signals import signals_of
+from glbench.leaderboard.catalogue import catalogue, drawn
 from glbench.model import get_model
 from glbench.tasks import get_task
 
@@ -55,6 +57,11 @@ def test_the_examples_run_and_say_what_the_page_says(
 
     assert "cost_water" not in {quantity.name for quantity in get_task("basil.toml").quantities}
     assert result.quantities["cost_water"] == pytest.approx([0.1 * 1e-3 * 900 * 0.002] * 2)
+    assert {"energy/water"} <= {curve.path for curve in signals_of(task).curves}
+    assert {"Water"} <= {line.title for line in signals_of(task).accounts}
+    words = catalogue(task)
+    assert (words.metrics["water"].headed, words.metrics["cost_water"].label) == ("Water [kg/m²]", "Water")
+    assert drawn(task).series["water"]["label"] == "Water"
     assert not watered.fused  # a part in Python
     assert "canopy_above_air" in {column.name for column in task.observed()}
 
