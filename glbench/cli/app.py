@@ -10,18 +10,15 @@ from typing import Annotated, NoReturn
 import typer
 
 from glbench import __version__
-from glbench.cli import episodes, rounds, submit, tasks, weather
-from glbench.cli.bench import bench
+from glbench.cli import console, episodes, submit, tasks, weather
 from glbench.cli.bound import bound
-from glbench.cli.console import DEBUG_VARIABLE, debugging, print_error, show_warnings
+from glbench.cli.console import DEBUG_VARIABLE, INTERRUPTED
 from glbench.cli.evaluate import evaluate
-from glbench.cli.exiting import INTERRUPTED, interruptible, leave
 from glbench.cli.leaderboard import badge, leaderboard
-from glbench.cli.report import report
+from glbench.cli.report import report, story
 from glbench.cli.results import compare, show
-from glbench.cli.story import story
+from glbench.cli.studies import bench, validate
 from glbench.cli.train import export, sweep, train, tune
-from glbench.cli.validate import validate
 from glbench.cli.verify import verify
 from glbench.cli.view import view
 from glbench.errors import GlbenchError
@@ -38,7 +35,7 @@ app = typer.Typer(
 for _command in (evaluate, leaderboard, show, compare, badge, report, story, verify, view, bound, bench, validate):
     app.command(_command.__name__)(_command)
 app.add_typer(submit.app, name="submit")
-app.add_typer(rounds.app, name="round")
+app.add_typer(tasks.round_app, name="round")
 for _training in (train, export, sweep):
     app.command(_training.__name__)(_training)
 app.add_typer(tune, name="tune")
@@ -46,8 +43,9 @@ for _group in (episodes, tasks, weather):
     app.add_typer(_group.app, name=_group.__name__.rpartition(".")[2])
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def print_version(is_requested: bool) -> None:
+    """Callback of ``--version``."""
+    if is_requested:
         typer.echo(f"glbench {__version__}")
         raise typer.Exit
 
@@ -55,7 +53,7 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", help="Print the version and exit.", callback=_print_version, is_eager=True)
+        bool, typer.Option("--version", help="Print the version and exit.", callback=print_version, is_eager=True)
     ] = False,
     debug: Annotated[
         bool, typer.Option("--debug", help=f"Show tracebacks of errors (or set {DEBUG_VARIABLE}=1).")
@@ -63,14 +61,20 @@ def _options(
 ) -> None:
     if debug:
         os.environ[DEBUG_VARIABLE] = "1"
-    show_warnings()
+    console.show_warnings()
 
 
-def _in_words(error: OSError) -> str:
-    """An error of the system that nobody expected: a name too long, a full disk behind a pipe, a folder that may not be read."""
-    what = error.strerror or str(error)
-    place = "" if error.filename is None else f": {os.fsdecode(error.filename)}"
-    return f"{what}{place}. Nothing more was done; {DEBUG_VARIABLE}=1 shows where."
+def _words_for(error: GlbenchError | OSError | RuntimeError) -> str | None:
+    """The message of an error; of one that nobody expected ``None``, and its traceback has to show."""
+    if isinstance(error, GlbenchError):
+        return str(error)
+    if isinstance(error, OSError):  # a name too long, a full disk behind a pipe, a folder that may not be read
+        place = "" if error.filename is None else f": {os.fsdecode(error.filename)}"
+        return f"{error.strerror or error}{place}. Nothing more was done; {DEBUG_VARIABLE}=1 shows where."
+    if str(error).startswith("Symlink loop"):  # of pathlib, before Python 3.13
+        link = str(error).removeprefix("Symlink loop from ")
+        return f"A link leads back to itself: {link}. Remove it, or name a real file."
+    return None
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:
@@ -78,34 +82,23 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # names of files need not be text
             stream.reconfigure(errors="backslashreplace")
-    with interruptible() as interruption:
+    with console.interruptible() as signals:
         try:
             app(arguments)
-        except GlbenchError as error:
-            if debugging():
+        except (GlbenchError, OSError, RuntimeError) as error:
+            words = _words_for(error)
+            if words is None or console.debugging():
                 raise
-            print_error(str(error))
-            sys.exit(1)
-        except OSError as error:
-            if debugging():
-                raise
-            print_error(_in_words(error))
-            sys.exit(1)
-        except RuntimeError as error:
-            if debugging() or not str(error).startswith("Symlink loop"):  # of pathlib, before Python 3.13
-                raise
-            print_error(
-                f"A link leads back to itself: {str(error).removeprefix('Symlink loop from ')}. Remove it, or name a real file."
-            )
+            console.print_error(words)
             sys.exit(1)
         except KeyboardInterrupt:
-            interruption.tell()
-            sys.exit(interruption.exit_code)
-        except SystemExit as left:
-            if left.code != INTERRUPTED:
+            signals.tell()
+            sys.exit(signals.exit_code)
+        except SystemExit as end:
+            if end.code != INTERRUPTED:
                 raise
-            interruption.tell()
-            sys.exit(interruption.exit_code)
+            signals.tell()
+            sys.exit(signals.exit_code)
     sys.exit(0)
 
 
@@ -113,5 +106,5 @@ def run() -> NoReturn:
     """``main`` as a process of its own, which ends when the command has ended."""
     try:
         main()
-    except SystemExit as left:
-        leave(int(left.code or 0))
+    except SystemExit as end:
+        console.leave(int(end.code or 0))

@@ -1,16 +1,40 @@
-"""``glbench bound``: search for better plans for a task's runs with perfect information, and hand in those that beat the best known."""
+"""Perfect information: ``glbench bound`` searches for better plans, ``glbench episodes dispatch`` for the least cost of energy."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, output, print_warning, put, say, table, tell
-from glbench.cli.exiting import INTERRUPTED, tell_interrupted
-from glbench.cli.options import Address, EngineName, Sandbox, SandboxChoice, Workers, check_address
+from glbench.cli.console import (
+    Line,
+    Markup,
+    Part,
+    View,
+    aside,
+    interruption,
+    messages,
+    paragraph,
+    print_warning,
+    put_parts,
+    show,
+    styled,
+    table,
+    tell,
+)
+from glbench.cli.options import (
+    Address,
+    AsJson,
+    EngineName,
+    RoundFile,
+    Sandbox,
+    SandboxChoice,
+    Workers,
+    check_address,
+    round_of,
+)
 from glbench.cli.progress import Bar
 from glbench.errors import GlbenchError
 
@@ -18,9 +42,23 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from glbench.bounds import Better, Found, Search
+    from glbench.bounds.energy_costs import Costs
     from glbench.control import Iteration
 
 _EXAMPLE = "my_agent.py"
+_ROWS = {
+    "run": "As recorded",
+    "least": "Least cost",
+    "blind": "Planned at mean prices",
+    "without_buffer": "Least cost without the buffer",
+    "without_engine": "Least cost without the engine",
+    "boiler_alone": "Least cost with the boiler alone",
+}
+_EARNS = {
+    "buffer_earns": "the buffer",
+    "engine_earns": "the engine",
+    "looking_earns": "knowing how prices vary",
+}
 
 
 def bound(
@@ -71,16 +109,37 @@ def bound(
     if (task is None) == (not submit):
         msg = "Name the task to plan for (glbench bound Spring-v1), or plans to hand in (glbench bound --submit FILE)."
         raise GlbenchError(msg)
-    if submit:
-        _submit(submit)
-    else:
-        assert task is not None
-        check_address(address, engine)
-        search = _the_search(task, scenario, split, start, iterations, out, sandbox, workers)
-        _search(replace(search, address=address), engine)
+    if task is None:
+        from glbench.bounds import submit as submit_plans
+
+        with messages().status("replaying"):
+            plans = list(submit_plans(submit or []))
+        show(View(submission_parts(plans)))
+        return
+    check_address(address, engine)
+    search = replace(make_search(task, scenario, split, start, iterations, out, sandbox, workers), address=address)
+    results = list(search.stored())
+    remaining = len(search.groups) - len(results)
+    alike = "" if len(search.groups) == len(search.seeds) else ", with the same given in some of them"
+    words = (
+        f"Planning {styled(search.task.id, 'bold')}: {len(search.seeds)} runs{alike}; {remaining} to plan, each with "
+        f"{search.iterations} iterations, beginning as {search.start.agent.name} does, in {search.folder}"
+    )
+    put_parts([paragraph(Markup(words), aside=True)])
+    with interruption("The plans found so far are kept. Run the same command again to continue."):
+        for one in _plans(search, engine, remaining):
+            results.append(one)
+            if one.reason:
+                print_warning(f"No plan for seed {one.seeds[0]}: {one.reason}")
+            elif one.earned is not None and not messages().is_terminal:
+                gain = one.earned
+                tell(
+                    f"seed {one.seeds[0]}: reward {gain.reward:,.2f}, profit {gain.epi:,.2f} EUR/m2, penalty {gain.penalty:,.2f}"
+                )
+    show(View(plan_parts(search, results), code=1 if any(one.reason for one in results) else 0))
 
 
-def _the_search(
+def make_search(
     task: str,
     scenario: Sequence[int] | None,
     split: str,
@@ -90,26 +149,27 @@ def _the_search(
     sandbox: Sandbox,
     workers: int | None,
 ) -> Search:
+    """The search that the options of ``glbench bound`` describe."""
     from glbench.bounds import Search, best_known
     from glbench.evaluation import protect
     from glbench.evaluation.provenance import usable_cores
     from glbench.resources import data_folder
     from glbench.tasks import get_task
 
-    chosen = get_task(task)
-    if chosen.splits is not None:
-        chosen = chosen.in_split(split)
+    spec = get_task(task)
+    if spec.splits is not None:
+        spec = spec.in_split(split)
     elif split != "test":
-        msg = f"{chosen.id} has no splits: all its runs share their seasons. Leave --split out."
+        msg = f"{spec.id} has no splits: all its runs share their seasons. Leave --split out."
         raise GlbenchError(msg)
-    seeds = tuple(dict.fromkeys(scenario or chosen.evaluation.seeds))
+    seeds = tuple(dict.fromkeys(scenario or spec.evaluation.seeds))
     if start is None:
-        book = best_known().book(chosen)
-        all_known = book is not None and book.why_not(chosen) is None and set(seeds) <= set(book.runs)
-        start = "best_known" if all_known else str(data_folder("submissions") / _EXAMPLE)
-    name = chosen.short_id + (f"-{split}" if split != "test" else "")
+        book = best_known().book(spec)
+        is_complete = book is not None and book.why_not(spec) is None and set(seeds) <= set(book.runs)
+        start = "best_known" if is_complete else str(data_folder("submissions") / _EXAMPLE)
+    name = spec.short_id + (f"-{split}" if split != "test" else "")
     return Search(
-        chosen,
+        spec,
         seeds,
         protect(start, sandbox.value),
         out or Path("runs") / "bound" / name,
@@ -118,118 +178,143 @@ def _the_search(
     )
 
 
-def _search(search: Search, engine: EngineName) -> None:
-    stored = search.stored()
-    left = len(search.groups) - len(stored)
-    alike = "" if len(search.groups) == len(search.seeds) else ", with the same given in some of them"
-    say(
-        messages(),
-        f"Planning [bold]{search.task.id}[/bold]: {len(search.seeds)} runs{alike}; {left} to plan, each with "
-        f"{search.iterations} iterations, beginning as {search.start.agent.name} does, in {search.folder}",
-    )
-    found = list(stored)
-    try:
-        for one in _planned(search, engine, left):
-            found.append(one)
-            if one.reason:
-                print_warning(f"No plan for seed {one.seeds[0]}: {one.reason}")
-            elif not messages().is_terminal:
-                tell(f"seed {one.seeds[0]}: {_said(one)}")
-    except KeyboardInterrupt:
-        tell_interrupted("The plans found so far are kept. Run the same command again to continue.")
-        raise typer.Exit(INTERRUPTED) from None
-    _show(search, found)
-    if any(one.reason for one in found):
-        raise typer.Exit(1)
-
-
-def _planned(search: Search, engine: EngineName, left: int) -> Iterator[Found]:
+def _plans(search: Search, engine: EngineName, remaining: int) -> Iterator[Found]:
     """Plan the remaining runs, with a progress bar."""
-    if not left:
+    if not remaining:
         return
     steps = search.task.steps
     with Bar("beginning", steps, time_left=True) as bar:
         orders = search.orders(lambda standing: bar.move(standing.step) if bar.is_time() else None)
-    with Bar("planning", left * search.iterations, "{task.fields[words]}", time_left=True, words="") as bar:
-        done = 0
+    with Bar("planning", remaining * search.iterations, "{task.fields[words]}", time_left=True, words="") as bar:
+        completed = 0
 
         def listen(seed: int, iteration: Iteration) -> None:
-            nonlocal done
-            done += 1
-            bar.move(done, words=f"seed {seed}: {iteration.reward:,.2f}")
+            nonlocal completed
+            completed += 1
+            bar.move(completed, words=f"seed {seed}: {iteration.reward:,.2f}")
 
         yield from search.run(orders, engine=engine.value, listener=listen)
 
 
-def _said(found: Found) -> str:
-    assert found.earned is not None
-    return (
-        f"reward {found.earned.reward:,.2f}, profit {found.earned.epi:,.2f} EUR/m2, penalty {found.earned.penalty:,.2f}"
-    )
-
-
-def _show(search: Search, found: Sequence[Found]) -> None:
+def plan_parts(search: Search, results: Sequence[Found]) -> Iterator[Part]:
+    """The plans beside the best known ones, and what to do with them."""
     from glbench.bounds import best_known
 
     book = best_known().book(search.task)
     if book is not None and book.why_not(search.task) is not None:
         book = None
-    whole = [one for one in found if one.earned is not None]
+    plans = sorted((one for one in results if one.earned is not None), key=lambda one: one.seeds)
     numbers = ("Reward", "Profit", "Penalty", "Known", "Gained")
     caption = "Profit in EUR/m2. Known: the reward of the best known plan so far."
-    view = table(f"Plans for {search.task.id}", "Seed", *numbers, right=("Seed", *numbers), caption=caption)
-    for one in sorted(whole, key=lambda one: one.seeds):
+    view = table(f"Plans for {search.task.id}", "Seed", *numbers, numbers=("Seed", *numbers), caption=caption)
+    total = 0.0
+    for one in plans:
         assert one.earned is not None
+        total += one.earned.reward * len(one.seeds)
         seeds = str(one.seeds[0]) if len(one.seeds) == 1 else f"{one.seeds[0]} + {len(one.seeds) - 1} alike"
-        known = book.about_run(one.seeds[0]) if book is not None and one.seeds[0] in book.runs else None
-        before = None if known is None else float(known["reward"])
-        view.add_row(
+        best = book.about_run(one.seeds[0]) if book is not None and one.seeds[0] in book.runs else None
+        before = None if best is None else float(best["reward"])
+        view.add(
             seeds,
             *(f"{value:,.2f}" for value in one.earned),
             "-" if before is None else f"{before:,.2f}",
             "-" if before is None else f"{one.earned.reward - before:+,.2f}",
         )
-    output().print(view)
-    if whole:
-        runs = sum(len(one.seeds) for one in whole)
-        mean = sum(one.earned.reward * len(one.seeds) for one in whole if one.earned is not None) / runs
-        put(f"Mean reward of {runs} runs: {mean:,.3f}")
-        if search.task.locked:
-            tell(f"Hand in plans that beat the best known ones with: glbench bound --submit {search.folder}")
-        elif search.task.split != "training":
-            search.save_card()
-            planned = sorted(seed for one in whole for seed in one.seeds)
-            row = next((row for row, seed in enumerate(planned) if seed != planned[0] + row), len(planned))
-            some = "" if planned == list(search.task.evaluation.seeds) else f" --seed {planned[0]} --runs {row}"
-            split = "" if search.task.split in (None, "test") else f" --split {search.task.split}"
-            tell(f"Evaluate the plans with: glbench evaluate {search.folder} --task {search.task.source}{split}{some}")
-
-
-def _submit(files: Sequence[Path]) -> None:
-    from glbench.bounds import submit
-
-    with messages().status("replaying"):
-        compared = list(submit(files))
-    tasks: dict[str, list[Better]] = {}
-    for one in compared:
-        tasks.setdefault(one.task.id, []).append(one)
-    for task_id, ones in tasks.items():
-        _show_submitted(task_id, ones)
-
-
-def _show_submitted(task_id: str, ones: Sequence[Better]) -> None:
-    numbers = ("Handed in", "Known", "Gained")
-    view = table(f"Plans for {task_id}", "Seed", *numbers, "", right=("Seed", *numbers))
-    for one in ones:
-        known = one.known.reward if one.known is not None else None
-        view.add_row(
-            str(one.seed),
-            f"{one.earned.reward:,.3f}",
-            "-" if known is None else f"{known:,.3f}",
-            "-" if known is None else f"{one.earned.reward - known:+,.3f}",
-            "taken" if one.is_better else "",
+    yield view
+    if not plans:
+        return
+    runs = sum(len(one.seeds) for one in plans)
+    yield Line(f"Mean reward of {runs} runs: {total / runs:,.3f}")
+    if search.task.locked:
+        yield aside(f"Hand in plans that beat the best known ones with: glbench bound --submit {search.folder}")
+    elif search.task.split != "training":
+        search.save_card()
+        planned = sorted(seed for one in plans for seed in one.seeds)
+        row = next((row for row, seed in enumerate(planned) if seed != planned[0] + row), len(planned))
+        some = "" if planned == list(search.task.evaluation.seeds) else f" --seed {planned[0]} --runs {row}"
+        split = "" if search.task.split in (None, "test") else f" --split {search.task.split}"
+        yield aside(
+            f"Evaluate the plans with: glbench evaluate {search.folder} --task {search.task.source}{split}{some}"
         )
-    output().print(view)
-    put(
-        f"{sum(one.is_better for one in ones)} of {len(ones)} plans for {task_id} are better than the best known and take their places."
-    )
+
+
+def submission_parts(plans: Sequence[Better]) -> Iterator[Part]:
+    """Plans that were handed in beside the best known ones, task by task."""
+    numbers = ("Handed in", "Known", "Gained")
+    for task_id in dict.fromkeys(one.task.id for one in plans):
+        of_task = [one for one in plans if one.task.id == task_id]
+        view = table(f"Plans for {task_id}", "Seed", *numbers, "", numbers=("Seed", *numbers))
+        for one in of_task:
+            best = one.known.reward if one.known is not None else None
+            view.add(
+                str(one.seed),
+                f"{one.earned.reward:,.3f}",
+                "-" if best is None else f"{best:,.3f}",
+                "-" if best is None else f"{one.earned.reward - best:+,.3f}",
+                "taken" if one.is_better else "",
+            )
+        yield view
+        better = sum(one.is_better for one in of_task)
+        yield Line(
+            f"{better} of {len(of_task)} plans for {task_id} are better than the best known and take their places."
+        )
+
+
+def dispatch(
+    result: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULT",
+            help="Result file (.json) of a task with an energy system; its recorded actions are beside it.",
+        ),
+    ],
+    run: Annotated[
+        list[int] | None, typer.Option("--run", help="Seed of a run to compare; repeatable. Default: all runs.")
+    ] = None,
+    buffer: Annotated[
+        float | None,
+        typer.Option("--buffer", min=0, help="Try a buffer of this size [MJ m-2]. Default: the task's."),
+    ] = None,
+    round_file: RoundFile = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare what recorded runs paid for energy and CO2 with the least they could have paid: what buffer and engine earn.
+
+    For the same heat in the pipes, light and CO2 in every step, a linear programme finds the cheapest way to run boiler, engine and
+    buffer, with all prices known in advance. The engine may run at any load and start at any time, so no real control is cheaper.
+    """
+    from glbench.bounds.energy_costs import costs_of_result, mean_costs
+    from glbench.evaluation import load_result
+
+    failed = [one.seed for one in load_result(result).failed if not run or one.seed in run]
+    if failed:
+        print_warning(f"Failed runs are left out: {', '.join(map(str, failed))}.")
+    with messages().status("replaying the runs and finding their least cost"):
+        costs = dict(costs_of_result(result, run or (), buffer, round_of(round_file)))
+    document = {"unit": "EUR m-2", "runs": {str(seed): asdict(one) for seed, one in costs.items()}}
+    every = list(costs.values())
+    name = result.name.removesuffix(".json")
+    show(View(cost_parts(name, every, mean_costs(every), buffer), document), as_json=as_json)
+
+
+def cost_parts(name: str, costs: Sequence[Costs], mean: Costs, buffer: float | None) -> Iterator[Part]:
+    """What runs paid for energy and CO2, the least they could have paid, and what buffer and engine earn."""
+
+    def money(value: float | None) -> str:
+        return "-" if value is None else f"{value:.3f}"
+
+    several = len(costs) > 1
+    numbers = ("Cost", *(("Range",) if several else ()), "Saved")
+    size = "" if buffer is None else f"; all rows but the first with a buffer of {buffer:g} MJ/m2"
+    runs = f"mean of {len(costs)} runs" if several else "one run"
+    caption = f"EUR/m2, {runs}; saved: relative to what the runs paid{size}"
+    view = table(f"Energy and CO2 of {name}", "", *numbers, numbers=numbers, caption=caption)
+    for row, words in _ROWS.items():
+        value, every = getattr(mean, row), [getattr(one, row) for one in costs]
+        span = [] if not several else ["-" if value is None else f"{min(every):.3f} to {max(every):.3f}"]
+        saved = "-" if row == "run" or value is None else f"{mean.run - value:+.3f}"
+        view.add(words, money(value), *span, saved)
+    yield view
+    gains = [f"{words} {money(getattr(mean, one))}" for one, words in _EARNS.items() if getattr(mean, one) is not None]
+    if gains:
+        yield Line(f"Earned at best [EUR/m2]: {', '.join(gains)}. Missed by the runs: {money(mean.left)}.")

@@ -8,15 +8,33 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
-from rich.text import Text
 
-from glbench.cli.console import messages, output, put, table, tell
-from glbench.cli.dispatch import dispatch
-from glbench.cli.exiting import INTERRUPTED, tell_interrupted
-from glbench.cli.options import Episodes, OneTask, RoundFile, Sandbox, SandboxChoice, round_of
+from glbench.cli.bound import dispatch
+from glbench.cli.console import (
+    Column,
+    Markup,
+    Table,
+    View,
+    interruption,
+    messages,
+    put,
+    put_parts,
+    show,
+    styled,
+    table,
+    tell,
+)
+from glbench.cli.options import (
+    Episodes,
+    OneTask,
+    RoundFile,
+    Sandbox,
+    SandboxChoice,
+    needs_the_extra,
+    round_of,
+    task_or_default,
+)
 from glbench.cli.progress import Bar
-from glbench.cli.train import needs_the_extra, the_task
 from glbench.errors import EpisodeError
 
 if TYPE_CHECKING:
@@ -38,9 +56,16 @@ def info(
     from glbench.episodes import is_action_log, read_episode, read_log
 
     if is_action_log(file):
-        _show_log(read_log(file), file)
+        parts = [_facts(log_facts(read_log(file), file))]
     else:
-        _show_episode(read_episode(file, partial=True), file)
+        episode = read_episode(file, partial=True)
+        view = table("Columns", "Column", "Unit", "Meaning", fold=("Meaning",), title_style=None)
+        for group in episode.groups:
+            view.add(Markup(styled(group.path, "bold")))
+            for column in group.columns:
+                view.add(f"  {column.name}", column.unit, column.meaning)
+        parts = [_facts(episode_facts(episode, file)), view]
+    show(View(parts))
 
 
 @app.command()
@@ -97,15 +122,16 @@ def export(
         if len(what) != 1:
             msg = f"--to takes one episode; {len(what)} are named. Export them one by one."
             raise EpisodeError(msg)
-        _write_table(Path(what[0]), to)
+        write_table(Path(what[0]), to)
         return
     assert minari is not None
     about = {"author": author, "author_email": email, "code_permalink": permalink}
-    given = {name: value for name, value in about.items() if value is not None}
-    _write_dataset(minari, what, task, runs, noise, seed, given, sandbox)
+    metadata = {name: value for name, value in about.items() if value is not None}
+    write_dataset_of(minari, what, task, runs, noise, seed, metadata, sandbox)
 
 
-def _write_table(file: Path, to: Path) -> None:
+def write_table(file: Path, to: Path) -> None:
+    """Write an episode as Parquet or CSV, a row per step."""
     from glbench.episodes import read
     from glbench.resources import write_atomically
 
@@ -122,7 +148,7 @@ def _write_table(file: Path, to: Path) -> None:
     tell(f"Written: {to} ({len(frame)} steps, {frame.shape[1]} columns)")
 
 
-def _write_dataset(
+def write_dataset_of(
     dataset: str,
     agents: list[str],
     task: str | None,
@@ -132,41 +158,39 @@ def _write_dataset(
     about: dict[str, str],
     sandbox: Sandbox,
 ) -> None:
+    """Run agents on a task and write their seasons as a Minari dataset."""
     with needs_the_extra("minari"):
         import minari  # noqa: F401
     from glbench.evaluation import protect
     from glbench.evaluation.minari_dataset import write_dataset
     from glbench.evaluation.trajectories import FIRST_SEED
 
-    chosen = the_task(task)
+    spec = task_or_default(task)
     protected = [protect(agent, sandbox.value) for agent in agents]
-    total, done = runs * len(agents) * chosen.steps, 0
+    total, completed = runs * len(agents) * spec.steps, 0
     first = FIRST_SEED if seed is None else seed
-    with Bar("running", total, "{task.completed:,.0f} of {task.total:,.0f} steps", time_left=True) as bar:
+    columns = "{task.completed:,.0f} of {task.total:,.0f} steps"
+    with Bar("running", total, columns, time_left=True) as bar, interruption("No dataset was written."):
 
-        def moved(steps: int) -> None:
-            nonlocal done
-            done += steps
+        def advance(steps: int) -> None:
+            nonlocal completed
+            completed += steps
             if bar.is_time():
-                bar.move(done)
+                bar.move(completed)
 
-        try:
-            written = write_dataset(
-                dataset, chosen, protected, runs, noise=noise, first_seed=first, about=about, progress=moved
-            )
-        except KeyboardInterrupt:
-            tell_interrupted("No dataset was written.")
-            raise typer.Exit(INTERRUPTED) from None
+        result = write_dataset(
+            dataset, spec, protected, runs, noise=noise, first_seed=first, about=about, progress=advance
+        )
     from glbench.leaderboard.catalogue import catalogue
 
-    score = catalogue(chosen).score
-    view = table(None, "agent", "seasons", score.words, right=("seasons", score.words))
+    score = catalogue(spec).score
+    view = table(None, "agent", "seasons", score.words, numbers=("seasons", score.words))
     for agent in protected:
-        earned = [season.reward for season in written.seasons if season.agent == agent.agent.name]
-        view.add_row(agent.agent.name, str(len(earned)), score.number(sum(earned) / len(earned)))
-    output().print(view)
+        rewards = [season.reward for season in result.seasons if season.agent == agent.agent.name]
+        view.add(agent.agent.name, str(len(rewards)), score.number(sum(rewards) / len(rewards)))
+    put_parts([view])
     tell(
-        f"Written: {written.folder} ({written.steps:,} steps, {written.size / 1e6:.1f} MB). "
+        f"Written: {result.folder} ({result.steps:,} steps, {result.size / 1e6:.1f} MB). "
         f'Next: minari.load_dataset("{dataset}")'
     )
 
@@ -221,15 +245,16 @@ def recording(
     """Make an agent of the recorded actions of one run. It replays them without looking: what feedback is worth is what it loses."""
     from glbench.evaluation.recordings import write_recording
 
-    made = write_recording(result, run, out)
+    actions = write_recording(result, run, out)
     put(out)
-    tell(f"{len(made.actions)} steps of {made.about['agent']}. Next: glbench evaluate {out}")
+    tell(f"{len(actions.actions)} steps of {actions.about['agent']}. Next: glbench evaluate {out}")
 
 
 app.command()(dispatch)
 
 
-def _show_episode(episode: Episode, file: Path) -> None:
+def episode_facts(episode: Episode, file: Path) -> dict[str, str]:
+    """Where an episode comes from and how it ended."""
     run, provenance = episode.run, episode.provenance
     there = f"{episode.steps} of {run.steps}" if episode.steps != run.steps else f"{run.steps}"
     facts = {
@@ -248,14 +273,14 @@ def _show_episode(episode: Episode, file: Path) -> None:
         facts["damage"] = f"{episode.problem}; `glbench episodes recover {file}` makes a whole file of what is left"
     elif episode.steps != run.steps:
         facts["damage"] = "recovered from a file that was cut"
-    output().print(_facts(facts))
-    output().print(_columns(episode))
+    return facts
 
 
-def _show_log(log: ActionLog, file: Path) -> None:
+def log_facts(log: ActionLog, file: Path) -> dict[str, str]:
+    """Where recorded actions come from."""
     provenance = log.provenance
     failed = [run for run in log.runs if run.status != "ok"]
-    facts = {
+    return {
         "record": f"actions and rewards of all runs, {file.stat().st_size / 1e6:.2f} MB",
         "task": f"{provenance.task.id} (digest {provenance.task.digest[:12]}...)",
         "agent": f"{provenance.agent.name} (digest {provenance.agent.digest[:12]}...; sees {provenance.agent.information})",
@@ -263,22 +288,11 @@ def _show_log(log: ActionLog, file: Path) -> None:
         "actions": f"{provenance.agent.acts} {', '.join(provenance.agent.columns)}; {log.actions.dtype.name}",
         "digest": log.digest,
     }
-    output().print(_facts(facts))
 
 
 def _facts(facts: dict[str, str]) -> Table:
-    view = Table(box=None, show_header=False, pad_edge=False)
-    view.add_column(style="bold", no_wrap=True)
-    view.add_column(overflow="fold")
+    look = {"box": None, "show_header": False, "pad_edge": False}
+    view = Table(None, [Column("", style="bold"), Column("", fold=True)], look=look)
     for name, value in facts.items():
-        view.add_row(name, Text(value))
-    return view
-
-
-def _columns(episode: Episode) -> Table:
-    view = table("Columns", "Column", "Unit", "Meaning", folded=("Meaning",), title_style=None)
-    for group in episode.groups:
-        view.add_row(Text(group.path, style="bold"))
-        for column in group.columns:
-            view.add_row(Text(f"  {column.name}"), Text(column.unit), Text(column.meaning))
+        view.add(name, value)
     return view

@@ -1,40 +1,38 @@
-"""``glbench leaderboard``: rank all stored results and show them, on request write them; and ``glbench badge``.
-
-Tables are as wide as the terminal: columns that find no room are left out, numbers are never cut.
-"""
+"""``glbench leaderboard``: rank all stored results and show them, on request write them; and ``glbench badge``."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich import box
 from rich.cells import cell_len
-from rich.markup import escape
-from rich.measure import Measurement
-from rich.table import Table
 
-from glbench.cli.console import harmless, messages, output, print_warning, tell
-from glbench.cli.options import REPORTS, AsJson, Out, round_of
-from glbench.cli.stored import check_folder, tables_by_name, task_ids, warn_of
+from glbench.cli.console import Column, Line, Markup, Part, Table, View, aside, plain, show, styled, tell
+from glbench.cli.options import (
+    REPORTS,
+    AsJson,
+    Out,
+    check_folder,
+    round_of,
+    tables_by_name,
+    task_ids,
+    warn_of,
+)
 from glbench.errors import ResultError, did_you_mean
 from glbench.untrusted import visible
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from rich.console import Console
+    from collections.abc import Callable, Iterator, Sequence
 
     from glbench.leaderboard import Row, StoredResult, TaskTable
     from glbench.leaderboard.suites import SuiteRow, SuiteTable
     from glbench.leaderboard.tables import TableColumn
 
-_NARROWEST_AGENT = 8
-_NARROW_AGENT = 18
-"""Agents' names are folded to this width before a column is left out, and further only when nothing is left to leave out."""
+_AGENT = "Agent"
 _SPAN = "95 % interval\nor range ↔"
 
 
@@ -73,15 +71,13 @@ def leaderboard(
     Results are read from OUT/results and from the released results that come with glbench. Trainings of one recipe, as stated in their
     cards, are one entry with its range.
     """
-    from glbench.leaderboard import rank, to_frame, write_leaderboard
+    from glbench.leaderboard import rank, write_leaderboard
     from glbench.leaderboard.collect import own_and_released_results, published_expectations
     from glbench.leaderboard.suites import suite_tables
-    from glbench.leaderboard.tables import suite_frame
     from glbench.tasks import list_suites
 
     check_folder(out)
-    sealed = round_of(round_file)
-    task = task_ids(task or [])
+    sealed, names, suite = round_of(round_file), task_ids(task or []), suite or []
     stored, problems = own_and_released_results(out)
     warn_of(problems)
     if not stored:
@@ -90,41 +86,46 @@ def leaderboard(
         )
         raise ResultError(msg)
     expected, suites = published_expectations(), list_suites()
-    for name in suite or []:
+    for name in suite:
         if name not in suites:
             msg = f"There is no suite '{name}'.{did_you_mean(name, suites)} There are: {', '.join(suites)}."
             raise ResultError(msg)
-    boards = len({item.board for item in stored})
-    tables = rank(stored if write or show_all or suite else _of_boards(stored, task), expected)
+    tables = rank(stored if write or show_all or suite else _of_boards(stored, names), expected)
     if sealed is not None:
         from glbench.leaderboard.ranking import with_late_entries
 
         tables = with_late_entries(tables, stored, sealed)
-    shown = _chosen(tables, stored, task, show_all) if task or show_all or not suite else []
-    aggregated = suite_tables(stored, expected, tables) if write or suite or show_all else ()
-    suites_shown = aggregated if show_all else [table for table in aggregated if table.suite in (suite or [])]
-    for name in suite or []:
-        if name not in {table.suite for table in aggregated}:
-            print_warning(f"No task of the suite '{name}' has both results and a best known one yet.")
-    paths = write_leaderboard(tables, suites, out, aggregated) if write else ()
-    if as_json:
-        frame = to_frame(shown) if shown else suite_frame(suites_shown)
-        rows = frame.to_json(orient="records", double_precision=15)
-        output().out(json.dumps(json.loads(rows), indent=2), highlight=False)
+    if show_all:
+        selection = list(tables)
+    elif names:
+        selection = _by_names(tables, names)
     else:
-        _print(shown, suites_shown, members=members)
+        selection = [] if suite else [table for table in tables if table.task_id == _usual(stored)]
+    aggregated = suite_tables(stored, expected, tables) if write or suite or show_all else ()
+    of_suites = [table for table in aggregated if show_all or table.suite in suite]
+    paths = write_leaderboard(tables, suites, out, aggregated) if write else ()
+    view = leaderboard_view(selection, of_suites, members=members)
+
+    def more() -> Iterator[Line]:
+        boards = {table.task_id for table in selection}
         for item in stored:
-            if item.confirmed and item.board in {table.task_id for table in shown}:
-                _say(f"Your own result of {item.result.agent.name} on {item.board} is the same as the released one.")
-        hidden = boards - len(shown) if shown else 0
+            if item.confirmed and item.board in boards:
+                name = item.result.agent.name
+                yield Line(f"Your own result of {name} on {item.board} is the same as the released one.", wrap="always")
+        hidden = len({item.board for item in stored}) - len(boards) if boards else 0
         if hidden > 0:
             have = "task has" if hidden == 1 else "tasks have"
-            messages().print(f"{hidden} more {have} results: glbench leaderboard --all; over a suite: --suite paper")
+            yield aside(f"{hidden} more {have} results: glbench leaderboard --all; over a suite: --suite paper")
         if paths:
-            messages().print("Written: " + ", ".join(str(path) for path in paths), soft_wrap=True)
-        tell(f"As a page to look into: glbench report{'' if out == REPORTS else f' --out {out}'}")
-    if strict and problems:
-        raise typer.Exit(1)
+            yield aside("Written: " + ", ".join(str(path) for path in paths))
+        yield aside(f"As a page to look into: glbench report{'' if out == REPORTS else f' --out {out}'}")
+
+    missing = [name for name in suite if name not in {table.suite for table in aggregated}]
+    notes = [f"No task of the suite '{name}' has both results and a best known one yet." for name in missing]
+    show(
+        replace(view, parts=chain(view.parts, more()), notes=notes, code=int(strict and bool(problems))),
+        as_json=as_json,
+    )
 
 
 def badge(
@@ -155,14 +156,14 @@ def badge(
     tell(f"Written: {file}")
 
 
-def _of_boards(stored: Sequence[StoredResult], wanted: Sequence[str]) -> Sequence[StoredResult]:
-    """The results of the boards asked for, or of the one that is shown without a wish; all where a name is none of theirs."""
-    if not wanted:
-        board = _usual(stored)
-        return [item for item in stored if item.board == board]
+def _of_boards(stored: Sequence[StoredResult], names: Sequence[str]) -> Sequence[StoredResult]:
+    """The results of these boards, or of the usual one; all where a name is none of theirs."""
+    if not names:
+        usual = _usual(stored)
+        return [item for item in stored if item.board == usual]
     boards = {item.board for item in stored}
-    known = {board for board in boards if board in wanted or board.rpartition("/")[2] in wanted}
-    return stored if len(known) < len(set(wanted)) else [item for item in stored if item.board in known]
+    selection = {board for board in boards if board in names or board.rpartition("/")[2] in names}
+    return stored if len(selection) < len(set(names)) else [item for item in stored if item.board in selection]
 
 
 def _usual(stored: Sequence[StoredResult]) -> str:
@@ -170,26 +171,14 @@ def _usual(stored: Sequence[StoredResult]) -> str:
     from glbench.tasks import usual_task
 
     own = [item for item in stored if not item.released]
-    known = usual_task(item.result.task.id for item in stored)
-    usual = [item for item in stored if item.result.task.id == known]
+    task_id = usual_task(item.result.task.id for item in stored)
+    usual = [item for item in stored if item.result.task.id == task_id]
     return max(own or usual or stored, key=lambda item: (item.result.created, item.board)).board
 
 
-def _chosen(
-    tables: Sequence[TaskTable], stored: Sequence[StoredResult], wanted: Sequence[str], show_all: bool
-) -> list[TaskTable]:
-    """The tables asked for; without a wish that of the user's latest result, else that of the default task."""
-    if show_all:
-        return list(tables)
-    if wanted:
-        return _by_names(tables, wanted)
-    usual = _usual(stored)
-    return [table for table in tables if table.task_id == usual]
-
-
-def _by_names(tables: Sequence[TaskTable], wanted: Sequence[str]) -> list[TaskTable]:
+def _by_names(tables: Sequence[TaskTable], names: Sequence[str]) -> list[TaskTable]:
     by_name = tables_by_name(tables)
-    for name in wanted:
+    for name in names:
         if name not in by_name:
             boards = [board for board in by_name if board.startswith(f"{name}@")]
             if boards:
@@ -197,55 +186,59 @@ def _by_names(tables: Sequence[TaskTable], wanted: Sequence[str]) -> list[TaskTa
                 raise ResultError(msg)
             msg = f"There are no results of a task '{name}'.{did_you_mean(name, [table.task_id for table in tables])}"
             raise ResultError(msg)
-    return list({by_name[name].task_id: by_name[name] for name in wanted}.values())
+    return list({by_name[name].task_id: by_name[name] for name in names}.values())
 
 
-def _print(shown: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members: bool) -> None:
-    from glbench.leaderboard.tables import (
-        AGAINST_NOTE,
-        REGRET_NOTE,
-        footnotes,
-        fresh_notes,
-        kernel_note,
-        regret_notes,
-        score_note,
-        seen_notes,
-    )
+def leaderboard_view(tables: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members: bool) -> View:
+    """Tables of tasks and suites with their notes; as a document the tasks, or else the suites."""
 
-    for scores in suites:
-        _print_suite(scores)
-        for scored in scores.rows:
-            if scored.missing:
-                names = ", ".join(task.rpartition("/")[2] for task in scored.missing)
-                _say(f"{scored.agent} is not ranked: it lacks {names}.", style="dim")
-        _say(score_note(scores.tasks) + AGAINST_NOTE * any(row.against_rules for row in scores.rows), style="dim")
-        if not shown and any(row.regret is not None for row in scores.rows):
-            _say(REGRET_NOTE, style="dim")
-    for table in shown:
-        _print_task(table, members=members)
-        for row in table.rows:
-            if row.failed:
-                _say(f"{row.agent}: {row.failed} of {row.runs} runs failed.")
-            if row.remark:
-                _say(f"{row.agent} is {row.remark}.")
-        for note in (*seen_notes(table), *fresh_notes(table)):
-            _say(note, style="yellow")
-        for note in regret_notes(table):
-            _say(note, style="green")
-        if kernel_note(table):
-            _say(kernel_note(table), style="yellow")
+    def document() -> Any:
+        from glbench.leaderboard import to_frame
+        from glbench.leaderboard.tables import suite_frame
+
+        frame = to_frame(tables) if tables else suite_frame(suites)
+        return json.loads(frame.to_json(orient="records", double_precision=15))
+
+    return View(_parts(tables, suites, members=members), document)
+
+
+def _parts(tables: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members: bool) -> Iterator[Part]:
+    from glbench.leaderboard import tables as t
+
+    for suite in suites:
+        yield from _suite_tables(suite)
+        for row in suite.rows:
+            if row.missing:
+                names = ", ".join(task.rpartition("/")[2] for task in row.missing)
+                yield _note(f"{row.agent} is not ranked: it lacks {names}.", "dim")
+        against = t.AGAINST_NOTE * any(row.against_rules for row in suite.rows)
+        yield _note(t.score_note(suite.tasks) + against, "dim")
+        if not tables and any(row.regret is not None for row in suite.rows):
+            yield _note(t.REGRET_NOTE, "dim")
+    for table in tables:
+        yield from _task_tables(table, members=members)
+        for entry in table.rows:
+            if entry.failed:
+                yield _note(f"{entry.agent}: {entry.failed} of {entry.runs} runs failed.")
+            if entry.remark:
+                yield _note(f"{entry.agent} is {entry.remark}.")
+        for note in (*t.seen_notes(table), *t.fresh_notes(table)):
+            yield _note(note, "yellow")
+        for note in t.regret_notes(table):
+            yield _note(note, "green")
+        if t.kernel_note(table):
+            yield _note(t.kernel_note(table), "yellow")
         if not members and any(row.is_range for row in table.rows):
-            messages().print("Each training by itself: --trainings", style="dim")
-    for note in footnotes(shown):
-        output().print(note, style="dim", markup=False)
+            yield aside("Each training by itself: --trainings", "dim")
+    for note in t.footnotes(tables):
+        yield _note(note, "dim")
 
 
-def _say(text: str, style: str | None = None) -> None:
-    """A line with words from result files in it: no markup, no characters that steer the terminal."""
-    output().print(harmless(text), style=style, markup=False)
+def _note(text: str, style: str = "") -> Line:
+    return Line(text, style, wrap="always")
 
 
-def _print_task(table: TaskTable, *, members: bool) -> None:
+def _task_tables(table: TaskTable, *, members: bool) -> Iterator[Table]:
     """Ranks and what they rest on, then what each agent grew and used."""
     from glbench.leaderboard import tables as t
 
@@ -253,7 +246,7 @@ def _print_task(table: TaskTable, *, members: bool) -> None:
         marks = " " * (t.agent_label(row) == t.entry_label(row)) + t.REPRODUCED_MARK
         return t.agent_label(row) + marks * row.reproduced
 
-    def named(row: Row) -> str:
+    def agent_and_origin(row: Row) -> str:
         """For the table without a column for the source."""
         return t.agent_label(row) + " (trial)" * (row.origin == "trial" and row.training_seed is None)
 
@@ -269,8 +262,8 @@ def _print_task(table: TaskTable, *, members: bool) -> None:
         return several if row.failed == 0 else f"{row.runs - row.failed}/{row.runs}"
 
     def has(part: str) -> bool:
-        found = [row.estimates[first.name] for row in table.rows if first.name in row.estimates]
-        return any(getattr(one, part) is not None for one in found)
+        estimates = [row.estimates[first.name] for row in table.rows if first.name in row.estimates]
+        return any(getattr(one, part) is not None for one in estimates)
 
     rows = t.shown_rows(table, members=members)
     first, *others = (metric for metric in t.ranked_columns(table) if metric.interval or metric.name == table.metric)
@@ -294,15 +287,19 @@ def _print_task(table: TaskTable, *, members: bool) -> None:
     ranks = t.TableColumn(
         "#", lambda row: "" if row.training_seed is not None else t.NONE if row.rank is None else str(row.rank)
     )
-    title = f"{escape(visible(table.title))}\n[dim]{escape(visible(table.task_id))}[/dim]"
+    title = f"{plain(visible(table.title))}\n{styled(visible(table.task_id), 'dim')}"
     if table.draws:
-        title += f"\n[yellow]{escape(table.draws)}[/yellow]"
-    _print_fitted(title, scores, rows, agent, lambda row: row.rank is None or row.training_seed is not None, ranks)
-    used = _resources(t.resources(table.words, without_intervals=True), before=0)
-    _print_fitted("Harvest, resources, climate", used, rows, named, lambda row: row.training_seed is not None)
+        title += f"\n{styled(table.draws, 'yellow')}"
+    columns = [ranks, t.TableColumn(_AGENT, agent), *scores]
+    yield _table(title, columns, rows, lambda row: row.rank is None or row.training_seed is not None)
+    columns = [
+        t.TableColumn(_AGENT, agent_and_origin),
+        *_resources(t.resources(table.words, without_intervals=True), before=0),
+    ]
+    yield _table("Harvest, resources, climate", columns, rows, lambda row: row.training_seed is not None)
 
 
-def _print_suite(table: SuiteTable) -> None:
+def _suite_tables(table: SuiteTable) -> Iterator[Table]:
     """Agents over a suite: normalised scores, then what they earned, grew and used."""
     from glbench.leaderboard import tables as t
     from glbench.leaderboard.catalogue import of_published
@@ -319,6 +316,8 @@ def _print_suite(table: SuiteTable) -> None:
         return t.TableColumn(heading, lambda row: t.score_text(getattr(row, name).value), gives_way=gives_way)
 
     scores = [
+        t.TableColumn("#", lambda row: t.NONE if row.rank is None else str(row.rank)),
+        t.TableColumn(_AGENT, agent),
         score("Mean", "mean", 0),
         t.TableColumn("95 %\ninterval", lambda row: t.span_text(row.mean, is_range=False) or t.NONE, gives_way=2),
         score("IQM", "iqm", 1),
@@ -332,15 +331,14 @@ def _print_suite(table: SuiteTable) -> None:
         replace(t.SOURCE, cell=lambda row: "" if row.figures is None else str(row.figures.origin)),
     ]
     title = (
-        f"Suite {escape(table.suite)}, {len(table.tasks)} tasks: normalised scores\n"
+        f"Suite {plain(table.suite)}, {len(table.tasks)} tasks: normalised scores\n"
         "[dim]0 is doing nothing, 1 the best known result of each task[/dim]"
     )
-    ranks = t.TableColumn("#", lambda row: t.NONE if row.rank is None else str(row.rank))
-    _print_fitted(title, scores, table.rows, agent, lambda row: row.rank is None, ranks)
+    yield _table(title, scores, table.rows, lambda row: row.rank is None)
     rows = [row for row in table.rows if row.figures is not None]
-    used = [t.of_figures(one) for one in _resources(t.resources(of_published(table.tasks)), before=1)]
+    figures = [t.of_figures(one) for one in _resources(t.resources(of_published(table.tasks)), before=1)]
     title = "Money, harvest, resources, climate: means over the tasks with results"
-    _print_fitted(title, used, rows, agent, lambda row: bool(row.missing))
+    yield _table(title, [t.TableColumn(_AGENT, agent), *figures], rows, lambda row: bool(row.missing))
 
 
 def _resources(metrics: Sequence[Any], before: int) -> list[TableColumn]:
@@ -348,75 +346,22 @@ def _resources(metrics: Sequence[Any], before: int) -> list[TableColumn]:
     from glbench.leaderboard import tables as t
 
     columns = [t.of_metric(metric, gives_way=place) for place, metric in enumerate(metrics)]
-    count = len(columns) + before
-    columns += [replace(t.DECISION, gives_way=count), replace(t.TRAINING, gives_way=count - 1)]
+    places = len(columns) + before
+    columns += [replace(t.DECISION, gives_way=places), replace(t.TRAINING, gives_way=places - 1)]
     return [replace(column, heading=column.heading.replace(" ", "\n")) for column in columns]
 
 
-def _print_fitted(
-    title: str,
-    columns: Sequence[TableColumn],
-    rows: Sequence[Any],
-    agent: Callable[[Any], str],
-    dim: Callable[[Any], bool],
-    ranks: TableColumn | None = None,
-) -> None:
-    """The table with as many columns as the console has room for, and the names of the others."""
-    console, names = output(), [agent(row) for row in rows]
-    longest = max((cell_len(name) for name in names), default=0)
-    kept = list(columns)
-
-    def drawn(width: int) -> Table:
-        return _table(title, [*([ranks] if ranks else []), *kept], rows, names, [dim(row) for row in rows], width)
-
-    while True:
-        narrow = min(longest, _NARROW_AGENT if any(column.gives_way for column in kept) else _NARROWEST_AGENT)
-        narrow = max(narrow, len("Agent"))
-        room = console.width - _least_width(console, drawn(narrow))
-        most = max(kept, key=lambda column: column.gives_way)
-        if room >= 0 or most.gives_way == 0:
-            break
-        kept.remove(most)
-    output().print(drawn(min(max(longest, narrow), narrow + max(room, 0))))
-    dropped = [column.heading.replace("\n", " ") for column in columns if column not in kept]
-    if dropped:
-        words = f"No room for: {', '.join(dropped)}. A wider terminal or --json has them."
-        output().print(words, style="dim", markup=False)
-    output().print()
-
-
-def _least_width(console: Console, view: Table) -> int:
-    return Measurement.get(console, console.options.update(max_width=10_000), view).minimum
-
-
-def _table(
-    title: str,
-    columns: Sequence[TableColumn],
-    rows: Sequence[Any],
-    names: Sequence[str],
-    dim: Sequence[bool],
-    width: int,
-) -> Table:
-    view = Table(
-        title=title,
-        title_justify="left",
-        title_style="bold",
-        box=box.SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        show_edge=False,
-    )
-    before = [column for column in columns if column.heading == "#"]
-    after = [column for column in columns if column not in before]
-    for column in before:
-        view.add_column(column.heading, justify="right", no_wrap=True)
-    view.add_column("Agent", overflow="fold", width=width)
-    for column in after:
-        # A column is as wide as its longest number: rich would cut it otherwise, when the terminal is narrow.
+def _table(title: str, columns: Sequence[TableColumn], rows: Sequence[Any], is_dim: Callable[[Any], bool]) -> Table:
+    """A table that fits the terminal: agents' names fold, numbers are never cut, columns give way."""
+    view = Table(Markup(title), [], look={"padding": (0, 1, 0, 0), "show_edge": False})
+    for row in rows:
+        view.add(*(column.cell(row) for column in columns), style="dim" if is_dim(row) else None)
+    for place, column in enumerate(columns):
         heading = column.heading.replace(" [", "\n[")
-        texts = (heading, *(column.cell(row) for row in rows))
+        if column.heading == _AGENT:
+            view.columns.append(Column(heading, fold=True, elastic=True))
+            continue
+        texts = (heading, *(row.cells[place] for row in view.rows))
         wide = max(cell_len(line) for text in texts for line in text.split("\n"))
-        view.add_column(escape(heading), justify="right", no_wrap=True, min_width=wide)
-    for row, name, is_dim in zip(rows, names, dim, strict=True):
-        cells = [*(column.cell(row) for column in before), escape(name), *(column.cell(row) for column in after)]
-        view.add_row(*cells, style="dim" if is_dim else None)
+        view.columns.append(Column(heading, number=True, min_width=wide, gives_way=column.gives_way))
     return view

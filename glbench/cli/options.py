@@ -1,17 +1,24 @@
-"""Options that several commands share, and the choices among them, repeated here so that ``--help`` need not load the evaluation."""
+"""Options that several commands share, and what their values mean: tasks, rounds, stored results.
+
+The choices are repeated here so that ``--help`` need not load the evaluation.
+"""
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.errors import GlbenchError
+from glbench.cli.console import print_warning
+from glbench.errors import GlbenchError, ResultError, TrainingError, did_you_mean
 
 if TYPE_CHECKING:
-    from glbench.tasks import Round
+    from glbench.leaderboard import StoredResult, TaskTable
+    from glbench.tasks import Round, TaskSpec
 
 REPORTS = Path("reports")
 
@@ -99,3 +106,112 @@ def round_of(file: Path | None) -> Round | None:
     from glbench.tasks import read_round
 
     return read_round(file)
+
+
+def task_or_default(name: str | None) -> TaskSpec:
+    """The task of that name, or the benchmark's. Errors as for ``glbench.tasks.get_task``."""
+    from glbench.tasks import DEFAULT_TASK, get_task
+
+    return get_task(name or DEFAULT_TASK)
+
+
+@contextlib.contextmanager
+def needs_the_extra(extra: str) -> Iterator[None]:
+    """Say what to install when packages are missing.
+
+    Raises
+    ------
+    TrainingError
+        Instead of the import's own error.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        msg = (
+            f"This needs packages that are not installed ({error.name}). "
+            f'Install them with `pip install "glbench[{extra}]"`, or in a checkout with `uv sync --inexact --extra {extra}`.'
+        )
+        raise TrainingError(msg) from error
+
+
+def task_ids(names: Sequence[str]) -> list[str]:
+    """The tasks that ``--task`` names, each file (.toml) by the id in it. Errors as for ``glbench.tasks.get_task``."""
+    from glbench.tasks import get_task
+
+    return [get_task(name).id if name.endswith(".toml") else name for name in names]
+
+
+def find_results(name: str, tasks: Sequence[str], reports: Path) -> list[StoredResult]:
+    """Results that ``name`` means: a result file, or all of an agent's below ``reports`` and of the released ones.
+
+    ``tasks`` (ids or their short forms) keeps those of these tasks only.
+
+    Raises
+    ------
+    ResultError
+        When there is none.
+    """
+    from glbench.evaluation import load_result
+    from glbench.leaderboard.collect import StoredResult, own_and_released_results
+
+    check_folder(reports)
+    if is_file(name):
+        return [StoredResult(Path(name), load_result(Path(name)))]
+    stored, problems = own_and_released_results(reports)
+    warn_of([problem for problem in problems if name in str(problem)])
+    agents = sorted({item.result.agent.name for item in stored})
+    if name not in agents:
+        msg = (
+            f"There are no results of an agent '{name}'.{did_you_mean(name, agents)} Give its name or a result file; "
+            "`glbench evaluate` makes one."
+        )
+        raise ResultError(msg)
+    results = [item for item in stored if item.result.agent.name == name]
+    if not tasks:
+        return results
+    selection = [item for item in results if {item.result.task.id, item.result.task.id.rpartition("/")[2]} & {*tasks}]
+    if not selection:
+        others = [item.result.task.id.rpartition("/")[2] for item in results]
+        near = did_you_mean(tasks[0].rpartition("/")[2], others)
+        msg = f"'{name}' has no result on {', '.join(tasks)}.{near} It has: {', '.join(others)}."
+        raise ResultError(msg)
+    return selection
+
+
+def is_file(name: str) -> bool:
+    """Whether ``name`` means a result file, and no agent."""
+    return name.endswith(".json") or Path(name).is_file()
+
+
+def tables_by_name(tables: Sequence[TaskTable]) -> dict[str, TaskTable]:
+    """Tables by their board and by its short form, which means the published task where several have it.
+
+    A task whose only board is one of other draws (``ID@...``) is that board.
+    """
+    from glbench.leaderboard.collect import task_of_board
+    from glbench.registration import task_ids
+
+    published = task_ids()
+    ordered = sorted(tables, key=lambda table: table.task_id in published)
+    tasks = [task_of_board(table.task_id) for table in ordered]
+    only = {task: table for task, table in zip(tasks, ordered, strict=True) if tasks.count(task) == 1}
+    named = [*only.items(), *((table.task_id, table) for table in ordered)]
+    return {**{name.rpartition("/")[2]: table for name, table in named}, **dict(named)}
+
+
+def check_folder(out: Path) -> None:
+    """Raise an error if ``--out`` names a folder that does not exist: a mistyped name must not look like an empty leaderboard."""
+    if out == REPORTS or out.is_dir():
+        return
+    around = out.absolute().parent
+    near = did_you_mean(out.name, [path.name for path in around.iterdir() if path.is_dir()] if around.is_dir() else [])
+    msg = f"There is no folder {out}.{near} `glbench evaluate ... --out FOLDER` makes one."
+    raise ResultError(msg)
+
+
+def warn_of(problems: Sequence[ResultError]) -> None:
+    """List the result files that are left out, with reasons."""
+    if problems:
+        one = len(problems) == 1
+        lines = "\n".join(f"  {problem}" for problem in problems)
+        print_warning(f"{len(problems)} result file{' is' if one else 's are'} left out:\n{lines}")

@@ -1,25 +1,28 @@
-"""``glbench report``: one page of all results, to be opened in a browser."""
+"""``glbench report``: one page of all results; ``glbench story``: what an agent does differently from the rules, in words."""
 
 from __future__ import annotations
 
 import os
+import shlex
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import messages, print_warning, put, tell
-from glbench.cli.options import REPORTS, Out, Workers
-from glbench.cli.stored import warn_of
+from glbench.cli.console import Line, View, messages, paragraph, print_warning, put, tell
+from glbench.cli.console import show as show_view
+from glbench.cli.options import REPORTS, AsJson, Out, Workers, is_file, warn_of
+from glbench.errors import ResultError
 from glbench.extras import require
 from glbench.resources import data_package, how_to_get_data, is_released
 
 if TYPE_CHECKING:
-    from glbench.report import Completion
+    from glbench.evaluation import Result
 
-_SHOWN = 3
+_MOST_NAMES = 3
+_RULES, _ENERGY_RULES = "rule_based_tuned", "rule_based_energy"
 
 
 def report(
@@ -49,53 +52,133 @@ def report(
     warn_of(page.left_out)
     size = path.stat().st_size / 1e6
     put(f"{path} ({page.results} results, {size:.1f} MB)")
-    beside = data_package()
-    elsewhere = beside is not None and beside.folder is None
+    package = data_package()
+    elsewhere = package is not None and package.folder is None
     if elsewhere:
         print_warning(
             f"The page lacks days, seasons and worst runs of the results that came with glbench. {how_to_get_data()}"
         )
     missing = [path for path in page.without_profile if not (elsewhere and is_released(path))]
     if missing and not complete:
-        ours = sorted(missing, key=lambda path: not path.is_relative_to(out))
-        _say_what_is_missing(ours, page.results)
-    if show and not webbrowser.open(path.resolve().as_uri()):
-        print_warning(f"No browser could be started. Open {path.resolve().as_uri()} yourself.")
+        which = (
+            "No result has" if len(missing) == page.results else f"{len(missing)} of {page.results} results do not have"
+        )
+        own_first = sorted(missing, key=lambda path: not path.is_relative_to(out))
+        print_warning(
+            f"{which} a profile, so that the page lacks typical day, season and worst run of {_names(own_first)}. "
+            "`glbench report --complete` makes them where the recorded actions (.actions.mcap) are beside the result; "
+            "elsewhere evaluate again with --fresh."
+        )
+    if show:
+        _open(path)
 
 
 def _complete(out: Path, workers: int) -> None:
-    """Profiles of the results below ``out``; those that come with glbench are not ours to write beside."""
+    """Make profiles of the results below ``out``; beside those that come with glbench nothing is written."""
     from glbench.leaderboard import collect_results
     from glbench.report import complete_profiles
 
     with messages().status("looking for missing profiles") as status:
-        done = complete_profiles(
-            collect_results([out / "results"]), workers, lambda path: status.update(f"replaying {path}")
-        )
-    _say_what_was_made(done)
-
-
-def _say_what_was_made(done: Completion) -> None:
-    for path in done.made:
+        stored = collect_results([out / "results"])
+        completion = complete_profiles(stored, workers, lambda path: status.update(f"replaying {path}"))
+    for path in completion.made:
         tell(f"Made: {path}")
-    if not done.impossible:
-        return
-    print_warning(
-        f"{len(done.impossible)} results stay without days and seasons, among them {_some([path for path, _ in done.impossible])}. "
-        f"{done.impossible[0][1]} Evaluate them again with `glbench evaluate ... --fresh`, which makes profiles by itself."
-    )
+    if completion.impossible:
+        print_warning(
+            f"{len(completion.impossible)} results stay without days and seasons, among them "
+            f"{_names([path for path, _ in completion.impossible])}. {completion.impossible[0][1]} Evaluate them again with "
+            "`glbench evaluate ... --fresh`, which makes profiles by itself."
+        )
 
 
-def _say_what_is_missing(paths: Sequence[Path], total: int) -> None:
-    count = "No result has" if len(paths) == total else f"{len(paths)} of {total} results do not have"
-    print_warning(
-        f"{count} a profile, so that the page lacks typical day, season and worst run of {_some(paths)}. "
-        "`glbench report --complete` makes them where the recorded actions (.actions.mcap) are beside the result; "
-        "elsewhere evaluate again with --fresh."
-    )
-
-
-def _some(paths: Sequence[Path]) -> str:
+def _names(paths: Sequence[Path]) -> str:
     names = [f"{path.parent.name}/{path.name.removesuffix('.json')}" for path in paths]
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(names[:_SHOWN]) + more
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return ", ".join(names[:_MOST_NAMES]) + more
+
+
+def _open(page: Path) -> None:
+    if not webbrowser.open(page.resolve().as_uri()):
+        print_warning(f"No browser could be started. Open {page.resolve().as_uri()} yourself.")
+
+
+def story(
+    result: Annotated[Path, typer.Argument(metavar="RESULT", help="A result file (.json) with its recorded actions.")],
+    against: Annotated[
+        str | None,
+        typer.Option(
+            "--against",
+            metavar="RESULT|AGENT",
+            help="Another result file, or the name of an agent with a result in the same folder. "
+            f"Default: {_RULES}; of a task with an energy system {_ENERGY_RULES}.",
+        ),
+    ] = None,
+    page: Annotated[
+        Path | None, typer.Option("--page", help="Write a page (.html) with tables and charts, too.")
+    ] = None,
+    show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    as_json: AsJson = False,
+    workers: Workers = None,
+) -> None:
+    """Tell what an agent does differently from another, at night, at dawn, on bright and on dull days, and what each period earns.
+
+    Both are simulated again from their recorded actions, on the seeds that they share. The periods add up to the whole run.
+    """
+    from glbench.evaluation import load_result
+    from glbench.report.story import tell as tell_story
+    from glbench.report.story_page import document_of, page_of, text_of
+    from glbench.resources import write_atomically
+
+    if show and page is None:
+        msg = "--open opens the page that --page FILE.html writes: give it, too."
+        raise ResultError(msg)
+    if page is not None:
+        require("--page", "report", "jinja2")
+    other = _other(result, load_result(result), against)
+    with messages().status("simulating both again"):
+        differences = tell_story(result, other, workers or os.cpu_count() or 1)
+
+    def parts() -> Iterator[Line]:
+        for number, text in enumerate(text_of(differences)):
+            yield paragraph(text, "bold" if number == 0 else "")
+            yield Line("")
+
+    show_view(View(parts(), lambda: document_of(differences)), as_json=as_json)
+    if page is not None:
+        write_atomically(page, page_of(differences))
+        tell(f"Saved: {page}")
+        if show:
+            _open(page)
+
+
+def _other(path: Path, result: Result, against: str | None) -> Path:
+    """The result to compare with: a file, or that of an agent in the same folder.
+
+    Raises
+    ------
+    ResultError
+        When there is none, with the command that makes it.
+    """
+    from glbench.evaluation.episodes import task_of_result
+    from glbench.evaluation.preparing import TRIALS, VALIDATION
+    from glbench.model.equipment import lacks_energy
+
+    if against is not None and is_file(against):
+        return Path(against)
+    if against is None:
+        against = _RULES if lacks_energy(task_of_result(result, path).model_value) else _ENERGY_RULES
+    other = path.with_name(f"{against}.json")
+    if other.is_file():
+        return other
+    out = path.resolve().parent.parent.parent  # OUT/results/TASK/agent.json, of a trial OUT/trials/results/...
+    split = " --split validation" if out.name == VALIDATION else ""
+    out = out.parent if out.name in (TRIALS, VALIDATION) else out
+    where = split + ("" if out == REPORTS.resolve() else f" --out {shlex.quote(str(out))}")
+    seeds = result.evaluation.seeds
+    here = sorted(one.stem for one in path.parent.glob("*.json") if "." not in one.stem and one != path)
+    msg = (
+        f"There is no result {other} to tell {path.name} against. Make it, with the same seeds: "
+        f"glbench evaluate {against} --task {result.task.id} --seed {seeds[0]} --runs {len(seeds)}{where}, "
+        f"or give another: --against {' or '.join(here) if here else 'RESULT.json'}."
+    )
+    raise ResultError(msg)

@@ -8,17 +8,29 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.box import HEAVY_HEAD
-from rich.markup import escape
 
 from glbench import children
-from glbench.cli.console import harmless, messages, output, print_warning, put_json, table, tell
-from glbench.cli.options import AsJson, OneTask, Sandbox, SandboxChoice
+from glbench.cli.console import (
+    Line,
+    Markup,
+    Part,
+    View,
+    aside,
+    count,
+    messages,
+    plain,
+    print_warning,
+    show,
+    styled,
+    table,
+    tell,
+)
+from glbench.cli.options import AsJson, OneTask, Sandbox, SandboxChoice, task_or_default
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from collections.abc import Iterator
 
     from glbench.evaluation.submitting import Report
-    from glbench.tasks import TaskSpec
 
 app = typer.Typer(
     name="submit",
@@ -45,15 +57,21 @@ def check(
     that plans takes longer for them, and the check as much longer. Exits with 0 when nothing has to be fixed, else with 1.
     """
     from glbench.evaluation.submitting import check_submission
-    from glbench.tasks import DEFAULT_TASK, get_task
+    from glbench.tasks import DEFAULT_TASK
 
-    with messages().status(f"checking {escape(harmless(path))}"):
+    with messages().status(f"checking {plain(path)}"):
         report = check_submission(path, task or DEFAULT_TASK, sandbox=sandbox.value)
-    if as_json:
-        put_json(_plain(report), indent=None)
-    else:
-        _show(report, path, task, get_task(task or DEFAULT_TASK))
-    raise typer.Exit(0 if report.ok else 1)
+    document = {
+        "submission": report.name,
+        "what": report.what,
+        "task": report.task,
+        "ok": report.ok,
+        "findings": [{name: getattr(one, name) for name in ("subject", "level", "text")} for one in report.findings],
+        "checked": sorted(report.checked),
+        "measured": report.facts,
+        "seconds": round(report.seconds, 2),
+    }
+    show(View(_parts(report, path, task), document, code=0 if report.ok else 1, indent=None), as_json=as_json)
 
 
 @app.command("new")
@@ -83,9 +101,7 @@ def new(
         msg = f"There is no template '{kind}'.{did_you_mean(kind, (*KINDS, EXAMPLE_KIND))}"
         raise SubmissionError(msg)
     files = new_submission(folder, kind)
-    if kind == "sb3":
-        files = (*files, *_untrained_model(folder))
-    for file in files:
+    for file in (*files, *(_untrained_model(folder) if kind == "sb3" else ())):
         tell(f"Wrote {file}")
     tell(f"Next: glbench submit check {folder}")
 
@@ -101,57 +117,38 @@ def _untrained_model(folder: Path) -> tuple[Path, ...]:
         )
         return ()
     with messages().status("saving an untrained model (python train.py --steps 0)"):
-        done = children.run([sys.executable, str(folder / "train.py"), "--steps", "0"], timeout=_TRAINING_SECONDS)
-    if done.returncode != 0:
-        last = (done.stderr.strip().splitlines() or ["no message"])[-1]
+        process = children.run([sys.executable, str(folder / "train.py"), "--steps", "0"], timeout=_TRAINING_SECONDS)
+    if process.returncode != 0:
+        last = (process.stderr.strip().splitlines() or ["no message"])[-1]
         print_warning(f"The folder has no model yet: python {folder / 'train.py'} --steps 0 fails ({last}).")
         return ()
     return (folder / "model.zip", folder / "vecnormalize.pkl")
 
 
-def _show(report: Report, path: str, named: str | None, task: TaskSpec) -> None:
-    output().print(_table(report))
-    for finding in report.findings:
-        style, word = ("bold red", "Problem") if finding.level == "problem" else ("bold yellow", "Note")
-        output().print(f"[{style}]{word}[/] ({finding.subject}) {escape(harmless(finding.text))}", soft_wrap=True)
-    count = len(report.problems)
-    said = "No problems found." if report.ok else f"{count} problem{'s' if count > 1 else ''} found."
-    output().print(f"[bold]{said}[/] Checked in {report.seconds:.1f} s.", soft_wrap=True)
-    if report.ok:
-        on = "" if named is None else f" --task {harmless(named)}"
-        # The test scores: what is tried out belongs in the validation split, where the task has one.
-        held_out = task.splits is not None and "validation" in task.splits.names
-        trial, score = (" --split validation", "these options: the score") if held_out else ("", "--runs")
-        tell(f"Next: glbench evaluate {harmless(path)}{on} --runs 2{trial}, then without {score}.")
-
-
-def _table(report: Report) -> Table:
-    from rich.markup import escape
-
+def _parts(report: Report, path: str, task: str | None) -> Iterator[Part]:
     from glbench.evaluation.submitting import CHECKS
 
-    title = f"{escape(harmless(report.name))} ({report.what}) on {escape(harmless(report.task))}"
-    view = table(title, *(headings := ("Check", "", "Measured")), folded=headings, box=HEAVY_HEAD)
+    headings = ("Check", "", "Measured")
+    view = table(f"{report.name} ({report.what}) on {report.task}", *headings, fold=headings, box=HEAVY_HEAD)
     for subject, words in CHECKS.items():
         levels = {finding.level for finding in report.of(subject)}
         if "problem" in levels:
-            mark = "[bold red]problem[/]"
+            mark = styled("problem", "bold red")
         elif "note" in levels:
-            mark = "[yellow]note[/]"
+            mark = styled("note", "yellow")
         else:
-            mark = "[green]good[/]" if subject in report.checked else "[dim]not reached[/]"
-        view.add_row(words, mark, escape(harmless(report.facts.get(subject, ""))))
-    return view
-
-
-def _plain(report: Report) -> dict[str, object]:
-    return {
-        "submission": report.name,
-        "what": report.what,
-        "task": report.task,
-        "ok": report.ok,
-        "findings": [{name: getattr(one, name) for name in ("subject", "level", "text")} for one in report.findings],
-        "checked": sorted(report.checked),
-        "measured": report.facts,
-        "seconds": round(report.seconds, 2),
-    }
+            mark = styled("good", "green") if subject in report.checked else styled("not reached", "dim")
+        view.add(words, Markup(mark), report.facts.get(subject, ""))
+    yield view
+    for finding in report.findings:
+        mark = styled("Problem", "bold red") if finding.level == "problem" else styled("Note", "bold yellow")
+        yield Line(Markup(f"{mark} ({finding.subject}) {plain(finding.text)}"))
+    total = "No problems found." if report.ok else f"{count(len(report.problems), 'problem')} found."
+    yield Line(Markup(f"[bold]{total}[/] Checked in {report.seconds:.1f} s."))
+    if report.ok:
+        on = "" if task is None else f" --task {task}"
+        # The test scores: what is tried out belongs in the validation split, where the task has one.
+        splits = task_or_default(task).splits
+        has_validation = splits is not None and "validation" in splits.names
+        trial, score = (" --split validation", "these options: the score") if has_validation else ("", "--runs")
+        yield aside(f"Next: glbench evaluate {path}{on} --runs 2{trial}, then without {score}.")

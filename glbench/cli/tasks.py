@@ -1,4 +1,4 @@
-"""``glbench tasks``: list, explain, check and lock the tasks."""
+"""``glbench tasks``: list, explain, check and lock the tasks; ``glbench round``: the secret of a sealed round."""
 
 from __future__ import annotations
 
@@ -9,26 +9,41 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.padding import Padding
-from rich.text import Text
 
-from glbench.cli.console import harmless, messages, output, put, put_json, table
+from glbench.cli.console import (
+    Line,
+    Markup,
+    Part,
+    Table,
+    View,
+    aside,
+    count,
+    plain,
+    print_warning,
+    put,
+    show,
+    styled,
+    table,
+    tell,
+)
 from glbench.cli.options import AsJson, Out
 from glbench.errors import GlbenchError, TaskError, UnknownNameError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from rich.console import RenderableType
-    from rich.table import Table
-
     from glbench.tasks import TaskSpec
 
 _DRAFT = "draft"
-"""What stands for the digest of a shipped task that may still change."""
+"""Shown instead of the digest of a shipped task that may still change."""
 
 app = typer.Typer(
     help="List, explain, check and lock the tasks.",
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+round_app = typer.Typer(
+    help="Make and check the secret of a sealed round (docs/maintain.md).",
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -44,7 +59,7 @@ def list_command(
     from glbench.tasks.deprecated import read_deprecated
 
     published, drafts = list_tasks(), list_drafts()
-    tasks = _by_suite([*published, *drafts], DEFAULT_TASK)
+    tasks = by_suite([*published, *drafts], DEFAULT_TASK)
     if suite is not None:
         suites = dict.fromkeys(name for task in tasks for name in task.suites)
         if suite not in suites:
@@ -53,18 +68,17 @@ def list_command(
         tasks = [task for task in tasks if suite in task.suites]
     lock = read_lock()
     digests = {task.id: lock[task.id].digest if task.id in lock else None for task in published}
-    if as_json:
-        put_json([_summary(task, digests.get(task.id)) for task in tasks])
-        return
-    for part in _listing(tasks, {**digests, **dict.fromkeys((task.id for task in drafts), _DRAFT)}):
-        output().print(part)
-    deprecated = read_deprecated()
-    for task in tasks:
-        if task.id in deprecated:
-            output().print(f"[yellow]Deprecated:[/yellow] {deprecated[task.id].in_words(task.id)}", soft_wrap=True)
-    messages().print(
-        f"Commands without --task take {DEFAULT_TASK}. `glbench tasks show ID` explains a task.", style="dim"
-    )
+
+    def parts() -> Iterator[Part]:
+        yield from listing(tasks, {**digests, **dict.fromkeys((task.id for task in drafts), _DRAFT)})
+        deprecated = read_deprecated()
+        for task in tasks:
+            if task.id in deprecated:
+                yield Line(Markup(f"[yellow]Deprecated:[/yellow] {plain(deprecated[task.id].in_words(task.id))}"))
+        words = f"Commands without --task take {DEFAULT_TASK}. `glbench tasks show ID` explains a task."
+        yield Line(words, "dim", aside=True, wrap="always")
+
+    show(View(parts(), lambda: [_summary(task, digests.get(task.id)) for task in tasks]), as_json=as_json)
 
 
 @app.command("show")
@@ -76,11 +90,7 @@ def show_command(
     from glbench.tasks import get_task
 
     spec = get_task(task)
-    if as_json:
-        put_json(_explained(spec))
-        return
-    for part in _explanation(spec):
-        output().print(part)
+    show(View(explanation(spec), lambda: definition_document(spec)), as_json=as_json)
 
 
 @app.command("check")
@@ -99,28 +109,34 @@ def check_command(
     from glbench.tasks.stale_prices import series_in_words
 
     drafts = {} if tasks else {f"tasks/{DRAFTS}/{path.name}": path for path in draft_files()}
-    found = {name: _check(name) for name in tasks} if tasks else _check_all()
-    found |= {name: _check(str(path)) for name, path in drafts.items()}
-    wrong = {name: outcome for name, outcome in found.items() if isinstance(outcome, str)}
-    if as_json:
-        put_json([_checked(name, outcome) for name, outcome in found.items()])
-    else:
-        for name, outcome in found.items():
+    outcomes = {name: _check(name) for name in tasks} if tasks else check_all()
+    outcomes |= {name: _check(str(path)) for name, path in drafts.items()}
+    wrong = sum(isinstance(outcome, str) for outcome in outcomes.values())
+
+    def parts() -> Iterator[Part]:
+        for name, outcome in outcomes.items():
             if isinstance(outcome, TaskSpec):
-                state = (
-                    "as published" if outcome.locked else "draft, valid" if name in drafts else "valid, not published"
-                )
-                output().print(f"[green]ok[/green]     {outcome.id}  {outcome.digest[:8]}  {state}", soft_wrap=True)
-                if name.endswith(".toml") and not outcome.locked and name not in drafts:
+                is_draft = name in drafts
+                state = "as published" if outcome.locked else "draft, valid" if is_draft else "valid, not published"
+                yield Line(Markup(f"[green]ok[/green]     {plain(outcome.id)}  {outcome.digest[:8]}  {state}"))
+                if name.endswith(".toml") and not outcome.locked and not is_draft:
                     for words in series_in_words(outcome):
-                        put(f"       {words}")
-                    output().print(_first_weather(outcome))
+                        yield Line(f"       {words}")
+                    yield first_weather(outcome)
             else:
-                output().print("[red]wrong[/red]  ", end="")
-                output().print(harmless(outcome), markup=False, soft_wrap=True)
-        messages().print(_verdict(len(found), len(wrong)))
-    if wrong:
-        raise typer.Exit(1)
+                yield Line(Markup(f"[red]wrong[/red]  {plain(outcome)}"))
+        total = f"{count(len(outcomes), 'task')} checked"
+        yield aside(f"{total}, {wrong} wrong." if wrong else f"{total}, nothing wrong.")
+
+    def document() -> list[dict[str, Any]]:
+        return [
+            {"task": name, "ok": False, "problem": one}
+            if isinstance(one, str)
+            else {"task": name, "ok": True, "id": one.id, "digest": one.digest, "locked": one.locked}
+            for name, one in outcomes.items()
+        ]
+
+    show(View(parts(), document, code=1 if wrong else 0), as_json=as_json)
 
 
 @app.command("lock")
@@ -131,30 +147,27 @@ def lock_command(as_json: AsJson = False) -> None:
 
     new = lock_new_tasks()
     computed = lock_behaviour(get_task(task_id) for task_id in read_lock())
-    if as_json:
-        put_json([{"id": entry.id, "file": entry.file, "digest": entry.digest} for entry in new])
-        return
-    for entry in new:
-        output().print(f"locked {entry.id}  {entry.digest[:8]}", soft_wrap=True)
-    for task_id in computed:
-        output().print(f"computed {task_id}, in tasks/behaviour.toml", soft_wrap=True)
-    if not new and not computed:
-        messages().print(f"Nothing to do: all {len(read_lock())} tasks are locked, and none has changed.")
+    parts = [Line(f"locked {entry.id}  {entry.digest[:8]}") for entry in new]
+    parts += [Line(f"computed {task_id}, in tasks/behaviour.toml") for task_id in computed]
+    if not parts:
+        parts = [aside(f"Nothing to do: all {len(read_lock())} tasks are locked, and none has changed.")]
+    document = [{"id": entry.id, "file": entry.file, "digest": entry.digest} for entry in new]
+    show(View(parts, document), as_json=as_json)
 
 
-def _check_all() -> dict[str, TaskSpec | str]:
+def check_all() -> dict[str, TaskSpec | str]:
     """Every shipped task, and every entry of the lock whose file is gone; a text says what is wrong."""
     from glbench.registration import task_files
     from glbench.tasks import read_lock
 
     outcomes: dict[str, TaskSpec | str] = {}
-    seen = set()
+    files = set()
     for path in task_files():
         outcome = _check(str(path), published=True)
         outcomes[f"tasks/{path.name}"] = outcome
-        seen.add(path.name)
+        files.add(path.name)
     for entry in read_lock().values():
-        if entry.file not in seen:
+        if entry.file not in files:
             outcomes[f"tasks/{entry.file}"] = (
                 f"tasks/lock.toml lists {entry.id}, but its file tasks/{entry.file} is gone. Published tasks stay: restore the file."
             )
@@ -188,11 +201,6 @@ def _check(name: str, *, published: bool = False) -> TaskSpec | str:
     return task
 
 
-def _verdict(total: int, wrong: int) -> str:
-    counted = f"{total} task{'s' if total != 1 else ''}"
-    return f"{counted} checked, {wrong} wrong." if wrong else f"{counted} checked, nothing wrong."
-
-
 def _summary(task: TaskSpec, digest: str | None) -> dict[str, Any]:
     return {
         "id": task.id,
@@ -211,12 +219,6 @@ def _summary(task: TaskSpec, digest: str | None) -> dict[str, Any]:
         "locked": digest is not None,
         "digest": digest,
     }
-
-
-def _checked(name: str, outcome: TaskSpec | str) -> dict[str, Any]:
-    if isinstance(outcome, str):
-        return {"task": name, "ok": False, "problem": outcome}
-    return {"task": name, "ok": True, "id": outcome.id, "digest": outcome.digest, "locked": outcome.locked}
 
 
 @app.command("references")
@@ -238,21 +240,21 @@ def references_command(
 
     if write:
         stored, expected = collect_results([out / "results"]), published_expectations()
-        found = references_from(stored, expected)
-        if not found:
+        references = references_from(stored, expected)
+        if not references:
             msg = f"There is no complete result of do_nothing in {out / 'results'}. Evaluate submissions/do_nothing.py first."
             raise GlbenchError(msg)
-        messages().print(f"Written: {write_references({**read_references(), **found})}", soft_wrap=True)
-        for known in best_known_from(stored, expected).values():
-            messages().print(f"Written: {write_best_known(known)}", soft_wrap=True)
+        tell(f"Written: {write_references({**read_references(), **references})}")
+        for book in best_known_from(stored, expected).values():
+            tell(f"Written: {write_best_known(book)}")
     headings, numbers = ("Task", "Doing nothing", "Best known", "by"), ("Doing nothing", "Best known")
-    view = table("Zero and one of normalised scores", *headings, right=numbers, folded=("Task", "by"))
+    view = table("Zero and one of normalised scores", *headings, numbers=numbers, fold=("Task", "by"))
     for task_id, one in read_references().items():
-        view.add_row(task_id.rpartition("/")[2], f"{one.nothing:,.1f}", f"{one.best:,.1f}", one.best_agent)
-    output().print(view)
+        view.add(task_id.rpartition("/")[2], f"{one.nothing:,.1f}", f"{one.best:,.1f}", one.best_agent)
+    show(View([view]))
 
 
-def _by_suite(tasks: Sequence[TaskSpec], default: str) -> list[TaskSpec]:
+def by_suite(tasks: Sequence[TaskSpec], default: str) -> list[TaskSpec]:
     """Tasks of a suite together; its suite and the default task itself come first, tasks in no suite last."""
     suites = list(dict.fromkeys(task.suites for task in tasks))
     first = next((task.suites for task in tasks if task.id == default), ())
@@ -263,60 +265,55 @@ def _by_suite(tasks: Sequence[TaskSpec], default: str) -> list[TaskSpec]:
     return sorted(tasks, key=place)
 
 
-def _listing(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> Iterator[RenderableType]:
+def listing(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> Iterator[Part]:
     """Tasks suite by suite, under their period and weather, a table for each; ``digests`` are the lock's."""
+    from glbench.report.task_words import minutes, period
+
+    def common(task: TaskSpec) -> str:
+        weather = f"weather '{task.weather.source}', prepared '{task.weather.preprocessing}'"
+        return f"{period(task)}, step {minutes(task.step_seconds)}, {weather}"
+
     for suites, of_suite in groupby(tasks, key=lambda task: task.suites):
-        yield Text(f"Suite {', '.join(suites)}" if suites else "In no suite", style="bold")
-        for common, group in groupby(of_suite, key=_common):
-            yield Text(common, style="dim")
+        yield Line(f"Suite {', '.join(suites)}" if suites else "In no suite", "bold", wrap="always")
+        for words, group in groupby(of_suite, key=common):
+            yield Line(words, "dim", wrap="always")
             rows = list(group)
             noisy = any(task.conventions.shows_delta for task in rows)
-            columns = ("Task", "What it is", *(("Delta",) if noisy else ()), "Digest")
-            view = _plain_table(columns, ("Delta",))
+            view = _plain_table(("Task", "What it is", *(("Delta",) if noisy else ()), "Digest"), ("Delta",), (1, 2))
             for task in rows:
                 digest = digests[task.id]
                 delta = (f"{100 * task.uncertainty.delta:g} %",) if noisy else ()
-                view.add_row(task.short_id, task.title, *delta, digest[:8] if digest else "not locked")
-            yield Padding(view, (0, 0, 1, 2), expand=False)
+                view.add(task.short_id, task.title, *delta, digest[:8] if digest else "not locked")
+            yield view
 
 
-def _common(task: TaskSpec) -> str:
-    """What the tasks of a group share: period, step and weather in words."""
-    from glbench.report.task_words import minutes, period
-
-    weather = task.weather
-    return (
-        f"{period(task)}, step {minutes(task.step_seconds)}, "
-        f"weather '{weather.source}', prepared '{weather.preprocessing}'"
-    )
-
-
-def _explanation(task: TaskSpec) -> Iterator[RenderableType]:
+def explanation(task: TaskSpec) -> Iterator[Part]:
     """The task in words and tables."""
     from glbench.report.task_words import definition_in_words
     from glbench.tasks.stale_prices import series_in_words
 
-    task.record()  # a mistake in the weather has to show
+    task.record()  # raises if the weather is wrong
     state = "published" if task.locked else "not published"
-    yield Text.assemble((task.title, "bold"), "\n", (f"{task.id}  ({state}, digest {task.digest[:8]})", "dim"))
+    name = styled(f"{task.id}  ({state}, digest {task.digest[:8]})", "dim")
+    yield Line(Markup(f"{styled(task.title, 'bold')}\n{name}"), wrap="always")
     if task.description.strip():
-        yield Text("\n" + " ".join(task.description.split()))
+        yield Line("\n" + " ".join(task.description.split()), wrap="always")
     for section in definition_in_words(task):
-        yield Text("\n" + section.heading, style="bold")
+        yield Line("\n" + section.heading, "bold", wrap="always")
         if section.lines:
-            yield Padding(Text("\n".join(section.lines)), (0, 0, 0, 2), expand=False)
+            yield Line("\n".join(section.lines), indent=2)
         if section.rows:
-            view = _plain_table(section.columns, section.right)
+            view = _plain_table(section.columns, section.right, (0, 2))
             for row in section.rows:
-                view.add_row(*map(Text, row))
-            yield Padding(view, (0, 0, 0, 2), expand=False)
+                view.add(*row)
+            yield view
     series = series_in_words(task)
     if series:
-        yield Text("\nSeries of prices", style="bold")
-        yield Padding(Text("\n".join(series)), (0, 0, 0, 2), expand=False)
+        yield Line("\nSeries of prices", "bold", wrap="always")
+        yield Line("\n".join(series), indent=2)
 
 
-def _explained(task: TaskSpec) -> dict[str, Any]:
+def definition_document(task: TaskSpec) -> dict[str, Any]:
     """The same for machines: card, definition, digests, uncertain parameters."""
     from glbench.tasks import task_card
 
@@ -340,7 +337,7 @@ def _explained(task: TaskSpec) -> dict[str, Any]:
     }
 
 
-def _first_weather(task: TaskSpec, rows: int = 4) -> RenderableType:
+def first_weather(task: TaskSpec, rows: int = 4) -> Table:
     """The weather of the first steps, so that a mistake in the period shows."""
     from zoneinfo import ZoneInfo
 
@@ -348,31 +345,88 @@ def _first_weather(task: TaskSpec, rows: int = 4) -> RenderableType:
 
     generated, zone = task.scenario.generated, ZoneInfo(task.record().timezone)
     weather = task.disturbances() if generated is None else run_weather(task, generated.first_seed)
-    headings = [
-        "Step",
-        "UTC",
-        "Local",
-        "Sun\nW m-2",
-        "Air\ndegC",
-        "Vapour\nPa",
-        "CO2\nmg m-3",
-        "Wind\nm s-1",
-        "Sky\ndegC",
-    ]
-    look = {"box": None, "header_style": "bold", "title_style": None}
-    title = f"Weather of the first steps{'' if generated is None else ' of the first season'}"
-    view = table(title, *headings, right=headings, folded=headings, **look)
+    units = {"Sun": "W m-2", "Air": "degC", "Vapour": "Pa", "CO2": "mg m-3", "Wind": "m s-1", "Sky": "degC"}
+    headings = ["Step", "UTC", "Local", *(f"{name}\n{unit}" for name, unit in units.items())]
+    view = table(
+        f"Weather of the first steps{'' if generated is None else ' of the first season'}",
+        *headings, numbers=headings, fold=headings, margin=(1, 7), box=None, header_style="bold", title_style=None,
+    )  # fmt: skip
     for row, (moment, values) in enumerate(zip(weather.times[:rows], weather.values[:rows], strict=True)):
-        cells = (f"{value:.1f}" for value in values[:6])
         local = moment.astype(dt.datetime).replace(tzinfo=dt.UTC).astimezone(zone)
-        view.add_row(str(row), str(moment).replace("T", " ")[:16], f"{local:%H:%M}", *cells)
-    return Padding(view, (0, 0, 1, 7), expand=False)
-
-
-def _plain_table(columns: Sequence[str], right: Sequence[str]) -> Table:
-    free = [name for name in columns if name not in ("Name", "Control")]
-    look = {"box": None, "pad_edge": False, "header_style": "dim"}
-    view = table(None, *columns, right=right, folded=free, **look)
-    if columns[0] == "":
-        view.columns[0].style = "dim"
+        utc = str(moment).replace("T", " ")[:16]
+        view.add(str(row), utc, f"{local:%H:%M}", *(f"{value:.1f}" for value in values[:6]))
     return view
+
+
+def _plain_table(columns: Sequence[str], right: Sequence[str], margin: tuple[int, int]) -> Table:
+    free = [name for name in columns if name not in ("Name", "Control")]
+    look: dict[str, Any] = {"box": None, "pad_edge": False, "header_style": "dim"}
+    view = table(None, *columns, numbers=right, fold=free, margin=margin, **look)
+    if columns[0] == "":
+        view.columns[0] = dataclasses.replace(view.columns[0], style="dim")
+    return view
+
+
+RoundPath = Annotated[Path, typer.Argument(metavar="FILE", help="The round's file (.toml).")]
+
+
+@round_app.command("new")
+def new_round(
+    file: RoundPath,
+    weather: Annotated[
+        str | None,
+        typer.Option(
+            "--weather", help="Weather record of the round's own, in place of the task's (glbench weather list)."
+        ),
+    ] = None,
+    year: Annotated[
+        list[int] | None, typer.Option("--year", help="A whole year of that record to draw from; repeatable.")
+    ] = None,
+    closes: Annotated[
+        str | None,
+        typer.Option(
+            "--closes", help="Closing time, such as 2027-03-01T18:00+01:00. Results made after it count as late."
+        ),
+    ] = None,
+) -> None:
+    """Make the secret of a round, write it to FILE, and print the commitment, which is to be published with the closing time."""
+    from glbench.tasks.sealed import Round, closing_time, round_weather, write_round
+
+    if (weather is None) != (not year):
+        msg = "Weather of the round's own has a record and years: give --weather NAME and --year YEAR, or neither."
+        raise GlbenchError(msg)
+    closing = None if closes is None else closing_time(closes)
+    sealed = Round.new(None if weather is None else round_weather(weather, year or ()), closing)
+    write_round(sealed, file)
+    put(sealed.commitment)
+    tell(f"{file} is secret until the round is over: keep it, and a copy of it. Publish the commitment above.")
+    if closing is None:
+        print_warning("This round never closes, so no result can be late. --closes gives it a closing time.")
+    else:
+        tell(f"The round closes at {sealed.closing_words}. Publish that, too; the commitment covers it.")
+
+
+@round_app.command("check")
+def check_round(
+    file: RoundPath,
+    commitment: Annotated[
+        str | None, typer.Argument(metavar="[COMMITMENT]", help="The commitment that was published.")
+    ] = None,
+) -> None:
+    """Check that the secret in FILE fits its commitment, and the one that was published; print the commitment, and say if it is open."""
+    from glbench.tasks import read_round
+
+    sealed = read_round(file)
+    if commitment is not None and commitment.strip().lower() != sealed.commitment:
+        msg = f"{file} opens the commitment {sealed.commitment}, and not {commitment}. It is not the secret of that round."
+        raise GlbenchError(msg)
+    put(sealed.commitment)
+    weather = sealed.weather
+    own = "" if weather is None else f" Weather {weather.digest}, years {', '.join(map(str, weather.years))}."
+    state = "closed" if sealed.is_late(dt.datetime.now(dt.UTC)) else "open"
+    until = (
+        " It has no closing time."
+        if sealed.closes is None
+        else f" The round is {state}: it closes at {sealed.closing_words}."
+    )
+    tell(f"The secret in {file} fits.{own}{until.replace('it closes', 'it closed') if state == 'closed' else until}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,8 +11,21 @@ import typer
 from rich.box import HEAVY_HEAD
 from typer.core import TyperGroup
 
-from glbench.cli.console import messages, output, say, table, tell
-from glbench.cli.exiting import INTERRUPTED, tell_interrupted
+from glbench.cli.console import (
+    NOTHING_LEARNT,
+    Markup,
+    Table,
+    interruption,
+    messages,
+    paragraph,
+    plain,
+    print_warning,
+    put,
+    put_parts,
+    styled,
+    table,
+    tell,
+)
 from glbench.cli.options import (
     Address,
     Config,
@@ -21,26 +35,27 @@ from glbench.cli.options import (
     Seed,
     TrainingFolder,
     check_address,
+    needs_the_extra,
+    task_or_default,
 )
-from glbench.cli.progress import Bar
-from glbench.cli.seeds import Where, on_cluster, seeds_of, train_with_seeds
-from glbench.errors import TrainingError
+from glbench.cli.progress import TrainingBar, TrainingLines, seasons_in_words
+from glbench.errors import GlbenchError, TrainingError
 from glbench.extras import require
 from glbench.untrusted import real_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from glbench.leaderboard.catalogue import Catalogue, Metric
+    from glbench.leaderboard.catalogue import Metric
     from glbench.tasks import TaskSpec
-    from glbench.training import CurvePoint, Listener, Trained, TrainingSettings
-    from glbench.training import Progress as Standing
+    from glbench.training import Listener, Trained
+    from glbench.training.cluster import ClusterTrainer, Training
     from glbench.training.settings import EvaluationPlan
+    from glbench.training.several import Trainer
     from glbench.training.sweep import TrialReport
 
-_TRIALS_SHOWN = 20
-NOTHING_LEARNT = 3
-"""Exit code of a training that finished and never beat the policy that it began with."""
+_MOST_TRIALS = 20
+_MOST_SEEDS = 1000
 
 
 def train(
@@ -96,38 +111,49 @@ def train(
         require("This training", "train", "torch", "stable_baselines3")
     from glbench.training.compiled_settings import is_compiled
 
-    chosen = the_task(task)
+    spec = task_or_default(task)
     several = None if seeds is None else (seeds_of(seeds), Where(engine is EngineName.RAY, address, workers))
-    if algorithm == "ppo" and is_compiled(config, chosen):
-        _train_compiled(chosen, config, steps, out, several, seed=seed, resume=resume, wandb=wandb, named=task)
+    if algorithm == "ppo" and is_compiled(config, spec):
+        _train_compiled(spec, config, steps, out, several, seed=seed, resume=resume, wandb=wandb, task=task)
         return
     with needs_the_extra("train"):
         from glbench.training import algorithms as a
         from glbench.training import read_settings, shipped_settings
+    from glbench.training import train as run_training
+    from glbench.training.folder import CHECKPOINT, find_checkpoint
+
     a.algorithm_class(algorithm)
-    settings = read_settings(config or shipped_settings(algorithm), algorithm, chosen.id)
+    settings = read_settings(config or shipped_settings(algorithm), algorithm, spec.id)
     if steps is not None:
         settings = settings.model_copy(update={"n_timesteps": steps})
-    folder = out or Path("runs") / f"{a.short_name(algorithm)}-{chosen.short_id}-seed{seed}"
+    name = f"{a.short_name(algorithm)}-{spec.short_id}"
+    folder = out or Path("runs") / f"{name}-seed{seed}"
     a.check_settings(settings)
-    total, rollout = a.steps_to_make(settings, chosen.steps), a.rollout_steps(settings, chosen.steps)
+    total, rollout = a.steps_to_make(settings, spec.steps), a.rollout_steps(settings, spec.steps)
     rounded = "" if total == settings.n_timesteps else f" ({settings.n_timesteps:,} in whole rollouts of {rollout:,})"
     which = f"seed {seed}, in {folder}" if seeds is None else f"seeds {seeds}"
-    say(
-        messages(),
-        f"Training [bold]{algorithm}[/bold] on [bold]{chosen.id}[/bold]: {total:,} steps{rounded}, "
-        f"{settings.n_envs} greenhouses, {which}",
-    )
+    _announce(algorithm, spec, f"{total:,} steps{rounded}, {settings.n_envs} greenhouses, {which}")
     if several is not None:
-        from glbench.training import train as training
-
-        folders = _folders(out, f"{a.short_name(algorithm)}-{chosen.short_id}", several[0])
-        train_with_seeds(training, chosen, settings, folders, several[1], tensorboard=tensorboard)
+        train_with_seeds(run_training, spec, settings, out, name, several, tensorboard=tensorboard)
         return
-    trained = _trained(chosen, settings, folder, seed=seed, resume=resume, wandb=wandb, tensorboard=tensorboard)
+    trained = _watch(
+        lambda listeners: run_training(
+            spec, settings, folder, seed=seed, resume=resume, tensorboard=tensorboard, listeners=listeners
+        ),
+        TrainingBar(total, spec, settings.evaluation),
+        settings.model_dump(mode="json"),
+        folder,
+        wandb=wandb,
+        can_resume=lambda: find_checkpoint(folder / CHECKPOINT) is not None,
+    )
     if trained.already_done:
-        messages().print("Already trained with these settings. More steps: --steps N --resume.")
-    _say_what_came_out(trained, chosen, settings.evaluation, task)
+        tell("Already trained with these settings. More steps: --steps N --resume.")
+    _put_outcome(trained, spec, settings.evaluation, task)
+
+
+def _announce(what: object, task: TaskSpec, words: str) -> None:
+    text = f"Training {styled(what, 'bold')} on {styled(task.id, 'bold')}: {words}"
+    put_parts([paragraph(Markup(text), aside=True)])
 
 
 class _PolicyUnlessNamed(TyperGroup):
@@ -183,30 +209,22 @@ def tune_rules(
     """
     with needs_the_extra("train"):
         from glbench.training import rule_search as r
-    tasks = [the_task(name) for name in task] if task else [the_task(None)]
+    tasks = [task_or_default(name) for name in task] if task else [task_or_default(None)]
     start = config or r.shipped_start(tasks)
-    given = {"seasons": seasons, "population": population, "sigma": sigma}
-    settings = r.RuleSearchSettings.model_validate({name: value for name, value in given.items() if value is not None})
+    options = {"seasons": seasons, "population": population, "sigma": sigma}
+    settings = r.RuleSearchSettings.model_validate({name: one for name, one in options.items() if one is not None})
     names = ", ".join(one.id for one in tasks)
     folder = out or Path("runs") / f"rules-{'-'.join(one.short_id for one in tasks)}-seed{seed}"
     generations = settings.generations(tasks)
-    messages().print(
-        f"Tuning rules for [bold]{names}[/bold]: {generations} generations of {settings.population} candidates, "
-        f"a run of each task for each, seed {seed}, in {folder}",
-        soft_wrap=True,
-    )
-    bar = _TrainingBar(
-        generations * settings.population * sum(one.steps for one in tasks), tasks[0], settings.evaluation
-    )
-    try:
-        with bar:
-            found = r.tune_rules(tasks, start, settings, folder, seed=seed, listeners=[bar])
-    except KeyboardInterrupt:
-        tell_interrupted("Run the same command again to continue from the last generation.")
-        raise typer.Exit(INTERRUPTED) from None
-    if found.already_done:
-        messages().print("Already tuned with these settings. More: --seasons N.")
-    _say_what_came_out(found, tasks[0], settings.evaluation, task[0] if task else None, "rules")
+    words = f"{generations} generations of {settings.population} candidates, a run of each task for each, seed {seed}"
+    tell(Markup(f"Tuning rules for {styled(names, 'bold')}: {words}, in {plain(folder)}"))
+    steps = generations * settings.population * sum(one.steps for one in tasks)
+    bar = TrainingBar(steps, tasks[0], settings.evaluation)
+    with interruption("Run the same command again to continue from the last generation."), bar:
+        rules = r.tune_rules(tasks, start, settings, folder, seed=seed, listeners=[bar])
+    if rules.already_done:
+        tell("Already tuned with these settings. More: --seasons N.")
+    _put_outcome(rules, tasks[0], settings.evaluation, task[0] if task else None, "rules")
 
 
 @tune.command("policy")
@@ -229,27 +247,20 @@ def tune_policy(
     """
     with needs_the_extra("train"):
         from glbench.training.season_search import SearchSettings, read_season_search, search
-    chosen = the_task(task)
+    spec = task_or_default(task)
     file = real_path(policy / "policy.npz" if policy.is_dir() else policy)
-    settings = read_season_search(config, chosen.id, file) if config else SearchSettings.of(file)
+    settings = read_season_search(config, spec.id, file) if config else SearchSettings.of(file)
     if generations is not None:
         settings = settings.model_copy(update={"generations": generations})
-    folder = out or Path("runs") / f"tuned-{chosen.short_id}-seed{seed}"
-    messages().print(
-        f"Tuning [bold]{policy}[/bold] on [bold]{chosen.id}[/bold]: {settings.generations} generations of "
-        f"{settings.population} runs, seed {seed}, in {folder}",
-        soft_wrap=True,
-    )
-    bar = _TrainingBar(settings.generations * settings.population * chosen.steps, chosen, settings.evaluation)
-    try:
-        with bar:
-            found = search(chosen, settings, folder, seed=seed, resume=resume, listeners=[bar])
-    except KeyboardInterrupt:
-        tell_interrupted("The same command with --resume continues from the last evaluation.")
-        raise typer.Exit(INTERRUPTED) from None
-    if found.already_done:
-        messages().print("Already tuned with these settings. More: --generations N --resume.")
-    _say_what_came_out(found, chosen, settings.evaluation, task)
+    folder = out or Path("runs") / f"tuned-{spec.short_id}-seed{seed}"
+    words = f"{settings.generations} generations of {settings.population} runs, seed {seed}, in {plain(folder)}"
+    tell(Markup(f"Tuning {styled(policy, 'bold')} on {styled(spec.id, 'bold')}: {words}"))
+    bar = TrainingBar(settings.generations * settings.population * spec.steps, spec, settings.evaluation)
+    with interruption("The same command with --resume continues from the last evaluation."), bar:
+        outcome = search(spec, settings, folder, seed=seed, resume=resume, listeners=[bar])
+    if outcome.already_done:
+        tell("Already tuned with these settings. More: --generations N --resume.")
+    _put_outcome(outcome, spec, settings.evaluation, task)
 
 
 def export(
@@ -281,7 +292,7 @@ def export(
         if out or algorithm or normalization:
             msg = f"{model} is the folder of a training, which says all of --out, --algorithm and --normalization itself. Leave them out."
             raise TrainingError(msg)
-        folder, reason = model, export_best(model, None if task is None else the_task(task))
+        folder, reason = model, export_best(model, None if task is None else task_or_default(task))
         if reason is not None:
             raise TrainingError(reason)
     else:
@@ -290,9 +301,9 @@ def export(
             normalization = beside
         elif normalization == Path("none"):
             normalization = None
-        export_model(model, algorithm or "ppo", normalization, the_task(task), folder)
+        export_model(model, algorithm or "ppo", normalization, task_or_default(task), folder)
     size = (folder / POLICY).stat().st_size
-    output().print(f"{folder / POLICY}: {size / 1000:,.0f} kB", soft_wrap=True)
+    put(f"{folder / POLICY}: {size / 1000:,.0f} kB")
     tell(f"Next: glbench evaluate {folder}")
 
 
@@ -329,39 +340,145 @@ def sweep(
         from glbench.training.wandb_log import wandb_sweep
     search = read_search(config)
     folder = out or Path("sweeps") / config.stem
-    messages().print(
-        f"Searching {', '.join(search.parameters)} of [bold]{search.algorithm}[/bold] on {search.task}: "
-        f"{search.trials} trials of {search.steps:,} steps, in {folder}",
-        soft_wrap=True,
-    )
+    words = f"{plain(search.task)}: {search.trials} trials of {search.steps:,} steps, in {plain(folder)}"
+    parameters = plain(", ".join(search.parameters))
+    tell(Markup(f"Searching {parameters} of {styled(search.algorithm, 'bold')} on {words}"))
     if wandb:
         wandb_sweep(search, folder)
         return
-    chosen = the_task(search.task)
-    score = _words(chosen).score
-    try:
-        with contextlib.ExitStack() as stack:
-            cluster, at_once = None, workers or 1
-            if engine is EngineName.RAY:
-                cluster, at_once = stack.enter_context(on_cluster(Where(True, address, workers), [chosen]))
-            trials = run_sweep(
-                search, folder, workers=at_once, report=lambda trial: _say_trial(trial, score), cluster=cluster
-            )
-    except KeyboardInterrupt:
-        tell_interrupted("Finished trials are kept. Run the same command again to continue.")
-        raise typer.Exit(INTERRUPTED) from None
-    _print_trials(trials, score)
+    from glbench.leaderboard.catalogue import catalogue
+
+    spec = task_or_default(search.task)
+    score = catalogue(spec).score
+    stop = "Finished trials are kept. Run the same command again to continue."
+    with interruption(stop), contextlib.ExitStack() as stack:
+        cluster, at_once = None, workers or 1
+        if engine is EngineName.RAY:
+            cluster, at_once = stack.enter_context(on_cluster(Where(True, address, workers), [spec]))
+        trials = run_sweep(
+            search,
+            folder,
+            workers=at_once,
+            report=lambda trial: tell(trial_in_words(trial, score)),
+            cluster=cluster,
+        )
+    put_parts([trials_table(trials, score)])
     if not any(trial.state != "fail" for trial in trials):
         msg = f"None of the {len(trials)} trials succeeded; the reasons are above. Correct {config} and choose a new folder with --out."
         raise TrainingError(msg)
 
 
-def _folders(out: Path | None, name: str, seeds: list[int]) -> dict[int, Path]:
-    return {seed: (out or Path("runs")) / f"{name}-seed{seed}" for seed in seeds}
+@dataclass(frozen=True)
+class Where:
+    """Where trainings are done: in ``workers`` processes, or on the Ray cluster at ``address``."""
+
+    on_ray: bool
+    address: str | None
+    workers: int | None
+
+
+def seeds_of(text: str) -> list[int]:
+    """The seeds that ``0-4`` or ``0,1,7-9`` names, each once.
+
+    Raises
+    ------
+    GlbenchError
+        When it names none, or too many.
+    """
+    seeds = dict[int, None]()
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        if not first.isdecimal() or (dash and not last.isdecimal()) or (dash and int(last) < int(first)):
+            msg = f"--seeds {text}: '{part.strip()}' names no seeds. Write 0-4, or 0,1,7-9."
+            raise GlbenchError(msg)
+        if int(last or first) - int(first) >= _MOST_SEEDS:
+            msg = f"--seeds {text} names more than {_MOST_SEEDS:,} seeds."
+            raise GlbenchError(msg)
+        seeds |= dict.fromkeys(range(int(first), int(last or first) + 1))
+    return list(seeds)
+
+
+@contextlib.contextmanager
+def on_cluster(where: Where, tasks: list[TaskSpec]) -> Iterator[tuple[ClusterTrainer, int]]:
+    """The trainer, and how many trainings it runs at a time."""
+    from glbench.evaluation.engines.cluster import Cluster, cores_of
+    from glbench.training.cluster import ClusterTrainer
+
+    with messages().status("reaching the cluster") as status, Cluster(where.address, where.workers).connected() as ray:
+        trainer, cores = ClusterTrainer(ray, tasks), cores_of(ray)
+        status.stop()
+        yield trainer, cores if where.workers is None else min(where.workers, cores)
+
+
+@contextlib.contextmanager
+def _trainer(where: Where, task: TaskSpec) -> Iterator[tuple[Trainer, int]]:
+    from glbench.evaluation.provenance import usable_cores
+    from glbench.training.several import ProcessTrainer
+
+    if where.on_ray:
+        with on_cluster(where, [task]) as trainer:
+            yield trainer
+    else:
+        yield ProcessTrainer(), where.workers or usable_cores()
+
+
+def train_with_seeds(
+    training: Training,
+    task: TaskSpec,
+    settings: Any,
+    out: Path | None,
+    name: str,
+    several: tuple[list[int], Where],
+    **options: Any,
+) -> None:
+    """Train with ``several`` seeds, each in ``out/NAME-seedSEED``, and print the outcome; ``training`` is what ``glbench train`` calls.
+
+    Raises
+    ------
+    typer.Exit
+        With code 1 when a training failed, else 3 when one learnt nothing, 130 when interrupted.
+    """
+    from glbench.leaderboard.catalogue import catalogue
+    from glbench.training.several import train_seeds
+
+    score, place, (seeds, where) = catalogue(task).score, out or Path("runs"), several
+    folders = {seed: place / f"{name}-seed{seed}" for seed in seeds}
+    policies: dict[int, Trained] = {}
+    failures = 0
+    stop = (
+        "Run the same command again to continue: finished seeds are kept, the rest resume from their last checkpoints."
+    )
+    with interruption(stop), _trainer(where, task) as (trainer, at_once), contextlib.ExitStack() as stack:
+        words = f"{len(folders)} seeds, {min(at_once, len(folders))} at a time, in {place}"
+        put_parts([paragraph(words, aside=True)])
+        outcomes = train_seeds(
+            trainer, training, task, settings, folders, at_once=at_once,
+            listeners=lambda seed: [TrainingLines(seed, score)], **options,
+        )  # fmt: skip
+        stack.enter_context(contextlib.closing(outcomes))  # its threads end before the cluster disconnects
+        for seed, trained in outcomes:
+            if isinstance(trained, GlbenchError):
+                failures += 1
+                print_warning(f"seed {seed}: {trained}")
+            else:
+                policies[seed] = trained
+                state = "already trained" if trained.already_done else "done"
+                tell(f"seed {seed}: {state}, best {score.said(trained.best_reward)}")
+    numbers = ("Best", "after", "of", "Last")
+    view = table(f"Trainings by {score.words}", "Seed", *numbers, "", numbers=("Seed", *numbers))
+    for seed, one in sorted(policies.items()):
+        remark = "" if one.learnt else "nothing was learnt"
+        steps = (f"{one.best_steps:,}", f"{one.steps:,}")
+        view.add(str(seed), score.number(one.best_reward), *steps, score.number(one.last_reward), remark)
+    put_parts([view])
+    if policies:
+        put(f"Next: glbench evaluate {place}/{name}-seed*")
+    if failures or any(not one.learnt for one in policies.values()):
+        raise typer.Exit(1 if failures else NOTHING_LEARNT)
 
 
 def _train_compiled(
-    task: TaskSpec,
+    spec: TaskSpec,
     config: Path | None,
     steps: int | None,
     out: Path | None,
@@ -370,7 +487,7 @@ def _train_compiled(
     seed: int,
     resume: bool,
     wandb: bool,
-    named: str | None,
+    task: str | None,
 ) -> None:
     """Train with the compiled PPO; ``several`` seeds instead of ``seed``, and where."""
     with needs_the_extra("jax"):
@@ -378,235 +495,120 @@ def _train_compiled(
         from glbench.training.compiled_settings import read_compiled_settings
         from glbench.training.folder import LEARNER
 
-    settings = read_compiled_settings(config, task, steps)
-    name = f"ppo-{task.short_id}"
+    settings = read_compiled_settings(config, spec, steps)
+    name = f"ppo-{spec.short_id}"
     folder = out or Path("runs") / f"{name}-seed{seed}"
     total = settings.updates * settings.rollout
     which = f"seed {seed}, in {folder}" if several is None else f"seeds {', '.join(map(str, several[0]))}"
-    say(
-        messages(),
-        f"Training [bold]ppo[/bold] on [bold]{task.id}[/bold]: {total:,} steps in rollouts of {settings.rollout:,}, "
-        f"{settings.n_envs} greenhouses, {which}",
-    )
+    words = f"{total:,} steps in rollouts of {settings.rollout:,}, {settings.n_envs} greenhouses, {which}"
+    _announce("ppo", spec, words)
     if several is not None:
-        train_with_seeds(train_compiled, task, settings, _folders(out, name, several[0]), several[1])
+        train_with_seeds(train_compiled, spec, settings, out, name, several)
         return
-    trained = _watched(
-        lambda listeners: train_compiled(task, settings, folder, seed=seed, resume=resume, listeners=listeners),
-        _TrainingBar(total, task, settings.evaluation),
+    trained = _watch(
+        lambda listeners: train_compiled(spec, settings, folder, seed=seed, resume=resume, listeners=listeners),
+        TrainingBar(total, spec, settings.evaluation),
         settings.model_dump(mode="json"),
         folder,
         wandb=wandb,
-        begun=(folder / LEARNER).is_file,
+        can_resume=(folder / LEARNER).is_file,
     )
     if trained.already_done:
-        messages().print(
+        tell(
             "Already trained with these settings. A different number of steps is a different training: --steps N --out FOLDER."
         )
-    _say_what_came_out(trained, task, settings.evaluation, named, how="--steps N --out FOLDER")
+    _put_outcome(trained, spec, settings.evaluation, task, how="--steps N --out FOLDER")
 
 
-def _trained(
-    task: TaskSpec, settings: TrainingSettings, folder: Path, *, seed: int, resume: bool, wandb: bool, tensorboard: bool
-) -> Trained:
-    from glbench.training import train as run_training
-    from glbench.training.algorithms import steps_to_make
-    from glbench.training.folder import CHECKPOINT, find_checkpoint
-
-    return _watched(
-        lambda listeners: run_training(
-            task, settings, folder, seed=seed, resume=resume, tensorboard=tensorboard, listeners=listeners
-        ),
-        _TrainingBar(steps_to_make(settings, task.steps), task, settings.evaluation),
-        settings.model_dump(mode="json"),
-        folder,
-        wandb=wandb,
-        begun=lambda: find_checkpoint(folder / CHECKPOINT) is not None,
-    )
-
-
-def _watched(
+def _watch(
     run: Callable[[list[Listener]], Trained],
-    progress: _TrainingBar,
+    progress: TrainingBar,
     settings: dict[str, Any],
     folder: Path,
     *,
     wandb: bool,
-    begun: Callable[[], bool],
+    can_resume: Callable[[], bool],
 ) -> Trained:
-    """Run a training with the listeners that were asked for; ``begun`` says whether there is something to continue."""
-    with contextlib.ExitStack() as stack:
-        bar = stack.enter_context(progress)
-        listeners: list[Listener] = [bar]
+    """Run a training with a bar and, if wanted, a log; ``can_resume`` says whether there is something to continue."""
+
+    def consequence() -> str:
+        if can_resume():
+            return "The same command with --resume continues from the last checkpoint."
+        return "Interrupted before the first checkpoint; the same command starts over."
+
+    with interruption(consequence), contextlib.ExitStack() as stack:
+        listeners: list[Listener] = [stack.enter_context(progress)]
         if wandb:
             from glbench.training.wandb_log import WandbListener
 
             logger = WandbListener(folder.name, settings, folder)
             stack.callback(logger.close)
             listeners.append(logger)
-        try:
-            return run(listeners)
-        except KeyboardInterrupt:
-            bar.__exit__(None, None, None)
-            tell_interrupted(
-                "The same command with --resume continues from the last checkpoint."
-                if begun()
-                else "Interrupted before the first checkpoint; the same command starts over."
-            )
-            raise typer.Exit(INTERRUPTED) from None
+        return run(listeners)
 
 
-def _words(task: TaskSpec) -> Catalogue:
-    """What the task's reward, profit and penalty are called."""
-    from glbench.leaderboard.catalogue import catalogue
-
-    return catalogue(task)
-
-
-def _say_trial(trial: TrialReport, score: Metric) -> None:
+def trial_in_words(trial: TrialReport, score: Metric) -> str:
+    """``trial   7  complete  reward  3,751.9  batch_size 64``, with the reason of a failure."""
     why = "" if trial.reason is None else f": {trial.reason}"
-    tell(f"trial {trial.number:>3}  {trial.state:8}  {score.words} {_reward(trial, score):>8}  {_choices(trial)}{why}")
+    reward, choices = _reward_and_choices(trial, score)
+    return f"trial {trial.number:>3}  {trial.state:8}  {score.words} {reward:>8}  {choices}{why}"
 
 
-def _print_trials(trials: list[TrialReport], score: Metric) -> None:
-    best = f"best {score.words}"
-    headings, numbers = ("trial", "state", best, "settings"), ("trial", best)
-    view = table("Trials, best first", *headings, right=numbers, folded=headings, box=HEAVY_HEAD, title_style=None)
-    for trial in trials[:_TRIALS_SHOWN]:
-        view.add_row(str(trial.number), trial.state, _reward(trial, score), _choices(trial))
-    output().print(view)
+def trials_table(trials: list[TrialReport], score: Metric) -> Table:
+    """The best trials."""
+    headings = ("trial", "state", f"best {score.words}", "settings")
+    view = table(
+        "Trials, best first", *headings, numbers=headings[::2], fold=headings, box=HEAVY_HEAD, title_style=None
+    )
+    for trial in trials[:_MOST_TRIALS]:
+        view.add(str(trial.number), trial.state, *_reward_and_choices(trial, score))
+    return view
 
 
-def _reward(trial: TrialReport, score: Metric) -> str:
-    return "-" if trial.reward is None else score.number(trial.reward)
+def _reward_and_choices(trial: TrialReport, score: Metric) -> tuple[str, str]:
+    choices = (
+        f"{name.rpartition('.')[2]} {value:.4g}" if isinstance(value, float) else f"{name.rpartition('.')[2]} {value}"
+        for name, value in trial.choices.items()
+    )
+    return "-" if trial.reward is None else score.number(trial.reward), ", ".join(choices)
 
 
-def _choices(trial: TrialReport) -> str:
-    return ", ".join(f"{name.rpartition('.')[2]} {_short(value)}" for name, value in trial.choices.items())
-
-
-def _short(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def the_task(name: str | None) -> TaskSpec:
-    """The task of that name, or the benchmark's."""
-    from glbench.tasks import DEFAULT_TASK, get_task
-
-    return get_task(name or DEFAULT_TASK)
-
-
-@contextlib.contextmanager
-def needs_the_extra(extra: str) -> Iterator[None]:
-    """Say what to install when packages are missing.
-
-    Raises
-    ------
-    TrainingError
-        Instead of the import's own error.
-    """
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        msg = (
-            f"This needs packages that are not installed ({error.name}). "
-            f'Install them with `pip install "glbench[{extra}]"`, or in a checkout with `uv sync --inexact --extra {extra}`.'
-        )
-        raise TrainingError(msg) from error
-
-
-def _say_what_came_out(
+def _put_outcome(
     trained: Trained,
-    task: TaskSpec,
+    spec: TaskSpec,
     evaluation: EvaluationPlan,
-    named: str | None,
+    task: str | None,
     what: str = "policy",
     how: str = "--resume",
 ) -> None:
-    """The best policy of a training, or the best of ``what`` else was sought, and what to do with it; ``how`` to train for more steps.
+    """Print the best policy or rules (``what``) of a training and what to do with it; ``how`` to train for more steps.
 
     Raises
     ------
     typer.Exit
         With code 3 when nothing was learnt.
     """
-    score = _words(task).score
+    from glbench.leaderboard.catalogue import catalogue
+
+    score = catalogue(spec).score
     more = "more runs (--seasons N)" if what == "rules" else f"more steps ({how})"
     if not trained.learnt:
-        messages().print(
-            f"[bold yellow]Nothing was learnt.[/bold yellow] The training never beat the {what} that it began with: "
-            f"{score.said(trained.best_reward)} at step 0, {score.number(trained.last_reward)} after {trained.steps:,} steps. "
-            f"Train for {more}, or with other settings. {trained.folder} holds the {what} of step 0.",
-            soft_wrap=True,
+        tell(
+            Markup(
+                f"[bold yellow]Nothing was learnt.[/bold yellow] The training never beat the {what} that it began with: "
+                f"{score.said(trained.best_reward)} at step 0, {score.number(trained.last_reward)} after {trained.steps:,} steps. "
+                f"Train for {more}, or with other settings. {plain(trained.folder)} holds the {what} of step 0."
+            )
         )
         raise typer.Exit(NOTHING_LEARNT)
-    output().print(
+    put(
         f"Best {what}: {score.said(trained.best_reward)} after {trained.best_steps:,} of {trained.steps:,} steps; "
-        f"the last one: {score.number(trained.last_reward)}. Means of {_seasons(task, evaluation)}; the score is that of glbench evaluate.",
-        soft_wrap=True,
+        f"the last one: {score.number(trained.last_reward)}. Means of {seasons_in_words(spec, evaluation)}; "
+        "the score is that of glbench evaluate."
     )
     agent = trained.folder
     if trained.not_exported is not None:
         tell(f"No policy.npz was written: {trained.not_exported}")
         agent = trained.model
-    option = "" if named is None else f" --task {named}"
+    option = "" if task is None else f" --task {task}"
     tell(f"Next: glbench evaluate {agent}{option}")
-
-
-def _seasons(task: TaskSpec, evaluation: EvaluationPlan) -> str:
-    """The seasons in which a training evaluates its policies, in words."""
-    chosen, runs = task.chosen_on, len(evaluation.seeds(task))
-    where = "with seeds that are not scored" if chosen.split is None else f"of the {chosen.split} split"
-    return f"{runs} season{'s' if runs > 1 else ''} {where}"
-
-
-class _TrainingBar(Bar):
-    """Steps, speed and time left on standard error; each evaluation leaves a line, after one that says what it evaluates."""
-
-    def __init__(self, total_steps: int, task: TaskSpec, evaluation: EvaluationPlan) -> None:
-        columns = ("{task.completed:,.0f} of {task.total:,.0f} steps", "{task.fields[speed]}")
-        super().__init__("training", total_steps, *columns, speed="")
-        words = _words(task)
-        self._metrics = {one.name: one for one in words.of_kind("score", "profit", "penalty")}
-        self._score = words.score
-        self._announced: str | None = (
-            f"Each evaluation is the mean of {_seasons(task, evaluation)}, without exploration."
-        )
-        if task.splits is not None:
-            test = task.scored
-            self._announced += (
-                f" The score is the mean of {test.evaluation.runs} seasons of the {test.split} split, made of other years: "
-                "expect another figure."
-            )
-
-    def on_progress(self, progress: Standing) -> None:
-        """Move the bar."""
-        said = [f"{progress.steps_per_second:,.0f} steps/s"] if progress.steps_per_second else []
-        left = progress.seconds_left
-        if left is not None:
-            said.append(f"{_duration(left)} left")
-        if progress.season_reward is not None:
-            said.append(f"season {self._score.said(progress.season_reward)}")
-        self.move(progress.steps, total=progress.total_steps, speed=", ".join(said))
-
-    def on_evaluation(self, point: CurvePoint) -> None:
-        """A line with what the policy earns."""
-        if self._announced is not None:
-            messages().print(self._announced, soft_wrap=True)
-            self._announced = None
-        sums = "  ".join(one.said(point.result.sums[name]) for name, one in self._metrics.items())
-        best = "  [green]best[/green]" if point.is_best else ""
-        messages().print(
-            f"{point.steps:>9,} steps {_duration(point.seconds):>6}  {sums}{best}",
-            soft_wrap=True,
-        )
-
-    def on_saved(self, steps: int) -> None:
-        """Nothing to show: a checkpoint is no news."""
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    minutes = seconds / 60
-    return f"{minutes:.0f} min" if minutes < 90 else f"{minutes / 60:.1f} h"

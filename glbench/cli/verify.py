@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.markup import escape
 
-from glbench.cli.console import harmless, messages, output, print_warning, put_json, say, tell
+from glbench.cli.console import Line, Markup, Part, View, messages, paragraph, plain, print_warning, show, tell
 from glbench.cli.options import AsJson, RoundFile, Workers, round_of
 from glbench.errors import GlbenchError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from glbench.verification import Verdict
 
 _WORST_FIRST = (1, 2, 3, 0)
@@ -62,8 +63,8 @@ def verify(
     from glbench.verification import verify as verify_result
 
     sealed, codes = round_of(round_file), []
-    for path in _files(results):
-        with messages().status(f"simulating {escape(harmless(path.name))} again"):
+    for path in result_files(results):
+        with messages().status(f"simulating {plain(path.name)} again"):
             verdict = verify_result(path, episodes=episodes, task=task, sealed=sealed, workers=workers)
         codes.append(verdict.exit_code)
         if (
@@ -72,64 +73,66 @@ def verify(
             and sealed.is_late(created := load_result(path).created)
         ):
             closed = f"the round closed at {sealed.closing_words}"
-            print_warning(f"{path.name} is late: it states that it was made at {harmless(created)}, and {closed}.")
+            print_warning(f"{path.name} is late: it states that it was made at {created}, and {closed}.")
         if proof and not is_released(path):  # released results keep the note that came with them
             try:
                 save_proof(verdict)
             except GlbenchError as error:
                 print_warning(f"The verdict stands, but no note of it was stored. {error}")
-        if as_json:
-            put_json(_plain(verdict), indent=None)
-        else:
-            _show(verdict)
+        show(View(_parts(verdict), _document(verdict), indent=None), as_json=as_json)
     raise typer.Exit(next(code for code in _WORST_FIRST if code in codes))
 
 
-def _files(given: list[Path]) -> list[Path]:
-    """The result files named, and those in the folders named."""
+def result_files(paths: list[Path]) -> list[Path]:
+    """These result files, and those in these folders.
+
+    Raises
+    ------
+    typer.Exit
+        With code 2 when there is none.
+    """
     from glbench.verification import SUFFIX
 
-    found = [
+    files = [
         file
-        for path in given
+        for path in paths
         for file in (sorted(path.rglob("*.json")) if path.is_dir() else [path])
         if not (path.is_dir() and file.name.endswith(SUFFIX))
     ]
-    if not found:
-        tell(f"There are no results in {', '.join(map(str, given))}.")
+    if not files:
+        tell(f"There are no results in {', '.join(map(str, paths))}.")
         raise typer.Exit(2)
-    return found
+    return files
 
 
-def _show(verdict: Verdict) -> None:
+def _parts(verdict: Verdict) -> Iterator[Part]:
     from glbench.verification import stated_words
 
     heading = _HEADINGS[verdict.outcome]
     if verdict.exactness == "tolerance":
         heading = "[bold yellow]reproduced within 1e-9[/]"
-    output().print(f"{heading} {escape(harmless(str(verdict.path)))}", soft_wrap=True)
-    say(output(), f"  {escape(harmless(verdict.reason))}")
+    yield Line(Markup(f"{heading} {plain(verdict.path)}"))
+    yield paragraph(f"  {verdict.reason}")
     if verdict.outcome == "reproduced":
         seeds = ", ".join(map(str, verdict.episodes[:8])) + (" ..." if len(verdict.episodes) > 8 else "")
         whole = f"; every column of the full episodes of the seeds {seeds}" if verdict.episodes else ""
         profile = "; the profile" if "profile" in verdict.reproduced else ""
         if "fresh_draws.references" in verdict.reproduced:
             profile += "; the fresh draws, and the scores of the reference agents with both sets of draws"
-        say(
-            output(),
+        yield paragraph(
             f"  Reproduced: {verdict.steps:,} rewards, {verdict.runs} final states, all metrics and their means; the digests of the task "
-            f"and of the result{whole}{profile}.",
+            f"and of the result{whole}{profile}."
         )
-        say(output(), f"  Stated, not checked: {'; '.join(stated_words(verdict.stated))}.")
+        yield paragraph(f"  Stated, not checked: {'; '.join(stated_words(verdict.stated))}.")
     for note in verdict.notes:
-        say(output(), f"  Note: {escape(harmless(note))}")
+        yield paragraph(f"  Note: {note}")
 
 
-def _plain(verdict: Verdict) -> dict[str, object]:
-    same = ("outcome", "cause", "reason", "exactness", "largest_difference", "runs", "steps")
+def _document(verdict: Verdict) -> dict[str, object]:
+    names = ("outcome", "cause", "reason", "exactness", "largest_difference", "runs", "steps")
     return {
         "result": str(verdict.path),
-        **{name: getattr(verdict, name) for name in same},
+        **{name: getattr(verdict, name) for name in names},
         "full_episodes": list(verdict.episodes),
         **{name: list(getattr(verdict, name)) for name in ("reproduced", "stated", "notes")},
     }

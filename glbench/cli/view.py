@@ -59,34 +59,41 @@ def view(
 
     Several controllers are laid over each other, one colour each. The viewer listens on this machine only.
     """
+    from glbench.episodes import parse_selection, rerun_viewer
     from glbench.episodes.rerun_course import provenance_words, shown_of
     from glbench.episodes.rerun_recording import save_recording
-    from glbench.episodes.rerun_viewer import open_window, require_screen, take_picture, viewer_program
 
-    viewer_program()
+    rerun_viewer.viewer_program()
     if not (web or save or picture):
-        require_screen()
-    _check_run(run)
+        rerun_viewer.require_screen()
+    if run not in {"best", "worst", "median"} and not run.isdecimal():
+        parse_selection(run)  # has messages of its own for what is no choice at all
+        msg = f"--run {run} does not choose one run of a result. It is best, worst, median, or a seed."
+        raise EpisodeError(msg)
     with messages().status("reading the runs"):
         episodes = [_episode(path, run) for path in files]
         first = None if first_day is None else first_day.date()
-        shown, words = replace(shown_of(episodes), first_day=first, days=days), provenance_words(episodes)
+        course, words = replace(shown_of(episodes), first_day=first, days=days), provenance_words(episodes)
     if save is not None:
-        save_recording(shown, save, words)
+        save_recording(course, save, words)
         tell(f"Saved: {save}  (open it with: rerun {save})")
     with tempfile.TemporaryDirectory(prefix="glbench-view-") as folder:
-        recording = Path(folder) / f"{shown.task.short_id}.rrd"
+        recording = Path(folder) / f"{course.task.short_id}.rrd"
         if picture is not None:
-            save_recording(shown, recording, words, plain=True)
-            take_picture(recording, picture)
+            save_recording(course, recording, words, plain=True)
+            rerun_viewer.take_picture(recording, picture)
             tell(f"Saved: {picture}")
         if web:
-            save_recording(shown, recording, words)
-            _serve(recording, port)
+            save_recording(course, recording, words)
+            with rerun_viewer.page_for_browser(recording, port) as (page, _):
+                tell(f"Open {page}")
+                if rerun_viewer.has_screen():
+                    webbrowser.open(page)
+                _wait()
         elif save is None and picture is None:
-            save_recording(shown, recording, words)
-            messages().print("The viewer is open; close its window to end.")
-            open_window(recording)
+            save_recording(course, recording, words)
+            tell("The viewer is open; close its window to end.")
+            rerun_viewer.open_window(recording)
 
 
 @contextlib.contextmanager
@@ -115,63 +122,36 @@ def live_view(viewer: str | None, evaluation: Evaluation) -> Iterator[LiveView |
         yield live
 
 
-def _serve(recording: Path, port: int | None) -> None:
-    from glbench.episodes.rerun_viewer import has_screen, page_for_browser
-
-    with page_for_browser(recording, port) as (page, _):
-        tell(f"Open {page}")
-        if has_screen():
-            webbrowser.open(page)
-        _wait()
-
-
 def _wait() -> None:
-    messages().print("The page is there until Ctrl-C.")
+    tell("The page is there until Ctrl-C.")
     with contextlib.suppress(KeyboardInterrupt):
         while True:
             time.sleep(3600.0)
 
 
-def _check_run(run: str) -> None:
-    """Refuse a wrong --run before anything is read."""
-    from glbench.episodes import parse_selection
-
-    if run not in {"best", "worst", "median"} and not run.isdecimal():
-        parse_selection(run)  # words of its own for what is no choice at all
-        msg = f"--run {run} does not choose one run of a result. It is best, worst, median, or a seed."
-        raise EpisodeError(msg)
-
-
 def _episode(path: Path, run: str) -> Episode:
-    """The episode in a file, or the chosen run of a result."""
-    from glbench.episodes import read_episode
+    """The episode in a file, or a run of a result: its recorded episode, else the run simulated again from its recorded actions."""
+    from glbench.episodes import chosen_rows, episode_path, episodes_folder, read_episode, replayed_episodes
+    from glbench.evaluation import load_result
+    from glbench.evaluation.episodes import recorded_actions
 
     if path.name.endswith(ACTIONS_SUFFIX):
-        result = path.with_name(path.name.removesuffix(ACTIONS_SUFFIX) + ".json")
-        msg = f"{path} holds the actions of many runs. Give the result that it belongs to: glbench view {result}"
+        owner = path.with_name(path.name.removesuffix(ACTIONS_SUFFIX) + ".json")
+        msg = f"{path} holds the actions of many runs. Give the result that it belongs to: glbench view {owner}"
         raise EpisodeError(msg)
     if path.suffix == EPISODE_SUFFIX:
         episode = read_episode(path, partial=True)
         if episode.problem is not None:
             print_warning(f"{path}: {episode.problem}. Shown is what is left of it.")
         return episode
-    return _episode_of_result(path, run)
-
-
-def _episode_of_result(path: Path, run: str) -> Episode:
-    """The chosen run of a result: its recorded episode, else the run taken again from its recorded actions."""
-    from glbench.episodes import chosen_rows, episode_path, episodes_folder, read_episode, replayed_episodes
-    from glbench.evaluation import load_result
-    from glbench.evaluation.episodes import recorded_actions
-
     result = load_result(path)
     log = recorded_actions(result, path)
     task = log.task().scored_in(result.task.split)
     (row,) = chosen_rows([run], log.seeds, result.values(task.evaluation.metric))
-    chosen = result.runs[row]
-    which = f"seed {chosen.seed}" if run.isdecimal() else f"seed {chosen.seed}, the {run} of {len(result.runs)} runs"
-    messages().print(f"{result.agent.name}: {which}", markup=False)
-    file = episode_path(episodes_folder(path), chosen.seed)
+    seed = result.runs[row].seed
+    which = f"seed {seed}" if run.isdecimal() else f"seed {seed}, the {run} of {len(result.runs)} runs"
+    tell(f"{result.agent.name}: {which}")
+    file = episode_path(episodes_folder(path), seed)
     if file.exists():
         episode = read_episode(file)
         if episode.provenance == log.provenance:

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.text import Text
 
-from glbench.cli.console import messages, output, put, put_json, say, table
+from glbench.cli.console import Line, Markup, Part, Table, View, paragraph, put, put_parts, show, styled, table
 from glbench.cli.options import AsJson
+from glbench.cli.progress import status_bar
 from glbench.extras import require
 
 if TYPE_CHECKING:
-    from rich.table import Table
+    from collections.abc import Iterator
 
     from glbench.weather import WeatherInfo, WeatherRecord
 
@@ -57,12 +57,9 @@ def list_records(as_json: AsJson = False) -> None:
     from glbench.weather import list_weather
 
     infos = list_weather()
-    if as_json:
-        put_json({"records": [_as_json(info, *_OF_INFO, path=str(info.path)) for info in infos]})
-        return
     view = _table("Weather records", ["name", "station", "period [UTC]", "hours [h]", "origin", "SHA-256"])
     for info in infos:
-        view.add_row(
+        view.add(
             info.name,
             info.place.station,
             f"{_moment(info.first)} to {_moment(info.last)}",
@@ -70,11 +67,12 @@ def list_records(as_json: AsJson = False) -> None:
             info.origin + (", typical year" if info.typical_year else ""),
             info.digest[:8],
         )
-    output().print(view)
+    document = {"records": [_as_json(info, *_OF_INFO, path=str(info.path)) for info in infos]}
+    show(View([view], document), as_json=as_json)
 
 
 @app.command("show")
-def show(
+def show_record(
     name: Annotated[str, typer.Argument(help="Name of a record, as in `glbench weather list`.")],
     month: Annotated[
         str | None, typer.Option("--month", help="Only this month: 2010-03, or 3 for every March.", metavar="MONTH")
@@ -87,11 +85,6 @@ def show(
 
     record = load_weather(name)
     months = monthly(record, month)
-    if as_json:
-        described = _as_json(record, *_OF_RECORD, timing=dict(record.timing))
-        put_json({**described, "units": dict(UNITS), "months": [asdict(row) for row in months]})
-        return
-    _print_description(record)
     # Where both are known the sky's infrared is what the preprocessings use; the JSON has both.
     sky = ("infrared [W/m2]", "sky_infrared_mean", 1)
     if "sky_infrared" not in record.counts:
@@ -101,8 +94,10 @@ def show(
     view = _table("Months (UTC)", ["month", *(heading for heading, _, _ in columns)], padding=0)
     for row in months:
         values = [(getattr(row, name), digits) for _, name, digits in columns]
-        view.add_row(row.month, *("-" if value is None else f"{value:.{digits}f}" for value, digits in values))
-    output().print(view)
+        view.add(row.month, *("-" if value is None else f"{value:.{digits}f}" for value, digits in values))
+    facts = _as_json(record, *_OF_RECORD, timing=dict(record.timing))
+    document = {**facts, "units": dict(UNITS), "months": [asdict(row) for row in months]}
+    show(View([*description(record), view], document), as_json=as_json)
 
 
 @app.command("import")
@@ -152,28 +147,26 @@ def fetch(
     replace: Replace = False,
 ) -> None:
     """Download a station and year from KNMI, check it, and keep it under a name."""
-    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import DownloadColumn
 
     from glbench.weather import fetch_knmi, save_weather
     from glbench.weather.store import check_new_name
 
-    chosen = name or f"knmi-{station}-{year}"
-    check_new_name(chosen, overwrite=replace)
-    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=messages(), transient=True) as bar:
-        task = bar.add_task(f"KNMI station {station}, {year}", total=None)
+    name = name or f"knmi-{station}-{year}"
+    check_new_name(name, overwrite=replace)
+    with status_bar(f"KNMI station {station}, {year}", None, DownloadColumn()) as update:
         record = fetch_knmi(
             station,
             year,
-            name=chosen,
+            name=name,
             url=url,
             timeout_seconds=timeout,
             total_seconds=total_timeout,
             refresh=refresh,
             fill_gaps=fill_gaps,
-            progress=lambda received, total: bar.update(task, completed=received, total=total),
+            progress=lambda received, total: update(completed=received, total=total),
         )
-    _report_saved(record, save_weather(record, chosen, overwrite=replace))
+    _report_saved(record, save_weather(record, name, overwrite=replace))
 
 
 @app.command("generate")
@@ -250,30 +243,21 @@ def statistics(
     from glbench.weather.comparison import resemblance
     from glbench.weather.generator import Blocks
 
-    given: dict[str, Any] = {"shortest": shortest, "longest": longest, "window": window, "nearest": nearest}
-    blocks = dataclasses.replace(Blocks(), **{key: value for key, value in given.items() if value is not None})
+    options: dict[str, Any] = {"shortest": shortest, "longest": longest, "window": window, "nearest": nearest}
+    blocks = dataclasses.replace(Blocks(), **{key: value for key, value in options.items() if value is not None})
     generator = SeasonGenerator(load_weather(source), _years(years), blocks)
-    found = resemblance(generator, start=_date(start), within_days=within_days, days=days, seasons=seasons, seed=seed)
-    described = {**asdict(found), "accepted": found.accepted}
+    outcome = resemblance(generator, start=_date(start), within_days=within_days, days=days, seasons=seasons, seed=seed)
+    document = {**asdict(outcome), "accepted": outcome.accepted}
     if out is not None:
-        write_atomically(out, json.dumps(described, indent=2, allow_nan=False) + "\n")
-    if as_json:
-        put_json(described)
-        return
-    title = f"{seasons} seasons of {days} days generated from {', '.join(map(str, found.years))} of {source}"
-    view = table(title, "figure", "value", "limits", "", "the worst", right=("value",), folded=("figure", "the worst"))
-    for figure in found.figures:
-        limited = figure.limits != ""
-        verdict = ("kept" if figure.within_limits else "missed") if limited else ""
-        view.add_row(
-            Text(figure.name),
-            figure.text,
-            figure.limits,
-            Text(verdict, "green" if figure.within_limits else "bold red"),
-            figure.worst,
-        )
-    output().print(view)
-    put("Every limit is kept." if found.accepted else "A limit is missed.")
+        write_atomically(out, json.dumps(document, indent=2, allow_nan=False) + "\n")
+    title = f"{seasons} seasons of {days} days generated from {', '.join(map(str, outcome.years))} of {source}"
+    view = table(title, "figure", "value", "limits", "", "the worst", numbers=("value",), fold=("figure", "the worst"))
+    for figure in outcome.figures:
+        verdict = styled("kept", "green") if figure.within_limits else styled("missed", "bold red")
+        mark = Markup(verdict if figure.limits else "")
+        view.add(figure.name, figure.text, figure.limits, mark, figure.worst)
+    last = Line("Every limit is kept." if outcome.accepted else "A limit is missed.")
+    show(View([view, last], document), as_json=as_json)
 
 
 def _years(text: str) -> list[int]:
@@ -303,49 +287,37 @@ def _date(text: str) -> dt.date:
 
 def _table(title: str, columns: list[str], padding: int = 1) -> Table:
     words = {"name", "station", "period [UTC]", "origin", "SHA-256", "month"}
-    look = {"padding": (0, padding, 0, 0), "pad_edge": False, "title_style": None}
-    view = table(title, *columns, right=set(columns) - words, folded=("station", "period [UTC]", "origin"), **look)
-    for column in view.columns:
-        # The unit stands below the name; as text, not markup: square brackets would be taken for styles.
-        column.header = Text(str(column.header).replace(" [", "\n["))
-    return view
+    below = [column.replace(" [", "\n[") for column in columns]  # the unit below the name
+    numbers = [heading for heading, column in zip(below, columns, strict=True) if column not in words]
+    look: dict[str, Any] = {"padding": (0, padding, 0, 0), "pad_edge": False, "title_style": None}
+    return table(title, *below, numbers=numbers, fold=("station", "period\n[UTC]", "origin"), **look)
 
 
-def _print_description(record: WeatherRecord) -> None:
-    place = record.place
-    lines = [
+def description(record: WeatherRecord) -> Iterator[Part]:
+    """Where a record comes from, a fact a line."""
+    from zoneinfo import ZoneInfo
+
+    def degrees(value: float, positive: str, negative: str) -> str:
+        return f"{abs(value):.3f} deg {positive if value >= 0 else negative}"
+
+    place, zone = record.place, ZoneInfo(record.timezone)
+    moments = (record.last.replace(month=month, day=1).astimezone(zone) for month in (1, 7))
+    hours = sorted({(moment.utcoffset() or dt.timedelta()) / dt.timedelta(hours=1) for moment in moments})
+    shift = " h or ".join(f"{abs(hour):g}" for hour in hours)
+    clock = f"{shift} h {'ahead' if hours[-1] >= 0 else 'behind'}{', with summer time' if len(hours) > 1 else ''}"
+    where = f"{degrees(place.latitude, 'N', 'S')}, {degrees(place.longitude, 'E', 'W')}, {place.altitude:g} m"
+    facts = [
         ("name", record.name),
-        (
-            "station",
-            f"{place.station} ({_degrees(place.latitude, 'N', 'S')}, {_degrees(place.longitude, 'E', 'W')}, {place.altitude:g} m)",
-        ),
-        ("clock", f"UTC; the local clock ({place.timezone}) is {_ahead(record)}"),
+        ("station", f"{place.station} ({where})"),
+        ("clock", f"UTC; the local clock ({place.timezone}) is {clock}"),
         ("period", f"{record.period}, {record.hours:,} h"),
         ("source", record.source),
         ("licence", record.licence),
         ("SHA-256", record.digest),
         *(("note", note) for note in record.notes),
     ]
-    for label, text in lines:
-        put(f"{label:<10} {text}")
-
-
-def _ahead(record: WeatherRecord) -> str:
-    """How far the local clock is ahead of UTC over the record's last year."""
-    from zoneinfo import ZoneInfo
-
-    hours = sorted(
-        {
-            (
-                record.last.replace(month=month, day=1).astimezone(ZoneInfo(record.timezone)).utcoffset()
-                or dt.timedelta()
-            )
-            / dt.timedelta(hours=1)
-            for month in (1, 7)
-        }
-    )
-    shift = " h or ".join(f"{abs(hour):g}" for hour in hours)
-    return f"{shift} h {'ahead' if hours[-1] >= 0 else 'behind'}{', with summer time' if len(hours) > 1 else ''}"
+    for label, text in facts:
+        yield Line(f"{label:<10} {text}")
 
 
 def _moment(moment: dt.datetime) -> str:
@@ -353,21 +325,15 @@ def _moment(moment: dt.datetime) -> str:
     return f"{moment:%Y-%m-%d}" if moment.hour == moment.minute == 0 else f"{moment:%Y-%m-%d %H:%M}"
 
 
-def _degrees(value: float, positive: str, negative: str) -> str:
-    return f"{abs(value):.3f} deg {positive if value >= 0 else negative}"
-
-
 def _report_saved(record: WeatherRecord, path: Path) -> None:
     from glbench.weather.summary import doubts, in_figures
 
-    saved = f"Weather '{path.stem}': {record.period}, {record.hours:,} h, SHA-256 {record.digest[:12]}, in {path}"
-    put(saved)
+    put(f"Weather '{path.stem}': {record.period}, {record.hours:,} h, SHA-256 {record.digest[:12]}, in {path}")
     for note in record.notes:
         put(f"Note: {note}")
     for figures in in_figures(record):
         put(f"  {figures}")
-    for doubt in doubts(record):
-        say(messages(), f"Warning: {doubt}", "yellow")
+    put_parts(paragraph(f"Warning: {doubt}", "yellow", aside=True) for doubt in doubts(record))
 
 
 def _as_json(one: WeatherInfo | WeatherRecord, *fields: str, **more: object) -> dict[str, Any]:

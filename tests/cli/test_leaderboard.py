@@ -141,7 +141,7 @@ def test_numbers_are_never_cut_and_what_finds_no_room_is_named(reports, monkeypa
     assert max(len(line) for line in shown.splitlines()) <= width
     assert "123457.8" in shown
     assert "…" not in shown
-    assert ("No room for: " in shown) == (width < 120)
+    assert ("Hidden columns" in shown) == (width < 120)
     assert (long in shown) == (width == 120)
 
 

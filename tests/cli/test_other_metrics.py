@@ -66,7 +66,7 @@ def test_a_row_with_failed_runs_is_marked_also_where_no_column_says_so(
     console.output.cache_clear()
     done = glbench("leaderboard", "--task", "Meadow-v1")
     assert done.code == 0, done.err
-    assert "No room for:" in done.out
+    assert "Hidden columns (terminal too narrow):" in done.out
     names = {line.split()[1]: line.split()[2] for line in done.out.splitlines() if line.split()[:1] in (["1"], ["2"])}
     assert names["failing"] == "✗"
     assert names["usual"] != "✗"

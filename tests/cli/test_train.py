@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="training needs the extra 'train'")
 
-from glbench.cli.train import needs_the_extra
+from glbench.cli.options import needs_the_extra
 from glbench.errors import TrainingError
 from glbench.kernel import why_not_compiled
 from tests.cli.command_line import Command

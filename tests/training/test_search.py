@@ -10,7 +10,7 @@ import optuna
 import pytest
 import yaml
 
-from glbench.cli.train import _say_trial
+from glbench.cli.train import trial_in_words
 from glbench.errors import TrainingError
 from glbench.leaderboard.catalogue import catalogue
 from glbench.tasks import PAPER_TASK, TaskSpec, get_task
@@ -152,15 +152,14 @@ def test_a_search_whose_trials_all_fail_says_why(
         sweep(a_search(day_file, base), tmp_path / "study")
 
 
-def test_the_command_says_why_a_trial_failed(capsys: pytest.CaptureFixture[str]) -> None:
-    _say_trial(TrialReport(7, "fail", None, {"batch_size": 1}, "PPO refuses its settings"), catalogue(None).score)
-    assert "batch_size 1: PPO refuses its settings" in capsys.readouterr().err
+def test_the_command_says_why_a_trial_failed() -> None:
+    trial = TrialReport(7, "fail", None, {"batch_size": 1}, "PPO refuses its settings")
+    assert "batch_size 1: PPO refuses its settings" in trial_in_words(trial, catalogue(None).score)
 
 
-def test_the_command_says_what_a_trial_reached_in_the_words_of_its_task(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_says_what_a_trial_reached_in_the_words_of_its_task() -> None:
     for task, words in ((PAPER_TASK, "reward  3,751.9"), ("glbench/Spring-v1", "score 3,751.900")):
-        _say_trial(TrialReport(7, "complete", 3751.9, {}), catalogue(get_task(task)).score)
-        assert words in capsys.readouterr().err
+        assert words in trial_in_words(TrialReport(7, "complete", 3751.9, {}), catalogue(get_task(task)).score)
 
 
 def test_a_trial_that_is_interrupted_stops_the_search_and_is_made_up_for(

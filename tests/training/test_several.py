@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from glbench.cli.seeds import seeds_of
+from glbench.cli.train import seeds_of
 from glbench.errors import GlbenchError, TrainingError
 from glbench.evaluation.engines.cluster import read_files
 from glbench.tasks import TaskSpec

@@ -1,0 +1,232 @@
+"""Studies of the model: ``glbench bench``, how fast it steps here, and ``glbench validate``, how close it is to a measured season."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from glbench.cli.console import Line, Markup, Part, Table, View, plain, show, styled, table, tell, warning
+from glbench.cli.options import AsJson
+from glbench.cli.progress import Bar, status_bar
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from glbench.realism import Comparison, House
+    from glbench.speed import SpeedRecord
+
+_FIGURES, _PICTURE = "comparison.json", "comparison.png"
+_WIDTHS = (28, 9, 9, 8, 13)
+
+
+def bench(
+    what: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[WHAT]...", help="Groups or single measurements, such as step or vector/512. Default: all of them."
+        ),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="The most telling measurements only, in half a minute.")
+    ] = False,
+    rounds: Annotated[int, typer.Option(min=1, help="How often each is set against the reference.")] = 7,
+    out: Annotated[Path | None, typer.Option(help="Save the figures as JSON in this file.")] = None,
+) -> None:
+    """Measure how fast the model steps on this machine, as ratios to CVODES measured in the same run.
+
+    The reference is the method of the benchmark's paper: CasADi with CVODES at 1e-6, compiled just in time. Processor time is
+    counted, so that other work on the machine disturbs little; only threads are timed on the wall.
+    """
+    from rich.progress import MofNCompleteColumn
+
+    from glbench.evaluation.files import ensure_writable
+    from glbench.speed import choose_subjects, measure, save_record
+
+    if out is not None:
+        ensure_writable(out.parent)
+    subjects = choose_subjects(what or (), quick=quick)
+    with status_bar("compiling model and reference", len(subjects), MofNCompleteColumn()) as update:
+
+        def progress(words: str, completed: int, total: int) -> None:
+            update(description=words, completed=completed, total=total)
+
+        record = measure(subjects, rounds=rounds, processes=not what, progress=progress)
+    show(View(speed_parts(record)))
+    if out is not None:
+        save_record(record, out)
+        tell(f"Saved {out}")
+
+
+def speed_parts(record: SpeedRecord) -> Iterator[Part]:
+    """The machine, a table for each group of measurements, first use and memory."""
+    from glbench.speed.subjects import GROUPS
+
+    machine, lanes = record.machine, record.kernel.get("lanes")
+    name = styled(f"Speed of glbench {record.versions.glbench}", "bold")
+    where = f"{machine.processor}, {machine.cores} cores, {machine.system}"
+    yield Line(Markup(f"{name} on {plain(where)}"), wrap="always")
+    how = f"backend {record.kernel['backend']}" + (f", {lanes:.0f} lanes, {record.kernel['compiler']}" if lanes else "")
+    yield Line(f"Kernel: {how}", wrap="always")
+    yield Line(f"Reference: {record.reference}; {record.rounds} rounds in turn", wrap="always")
+    numbers = ("us a step", "steps/s", "x CVODES", "range")
+    for group, title in GROUPS.items():
+        view = table(title, "", *numbers, numbers=numbers, pad_edge=False)
+        view.columns = [replace(column, min_width=width) for column, width in zip(view.columns, _WIDTHS, strict=True)]
+        for one in record.measurements:
+            if one.group == group:
+                view.add(
+                    one.title,
+                    f"{one.microseconds:,.2f}",
+                    f"{one.steps_per_second:,.0f}",
+                    Markup(f"[bold]{one.ratio:,.1f}x[/]"),
+                    f"{one.ratio_low:,.1f}..{one.ratio_high:,.1f}",
+                )
+        if view.rows:
+            yield view
+    if record.first_use is not None:
+        yield Line(
+            f"First use on an empty cache: {record.first_use.seconds:.1f} s, at most {record.first_use.megabytes:,.0f} MB "
+            "(a wheel that carries the kernel has no such wait)",
+            wrap="always",
+        )
+    if record.memory is not None:
+        memory = record.memory
+        each = (memory.megabytes - memory.megabytes_of_one) / memory.environments * 1024
+        yield Line(
+            f"Memory: {memory.megabytes:,.0f} MB for {memory.environments:,} environments, {memory.megabytes_of_one:,.0f} MB for one "
+            f"({each:.1f} kB for each more)",
+            wrap="always",
+        )
+
+
+def validate(
+    folder: Annotated[
+        Path,
+        typer.Argument(help="The unpacked archive of the second Autonomous Greenhouse Challenge (docs/realism.md)."),
+    ],
+    sets: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", "-s", help="Parameter set to compare, such as paper or mixed_2021; repeatable. Default: all."
+        ),
+    ] = None,
+    settings: Annotated[
+        Path | None,
+        typer.Option(
+            "--settings", help="Page of assumptions (TOML): lamps, plants, set points. Default: that of glbench."
+        ),
+    ] = None,
+    warmer: Annotated[
+        float,
+        typer.Option(
+            "--warmer", min=-10.0, max=10.0, help="Heat and ventilate at so much more than the page says [K]."
+        ),
+    ] = 0.0,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", help=f"Folder for {_FIGURES} (sums and statistics) and {_PICTURE} (days; needs matplotlib)."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare simulated with measured heat and harvest, by day, month and season.
+
+    Each compartment is simulated with the measured weather and the measured daily light and CO2. Its set points were not read from the
+    archive: the same page of settings stands for all growers.
+    """
+    from glbench import realism
+    from glbench.evaluation.files import ensure_writable
+
+    houses = realism.choose_houses(tuple(sets or ()))
+    page = realism.read_settings(settings or realism.SHIPPED)
+    if out is not None:
+        realism.check_pictures()
+        ensure_writable(out)
+    archive = realism.read_archive(folder)
+    with Bar("simulating", len(houses) * archive.days, "{task.fields[words]}", time_left=True, words="") as bar:
+
+        def update(house: House, day: int, days: int) -> None:
+            bar.move(houses.index(house) * days + day, words=house.name)
+            if day == days and not bar.on_terminal:
+                tell(f"{house.name}: {days} days simulated")
+
+        comparison, seasons = realism.compare(archive, houses, page, warmer=warmer, progress=update)
+    if out is not None:
+        realism.save_comparison(comparison, out / _FIGURES)
+        realism.write_picture(archive, seasons, page, out / _PICTURE)
+    show(View(comparison_parts(comparison), lambda: comparison.model_dump(mode="json")), as_json=as_json)
+    if out is not None:
+        tell(
+            f"Saved {out / _FIGURES} and {out / _PICTURE}. The picture shows measured days: mind the archive's licence."
+        )
+
+
+def comparison_parts(comparison: Comparison) -> Iterator[Part]:
+    """Sums of the season, months, and what limits the comparison."""
+    for note in (*comparison.notes, *_unused_capacity(comparison)):
+        yield warning(note)
+    yield _season(comparison)
+    months = {month: f"{month[5:]}/{month[2:4]}" for month in comparison.months}
+    title = "Simulated minus measured: heat in MJ/m2 a day, fruit in kg/m2 a month"
+    view = table(title, "", "", *months.values(), numbers=months.values(), padding=(0, 1))
+    for house in comparison.houses:
+        view.add(house.name, "heat", *(f"{house.heat_bias(month):+.2f}" for month in months))
+        view.add("", "fruit", *(f"{house.harvest_bias(month):+.2f}" for month in months))
+    yield view
+    by_pipes = ", ".join(f"{house.name} {house.pipe_heat:.0f}" for house in comparison.houses)
+    yield Line(
+        "The organisers computed the measured heat from pipe temperatures; the simulated heat is the boiler's. By their formula "
+        f"the simulated pipes give off, in MJ/m2: {by_pipes}."
+    )
+    yield Line(
+        f"Growers differ by {comparison.heat_spread:.2f} MJ/m2/d in one weather (RMS of a compartment's measured heat around the mean of "
+        "all): a simulation that knows nothing of theirs cannot come closer to single compartments."
+    )
+
+
+def _season(comparison: Comparison) -> Table:
+    """Sums and days: a block a parameter set, a row a compartment."""
+
+    def pair(measured: float, simulated: float, digits: int) -> tuple[str, str, str]:
+        ratio = simulated / measured if measured else math.nan
+        return f"{measured:.{digits}f}", f"{simulated:.{digits}f}", "-" if math.isnan(ratio) else f"{ratio:.2f}"
+
+    numbers = ("heat", "sim.", "ratio", "bias", "RMSE", "fruit", "sim.", "ratio")
+    warmer = f", {comparison.warmer:+g} K" if comparison.warmer else ""
+    view = table(
+        f"{comparison.first} to {comparison.last}{warmer}: heat in MJ/m2, fruit in kg/m2",
+        "", *numbers, numbers=numbers, padding=(0, 1),
+        caption="Bold: mean of all compartments; sim.: simulated. Bias and RMSE: simulated minus measured heat of a day, in MJ/m2.",
+    )  # fmt: skip
+    for house in comparison.houses:
+        heat = (house.mean(lambda one: one.heat.measured), house.mean(lambda one: one.heat.simulated))
+        fruit = (house.mean(lambda one: one.harvest.measured), house.mean(lambda one: one.harvest.simulated))
+        means = (*pair(*heat, 0), f"{house.heat_bias():+.2f}", f"{house.heat_rmse:.2f}", *pair(*fruit, 1))
+        view.add(*(Markup(styled(text, "bold")) for text in (house.name, *means)))
+        for one in house.compartments:
+            view.add(
+                f"  {one.name}",
+                *pair(one.heat.measured, one.heat.simulated, 0),
+                f"{one.heat.bias:+.2f}",
+                f"{one.heat.rmse:.2f}",
+                *pair(one.harvest.measured, one.harvest.simulated, 1),
+            )
+        view.end_section()
+    return view
+
+
+def _unused_capacity(comparison: Comparison) -> Iterator[str]:
+    """Light or CO2 that the installed capacity could not give."""
+    for house in comparison.houses:
+        for one in house.compartments:
+            for what, supply, unit in (("lamps", one.lamps, "kWh/m2"), ("CO2", one.co2, "kg/m2")):
+                if supply.simulated < supply.measured * (1.0 - 1e-3):
+                    yield (
+                        f"{house.name}, {one.name}: of {supply.measured:.2f} {unit} measured ({what}) the simulation used "
+                        f"{supply.simulated:.2f}, which is all that is installed."
+                    )
