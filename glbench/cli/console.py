@@ -38,8 +38,8 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it: 128 and the signal's number."""
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _PATIENCE_SECONDS = 2.0
-_PRINTED = "\n\t" + "".join(map(chr, range(0xDC80, 0xDD00)))
-"""Printed although Python does not call them printable; the last ones are bytes of file names that are no text, printed escaped."""
+_IN_LINES = "\n\t" + "".join(map(chr, range(0xDC80, 0xDD00)))
+"""Kept in lines although not printable; the last ones are bytes of file names that are no text, which are printed escaped."""
 _NARROWEST, _NARROW = 8, 18
 """Least width of an elastic column: the second before a column is left out, the first when none is left to leave out."""
 
@@ -55,7 +55,7 @@ class Markup(str):
 
 def harmless(text: str) -> str:
     """``text`` without characters that control a terminal: file names and text of submissions may contain them."""
-    return visible(text, keep=_PRINTED)
+    return visible(text, keep="\n\t")
 
 
 def plain(text: object) -> str:
@@ -244,7 +244,7 @@ def put_parts(parts: Iterable[Part]) -> None:
 
 def _put_line(line: Line) -> None:
     console = messages() if line.aside else output()
-    text = line.text if isinstance(line.text, Markup) else Text(harmless(line.text))
+    text = line.text if isinstance(line.text, Markup) else Text(visible(line.text, keep=_IN_LINES))
     if line.indent:
         console.print(Padding(text, (0, 0, 0, line.indent), expand=False), style=line.style)
     elif line.wrap == "words":
