@@ -38,8 +38,8 @@ INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it: 128 and the signal's number."""
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _PATIENCE_SECONDS = 2.0
-_IN_LINES = "\n\t" + "".join(map(chr, range(0xDC80, 0xDD00)))
-"""Kept in lines although not printable; the last ones are bytes of file names that are no text, which are printed escaped."""
+_COPIED = "\n\t" + "".join(map(chr, range(0xDC80, 0xDD00)))
+"""Kept in lines that are not wrapped, although not printable: the last ones are bytes of file names that are no text, printed escaped."""
 _NARROWEST, _NARROW = 8, 18
 """Least width of an elastic column: the second before a column is left out, the first when none is left to leave out."""
 
@@ -244,7 +244,9 @@ def put_parts(parts: Iterable[Part]) -> None:
 
 def _put_line(line: Line) -> None:
     console = messages() if line.aside else output()
-    text = line.text if isinstance(line.text, Markup) else Text(visible(line.text, keep=_IN_LINES))
+    text: str | Text = line.text
+    if not isinstance(line.text, Markup):  # what is not wrapped can be copied, paths for example
+        text = Text(visible(line.text, keep=_COPIED) if line.wrap == "never" else harmless(line.text))
     if line.indent:
         console.print(Padding(text, (0, 0, 0, line.indent), expand=False), style=line.style)
     elif line.wrap == "words":

@@ -76,7 +76,7 @@ def show(
         put_parts(result_parts(one, _origin(one, out)))
     if len(selection) < len(results):
         others = f"'{result}' has results on {len(results)} tasks: --all, or --task ID, shows the others."
-        put_parts([aside(others, "dim")])
+        put_parts([Line(others, "dim", aside=True, wrap="always")])
 
 
 def _origin(stored: StoredResult, out: Path) -> list[str]:
@@ -391,7 +391,8 @@ def _comparison_parts(entries: Sequence[tuple[Entry, Entry]], tests: Sequence[tu
     for pair, p_value in tests[:_SENTENCES]:
         yield paragraph(Markup(plain(_place(pair, named=several)) + _sentence(pair, p_value)))
     if len(pairs) > _SENTENCES:
-        yield aside(f"In words for the first {_SENTENCES} tasks; --task ID shows every metric of one.", "dim")
+        words = f"In words for the first {_SENTENCES} tasks; --task ID shows every metric of one."
+        yield Line(words, "dim", aside=True, wrap="always")
     words = (
         "Intervals: 95 %, Student's t over pairs of runs, and trainings where there are several; they and p cover the "
         f"{together([pair.words for pair in pairs]).draws}. For an agent with one training they do not cover other trainings."
