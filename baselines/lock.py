@@ -7,7 +7,7 @@
 ``lock.toml`` holds, for every baseline, its digest and two numbers for each task that it is recorded on: a weighted sum of its actions
 over a day of two runs (six steps for predictive control), and its size. The inputs (what the tuned rules saw, and the true states behind
 it) are in ``tests/golden/baseline_inputs.npz``, so the simulation has no part in the comparison. Source may change as long as these
-numbers stay. To change the actions of a controller, give it another ``version`` in ``glbench/agents/baselines.py``, remove its baselines
+numbers stay. To change the actions of a controller, give it another ``version`` in its ``@controller``, remove its baselines
 from the lock, and release their results again.
 """
 

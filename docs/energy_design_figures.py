@@ -40,8 +40,8 @@ from docs.benchmark_design_figures import (
     signed,
     write,
 )
-from glbench.agents.energy_rule_settings import EnergyRulePage, energy_settings_text, read_energy_rule_page
-from glbench.agents.energy_rules import EnergyRulesAgent
+from glbench.agents.energy_rules import EnergyRulesAgent, EnergyRuleSettings
+from glbench.agents.tuned_rules import RulePage, read_rule_page, settings_text
 from glbench.bounds.energy_costs import Costs, costs_of_result
 from glbench.env import Simulation
 from glbench.resources import write_atomically
@@ -122,12 +122,12 @@ def make_agents(work: Path) -> None:
     """Write the folders of the rules and of their copies, for each family: a card and one page, which then serves any task."""
     for family, variants in VARIANTS.items():
         source = PAGES / f"{family.lower()}.yml"
-        page = read_energy_rule_page(source)
+        page = read_rule_page(source, EnergyRuleSettings)
         for name, changed in {RULES: {}, **variants}.items():
             folder = work / MADE / family / name
             folder.mkdir(parents=True, exist_ok=True)
             numbers = type(page.numbers)(**{**page.numbers.model_dump(), **changed})
-            write_atomically(folder / "page.yml", energy_settings_text(EnergyRulePage(page.tasks, numbers)))
+            write_atomically(folder / "page.yml", settings_text(RulePage(page.scope, numbers)))
             words = ", ".join(f"{key} = {value:g}" for key, value in changed.items()) or "nothing changed"
             write_atomically(folder / "card.toml", _CARD.format(name=name, page=source.name, changed=words))
 
@@ -160,7 +160,7 @@ def grown(family: str) -> list[dict[str, float]]:
     """The crop that the rules grow in ``family``, month by month: mean over a few seasons."""
     task = design(family, DRAWS, runs=GROWN_RUNS)
     simulation = Simulation(task, GROWN_RUNS)
-    agent = EnergyRulesAgent([read_energy_rule_page(PAGES / f"{family.lower()}.yml").numbers] * GROWN_RUNS)
+    agent = EnergyRulesAgent([read_rule_page(PAGES / f"{family.lower()}.yml", EnergyRuleSettings).numbers] * GROWN_RUNS)
     seen, card = simulation.reset(list(task.evaluation.seeds)), task_card(task)
     agent.reset(card, GROWN_RUNS)
     model, days, rows, picked = task.model_value, round(86_400 / task.step_seconds), [], 0.0

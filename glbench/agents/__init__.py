@@ -17,10 +17,14 @@ if TYPE_CHECKING:
     from glbench.agents.identity import Identity, baseline_names, identify
     from glbench.agents.loading import LoadedAgent, load_agent
     from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, ScenarioController, SingleRunAgent
-    from glbench.agents.rule_based import RuleBasedController
-    from glbench.agents.rule_based_fair import FairRuleBasedAgent
-    from glbench.agents.rule_settings import RuleSettings, read_rule_settings
-    from glbench.agents.rules import RuleInputs, rule_controls
+    from glbench.agents.rules import (
+        FairRuleBasedAgent,
+        RuleBasedController,
+        RuleInputs,
+        RuleSettings,
+        read_rule_settings,
+        rule_controls,
+    )
     from glbench.agents.tuned_rules import TunedRulesAgent
 else:
     __getattr__ = lazy_names(
@@ -32,10 +36,14 @@ else:
             "identity": ("Identity", "baseline_names", "identify"),
             "loading": ("LoadedAgent", "load_agent"),
             "protocol": ("Agent", "PerRunAgent", "PrivilegedController", "ScenarioController", "SingleRunAgent"),
-            "rule_based": ("RuleBasedController",),
-            "rule_based_fair": ("FairRuleBasedAgent",),
-            "rule_settings": ("RuleSettings", "read_rule_settings"),
-            "rules": ("RuleInputs", "rule_controls"),
+            "rules": (
+                "FairRuleBasedAgent",
+                "RuleBasedController",
+                "RuleInputs",
+                "RuleSettings",
+                "read_rule_settings",
+                "rule_controls",
+            ),
             "tuned_rules": ("TunedRulesAgent",),
         },
     )

@@ -1,25 +1,24 @@
-"""The built-in controllers, and the folders of ``baselines/`` that say which one a name means and with which settings or weights.
+"""The folders of ``baselines/``, which say what a baseline's name means: a controller, and its settings or weights.
 
 ``card.toml`` in such a folder names controller and settings file and says in words how the baseline was made. The folder holds
-data only; the code is here, next to what tests and types can check.
+data only; ``controllers.py`` knows the controllers.
 """
 
 from __future__ import annotations
 
 import hashlib
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
-from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel, ConfigDict
 
 from glbench.agents.card import RecipeId
+from glbench.agents.controllers import CONTROLLERS, MODULES, find_controller
 from glbench.agents.identity import Training, baseline_names, check_file, check_sizes, files_of_folder, policy_digest
 from glbench.agents.protocol import Agent, PrivilegedController, ScenarioController, Sight
 from glbench.errors import GlbenchError, SubmissionError, did_you_mean
@@ -31,66 +30,12 @@ from glbench.tasks.quantities import PAPER_MODEL
 from glbench.untrusted import MIB, opened_archive, quoted, real_path
 
 if TYPE_CHECKING:
-    from glbench.agents.energy_rule_settings import EnergyRulePages
-    from glbench.agents.grower import GrowerSettings
-    from glbench.agents.network_policy import PolicyFiles
-    from glbench.agents.plans import PlanFolder
-    from glbench.agents.predictive import PredictiveSettings
-    from glbench.agents.recording import Recording
-    from glbench.agents.rule_settings import RuleSettings
-    from glbench.agents.tuned_rule_settings import RulePages
     from glbench.tasks import TaskCard
-
-    Settings: TypeAlias = (
-        RuleSettings
-        | RulePages
-        | EnergyRulePages
-        | GrowerSettings
-        | PolicyFiles
-        | PredictiveSettings
-        | Recording
-        | PlanFolder
-    )
 
 LARGEST_ARCHIVE = 256 * MIB
 """Size of the unpacked arrays of a policy or a recording [bytes]. The shipped ones have less than 1 MiB."""
 _SAVED_MODEL = "best/model.zip"
 """Where ``glbench train`` leaves its best model in a training's folder."""
-
-
-@dataclass(frozen=True)
-class _Controller:
-    """A built-in controller: what it sees, how it is made, and its version.
-
-    ``reader`` and ``maker`` are places (module, name): a process loads what the controller needs that it was asked for.
-    ``version`` is part of the digest of every agent of this controller. Source may change as long as the actions stay;
-    ``baselines/lock.toml`` records the actions of the shipped baselines, and a test compares them. Other actions need another version.
-    The first version of a controller is the SHA-256 of its source when its first results were released.
-    """
-
-    sees: Sight
-    information: str
-    reader: tuple[str, str]
-    maker: tuple[str, str]
-    version: str
-
-    def read(self, place: Path) -> Settings:
-        """Read what the card calls the controller's settings: rules, a grower's page, trained policies, or recorded actions."""
-        with _damage_in_words():
-            settings: Settings = _found(self.reader)(place)
-        return settings
-
-    def make(self, settings: Settings) -> Agent | PrivilegedController | ScenarioController:
-        """A new controller with these settings.
-
-        Raises
-        ------
-        SubmissionError
-            When it cannot be made with these settings.
-        """
-        with _damage_in_words():
-            controller: Agent | PrivilegedController | ScenarioController = _found(self.maker)(settings)
-        return controller
 
 
 @contextmanager
@@ -105,105 +50,12 @@ def _damage_in_words() -> Iterator[None]:
         raise SubmissionError(msg) from error
 
 
-def _found(place: tuple[str, str]) -> Callable[..., Any]:
-    module, name = place
-    found: Callable[..., Any] = attrgetter(name)(import_module(f"glbench.agents.{module}"))
-    return found
-
-
-_RULE_SETTINGS = ("rule_settings", "read_rule_settings")
-
-_CONTROLLERS = {
-    "rule_based": _Controller(
-        sees="state",
-        information=(
-            "privileged: true state, weather of the coming step, radiation sum of the whole day, dawn and dusk in advance; "
-            "sets controls directly, without rate limit"
-        ),
-        reader=_RULE_SETTINGS,
-        maker=("rule_based", "RuleBasedController"),
-        version="6eb5ee2b12f66ad91f2b87c4999de3caca1a0bc3986c8cf392674cf2db260d8a",
-    ),
-    "rule_based_fair": _Controller(
-        sees="observations",
-        information="observations and the public task card",
-        reader=_RULE_SETTINGS,
-        maker=("rule_based_fair", "FairRuleBasedAgent"),
-        version="422c7198decf7d13b7615521fba8f7915ad3235b7cb7256e2355ceb9327db821",
-    ),
-    "rule_based_tuned": _Controller(
-        sees="observations",
-        information="observations and the public task card",
-        reader=("tuned_rule_settings", "read_rule_pages"),
-        maker=("tuned_rules", "TunedRulesAgent"),
-        version="bd6432cc9ef75f1b05f527db61c1468c3eb7cff93e20f92856e42130415ea65c",
-    ),
-    "rule_based_energy": _Controller(
-        sees="observations",
-        information="observations and the public task card",
-        reader=("energy_rule_settings", "read_energy_rule_pages"),
-        maker=("energy_rules", "EnergyRulesAgent"),
-        version="0da9d380f7e6d1bab7a9fb3838ca97426982100d4c8f299686ddc7f7ab5344c3",
-    ),
-    "network": _Controller(
-        sees="observations",
-        information="observations and the public task card",
-        reader=("network_policy", "PolicyFiles.at"),
-        maker=("network_policy", "PolicyAgent"),
-        version="6fcf81c123040c502f9068710aceb794d84916948e29ce0d711175a4640c19ba",
-    ),
-    "actor": _Controller(
-        sees="observations",
-        information="observations and the public task card",
-        reader=("network_policy", "PolicyFiles.at"),
-        maker=("network_policy", "PolicyAgent"),
-        version="e49117f6dd9b61cf6ed41b2150606726786ac0780e5a18059087026cccf01b65",
-    ),
-    "grower": _Controller(
-        sees="observations",
-        information="observations and the public task card",
-        reader=("grower", "read_grower_settings"),
-        maker=("grower", "GrowerAgent"),
-        version="b39f2da424cbd9fc5f64fc9e0ab4be3edb32723be330b22a89cc3c66c9d2233e",
-    ),
-    "recording": _Controller(
-        sees="observations",
-        information="nothing: replays recorded actions",
-        reader=("recording", "read_recording"),
-        maker=("recording", "RecordingAgent"),
-        version="48d93ad361af231dfd67a11e7d5f40524077a85aeb162f7c54ef9de0f0b72588",
-    ),
-    "plans": _Controller(
-        sees="scenario",
-        information="privileged: everything that is given in a run, its draws and the weather to come; acts through the task's actuation",
-        reader=("plans", "PlanFolder"),
-        maker=("plans", "PlanController"),
-        version="6b6f0390984d19449fd387b60c40cf7131b2f3b9ed54977e7b7b33a5565fd81c",
-    ),
-    "mpc_true_state": _Controller(
-        sees="scenario",
-        information=(
-            "privileged: true states, all weather to come, the parameters of the run in every step to come; acts through the task's "
-            "actuation"
-        ),
-        reader=("predictive", "read_predictive_settings"),
-        maker=("predictive", "TrueStateController"),
-        version=(
-            "bbd462e65f9c85feeb5dd0e56292bdbe07adaaf95fccb7736293c77bec062442 "
-            "c9c4998d8192f4ffa4551be3802850d2ba3bf26ea79904fc849cf112ef9afa2f"
-        ),
-    ),
-    "mpc": _Controller(
-        sees="observations",
-        information="observations, the public definition of the task, and the mean days of its training years",
-        reader=("predictive", "read_predictive_settings"),
-        maker=("predictive", "PredictiveAgent"),
-        version=(
-            "bbd462e65f9c85feeb5dd0e56292bdbe07adaaf95fccb7736293c77bec062442 "
-            "89f3d6f9cd3064159e1a8013ac4e48bf5340ebb6788e92ff418da40687dab753"
-        ),
-    ),
-}
+def _that_exists(name: str) -> str:
+    names = sorted({*MODULES, *CONTROLLERS})
+    if name not in names:
+        msg = f"there is no controller {quoted(name)}.{did_you_mean(name, names)}".rstrip(".")
+        raise ValueError(msg)
+    return name
 
 
 class Recipe(BaseModel):
@@ -224,19 +76,7 @@ class Card(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     title: str
-    controller: Literal[
-        "rule_based",
-        "rule_based_fair",
-        "rule_based_tuned",
-        "rule_based_energy",
-        "grower",
-        "network",
-        "actor",
-        "recording",
-        "plans",
-        "mpc_true_state",
-        "mpc",
-    ]
+    controller: Annotated[str, AfterValidator(_that_exists)]
     settings: str
     description: str
     made: str
@@ -249,7 +89,7 @@ class Baseline:
     """A baseline read from its folder."""
 
     card: Card
-    settings: Settings
+    settings: Any
     digest: str
     """SHA-256 (hex) over the controller's name and version, and its settings. The card's words may change."""
     training: Training | None = None
@@ -258,7 +98,7 @@ class Baseline:
     @property
     def sees(self) -> Sight:
         """What it is shown."""
-        return _CONTROLLERS[self.card.controller].sees
+        return find_controller(self.card.controller).sees
 
     @property
     def privileged(self) -> bool:
@@ -268,7 +108,7 @@ class Baseline:
     @property
     def information(self) -> str:
         """What it sees, in words."""
-        return _CONTROLLERS[self.card.controller].information
+        return find_controller(self.card.controller).information
 
     def make(self, task: TaskCard) -> Agent | PrivilegedController | ScenarioController:
         """A new controller; what else there is to know of its task it learns on reset.
@@ -286,7 +126,8 @@ class Baseline:
                 "Evaluate an agent that works with observations, such as rule_based_fair."
             )
             raise SubmissionError(msg)
-        return _CONTROLLERS[self.card.controller].make(self.settings)
+        with _damage_in_words():
+            return find_controller(self.card.controller).make(self.settings)
 
 
 def read_baseline(ref: str | Path) -> Baseline:
@@ -318,10 +159,11 @@ def read_baseline(ref: str | Path) -> Baseline:
     if isinstance(ref, str) and ref in left_out():
         msg = f"What '{ref}' has learnt or planned ({card.settings}) is not part of this installation. {how_to_get_data()}"
         raise SubmissionError(msg)
-    settings = _CONTROLLERS[card.controller].read(place)
+    with _damage_in_words():
+        settings = find_controller(card.controller).read(place)
     training = None
     if card.training is not None:
-        weights = settings.files if place.is_dir() else (place,)  # type: ignore[union-attr]
+        weights = settings.files if place.is_dir() else (place,)
         training = Training(card.training.recipe, card.training.seed, card.controller, policy_digest(weights))
     return Baseline(card, settings, _digest(card.controller, place, settings), training)
 
@@ -339,7 +181,7 @@ def shipped_sight(name: str) -> Sight:
     SubmissionError
         When there is no such baseline.
     """
-    return _CONTROLLERS[_read_card(data_folder("baselines") / name / "card.toml").controller].sees
+    return find_controller(_read_card(data_folder("baselines") / name / "card.toml").controller).sees
 
 
 def shipped_training(name: str) -> Recipe | None:
@@ -387,7 +229,7 @@ def _digest(controller: str, place: Path, settings: Any) -> str:
         if place.is_dir()
         else hashlib.sha256(with_unix_line_ends(place.name, place.read_bytes())).hexdigest()
     )
-    return hashlib.sha256(f"{controller} {_CONTROLLERS[controller].version} {data}".encode()).hexdigest()
+    return hashlib.sha256(f"{controller} {find_controller(controller).version} {data}".encode()).hexdigest()
 
 
 def _read_card(file: Path) -> Card:

@@ -1,17 +1,24 @@
-"""What an observer can know about the day: when it is light, and how much sun it will have had.
+"""When it is light, and how much sun a day will have had.
 
-The published controller knows both. Here they are estimated from the radiation seen so far and the clock, with no model of the
-sun and no knowledge of the place: yesterday's dawn and dusk, and the average course of the days before, scaled by today's share.
-All arrays have one row a run; rows do not mix, so a run gets the same bits alone and in a batch.
+``DaylightEstimator`` estimates both from the radiation so far and the clock, with no model of the sun and no knowledge of the place:
+yesterday's dawn and dusk, and the average course of the days before, scaled by today's share. ``Sun`` computes the sun's hours from
+place and date. All arrays have one row a run; rows do not mix, so a run gets the same bits alone and in a batch.
 """
 
 from __future__ import annotations
 
+import datetime as dt
 import math
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskCard
 
 Array = NDArray[np.float64]
 
@@ -26,6 +33,8 @@ RAMP_HOURS = 1.0
 """Length of dusk and dawn [h], as in the published day flags."""
 
 _SECONDS_A_DAY = 86400.0
+_HORIZON = math.radians(-0.833)
+"""Height of the middle of the sun when it rises and sets: refraction, and half its width."""
 _SIGMOID_STEEPNESS = 10.0  # as in the published smooth day flag
 
 
@@ -69,16 +78,27 @@ class DaylightEstimator:
     def observe(self, hour: Array, radiation: Array) -> Daylight:
         """Take in the clock [h] and the global radiation [W m-2] of this step, shape (n,) each, and estimate."""
         slot = np.minimum((hour / self._step_hours).astype(np.int64), self._slots - 1)
-        self._turn_page(hour, slot)
-        self._follow_edges(hour, radiation)
+        self._begin_days(hour, slot)
+        # It became light or dark half a step ago: the edge is between two observations.
+        before = ~np.isnan(self._hour)
+        edge = hour - 0.5 * self._step_hours - self._age_hours
+        self._dawn = np.where(before & (self._radiation <= 0.0) & (radiation > 0.0), edge, self._dawn)
+        self._dusk = np.where(before & (self._radiation > 0.0) & (radiation <= 0.0), edge, self._dusk)
         self._today[self._rows, slot] = radiation * self._megajoules
         self._so_far = self._so_far + radiation * self._megajoules
         self._hour, self._radiation = hour.copy(), radiation.copy()
-        is_day = self._day_flag(hour, radiation)
-        return Daylight(is_day, _smooth(is_day), self._radiation_sum(slot))
 
-    def _turn_page(self, hour: Array, slot: NDArray[np.int64]) -> None:
-        """At the start of a new day: learn from the one that ended, if it was seen from its start."""
+        is_day = self._day_flag(hour, radiation)
+        inside = 1.0 / (1.0 + np.exp(-_SIGMOID_STEEPNESS * (is_day - 0.5)))
+        smooth = np.where((is_day <= 0.0) | (is_day >= 1.0), is_day, inside)
+        # What came in so far, and the rest of a mean day scaled by how today compares with it.
+        expected_now = self._expected[self._rows, slot]
+        rest = self._expected[:, -1] - expected_now
+        radiation_sum = self._so_far + rest * (self._so_far + PRIOR) / (expected_now + PRIOR)
+        return Daylight(is_day, smooth, radiation_sum)
+
+    def _begin_days(self, hour: Array, slot: NDArray[np.int64]) -> None:
+        """At the start of a new day: learn from the one that ended, if it was observed from its start."""
         first = np.isnan(self._hour)
         # Half a day back is midnight; an hour back is only the end of summer time.
         new = first | (hour < self._hour - 12.0)
@@ -93,31 +113,57 @@ class DaylightEstimator:
         self._today[new] = 0.0
         self._so_far = np.where(new, 0.0, self._so_far)
 
-    def _follow_edges(self, hour: Array, radiation: Array) -> None:
-        """Remember when it became light and dark; half a step back, because the edge lies between two observations."""
-        known = ~np.isnan(self._hour)
-        edge = hour - 0.5 * self._step_hours - self._age_hours
-        self._dawn = np.where(known & (self._radiation <= 0.0) & (radiation > 0.0), edge, self._dawn)
-        self._dusk = np.where(known & (self._radiation > 0.0) & (radiation <= 0.0), edge, self._dusk)
-
     def _day_flag(self, hour: Array, radiation: Array) -> Array:
-        """Day flag with linear ramps centred on the latest dawn and dusk; light or dark itself until both are known."""
-        known = ~(np.isnan(self._dawn) | np.isnan(self._dusk))
-        dawn, dusk = np.where(known, self._dawn, 0.0), np.where(known, self._dusk, 0.0)
+        """Day flag with linear ramps centred on the latest dawn and dusk; light or dark itself until there was each of them."""
+        both = ~(np.isnan(self._dawn) | np.isnan(self._dusk))
+        dawn, dusk = np.where(both, self._dawn, 0.0), np.where(both, self._dusk, 0.0)
         rising = np.clip((hour - dawn) / RAMP_HOURS + 0.5, 0.0, 1.0)
         falling = np.clip((dusk - hour) / RAMP_HOURS + 0.5, 0.0, 1.0)
         # Where the clock's midnight falls into the day, light is after dawn or before dusk instead of both.
         ramped = np.where(dawn < dusk, np.minimum(rising, falling), np.maximum(rising, falling))
-        return np.where(known, ramped, (radiation > 0.0).astype(np.float64))
-
-    def _radiation_sum(self, slot: NDArray[np.int64]) -> Array:
-        """What came in so far, and the rest of a mean day scaled by how today compares with it."""
-        expected_now = self._expected[self._rows, slot]
-        rest = self._expected[:, -1] - expected_now
-        return self._so_far + rest * (self._so_far + PRIOR) / (expected_now + PRIOR)
+        return np.where(both, ramped, (radiation > 0.0).astype(np.float64))
 
 
-def _smooth(linear: Array) -> Array:
-    """Sigmoid over the linear ramps, exactly 0 and 1 outside them."""
-    inside = 1.0 / (1.0 + np.exp(-_SIGMOID_STEEPNESS * (linear - 0.5)))
-    return np.where((linear <= 0.0) | (linear >= 1.0), linear, inside)
+class Sun:
+    """Sunrise and sunset by the clock of a task, looked up once a day."""
+
+    def __init__(self, task: TaskCard) -> None:
+        self._task = task
+        self._day: Array | None = None
+
+    def hours(self, day: Array) -> tuple[Array, Array]:
+        """Both [h], (n,) each, on days of the year (n,)."""
+        today = np.floor(day)
+        if self._day is None or not np.array_equal(today, self._day):
+            hours = [sun_hours(self._task, int(number)) for number in today.tolist()]
+            self._day, (self._rise, self._fall) = today, np.array(hours).reshape(-1, 2).T.copy()
+        return self._rise, self._fall
+
+
+def sun_hours(task: TaskCard, day_of_year: int) -> tuple[float, float]:
+    """Sunrise and sunset [h] by the clock of a task, on a day counted from 0 at 1 January.
+
+    Spencer's declination and equation of time (1971), to a few minutes; summer time as in the year of the task's start. Where the
+    sun does not rise both are noon; where it does not set they are a day apart.
+    """
+    return _sun_hours(task.place.latitude, task.place.longitude, task.clock, task.start.year, day_of_year)
+
+
+@lru_cache(maxsize=4096)
+def _sun_hours(latitude: float, longitude: float, clock: str, year: int, day: int) -> tuple[float, float]:
+    angle = 2.0 * math.pi * day / 365.0
+    declination = (
+        0.006918 - 0.399912 * math.cos(angle) + 0.070257 * math.sin(angle) - 0.006758 * math.cos(2.0 * angle)
+        + 0.000907 * math.sin(2.0 * angle) - 0.002697 * math.cos(3.0 * angle) + 0.00148 * math.sin(3.0 * angle)
+    )  # fmt: skip
+    minutes = 229.18 * (
+        0.000075 + 0.001868 * math.cos(angle) - 0.032077 * math.sin(angle)
+        - 0.014615 * math.cos(2.0 * angle) - 0.040849 * math.sin(2.0 * angle)
+    )  # fmt: skip
+    noon = dt.datetime(year, 1, 1, 12, tzinfo=ZoneInfo(clock)) + dt.timedelta(days=day)
+    offset = (noon.utcoffset() or dt.timedelta()).total_seconds() / 3600.0
+    middle = 12.0 - minutes / 60.0 - longitude / 15.0 + offset
+    north = math.radians(latitude)
+    cosine = (math.sin(_HORIZON) - math.sin(north) * math.sin(declination)) / (math.cos(north) * math.cos(declination))
+    half = math.degrees(math.acos(min(max(cosine, -1.0), 1.0))) / 15.0
+    return middle - half, middle + half

@@ -11,17 +11,15 @@ All arithmetic goes element by element over arrays of shape (n,), as in the tune
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.agents.energy_rule_settings import EnergyRulePages, EnergyRuleSettings
-from glbench.agents.rule_based_fair import clock_from
-from glbench.agents.tuned_rules import TunedRulesAgent
-from glbench.errors import ShapeError, SubmissionError
+from glbench.agents.controllers import clock_from, controller
+from glbench.agents.tuned_rules import NEEDED, TunedRulesAgent, TunedRuleSettings, number, read_rule_pages
+from glbench.errors import SubmissionError
 from glbench.tasks.set_points import BLACKOUT, BOILER, DOSING, LAMPS, VENTS, WORKED
 
 if TYPE_CHECKING:
@@ -41,15 +39,69 @@ _RUNNING = 0.01
 """The engine counts as running above this load."""
 
 
+class EnergyRuleSettings(TunedRuleSettings):
+    """Numbers of the rules for lamps at hourly prices, engine, boiler and buffer, besides those of the climate.
+
+    "Load" is a fraction of what is installed. Numbers of machines that a task does not have are not used there. A page names the tasks
+    that it is for.
+    """
+
+    title: ClassVar[str] = "energy rules"
+    scope_key: ClassVar[str] = "tasks"
+
+    lamps_from: float = number(0.0, 24.0, "h", "of the day they may be on (not tuned)", section="Lamps", tuned=False)
+    lamps_until: float = number(0.0, 24.0, "h", "of the same day they go off (not tuned)", tuned=False)
+    lamps_radiation: float = number(0.0, 1000.0, "W m-2", "they are off from here on; 0: they are never on")
+    lamps_fruit: float = number(0.0, 0.5, "kg kWh-1", "they are on while power costs less than so much fruit")
+    lamps_light: float = number(0.0, 500.0, "W m-2", "of radiation that they count as, for heating and CO2")
+
+    engine_price: float = number(
+        -0.05, 0.4, "EUR kWh-1", "it runs while power is worth more, buffer empty", section="Engine"
+    )
+    engine_full: float = number(0.0, 0.4, "EUR kWh-1", "more with a full buffer (in proportion with others)")
+    engine_cold: float = number(0.0, 0.01, "EUR kWh-1 K-1", "less for each degree below 18 degC of the coming night")
+    engine_wait: float = number(
+        0.0, 1.0, "-", "more by this part of what a dearer hour is above it, in proportion with the buffer"
+    )
+    engine_stay: float = number(0.0, 0.05, "EUR kWh-1", "less while it runs")
+
+    buffer_full: float = number(0.0, 100.0, "%", "engine and boiler fill it up to here", section="Buffer and boiler")
+    buffer_low: float = number(0.0, 50.0, "%", "below it the boiler gives the heat that is asked for")
+    boiler_co2: float = number(0.0, 2.0, "-", "of the CO2 wanted by day the boiler burns this part for its flue gas")
+    co2_bought: float = number(0.0, 1.0, "share", "of the supply at most is bought, besides what is in the flue gas")
+
+    boiler_flue: float = number(
+        0.1,
+        20.0,
+        "-",
+        "CO2 in the flue gas of the boiler at full load, in full supplies",
+        section="Machines (not tuned)",
+        tuned=False,
+    )
+    engine_flue: float = number(0.1, 20.0, "-", "the same of the engine", tuned=False)
+    engine_heat: float = number(
+        0.0, 5.0, "-", "heat of the engine at full load, in full loads of the boiler", tuned=False
+    )
+
+    @classmethod
+    def is_for(cls, scope: Sequence[str], reward: Sequence[str], task_id: str) -> bool:
+        """Whether a page for the tasks ``scope`` is for the task ``task_id``."""
+        return task_id in scope
+
+
+@controller(
+    "rule_based_energy",
+    read=partial(read_rule_pages, kind=EnergyRuleSettings),
+    version="0da9d380f7e6d1bab7a9fb3838ca97426982100d4c8f299686ddc7f7ab5344c3",
+)
 class EnergyRulesAgent(TunedRulesAgent):
     """Rules for a greenhouse whose power has a price for every hour; an ``Agent``.
 
-    ``rules`` are pages of numbers, of which the task chooses one, or numbers for every run, one a run.
+    ``settings`` are pages of numbers, of which the task chooses one, or numbers for every run, one a run.
     """
 
-    def __init__(self, rules: EnergyRulePages | Sequence[EnergyRuleSettings]) -> None:
-        super().__init__(() if isinstance(rules, EnergyRulePages) else rules)
-        self.rules = rules
+    title = "the energy rules"
+    kind = EnergyRuleSettings
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """Forget what was measured; ``n_runs`` runs of ``task`` begin.
@@ -61,89 +113,72 @@ class EnergyRulesAgent(TunedRulesAgent):
         ShapeError
             When there are numbers for another count of runs.
         """
-        rules = self.rules
-        given = [rules.numbers_for(task.id)] * n_runs if isinstance(rules, EnergyRulePages) else rules
-        self.settings = given
-        super().reset(replace(task, actions=tuple(one for one in task.actions if one.name in WORKED)), n_runs)
-        self._task = task
-        self._more: Any = SimpleNamespace(
-            **{name: np.array([getattr(one, name) for one in given]) for name in EnergyRuleSettings.model_fields}
-        )
-        self._columns = {name: place for place, name in enumerate(task.observation_names)}
-        self._controls = {one.name: (one.quantity, one.at_one) for one in task.controls if one.at_one > 0.0}
-        self._ahead = tuple(name for name in self._columns if name.startswith(_AHEAD))
+        super().reset(task, n_runs)
+        self._hours_ahead = tuple(name for name in task.observation_names if name.startswith(_AHEAD))
         self._fruit = next(
             (one.price for one in task.ledger if one.name == _GROWTH and not isinstance(one.price, str)), 0.0
         )
+        self._lit = np.zeros(n_runs)
+
+    def _find_columns(self, task: TaskCard, n_runs: int) -> None:
+        self._check_actuation(task)
+        controls, columns = [one.name for one in task.controls], task.observation_names
         machines = tuple(one.name for what in (_ENGINE, _PIPES) for one in task.controls if one.quantity == what)
         self._stored = len(machines) == len((_ENGINE, _PIPES)) and set(machines) <= set(task.action_names)
         self._engine, self._pipes = machines if self._stored else ("", "")
-        shown = (POWER, *((_SHARE,) if self._stored else ()))
         unknown = [name for name in task.action_names if name not in (*WORKED, self._engine, self._pipes)]
-        missing = [name for name in shown if name not in self._columns]
-        if unknown or missing:
-            what = (
-                f"does not show {', '.join(missing)}"
-                if missing
-                else f"has the control {', '.join(unknown)}, which they do not know"
-            )
+        required = (POWER, *((_SHARE,) if self._stored else ()))
+        missing = [name for name in required if name not in columns]
+        if unknown or missing or VENTS not in controls:
+            what = f"has the control {', '.join(unknown)}, which they do not know" if unknown else f"lacks {VENTS}"
+            what = f"does not show {', '.join(missing)}" if missing else what
             msg = f"The energy rules work lamps, engine and buffer at an hourly price of power, and {task.id} {what}."
             raise SubmissionError(msg)
-        self._lit = np.zeros(n_runs)
+        self._installed = [one.name for one in task.controls if one.at_one > 0.0 and one.quantity in columns]
+        self._begin(task, n_runs, (*NEEDED, *required), optional=columns, positions=(VENTS, *self._installed))
 
-    def act(self, observations: NDArray[np.float32], /) -> Array:
-        """Actions (n_runs, actions) towards the controls that the rules ask for.
-
-        Raises
-        ------
-        ShapeError
-            When there are not as many rows as runs were announced to ``reset``.
-        """
-        if len(observations) != self._runs:
-            msg = f"act got observations of {len(observations)} runs, reset was called with {self._runs}. Call reset first."
-            raise ShapeError(msg)
-        rows = observations.T.astype(np.float64, order="C")
-        seen = {name: rows[place] for name, place in self._columns.items()}
-        now = {name: seen[quantity] / at_one for name, (quantity, at_one) in self._controls.items() if quantity in seen}
-        wanted = self._climate(seen, now)
-        if self._stored:
-            wanted |= self._energy(seen, now, wanted)
-        calm = np.zeros(self._runs)
-        asked = np.stack([wanted[name] if name in now else calm for name in self._task.action_names])
-        if self._task.actuation == "rate":
-            there = np.stack([now.get(name, calm) for name in self._task.action_names])
-            asked = np.minimum(np.maximum((asked - there) / self._task.max_change, -1.0), 1.0)
-        return asked.T
-
-    def _climate(self, seen: dict[str, Array], now: dict[str, Array]) -> dict[str, Array]:
-        """What the tuned rules ask for under sun and lamps, with the lamps by the price of power."""
-        n, sun = self._more, seen["global_radiation"]
-        self._lit = now.get(LAMPS, self._lit)
-        wanted = self._wanted({**seen, "global_radiation": sun + n.lamps_light * self._lit}, now[VENTS])
-        worth = n.lamps_fruit * seen.get(FRUIT, self._fruit)
-        hour, _ = clock_from(seen)
+    def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
+        """Actions (n_runs, actions) towards the controls that the rules ask for."""
+        n, sun, power = self._numbers, readings["global_radiation"], readings[POWER]
+        self._lit = positions.get(LAMPS, self._lit)
+        lit = {**readings, "global_radiation": sun + n.lamps_light * self._lit}
+        controls = self._rules(lit, positions[VENTS])
+        # What the lamps' power costs [EUR kWh-1] is what it would be sold for while the engine runs.
+        cost = power
+        if BOUGHT in readings:
+            running = positions[self._engine] > _RUNNING if self._engine in self._installed else False
+            cost = np.where(running, power, readings[BOUGHT])
+        hour, _ = clock_from(readings)
         allowed = (hour >= n.lamps_from) & (hour < n.lamps_until) & (sun < n.lamps_radiation)
-        wanted[LAMPS] = np.where(allowed & (self._cost(seen, now) < worth), 1.0, 0.0)
-        wanted[BLACKOUT] = np.zeros(self._runs)  # closed above lamps it would keep the vapour in
-        return wanted
-
-    def _cost(self, seen: dict[str, Array], now: dict[str, Array]) -> Array:
-        """What the lamps' power costs [EUR kWh-1]: what it would be sold for while the engine runs."""
-        if BOUGHT not in seen:
-            return seen[POWER]
-        running = now[self._engine] > _RUNNING if self._engine in now else False
-        return np.where(running, seen[POWER], seen[BOUGHT])
-
-    def _energy(self, seen: dict[str, Array], now: dict[str, Array], wanted: dict[str, Array]) -> dict[str, Array]:
-        """Engine, boiler, pipes and CO2, from the heat and the CO2 that the climate asks for."""
-        n, share = self._more, seen[_SHARE]
-        heat, dose = wanted[BOILER], wanted[DOSING]
-        running = now[self._engine] > _RUNNING
-        worth = np.where(wanted[LAMPS] > 0.0, seen.get(BOUGHT, seen[POWER]), seen[POWER])
-        runs = np.where(
-            (worth > self._threshold(seen) - np.where(running, n.engine_stay, 0.0)) & (share < n.buffer_full), 1.0, 0.0
+        worth = n.lamps_fruit * readings.get(FRUIT, self._fruit)
+        controls[LAMPS] = np.where(allowed & (cost < worth), 1.0, 0.0)
+        controls[BLACKOUT] = self._calm  # closed above lamps it would keep the vapour in
+        if self._stored:
+            controls |= self._energy(readings, positions, controls)
+        return self._towards(
+            {name: controls[name] if name in self._installed else self._calm for name in self._task.action_names},
+            positions,
         )
-        free = n.boiler_flue * now[BOILER] + n.engine_flue * now[self._engine]
+
+    def _energy(
+        self, readings: dict[str, Array], positions: dict[str, Array], controls: dict[str, Array]
+    ) -> dict[str, Array]:
+        """Engine, boiler, pipes and CO2, from the heat and the CO2 that the climate asks for."""
+        n, share, power = self._numbers, readings[_SHARE], readings[POWER]
+        filled = share / 100.0
+        # Price of power [EUR kWh-1] that the engine runs above.
+        price: Array = n.engine_price + n.engine_full * filled
+        if _NIGHT in readings:
+            price = price - n.engine_cold * np.maximum(_WARM_NIGHT - readings[_NIGHT], 0.0)
+        if self._hours_ahead:
+            dearest = np.max([readings[name] for name in self._hours_ahead], axis=0)
+            price = price + n.engine_wait * filled * np.maximum(dearest - price, 0.0)
+        price = price - np.where(positions[self._engine] > _RUNNING, n.engine_stay, 0.0)
+        worth = np.where(controls[LAMPS] > 0.0, readings.get(BOUGHT, power), power)
+        runs = np.where((worth > price) & (share < n.buffer_full), 1.0, 0.0)
+
+        heat, dose = controls[BOILER], controls[DOSING]
+        free = n.boiler_flue * positions[BOILER] + n.engine_flue * positions[self._engine]
         for_co2 = np.maximum(n.boiler_co2 * dose - n.engine_flue * runs, 0.0) / n.boiler_flue
         for_heat = np.where(share < n.buffer_low, heat - n.engine_heat * runs, 0.0)
         boiler = np.maximum(np.where(share < n.buffer_full, for_co2, 0.0), for_heat)
@@ -154,21 +189,10 @@ class EnergyRulesAgent(TunedRulesAgent):
             DOSING: np.minimum(dose, free + n.co2_bought),
         }
 
-    def _threshold(self, seen: dict[str, Array]) -> Array:
-        """Price of power [EUR kWh-1] that the engine runs above."""
-        n, filled = self._more, seen[_SHARE] / 100.0
-        price: Array = n.engine_price + n.engine_full * filled
-        if _NIGHT in seen:
-            price = price - n.engine_cold * np.maximum(_WARM_NIGHT - seen[_NIGHT], 0.0)
-        if self._ahead:
-            dearest = np.max([seen[name] for name in self._ahead], axis=0)
-            price = price + n.engine_wait * filled * np.maximum(dearest - price, 0.0)
-        return price
-
     def _shares(self, hour: Array, day: Array, radiation: Array, *others: Array) -> Any:
         """As for the tuned rules, but lit hours are no evening, and the screen opens by the sun alone."""
         n = self._numbers
         shares = super()._shares(hour, day, radiation, *others)
-        bright = (radiation - self._more.lamps_light * self._lit - n.screen_light_from) / n.screen_light_span
+        bright = (radiation - n.lamps_light * self._lit - n.screen_light_from) / n.screen_light_span
         evening = shares.evening * (1.0 - self._lit)
         return shares._replace(evening=evening, bright=np.minimum(np.maximum(bright, 0.0), 1.0))

@@ -6,20 +6,18 @@ from the task card's place and clock. The rest is observed: the time, the radiat
 
 from __future__ import annotations
 
-import datetime as dt
 import math
 from collections.abc import Callable
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
-from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from glbench.agents.rule_based_fair import clock_from
-from glbench.errors import ShapeError, SubmissionError, did_you_mean
+from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
+from glbench.agents.daylight import Sun
+from glbench.errors import SubmissionError, did_you_mean
 from glbench.settings import read_settings
 from glbench.tasks import set_points as names
 
@@ -28,13 +26,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_CLOCK = ("sin_hour_of_day", "cos_hour_of_day", "sin_day_of_year", "cos_day_of_year")
 _RADIATION, _VENTS = "global_radiation", "vents"
 _MEAN_HOURS = 1.0
 """Light is a running mean: its weight fades by 1/e within this time [h]."""
-
-_HORIZON = math.radians(-0.833)
-"""Height of the middle of the sun when it rises and sets: refraction, and half its width."""
 
 _Hours = Annotated[float, Field(ge=-12.0, le=12.0)]
 _Celsius = Annotated[float, Field(ge=-20.0, le=50.0)]
@@ -144,12 +138,19 @@ def read_grower_settings(path: Path) -> GrowerSettings:
     return read_settings(GrowerSettings, path, "the grower's settings", toml=True)
 
 
-class GrowerAgent:
+@controller(
+    "grower",
+    read=read_grower_settings,
+    version="b39f2da424cbd9fc5f64fc9e0ab4be3edb32723be330b22a89cc3c66c9d2233e",
+)
+class GrowerAgent(ObservedController):
     """Enters set points at the process computer; an ``Agent``. Its memory is the mean radiation of the last hour."""
+
+    title = "the grower"
+    actuations = ("process_computer",)
 
     def __init__(self, settings: GrowerSettings) -> None:
         self.settings = settings
-        self._runs = 0
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """Forget the light; ``n_runs`` runs of ``task`` begin.
@@ -159,50 +160,31 @@ class GrowerAgent:
         SubmissionError
             When the task has no process computer, or does not show clock and radiation.
         """
-        if task.actuation != "process_computer":
+        if task.actuation not in self.actuations:
             msg = f"The grower works at a process computer, and {task.id} has the actuation '{task.actuation}'."
             raise SubmissionError(msg)
-        self._columns = {name: index for index, name in enumerate(task.observation_names)}
-        missing = [name for name in (*_CLOCK, _RADIATION) if name not in self._columns]
-        if missing:
-            msg = f"The grower needs the observations {', '.join(missing)}, which {task.id} does not show."
-            raise SubmissionError(msg)
-        known = self._rules()
+        self._begin(task, n_runs, (*CLOCK, _RADIATION), optional=(_VENTS,))
+        rules = self._rules()
         for action in task.actions:
-            if action.name not in known:
-                near = did_you_mean(action.name, known)
+            if action.name not in rules:
+                near = did_you_mean(action.name, rules)
                 msg = f"The grower's settings page has no '{action.name}', a set point of {task.id}.{near}"
                 raise SubmissionError(msg)
-        self._task, self._runs = task, n_runs
+        self._sun, self._shut = Sun(task), np.zeros(n_runs)
         self._mean: Array | None = None
         self._weight = 1.0 - math.exp(-task.step_seconds / 3600.0 / _MEAN_HOURS)
 
-    def act(self, observations: NDArray[np.float32], /) -> Array:
-        """Actions (n_runs, actions): the set points of the page, or the nearest that the task takes.
-
-        Raises
-        ------
-        ShapeError
-            When there are not as many rows as runs were announced to ``reset``.
-        """
-        if len(observations) != self._runs:
-            msg = f"act got observations of {len(observations)} runs, reset was called with {self._runs}. Call reset first."
-            raise ShapeError(msg)
-        page, rules = _Page(self.settings, *self._seen(observations)), self._rules()
-        low, high = self._task.action_bounds
-        wanted = [np.broadcast_to(one.of(rules[one.name](page)), self._runs) for one in self._task.actions]
-        actions: Array = np.minimum(np.maximum(np.stack(wanted, axis=1), low), high)
-        return actions
-
-    def _seen(self, observations: NDArray[np.float32]) -> tuple[Array, Array, Array]:
-        """Period of the day (0 day, 1 pre-night, 2 night), mean radiation [W m-2] and position of the vents."""
-        places, rows = self._columns, observations.astype(np.float64)
-        radiation = rows[:, places[_RADIATION]]
+    def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
+        """Actions (n_runs, actions): the set points of the page, or the nearest that the task takes."""
+        radiation = readings[_RADIATION]
         self._mean = radiation if self._mean is None else self._mean + self._weight * (radiation - self._mean)
-        hour, day = clock_from({name: rows[:, places[name]] for name in _CLOCK})
-        sun = np.array([sun_hours(self._task, int(number)) for number in day.tolist()]).reshape(-1, 2)
-        vents = rows[:, places[_VENTS]] if _VENTS in places else np.zeros(self._runs)
-        return _period(self.settings.periods, hour, sun[:, 0], sun[:, 1]), self._mean, vents
+        hour, day = clock_from(readings)
+        period = _period(self.settings.periods, hour, *self._sun.hours(day))
+        page, rules = _Page(self.settings, period, self._mean, readings.get(_VENTS, self._shut)), self._rules()
+        low, high = self._task.action_bounds
+        set_points = [np.broadcast_to(one.of(rules[one.name](page)), self._runs) for one in self._task.actions]
+        actions: Array = np.minimum(np.maximum(np.stack(set_points, axis=1), low), high)
+        return actions
 
     def _rules(self) -> dict[str, Callable[[_Page], Array | float]]:
         s = self.settings
@@ -261,35 +243,6 @@ def _period(periods: Periods, hour: Array, sunrise: Array, sunset: Array) -> Arr
     since_sunset = np.mod(hour - sunset, 24.0)
     night = (since_sunset >= periods.night_after_sunset) & (since_sunset < 24.0 - periods.pre_night_before_sunset)
     return np.where(day, 0.0, np.where(night, 2.0, 1.0))
-
-
-def sun_hours(task: TaskCard, day_of_year: int) -> tuple[float, float]:
-    """Sunrise and sunset [h] by the clock of a task, on a day counted from 0 at 1 January.
-
-    Spencer's declination and equation of time (1971), to a few minutes; summer time as in the year of the task's start. Where the
-    sun does not rise both are noon; where it does not set they are a day apart.
-    """
-    return _sun_hours(task.place.latitude, task.place.longitude, task.clock, task.start.year, day_of_year)
-
-
-@lru_cache(maxsize=4096)
-def _sun_hours(latitude: float, longitude: float, clock: str, year: int, day: int) -> tuple[float, float]:
-    angle = 2.0 * math.pi * day / 365.0
-    declination = (
-        0.006918 - 0.399912 * math.cos(angle) + 0.070257 * math.sin(angle) - 0.006758 * math.cos(2.0 * angle)
-        + 0.000907 * math.sin(2.0 * angle) - 0.002697 * math.cos(3.0 * angle) + 0.00148 * math.sin(3.0 * angle)
-    )  # fmt: skip
-    minutes = 229.18 * (
-        0.000075 + 0.001868 * math.cos(angle) - 0.032077 * math.sin(angle)
-        - 0.014615 * math.cos(2.0 * angle) - 0.040849 * math.sin(2.0 * angle)
-    )  # fmt: skip
-    noon = dt.datetime(year, 1, 1, 12, tzinfo=ZoneInfo(clock)) + dt.timedelta(days=day)
-    offset = (noon.utcoffset() or dt.timedelta()).total_seconds() / 3600.0
-    middle = 12.0 - minutes / 60.0 - longitude / 15.0 + offset
-    north = math.radians(latitude)
-    cosine = (math.sin(_HORIZON) - math.sin(north) * math.sin(declination)) / (math.cos(north) * math.cos(declination))
-    half = math.degrees(math.acos(min(max(cosine, -1.0), 1.0))) / 15.0
-    return middle - half, middle + half
 
 
 def _check_order(first: str, low: float, second: str, high: float) -> None:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents import deterministic_math
+from glbench.agents.controllers import controller
 from glbench.agents.protocol import check_runs
 from glbench.arrays import ArrayFile, checked_facts
 from glbench.errors import ShapeError, SubmissionError
@@ -425,7 +426,9 @@ class PolicyFiles:
         return cls(files)
 
 
-class PolicyAgent:
+@controller("network", read=PolicyFiles.at, version="6fcf81c123040c502f9068710aceb794d84916948e29ce0d711175a4640c19ba")
+@controller("actor", read=PolicyFiles.at, version="e49117f6dd9b61cf6ed41b2150606726786ac0780e5a18059087026cccf01b65")
+class ActorAgent:
     """An ``Agent`` that acts by its policy, and keeps the traces, memory and positions of every run.
 
     Of several policies the one acts that ``Actor.preference`` says. Where a policy has a memory or positions, a reading that is missing

@@ -1,8 +1,11 @@
-"""Perfect-information plans, one file per task, and the controller that carries them out.
+"""Recorded actions: perfect-information plans, one file per task, and recordings of other agents; with the controllers that replay them.
 
 A plan is the actions of a whole run. They are kept as whole numbers (uint16) on a scale from the lower to the upper bound of each
 action, so coarse that the file is small: a run of 5,760 steps takes about 20 kB. Where actions are changes (rate actuation), what rounding
 one leaves over goes into the next, so that the controls stay within a ten-thousandth of the plan's.
+
+A recording holds the actions that another agent took in one run. What it earns, compared with that agent, tells what feedback is worth
+in a task. ``glbench episodes recording`` makes one of any agent that acts through the task's actuation.
 """
 
 from __future__ import annotations
@@ -18,13 +21,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glbench.agents.controllers import controller
+from glbench.agents.protocol import check_runs
 from glbench.arrays import ArrayFile, checked_facts
 from glbench.errors import ShapeError, SubmissionError
 from glbench.resources import write_atomically
 from glbench.untrusted import reason_of
 
 if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
+    from glbench.tasks import TaskCard, TaskSpec
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +37,7 @@ FORMAT = 1
 HALF_SCALE = 1000
 """Numbers from the middle of an action's bounds to either of them; the middle, which is 0 for a change, is exact."""
 _LARGEST = 256 * 2**20
-"""Size of the unpacked arrays [bytes]."""
+"""Size of the unpacked arrays [bytes]: a year of minutes with six actions has 13 MB."""
 _ADVICE = "`glbench bound` writes books of plans."
 
 
@@ -69,10 +74,7 @@ class PlanBook:
         if self.actions.ndim != 3 or self.actions.shape[:2] != (len(self.about), len(self.names)):
             msg = f"{len(self.about)} plans of {len(self.names)} actions cannot have the shape {self.actions.shape}"
             raise ShapeError(msg)
-        sides = list(zip(self.low, self.high, strict=False))
-        if not len(self.low) == len(self.high) == len(self.names) or not all(low < high for low, high in sides):
-            msg = "an action lacks a lower or an upper bound, or its lower bound is not below its upper bound"
-            raise ShapeError(msg)
+        _check_bounds(self.names, self.low, self.high)
         if self.actions.size and self.actions.max() > 2 * HALF_SCALE:
             msg = f"it has a number above {2 * HALF_SCALE}"
             raise ShapeError(msg)
@@ -282,6 +284,13 @@ class PlanFolder:
         return self.folder / f"{task.short_id}{'' if task.locked else f'-{task.digest[:12]}'}.npz"
 
 
+@controller(
+    "plans",
+    read=PlanFolder,
+    version="6b6f0390984d19449fd387b60c40cf7131b2f3b9ed54977e7b7b33a5565fd81c",
+    sees="scenario",
+    information="privileged: everything that is given in a run, its draws and the weather to come; acts through the task's actuation",
+)
 class PlanController:
     """Carries out the plan of each run, whatever happens in it."""
 
@@ -339,3 +348,143 @@ def _rounded(shares: Floats, *, carry: bool) -> NDArray[np.uint16]:
 
 def _split(task: TaskSpec) -> str:
     return task.split or ""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Actions of one run, in the order in which they were taken.
+
+    Attributes
+    ----------
+    actions
+        ``(steps, actions)``, float32, all finite, at least one step.
+    names, low, high
+        Controls that the columns drive, and their bounds.
+    actuation
+        How the task turned them into controls.
+    about
+        Whose actions they are, for people: agent and its digest, task and its digest, seed.
+    """
+
+    actions: NDArray[np.float32]
+    names: tuple[str, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    actuation: str
+    about: dict[str, str | int]
+
+    def __post_init__(self) -> None:
+        if self.actions.ndim != 2 or not len(self.actions) or self.actions.shape[1] != len(self.names):
+            msg = f"a recording of {len(self.names)} actions cannot have the shape {self.actions.shape}"
+            raise ShapeError(msg)
+        _check_bounds(self.names, self.low, self.high)
+        if not np.isfinite(self.actions).all():
+            msg = "it has actions that are not finite"
+            raise ShapeError(msg)
+
+    def why_not(self, task: TaskCard) -> str | None:
+        """Why it cannot be replayed in ``task``, in words; ``None`` when it can."""
+        mine, theirs = _words(self.names, self.actuation), _words(task.action_names, task.actuation)
+        if mine != theirs:
+            return f"it holds {mine}, and {task.id} takes {theirs}"
+        bounds = tuple((action.low, action.high) for action in task.actions)
+        if bounds != tuple(zip(self.low, self.high, strict=True)):
+            return f"its actions have other bounds than those of {task.id}"
+        return None
+
+    def to_bytes(self) -> bytes:
+        """The recording as the bytes of its file; equal recordings give equal bytes."""
+        file = io.BytesIO()
+        np.savez_compressed(
+            file,
+            allow_pickle=False,
+            format=np.int64(FORMAT),
+            actions=self.actions,
+            names=np.array(self.names),
+            low=np.array(self.low),
+            high=np.array(self.high),
+            actuation=np.array(self.actuation),
+            about=np.array(json.dumps(self.about, sort_keys=True)),
+        )
+        return file.getvalue()
+
+
+def read_recording(file: Path) -> Recording:
+    """The recording in ``file``.
+
+    Raises
+    ------
+    SubmissionError
+        When it cannot be read or is not a recording.
+    """
+    advice = "`glbench episodes recording` writes one."
+    try:
+        arrays = ArrayFile.at(file, _LARGEST)
+        if arrays.integer("format") != FORMAT:
+            msg = f"The recording {file} has format {arrays.integer('format')}; this version of glbench reads format {FORMAT}."
+            raise SubmissionError(msg)
+        return Recording(
+            actions=arrays.floats("actions", 2, np.float32),
+            names=arrays.texts("names"),
+            low=tuple(arrays.floats("low", 1).tolist()),
+            high=tuple(arrays.floats("high", 1).tolist()),
+            actuation=arrays.text("actuation"),
+            about=checked_facts(arrays.table("about")),  # type: ignore[arg-type]
+        )
+    except (ValueError, OSError, ShapeError) as error:
+        msg = f"{file} is not a recording of actions, or is damaged: {reason_of(error)}. {advice}"
+        raise SubmissionError(msg) from error
+
+
+@controller(
+    "recording",
+    read=read_recording,
+    version="48d93ad361af231dfd67a11e7d5f40524077a85aeb162f7c54ef9de0f0b72588",
+    information="nothing: replays recorded actions",
+)
+class RecordingAgent:
+    """Takes the recorded actions in their order in every run; past their end it holds the last one."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._runs = 0
+        self._step = 0
+
+    def reset(self, task: TaskCard, n_runs: int, /) -> None:
+        """Begin again with the first action.
+
+        Raises
+        ------
+        SubmissionError
+            When ``task`` takes other actions than the recorded ones.
+        """
+        reason = self._recording.why_not(task)
+        if reason is not None:
+            msg = f"The recording does not fit this task: {reason}. Record an agent on a task with the same actions."
+            raise SubmissionError(msg)
+        self._runs, self._step = n_runs, 0
+
+    def act(self, observations: NDArray[np.float32], /) -> NDArray[np.float64]:
+        """The next action for every run, ``(n_runs, actions)``; of ``observations`` only the number of rows is looked at.
+
+        Raises
+        ------
+        ShapeError
+            When there are not as many rows as runs were announced to ``reset``.
+        """
+        check_runs(observations, self._runs)
+        actions = self._recording.actions
+        action = actions[min(self._step, len(actions) - 1)].astype(np.float64)
+        self._step += 1
+        return np.tile(action, (self._runs, 1))
+
+
+def _check_bounds(names: Sequence[str], low: Sequence[float], high: Sequence[float]) -> None:
+    sides = list(zip(low, high, strict=False))
+    if not len(low) == len(high) == len(names) or not all(lower < upper for lower, upper in sides):
+        msg = "an action lacks a lower or an upper bound, or its lower bound is not below its upper bound"
+        raise ShapeError(msg)
+
+
+def _words(names: tuple[str, ...], actuation: str) -> str:
+    return f"{actuation} actions of {', '.join(names)}"

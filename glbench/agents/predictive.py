@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from glbench.agents.controllers import controller
+from glbench.agents.protocol import check_runs
 from glbench.control import Climatology, EndValue, Outlook, PredictiveController, Scenario, StateEstimator, actions_of
 from glbench.env.actuation import make_actuation
-from glbench.errors import GlbenchError, ShapeError, SubmissionError, did_you_mean
+from glbench.errors import GlbenchError, SubmissionError, did_you_mean
 from glbench.settings import read_settings
 
 if TYPE_CHECKING:
@@ -104,6 +106,19 @@ class _Actor:
         return actions
 
 
+@controller(
+    "mpc_true_state",
+    read=read_predictive_settings,
+    version=(
+        "bbd462e65f9c85feeb5dd0e56292bdbe07adaaf95fccb7736293c77bec062442 "
+        "c9c4998d8192f4ffa4551be3802850d2ba3bf26ea79904fc849cf112ef9afa2f"
+    ),
+    sees="scenario",
+    information=(
+        "privileged: true states, all weather to come, the parameters of the run in every step to come; acts through the task's "
+        "actuation"
+    ),
+)
 class TrueStateController:
     """Predictive control with perfect information: a ``ScenarioController``."""
 
@@ -132,9 +147,7 @@ class TrueStateController:
         ShapeError
             When there are not as many rows as runs.
         """
-        if len(x) != len(self._scenarios):
-            msg = f"act got states of {len(x)} runs, reset was called with {len(self._scenarios)}. Call reset first."
-            raise ShapeError(msg)
+        check_runs(x, len(self._scenarios), "states")
         k = self._step
         self._step += 1
         if k % self.settings.plan_every:
@@ -152,6 +165,15 @@ class TrueStateController:
         return self._actor.acted(wanted)
 
 
+@controller(
+    "mpc",
+    read=read_predictive_settings,
+    version=(
+        "bbd462e65f9c85feeb5dd0e56292bdbe07adaaf95fccb7736293c77bec062442 "
+        "89f3d6f9cd3064159e1a8013ac4e48bf5340ebb6788e92ff418da40687dab753"
+    ),
+    information="observations, the public definition of the task, and the mean days of its training years",
+)
 class PredictiveAgent:
     """Predictive control that knows what an agent knows; an ``Agent``.
 

@@ -1,4 +1,4 @@
-"""The rules of the rule-based baseline: what a grower's climate computer would ask for, from what it measures.
+"""The rules of the rule-based baselines: what a grower's climate computer would ask for, from what it measures; and two controllers.
 
 Every rule is written once, for the published controller (which knows the true state and the coming sun) and for its fair twin
 (which has observations and estimates). All functions work element by element on arrays of shape (n,), one value a run, so that
@@ -6,24 +6,114 @@ a run gets the same bits alone and in a batch.
 
 Source: the published rule-based controller of the benchmark, after the GreenLight author's definition (Katzin, 2021). The two
 disagree in two rules, see ``RuleSettings.thermal_screen_rule`` and ``RuleSettings.lamp_rule``.
+
+The settings are read from a YAML file, which is the whole truth: there are no defaults here, so that what a controller does can be read
+in one place.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from glbench.agents.rule_settings import RuleSettings
+from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
+from glbench.agents.daylight import Daylight, DaylightEstimator
+from glbench.errors import ShapeError, SubmissionError
+from glbench.model import DISTURBANCE_NAMES, STATE_NAMES, co2_ppm, relative_humidity
+from glbench.settings import read_settings
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskCard
 
 Array = NDArray[np.float64]
 Shared = Any
 """An array (n,), or one ``float`` for all runs."""
 
 _LOG_100 = math.log(100.0)
+
+_Hour = Annotated[float, Field(ge=0.0, le=24.0)]
+_Radiation = Annotated[float, Field(ge=0.0)]
+
+_BANDS = (
+    "lamp_heat_band",
+    "heating_band",
+    "co2_band",
+    "vent_heat_band",
+    "vent_humidity_band",
+    "vent_cold_band",
+    "screen_cold_band",
+    "screen_humidity_band",
+    "blackout_humidity_band",
+)
+
+
+class RuleSettings(BaseModel):
+    """Numbers of the rules; ``baselines/rule_based/rule_based.yml`` explains each, with its name in the publication.
+
+    Temperatures [degC], temperature differences [K], humidity [%], CO2 [ppm], hours [h], days [day], radiation [W m-2],
+    radiation sums [MJ m-2 d-1].
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    lamps_on: _Hour
+    lamps_off: _Hour
+    lamp_season_start: float
+    lamp_season_end: float
+    lamps_off_radiation: _Radiation
+    lamps_off_day_sum: _Radiation
+    lamp_extra_heat: float
+    lamp_heat_band: float
+    heating_day: float
+    heating_night: float
+    heating_lamp_shift: float
+    heating_dead_zone: float
+    heating_band: float
+    co2_day: float
+    co2_band: float
+    humidity_limit: float
+    vent_heat_band: float
+    vent_humidity_band: float
+    vent_cold_offset: float
+    vent_cold_band: float
+    screen_day: float
+    screen_night: float
+    screen_cold_band: float
+    screen_dead_zone: float
+    screen_humidity_offset: float
+    screen_humidity_band: float
+    blackout_screen: bool
+    blackout_extra_humidity: float
+    blackout_humidity_band: float
+    thermal_screen_rule: Literal["code", "author"]
+    """When the thermal screen opens: "code", when heat and humidity both ask for it; "author", when either does."""
+    lamp_rule: Literal["code", "author"]
+    """When humidity may switch lamps off: "code", at any hour; "author", only while the blackout screen is closed."""
+
+    @field_validator(*_BANDS)
+    @classmethod
+    def _has_width(cls, band: float) -> float:
+        if band == 0.0:
+            msg = "a proportional band of width 0 would be a division by zero; a narrow one such as 0.1 acts like a switch"
+            raise ValueError(msg)
+        return band
+
+
+def read_rule_settings(path: Path) -> RuleSettings:
+    """Read settings from the YAML file ``path``.
+
+    Raises
+    ------
+    SubmissionError
+        When the file is missing, is no YAML mapping, lacks a setting, or has an unknown or impossible one.
+    """
+    return read_settings(RuleSettings, path, "the rule settings")
 
 
 @dataclass(frozen=True)
@@ -59,7 +149,7 @@ class RuleInputs:
 class _Climate:
     """Set points and needs that several rules share; they follow from what is outside."""
 
-    lamps_wanted: Shared
+    lamps: Shared
     """1 when clock, season and radiation call for lamps, whatever the greenhouse climate [-]."""
     heating: Shared
     """Heating set point [degC]."""
@@ -159,16 +249,23 @@ class Rules:
 
     def controls(self, inputs: RuleInputs) -> Array:
         """Controls (n, 6) that the rules ask for, as ``rule_controls`` gives them."""
-        climate = _shared(inputs, self.settings)
+        s, climate = self.settings, _climate(inputs, self.settings)
         shares = self._shares(inputs, climate)
-        lamps = _lamps(inputs, self.settings, climate, shares)
+        not_humid = np.maximum(shares.lamps_humidity, 1.0 - shares.not_cold)
+        if s.lamp_rule == "author":
+            # By day the blackout screen is open, and humidity is no reason; the published code lost this by operator precedence.
+            not_humid = inputs.is_day_smooth + (1.0 - inputs.is_day_smooth) * not_humid
+        lamps: Array = climate.lamps * shares.lamps_heat * not_humid
+        for_humidity = np.maximum(shares.screen_humidity, 1.0 - shares.not_cold)
+        # Erratum of the published code: "opened for heat or humidity" became max, so only heat *and* humidity open the screen.
+        keep_closed = np.maximum if s.thermal_screen_rule == "code" else np.minimum
         controls = np.empty((len(lamps), 6))
         controls[:, 0] = shares.heating
         controls[:, 1] = shares.co2
-        controls[:, 2] = _thermal_screen(self.settings, shares)
+        controls[:, 2] = np.minimum(shares.screen_cold, keep_closed(shares.screen_heat, for_humidity))
         controls[:, 3] = np.minimum(shares.not_cold, np.maximum(shares.vents_heat, shares.vents_humidity))
         controls[:, 4] = lamps
-        controls[:, 5] = (1.0 - inputs.is_day_smooth) * lamps if self.settings.blackout_screen else 0.0
+        controls[:, 5] = (1.0 - inputs.is_day_smooth) * lamps if s.blackout_screen else 0.0
         return controls
 
     def _shares(self, inputs: RuleInputs, climate: _Climate) -> _Shares:
@@ -190,45 +287,165 @@ class Rules:
         return _Shares(*_action(above, self._steepness, self._half_band, self._low, self._span))
 
 
-def _shared(inputs: RuleInputs, settings: RuleSettings) -> _Climate:
-    dim_day = (inputs.day_radiation_sum < settings.lamps_off_day_sum) * 1.0
-    in_season = within(settings.lamp_season_start, settings.lamp_season_end, inputs.day_of_year)
-    dim_now = (inputs.radiation < settings.lamps_off_radiation) * 1.0
-    in_hours = within(settings.lamps_on, settings.lamps_off, inputs.hour_of_day)
-    lamps_wanted = dim_now * dim_day * in_hours * in_season
+def _climate(inputs: RuleInputs, settings: RuleSettings) -> _Climate:
+    s, hour = settings, inputs.hour_of_day
+    dim_day = (inputs.day_radiation_sum < s.lamps_off_day_sum) * 1.0
+    in_season = within(s.lamp_season_start, s.lamp_season_end, inputs.day_of_year)
+    dim_now = (inputs.radiation < s.lamps_off_radiation) * 1.0
+    in_hours = within(s.lamps_on, s.lamps_off, hour)
+    lamps = dim_now * dim_day * in_hours * in_season
 
     # The climate of the lamp hours fades in and out within an hour and, unlike the lamps, does not mind a sunny moment.
-    lamp_climate = _lamp_ramp(inputs.hour_of_day, settings) * dim_day * in_season
-    day_climate = _larger(lamp_climate, inputs.is_day)
-    heating = day_climate * settings.heating_day + (1.0 - day_climate) * settings.heating_night
-    heating = heating + settings.heating_lamp_shift * lamps_wanted
-    return _Climate(lamps_wanted, heating, day_climate * settings.co2_day)
+    if s.lamps_on == s.lamps_off:
+        ramp = hour * 0.0
+    else:
+        rising = _smaller(_larger(hour - s.lamps_on + 1.0, 0.0), 1.0)
+        falling = _smaller(_larger(s.lamps_off - hour + 1.0, 0.0), 1.0)
+        ramp = _smaller(rising, falling) if s.lamps_on < s.lamps_off else _larger(rising, falling)
+    day_climate = _larger(ramp * dim_day * in_season, inputs.is_day)
+    heating = day_climate * s.heating_day + (1.0 - day_climate) * s.heating_night
+    heating = heating + s.heating_lamp_shift * lamps
+    return _Climate(lamps, heating, day_climate * s.co2_day)
 
 
-def _lamp_ramp(hour: Shared, settings: RuleSettings) -> Shared:
-    """The lamp hours with ramps of one hour before and after [-]."""
-    rising = _smaller(_larger(hour - settings.lamps_on + 1.0, 0.0), 1.0)
-    falling = _smaller(_larger(settings.lamps_off - hour + 1.0, 0.0), 1.0)
-    if settings.lamps_on == settings.lamps_off:
-        return hour * 0.0
-    return _smaller(rising, falling) if settings.lamps_on < settings.lamps_off else _larger(rising, falling)
+_STATES = [STATE_NAMES.index(name) for name in ("tAir", "vpAir", "co2Air")]
+_OUTSIDE = [DISTURBANCE_NAMES.index(name) for name in ("iGlob", "tOut", "dayRadSum", "isDay", "isDaySmooth")]
 
 
-def _thermal_screen(settings: RuleSettings, shares: _Shares) -> Array:
-    """The screen closes when it is cold outside, and opens to let heat or humidity out."""
-    for_humidity = np.maximum(shares.screen_humidity, 1.0 - shares.not_cold)
-    # Erratum of the published code: "opened for heat or humidity" became max, so only heat *and* humidity open the screen.
-    keep_closed = np.maximum if settings.thermal_screen_rule == "code" else np.minimum
-    closed: Array = np.minimum(shares.screen_cold, keep_closed(shares.screen_heat, for_humidity))
-    return closed
+@controller(
+    "rule_based",
+    read=read_rule_settings,
+    version="6eb5ee2b12f66ad91f2b87c4999de3caca1a0bc3986c8cf392674cf2db260d8a",
+    sees="state",
+    information=(
+        "privileged: true state, weather of the coming step, radiation sum of the whole day, dawn and dusk in advance; "
+        "sets controls directly, without rate limit"
+    ),
+)
+class RuleBasedController:
+    """The controller as it was published, a ``PrivilegedController``: rules on the true state and the radiation to come.
+
+    It knows the radiation sum of the day at midnight and dawn half an hour ahead, and sets controls at once, without the rate limit that
+    every agent works under. It remembers nothing from one step to the next. Its fair twin is ``FairRuleBasedAgent``.
+    """
+
+    privileged: Final = True
+
+    def __init__(self, settings: RuleSettings) -> None:
+        self.settings = settings
+        self._rules = Rules(settings)
+
+    def reset(self, task: TaskCard, n_runs: int, /) -> None:
+        """Nothing to forget: the rules look at the present step only."""
+
+    def controls(self, x: Array, d: Array, hour_of_day: float | Array, day_of_year: float | Array, /) -> Array:
+        """Controls (n, 6) for the step that begins now, fractions of capacity.
+
+        Parameters
+        ----------
+        x : ndarray (n, 28)
+            State at the start of the step.
+        d : ndarray (n, 10) or (10,)
+            Disturbance acting in the step.
+        hour_of_day, day_of_year : float or ndarray (n,)
+            Clock at the start of the step [h], [day], one number or one a run.
+
+        Raises
+        ------
+        ShapeError
+            When x or d has another shape.
+        """
+        return self._rules.controls(privileged_inputs(x, d, hour_of_day, day_of_year))
 
 
-def _lamps(inputs: RuleInputs, settings: RuleSettings, climate: _Climate, shares: _Shares) -> Array:
-    """Lamps as clock and sun ask, off in heat, and off in humidity that a closed blackout screen would hold back."""
-    not_humid = np.maximum(shares.lamps_humidity, 1.0 - shares.not_cold)
-    if settings.lamp_rule == "author":
-        # By day the blackout screen is open, and humidity is no reason; the published code lost this by operator precedence.
-        day = inputs.is_day_smooth
-        not_humid = day + (1.0 - day) * not_humid
-    lamps: Array = climate.lamps_wanted * shares.lamps_heat * not_humid
-    return lamps
+def privileged_inputs(x: Array, d: Array, hour_of_day: float | Array, day_of_year: float | Array) -> RuleInputs:
+    """What the rules look at, taken from state (n, 28) and disturbance (n, 10) or (10,); clock as one number or one a run."""
+    n = x.shape[0] if x.ndim == 2 else -1
+    if (
+        x.ndim != 2
+        or x.shape[1] != len(STATE_NAMES)
+        or d.shape not in ((n, len(DISTURBANCE_NAMES)), (len(DISTURBANCE_NAMES),))
+    ):
+        msg = f"Expected states of shape (n, 28) and disturbances (n, 10) or (10,), got {x.shape} and {d.shape}."
+        raise ShapeError(msg)
+    # Rows of arrays of their own: numpy may take another path, with another last bit, through the columns of a larger array.
+    states = np.empty((3, n))
+    states[:] = x.T[_STATES]
+    air_temperature, vapour_pressure, co2_density = states
+    outside = d[_OUTSIDE].tolist() if d.ndim == 1 else np.ascontiguousarray(d.T[_OUTSIDE])
+    radiation, outdoor_temperature, day_radiation_sum, is_day, is_day_smooth = outside
+    return RuleInputs(
+        air_temperature=air_temperature,
+        relative_humidity=np.asarray(relative_humidity(air_temperature, vapour_pressure)),
+        co2=np.asarray(co2_ppm(air_temperature, co2_density)),
+        radiation=radiation,
+        outdoor_temperature=outdoor_temperature,
+        day_radiation_sum=day_radiation_sum,
+        is_day=is_day,
+        is_day_smooth=is_day_smooth,
+        hour_of_day=hour_of_day,
+        day_of_year=day_of_year,
+    )
+
+
+_MEASURED = ("air_temperature", "relative_humidity", "co2", "global_radiation", "outdoor_temperature")
+
+
+@controller(
+    "rule_based_fair",
+    read=read_rule_settings,
+    version="422c7198decf7d13b7615521fba8f7915ad3235b7cb7256e2355ceb9327db821",
+)
+class FairRuleBasedAgent(ObservedController):
+    """Rules under the conditions of every agent: observations only, and the task's actuation. Its memory is the radiation so far.
+
+    What observations do not tell is estimated (``DaylightEstimator``).
+    """
+
+    title = "the fair rule-based agent"
+
+    def __init__(self, settings: RuleSettings) -> None:
+        self.settings = settings
+        self._rules = Rules(settings)
+
+    def reset(self, task: TaskCard, n_runs: int, /) -> None:
+        """Forget the weather; ``n_runs`` runs of ``task`` begin.
+
+        Raises
+        ------
+        SubmissionError
+            When the task does not show a quantity that the rules need, or has another kind of actuation or of greenhouse.
+        """
+        self._check_actuation(task)
+        self._controls = [control.name for control in task.controls][:6]
+        unknown = [name for name in task.action_names if name not in self._controls]
+        if unknown:
+            msg = f"The rules work {', '.join(self._controls)}; {task.id} is another kind of greenhouse ({', '.join(unknown)})."
+            raise SubmissionError(msg)
+        self._begin(task, n_runs, (*_MEASURED, *CLOCK))
+        # With the published timing the weather shown is that of the step before.
+        age_seconds = task.step_seconds if task.timing == "published" else 0.0
+        self._daylight = DaylightEstimator(n_runs, task.step_seconds, age_seconds)
+
+    def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
+        """Actions (n_runs, actions) towards the controls that the rules ask for."""
+        hour, day = clock_from(readings)
+        daylight = self._daylight.observe(hour, readings["global_radiation"])
+        controls = self._rules.controls(fair_inputs(readings, hour, day, daylight))
+        return self._towards(dict(zip(self._controls, controls.T, strict=False)), positions)
+
+
+def fair_inputs(readings: dict[str, Array], hour: Array, day: Array, daylight: Daylight) -> RuleInputs:
+    """What the rules look at, from readings by name, the clock, and the estimates of the day."""
+    return RuleInputs(
+        air_temperature=readings["air_temperature"],
+        relative_humidity=readings["relative_humidity"],
+        co2=readings["co2"],
+        radiation=readings["global_radiation"],
+        outdoor_temperature=readings["outdoor_temperature"],
+        day_radiation_sum=daylight.radiation_sum,
+        is_day=daylight.is_day,
+        is_day_smooth=daylight.is_day_smooth,
+        hour_of_day=hour,
+        day_of_year=day,
+    )

@@ -1,7 +1,9 @@
 """Rules of a climate computer whose numbers were tuned: set points by the sun and by light, humidity kept just below the limit.
 
-``baselines/rule_based_tuned`` holds the numbers, and explains each. The rules look at observations and the task card alone and act
-through the task's actuation. They know the limits of the climate from the card and the sun's hours from place and date.
+``baselines/rule_based_tuned`` holds the numbers in YAML files that a grower can read. ``TunedRuleSettings`` is the one place that says
+what there is to set, with unit, bounds and meaning: the comments of the files are made of it (``settings_text``), and ``glbench tune
+rules`` stays within its bounds. The rules look at observations and the task card alone and act through the task's actuation. They know
+the limits of the climate from the card and the sun's hours from place and date.
 
 All arithmetic goes element by element over arrays of shape (n,), one value a run, so that a run gets the same bits alone and in a
 batch; every run may have numbers of its own.
@@ -9,18 +11,20 @@ batch; every run may have numbers of its own.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 
-from glbench.agents.grower import sun_hours
-from glbench.agents.rule_based_fair import clock_from
-from glbench.agents.tuned_rule_settings import RulePages, TunedRuleSettings
+from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
+from glbench.agents.daylight import Sun
 from glbench.errors import ShapeError, SubmissionError
+from glbench.settings import read_settings
 from glbench.tasks.set_points import BLACKOUT, BOILER, DOSING, LAMPS, SCREEN, VENTS, WORKED
 
 if TYPE_CHECKING:
@@ -28,8 +32,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_CLOCK = ("sin_hour_of_day", "cos_hour_of_day", "sin_day_of_year", "cos_day_of_year")
-_NEEDED = ("air_temperature", "relative_humidity", "global_radiation", "outdoor_temperature", *_CLOCK)
+_SIGNIFICANT = 4
+_COMMENT_COLUMN = 32
+NEEDED = ("air_temperature", "relative_humidity", "global_radiation", "outdoor_temperature", *CLOCK)
 _WELCOME = ("co2", "wind_speed")
 """Looked at where a task shows them: without the one no CO2 is dosed, without the other the air counts as calm."""
 _SCREEN_BAND = 3.0
@@ -44,15 +49,241 @@ _LOWEST_TEMPERATURE, _HIGHEST_HUMIDITY = 15.0, 85.0
 """Limits [degC] and [%] where a task has none."""
 
 
-class TunedRulesAgent:
+def number(low: float, high: float, unit: str, words: str, *, section: str | None = None, tuned: bool = True) -> Any:
+    """A field of settings: bounds, unit and meaning, the heading that begins above it, and whether a tuner may change it."""
+    about: dict[str, Any] = {"unit": unit, "tuned": tuned}
+    if section is not None:
+        about["section"] = section
+    return Field(ge=low, le=high, description=words, json_schema_extra=about)
+
+
+class TunedRuleSettings(BaseModel):
+    """Numbers of the rules. Temperatures [degC], differences of them [K], humidity [%], CO2 [ppm], radiation [W m-2], times [h].
+
+    "Share" is a fraction of what is installed. "Limit" is the task's own: of relative humidity the upper one, of air temperature the
+    lower one. Radiation is the global radiation outside.
+    """
+
+    title: ClassVar[str] = "rules"
+    scope_key: ClassVar[str] = "reward"
+    """Key of a page beside the numbers: names of what they are for, here the reward modules of tasks."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    morning_before_sunrise: float = number(
+        0.0, 6.0, "h", "before sunrise the heating temperature leaves that of the night", section="Periods of the day"
+    )
+    evening_before_sunset: float = number(-2.0, 5.0, "h", "before sunset it leaves that of the day")
+    night_after_sunset: float = number(-2.0, 8.0, "h", "after sunset it leaves that of the evening")
+    ramp_hours: float = number(0.25, 3.0, "h", "each of these changes takes")
+
+    heating_night: float = number(12.0, 20.0, "degC", "at night", section="Heating temperature")
+    heating_morning: float = number(12.0, 24.0, "degC", "before it gets light")
+    heating_day: float = number(12.0, 26.0, "degC", "in daylight")
+    heating_evening: float = number(12.0, 22.0, "degC", "from the evening on, until the night")
+    heating_daylight: float = number(20.0, 500.0, "W m-2", "from so much radiation on it counts as full daylight")
+    heating_light_raise: float = number(0.0, 10.0, "K", "more in full sun")
+    heating_light_from: float = number(0.0, 400.0, "W m-2", "the raise begins")
+    heating_light_span: float = number(50.0, 800.0, "W m-2", "so much later it is complete")
+
+    boiler_band: float = number(
+        0.5, 10.0, "K", "too cold for the boiler to go from nothing to full power", section="Boiler"
+    )
+    boiler_outside: float = number(0.0, 0.05, "share K-1", "for each degree that it is colder outside than wanted")
+    boiler_daylight: float = number(0.0, 0.4, "share", "in daylight, besides")
+    boiler_humidity: float = number(0.0, 0.3, "share %-1", "against humidity, for each percent")
+    boiler_humidity_above: float = number(-6.0, 4.0, "%", "above the limit (below it when negative) that begins")
+    boiler_trend: float = number(0.0, 0.3, "share h K-1", "less, for each degree an hour that it warms up")
+
+    co2_dim: float = number(300.0, 1600.0, "ppm", "in dim light", section="CO2")
+    co2_sunny: float = number(300.0, 1600.0, "ppm", "in full sun")
+    co2_light_from: float = number(0.0, 300.0, "W m-2", "up to here light is dim")
+    co2_light_span: float = number(20.0, 800.0, "W m-2", "so much later it is full sun")
+    co2_vents: float = number(0.0, 8000.0, "ppm", "less with fully open vents (in proportion with others)")
+    co2_band: float = number(20.0, 600.0, "ppm", "too little for the supply to go from nothing to full")
+    co2_dark: float = number(0.0, 60.0, "W m-2", "in less light than this none is dosed")
+
+    vents_humidity_day: float = number(
+        -12.0, 2.0, "%", "above the limit (below it when negative) is wanted by day", section="Vents"
+    )
+    vents_humidity_night: float = number(-12.0, 2.0, "%", "the same in the dark")
+    vents_gain: float = number(0.0, 2.0, "share %-1 h-1", "they open in an hour for each percent too much (integral)")
+    vents_trend: float = number(0.0, 0.3, "share %-1", "they open for each percent of rise (proportional)")
+    vents_cold_less: float = number(0.0, 0.95, "-", "part of both that is left out when it is 18 K colder outside")
+    vents_wind_less: float = number(0.0, 0.95, "-", "part of both that is left out in a wind of 10 m s-1")
+    vents_most: float = number(0.05, 1.0, "share", "widest opening against humidity")
+    vents_temperature: float = number(18.0, 33.0, "degC", "above it they open for heat")
+    vents_light_raise: float = number(0.0, 8.0, "K", "higher in full sun, as with heating")
+    vents_band: float = number(1.0, 20.0, "K", "too warm for them to go from shut to open")
+    vents_cold: float = number(-1.5, 3.0, "K", "above the limit of temperature: colder they are shut")
+
+    screen_light_from: float = number(0.0, 150.0, "W m-2", "begins to open", section="Thermal screen")
+    screen_light_span: float = number(5.0, 300.0, "W m-2", "so much later it is open")
+    screen_outdoor: float = number(-5.0, 25.0, "degC", "outside: colder it is closed, 3 K warmer it is open")
+    screen_humidity: float = number(-10.0, 10.0, "%", "above the limit (below it when negative) a gap opens")
+    screen_gap: float = number(0.0, 0.3, "share %-1", "for each percent, of the screen")
+    screen_gap_most: float = number(0.0, 1.0, "share", "widest gap")
+
+    temperature_smoothing: float = number(
+        0.0, 3.0, "h", "the sensor of temperature is smoothed over", section="Sensors"
+    )
+    humidity_smoothing: float = number(0.0, 3.0, "h", "the sensor of humidity is smoothed over")
+
+    lamps_from: float = number(0.0, 24.0, "h", "of the day they may be on", section="Lamps (not tuned)", tuned=False)
+    lamps_until: float = number(0.0, 24.0, "h", "of the same day they go off", tuned=False)
+    lamps_radiation: float = number(
+        0.0, 1000.0, "W m-2", "they are off from here on; 0: they are never on", tuned=False
+    )
+
+    @classmethod
+    def bounds(cls, name: str) -> tuple[float, float]:
+        """Lowest and highest value of the number called ``name``."""
+        limits = {type(limit).__name__: limit for limit in cls.model_fields[name].metadata}
+        return float(limits["Ge"].ge), float(limits["Le"].le)
+
+    @classmethod
+    def tuned_names(cls) -> tuple[str, ...]:
+        """Names of the numbers that a tuner may change."""
+        return tuple(name for name in cls.model_fields if cls.about(name)["tuned"])
+
+    @classmethod
+    def about(cls, name: str) -> dict[str, Any]:
+        """Unit of a number, whether a tuner may change it, and the heading that begins above it, if one does."""
+        about = cls.model_fields[name].json_schema_extra
+        assert isinstance(about, dict)
+        return about
+
+    @classmethod
+    def is_for(cls, scope: Sequence[str], reward: Sequence[str], task_id: str) -> bool:
+        """Whether a page for ``scope`` is for a task with these reward modules."""
+        return tuple(scope) == tuple(reward)
+
+
+@dataclass(frozen=True)
+class RulePage:
+    """A file of settings: numbers, and the names of what they are for."""
+
+    scope: tuple[str, ...]
+    numbers: TunedRuleSettings
+
+
+@dataclass(frozen=True)
+class RulePages:
+    """The pages of a folder, or the one of a file."""
+
+    pages: Mapping[Path, RulePage]
+    """By their files."""
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files that they were read from."""
+        return tuple(self.pages)
+
+    @property
+    def kind(self) -> type[TunedRuleSettings]:
+        """Of the numbers."""
+        return type(next(iter(self.pages.values())).numbers)
+
+    def page_for(self, reward: Sequence[str], task_id: str) -> Path | None:
+        """File of the page for a task: an only page serves every task. ``None`` when there is none."""
+        if len(self.pages) == 1:
+            return self.files[0]
+        pages = self.pages.items()
+        return next((file for file, page in pages if self.kind.is_for(page.scope, reward, task_id)), None)
+
+    def numbers_for(self, reward: Sequence[str], task_id: str) -> TunedRuleSettings:
+        """Numbers of that page.
+
+        Raises
+        ------
+        SubmissionError
+            When none of several pages is for such a task.
+        """
+        file = self.page_for(reward, task_id)
+        if file is not None:
+            return self.pages[file].numbers
+        known = "; ".join(f"{file.name}: {', '.join(page.scope)}" for file, page in self.pages.items())
+        msg = (
+            f"No page of the {self.kind.title} is for {task_id}, whose reward is {', '.join(reward)} ({known}). "
+            "Copy the folder and leave the page in it that is to be followed: an only page serves every task."
+        )
+        raise SubmissionError(msg)
+
+
+def read_rule_pages(place: Path, kind: type[TunedRuleSettings] = TunedRuleSettings) -> RulePages:
+    """Read the page in the YAML file ``place``, or those in all ``*.yml`` of the folder ``place``.
+
+    Raises
+    ------
+    SubmissionError
+        When there is none, one cannot be read or lacks a number, has an unknown or impossible one, or two are for the same.
+    """
+    files = sorted(place.glob("*.yml")) if place.is_dir() else [place]
+    if not files:
+        msg = f"There is no page of {kind.title} (*.yml) in {place}."
+        raise SubmissionError(msg)
+    pages = {file: read_rule_page(file, kind) for file in files}
+    scopes = [page.scope for page in pages.values()]
+    claims: list[tuple[str, ...]] = (
+        scopes if kind is TunedRuleSettings else [(name,) for scope in scopes for name in scope]
+    )
+    twice = next((claim for claim in claims if claims.count(claim) > 1), None)
+    if twice is not None:
+        msg = f"The pages of {kind.title} in {place} name the same {kind.scope_key} twice, {', '.join(twice)}. Leave one of them."
+        raise SubmissionError(msg)
+    return RulePages(pages)
+
+
+def read_rule_page(file: Path, kind: type[TunedRuleSettings] = TunedRuleSettings) -> RulePage:
+    """Read one page. Errors as for ``read_rule_pages``."""
+    key = kind.scope_key
+    fields: dict[str, Any] = {key: (Annotated[tuple[str, ...], BeforeValidator(_names)], ...)}
+    page = read_settings(create_model(kind.__name__, __base__=kind, **fields), file, f"the {kind.title}")
+    return RulePage(getattr(page, key), kind(**page.model_dump(exclude={key})))
+
+
+def _names(content: Any) -> Any:
+    if not content or not (isinstance(content, list) and all(isinstance(name, str) for name in content)):
+        msg = "it is a list of names, such as [epi, scaled_penalty] for 'reward' or [mylab/Spring-v1] for 'tasks'"
+        raise ValueError(msg)
+    return content
+
+
+def settings_text(page: RulePage, heading: Sequence[str] = ()) -> str:
+    """A page as YAML, every number with its unit and meaning; ``heading`` are lines of comment above it."""
+    kind = type(page.numbers)
+    lines = [*(f"# {line}".rstrip() for line in heading), f"{kind.scope_key}: [{', '.join(page.scope)}]"]
+    for name, value in page.numbers.model_dump().items():
+        about = kind.about(name)
+        if "section" in about:
+            lines += ["", f"# {about['section']}"]
+        entry = f"{name}: {rounded(value)!r}"
+        words = kind.model_fields[name].description
+        lines += [f"{entry:<{_COMMENT_COLUMN}} # {about['unit']}{', ' if about['unit'] != '-' else ' '}{words}"]
+    return "\n".join(lines) + "\n"
+
+
+def rounded(value: float) -> float:
+    """A number with so many digits as a page shows: four, which is finer than anybody can measure."""
+    return float(f"{value:.{_SIGNIFICANT}g}")
+
+
+@controller(
+    "rule_based_tuned",
+    read=read_rule_pages,
+    version="bd6432cc9ef75f1b05f527db61c1468c3eb7cff93e20f92856e42130415ea65c",
+)
+class TunedRulesAgent(ObservedController):
     """Rules with tuned numbers; an ``Agent``. It remembers the smoothed temperature and humidity of every run.
 
     ``settings`` are pages of numbers, of which the task's reward chooses one, or numbers for every run, one a run.
     """
 
+    title = "the tuned rules"
+    kind: ClassVar[type[TunedRuleSettings]] = TunedRuleSettings
+
     def __init__(self, settings: RulePages | Sequence[TunedRuleSettings]) -> None:
         self.settings = settings
-        self._runs = 0
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """Forget what was measured; ``n_runs`` runs of ``task`` begin.
@@ -66,58 +297,54 @@ class TunedRulesAgent:
         """
         settings = self.settings
         if isinstance(settings, RulePages):
-            given: Sequence[TunedRuleSettings] = [settings.numbers_for(task.reward_modules, task.id)] * n_runs
-        else:
-            given = settings
-        if len(given) != n_runs:
-            msg = f"The rules have numbers for {len(given)} runs, and {n_runs} begin."
+            settings = [settings.numbers_for(task.reward_modules, task.id)] * n_runs
+        if len(settings) != n_runs:
+            msg = f"The rules have numbers for {len(settings)} runs, and {n_runs} begin."
             raise ShapeError(msg)
-        columns = {name: np.array([getattr(one, name) for one in given]) for name in TunedRuleSettings.model_fields}
-        self._plan = _plan(task)
+        columns = {name: np.array([getattr(one, name) for one in settings]) for name in self.kind.model_fields}
+        self._find_columns(task, n_runs)
         self._numbers: Any = SimpleNamespace(**columns)
         self._spans = _spans(self._numbers)
-        self._limits = _limits(task)
-        self._task, self._runs = task, n_runs
+        limits = {limit.name: limit for limit in task.constraints}
+        temperature, humidity = limits.get("air_temperature"), limits.get("relative_humidity")
+        self._limits = (
+            _LOWEST_TEMPERATURE if temperature is None else temperature.low,
+            _HIGHEST_HUMIDITY if humidity is None else humidity.high,
+        )
         self._step_hours = task.step_seconds / 3600.0
-        self._sun = _Sun(task)
+        self._sun = Sun(task)
         self._temperature = _Smoothed(columns["temperature_smoothing"], self._step_hours)
         self._humidity = _Smoothed(columns["humidity_smoothing"], self._step_hours)
         self._calm = np.zeros(n_runs)
 
-    def act(self, observations: NDArray[np.float32], /) -> Array:
-        """Actions (n_runs, actions) towards the controls that the rules ask for.
+    def _find_columns(self, task: TaskCard, n_runs: int) -> None:
+        self._check_actuation(task)
+        controls = [control.name for control in task.controls]
+        unknown = [name for name in (VENTS, *task.action_names) if name not in WORKED or name not in controls]
+        if unknown:
+            msg = f"The tuned rules work {', '.join(WORKED)}; {task.id} is another kind of greenhouse ({', '.join(unknown)})."
+            raise SubmissionError(msg)
+        self._begin(task, n_runs, NEEDED, optional=_WELCOME, positions=(VENTS,))
 
-        Raises
-        ------
-        ShapeError
-            When there are not as many rows as runs were announced to ``reset``.
-        """
-        if len(observations) != self._runs:
-            msg = f"act got observations of {len(observations)} runs, reset was called with {self._runs}. Call reset first."
-            raise ShapeError(msg)
-        plan = self._plan
-        rows = observations.T[plan.places].astype(np.float64, order="C")
-        controls = rows[len(plan.names) :] / plan.at_one
-        wanted = self._wanted(dict(zip(plan.names, rows, strict=False)), controls[0])
-        asked = np.stack([wanted[name] for name in plan.actions])
-        if plan.rate:
-            asked = np.minimum(np.maximum((asked - controls[1:]) / self._task.max_change, -1.0), 1.0)
-        return asked.T
+    def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
+        """Actions (n_runs, actions) towards the controls that the rules ask for."""
+        return self._towards(self._rules(readings, positions[VENTS]), positions)
 
-    def _wanted(self, seen: dict[str, Array], vents: Array) -> dict[str, Array]:
+    def _rules(self, readings: dict[str, Array], vents: Array) -> dict[str, Array]:
         """Controls (n,) by name, fractions of what is installed, with the vents where they are now."""
         n = self._numbers
-        hour, day = clock_from(seen)
-        temperature, warming = self._temperature.take(seen["air_temperature"])
-        humidity, rising = self._humidity.take(seen["relative_humidity"])
-        radiation, outdoor = seen["global_radiation"], seen["outdoor_temperature"]
-        shares = self._shares(hour, day, radiation, temperature, outdoor, seen.get("wind_speed", self._calm))
-        heating = _heating(n, shares)
-        lamps = _lamps(n, hour, radiation)
+        hour, day = clock_from(readings)
+        temperature, warming = self._temperature.take(readings["air_temperature"])
+        humidity, rising = self._humidity.take(readings["relative_humidity"])
+        radiation, outdoor = readings["global_radiation"], readings["outdoor_temperature"]
+        shares = self._shares(hour, day, radiation, temperature, outdoor, readings.get("wind_speed", self._calm))
+        in_hours = (hour >= n.lamps_from) & (hour < n.lamps_until)
+        lamps = np.where(in_hours & (radiation < n.lamps_radiation), 1.0, 0.0)
         above = humidity - self._limits[1]
+        heating = _heating(n, shares)
         return {
             BOILER: _boiler(n, shares, heating, temperature, warming / self._step_hours, outdoor, above),
-            DOSING: _co2(n, shares, radiation, vents, seen["co2"]) if "co2" in seen else self._calm,
+            DOSING: _co2(n, shares, radiation, vents, readings["co2"]) if "co2" in readings else self._calm,
             SCREEN: _screen(n, shares, above),
             VENTS: _vents(n, shares, vents, temperature, above, rising, self._step_hours),
             LAMPS: lamps,
@@ -129,7 +356,9 @@ class TunedRulesAgent:
     ) -> _Shares:
         """All shares at once: numpy takes as long for one of them as for ten."""
         n = self._numbers
-        noon, half = self._sun.at(day)
+        rise, fall = self._sun.hours(day)
+        half = 0.5 * (fall - rise)
+        noon = rise + half
         since_noon = np.mod(hour - noon, 24.0)
         above = np.empty((len(_Shares._fields), self._runs))
         np.subtract(since_noon, 24.0 - half - n.morning_before_sunrise, out=above[0])
@@ -193,23 +422,6 @@ class _Smoothed:
         return self._value, change
 
 
-class _Sun:
-    """Noon [h] and half the length of the day [h], looked up once a day."""
-
-    def __init__(self, task: TaskCard) -> None:
-        self._task = task
-        self._day: Array | None = None
-
-    def at(self, day: Array) -> tuple[Array, Array]:
-        """Both on days of the year, (n,) each."""
-        today = np.floor(day)
-        if self._day is None or not np.array_equal(today, self._day):
-            rise, fall = np.array([sun_hours(self._task, int(number)) for number in today.tolist()]).reshape(-1, 2).T
-            self._day, self._half = today, 0.5 * (fall - rise)
-            self._noon = rise + self._half
-        return self._noon, self._half
-
-
 def _share(value: Array, span: Array) -> Array:
     """From 0 at 0 to 1 at ``span``."""
     return np.minimum(np.maximum(value / span, 0.0), 1.0)
@@ -220,8 +432,8 @@ def _heating(n: Any, s: _Shares) -> Array:
     dark = n.heating_evening + s.night * (n.heating_night - n.heating_evening)
     dark = dark + s.morning * (n.heating_morning - dark)
     afternoon_left = 1.0 - s.evening * (1.0 - s.morning)
-    wanted: Array = dark + (s.daylight * (n.heating_day - dark) + n.heating_light_raise * s.sunny) * afternoon_left
-    return wanted
+    heating: Array = dark + (s.daylight * (n.heating_day - dark) + n.heating_light_raise * s.sunny) * afternoon_left
+    return heating
 
 
 def _boiler(
@@ -237,14 +449,14 @@ def _boiler(
 
 def _co2(n: Any, s: _Shares, radiation: Array, vents: Array, co2: Array) -> Array:
     """P-band below a set point by light, lower the wider the vents are open."""
-    wanted = n.co2_dim + (n.co2_sunny - n.co2_dim) * s.co2_sunny - n.co2_vents * vents
-    return np.where(radiation >= n.co2_dark, _share(wanted - co2, n.co2_band), 0.0)
+    set_point = n.co2_dim + (n.co2_sunny - n.co2_dim) * s.co2_sunny - n.co2_vents * vents
+    return np.where(radiation >= n.co2_dark, _share(set_point - co2, n.co2_band), 0.0)
 
 
 def _vents(n: Any, s: _Shares, vents: Array, temperature: Array, above: Array, rising: Array, step: float) -> Array:
     """Against humidity a PI controller in velocity form: it moves the vents from where they are, so that nothing winds up."""
-    wanted = n.vents_humidity_night + (n.vents_humidity_day - n.vents_humidity_night) * s.daylight
-    change = n.vents_gain * step * (above - wanted) + n.vents_trend * rising
+    target = n.vents_humidity_night + (n.vents_humidity_day - n.vents_humidity_night) * s.daylight
+    change = n.vents_gain * step * (above - target) + n.vents_trend * rising
     change = change * (1.0 - n.vents_cold_less * s.cold) * (1.0 - n.vents_wind_less * s.windy)
     humid = np.minimum(np.maximum(vents + change, 0.0), n.vents_most) * s.warm_enough
     hot = _share(temperature - n.vents_temperature - n.vents_light_raise * s.sunny, n.vents_band)
@@ -257,65 +469,3 @@ def _screen(n: Any, s: _Shares, above: Array) -> Array:
     gap = np.minimum(np.maximum(n.screen_gap * (above - n.screen_humidity), 0.0), n.screen_gap_most)
     closed: Array = (1.0 - s.bright) * (1.0 - s.mild) * (1.0 - gap)
     return closed
-
-
-def _lamps(n: Any, hour: Array, radiation: Array) -> Array:
-    """On between two hours of the day, unless it is bright."""
-    return np.where((hour >= n.lamps_from) & (hour < n.lamps_until) & (radiation < n.lamps_radiation), 1.0, 0.0)
-
-
-@dataclass(frozen=True)
-class _Plan:
-    """Where a task's observations are and how its actions act."""
-
-    names: tuple[str, ...]
-    """Observed quantities that the rules use."""
-    places: list[int]
-    """Their columns, then that of the vents, then those of the controls that are acted on."""
-    at_one: Array
-    """What each of these controls is at 1, (1 + controls, 1)."""
-    actions: tuple[str, ...]
-    """Controls that are acted on."""
-    rate: bool
-
-
-def _plan(task: TaskCard) -> _Plan:
-    if task.actuation not in ("rate", "set_point"):
-        msg = (
-            f"The tuned rules move controls themselves (actuation 'rate' or 'set_point'), and {task.id} has "
-            f"'{task.actuation}'. The baseline 'grower' works at a process computer."
-        )
-        raise SubmissionError(msg)
-    controls = {control.name: control for control in task.controls}
-    unknown = [name for name in (VENTS, *task.action_names) if name not in WORKED or name not in controls]
-    if unknown:
-        msg = (
-            f"The tuned rules work {', '.join(WORKED)}; {task.id} is another kind of greenhouse ({', '.join(unknown)})."
-        )
-        raise SubmissionError(msg)
-    rate = task.actuation == "rate"
-    moved = [controls[VENTS], *(controls[name] for name in task.action_names if rate)]
-    columns = {name: index for index, name in enumerate(task.observation_names)}
-    missing = [name for name in dict.fromkeys([*_NEEDED, *(one.quantity for one in moved)]) if name not in columns]
-    if missing:
-        msg = f"The tuned rules need the observations {', '.join(missing)}, which {task.id} does not show."
-        raise SubmissionError(msg)
-    names = (*_NEEDED, *(name for name in _WELCOME if name in columns))
-    return _Plan(
-        names=names,
-        places=[columns[name] for name in (*names, *(one.quantity for one in moved))],
-        # Where nothing is installed the observation is 0, whatever it is divided by.
-        at_one=np.array([[one.at_one if one.at_one > 0.0 else 1.0] for one in moved]),
-        actions=task.action_names,
-        rate=rate,
-    )
-
-
-def _limits(task: TaskCard) -> tuple[float, float]:
-    """Lower limit of air temperature [degC] and upper limit of relative humidity [%]."""
-    by_name = {limit.name: limit for limit in task.constraints}
-    temperature, humidity = by_name.get("air_temperature"), by_name.get("relative_humidity")
-    return (
-        _LOWEST_TEMPERATURE if temperature is None else temperature.low,
-        _HIGHEST_HUMIDITY if humidity is None else humidity.high,
-    )

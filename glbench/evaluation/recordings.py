@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from glbench.agents.identity import CARD_FILE
-from glbench.agents.recording import Recording
+from glbench.agents.plans import Recording
 from glbench.errors import EpisodeError
 from glbench.evaluation.episodes import recorded_actions, task_of_result
 from glbench.evaluation.files import load_result

@@ -17,8 +17,8 @@ from typing import Any
 
 from glbench.agents.baselines import read_baseline, shipped_digest
 from glbench.agents.identity import baseline_names
-from glbench.agents.recording import Recording
-from glbench.agents.tuned_rule_settings import RulePages
+from glbench.agents.plans import Recording
+from glbench.agents.tuned_rules import RulePages, TunedRuleSettings
 from glbench.errors import GlbenchError
 from glbench.evaluation import Result
 from glbench.resources import data_folder, left_out
@@ -50,7 +50,7 @@ def budget_of(result: Result) -> Budget:
     if agent.kind != "baseline" or digest_of_baseline(agent.name) != agent.digest:
         return UNKNOWN
     settings = _settings(agent.name)
-    if isinstance(settings, RulePages):
+    if isinstance(settings, RulePages) and settings.kind is TunedRuleSettings:
         return _tuned(settings, result.task.id)
     trained = _trainings(data_folder("baselines") / _trained(agent.name) / "training")
     if not trained:
@@ -78,7 +78,7 @@ def _trained(name: str) -> str:
 def _tuned(pages: RulePages, task_id: str) -> Budget:
     """Of rules, the tuning of the page that a published task is played by."""
     reward = _rewards().get(task_id)
-    page = None if reward is None else pages.page_for(reward)
+    page = None if reward is None else pages.page_for(reward, task_id)
     if page is None:
         return UNKNOWN
     record = page.parent.parent / "training" / f"{page.stem}.toml"

@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from glbench.agents.baselines import Baseline, read_baseline
-from glbench.agents.energy_rule_settings import EnergyRulePages
 from glbench.agents.identity import baseline_names
-from glbench.agents.tuned_rule_settings import RulePages
+from glbench.agents.tuned_rules import RulePages
 from glbench.quantities import pretty_unit
 from glbench.resources import data_folder
 
@@ -124,10 +123,7 @@ def _page(baseline: Baseline, folder: Path, task: TaskSpec) -> Path | None:
     """The file of settings that is followed on a task."""
     settings = baseline.settings
     if isinstance(settings, RulePages):
-        return settings.page_for(task.reward.modules)
-    if isinstance(settings, EnergyRulePages):
-        pages = settings.pages
-        return next((file for file, page in pages.items() if len(pages) == 1 or task.id in page.tasks), None)
+        return settings.page_for(task.reward.modules, task.id)
     file = folder / baseline.card.settings
     return file if file.suffix in _TEXT and file.is_file() else None
 

@@ -17,7 +17,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.agents.network_policy import FAST, Actor, Gru, NetworkPolicy, PolicyAgent
+from glbench.agents.network_policy import FAST, Actor, ActorAgent, Gru, NetworkPolicy
 from glbench.errors import ShapeError, TrainingError
 from glbench.resources import write_atomically
 from glbench.tasks import task_card
@@ -169,7 +169,7 @@ class _Training:
     def evaluate(self, policy: Actor) -> CurvePoint:
         """A point of the learning curve."""
         with self.history.time.spend("evaluation"):
-            agent = PolicyAgent(_fast(policy))
+            agent = ActorAgent(_fast(policy))
             agent.reset(task_card(self.task), len(self._probe.seeds))
             result = self._probe.of(agent.act)
         if self.steps >= self.history.next_evaluation:  # an end between two evaluations does not shift them

@@ -68,7 +68,7 @@ class Greenhouses(NamedTuple):
     seen: Any
     """Observation and, after it, traces."""
     positions: Any
-    """Of the controls, as ``PolicyAgent`` keeps them."""
+    """Of the controls, as ``ActorAgent`` keeps them."""
     told: Any
     """What ``info`` contained after the last step."""
     begun: Any

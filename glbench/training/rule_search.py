@@ -19,15 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from glbench.agents.energy_rule_settings import (
-    EnergyRulePage,
-    EnergyRuleSettings,
-    energy_settings_text,
-    read_energy_rule_page,
+from glbench.agents.energy_rules import POWER, EnergyRulesAgent, EnergyRuleSettings
+from glbench.agents.tuned_rules import (
+    RulePage,
+    TunedRulesAgent,
+    TunedRuleSettings,
+    read_rule_page,
+    read_rule_pages,
+    rounded,
+    settings_text,
 )
-from glbench.agents.energy_rules import POWER, EnergyRulesAgent
-from glbench.agents.tuned_rule_settings import RulePage, TunedRuleSettings, read_rule_page, rounded, settings_text
-from glbench.agents.tuned_rules import TunedRulesAgent
 from glbench.env import Simulation
 from glbench.errors import TrainingError
 from glbench.kernel import make_kernel
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
 
 Floats = NDArray[np.float64]
-Page = RulePage | EnergyRulePage
 
 RULES = "rules.yml"
 """The page of the best rules, in the folder of a search."""
@@ -82,9 +82,9 @@ class RuleSearchSettings(FrozenSettings):
         """Number of generations for these runs, rounded up."""
         return math.ceil(self.seasons / (self.population * len(tasks)))
 
-    def digest(self, start: Page) -> str:
+    def digest(self, start: RulePage) -> str:
         """SHA-256 (hex) over all settings except the number of runs, and over the page that the search starts from."""
-        content = self.model_dump_json(exclude={"seasons"}) + page_text(start)
+        content = self.model_dump_json(exclude={"seasons"}) + settings_text(start)
         return sha256(content.encode()).hexdigest()
 
 
@@ -98,11 +98,10 @@ def shipped_start(tasks: Sequence[TaskSpec]) -> Path:
     """
     reward, energy = reward_of(tasks), about_energy(tasks)
     folder = data_folder("baselines") / (ENERGY_CONTROLLER if energy else CONTROLLER) / "rules"
-    for file in sorted(folder.glob("*.yml")):
-        if energy and tasks[0].id in read_energy_rule_page(file).tasks:
-            return file
-        if not energy and read_rule_page(file).reward == reward:
-            return file
+    pages = read_rule_pages(folder, kind_for(tasks))
+    file = pages.page_for(reward, tasks[0].id)
+    if file is not None:
+        return file
     what = f"{tasks[0].id}" if energy else f"the reward {', '.join(reward)}"
     msg = f"No rules are shipped for {what}. Give a page to begin with: --config START.yml."
     raise TrainingError(msg)
@@ -113,17 +112,16 @@ def about_energy(tasks: Sequence[TaskSpec]) -> bool:
     return all(POWER in (quantity.name for quantity in task.observed()) for task in tasks)
 
 
-def page_text(page: Page, heading: Sequence[str] = ()) -> str:
-    """A page as YAML; ``heading`` are lines of comment above it."""
-    return energy_settings_text(page, heading) if isinstance(page, EnergyRulePage) else settings_text(page, heading)
+def kind_for(tasks: Sequence[TaskSpec]) -> type[TunedRuleSettings]:
+    """The kind of rules that are tuned for ``tasks``."""
+    return EnergyRuleSettings if about_energy(tasks) else TunedRuleSettings
 
 
-def _begun(start: Path, tasks: Sequence[TaskSpec]) -> Page:
+def _first_page(start: Path, tasks: Sequence[TaskSpec]) -> RulePage:
     """The page in ``start``, for ``tasks`` and their reward."""
-    reward = reward_of(tasks)
-    if about_energy(tasks):
-        return EnergyRulePage(tuple(task.id for task in tasks), read_energy_rule_page(start).numbers)
-    return RulePage(reward, read_rule_page(start).numbers)
+    reward, energy = reward_of(tasks), about_energy(tasks)
+    scope = tuple(task.id for task in tasks) if energy else reward
+    return RulePage(scope, read_rule_page(start, kind_for(tasks)).numbers)
 
 
 def reward_of(tasks: Sequence[TaskSpec]) -> tuple[str, ...]:
@@ -151,7 +149,7 @@ def reward_of(tasks: Sequence[TaskSpec]) -> tuple[str, ...]:
 class Candidates:
     """Numbers of a page as the strategy varies them: each from 0 to 1 between its bounds, those that are not tuned left out."""
 
-    def __init__(self, start: Page) -> None:
+    def __init__(self, start: RulePage) -> None:
         self._start = start
         kind = type(start.numbers)
         self._names = kind.tuned_names()
@@ -166,12 +164,10 @@ class Candidates:
         values = self._low + np.clip(candidate, 0.0, 1.0) * self._width
         return self._start.numbers.model_copy(update=dict(zip(self._names, values.tolist(), strict=True)))
 
-    def page(self, candidate: Floats) -> Page:
+    def page(self, candidate: Floats) -> RulePage:
         """The same as a page shows it, in four digits."""
         numbers = {name: rounded(value) for name, value in self.numbers(candidate).model_dump().items()}
-        if isinstance(self._start, EnergyRulePage):
-            return replace(self._start, numbers=EnergyRuleSettings(**numbers))
-        return replace(self._start, numbers=TunedRuleSettings(**numbers))
+        return replace(self._start, numbers=type(self._start.numbers)(**numbers))
 
 
 class _TaskRuns:
@@ -237,7 +233,7 @@ class _Search:
         with clock.spend("learning"):
             self.strategy.tell(asked, rewards)
 
-    def evaluate(self) -> tuple[CurvePoint, Page]:
+    def evaluate(self) -> tuple[CurvePoint, RulePage]:
         """A point of the learning curve, the mean over the tasks, and the page that it belongs to."""
         page = self.candidates.page(self.strategy.mean)
         with self.history.time.spend("evaluation"):
@@ -283,7 +279,7 @@ def tune_rules(
         When the page cannot be read, or the rules do not fit a task.
     """
     _check(tasks)
-    begun = _begun(start, tasks)
+    begun = _first_page(start, tasks)
     digest = settings.digest(begun)
     identity = {"task_digest": digest_of_tasks(tasks), "settings_digest": digest, "seed": seed}
     with folder_lock(folder):
@@ -303,7 +299,7 @@ def tune_rules(
         note_session(search.history, tasks[0], search.steps)
         open_folder(folder, settings.model_dump(mode="json"))
         facts = start_of(start)  # before the folder's own rules may take the place of those that it starts from
-        write_atomically(folder / _START, page_text(begun))
+        write_atomically(folder / _START, settings_text(begun))
         _run(search, folder, generations, listeners, identity)
         card = write_card(folder, tasks, _making(search, identity), settings.evaluation, search.history, facts)
     return Trained.of(folder, card, already_done=False)
@@ -342,7 +338,7 @@ def _evaluate(search: _Search, folder: Path, listeners: Sequence[Listener], iden
             f"Numbers of the tuned rules for {names}, after {point.steps:,} steps of glbench tune rules, seed {identity['seed']}.",
             f"{CARD} tells how they were found, docs/training.md how to tune others.",
         )
-        write_atomically(folder / RULES, page_text(page, heading))
+        write_atomically(folder / RULES, settings_text(page, heading))
     search.history.write_curve(folder)
     search.strategy.keep(folder / SEARCH, identity, search.history)
     for listener in listeners:

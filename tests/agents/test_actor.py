@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glbench.agents.network_policy import Actor, Gru, NetworkPolicy, PolicyAgent, PolicyFiles, read_actor, read_policy
+from glbench.agents.network_policy import Actor, ActorAgent, Gru, NetworkPolicy, PolicyFiles, read_actor, read_policy
 from glbench.env import Simulation
 from glbench.errors import ShapeError, SubmissionError
 from glbench.tasks import TaskSpec, get_task, task_card
@@ -59,7 +59,7 @@ def policy(spring: TaskSpec, hours: tuple[float, ...] = (1.0, 4.0), max_change: 
 
 def test_the_network_is_shown_running_means(spring: TaskSpec) -> None:
     actor = policy(spring)
-    agent, card = PolicyAgent(actor), task_card(spring)
+    agent, card = ActorAgent(actor), task_card(spring)
     agent.reset(card, 3)
     readings = np.random.default_rng(1).normal(20.0, 5.0, (6, 3, len(card.observation_names))).astype(np.float32)
     means = np.repeat(readings[0][:, None, :2].astype(np.float64), 2, axis=1)
@@ -80,7 +80,7 @@ def test_controls_go_where_the_network_wants_them(spring: TaskSpec) -> None:
     actor = policy(spring, hours=(), max_change=spring.actuation.max_change)
     still = replace(actor.network, weights=tuple(np.zeros_like(w) for w in actor.network.weights),
                     biases=(actor.network.biases[0], np.array([0.07, 0.25, 0.5, 1.0, 0.0, 0.33], np.float32)))  # fmt: skip
-    agent = PolicyAgent(replace(actor, network=still, traced=np.zeros(0, np.int64), shares=np.zeros(0)))
+    agent = ActorAgent(replace(actor, network=still, traced=np.zeros(0, np.int64), shares=np.zeros(0)))
     agent.reset(task_card(spring), 2)
     simulation = Simulation(spring, 2)
     observations = simulation.reset([1, 2])
@@ -92,7 +92,7 @@ def test_controls_go_where_the_network_wants_them(spring: TaskSpec) -> None:
 def test_an_action_that_is_no_rate_is_given_as_it_is(spring: TaskSpec) -> None:
     actor = replace(policy(spring, hours=()), max_change=np.zeros(6), traced=np.zeros(0, np.int64))
     seen = np.random.default_rng(2).normal(size=(4, len(actor.columns))).astype(np.float32)
-    agent = PolicyAgent(actor)
+    agent = ActorAgent(actor)
     agent.reset(task_card(spring), 4)
     assert np.array_equal(agent.act(seen), np.clip(actor.network.act(seen), actor.low, actor.high))
 
@@ -102,7 +102,7 @@ def test_a_recurrent_unit_remembers(spring: TaskSpec) -> None:
     actor, card, units = policy(spring, (), units=3), task_card(spring), 3
     gru, network = actor.gru, actor.network
     assert gru is not None
-    agent = PolicyAgent(actor)
+    agent = ActorAgent(actor)
     agent.reset(card, 2)
     memory = np.zeros((2, units))
     for seen in np.random.default_rng(4).normal(10.0, 15.0, (8, 2, len(card.observation_names))):
@@ -121,7 +121,7 @@ def test_a_recurrent_unit_remembers(spring: TaskSpec) -> None:
 def test_a_run_gets_the_same_bits_alone_and_among_others(spring: TaskSpec, units: int) -> None:
     actor, card = policy(spring, units=units), task_card(spring)
     readings = np.random.default_rng(3).normal(20.0, 5.0, (5, 7, len(card.observation_names))).astype(np.float32)
-    together, alone = PolicyAgent(actor), PolicyAgent(actor)
+    together, alone = ActorAgent(actor), ActorAgent(actor)
     together.reset(card, 7)
     alone.reset(card, 1)
     for seen in readings:
@@ -133,12 +133,12 @@ def test_a_reading_that_is_missing_leaves_a_trace_as_it_is(spring: TaskSpec) -> 
     seen = np.full((1, len(card.observation_names)), 20.0, np.float32)
     missing = seen.copy()
     missing[0, 0] = np.nan
-    agents = PolicyAgent(policy(spring)), PolicyAgent(policy(spring))
+    agents = ActorAgent(policy(spring)), ActorAgent(policy(spring))
     for agent, second in zip(agents, (seen, missing), strict=True):
         agent.reset(card, 1)
         agent.act(seen)
         assert np.isfinite(agent.act(second)).all()
-    recurrent = PolicyAgent(policy(spring, units=4))
+    recurrent = ActorAgent(policy(spring, units=4))
     recurrent.reset(card, 1)
     assert all(np.isfinite(recurrent.act(one)).all() for one in (missing, seen)), "what is missing is not remembered"
     steady = [agent.act(seen) for agent in agents]
@@ -179,7 +179,7 @@ def test_what_does_not_fit_is_refused(spring: TaskSpec) -> None:
         replace(unit, bias=unit.bias[:-1])
     with pytest.raises(ShapeError, match="weights that are not finite"):
         replace(unit, recurrent=unit.recurrent * np.float32(np.nan))
-    agent = PolicyAgent(actor)
+    agent = ActorAgent(actor)
     with pytest.raises(SubmissionError, match="does not fit this task: it was trained on"):
         agent.reset(replace(card, observations=card.observations[1:]), 1)
     with pytest.raises(SubmissionError, match="its actions are not those of"):

@@ -11,9 +11,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from glbench.agents import baselines
+from glbench.agents import baselines, controllers
 from glbench.agents.identity import baseline_names
-from glbench.agents.rule_based_fair import FairRuleBasedAgent
+from glbench.agents.rules import FairRuleBasedAgent
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -46,7 +46,7 @@ def test_the_lock_holds_every_baseline_and_the_digests_of_released_results() -> 
 
 def test_every_controller_is_recorded() -> None:
     cards = {name: baselines._read_card(ROOT / "baselines" / name / "card.toml").controller for name in ENTRIES}
-    assert {cards[name] for name, entry in ENTRIES.items() if entry["actions"]} == set(baselines._CONTROLLERS)
+    assert {cards[name] for name, entry in ENTRIES.items() if entry["actions"]} == set(controllers.MODULES)
 
 
 def test_other_actions_under_the_same_digest_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,6 +64,6 @@ def test_other_actions_under_the_same_digest_are_seen(monkeypatch: pytest.Monkey
 def test_another_version_of_a_controller_is_another_agent(monkeypatch: pytest.MonkeyPatch) -> None:
     from dataclasses import replace
 
-    own = baselines._CONTROLLERS["rule_based"]
-    monkeypatch.setitem(baselines._CONTROLLERS, "rule_based", replace(own, version="2"))
+    own = controllers.find_controller("rule_based")
+    monkeypatch.setitem(controllers.CONTROLLERS, "rule_based", replace(own, version="2"))
     assert any("digest" in text for text in LOCK.problems_of("rule_based", ENTRIES["rule_based"]))

@@ -11,14 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from glbench.agents import read_baseline
-from glbench.agents.energy_rule_settings import (
-    EnergyRulePage,
-    EnergyRuleSettings,
-    energy_settings_text,
-    read_energy_rule_page,
-    read_energy_rule_pages,
-)
-from glbench.agents.energy_rules import EnergyRulesAgent
+from glbench.agents.energy_rules import EnergyRulesAgent, EnergyRuleSettings
+from glbench.agents.tuned_rules import RulePage, read_rule_page, read_rule_pages, settings_text
 from glbench.env import Simulation
 from glbench.errors import ShapeError, SubmissionError
 from glbench.tasks import TaskCard, TaskSpec, get_task, list_drafts, list_tasks, task_card
@@ -152,7 +146,7 @@ def test_co2_is_what_the_flue_gas_has_and_a_part_that_is_bought() -> None:
 def test_a_run_gets_the_same_bits_alone_and_in_a_batch_and_may_have_numbers_of_its_own(family: str) -> None:
     task = get_task(f"{family}-v1")
     card = task_card(task)
-    rows = [read_energy_rule_page(RULES / f"{family.lower()}.yml").numbers, PLAIN]
+    rows = [read_rule_page(RULES / f"{family.lower()}.yml", EnergyRuleSettings).numbers, PLAIN]
     simulation = Simulation(task, len(rows), "fast")
     together, alone = EnergyRulesAgent(rows), [EnergyRulesAgent([row]) for row in rows]
     together.reset(card, len(rows))
@@ -184,14 +178,15 @@ def test_it_plays_tasks_with_an_hourly_price_of_power_and_refuses_others(task: T
 
 
 def test_there_is_a_page_for_each_family() -> None:
-    pages = read_energy_rule_pages(RULES)
-    assert {task for page in pages.pages.values() for task in page.tasks} == {f"glbench/{name}-v1" for name in FAMILIES}
+    pages = read_rule_pages(RULES, EnergyRuleSettings)
+    assert {task for page in pages.pages.values() for task in page.scope} == {f"glbench/{name}-v1" for name in FAMILIES}
     with pytest.raises(
-        SubmissionError, match=r"No page of the energy rules is for test/Other \(fullseason.yml: glbench/FullSeason-v1"
+        SubmissionError,
+        match=r"No page of the energy rules is for test/Other, whose reward is epi \(fullseason.yml: glbench/FullSeason-v1",
     ):
-        pages.numbers_for("test/Other")
-    only = read_energy_rule_pages(RULES / "winterled.yml")
-    assert only.numbers_for("test/Other") == read_energy_rule_page(RULES / "winterled.yml").numbers
+        pages.numbers_for(("epi",), "test/Other")
+    only = read_rule_pages(RULES / "winterled.yml", EnergyRuleSettings)
+    assert only.numbers_for((), "test/Other") == read_rule_page(RULES / "winterled.yml", EnergyRuleSettings).numbers
 
 
 @pytest.mark.parametrize("file", sorted(RULES.glob("*.yml")), ids=lambda file: file.stem)
@@ -200,7 +195,7 @@ def test_a_shipped_page_says_of_each_number_what_the_settings_say(file: Path) ->
     heading = [
         line.removeprefix("#").strip() for line in lines[: next(i for i, line in enumerate(lines) if line[:1] != "#")]
     ]
-    assert energy_settings_text(read_energy_rule_page(file), heading) == "\n".join(lines) + "\n"
+    assert settings_text(read_rule_page(file, EnergyRuleSettings), heading) == "\n".join(lines) + "\n"
 
 
 def test_every_number_has_bounds_a_unit_and_a_meaning() -> None:
@@ -228,27 +223,27 @@ def test_every_number_has_bounds_a_unit_and_a_meaning() -> None:
             r"there is no setting 'engine_pirce'. Did you mean 'engine_price'",
         ),
         ("boiler_band: 4.0", "", r"'boiler_band' is missing"),
-        ("tasks: [a/B-v1]", "tasks: 3", r"'tasks': input should be a valid list"),
+        ("tasks: [a/B-v1]", "tasks: 3", r"'tasks': it is a list of names"),
         ("tasks: [a/B-v1]", "tasks: [a/B", "not valid YAML"),
-        ("tasks: [a/B-v1]", "tasks: [a/B-v1, a/B-v1]", "names the task 'a/B-v1' twice"),
+        ("tasks: [a/B-v1]", "tasks: [a/B-v1, a/B-v1]", "name the same tasks twice, a/B-v1"),
     ],
 )
 def test_pages_that_cannot_be_are_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
-    text = energy_settings_text(EnergyRulePage(("a/B-v1",), PLAIN))
+    text = settings_text(RulePage(("a/B-v1",), PLAIN))
     assert old in text
     (tmp_path / "rules.yml").write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(SubmissionError, match=said):
-        read_energy_rule_pages(tmp_path)
+        read_rule_pages(tmp_path, EnergyRuleSettings)
 
 
 def test_what_is_no_page_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SubmissionError, match="no page of energy rules"):
-        read_energy_rule_pages(tmp_path)
+        read_rule_pages(tmp_path, EnergyRuleSettings)
     with pytest.raises(SubmissionError, match="Cannot read the energy rules"):
-        read_energy_rule_pages(tmp_path / "c.yml")
+        read_rule_pages(tmp_path / "c.yml", EnergyRuleSettings)
     (tmp_path / "list.yml").write_text("- 1\n", encoding="utf-8")
     with pytest.raises(SubmissionError, match="not a table of names and values"):
-        read_energy_rule_pages(tmp_path)
+        read_rule_pages(tmp_path, EnergyRuleSettings)
 
 
 def test_numbers_and_rows_must_fit_the_runs() -> None:

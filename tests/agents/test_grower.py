@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from glbench.agents import read_baseline
-from glbench.agents.grower import GrowerAgent, GrowerSettings, read_grower_settings, sun_hours
+from glbench.agents.daylight import sun_hours
+from glbench.agents.grower import GrowerAgent, GrowerSettings, read_grower_settings
 from glbench.env import Simulation
 from glbench.errors import ShapeError, SubmissionError
 from glbench.tasks import TaskCard, TaskSpec, get_task, task_card

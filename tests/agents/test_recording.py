@@ -11,7 +11,7 @@ import pytest
 
 from glbench.agents import load_agent
 from glbench.agents.baselines import read_baseline
-from glbench.agents.recording import Recording, RecordingAgent, read_recording
+from glbench.agents.plans import Recording, RecordingAgent, read_recording
 from glbench.errors import ShapeError, SubmissionError
 from glbench.evaluation import evaluate, load_result, result_path
 from glbench.evaluation.preparing import TRIALS

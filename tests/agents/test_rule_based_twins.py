@@ -18,9 +18,9 @@ from glbench.agents import (
     load_agent,
     rule_controls,
 )
+from glbench.agents.controllers import clock_from
 from glbench.agents.daylight import Daylight
-from glbench.agents.rule_based import privileged_inputs
-from glbench.agents.rule_based_fair import clock_from
+from glbench.agents.rules import privileged_inputs
 from glbench.env import Simulation
 from glbench.errors import SubmissionError
 from glbench.tasks import TaskCard, get_task, task_card
@@ -140,12 +140,16 @@ def test_the_fair_twin_acts_on_the_controls_that_a_task_grants(
 
 def test_a_task_that_hides_what_the_rules_need_is_refused(card: TaskCard, published: RuleSettings) -> None:
     blind = dataclasses.replace(card, observations=card.observations[1:])
-    with pytest.raises(SubmissionError, match=r"needs the observations air_temperature, which glbench/Schiphol"):
+    with pytest.raises(
+        SubmissionError, match=r"glbench/Schiphol.* does not show the observations air_temperature, without"
+    ):
         FairRuleBasedAgent(published).reset(blind, 1)
 
 
 def test_an_unknown_actuation_is_refused(card: TaskCard, published: RuleSettings) -> None:
-    with pytest.raises(SubmissionError, match="'rate' and 'set_point', not 'direct'"):
+    with pytest.raises(
+        SubmissionError, match="is 'direct', and the fair rule-based agent can act through 'rate' or 'set_point' only"
+    ):
         FairRuleBasedAgent(published).reset(dataclasses.replace(card, actuation="direct"), 1)
 
 

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glbench.agents import RuleInputs, RuleSettings, read_rule_settings, rule_controls
-from glbench.agents.rule_based import privileged_inputs
-from glbench.agents.rules import proportional, within
+from glbench.agents.rules import privileged_inputs, proportional, within
 from glbench.errors import ShapeError, SubmissionError
 
 POINTS = np.load(Path(__file__).parents[1] / "golden" / "agents_rule_based_points.npz")

@@ -13,16 +13,15 @@ import pytest
 import yaml
 
 from glbench.agents.baselines import read_baseline
-from glbench.agents.energy_rule_settings import read_energy_rule_page
-from glbench.agents.rule_settings import RuleSettings
-from glbench.agents.tuned_rule_settings import read_rule_page
+from glbench.agents.rules import RuleSettings
+from glbench.agents.tuned_rules import read_rule_page
 from glbench.env.generated import SeasonMaker
 from glbench.env.scenario import run_weather
 from glbench.env.weather_pool import WeatherPool
 from glbench.tasks import TaskSpec, get_task
 from glbench.training.card import digest_of_tasks, settings_digest
 from glbench.training.compiled_settings import NAME, read_compiled_settings
-from glbench.training.rule_search import Page, RuleSearchSettings, about_energy, reward_of
+from glbench.training.rule_search import RuleSearchSettings, about_energy, kind_for, reward_of
 from glbench.training.season_search import read_season_search
 from glbench.training.settings import FIRST_TRAINING_SEED, PAPER, read_settings
 
@@ -131,12 +130,9 @@ def test_a_page_of_tuned_rules_is_of_the_search_that_is_told(file: Path) -> None
     assert task["digest"] == digest_of_tasks(tasks)
     page, start = file.parent.parent / "rules" / f"{file.stem}.yml", file.parent / f"{file.stem}-start.yml"
     assert (file.parent / card["settings"]).resolve() == page
-    if about_energy(tasks):
-        begun: Page = read_energy_rule_page(start)
-        assert read_energy_rule_page(page).tasks == read_energy_rule_page(start).tasks == tuple(one.id for one in tasks)
-    else:
-        begun = read_rule_page(start)
-        assert read_rule_page(page).reward == begun.reward == reward_of(tasks)
+    begun = read_rule_page(start, kind_for(tasks))
+    scope = tuple(one.id for one in tasks) if about_energy(tasks) else reward_of(tasks)
+    assert read_rule_page(page, kind_for(tasks)).scope == begun.scope == scope
     settings = RuleSearchSettings.model_validate(
         yaml.safe_load((file.parent / training["settings"]).read_text("utf-8"))["default"]
     )

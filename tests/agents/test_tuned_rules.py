@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from glbench.agents import read_baseline
-from glbench.agents.tuned_rule_settings import (
+from glbench.agents.tuned_rules import (
     RulePage,
     RulePages,
+    TunedRulesAgent,
     TunedRuleSettings,
     read_rule_page,
     read_rule_pages,
     rounded,
     settings_text,
 )
-from glbench.agents.tuned_rules import TunedRulesAgent
 from glbench.env import Simulation
 from glbench.errors import ShapeError, SubmissionError
 from glbench.tasks import TaskCard, get_task, list_tasks, task_card
@@ -195,7 +195,7 @@ def test_it_plays_every_published_task_that_moves_controls(task_id: str) -> None
 def test_the_page_is_chosen_by_what_is_rewarded() -> None:
     pages = read_rule_pages(RULES)
     chosen = {
-        task: pages.page_for(task_card(get_task(task)).reward_modules)
+        task: pages.page_for(task_card(get_task(task)).reward_modules, task)
         for task in (
             "Schiphol2010-Delta00-v1",
             "Schiphol2010Code-Delta30-v1",
@@ -249,7 +249,7 @@ def test_every_number_has_bounds_a_unit_and_a_meaning() -> None:
         ("boiler_band: 4.0", "", r"'boiler_band' is missing"),
         ("boiler_band: 4.0", "boiler_bnad: 4.0", r"there is no setting 'boiler_bnad'. Did you mean 'boiler_band'"),
         ("co2_dim: 600.0", "co2_dim: .nan", r"at line \d+, 'co2_dim: .nan.*': '.nan' is not a finite number"),
-        ("reward: [epi, scaled_penalty]", "reward: 3", r"'reward' is the list"),
+        ("reward: [epi, scaled_penalty]", "reward: 3", r"'reward': it is a list of names"),
         ("reward: [epi, scaled_penalty]", "reward: [epi", "not valid YAML"),
     ],
 )
@@ -266,7 +266,7 @@ def test_folders_without_a_page_or_with_two_for_one_reward_are_refused(tmp_path:
         read_rule_pages(tmp_path)
     for name in "ab":
         (tmp_path / f"{name}.yml").write_text(settings_text(RulePage(("epi",), PLAIN)), encoding="utf-8")
-    with pytest.raises(SubmissionError, match=r"Two pages of rules .* are for the same reward, epi"):
+    with pytest.raises(SubmissionError, match=r"The pages of rules in .* name the same reward twice, epi"):
         read_rule_pages(tmp_path)
     with pytest.raises(SubmissionError, match="Cannot read the rules"):
         read_rule_pages(tmp_path / "c.yml")
@@ -275,7 +275,9 @@ def test_folders_without_a_page_or_with_two_for_one_reward_are_refused(tmp_path:
 def test_what_a_task_does_not_show_is_named_or_done_without(card: TaskCard, observe: Observe) -> None:
     blind = dataclasses.replace(card, observations=tuple(q for q in card.observations if q.name != "relative_humidity"))
     agent = TunedRulesAgent([PLAIN])
-    with pytest.raises(SubmissionError, match="need the observations relative_humidity, which"):
+    with pytest.raises(
+        SubmissionError, match="does not show the observations relative_humidity, without which the tuned rules"
+    ):
         agent.reset(blind, 1)
     kept = [index for index, q in enumerate(card.observations) if q.name not in ("co2", "wind_speed")]
     agent.reset(dataclasses.replace(card, observations=tuple(card.observations[index] for index in kept)), 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from glbench.agents.recording import read_recording
+from glbench.agents.plans import read_recording
 from glbench.episodes import read_log
 from glbench.evaluation import load_result
 from tests.episodes.day import RANDOM

@@ -360,9 +360,9 @@ def test_settings_that_are_none_are_refused(tmp_path: Path) -> None:
 def test_the_digest_of_a_baseline_names_the_version_of_its_controller(monkeypatch: pytest.MonkeyPatch) -> None:
     from dataclasses import replace
 
-    from glbench.agents import baselines
+    from glbench.agents import controllers
 
     before = read_baseline("mpc").digest
     assert read_baseline("mpc_true_state").digest != before
-    monkeypatch.setitem(baselines._CONTROLLERS, "mpc", replace(baselines._CONTROLLERS["mpc"], version="2"))
+    monkeypatch.setitem(controllers.CONTROLLERS, "mpc", replace(controllers.find_controller("mpc"), version="2"))
     assert read_baseline("mpc").digest != before

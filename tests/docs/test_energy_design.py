@@ -10,7 +10,8 @@ import pytest
 
 from docs import energy_design_figures as design
 from docs.benchmark_design_figures import DRAWS, MADE, RECORDED, filled, read
-from glbench.agents.energy_rule_settings import read_energy_rule_page
+from glbench.agents.energy_rules import EnergyRuleSettings
+from glbench.agents.tuned_rules import read_rule_page
 
 
 @pytest.fixture(scope="module")
@@ -55,9 +56,12 @@ def test_a_copy_of_the_rules_differs_by_its_numbers_alone(tmp_path: Path) -> Non
     design.make_agents(tmp_path)
     for family, variants in design.VARIANTS.items():
         folders = tmp_path / MADE / family
-        rules = read_energy_rule_page(design.PAGES / f"{family.lower()}.yml").numbers.model_dump()
+        rules = read_rule_page(design.PAGES / f"{family.lower()}.yml", EnergyRuleSettings).numbers.model_dump()
         for name, changed in {design.RULES: {}, **variants}.items():
-            assert read_energy_rule_page(folders / name / "page.yml").numbers.model_dump() == {**rules, **changed}
+            assert read_rule_page(folders / name / "page.yml", EnergyRuleSettings).numbers.model_dump() == {
+                **rules,
+                **changed,
+            }
 
 
 def test_copies_do_without_what_they_are_said_to_do_without(figures: dict[str, Any]) -> None:

@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from glbench.agents.predictive import read_predictive_settings
-from glbench.agents.rule_settings import read_rule_settings
-from glbench.agents.tuned_rule_settings import read_rule_page
+from glbench.agents.rules import read_rule_settings
+from glbench.agents.tuned_rules import read_rule_page
 from glbench.errors import GlbenchError, SubmissionError
 from glbench.resources import data_folder
 from glbench.training.settings import read_settings

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from glbench.agents import load_agent
-from glbench.agents.network_policy import Gru, PolicyAgent, read_actor
+from glbench.agents.network_policy import ActorAgent, Gru, read_actor
 from glbench.env import GreenhouseVectorEnv
 from glbench.errors import TrainingError
 from glbench.kernel import why_not_compiled
@@ -181,7 +181,7 @@ def test_a_policy_with_a_memory_acts_as_it_learnt_to(day: TaskSpec, tmp_path: Pa
         weights=tuple(np.asarray(weights) for weights, _ in quiet.weights["actor"]),
         biases=tuple(np.asarray(bias) for _, bias in quiet.weights["actor"]),
     )
-    agent = PolicyAgent(replace(actor, network=network))
+    agent = ActorAgent(replace(actor, network=network))
     agent.reset(task_card(day), 16)
     for seen in np.asarray(rollout.seen):
         agent.act(seen[:, :columns])
@@ -229,7 +229,7 @@ def test_a_recurrent_unit_remembers_what_it_did_in_training(day: TaskSpec, tmp_p
     exact = replace(actor, network=network, gru=gru)
     whole = ~np.asarray(rollout.done).any(0)
     for policy in (exact, _fast(exact)):
-        agent = PolicyAgent(policy)
+        agent = ActorAgent(policy)
         agent.reset(task_card(day), 16)
         for seen in np.asarray(rollout.seen):
             agent.act(seen[:, :columns])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from glbench.agents import load_agent
-from glbench.agents.energy_rule_settings import EnergyRuleSettings, read_energy_rule_page
-from glbench.agents.tuned_rule_settings import RulePage, TunedRuleSettings, read_rule_page, settings_text
+from glbench.agents.energy_rules import EnergyRuleSettings
+from glbench.agents.tuned_rules import RulePage, TunedRuleSettings, read_rule_page, settings_text
 from glbench.env import Simulation
 from glbench.errors import TaskError, TrainingError
 from glbench.resources import data_folder
@@ -32,7 +32,7 @@ def page(day: TaskSpec) -> RulePage:
     """The shipped rules, made worse: a cold house with shut vents."""
     shipped = read_rule_page(shipped_start([day]))
     worse = {"heating_night": 12.0, "vents_humidity_night": 2.0}
-    return RulePage(shipped.reward, shipped.numbers.model_copy(update=worse))
+    return RulePage(shipped.scope, shipped.numbers.model_copy(update=worse))
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def test_it_finds_better_rules_within_their_bounds(day: TaskSpec, page: RulePage
     assert found.steps == 6 * 6 * 24 == watching.told[-1].steps == watching.told[-1].total_steps
     assert [point.steps for point in watching.points] == [0, 288, 576, 864]
     after = read_rule_page(tmp_path / "run" / "rules.yml")
-    assert after.reward == page.reward
+    assert after.scope == page.scope
     for name, value in after.numbers.model_dump().items():
         low, high = TunedRuleSettings.bounds(name)
         assert low <= value <= high, name
@@ -207,8 +207,8 @@ def test_where_power_has_an_hourly_price_the_energy_rules_are_tuned(tmp_path: Pa
     found = tune_rules([day], rules / "springenergy.yml", settings, tmp_path / "run", listeners=[watching])
 
     assert found.best_reward == max(point.result.reward for point in watching.points)
-    page = read_energy_rule_page(tmp_path / "run" / "rules.yml")
-    assert page.tasks == ("test/Day-v1",)
+    page = read_rule_page(tmp_path / "run" / "rules.yml", EnergyRuleSettings)
+    assert page.scope == ("test/Day-v1",)
     for name, value in page.numbers.model_dump().items():
         low, high = EnergyRuleSettings.bounds(name)
         assert low <= value <= high, name

@@ -1,0 +1,209 @@
+"""Built-in controllers: how a controller is declared, and the base of those that act on observations.
+
+A controller is declared where it is written, by ``@controller`` above its class, and ``MODULES`` says in which module that is. A folder
+of ``baselines/`` names it in its card, together with settings or weights (``baselines.py``).
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.agents.identity import OBSERVATIONS_ONLY
+from glbench.agents.protocol import Agent, PrivilegedController, ScenarioController, Sight, check_runs
+from glbench.errors import SubmissionError
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskCard
+
+Array = NDArray[np.float64]
+Made = TypeVar("Made", bound=Callable[..., Any])
+
+MODULES = {
+    "actor": "network_policy",
+    "grower": "grower",
+    "mpc": "predictive",
+    "mpc_true_state": "predictive",
+    "network": "network_policy",
+    "plans": "plans",
+    "recording": "plans",
+    "rule_based": "rules",
+    "rule_based_energy": "energy_rules",
+    "rule_based_fair": "rules",
+    "rule_based_tuned": "tuned_rules",
+}
+"""Module of ``glbench.agents`` that declares a controller, by the controller's name: a process loads only those it needs."""
+
+
+@dataclass(frozen=True)
+class Controller:
+    """A built-in controller, as ``controller`` declares it."""
+
+    read: Callable[[Path], Any]
+    make: Callable[[Any], Agent | PrivilegedController | ScenarioController]
+    version: str
+    sees: Sight
+    information: str
+
+
+CONTROLLERS: dict[str, Controller] = {}
+"""The controllers that were declared so far; ``find_controller`` loads the others."""
+
+
+def controller(
+    name: str,
+    *,
+    read: Callable[[Path], Any],
+    version: str,
+    sees: Sight = "observations",
+    information: str = OBSERVATIONS_ONLY,
+) -> Callable[[Made], Made]:
+    """Declare the class below as the controller called ``name``; an instance is made of what ``read`` returns.
+
+    Parameters
+    ----------
+    name
+        As cards write it.
+    read
+        Reads what a card calls the settings (a file or folder): rules, a grower's page, trained policies, recorded actions.
+    version
+        Part of the digest of every agent of this controller. Source may change as long as the actions stay; ``baselines/lock.toml``
+        records the actions of the shipped baselines, and a test compares them. Other actions need another version. The first version of
+        older controllers is the SHA-256 of their source when their first results were released.
+    sees
+        What it is shown.
+    information
+        The same in words, for results.
+    """
+
+    def declare(make: Made) -> Made:
+        CONTROLLERS[name] = Controller(read, make, version, sees, information)
+        return make
+
+    return declare
+
+
+def find_controller(name: str) -> Controller:
+    """The controller called ``name``, one of ``CONTROLLERS`` or ``MODULES``."""
+    if name not in CONTROLLERS:
+        import_module(f"glbench.agents.{MODULES[name]}")
+    return CONTROLLERS[name]
+
+
+_SECONDS_AN_HOUR = 3600.0
+_SECONDS_A_DAY = 86400.0
+_DAYS_A_YEAR = 365.0  # as the observation counts
+CLOCK = ("sin_hour_of_day", "cos_hour_of_day", "sin_day_of_year", "cos_day_of_year")
+"""Observations that tell the time."""
+
+
+def clock_from(readings: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Hour of day [h] and day of year [day] from their sines and cosines.
+
+    The hour is rounded to whole seconds: float32 blurs it by milliseconds, and rules compare it with full hours.
+    """
+    turn = np.arctan2(readings["sin_hour_of_day"], readings["cos_hour_of_day"]) / (2.0 * math.pi)
+    seconds = np.mod(np.rint(turn * _SECONDS_A_DAY), _SECONDS_A_DAY)
+    year = np.arctan2(readings["sin_day_of_year"], readings["cos_day_of_year"]) / (2.0 * math.pi)
+    return seconds / _SECONDS_AN_HOUR, np.mod(year, 1.0) * _DAYS_A_YEAR
+
+
+class ObservedController(ABC):
+    """Base of controllers that act on observations; an ``Agent``.
+
+    It gives ``decide`` the readings and the positions of controls by name, one array (n,) each with a number per run, and turns the
+    controls that are asked for into actions. A subclass calls ``_begin`` in its ``reset``.
+    """
+
+    title: ClassVar[str]
+    """What messages call it."""
+    actuations: ClassVar[tuple[str, ...]] = ("rate", "set_point")
+    """Kinds of actuation that it can act through."""
+
+    _runs = 0
+
+    @abstractmethod
+    def reset(self, task: TaskCard, n_runs: int, /) -> None:
+        """Forget everything; ``n_runs`` runs of ``task`` begin."""
+
+    @abstractmethod
+    def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
+        """Actions (n_runs, actions) for what is observed."""
+
+    def act(self, observations: NDArray[np.float32], /) -> Array:
+        """Actions (n_runs, actions).
+
+        Raises
+        ------
+        ShapeError
+            When there are not as many rows as runs were announced to ``reset``.
+        """
+        check_runs(observations, self._runs)
+        # Rows of an array of their own: numpy may take another path, with another last bit, through the columns of a larger one.
+        rows = observations.T[self._places].astype(np.float64, order="C")
+        positions = rows[len(self._names) :] / self._at_one
+        return self.decide(
+            dict(zip(self._names, rows, strict=False)), dict(zip(self._position_names, positions, strict=True))
+        )
+
+    def _begin(
+        self,
+        task: TaskCard,
+        n_runs: int,
+        needed: Sequence[str],
+        optional: Iterable[str] = (),
+        positions: Iterable[str] = (),
+    ) -> None:
+        """Find the columns of a task.
+
+        ``needed`` and ``optional`` are observations, ``positions`` controls whose positions are needed; where actions are changes, those
+        of the controls that they change are read as well.
+
+        Raises
+        ------
+        SubmissionError
+            When the task has another kind of actuation, or does not show what is needed.
+        """
+        self._check_actuation(task)
+        controls = {control.name: control for control in task.controls}
+        changed = task.action_names if task.actuation == "rate" else ()
+        read = [controls[name] for name in dict.fromkeys([*positions, *changed])]
+        columns = {name: index for index, name in enumerate(task.observation_names)}
+        required = dict.fromkeys([*needed, *(control.quantity for control in read)])
+        missing = [name for name in required if name not in columns]
+        if missing:
+            msg = (
+                f"{task.id} does not show the observations {', '.join(missing)}, without which {self.title} cannot act."
+            )
+            raise SubmissionError(msg)
+        self._names = [*needed, *(name for name in optional if name in columns and name not in needed)]
+        self._position_names = [control.name for control in read]
+        self._places = [columns[name] for name in (*self._names, *(control.quantity for control in read))]
+        # Where nothing is installed the observation is 0, whatever it is divided by.
+        self._at_one = np.array([[one.at_one if one.at_one > 0.0 else 1.0] for one in read]).reshape(-1, 1)
+        self._task, self._runs = task, n_runs
+
+    def _check_actuation(self, task: TaskCard) -> None:
+        if task.actuation not in self.actuations:
+            known = " or ".join(f"'{name}'" for name in self.actuations)
+            msg = f"The actuation of {task.id} is '{task.actuation}', and {self.title} can act through {known} only."
+            if task.actuation == "process_computer":
+                msg += " The baseline 'grower' works at a process computer."
+            raise SubmissionError(msg)
+
+    def _towards(self, controls: Mapping[str, Array], positions: Mapping[str, Array]) -> Array:
+        """Actions (n, actions) towards controls, by name: at once, or as fast as the actuation allows."""
+        names = self._task.action_names
+        actions = np.stack([controls[name] for name in names])
+        if self._task.actuation == "rate":
+            change = (actions - np.stack([positions[name] for name in names])) / self._task.max_change
+            actions = np.minimum(np.maximum(change, -1.0), 1.0)
+        return actions.T
