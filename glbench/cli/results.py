@@ -182,7 +182,7 @@ def _best_known_lines(stored: StoredResult, score: Metric) -> list[str]:
     """Whose the best known runs are, and what to do with better ones."""
     from glbench.leaderboard.regret import best_known_means, can_be_best_known, regret_of
     from glbench.leaderboard.tables import better_note
-    from glbench.tasks.best_known import SEVERAL
+    from glbench.tasks.references import SEVERAL
 
     result = stored.result
     best, regret = best_known_means(result), regret_of([result])

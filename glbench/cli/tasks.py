@@ -56,7 +56,7 @@ def list_command(
 ) -> None:
     """List the tasks that come with glbench, suite by suite, the default task first: what each is, how long, under which weather."""
     from glbench.tasks import DEFAULT_TASK, list_drafts, list_tasks, read_lock
-    from glbench.tasks.deprecated import read_deprecated
+    from glbench.tasks.references import read_deprecated
 
     published, drafts = list_tasks(), list_drafts()
     tasks = by_suite([*published, *drafts], DEFAULT_TASK)
@@ -106,7 +106,7 @@ def check_command(
     """
     from glbench.registration import DRAFTS, draft_files
     from glbench.tasks import TaskSpec
-    from glbench.tasks.stale_prices import series_in_words
+    from glbench.tasks.library import series_in_words
 
     drafts = {} if tasks else {f"tasks/{DRAFTS}/{path.name}": path for path in draft_files()}
     outcomes = {name: _check(name) for name in tasks} if tasks else check_all()
@@ -235,8 +235,7 @@ def references_command(
     from glbench.leaderboard.collect import published_expectations
     from glbench.leaderboard.regret import best_known_from
     from glbench.leaderboard.suites import references_from
-    from glbench.tasks.best_known import write_best_known
-    from glbench.tasks.references import read_references, write_references
+    from glbench.tasks.references import read_references, write_best_known, write_references
 
     if write:
         stored, expected = collect_results([out / "results"]), published_expectations()
@@ -290,7 +289,7 @@ def listing(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> Ite
 def explanation(task: TaskSpec) -> Iterator[Part]:
     """The task in words and tables."""
     from glbench.report.task_words import definition_in_words
-    from glbench.tasks.stale_prices import series_in_words
+    from glbench.tasks.library import series_in_words
 
     task.record()  # raises if the weather is wrong
     state = "published" if task.locked else "not published"

@@ -32,7 +32,7 @@ from glbench.kernel import Kernel
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
-    from glbench.tasks.scenario import ParameterGroup
+    from glbench.tasks.resolver import ParameterGroup
 
 Floats = NDArray[np.float64]
 

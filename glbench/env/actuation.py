@@ -24,7 +24,7 @@ from glbench.env.process_computer import Measured
 from glbench.env.registries import PartRegistry
 from glbench.errors import ActionError, TaskError
 from glbench.kernel.environment import ActionBounds
-from glbench.tasks.actions import Action
+from glbench.tasks.quantities import Action
 from glbench.tasks.vocabulary import ACTUATION_KINDS, ActuationKind
 
 if TYPE_CHECKING:

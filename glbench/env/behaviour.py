@@ -33,7 +33,7 @@ from glbench.errors import TaskError
 from glbench.registration import BEHAVIOUR_NAME
 from glbench.resources import write_atomically
 from glbench.tasks.card import task_card
-from glbench.tasks.lock import lock_path
+from glbench.tasks.digest import lock_path
 from glbench.weather import COLUMNS
 
 if TYPE_CHECKING:

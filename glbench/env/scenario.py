@@ -28,7 +28,7 @@ from glbench.env.weather_pool import CLOCK, WeatherPool
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
-    from glbench.tasks.scenario import ParameterGroup, Scenario
+    from glbench.tasks.resolver import ParameterGroup, Scenario
 
 Floats = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from glbench.env.random import key_of
 from glbench.env.registries import PartRegistry
 from glbench.kernel.tape import Recorder, Tape, Value
 from glbench.model import Model
-from glbench.tasks.scenario import Scenario
+from glbench.tasks.resolver import Scenario
 from glbench.tasks.vocabulary import DISTRIBUTIONS as DISTRIBUTION_WORDS
 
 Floats = NDArray[np.float64]

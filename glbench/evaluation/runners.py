@@ -43,7 +43,7 @@ from glbench.evaluation.sandbox.visible import place_inside
 from glbench.kernel import built_libraries
 from glbench.model import get_model
 from glbench.tasks import Action, TaskCard, TaskSpec, task_card
-from glbench.tasks.injected_task import public_definition
+from glbench.tasks.card import public_definition
 from glbench.tasks.quantities import PAPER_MODEL
 
 Inputs = NDArray[np.float32] | NDArray[np.float64]

@@ -21,7 +21,7 @@ from glbench.evaluation.records import RANKING_METRIC, AgentRecord, RunResult
 from glbench.leaderboard.collect import Expectation, StoredResult
 from glbench.leaderboard.estimates import Estimate, estimate_over_trainings
 from glbench.leaderboard.statistics import Array, Published
-from glbench.tasks.best_known import BestKnown, KnownRun, read_best_known
+from glbench.tasks.references import BestKnown, KnownRun, read_best_known
 
 PROFIT, PENALTY = "epi", "penalty"
 PARTS = ("total", "profit", "violations")

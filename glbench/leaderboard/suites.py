@@ -29,8 +29,7 @@ from glbench.leaderboard.statistics import (
 )
 from glbench.quantities import MONEY
 from glbench.tasks import list_suites, published_task
-from glbench.tasks.best_known import SEVERAL, BestKnown, read_best_known
-from glbench.tasks.references import References, read_references
+from glbench.tasks.references import SEVERAL, BestKnown, References, read_best_known, read_references
 
 NOTHING = "do_nothing"
 """Name of the agent whose reward is the zero of normalised scores."""

@@ -12,8 +12,8 @@ from glbench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from glbench.registration import register_tasks
-    from glbench.tasks.actions import Action
     from glbench.tasks.card import Constraint, Place, Prices, TaskCard, task_card
+    from glbench.tasks.digest import Fingerprint, LockEntry, read_lock
     from glbench.tasks.ledger import Ledger, LedgerItem, StepQuantity
     from glbench.tasks.library import (
         DEFAULT_TASK,
@@ -27,10 +27,9 @@ if TYPE_CHECKING:
         published_task,
         usual_task,
     )
-    from glbench.tasks.lock import Fingerprint, LockEntry, read_lock
     from glbench.tasks.prices import Market, PriceTable
-    from glbench.tasks.quantities import Capacity, Normalisation, ObservationContext, Quantity
-    from glbench.tasks.scenario import ParameterGroup, Scenario, Season, StartGroup
+    from glbench.tasks.quantities import Action, Capacity, Normalisation, ObservationContext, Quantity
+    from glbench.tasks.resolver import ParameterGroup, Scenario, Season, StartGroup
     from glbench.tasks.schema1 import TaskFile1
     from glbench.tasks.sealed import Round, SealedWeather, read_round
     from glbench.tasks.spec import TaskSpec
@@ -55,11 +54,10 @@ else:
         __name__,
         {
             "glbench.registration": ("register_tasks",),
-            "actions": ("Action",),
             "card": ("Constraint", "Place", "Prices", "TaskCard", "task_card"),
             "ledger": ("Ledger", "LedgerItem", "StepQuantity"),
             "prices": ("Market", "PriceTable"),
-            "scenario": ("ParameterGroup", "Scenario", "Season", "StartGroup"),
+            "resolver": ("ParameterGroup", "Scenario", "Season", "StartGroup"),
             "schema1": ("TaskFile1",),
             "tables": ("TaskFile2",),
             "library": (
@@ -74,8 +72,8 @@ else:
                 "published_task",
                 "usual_task",
             ),
-            "lock": ("Fingerprint", "LockEntry", "read_lock"),
-            "quantities": ("Capacity", "Normalisation", "ObservationContext", "Quantity"),
+            "digest": ("Fingerprint", "LockEntry", "read_lock"),
+            "quantities": ("Action", "Capacity", "Normalisation", "ObservationContext", "Quantity"),
             "sealed": ("Round", "SealedWeather", "read_round"),
             "spec": ("TaskSpec",),
             "vocabulary": (

@@ -1,22 +1,25 @@
-"""The task card: what an agent may know of its task. It holds no weather values and no seeds."""
+"""The task card: what an agent may know of its task. It holds no weather values and no seeds.
+
+In a sandbox there are no task files. An evaluation passes the public definition of its task to the agent's process, which calls
+``set_task`` with it. From then on ``get_task`` finds that task there, and no other. The definition is as public as the card: models,
+parameters, limits, prices and how widely things are drawn. Weather that it names is not there, so whatever needs weather fails.
+"""
 
 from __future__ import annotations
 
 import datetime as dt
 import json
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from glbench.errors import TaskError
-from glbench.tasks.actions import Action
 from glbench.tasks.fields import Limits
-from glbench.tasks.injected_task import public_definition
 from glbench.tasks.ledger import LIMITED, LedgerItem
-from glbench.tasks.quantities import PAPER_MODEL, Capacity, Quantity
+from glbench.tasks.quantities import PAPER_MODEL, Action, Capacity, Quantity
 
 if TYPE_CHECKING:
     from glbench.tasks.spec import TaskSpec
@@ -163,3 +166,50 @@ def task_card(task: TaskSpec) -> TaskCard:
 def _constraint(task: TaskSpec, name: str, limits: Limits) -> Constraint:
     price = task.violation_prices.get(name)
     return Constraint(name, LIMITED[name], limits.low, limits.high, task.penalty_scales[name], price)
+
+
+_DEFINITION: list[str] = []
+
+
+def public_definition(task: TaskSpec) -> str:
+    """The definition of ``task`` for its agents as text: without the first seed and the salt; "" for a task that has no file.
+
+    A round's secret, the split and where the file lies are not part of it.
+    """
+    try:
+        tables: dict[str, Any] = task.written()
+    except TaskError:
+        return ""
+    tables["evaluation"]["first_seed"] = 0
+    tables.get("scenario", {}).pop("salt", None)
+    return json.dumps(tables)
+
+
+def set_task(definition: str) -> None:
+    """Let ``get_task`` find the task of a ``public_definition``, in the life of this process."""
+    _DEFINITION[:] = [definition] if definition else []
+
+
+def injected_task(task_id: str) -> TaskSpec | None:
+    """The injected task, if that is its id or its short form.
+
+    Raises
+    ------
+    TaskError
+        When its parts are not known here: somebody registered them in another process.
+    """
+    if not _DEFINITION:
+        return None
+    task = _task_of(_DEFINITION[0])
+    return task if task_id in (task.id, task.short_id) else None
+
+
+@lru_cache(maxsize=1)
+def _task_of(definition: str) -> TaskSpec:
+    from glbench.tasks.spec import TaskSpec
+
+    try:
+        return TaskSpec.of_written(json.loads(definition))
+    except ValueError as error:
+        msg = f"The task cannot be read in this process: {error}"
+        raise TaskError(msg) from error

@@ -4,23 +4,29 @@ A digest is the SHA-256 of canonical JSON (RFC 8785) over: the definition withou
 the names, units and bounds of the observed columns, the weather, and the model's equations; for schema 2 over the ledger and the names
 of drawn parameters as well. Each part also has a digest of its own, so that a mismatch can be blamed on the right one. Computed numbers
 enter with nine significant digits, because the last bit of ``exp`` may differ between machines.
+
+A published task never changes. ``tasks/lock.toml`` keeps the digest of every part, so that a message can tell an edited file from a
+changed model or changed weather (``glbench.tasks.library``).
 """
 
 from __future__ import annotations
 
 import hashlib
+import tomllib
 from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields
+from functools import lru_cache
+from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from glbench.canonical import canonical_sha256
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
-from glbench.tasks.lock import Fingerprint
+from glbench.resources import data_folder, write_atomically
 from glbench.tasks.record import TaskRecord
-from glbench.tasks.resolver import ResolvedTask
-from glbench.tasks.scenario import Season
+from glbench.tasks.resolver import ResolvedTask, Season
 from glbench.tasks.tables import PROCESS_COMPUTER
 
 PROSE = frozenset({"title", "description", "suites"})
@@ -49,6 +55,44 @@ SCHEMA_1: Mapping[str, tuple[str, ...]] = MappingProxyType(
 _EVEN = 0.6180339887498949
 """Multiples of it, modulo 1, are spread evenly."""
 _GRID = 6180.339887498949  # weather rows enter a digest in steps of 1/6180: no round number lies halfway between two of them
+
+LOCK_NAME = "lock.toml"
+LOCK_WORDS = "tasks/lock.toml"
+
+_HEADER = """\
+# Digests of the published tasks, written by `glbench tasks lock`. A published task never changes: entries are added, never
+# edited. `digest` covers the whole task; the other lines say which part of it differs when it no longer matches.
+"""
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """The digest of a task [SHA-256, hex] and the digests of its parts."""
+
+    digest: str
+    definition: str
+    parameters: str
+    start: str
+    observation: str
+    weather: str
+    model: str
+    model_version: str
+
+    PARTS: ClassVar[tuple[str, ...]] = ("definition", "parameters", "start", "observation", "weather", "model")
+
+
+@dataclass(frozen=True)
+class LockEntry:
+    """A published task: its file in the tasks folder and its fingerprint."""
+
+    id: str
+    file: str
+    fingerprint: Fingerprint
+
+    @property
+    def digest(self) -> str:
+        """Digest of the task [SHA-256, hex]."""
+        return self.fingerprint.digest
 
 
 def definition_of(task: TaskRecord) -> dict[str, Any]:
@@ -169,3 +213,56 @@ _DEFINITIONS: Mapping[int, Callable[[TaskRecord], dict[str, Any]]] = MappingProx
     {1: _definition_1, 2: _definition_2}
 )
 _PARTS: Mapping[int, Callable[[ResolvedTask], dict[str, Any]]] = MappingProxyType({1: _parts_1, 2: _parts_2})
+
+
+def lock_path() -> Path:
+    """Where the lock is."""
+    return data_folder("tasks") / LOCK_NAME
+
+
+def read_lock(path: Path | None = None) -> Mapping[str, LockEntry]:
+    """Entries of the lock by task id; empty when there is no lock yet.
+
+    Raises
+    ------
+    TaskError
+        When the file is damaged.
+    """
+    path = lock_path() if path is None else path
+    try:
+        state = path.stat()
+    except FileNotFoundError:
+        return MappingProxyType({})
+    return _read(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=8)
+def _read(path: Path, _modified: int, _size: int) -> Mapping[str, LockEntry]:
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        return MappingProxyType({task_id: _entry(task_id, entry) for task_id, entry in content.items()})
+    except (OSError, ValueError) as error:
+        msg = f"Cannot read {path}: {error}. Restore the file, or install glbench again."
+        raise TaskError(msg) from error
+
+
+def _entry(task_id: str, entry: object) -> LockEntry:
+    names = {field.name for field in fields(Fingerprint)}
+    if (
+        not isinstance(entry, dict)
+        or set(entry) != {"file", *names}
+        or not all(isinstance(value, str) for value in entry.values())
+    ):
+        msg = f"the entry of '{task_id}' is not complete"
+        raise ValueError(msg)
+    return LockEntry(task_id, entry["file"], Fingerprint(**{name: entry[name] for name in names}))
+
+
+def write_lock(entries: Mapping[str, LockEntry], path: Path) -> None:
+    """Write ``entries`` in the order of their ids."""
+    blocks = [_HEADER]
+    for task_id in sorted(entries):
+        entry = entries[task_id]
+        lines = {"file": entry.file, **asdict(entry.fingerprint)}
+        blocks.append(f'["{task_id}"]\n' + "".join(f'{key} = "{value}"\n' for key, value in lines.items()))
+    write_atomically(path, "\n".join(blocks))

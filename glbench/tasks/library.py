@@ -7,15 +7,16 @@ from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+
 from glbench.canonical import canonical_sha256
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.registration import draft_files, task_files
-from glbench.tasks.deprecated import tell_if_deprecated
+from glbench.tasks.card import injected_task
+from glbench.tasks.digest import LOCK_WORDS, LockEntry, lock_path, read_lock, write_lock
 from glbench.tasks.inheritance import TaskTables, read_tables, shipped_file, shown_path
-from glbench.tasks.injected_task import injected_task
-from glbench.tasks.lock import LOCK_WORDS, LockEntry, lock_path, read_lock, write_lock
+from glbench.tasks.references import warn_if_deprecated
 from glbench.tasks.spec import TaskSpec
-from glbench.tasks.stale_prices import stale_prices
 from glbench.untrusted import real_path
 
 logger = logging.getLogger(__name__)
@@ -201,11 +202,10 @@ def _checked(file: Path, tables: TaskTables, _lock: Path, _lock_state: _State) -
     entry = read_lock().get(task.id)
     if entry is None:
         task.fingerprint()  # whatever cannot be resolved is reported now and not in the middle of a run
-        for gap in stale_prices(task):
-            logger.warning("%s", gap)
+        _warn_of_stale_prices(task)
     elif _is_shipped(file):
         check_against_lock(task, entry)
-        tell_if_deprecated(task.id)
+        warn_if_deprecated(task.id)
     elif task.digest != entry.digest:
         msg = (
             f"{task.source} uses the id '{task.id}' of a published task, but defines another one (published "
@@ -215,12 +215,40 @@ def _checked(file: Path, tables: TaskTables, _lock: Path, _lock_state: _State) -
     return task
 
 
+def _warn_of_stale_prices(task: TaskSpec) -> None:
+    """Log what is missing in each series of prices for the hours that runs may use, of all splits."""
+    tables = {name: table for name, table in task.price_tables.items() if table.series and not table.source}
+    if not tables:
+        return
+    in_splits = [task] if task.splits is None else [task.in_split(name) for name in task.splits.names]
+    begin_and_days = {
+        (season.start, task.weather.days + one.scenario.start_within_days)
+        for one in in_splits
+        for season in one.scenario.seasons
+    }
+    seasons = [np.datetime64(begin, "h") + np.arange(24 * days) for begin, days in begin_and_days]
+    hours = np.unique(np.concatenate(seasons))
+    for name, table in tables.items():
+        stale = hours[table.is_stale(hours)]
+        if stale.size:
+            logger.warning(
+                "%s: [price_tables.%s] has no price for %s of the %s hours that runs may use, the first of them %s UTC. The nearest "
+                "price before them (or the first of all) is charged. List the missing hours.",
+                task.source, name, f"{stale.size:,}", f"{hours.size:,}", f"{stale[0].item():%Y-%m-%d %H:%M}",
+            )  # fmt: skip
+
+
 def _state(path: Path) -> _State:
     try:
         status = path.stat()
     except OSError:
         return (0, 0)
     return (status.st_mtime_ns, status.st_size)
+
+
+def series_in_words(task: TaskSpec) -> list[str]:
+    """Of each series of prices: the dates that it covers, and its mean, lowest and highest price."""
+    return [f"Price '{name}': {table.in_words()}." for name, table in task.price_tables.items() if table.series]
 
 
 def _is_shipped(path: Path) -> bool:

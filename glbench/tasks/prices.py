@@ -135,7 +135,7 @@ class PriceTable:
             ends = [self.market.lowest, self.market.highest]
         else:
             ends = [*self.hourly, *(price for _, _, price in self.dated), *(price for _, price in self.series)]
-        ends = [self._finished(end) for end in ends]
+        ends = [self._adjusted(end) for end in ends]
         return min(ends), max(ends)
 
     def following(self, source: str, *, unit: str, times: float, plus: float) -> PriceTable:
@@ -157,38 +157,20 @@ class PriceTable:
         5 m s-1 of wind: what can be expected of a market by the clock alone.
         """
         if self.market is not None:
-            found = self._of_market(self.market, times, hour_of_day, season, self.source or name)
+            prices = _market_prices(self.market, times, hour_of_day, season, self.source or name)
         elif self.hourly:
-            found = np.array(self.hourly)[_hours(hour_of_day)]
+            prices = np.array(self.hourly)[_hours(hour_of_day)]
         elif self.series:
-            found = self._of_series(times)
+            prices = self._of_series(times)
         else:
-            found = self._of_dates(times, hour_of_day)
-        return found if (self.times, self.plus) == (1.0, 0.0) else self._finished(found)
+            days = _in_year(local_times(times, hour_of_day)) // DAY
+            entries = sorted(self.dated)
+            place = np.searchsorted([100 * month + day for month, day, _ in entries], days, side="right") - 1
+            prices = np.array([price for _, _, price in entries])[place]  # place -1, before the first: the last one
+        return prices if (self.times, self.plus) == (1.0, 0.0) else self._adjusted(prices)
 
-    def _finished(self, price: Any) -> Any:
+    def _adjusted(self, price: Any) -> Any:
         return price * self.times + self.plus
-
-    def _of_market(
-        self,
-        market: Market,
-        times: NDArray[np.datetime64],
-        hour_of_day: Floats,
-        season: SeasonOfPrices | None,
-        name: str,
-    ) -> Floats:
-        days = local_times(times, hour_of_day).astype("datetime64[D]").astype(np.int64)
-        weekend, hour = (days + 3) % 7 >= 5, _hours(hour_of_day)  # day 0 was a Thursday
-        if season is None:
-            nothing = np.zeros(len(hour))
-            return market.price(hour, weekend, nothing, nothing + WIND, nothing)
-        every, hours = season.every, -(-len(hour) // season.every)
-        first = np.arange(hours) * every
-        sun, wind = (
-            np.add.reduceat(values, first) / np.diff([*first, len(hour)]) for values in (season.radiation, season.wind)
-        )
-        prices = market.price(hour[first], weekend[first], sun, wind, season.paths[name][:hours])
-        return np.repeat(prices, every)[: len(hour)]
 
     def _of_series(self, times: NDArray[np.datetime64]) -> Floats:
         starts = np.array([moment.replace(tzinfo=None) for moment, _ in self.series], dtype="datetime64[s]")
@@ -199,12 +181,52 @@ class PriceTable:
         place = np.searchsorted(_in_year(starts), _in_year(moments), side="right") - 1
         return prices[place]  # place -1, before the first: the last of the year before
 
-    def _of_dates(self, times: NDArray[np.datetime64], hour_of_day: Floats) -> Floats:
-        days = _in_year(local_times(times, hour_of_day)) // DAY
-        ordered = sorted(self.dated)
-        place = np.searchsorted([100 * month + day for month, day, _ in ordered], days, side="right") - 1
-        prices: Floats = np.array([price for _, _, price in ordered])
-        return prices[place]  # place -1 as above
+    def in_words(self) -> str:
+        """The dates that a series covers, and its mean, lowest and highest price."""
+        first, last = self.series[0][0], self.series[-1][0]
+        mean = self._adjusted(float(np.mean([price for _, price in self.series])))
+        return (
+            f"{len(self.series):,} prices from {first:%Y-%m-%d %H:%M} to {last:%Y-%m-%d %H:%M} "
+            f"UTC{', repeated every year' if self.yearly else ''}; mean {mean:.4g}, lowest {self.limits[0]:.4g}, highest "
+            f"{self.limits[1]:.4g} {self.unit}"
+        )
+
+    def is_stale(self, hours: NDArray[np.datetime64]) -> NDArray[np.bool_]:
+        """Whether a series lacks a price for these hours [UTC] ``(hours,)``, so that an old one (or the first) is charged.
+
+        Monthly prices are no gaps: a price may be a day old, or four times as old as the series' prices usually grow.
+        """
+        points = np.array([moment.replace(tzinfo=None) for moment, _ in self.series], dtype="datetime64[s]")
+        if points.size < 2:
+            return np.zeros(hours.size, dtype=bool) if self.yearly else np.asarray(hours < points[0])
+        usual = int(np.median(np.diff(points).astype(np.int64)))
+        longest = np.timedelta64(max(DAY, 4 * usual), "s")
+        moments = hours.astype("datetime64[s]")
+        if self.yearly:
+            year = points[0].astype("datetime64[Y]")
+            length = (year + 1).astype("datetime64[s]") - year.astype("datetime64[s]")
+            moments = year.astype("datetime64[s]") + (moments - moments.astype("datetime64[Y]").astype("datetime64[s]"))
+            points = np.concatenate([points - length, points, points + length])
+        place = np.searchsorted(points, moments, side="right") - 1
+        return np.asarray((place < 0) | (moments - points[np.maximum(place, 0)] > longest))
+
+
+def _market_prices(
+    market: Market, times: NDArray[np.datetime64], hour_of_day: Floats, season: SeasonOfPrices | None, name: str
+) -> Floats:
+    """Prices of a market at each row of a calendar; without its season those of a day without sun and at 5 m s-1 of wind."""
+    days = local_times(times, hour_of_day).astype("datetime64[D]").astype(np.int64)
+    weekend, hour = (days + 3) % 7 >= 5, _hours(hour_of_day)  # day 0 was a Thursday
+    if season is None:
+        nothing = np.zeros(len(hour))
+        return market.price(hour, weekend, nothing, nothing + WIND, nothing)
+    every, hours = season.every, -(-len(hour) // season.every)
+    first = np.arange(hours) * every
+    sun, wind = (
+        np.add.reduceat(values, first) / np.diff([*first, len(hour)]) for values in (season.radiation, season.wind)
+    )
+    prices = market.price(hour[first], weekend[first], sun, wind, season.paths[name][:hours])
+    return np.repeat(prices, every)[: len(hour)]
 
 
 def _hours(hour_of_day: Floats) -> NDArray[np.int64]:
@@ -218,8 +240,8 @@ def _in_year(times: NDArray[np.datetime64]) -> NDArray[np.int64]:
     number = ((month - days.astype("datetime64[Y]").astype("datetime64[M]")).astype(np.int64) + 1) * 100
     number += (days - month.astype("datetime64[D]")).astype(np.int64) + 1
     seconds = (times.astype("datetime64[s]") - days.astype("datetime64[s]")).astype(np.int64)
-    found: NDArray[np.int64] = number * DAY + seconds
-    return found
+    rising: NDArray[np.int64] = number * DAY + seconds
+    return rising
 
 
 def local_times(times: NDArray[np.datetime64], hour_of_day: Floats) -> NDArray[np.datetime64]:
@@ -267,6 +289,6 @@ def day_ahead(
     hourly, columns = prices[::every], []
     for ahead in hours:
         then = np.minimum(now + ahead, len(day) - 1)
-        known = (now + ahead < len(day)) & (day[then] == day)
-        columns.append(hourly[np.where(known, then, np.maximum(now + ahead - HOURS_A_DAY, 0))])
+        until_midnight = (now + ahead < len(day)) & (day[then] == day)
+        columns.append(hourly[np.where(until_midnight, then, np.maximum(now + ahead - HOURS_A_DAY, 0))])
     return np.repeat(np.stack(columns, axis=1), every, axis=0)[: len(prices)]

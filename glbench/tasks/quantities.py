@@ -1,11 +1,14 @@
 """Names, units and bounds of what a task can show to an agent, whatever the model: the clock, the weather, the controls, all states.
 
+``Action`` is an entry of what the agent does.
+
 What a model shows besides (the climate inside, the crop) is its own, with its bounds (``Model.observed``, ``Model.bounds``).
 """
 
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -16,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.errors import UnknownNameError, did_you_mean
+from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.quantities import CLOCK, OUTDOOR
 from glbench.tasks.ledger import LIMITED
 
@@ -142,6 +145,71 @@ class ObservationContext:
         from glbench.model import Horizon
 
         return Horizon(self.steps, self.step_seconds, self.parameters)
+
+
+@dataclass(frozen=True)
+class Action:
+    """One entry of an action: what it is called, its bounds, and the quantity that it stands for.
+
+    Attributes
+    ----------
+    name
+        A control of the task, or a set point.
+    low, high
+        Bounds of what an agent gives.
+    unit, meaning
+        Of the quantity that it stands for; "-" for a share.
+    idle
+        What an agent gives to ask for nothing: no change, no heat beyond frost protection, vents shut, screens open.
+    stands_for
+        Values [unit] that ``low`` and ``high`` stand for, in a straight line between them; ``None``: what is given is the value.
+
+    Raises
+    ------
+    TaskError
+        When there is ``stands_for``, and it or the bounds are not finite and in order.
+    """
+
+    name: str
+    low: float
+    high: float
+    unit: str = "-"
+    meaning: str = ""
+    idle: float = 0.0
+    stands_for: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.stands_for is None:
+            return
+        for low, high in ((self.low, self.high), self.stands_for):
+            if not (math.isfinite(high - low) and low < high):
+                msg = (
+                    f"The action '{self.name}' from {self.low:g} to {self.high:g} cannot stand for values from {self.lowest:g} to "
+                    f"{self.highest:g} {self.unit}. Give finite bounds, the lower one first."
+                )
+                raise TaskError(msg)
+
+    @property
+    def lowest(self) -> float:
+        """Value [unit] that ``low`` stands for."""
+        return self.low if self.stands_for is None else self.stands_for[0]
+
+    @property
+    def highest(self) -> float:
+        """Value [unit] that ``high`` stands for."""
+        return self.high if self.stands_for is None else self.stands_for[1]
+
+    def of(self, value: Any) -> Any:
+        """What to give for ``value`` [unit]: a number, or an array of any shape. Nothing is clipped."""
+        return value if self.stands_for is None else (value - self.lowest) / self._slope + self.low
+
+    def value(self, entry: Any) -> Any:
+        """The value [unit] that ``entry`` of an action stands for: a number or an array of any shape, also a recorded value."""
+        return entry if self.stands_for is None else (entry - self.low) * self._slope + self.lowest
+
+    @property
+    def _slope(self) -> float:
+        return (self.highest - self.lowest) / (self.high - self.low)
 
 
 class QuantityTable(Protocol):

@@ -1,21 +1,140 @@
-"""Zero and one of normalised scores: the reward of doing nothing, and the mean over the best known runs (``best_known.py``).
+"""What is known of published tasks and is no part of them: best known runs, zero and one of scores, deprecations.
 
-``tasks/references.toml`` holds both for every published task. It stands beside the locked definitions and is no part of them: the
-best known result changes when somebody does better, the task does not.
+- ``tasks/best_known/<Task>.json`` holds, for each seed that a published task is scored by, the highest reward that any released result
+  has there: what a score's regret is measured by. A best known run is no bound. Nobody has shown that nothing better exists.
+- ``tasks/references.toml`` holds zero and one of normalised scores for every published task: the reward of doing nothing, and the mean
+  over the best known runs.
+- ``tasks/deprecated.toml`` says which published tasks nobody should begin with any more, why, and what to use. Such a task stays as it
+  is, digest included: it runs, its results load and can be reproduced. A warning says so, once a process.
+
+The files stand beside the locked definitions. The first two change when somebody does better, the task does not.
 """
 
 from __future__ import annotations
 
+import logging
 import tomllib
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Mapping, Sequence
+from functools import cache, lru_cache
 from pathlib import Path
+from typing import Literal, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from glbench.errors import TaskError
-from glbench.registration import REFERENCES_NAME
+from glbench.registration import DEPRECATED_NAME, REFERENCES_NAME
 from glbench.resources import data_folder, write_atomically
+from glbench.tasks.digest import lock_path
+
+logger = logging.getLogger(__name__)
+
+FOLDER = "best_known"
+"""Beside the tasks."""
+SEVERAL = "several"
+"""Stands for the agents' names where the best known runs are not all of one."""
+
+
+class KnownRun(BaseModel):
+    """The best known run with a seed: what it scored, and whose it is. Units are those of the file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    seed: int
+    reward: float
+    epi: float
+    penalty: float
+    agent: str
+
+
+class BestKnown(BaseModel):
+    """The best known runs of a task, by seed, and the results that they are taken from."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+
+    schema_name: Literal["glbench/best-known"] = Field(default="glbench/best-known", alias="schema")
+    schema_version: Literal[1] = 1
+    task: str
+    task_digest: str
+    units: dict[str, str]
+    """Of reward, epi and penalty."""
+    agents: dict[str, str]
+    """Digest of the results of each agent that has a best known run."""
+    runs: tuple[KnownRun, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _is_consistent(self) -> Self:
+        if list(self.seeds) != sorted(set(self.seeds)):
+            msg = "the runs are not in the order of their seeds, or two have the same"
+            raise ValueError(msg)
+        if set(self.units) != {"reward", "epi", "penalty"}:
+            msg = "the units are not those of reward, epi and penalty"
+            raise ValueError(msg)
+        if {run.agent for run in self.runs} != set(self.agents):
+            msg = "the agents are not those of the runs"
+            raise ValueError(msg)
+        return self
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """Seeds of the runs."""
+        return tuple(run.seed for run in self.runs)
+
+    @property
+    def agent(self) -> str:
+        """Whose the runs are; ``several`` where they are not all of one agent."""
+        return next(iter(self.agents)) if len(self.agents) == 1 else SEVERAL
+
+    def of(self, seeds: Sequence[int]) -> tuple[KnownRun, ...] | None:
+        """The runs with these seeds, in their order; ``None`` where there is no best known run of one of them."""
+        by_seed = {run.seed: run for run in self.runs}
+        return tuple(by_seed[seed] for seed in seeds) if set(seeds) <= by_seed.keys() else None
+
+
+def best_known_path(task_id: str) -> Path:
+    """The file of a task."""
+    return data_folder("tasks") / FOLDER / f"{task_id.rpartition('/')[2]}.json"
+
+
+def read_best_known(task_id: str) -> BestKnown | None:
+    """The best known runs of a task; ``None`` where none are stored, as for every custom task.
+
+    Raises
+    ------
+    TaskError
+        When the file cannot be used.
+    """
+    path = best_known_path(task_id)
+    if not path.is_file():
+        return None
+    status = path.stat()
+    best = _read(path, status.st_mtime_ns, status.st_size)
+    return best if best.task == task_id else None
+
+
+@lru_cache(maxsize=256)
+def _read(path: Path, _changed: int, _size: int) -> BestKnown:
+    """What stands in a file that was changed then and has that size: read once."""
+    try:
+        return BestKnown.model_validate_json(path.read_bytes())
+    except (OSError, ValidationError) as error:
+        msg = f"{path} cannot be used: {error}. `glbench tasks references --write` makes it again from the results."
+        raise TaskError(msg) from error
+
+
+def write_best_known(best: BestKnown) -> Path:
+    """Write the file of a task, a line a run, and return where it is.
+
+    Raises
+    ------
+    GlbenchError
+        When it cannot be written.
+    """
+    path = best_known_path(best.task)
+    head = best.model_dump_json(by_alias=True, exclude={"runs"}, indent=1).removesuffix("\n}")
+    runs = ",\n".join(f"  {run.model_dump_json()}" for run in best.runs)
+    write_atomically(path, f'{head},\n "runs": [\n{runs}\n ]\n}}\n')
+    return path
+
 
 _HEAD = """# Zero and one of normalised scores: the mean reward of doing nothing (submissions/do_nothing.py) and that of the best known
 # run of each seed (tasks/best_known), over the task's runs. Written by `glbench tasks references --write` from reports/released.
@@ -56,14 +175,23 @@ def read_references() -> Mapping[str, References]:
     TaskError
         When the file cannot be used.
     """
-    path = references_path()
+    return _entries(
+        references_path(), References, "`glbench tasks references --write` makes it again from the results."
+    )
+
+
+Entry = TypeVar("Entry", bound=BaseModel)
+
+
+def _entries(path: Path, kind: type[Entry], advice: str) -> Mapping[str, Entry]:
+    """The entries of a TOML file by task id; none where there is no file."""
     if not path.is_file():
         return {}
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
-        return {task_id: References.model_validate(entry) for task_id, entry in data.items()}
+        return {task_id: kind.model_validate(entry) for task_id, entry in data.items()}
     except (OSError, ValueError, RecursionError) as error:
-        msg = f"{path} cannot be used: {error}. `glbench tasks references --write` makes it again from the results."
+        msg = f"{path} cannot be used: {error}. {advice}"
         raise TaskError(msg) from error
 
 
@@ -88,3 +216,46 @@ def write_references(references: Mapping[str, References]) -> Path:
     write_atomically(references_path(), "\n".join(parts))
     read_references.cache_clear()
     return references_path()
+
+
+class Deprecation(BaseModel):
+    """Why a published task should not be used for new work."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    since: str
+    """Version of glbench, such as "0.2.0"."""
+    reason: str = Field(min_length=10)
+    """One sentence without a full stop at its end, such as "its forecast shows the weather of the next day exactly"."""
+    use: str | None = None
+    """Id of the task to use instead; ``None`` where there is none."""
+
+    def in_words(self, task_id: str) -> str:
+        """The sentence that users read."""
+        instead = f" Use {self.use}." if self.use is not None else ""
+        return f"{task_id} is deprecated since glbench {self.since}: {self.reason}.{instead}"
+
+
+def read_deprecated() -> Mapping[str, Deprecation]:
+    """Deprecated tasks by id.
+
+    Raises
+    ------
+    TaskError
+        When the file cannot be used.
+    """
+    path = lock_path().with_name(DEPRECATED_NAME)
+    return _entries(path, Deprecation, "Restore the file; docs/maintain.md describes its entries.")
+
+
+def warn_if_deprecated(task_id: str) -> None:
+    """Log a warning when ``task_id`` is deprecated.
+
+    Raises
+    ------
+    TaskError
+        When the list of deprecated tasks cannot be used.
+    """
+    entry = read_deprecated().get(task_id)
+    if entry is not None:
+        logger.warning("%s", entry.in_words(task_id))

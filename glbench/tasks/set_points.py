@@ -9,7 +9,7 @@ from __future__ import annotations
 from glbench.errors import UnknownNameError, did_you_mean
 from glbench.model.controls import Controls
 from glbench.model.quantities import table_of
-from glbench.tasks.actions import Action
+from glbench.tasks.quantities import Action
 
 HEATING, VENTILATION, CO2, HUMIDITY = (
     "heating_temperature",

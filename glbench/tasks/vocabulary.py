@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks import quantities as tables
-from glbench.tasks.actions import Action
-from glbench.tasks.quantities import QuantityTable
+from glbench.tasks.quantities import Action, QuantityTable
 
 if TYPE_CHECKING:
     import numpy as np

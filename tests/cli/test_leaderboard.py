@@ -18,7 +18,7 @@ from glbench.evaluation.files import result_path, save_result
 from glbench.evaluation.records import results_digest, summarise
 from glbench.resources import data_folder
 from glbench.tasks import PAPER_TASK
-from glbench.tasks.best_known import read_best_known
+from glbench.tasks.references import read_best_known
 from tests.leaderboard.synthetic import make_result
 from tests.support import write_day_task
 

@@ -10,7 +10,7 @@ import pytest
 from glbench.cli.results import sparkline
 from glbench.evaluation import load_result
 from glbench.resources import data_folder
-from glbench.tasks.best_known import read_best_known
+from glbench.tasks.references import read_best_known
 
 pytestmark = pytest.mark.usefixtures("few_released")
 TASK = "Schiphol2010-Delta10-v1"

@@ -34,7 +34,7 @@ from glbench.kernel import Kernel, why_not_compiled
 from glbench.model import TOMATO, paper
 from glbench.tasks import TaskSpec, get_task, task_card
 from glbench.tasks.quantities import Quantity
-from glbench.tasks.scenario import ParameterGroup, Scenario, Season, StartGroup
+from glbench.tasks.resolver import ParameterGroup, Scenario, Season, StartGroup
 from glbench.tasks.vocabulary import ObservationModule
 from tests.env.stepping import StillKernel, walk
 from tests.tasks import toy

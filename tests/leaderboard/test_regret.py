@@ -19,9 +19,8 @@ from glbench.leaderboard.statistics import estimate_mean
 from glbench.leaderboard.suites import references_from, suite_table
 from glbench.leaderboard.tables import regret_notes, suite_frame, suite_markdown, to_json, to_latex
 from glbench.resources import data_folder
-from glbench.tasks import best_known as best_known_module
-from glbench.tasks.best_known import BestKnown, KnownRun, read_best_known, write_best_known
-from glbench.tasks.references import References, read_references
+from glbench.tasks import references as references_module
+from glbench.tasks.references import BestKnown, KnownRun, References, read_best_known, read_references, write_best_known
 from tests.leaderboard.synthetic import TASK, digest_of, make_result
 
 SEEDS = (666, 667, 668, 669)
@@ -35,7 +34,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder for best known runs, without any."""
     folder = tmp_path / "known"
     monkeypatch.setattr(
-        best_known_module, "best_known_path", lambda task_id: folder / f"{task_id.rpartition('/')[2]}.json"
+        references_module, "best_known_path", lambda task_id: folder / f"{task_id.rpartition('/')[2]}.json"
     )
     return folder
 
@@ -301,7 +300,7 @@ def test_what_is_shipped_follows_from_the_released_results():
     released, expected = collect_results([data_folder("reports/released/results")]), published_expectations()
     known = best_known_from(released, expected)
     assert {task_id: read_best_known(task_id) for task_id in known} == known
-    files = {path.stem for path in best_known_module.best_known_path(TASK).parent.glob("*.json")}
+    files = {path.stem for path in references_module.best_known_path(TASK).parent.glob("*.json")}
     assert files == {task_id.rpartition("/")[2] for task_id in known}
     assert dict(read_references()) == references_from(released, expected)
     for task_id, one in read_references().items():

@@ -15,7 +15,7 @@ from glbench import registration
 from glbench.env import program, weather_pool
 from glbench.env.behaviour import lock_behaviour
 from glbench.registration import task_files
-from glbench.tasks import inheritance, library, list_tasks, lock, lock_new_tasks, resolver, spec
+from glbench.tasks import digest, inheritance, library, list_tasks, lock_new_tasks, resolver, spec
 from tests.tasks.names import FILE
 
 
@@ -93,7 +93,7 @@ def published(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forget: Callable[
     for path in task_files():
         if path.name in {FILE, "schiphol2010code-delta30-v1.toml"}:
             shutil.copy(path, folder)
-    for module in (registration, lock, inheritance):
+    for module in (registration, digest, inheritance):
         monkeypatch.setattr(module, "data_folder", lambda _name: folder)
     lock_new_tasks()
     lock_behaviour(list_tasks())

@@ -17,7 +17,7 @@ from glbench.cli.tasks import app
 from glbench.errors import TaskError, UnknownNameError
 from glbench.model import GreenLightClimate, VanthoorTomato, compose, paper, register_model
 from glbench.resources import data_folder
-from glbench.tasks import DEFAULT_TASK, best_known, get_task, list_tasks, references
+from glbench.tasks import DEFAULT_TASK, get_task, list_tasks, references
 from tests.tasks.names import FILE, SHORT_ID
 
 Vary = Callable[..., Path]
@@ -310,7 +310,7 @@ def test_references_are_written_again_as_they_are_shipped_with_the_best_known_ru
     shipped = data_folder("tasks")
     monkeypatch.setattr(references, "references_path", lambda: tmp_path / "references.toml")
     monkeypatch.setattr(
-        best_known, "best_known_path", lambda task_id: tmp_path / "best_known" / f"{task_id.rpartition('/')[2]}.json"
+        references, "best_known_path", lambda task_id: tmp_path / "best_known" / f"{task_id.rpartition('/')[2]}.json"
     )
     references.read_references.cache_clear()
     done = CliRunner().invoke(

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from glbench.cli.tasks import app
 from glbench.errors import TaskError
 from glbench.tasks import get_task, list_tasks, read_lock
-from glbench.tasks.deprecated import read_deprecated
+from glbench.tasks.references import read_deprecated
 
 OLD, NEW = "glbench/Schiphol2010-Delta10-v1", "glbench/Schiphol2010Code-Delta30-v1"
 ENTRY = f'["{OLD}"]\nsince = "0.2.0"\nreason = "its crop is redrawn in every step"\nuse = "{NEW}"\n'

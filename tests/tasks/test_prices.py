@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from glbench.errors import GlbenchError, TaskError
 from glbench.report.task_words import definition_in_words
 from glbench.tasks import PriceTable, TaskSpec, get_task
+from glbench.tasks.library import series_in_words
 from glbench.tasks.prices import SHAPE, Market, SeasonOfPrices, day_ahead, price_rows
-from glbench.tasks.stale_prices import series_in_words
 
 Write = Callable[[str], Path]
 

@@ -70,7 +70,7 @@ class Kind(IntEnum):
 class AgentSetup:
     """What the process is to do: the path of the agent as seen from inside, its task, the number of runs, and its limits.
 
-    ``definition`` is what ``get_task`` finds inside (``glbench.tasks.injected_task``).
+    ``definition`` is what ``get_task`` finds inside (``glbench.tasks.card``).
     """
 
     path: str

@@ -46,7 +46,7 @@ from glbench.evaluation.sandbox.frames import (
     encoded,
     packed_problems,
 )
-from glbench.tasks.injected_task import set_task
+from glbench.tasks.card import set_task
 
 _CREATE_RULESET, _RESTRICT_SELF = 444, 446
 """Numbers of the system calls, on all processors the same."""

@@ -23,7 +23,7 @@ from glbench.evaluation.sandbox.process import AgentProcess, Prints
 from glbench.evaluation.sandbox.visible import libraries
 from glbench.resources import data_folder
 from glbench.tasks import list_tasks, task_card
-from glbench.tasks.injected_task import public_definition
+from glbench.tasks.card import public_definition
 from tests.evaluation.agent_files import AgentWriter
 from tests.evaluation.sandbox.conftest import Prepare
 from tests.evaluation.sandbox.content_search import Search
