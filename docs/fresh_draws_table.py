@@ -18,8 +18,8 @@ from docs.tables import with_tables
 from glbench.agents.plans import PlanBook, read_book
 from glbench.env import Simulation
 from glbench.evaluation import Result, protect
-from glbench.evaluation.engines import Job, Options
 from glbench.evaluation.fresh_draws import add_fresh_draws
+from glbench.evaluation.jobs import Job, Options
 from glbench.leaderboard.fresh_draws import fresh_score
 from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task

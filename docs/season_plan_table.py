@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from glbench.bounds import begun
+from glbench.bounds import agent_controls
 from glbench.control import Iteration, Scenario, plan_season, season
 from glbench.evaluation import protect
 from glbench.resources import data_folder, write_atomically
@@ -44,7 +44,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 def main() -> None:
     """Plan, write, print."""
     task = get_task(TASK)
-    starts = begun(task, protect(data_folder("submissions") / "my_agent.py", "auto"), SEEDS)
+    starts = agent_controls(task, protect(data_folder("submissions") / "my_agent.py", "auto"), SEEDS)
     found: dict[str, Any] = {"task": task.id, "split": task.split, "seeds": list(SEEDS), "variants": {}}
     for name, changes in VARIANTS.items():
         rewards: list[list[float]] = []

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from docs.tables import with_tables
 from glbench.agents.plans import PlanBook, read_book
-from glbench.bounds import begun, best_known
+from glbench.bounds import agent_controls, best_known
 from glbench.control import Scenario, StageReward, air_of, plan_season
 from glbench.evaluation import protect
 from glbench.kernel import Kernel
@@ -156,7 +156,7 @@ def all_seasons() -> dict[str, Season]:
     task = paper_task()
     book = best_known().book(task)
     assert book is not None
-    policy = Season(Scenario.of(task, SEED), begun(task, protect(POLICY, "none"), [SEED])[0])
+    policy = Season(Scenario.of(task, SEED), agent_controls(task, protect(POLICY, "none"), [SEED])[0])
     return {
         "best": Season.of_book(task, book),
         "policy": policy,

@@ -7,22 +7,32 @@ policies and plans nor the profiles of released results: these are in a second p
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.util
 import json
 import os
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path, PurePosixPath
-from typing import Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from glbench.errors import GlbenchError
 from glbench.untrusted import real_path, reason_of
 
+if TYPE_CHECKING:
+    import filelock
+
 DataFolder = Literal["tasks", "baselines", "weather", "submissions", "reports/released/results"]
 
 _PACKAGE = Path(__file__).resolve().parent
+
+_SCRATCH: Final = "glbench-scratch-"
+_IN_USE: Final = ".in-use"
+_ABANDONED_SECONDS: Final = 60.0
+"""Younger folders may not have their lock yet."""
 
 TEXT_SUFFIXES = frozenset(
     f".{suffix}"
@@ -179,6 +189,53 @@ def write_atomically(path: Path, data: bytes | str) -> None:
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
+
+
+class Scratch:
+    """A folder for temporary files, made when it is first asked for. It is removed even if its process was killed: by the next one.
+
+    Nobody but this user can look into it.
+    """
+
+    def __init__(self) -> None:
+        self._folder: Path | None = None
+        self._lock: filelock.BaseFileLock | None = None
+
+    def folder(self) -> Path:
+        """The folder."""
+        import tempfile
+
+        import filelock
+
+        if self._folder is None:
+            _remove_abandoned(Path(tempfile.gettempdir()))
+            self._folder = Path(tempfile.mkdtemp(prefix=_SCRATCH))
+            self._lock = filelock.FileLock(self._folder / _IN_USE)
+            self._lock.acquire()
+        return self._folder
+
+    def remove(self) -> None:
+        """Remove the folder, if there is one."""
+        import shutil
+
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+        if self._lock is not None:
+            self._lock.release()
+        self._folder = self._lock = None
+
+
+def _remove_abandoned(place: Path) -> None:
+    """Remove the scratch folders of processes that were killed: their locks are free."""
+    import shutil
+
+    import filelock
+
+    for folder in place.glob(f"{_SCRATCH}*"):
+        with contextlib.suppress(OSError, filelock.Timeout):  # another user's, or in use
+            if time.time() - folder.stat().st_mtime > _ABANDONED_SECONDS and (folder / _IN_USE).is_file():
+                with filelock.FileLock(folder / _IN_USE, blocking=False):
+                    shutil.rmtree(folder, ignore_errors=True)
 
 
 def is_text(name: str) -> bool:

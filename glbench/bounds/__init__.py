@@ -7,8 +7,18 @@ and engine earn by it; see docs/energy.md.
 
 from __future__ import annotations
 
-from glbench.bounds.replay import Earned, replayed
-from glbench.bounds.search import Found, Search, alike, begun
-from glbench.bounds.submitting import Better, best_known, candidates, submit
+from glbench.bounds.search import PlanOutcome, PlanValue, Search, agent_controls, group_by_conditions, replay_plans
+from glbench.bounds.submitting import PlanComparison, best_known, candidates, submit
 
-__all__ = ["Better", "Earned", "Found", "Search", "alike", "begun", "best_known", "candidates", "replayed", "submit"]
+__all__ = [
+    "PlanComparison",
+    "PlanOutcome",
+    "PlanValue",
+    "Search",
+    "agent_controls",
+    "best_known",
+    "candidates",
+    "group_by_conditions",
+    "replay_plans",
+    "submit",
+]

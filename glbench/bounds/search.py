@@ -1,4 +1,7 @@
-"""The search for plans: one scenario at a time, on this machine's cores or a Ray cluster; each plan is saved as soon as it is found."""
+"""The search for plans: one scenario a job, on this machine's cores or a Ray cluster; each plan is saved as soon as it is found.
+
+``replay_plans`` says what plans earn in the ordinary simulation.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +9,22 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench import __version__
 from glbench.agents.identity import CARD_FILE
-from glbench.agents.plans import read_book
-from glbench.bounds.replay import Earned
-from glbench.bounds.workers import Listener, PlanJob, here, on_ray
-from glbench.control import Scenario
+from glbench.agents.plans import PlanBook, read_book
+from glbench.control import Iteration, Scenario, plan_season
 from glbench.env import Simulation, StepResult
-from glbench.errors import GlbenchError
+from glbench.errors import EpisodeError, GlbenchError
 from glbench.evaluation import prepare
-from glbench.evaluation.engines.cluster import Cluster
-from glbench.evaluation.engines.luggage import PackedTask
+from glbench.evaluation.payload import PackedTask, Payload
+from glbench.execution import Executor, JobContext, RayExecutor, local_executor
 from glbench.resources import write_atomically
 
 if TYPE_CHECKING:
@@ -33,14 +36,81 @@ Floats = NDArray[np.float64]
 _ENGINES = ("local", "ray")
 
 
+METHOD = "sequential convex programming"
+
+Listener = Callable[[int, Iteration], None]
+"""Called after every iteration, with the seed of the plan."""
+
+
+class PlanValue(NamedTuple):
+    """Sums over a run, as in an evaluation; ``epi`` is the profit [EUR m-2], ``penalty`` the penalty for violations."""
+
+    reward: float
+    epi: float
+    penalty: float
+
+
+def replay_plans(task: TaskSpec, book: PlanBook, seeds: Sequence[int]) -> dict[int, PlanValue]:
+    """What the plans of ``book`` earn in the runs of ``task`` with ``seeds``, with the same bits as an evaluation.
+
+    Raises
+    ------
+    EpisodeError
+        When a step of a plan cannot be simulated.
+    """
+    simulation = Simulation(task, len(seeds))
+    simulation.reset(list(seeds))
+    actions = np.stack([book.plan(seed) for seed in seeds], axis=1)
+    sums = np.zeros((len(PlanValue._fields), len(seeds)))
+    for step, action in enumerate(actions):
+        outcome = simulation.step(action)
+        if outcome.failed:
+            first = outcome.failed[0]
+            msg = f"Step {step + 1} of the plan for the seed {seeds[first.row]} cannot be simulated: {first.reason}."
+            raise EpisodeError(msg)
+        sums += [outcome.quantities[name] for name in PlanValue._fields]
+    return {seed: PlanValue(*column) for seed, column in zip(seeds, sums.T.tolist(), strict=True)}
+
+
+@dataclass(frozen=True, eq=False)
+class PlanJob:
+    """Everything a worker needs to plan the runs with ``seeds``, which have identical conditions; ``start`` names the first agent."""
+
+    task: PackedTask
+    seeds: tuple[int, ...]
+    controls: Floats
+    start: str
+    iterations: int
+
+
+def make_plan(context: JobContext, job: PlanJob) -> PlanBook:
+    """A book with the plan; each ``Iteration`` is sent to the listener.
+
+    Raises
+    ------
+    GlbenchError
+        When there is no plan, or this machine's numbers would differ from those of the machine that packed the task.
+    """
+    task, seed = job.task.unpack(), job.seeds[0]
+    plan = plan_season(Scenario.of(task, seed), job.controls, iterations=job.iterations, watch=context.send)
+    book = PlanBook.of(task, job.seeds, plan.actions(), {"method": METHOD, "iterations": job.iterations})
+    return book.with_about(glbench=__version__, **replay_plans(task, book, [seed])[seed]._asdict())
+
+
 @dataclass(frozen=True)
-class Found:
-    """A plan found now or, if ``stored``, in an earlier search; ``reason`` says why there is none."""
+class PlanOutcome:
+    """A plan made now or, if ``stored``, in an earlier search; ``reason`` says why there is none."""
 
     seeds: tuple[int, ...]
-    earned: Earned | None
+    value: PlanValue | None
     stored: bool = False
     reason: str = ""
+
+    @classmethod
+    def of_book(cls, seeds: tuple[int, ...], book: PlanBook, *, stored: bool = False) -> PlanOutcome:
+        """The outcome for the runs with ``seeds``, which share the plan in ``book``."""
+        about = book.about_run(seeds[0])
+        return cls(seeds, PlanValue(*(float(about[name]) for name in PlanValue._fields)), stored)
 
 
 @dataclass(frozen=True)
@@ -88,13 +158,13 @@ class Search:
                 "glbench bound --submit RESULT.json."
             )
             raise GlbenchError(msg)
-        object.__setattr__(self, "groups", alike(self.task, self.seeds))
+        object.__setattr__(self, "groups", group_by_conditions(self.task, self.seeds))
 
     def place(self, seeds: Sequence[int]) -> Path:
         """Where the plan of a group is saved."""
         return self.folder / f"{seeds[0]}.npz"
 
-    def stored(self) -> list[Found]:
+    def stored(self) -> list[PlanOutcome]:
         """The plans found earlier.
 
         Raises
@@ -102,7 +172,7 @@ class Search:
         GlbenchError
             When a plan was made for another version of the task, or its file is damaged.
         """
-        found = []
+        outcomes = []
         for seeds in self.groups:
             file = self.place(seeds)
             if file.is_file():
@@ -111,9 +181,8 @@ class Search:
                 if reason is not None:
                     msg = f"The plans in {file} are not for {self.task.id}: {reason}. Choose another folder with --out."
                     raise GlbenchError(msg)
-                about = book.about_run(seeds[0])
-                found.append(Found(seeds, Earned(*(float(about[name]) for name in Earned._fields)), stored=True))
-        return found
+                outcomes.append(PlanOutcome.of_book(seeds, book, stored=True))
+        return outcomes
 
     def save_card(self) -> None:
         """Write the card with which the folder of plans can be evaluated as an agent that sees everything.
@@ -133,19 +202,19 @@ class Search:
         text = "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in lines.items())
         write_atomically(self.folder / CARD_FILE, f"{text}sources = []\n")
 
-    def orders(self, progress: Callable[[Progress], None] | None = None) -> list[PlanJob]:
+    def jobs(self, progress: Callable[[Progress], None] | None = None) -> list[PlanJob]:
         """The remaining plans to search for, each with the controls of the starting agent, which is evaluated in these runs."""
-        done = {found.seeds for found in self.stored()}
-        left = [seeds for seeds in self.groups if seeds not in done]
-        if not left:
+        stored = {outcome.seeds for outcome in self.stored()}
+        groups = [seeds for seeds in self.groups if seeds not in stored]
+        if not groups:
             return []
-        controls = begun(self.task, self.start, [seeds[0] for seeds in left], progress)
+        controls = agent_controls(self.task, self.start, [seeds[0] for seeds in groups], progress)
         task, name = PackedTask.of(self.task), self.start.agent.name
-        return [PlanJob(task, seeds, u, name, self.iterations) for seeds, u in zip(left, controls, strict=True)]
+        return [PlanJob(task, seeds, u, name, self.iterations) for seeds, u in zip(groups, controls, strict=True)]
 
     def run(
-        self, orders: Sequence[PlanJob], *, engine: str = "local", listener: Listener | None = None
-    ) -> Iterator[Found]:
+        self, jobs: Sequence[PlanJob], *, engine: str = "local", listener: Listener | None = None
+    ) -> Iterator[PlanOutcome]:
         """Search for plans, and save each one as soon as it is found.
 
         Raises
@@ -156,43 +225,53 @@ class Search:
         if engine not in _ENGINES:
             msg = f"There is no engine '{engine}'. It is one of {', '.join(_ENGINES)}."
             raise GlbenchError(msg)
+        if not jobs:
+            return
+        executor: Executor
         if engine == "ray":
-            planned = on_ray(orders, Cluster(self.address, self.workers), self.task, listener)
+            cores = None if self.address is not None else self.workers
+            executor = RayExecutor(self.address, cores, Payload.of([self.task], for_plans=True).unpack)
         else:
-            planned = here(orders, self.workers, listener)
-        for order, given in planned:
-            if isinstance(given, str):
-                yield Found(order.seeds, None, reason=given)
-                continue
-            book = given.with_about(start=order.start)
-            book.save(self.place(order.seeds))
-            about = book.about_run(order.seeds[0])
-            yield Found(order.seeds, Earned(*(float(about[name]) for name in Earned._fields)))
+            executor = local_executor(min(self.workers, len(jobs)))
+
+        listen = listener or (lambda seed, iteration: None)
+        with executor:
+            futures = {executor.submit(make_plan, job, listener=partial(listen, job.seeds[0])): job for job in jobs}
+            for future in executor.as_completed():
+                job = futures[future]
+                try:
+                    book: PlanBook = future.result()
+                except GlbenchError as error:
+                    yield PlanOutcome(job.seeds, None, reason=str(error))
+                    continue
+                book = book.with_about(start=job.start)
+                book.save(self.place(job.seeds))
+                yield PlanOutcome.of_book(job.seeds, book)
 
 
-def alike(task: TaskSpec, seeds: Sequence[int]) -> tuple[tuple[int, ...], ...]:
+def group_by_conditions(task: TaskSpec, seeds: Sequence[int]) -> tuple[tuple[int, ...], ...]:
     """The seeds, grouped so that the runs of a group have identical conditions and one plan serves them all."""
     groups: dict[str, list[int]] = {}
     for seed in seeds:
-        given, digest = Scenario.of(task, seed), hashlib.sha256()
-        for values in (given.x0, given.u_before, given.d, given.p, given.calendar):
+        scenario, digest = Scenario.of(task, seed), hashlib.sha256()
+        for values in (scenario.x0, scenario.u_before, scenario.d, scenario.p, scenario.calendar):
             digest.update(values.tobytes())
         groups.setdefault(digest.hexdigest(), []).append(seed)
     return tuple(tuple(group) for group in groups.values())
 
 
-class _Controls:
-    """Observes an agent's steps and records the controls."""
+class _ControlsRecorder:
+    """Records the controls of each step."""
 
     def __init__(self) -> None:
-        self.taken: list[Floats] = []
+        self.controls: list[Floats] = []
 
     def add(self, simulation: Simulation, outcome: StepResult) -> None:
         """Record the controls of a step."""
-        self.taken.append(np.array(simulation.u))
+        self.controls.append(np.array(simulation.u))
 
 
-def begun(
+def agent_controls(
     task: TaskSpec, agent: Protected, seeds: Sequence[int], progress: Callable[[Progress], None] | None = None
 ) -> Floats:
     """The controls of an agent in the runs of ``task`` with ``seeds``, ``(n, steps, controls)``.
@@ -202,11 +281,11 @@ def begun(
     GlbenchError
         When the agent cannot be evaluated, or one of its runs fails.
     """
-    prepared = prepare(task.scored, agent)
-    looking_on = _Controls()
-    result = replace(prepared, task=task, seeds=tuple(seeds), workers=1).compute(progress, looking_on).result
+    evaluation = replace(prepare(task.scored, agent), task=task, seeds=tuple(seeds), workers=1)
+    recorder = _ControlsRecorder()
+    result = evaluation.compute(progress, recorder).result
     if result.failed:
         run = result.failed[0]
         msg = f"'{agent.agent.name}' fails in the run with the seed {run.seed}: {run.reason}. Begin with another agent (--start)."
         raise GlbenchError(msg)
-    return np.stack(looking_on.taken, axis=1)
+    return np.stack(recorder.controls, axis=1)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from glbench import __version__
 from glbench.agents.baselines import read_baseline
 from glbench.agents.plans import PlanBook, PlanFolder, read_book
-from glbench.bounds.replay import Earned, replayed
+from glbench.bounds.search import PlanValue, replay_plans
 from glbench.errors import GlbenchError, SubmissionError, UnknownNameError
 from glbench.evaluation import load_result
 from glbench.evaluation.episodes import recorded_actions, task_of_result
@@ -25,18 +25,18 @@ BASELINE = "best_known"
 
 
 @dataclass(frozen=True)
-class Better:
-    """A plan for a run compared with the best known one: what each earns; ``known`` is ``None`` if there is no best known plan."""
+class PlanComparison:
+    """A plan for a run and the best known one: what each earns; ``best_value`` is ``None`` if there is no best known plan."""
 
     task: TaskSpec
     seed: int
-    earned: Earned
-    known: Earned | None
+    value: PlanValue
+    best_value: PlanValue | None
 
     @property
     def is_better(self) -> bool:
         """Whether the plan replaces the best known one."""
-        return self.known is None or self.earned.reward > self.known.reward
+        return self.best_value is None or self.value.reward > self.best_value.reward
 
 
 def best_known() -> PlanFolder:
@@ -46,7 +46,7 @@ def best_known() -> PlanFolder:
     return settings
 
 
-def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[Better]:
+def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[PlanComparison]:
     """Replay plans, and replace the best known ones with those that earn more.
 
     Parameters
@@ -58,7 +58,7 @@ def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[
 
     Yields
     ------
-    Better
+    PlanComparison
         The comparison for each run, once the books are written.
 
     Raises
@@ -72,20 +72,20 @@ def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[
         if shipped and not task.locked:
             raise SubmissionError(_not_published(task.id, task.digest))
         place = folder.place(task)
-        stands = read_book(place) if place.is_file() else None
-        reason = None if stands is None else stands.why_not(task)
+        best_book = read_book(place) if place.is_file() else None
+        reason = None if best_book is None else best_book.why_not(task)
         if reason is not None:
             msg = f"The best known plans in {place} do not fit: {reason}. Remove the file first."
             raise GlbenchError(msg)
-        earned = replayed(task, book, book.seeds)
-        old = [seed for seed in book.seeds if stands is not None and seed in stands.runs]
-        known = replayed(task, stands, old) if stands is not None and old else {}
-        compared = [Better(task, seed, earned[seed], known.get(seed)) for seed in book.seeds]
-        better = [one.seed for one in compared if one.is_better]
+        values = replay_plans(task, book, book.seeds)
+        common = [seed for seed in book.seeds if best_book is not None and seed in best_book.runs]
+        best_values = replay_plans(task, best_book, common) if best_book is not None and common else {}
+        comparisons = [PlanComparison(task, seed, values[seed], best_values.get(seed)) for seed in book.seeds]
+        better = [comparison.seed for comparison in comparisons if comparison.is_better]
         if better:
-            taken = book.only(better)
-            (taken if stands is None else stands.merged(taken)).save(place)
-        yield from compared
+            better_book = book.only(better)
+            (better_book if best_book is None else best_book.merged(better_book)).save(place)
+        yield from comparisons
 
 
 def _not_published(task_id: str, digest: str) -> str:
@@ -98,7 +98,14 @@ def _not_published(task_id: str, digest: str) -> str:
 def _batches(files: Sequence[Path]) -> Iterator[tuple[TaskSpec, PlanBook]]:
     """The plans in the files, in batches of one task and different runs, so that each batch is replayed at once."""
     batch: tuple[TaskSpec, PlanBook] | None = None
-    for file in _files(files):
+    books: list[Path] = []
+    for file in files:
+        plans = sorted(file.glob("*.npz")) if file.is_dir() else [file]
+        if not plans:
+            msg = f"There are no plans in {file}. `glbench bound TASK` searches for some."
+            raise SubmissionError(msg)
+        books += plans
+    for file in books:
         for task, book in candidates(file):
             if batch is None:
                 batch = task, book
@@ -120,7 +127,24 @@ def candidates(file: Path) -> Iterator[tuple[TaskSpec, PlanBook]]:
         When the file has no plans that can be replayed.
     """
     if file.suffix == ".json":
-        yield _of_result(file)
+        result = load_result(file)
+        log, task = recorded_actions(result, file), task_of_result(result, file)
+        agent = log.provenance.agent
+        if agent.acts != "actions" or task.salt_commitment is not None:
+            msg = (
+                f"{file} holds no plans: {agent.name} sets controls past the task's actuation, or its draws are secret."
+            )
+            raise SubmissionError(msg)
+        about = {"method": f"actions of {agent.name}", "agent_digest": agent.digest, "glbench": __version__}
+        whole = [row for row, run in enumerate(log.runs) if run.status == "ok"]
+        if not whole:
+            msg = f"{file} holds no plans: all of its runs failed."
+            raise SubmissionError(msg)
+        books = [PlanBook.of(task, [log.seeds[row]], log.actions[:, row], about) for row in whole]
+        book = books[0]
+        for other in books[1:]:
+            book = book.merged(other)
+        yield task, book
         return
     book = read_book(file)
     try:
@@ -133,34 +157,3 @@ def candidates(file: Path) -> Iterator[tuple[TaskSpec, PlanBook]]:
         msg = f"The plans in {file} are not for this version of {task.id}: {reason}."
         raise SubmissionError(msg)
     yield task, book
-
-
-def _of_result(file: Path) -> tuple[TaskSpec, PlanBook]:
-    result = load_result(file)
-    log, task = recorded_actions(result, file), task_of_result(result, file)
-    agent = log.provenance.agent
-    if agent.acts != "actions" or task.salt_commitment is not None:
-        msg = f"{file} holds no plans: {agent.name} sets controls past the task's actuation, or its draws are secret."
-        raise SubmissionError(msg)
-    about = {"method": f"actions of {agent.name}", "agent_digest": agent.digest, "glbench": __version__}
-    whole = [row for row, run in enumerate(log.runs) if run.status == "ok"]
-    if not whole:
-        msg = f"{file} holds no plans: all of its runs failed."
-        raise SubmissionError(msg)
-    books = [PlanBook.of(task, [log.seeds[row]], log.actions[:, row], about) for row in whole]
-    book = books[0]
-    for other in books[1:]:
-        book = book.merged(other)
-    return task, book
-
-
-def _files(given: Sequence[Path]) -> Iterator[Path]:
-    for one in given:
-        if one.is_dir():
-            files = sorted(one.glob("*.npz"))
-            if not files:
-                msg = f"There are no plans in {one}. `glbench bound TASK` searches for some."
-                raise SubmissionError(msg)
-            yield from files
-        else:
-            yield one

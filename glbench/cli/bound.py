@@ -41,7 +41,7 @@ from glbench.errors import GlbenchError
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from glbench.bounds import Better, Found, Search
+    from glbench.bounds import PlanComparison, PlanOutcome, Search
     from glbench.bounds.energy_costs import Costs
     from glbench.control import Iteration
 
@@ -131,8 +131,8 @@ def bound(
             results.append(one)
             if one.reason:
                 print_warning(f"No plan for seed {one.seeds[0]}: {one.reason}")
-            elif one.earned is not None and not messages().is_terminal:
-                gain = one.earned
+            elif one.value is not None and not messages().is_terminal:
+                gain = one.value
                 tell(
                     f"seed {one.seeds[0]}: reward {gain.reward:,.2f}, profit {gain.epi:,.2f} EUR/m2, penalty {gain.penalty:,.2f}"
                 )
@@ -178,13 +178,13 @@ def make_search(
     )
 
 
-def _plans(search: Search, engine: EngineName, remaining: int) -> Iterator[Found]:
+def _plans(search: Search, engine: EngineName, remaining: int) -> Iterator[PlanOutcome]:
     """Plan the remaining runs, with a progress bar."""
     if not remaining:
         return
     steps = search.task.steps
     with Bar("beginning", steps, time_left=True) as bar:
-        orders = search.orders(lambda standing: bar.move(standing.step) if bar.is_time() else None)
+        jobs = search.jobs(lambda standing: bar.move(standing.step) if bar.is_time() else None)
     with Bar("planning", remaining * search.iterations, "{task.fields[words]}", time_left=True, words="") as bar:
         completed = 0
 
@@ -193,32 +193,32 @@ def _plans(search: Search, engine: EngineName, remaining: int) -> Iterator[Found
             completed += 1
             bar.move(completed, words=f"seed {seed}: {iteration.reward:,.2f}")
 
-        yield from search.run(orders, engine=engine.value, listener=listen)
+        yield from search.run(jobs, engine=engine.value, listener=listen)
 
 
-def plan_parts(search: Search, results: Sequence[Found]) -> Iterator[Part]:
+def plan_parts(search: Search, results: Sequence[PlanOutcome]) -> Iterator[Part]:
     """The plans beside the best known ones, and what to do with them."""
     from glbench.bounds import best_known
 
     book = best_known().book(search.task)
     if book is not None and book.why_not(search.task) is not None:
         book = None
-    plans = sorted((one for one in results if one.earned is not None), key=lambda one: one.seeds)
+    plans = sorted((one for one in results if one.value is not None), key=lambda one: one.seeds)
     numbers = ("Reward", "Profit", "Penalty", "Known", "Gained")
     caption = "Profit in EUR/m2. Known: the reward of the best known plan so far."
     view = table(f"Plans for {search.task.id}", "Seed", *numbers, numbers=("Seed", *numbers), caption=caption)
     total = 0.0
     for one in plans:
-        assert one.earned is not None
-        total += one.earned.reward * len(one.seeds)
+        assert one.value is not None
+        total += one.value.reward * len(one.seeds)
         seeds = str(one.seeds[0]) if len(one.seeds) == 1 else f"{one.seeds[0]} + {len(one.seeds) - 1} alike"
         best = book.about_run(one.seeds[0]) if book is not None and one.seeds[0] in book.runs else None
         before = None if best is None else float(best["reward"])
         view.add(
             seeds,
-            *(f"{value:,.2f}" for value in one.earned),
+            *(f"{value:,.2f}" for value in one.value),
             "-" if before is None else f"{before:,.2f}",
-            "-" if before is None else f"{one.earned.reward - before:+,.2f}",
+            "-" if before is None else f"{one.value.reward - before:+,.2f}",
         )
     yield view
     if not plans:
@@ -238,19 +238,19 @@ def plan_parts(search: Search, results: Sequence[Found]) -> Iterator[Part]:
         )
 
 
-def submission_parts(plans: Sequence[Better]) -> Iterator[Part]:
+def submission_parts(plans: Sequence[PlanComparison]) -> Iterator[Part]:
     """Plans that were handed in beside the best known ones, task by task."""
     numbers = ("Handed in", "Known", "Gained")
     for task_id in dict.fromkeys(one.task.id for one in plans):
         of_task = [one for one in plans if one.task.id == task_id]
         view = table(f"Plans for {task_id}", "Seed", *numbers, "", numbers=("Seed", *numbers))
         for one in of_task:
-            best = one.known.reward if one.known is not None else None
+            best = one.best_value.reward if one.best_value is not None else None
             view.add(
                 str(one.seed),
-                f"{one.earned.reward:,.3f}",
+                f"{one.value.reward:,.3f}",
                 "-" if best is None else f"{best:,.3f}",
-                "-" if best is None else f"{one.earned.reward - best:+,.3f}",
+                "-" if best is None else f"{one.value.reward - best:+,.3f}",
                 "taken" if one.is_better else "",
             )
         yield view

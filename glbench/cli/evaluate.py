@@ -56,7 +56,7 @@ from glbench.extras import require
 if TYPE_CHECKING:
     from glbench.evaluation import Evaluation, Protected, Result
     from glbench.evaluation import SandboxChoice as SandboxName
-    from glbench.evaluation.engines import Engine, Job, Outcome, Report
+    from glbench.evaluation.jobs import Engine, Job, Outcome, Report
     from glbench.leaderboard.catalogue import Metric
     from glbench.tasks import Round, TaskSpec
 
@@ -147,8 +147,8 @@ def evaluate(
     if engine is EngineName.RAY:
         require("--engine ray", "ray", "ray")
     with leaving_at_once():
-        from glbench.evaluation.engines import Job, Options
         from glbench.evaluation.fresh_draws import check_fresh_draws
+        from glbench.evaluation.jobs import Job, Options
         from glbench.evaluation.sandbox.choosing import keep_out_of_sight
         from glbench.kernel import why_not_compiled, will_compile
 
@@ -216,14 +216,10 @@ def _all_failed(result: Result) -> str:
 
 
 def _engine(name: EngineName, address: str | None, workers: int | None) -> Engine:
-    from glbench.evaluation.engines import LocalEngine
+    from glbench.evaluation.jobs import LocalEngine, RayEngine
 
     check_address(address, name)
-    if name is EngineName.LOCAL:
-        return LocalEngine()
-    from glbench.evaluation.engines.ray import RayEngine
-
-    return RayEngine(address, workers)
+    return LocalEngine() if name is EngineName.LOCAL else RayEngine(address, workers)
 
 
 def select_tasks(
@@ -348,8 +344,8 @@ class _WithFreshDraws:
 
     def run(self, jobs: Sequence[Job], report: Report) -> Iterator[Outcome]:
         """Do the jobs, each with the published and then with fresh draws."""
-        from glbench.evaluation.engines import LocalEngine
         from glbench.evaluation.fresh_draws import add_fresh_draws
+        from glbench.evaluation.jobs import LocalEngine
 
         outcomes = self._engine.run(jobs, report)
         # A cluster is left before it is joined again.

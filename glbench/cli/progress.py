@@ -16,7 +16,7 @@ from glbench.cli.console import Markup, count, messages, tell
 if TYPE_CHECKING:
     from glbench.evaluation import Evaluation
     from glbench.evaluation import Progress as Standing
-    from glbench.evaluation.engines import Job, Outcome
+    from glbench.evaluation.jobs import Job, Outcome
     from glbench.leaderboard.catalogue import Metric
     from glbench.tasks import TaskSpec
     from glbench.training import CurvePoint

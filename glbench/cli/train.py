@@ -46,12 +46,12 @@ from glbench.untrusted import real_path
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from glbench.execution import Executor
     from glbench.leaderboard.catalogue import Metric
     from glbench.tasks import TaskSpec
     from glbench.training import Listener, Trained
-    from glbench.training.cluster import ClusterTrainer, Training
+    from glbench.training.multi_seed import Training
     from glbench.training.settings import EvaluationPlan
-    from glbench.training.several import Trainer
     from glbench.training.sweep import TrialReport
 
 _MOST_TRIALS = 20
@@ -352,16 +352,10 @@ def sweep(
     score = catalogue(spec).score
     stop = "Finished trials are kept. Run the same command again to continue."
     with interruption(stop), contextlib.ExitStack() as stack:
-        cluster, at_once = None, workers or 1
-        if engine is EngineName.RAY:
-            cluster, at_once = stack.enter_context(on_cluster(Where(True, address, workers), [spec]))
-        trials = run_sweep(
-            search,
-            folder,
-            workers=at_once,
-            report=lambda trial: tell(trial_in_words(trial, score)),
-            cluster=cluster,
-        )
+        executor = None
+        if engine is EngineName.RAY or (workers or 1) > 1:
+            executor = stack.enter_context(executor_of(Where(engine is EngineName.RAY, address, workers), spec))
+        trials = run_sweep(search, folder, executor=executor, report=lambda trial: tell(trial_in_words(trial, score)))
     put_parts([trials_table(trials, score)])
     if not any(trial.state != "fail" for trial in trials):
         msg = f"None of the {len(trials)} trials succeeded; the reasons are above. Correct {config} and choose a new folder with --out."
@@ -399,27 +393,22 @@ def seeds_of(text: str) -> list[int]:
 
 
 @contextlib.contextmanager
-def on_cluster(where: Where, tasks: list[TaskSpec]) -> Iterator[tuple[ClusterTrainer, int]]:
-    """The trainer, and how many trainings it runs at a time."""
-    from glbench.evaluation.engines.cluster import Cluster, cores_of
-    from glbench.training.cluster import ClusterTrainer
-
-    with messages().status("reaching the cluster") as status, Cluster(where.address, where.workers).connected() as ray:
-        trainer, cores = ClusterTrainer(ray, tasks), cores_of(ray)
-        status.stop()
-        yield trainer, cores if where.workers is None else min(where.workers, cores)
-
-
-@contextlib.contextmanager
-def _trainer(where: Where, task: TaskSpec) -> Iterator[tuple[Trainer, int]]:
-    from glbench.evaluation.provenance import usable_cores
-    from glbench.training.several import ProcessTrainer
+def executor_of(where: Where, task: TaskSpec) -> Iterator[Executor]:
+    """The executor for trainings on ``task``; without a number of workers, it uses all cores."""
+    from glbench.execution import ProcessExecutor, RayExecutor
 
     if where.on_ray:
-        with on_cluster(where, [task]) as trainer:
-            yield trainer
+        from glbench.evaluation.payload import Payload
+
+        with contextlib.ExitStack() as stack:
+            with messages().status("reaching the cluster"):
+                executor = stack.enter_context(RayExecutor(where.address, where.workers, Payload.of([task]).unpack))
+            yield executor
     else:
-        yield ProcessTrainer(), where.workers or usable_cores()
+        from glbench.evaluation.provenance import usable_cores
+
+        with ProcessExecutor(where.workers or usable_cores()) as processes:
+            yield processes
 
 
 def train_with_seeds(
@@ -439,7 +428,7 @@ def train_with_seeds(
         With code 1 when a training failed, else 3 when one learnt nothing, 130 when interrupted.
     """
     from glbench.leaderboard.catalogue import catalogue
-    from glbench.training.several import train_seeds
+    from glbench.training.multi_seed import train_seeds
 
     score, place, (seeds, where) = catalogue(task).score, out or Path("runs"), several
     folders = {seed: place / f"{name}-seed{seed}" for seed in seeds}
@@ -448,14 +437,12 @@ def train_with_seeds(
     stop = (
         "Run the same command again to continue: finished seeds are kept, the rest resume from their last checkpoints."
     )
-    with interruption(stop), _trainer(where, task) as (trainer, at_once), contextlib.ExitStack() as stack:
-        words = f"{len(folders)} seeds, {min(at_once, len(folders))} at a time, in {place}"
+    with interruption(stop), executor_of(where, task) as executor:
+        words = f"{len(folders)} seeds, {min(executor.workers, len(folders))} at a time, in {place}"
         put_parts([paragraph(words, aside=True)])
         outcomes = train_seeds(
-            trainer, training, task, settings, folders, at_once=at_once,
-            listeners=lambda seed: [TrainingLines(seed, score)], **options,
-        )  # fmt: skip
-        stack.enter_context(contextlib.closing(outcomes))  # its threads end before the cluster disconnects
+            executor, training, task, settings, folders, listeners=lambda seed: [TrainingLines(seed, score)], **options
+        )
         for seed, trained in outcomes:
             if isinstance(trained, GlbenchError):
                 failures += 1

@@ -1,16 +1,11 @@
-"""Files of an evaluation: where results are stored, writing them whole or not at all, reading them as hostile, scratch folders."""
+"""Files of an evaluation: where results are stored, writing them whole or not at all, reading them as hostile."""
 
 from __future__ import annotations
 
-import contextlib
 import os
-import shutil
 import tempfile
-import time
 from pathlib import Path
-from typing import Final
 
-import filelock
 from pydantic import ValidationError
 
 from glbench.errors import GlbenchError, ResultError
@@ -22,10 +17,6 @@ from glbench.untrusted import MIB, parse_json, quoted, read_regular, reason_of
 _MOST_PROBLEMS = 3
 LARGEST_RESULT = 32 * MIB
 """A run takes less than 1.5 kB, and a task has at most 10,000."""
-_PREFIX: Final = "glbench-scratch-"
-_LOCK: Final = ".in-use"
-_OLD_SECONDS: Final = 60.0
-"""Younger folders may be in the making: there is a moment between a folder and its lock."""
 
 
 class SavingError(GlbenchError):
@@ -126,37 +117,3 @@ def _check_schema(path: Path, text: str) -> None:
             "Update glbench, or use the one that wrote it."
         )
         raise ResultError(msg)
-
-
-class Scratch:
-    """A folder below the system's for temporary files, made when it is first asked for."""
-
-    def __init__(self) -> None:
-        self._folder: Path | None = None
-        self._lock: filelock.BaseFileLock | None = None
-
-    def folder(self) -> Path:
-        """The folder; nobody but this user can look into it."""
-        if self._folder is None:
-            _clear_away(Path(tempfile.gettempdir()))
-            self._folder = Path(tempfile.mkdtemp(prefix=_PREFIX))
-            self._lock = filelock.FileLock(self._folder / _LOCK)
-            self._lock.acquire()
-        return self._folder
-
-    def remove(self) -> None:
-        """Remove the folder, if there is one."""
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
-        if self._lock is not None:
-            self._lock.release()
-        self._folder = self._lock = None
-
-
-def _clear_away(place: Path) -> None:
-    """Remove folders of processes that were killed: their locks went with them."""
-    for folder in place.glob(f"{_PREFIX}*"):
-        with contextlib.suppress(OSError, filelock.Timeout):  # another user's, or in use
-            if time.time() - folder.stat().st_mtime > _OLD_SECONDS and (folder / _LOCK).is_file():
-                with filelock.FileLock(folder / _LOCK, blocking=False):
-                    shutil.rmtree(folder, ignore_errors=True)

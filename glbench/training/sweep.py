@@ -8,27 +8,25 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import optuna
 from optuna.storages import RDBStorage
-from optuna.study import MaxTrialsCallback
 from optuna.trial import FrozenTrial, TrialState
 from pydantic import Field, ValidationError, model_validator
 
-from glbench.children import worker
 from glbench.errors import GlbenchError, TrainingError, did_you_mean
+from glbench.execution import Executor, Future, InlineExecutor
 from glbench.settings import readable_errors, validated
 from glbench.tasks import get_task
 from glbench.training.algorithms import check_settings
 from glbench.training.card import settings_digest
 from glbench.training.folder import CHECKPOINT
+from glbench.training.multi_seed import outcome_of, submit_training
 from glbench.training.probe import CurvePoint, Listener
 from glbench.training.run import train
 from glbench.training.settings import (
@@ -44,14 +42,12 @@ from glbench.yaml_reader import read_yaml
 if TYPE_CHECKING:
     import optuna
 
-    from glbench.training.cluster import ClusterTrainer
-
 
 Choice = bool | int | float | str
 STUDY = "study.db"
 _ENDED = (TrialState.COMPLETE, TrialState.PRUNED, TrialState.FAIL)
 _REASON = "reason"
-_LOCK_SECONDS, _LOOK_SECONDS = 60, 1.0
+_LOCK_SECONDS = 60
 
 
 class Parameter(FrozenSettings):
@@ -228,19 +224,21 @@ def base_settings(search: Search) -> TrainingSettings:
 
 
 def sweep(
-    search: Search,
-    folder: Path,
-    *,
-    workers: int = 1,
-    report: Report | None = None,
-    cluster: ClusterTrainer | None = None,
+    search: Search, folder: Path, *, executor: Executor | None = None, report: Report | None = None
 ) -> list[TrialReport]:
     """Run the search in ``folder`` until it has all its trials; what is there already counts, and is continued.
 
     A trial that a kill interrupted does not count, and another one takes its place; one that failed counts. What a trial draws
     follows from the search's seed and the trial's number: a search that is continued, and several workers, try no choice twice by
-    that. With several workers the course of a search depends on who is faster; each trial by itself is reproducible. On a
-    ``cluster`` trials are trained, ``workers`` at a time; the study and the trials' folders are here.
+    that. With several workers the course of a search depends on who is faster; each trial by itself is reproducible. Study and
+    folders of the trials are always on this machine.
+
+    Parameters
+    ----------
+    executor
+        Trains the trials, as many at a time as it has workers; by default this process.
+    report
+        Gets each trial that ended, those of other commands that work on the same search included.
 
     Returns
     -------
@@ -259,36 +257,68 @@ def sweep(
     folder.mkdir(parents=True, exist_ok=True)
     study = open_study(search, folder)
     _claim(study, search, settings, folder)
-    told = {trial.number for trial in study.get_trials(deepcopy=False, states=_ENDED)}
+    reported = {trial.number for trial in study.get_trials(deepcopy=False, states=_ENDED)}
+    task = get_task(search.task)
 
-    def tell(*_: object) -> None:
-        """Report the trials that ended since the last time."""
-        for ended in study.get_trials(deepcopy=False, states=_ENDED):
-            if ended.number not in told:
-                told.add(ended.number)
-                if report is not None:
-                    report(_report_of(ended))
+    def trials(count: int) -> Iterator[optuna.Trial]:
+        for _ in range(count):
+            if len(study.get_trials(deepcopy=False, states=_ENDED)) >= search.total:
+                return  # other commands may work on the same search
+            yield study.ask()
 
-    left = max(search.total - len(told), 0)
-    shares = [share for share in (left // workers + (worker < left % workers) for worker in range(workers)) if share]
-    if cluster is not None:
-        _work_elsewhere(search, folder, shares, tell, cluster)
-    elif workers == 1:
-        try:
-            _work(search, folder, left, tell)
-        except _Interrupted:
-            raise KeyboardInterrupt from None
-    else:
-        _work_together(search, folder, shares, tell)
-    trials = [_report_of(trial) for trial in study.get_trials(states=_ENDED)]
-    if trials and all(trial.state == "fail" for trial in trials):
-        msg = f"All {len(trials)} trials of the search in {folder} failed, the last one so: {trials[-1].reason}"
+    def submit(trial: optuna.Trial) -> Future:
+        if search.method != "grid":
+            study.sampler = _sampler(search, trial.number)
+        choices = {name: parameter.suggest(trial, name) for name, parameter in search.parameters.items()}
+        return submit_training(
+            executor or inline,
+            train,
+            task,
+            with_choices(settings, choices, search.steps),
+            _trial_folder(folder, trial),
+            seed=search.seed,
+            resume=True,
+            tensorboard=False,
+            save_seconds=float("inf"),
+            listeners=[_Pruning(trial, search.steps)],
+            waits_for_answers=search.prune,
+        )
+
+    with InlineExecutor() as inline:
+        coming = (executor or inline).map_as_completed(submit, trials(max(search.total - len(reported), 0)))
+        for trial, future in coming:
+            _end_trial(study, trial, future, _trial_folder(folder, trial))
+            for ended in study.get_trials(deepcopy=False, states=_ENDED):
+                if ended.number not in reported:
+                    reported.add(ended.number)
+                    if report is not None:
+                        report(_report_of(ended))
+    reports = [_report_of(trial) for trial in study.get_trials(states=_ENDED)]
+    if reports and all(trial.state == "fail" for trial in reports):
+        msg = f"All {len(reports)} trials of the search in {folder} failed, the last one so: {reports[-1].reason}"
         raise TrainingError(msg)
-    return sorted(trials, key=lambda trial: -float("inf") if trial.reward is None else trial.reward, reverse=True)
+    return sorted(reports, key=lambda trial: -float("inf") if trial.reward is None else trial.reward, reverse=True)
 
 
-class _Interrupted(SystemExit):
-    """Ctrl-C in a trial. Optuna takes a KeyboardInterrupt for a trial that failed, which would count."""
+def _trial_folder(folder: Path, trial: optuna.Trial) -> Path:
+    return folder / f"trial-{trial.number:04d}"
+
+
+def _end_trial(study: optuna.Study, trial: optuna.Trial, future: Future, folder: Path) -> None:
+    """Write the outcome of a trial into the study."""
+    state, reward = TrialState.FAIL, None
+    try:
+        reward = outcome_of(future, folder).best_reward
+        if not math.isnan(reward):
+            state = TrialState.COMPLETE
+    except optuna.TrialPruned:
+        state = TrialState.PRUNED
+    except Exception as error:
+        first_line = (str(error).strip().splitlines() or [""])[0]
+        reason = first_line if isinstance(error, GlbenchError) else f"{type(error).__name__}: {first_line}"
+        trial.set_user_attr(_REASON, reason)
+    study.tell(trial, reward if state == TrialState.COMPLETE else None, state)
+    shutil.rmtree(folder / CHECKPOINT, ignore_errors=True)  # with a replay buffer it is large; no trial continues
 
 
 class _Pruning(Listener):
@@ -305,93 +335,6 @@ class _Pruning(Listener):
         self._trial.report(point.result.reward, point.steps)
         if point.steps < self._last_step and self._trial.should_prune():
             raise optuna.TrialPruned
-
-
-def _work(
-    search: Search,
-    folder: Path,
-    share: int,
-    *tell: Callable[[optuna.Study, FrozenTrial], None],
-    cluster: ClusterTrainer | None = None,
-) -> None:
-    settings, task = base_settings(search), get_task(search.task)
-
-    def objective(trial: optuna.Trial) -> float:
-        if search.method != "grid":
-            trial.study.sampler = _sampler(search, trial.number)
-        choices = {name: parameter.suggest(trial, name) for name, parameter in search.parameters.items()}
-        place = folder / f"trial-{trial.number:04d}"
-        try:
-            do = train if cluster is None else partial(cluster.train, train, asks=search.prune)
-            trained = do(
-                task,
-                with_choices(settings, choices, search.steps),
-                place,
-                seed=search.seed,
-                resume=True,
-                tensorboard=False,
-                save_seconds=float("inf"),
-                listeners=[_Pruning(trial, search.steps)],
-            )
-        except optuna.TrialPruned:
-            raise
-        except KeyboardInterrupt:
-            raise _Interrupted(130) from None
-        except Exception as error:
-            if cluster is not None and cluster.stopped:
-                raise _Interrupted(130) from None
-            trial.set_user_attr(_REASON, _in_a_line(error))
-            raise
-        finally:
-            shutil.rmtree(
-                place / CHECKPOINT, ignore_errors=True
-            )  # with a replay buffer it is large; no trial continues
-        return trained.best_reward
-
-    enough = MaxTrialsCallback(search.total, states=_ENDED)  # other commands may work on the same search
-    open_study(search, folder).optimize(objective, n_trials=share, catch=Exception, callbacks=[*tell, enough])
-
-
-def _work_together(search: Search, folder: Path, shares: list[int], tell: Callable[[], None]) -> None:
-    others = [worker(_work, search, folder, share) for share in shares]
-    for process in others:
-        process.start()
-    try:
-        while alive := [process for process in others if process.is_alive()]:
-            alive[0].join(_LOOK_SECONDS)
-            tell()
-        tell()
-    except BaseException:
-        for process in others:
-            process.terminate()
-        raise
-    if any(process.exitcode for process in others):
-        msg = f"A worker of the sweep in {folder} failed; its message is above. Run the same command again to continue."
-        raise TrainingError(msg)
-
-
-def _work_elsewhere(
-    search: Search, folder: Path, shares: list[int], tell: Callable[[], None], cluster: ClusterTrainer
-) -> None:
-    """Threads that each do a share of the trials on the cluster, one after the other."""
-    if not shares:
-        return
-    with ThreadPoolExecutor(len(shares)) as threads:
-        waiting = {threads.submit(_work, search, folder, share, cluster=cluster) for share in shares}
-        try:
-            while waiting:
-                done, waiting = wait(waiting, timeout=_LOOK_SECONDS)
-                tell()
-                for future in done:
-                    future.result()
-        except BaseException:
-            cluster.stop()
-            raise
-
-
-def _in_a_line(error: Exception) -> str:
-    first = (str(error).strip().splitlines() or [""])[0]
-    return first if isinstance(error, GlbenchError) else f"{type(error).__name__}: {first}"
 
 
 def open_study(search: Search, folder: Path) -> optuna.Study:
@@ -412,24 +355,31 @@ def _sampler(search: Search, trial: int) -> optuna.samplers.BaseSampler:
     seed = int(np.random.SeedSequence([search.seed, trial]).generate_state(1)[0])
     if search.method == "grid":
         grid = {name: list(p.values or (p.first,)) for name, p in search.parameters.items()}
-        return optuna.samplers.GridSampler(grid, seed=search.seed)
+        return _GridSampler(grid, seed=search.seed)
     if search.method == "random":
         return optuna.samplers.RandomSampler(seed=seed)
     return optuna.samplers.TPESampler(seed=seed)
 
 
+class _GridSampler(optuna.samplers.GridSampler):
+    """Does not stop the study after the last combination, which Optuna allows in its own loop only."""
+
+    def after_trial(self, study: optuna.Study, trial: FrozenTrial, state: TrialState, values: Any) -> None:
+        """Do nothing: ``sweep`` counts trials."""
+
+
 def _claim(study: optuna.Study, search: Search, settings: TrainingSettings, folder: Path) -> None:
     """Write the search into its study, with what its files say; refuse a study of another search."""
     content = search.model_dump(mode="json", exclude={"trials"})
-    wanted = {**content, "config": settings_digest(settings), "task": get_task(search.task).digest}
-    found = study.user_attrs.get("search")
-    before = wanted if found is None else json.loads(found)
-    changed = [name for name, value in wanted.items() if before.get(name) != value]
-    if changed:
-        differs = f"{folder} holds another search, which differs in {', '.join(changed)}."
+    identity = {**content, "config": settings_digest(settings), "task": get_task(search.task).digest}
+    stored = study.user_attrs.get("search")
+    before = identity if stored is None else json.loads(stored)
+    differences = [name for name, value in identity.items() if before.get(name) != value]
+    if differences:
+        differs = f"{folder} holds another search, which differs in {', '.join(differences)}."
         msg = f"{differs} Choose another folder with --out, or what it was begun with (only 'trials' may grow)."
         raise TrainingError(msg)
-    study.set_user_attr("search", json.dumps(wanted))
+    study.set_user_attr("search", json.dumps(identity))
 
 
 def _report_of(trial: FrozenTrial) -> TrialReport:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from glbench.agents.plans import HALF_SCALE, PlanBook, PlanFolder, read_book
-from glbench.bounds import replayed
+from glbench.bounds import replay_plans
 from glbench.env import Simulation
 from glbench.errors import GlbenchError, ShapeError, SubmissionError
 from glbench.evaluation import evaluate
@@ -129,7 +129,7 @@ def test_an_evaluation_carries_out_the_plan_of_each_run(drawn: TaskSpec, tmp_pat
     assert result.agent.privileged
     book = plans.book(drawn)
     assert book is not None
-    earned = replayed(drawn, book, list(seeds))
+    earned = replay_plans(drawn, book, list(seeds))
     for run in result.runs:
         assert run.metrics["reward"] == earned[run.seed].reward
         assert run.metrics["epi"] == earned[run.seed].epi
@@ -172,4 +172,4 @@ def test_an_error_of_a_plan_is_told_with_its_step(drawn: TaskSpec, monkeypatch: 
 
     monkeypatch.setattr(Simulation, "step", breaking)
     with pytest.raises(GlbenchError, match="Step 5 of the plan for the seed 3 cannot be simulated: too hot"):
-        replayed(drawn, book, [3])
+        replay_plans(drawn, book, [3])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from glbench.agents.plans import PlanBook, PlanFolder, read_book
-from glbench.bounds import Search, alike, begun, candidates, replayed, submit
+from glbench.bounds import Search, agent_controls, candidates, group_by_conditions, replay_plans, submit
 from glbench.bounds import submitting as submitting_module
 from glbench.control import Iteration
 from glbench.errors import GlbenchError, SubmissionError
@@ -31,8 +31,8 @@ def books(folder: Path) -> dict[str, bytes]:
 
 
 def test_runs_in_which_the_same_is_given_share_a_plan(nominal: TaskSpec, drawn: TaskSpec) -> None:
-    assert alike(nominal, (4, 9, 2)) == ((4, 9, 2),)
-    assert alike(drawn, (4, 9, 2)) == ((4,), (9,), (2,))
+    assert group_by_conditions(nominal, (4, 9, 2)) == ((4, 9, 2),)
+    assert group_by_conditions(drawn, (4, 9, 2)) == ((4,), (9,), (2,))
 
 
 def test_machines_that_are_off_or_on_are_not_planned(tmp_path: Path) -> None:
@@ -43,23 +43,23 @@ def test_machines_that_are_off_or_on_are_not_planned(tmp_path: Path) -> None:
 def test_a_search_finds_better_plans_keeps_them_and_goes_on(drawn: TaskSpec, tmp_path: Path) -> None:
     search = a_search(drawn, tmp_path)
     told: list[tuple[int, Iteration]] = []
-    first = next(found := search.run(search.orders(), listener=lambda seed, one: told.append((seed, one))))
+    first = next(found := search.run(search.jobs(), listener=lambda seed, one: told.append((seed, one))))
     assert first.seeds == (SEEDS[0],)
     found.close()  # as when somebody interrupts it
     assert [(seed, one.number) for seed, one in told] == [(SEEDS[0], 1), (SEEDS[0], 2)]
     assert [one.seeds for one in search.stored()] == [(SEEDS[0],)]
 
     before = books(tmp_path)
-    rest = list(search.run(search.orders()))
+    rest = list(search.run(search.jobs()))
     assert [one.seeds for one in rest] == [(SEEDS[1],)]
     assert books(tmp_path).items() >= before.items()
-    assert search.orders() == []
+    assert search.jobs() == []
     start = evaluate(drawn, MY_AGENT, runs=2, first_seed=SEEDS[0])
     for one, run in zip(search.stored(), start.runs, strict=True):
-        assert one.earned is not None
-        assert one.earned.reward > run.metrics["reward"]
+        assert one.value is not None
+        assert one.value.reward > run.metrics["reward"]
         book = read_book(search.place(one.seeds))
-        assert replayed(drawn, book, one.seeds)[one.seeds[0]] == one.earned
+        assert replay_plans(drawn, book, one.seeds)[one.seeds[0]] == one.value
         assert book.about_run(one.seeds[0])["start"] == "my_agent"
 
 
@@ -67,7 +67,7 @@ def test_processes_find_the_same_plans(drawn: TaskSpec, tmp_path: Path) -> None:
     alone, two = a_search(drawn, tmp_path / "alone"), a_search(drawn, tmp_path / "two", workers=2)
     told: list[int] = []
     for search in (alone, two):
-        list(search.run(search.orders(), listener=lambda seed, _one: told.append(seed)))
+        list(search.run(search.jobs(), listener=lambda seed, _one: told.append(seed)))
     assert books(tmp_path / "alone") == books(tmp_path / "two")
     assert sorted(told) == sorted([*SEEDS, *SEEDS] * 2)
 
@@ -80,18 +80,18 @@ def test_processes_find_the_same_plans(drawn: TaskSpec, tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_ray_finds_the_same_plans(drawn: TaskSpec, tmp_path: Path) -> None:
     alone, ray = a_search(drawn, tmp_path / "alone"), a_search(drawn, tmp_path / "ray", workers=2)
-    list(alone.run(alone.orders()))
-    list(ray.run(ray.orders(), engine="ray"))
+    list(alone.run(alone.jobs()))
+    list(ray.run(ray.jobs(), engine="ray"))
     assert books(tmp_path / "alone") == books(tmp_path / "ray")
 
 
 def test_what_cannot_be_planned_is_said(drawn: TaskSpec, tmp_path: Path, nominal: TaskSpec) -> None:
     search = a_search(drawn, tmp_path)
-    order = search.orders()[0]
+    order = search.jobs()[0]
     with pytest.raises(GlbenchError, match="no engine 'gpu'"):
         list(search.run([order], engine="gpu"))
     (found,) = search.run([replace(order, task=replace(order.task, digest="0" * 64))])
-    assert found.earned is None
+    assert found.value is None
     assert "the task has a different digest" in found.reason
     (found,) = search.run([replace(order, controls=order.controls[1:])])
     assert "shape (48, 6)" in found.reason
@@ -109,7 +109,7 @@ def test_an_agent_that_fails_is_no_start(drawn: TaskSpec, tmp_path: Path) -> Non
         "def make_agent(task):\n    return A()\n"
     )
     with pytest.raises(GlbenchError, match=r"'late' fails in the run with the seed 7.*--start"):
-        begun(drawn, protect(agent, "none"), [7])
+        agent_controls(drawn, protect(agent, "none"), [7])
 
 
 @pytest.fixture
@@ -129,14 +129,14 @@ def test_only_better_plans_take_the_places_of_the_best_known(
     published: TaskSpec, known: PlanFolder, tmp_path: Path
 ) -> None:
     changes = (0.0, 0.05, 0.5)
-    earned = {change: replayed(published, plan_of(published, 3, change), [3])[3].reward for change in changes}
+    earned = {change: replay_plans(published, plan_of(published, 3, change), [3])[3].reward for change in changes}
     worst, middle, best = sorted(changes, key=lambda change: earned[change])
 
     def handed_in(change: float, seed: int = 3) -> bool:
         file = tmp_path / "in" / f"{seed}.npz"
         plan_of(published, seed, change).save(file)
         (compared,) = submit([file], known)
-        assert compared.earned.reward == pytest.approx(earned[change], abs=1e-9 if seed == 3 else 10.0)
+        assert compared.value.reward == pytest.approx(earned[change], abs=1e-9 if seed == 3 else 10.0)
         return compared.is_better
 
     assert handed_in(middle)
@@ -160,7 +160,7 @@ def test_a_result_of_any_agent_may_be_handed_in(published: TaskSpec, known: Plan
     assert all(one.is_better for one in compared)
     # Rounded actions earn nearly what the agent earned.
     for one, run in zip(compared, result.runs, strict=True):
-        assert one.earned.reward == pytest.approx(run.metrics["reward"], abs=0.02)
+        assert one.value.reward == pytest.approx(run.metrics["reward"], abs=0.02)
 
 
 def test_controls_past_the_actuation_are_no_plan(published: TaskSpec, known: PlanFolder, tmp_path: Path) -> None:

@@ -53,11 +53,11 @@ default:
 TRAIN = """
 import sys
 from pathlib import Path
-from glbench.evaluation.engines.cluster import Cluster
+from glbench.evaluation.payload import Payload
+from glbench.execution import RayExecutor
 from glbench.tasks import get_task
 from glbench.training import read_settings, train
-from glbench.training.cluster import ClusterTrainer
-from glbench.training.several import train_seeds
+from glbench.training.multi_seed import train_seeds
 
 class Listening:
     def __init__(self, seed):
@@ -72,10 +72,10 @@ class Listening:
 
 task = get_task("day.toml")
 settings = read_settings(Path("settings.yml"), "ppo", task.id)
-with Cluster(sys.argv[1]).connected() as ray:
+with RayExecutor(sys.argv[1], 2, Payload.of([task]).unpack) as executor:
     folders = {seed: Path("api") / f"seed{seed}" for seed in (0, 1)}
     for seed, trained in train_seeds(
-        ClusterTrainer(ray, [task]), train, task, settings, folders, at_once=2, listeners=lambda seed: [Listening(seed)],
+        executor, train, task, settings, folders, listeners=lambda seed: [Listening(seed)],
         tensorboard=False, save_seconds=0.0,
     ):
         print("ended", seed, trained, flush=True)

@@ -1196,9 +1196,9 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("at most 0.1 a step", "definition: the controls that walk"),
     ],
     "docs/scale.md": [
-        ("up to 3 times", "definition: engines/cluster.py"),
-        ("then every 20 s", "definition: engines/cluster.py"),
-        ("of more than 256 MiB", "definition: engines/cluster.py"),
+        ("up to 3 times", "definition: execution.py"),
+        ("then every 20 s", "definition: execution.py"),
+        ("of more than 256 MiB", "definition: execution.py"),
     ],
     "docs/viewing.md": [("24 h mean temperature", "definition: a quantity")],
     "docs/environment.md": [

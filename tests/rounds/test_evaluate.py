@@ -16,12 +16,11 @@ from glbench.episodes.definition import definition_json
 from glbench.episodes.mcap_file import scan
 from glbench.errors import EpisodeError, ResultError, SandboxError
 from glbench.evaluation import evaluate, load_result, prepare, protect, result_path
-from glbench.evaluation.engines import Job, LocalEngine, Options
-from glbench.evaluation.engines.luggage import PackedTask
-from glbench.evaluation.engines.ray import PackedAgent, RunsJob, put_together, work
 from glbench.evaluation.episodes import make_episodes, task_of_result
+from glbench.evaluation.jobs import Job, LocalEngine, Options, RunsJob, compute_runs, join_parts
+from glbench.evaluation.payload import PackedAgent, PackedTask
 from glbench.evaluation.preparing import results_folder
-from glbench.evaluation.saving import Computed
+from glbench.execution import JobContext
 from glbench.resources import data_folder
 from glbench.tasks import TaskSpec
 from glbench.verification import SUFFIX
@@ -161,13 +160,12 @@ def test_a_worker_has_the_draws_of_the_round(tiny: TaskSpec, sealed: Path) -> No
         PackedTask.of(task), PackedAgent.of("rule_based"), evaluation.seeds, False, evaluation.protection, evaluation.agent.digest
     )  # fmt: skip
     assert SECRET.salt not in repr(order)
-    computed = work(pickle.loads(pickle.dumps(order)), lambda _: None)
-    assert isinstance(computed, Computed)
-    whole = put_together(evaluation, [computed])
+    context = JobContext(None, lambda progress: None)
+    computed = compute_runs(context, pickle.loads(pickle.dumps(order)))
+    whole = join_parts(evaluation, [computed])
     assert whole.result.results_digest == load_result(sealed).results_digest
     assert whole.result.task.salt_commitment == SECRET.commitment
-    without = work(dataclasses.replace(order, task=dataclasses.replace(order.task, sealed="")), lambda _: None)
-    assert isinstance(without, Computed)
+    without = compute_runs(context, dataclasses.replace(order, task=dataclasses.replace(order.task, sealed="")))
     assert without.result.task.salt_commitment is None
 
 
@@ -178,7 +176,7 @@ def test_a_worker_has_the_draws_of_the_round(tiny: TaskSpec, sealed: Path) -> No
 @pytest.mark.filterwarnings("ignore::FutureWarning")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_ray_computes_a_round_as_this_machine_does(tiny: TaskSpec, tmp_path: Path) -> None:
-    from glbench.evaluation.engines.ray import RayEngine
+    from glbench.evaluation.jobs import RayEngine
 
     task = tiny.in_split("test", SECRET.secret)
 

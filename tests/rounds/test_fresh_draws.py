@@ -19,8 +19,8 @@ from glbench.agents.plans import PlanBook
 from glbench.control import Scenario, plan_season
 from glbench.errors import ResultError, SandboxError, TaskError
 from glbench.evaluation import Result, load_result, prepare, protect, result_path
-from glbench.evaluation.engines import Job, Options
 from glbench.evaluation.fresh_draws import FOLDER, REFERENCES, add_fresh_draws, check_fresh_draws, fresh_actions_path
+from glbench.evaluation.jobs import Job, Options
 from glbench.evaluation.records import RunResult, summarise
 from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
 from glbench.evaluation.sandbox.choosing import Protected, keep_out_of_sight

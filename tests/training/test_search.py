@@ -12,6 +12,7 @@ import yaml
 
 from glbench.cli.train import trial_in_words
 from glbench.errors import TrainingError
+from glbench.execution import ProcessExecutor
 from glbench.leaderboard.catalogue import catalogue
 from glbench.tasks import PAPER_TASK, TaskSpec, get_task
 from glbench.training.probe import CurvePoint, ProbeResult
@@ -285,7 +286,8 @@ def test_a_trial_is_not_stopped_before_it_has_learnt_anything(tmp_path: Path) ->
 def test_workers_share_the_trials_and_all_are_told(day_file: Path, tmp_path: Path, base: Path) -> None:
     search = a_search(day_file, base, "{gamma: {min: 0.9, max: 0.99}}", method="random")
     told: list[TrialReport] = []
-    trials = sweep(search, tmp_path / "study", workers=2, report=told.append)
+    with ProcessExecutor(2) as executor:
+        trials = sweep(search, tmp_path / "study", executor=executor, report=told.append)
     assert sorted(trial.number for trial in told) == sorted(trial.number for trial in trials) == [0, 1, 2]
     assert len(list((tmp_path / "study").glob("trial-*"))) == 3
 
@@ -299,7 +301,8 @@ def test_a_grid_tries_every_combination_once_with_two_workers(day_file: Path, tm
             "parameters": {"gamma": {"values": [0.9, 0.99]}, "n_epochs": {"values": [1, 2]}},
         }
     )  # fmt: skip
-    trials = sweep(search, tmp_path / "study", workers=2)
+    with ProcessExecutor(2) as executor:
+        trials = sweep(search, tmp_path / "study", executor=executor)
     tried = {(trial.choices["gamma"], trial.choices["n_epochs"]) for trial in trials}
     assert tried == {(0.9, 1), (0.9, 2), (0.99, 1), (0.99, 2)}
     rewards = [trial.reward for trial in trials]

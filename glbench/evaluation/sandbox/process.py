@@ -25,7 +25,6 @@ from typing import Final, NoReturn
 from glbench.agents import Identity
 from glbench.children import Child
 from glbench.errors import SandboxError
-from glbench.evaluation.files import Scratch
 from glbench.evaluation.records import Status
 from glbench.evaluation.sandbox.bubblewrap import (
     ENVIRONMENT_OF_BUBBLEWRAP,
@@ -35,6 +34,7 @@ from glbench.evaluation.sandbox.bubblewrap import (
     system_call_filter,
 )
 from glbench.evaluation.sandbox.frames import GIB, HEADER, LONGEST_TEXT, Kind, SandboxLimits
+from glbench.resources import Scratch
 
 _LOOK_SECONDS = 0.2
 _SOME_MORE = 8

@@ -9,7 +9,7 @@ import pytest
 
 from glbench.errors import GlbenchError
 from glbench.evaluation import load_result, protect
-from glbench.evaluation.engines import Job, LocalEngine, Options, Outcome
+from glbench.evaluation.jobs import Job, LocalEngine, Options, Outcome
 from glbench.tasks import TaskSpec
 from tests.evaluation.agent_files import AgentWriter
 
@@ -33,7 +33,7 @@ def act(self, observation):
 def test_ray_computes_what_this_machine_computes_also_after_a_lost_worker(
     day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
 ) -> None:
-    from glbench.evaluation.engines.ray import RayEngine
+    from glbench.evaluation.jobs import RayEngine
 
     flag = tmp_path / "was-here"
     lost = f"""

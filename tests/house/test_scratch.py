@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from glbench.evaluation.files import Scratch
+from glbench.resources import Scratch
 
 
 @pytest.fixture(autouse=True)

@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from glbench.env import Simulation
-from glbench.evaluation import Progress, prepare
+from glbench.errors import GlbenchError
+from glbench.evaluation import prepare, protect
 from glbench.evaluation.checkpoint import take_over
-from glbench.evaluation.engines.cluster import Board, read_files
-from glbench.evaluation.engines.luggage import Luggage, PackedTask
-from glbench.evaluation.engines.ray import PackedAgent, Refusal, RunsJob, divided, may_be_divided, put_together, work
-from glbench.evaluation.preparing import Evaluation
+from glbench.evaluation.jobs import (
+    Job,
+    LocalEngine,
+    Options,
+    Outcome,
+    RunsJob,
+    compute_runs,
+    divide_jobs,
+    join_parts,
+    may_be_divided,
+    split_seeds,
+)
+from glbench.evaluation.payload import PackedAgent, PackedTask, Payload
+from glbench.evaluation.preparing import Evaluation, JointAgentError
 from glbench.evaluation.saving import Computed
+from glbench.execution import JobContext, ProcessExecutor, read_files
 from glbench.kernel import built_libraries, why_not_compiled
 from glbench.tasks import TaskSpec, get_task
 from glbench.weather import load_weather, save_weather
@@ -36,14 +49,14 @@ def order_of(evaluation: Evaluation, agent: Path, seeds: tuple[int, ...]) -> Run
     return RunsJob(packed, PackedAgent.of(str(agent)), seeds, is_part, evaluation.protection, evaluation.agent.digest)
 
 
-def nothing(_: Progress) -> None:
-    return None
+def compute(job: RunsJob) -> Computed:
+    return compute_runs(JobContext(None, lambda progress: None), job)
 
 
 @pytest.mark.parametrize(("runs", "parts", "sizes"), [(30, 4, [8, 8, 7, 7]), (3, 8, [1, 1, 1]), (5, 1, [5])])
 def test_runs_are_divided_evenly_and_in_order(runs: int, parts: int, sizes: list[int]) -> None:
     seeds = tuple(range(100, 100 + runs))
-    chunks = divided(seeds, parts)
+    chunks = split_seeds(seeds, parts)
     assert [len(chunk) for chunk in chunks] == sizes
     assert tuple(seed for chunk in chunks for seed in chunk) == seeds
 
@@ -55,9 +68,8 @@ def test_parts_put_together_have_the_bits_of_the_whole(
     agent = write_agent(SINGLE, single=True)
     evaluation = prepare(day_task, agent)
     whole = evaluation.compute()
-    computed = [work(order_of(evaluation, agent, seeds), nothing) for seeds in divided(evaluation.seeds, parts)]
-    assert all(isinstance(part, Computed) for part in computed)
-    joined = put_together(evaluation, computed)  # type: ignore[arg-type]
+    computed = [compute(order_of(evaluation, agent, seeds)) for seeds in split_seeds(evaluation.seeds, parts)]
+    joined = join_parts(evaluation, computed)
     assert joined.result.results_digest == whole.result.results_digest
     assert joined.result.runs == whole.result.runs
     assert joined.log.digest == whole.log.digest
@@ -67,9 +79,8 @@ def test_parts_of_a_task_with_a_season_for_each_run_have_the_bits_of_the_whole(w
     agent = write_agent(SINGLE, single=True)
     evaluation = prepare(lettuce_task(), agent)
     whole = evaluation.compute()
-    computed = [work(order_of(evaluation, agent, seeds), nothing) for seeds in divided(evaluation.seeds, 2)]
-    assert all(isinstance(part, Computed) for part in computed)
-    joined = put_together(evaluation, computed)  # type: ignore[arg-type]
+    computed = [compute(order_of(evaluation, agent, seeds)) for seeds in split_seeds(evaluation.seeds, 2)]
+    joined = join_parts(evaluation, computed)
     assert joined.result.results_digest == whole.result.results_digest
     assert joined.log.digest == whole.log.digest
 
@@ -78,9 +89,8 @@ def test_an_agent_for_all_runs_is_never_divided(day_task: TaskSpec, write_agent:
     agent = write_agent()
     evaluation = prepare(day_task, agent)
     assert may_be_divided(evaluation), "its source speaks of single runs; the agent itself decides"
-    refused = work(order_of(evaluation, agent, evaluation.seeds[:1]), nothing)
-    assert isinstance(refused, Refusal)
-    assert refused.joint
+    with pytest.raises(JointAgentError):
+        compute(order_of(evaluation, agent, evaluation.seeds[:1]))
 
 
 def test_a_worker_that_would_compute_other_numbers_refuses(day_task: TaskSpec, write_agent: AgentWriter) -> None:
@@ -92,12 +102,10 @@ def test_a_worker_that_would_compute_other_numbers_refuses(day_task: TaskSpec, w
         ({"digest": "0" * 64}, "the task has a different digest there"),
         ({"kernel": {"backend": "abacus"}}, "would change the numbers"),
     ):
-        refused = work(replace(order, task=replace(order.task, **change)), nothing)  # type: ignore[arg-type]
-        assert isinstance(refused, Refusal)
-        assert words in refused.reason
-    refused = work(replace(order, agent_digest="0" * 64), nothing)
-    assert isinstance(refused, Refusal)
-    assert "a different digest from the one it was sent with" in refused.reason
+        with pytest.raises(GlbenchError, match=words):
+            compute(replace(order, task=replace(order.task, **change)))  # type: ignore[arg-type]
+    with pytest.raises(GlbenchError, match="a different digest from the one it was sent with"):
+        compute(replace(order, agent_digest="0" * 64))
 
 
 def test_a_folder_arrives_with_the_digest_it_was_sent_with(tmp_path: Path, write_agent: AgentWriter) -> None:
@@ -108,7 +116,7 @@ def test_a_folder_arrives_with_the_digest_it_was_sent_with(tmp_path: Path, write
     write_agent().rename(folder / "agent.py")
     (folder / "parts" / "weights.bin").write_bytes(b"\x00\xff")
     sent = identify(folder)
-    with PackedAgent.of(str(folder)).unpacked() as arrived:
+    with PackedAgent.of(str(folder)).unpack() as arrived:
         received = identify(arrived)
         assert sent is not None
         assert received is not None
@@ -124,8 +132,7 @@ def test_an_order_keeps_its_split(write_agent: AgentWriter) -> None:
     digests = {}
     for split in ("validation", "test"):
         evaluation = prepare(spring.in_split(split), agent, runs=2)
-        computed = work(order_of(evaluation, agent, evaluation.seeds), nothing)
-        assert isinstance(computed, Computed)
+        computed = compute(order_of(evaluation, agent, evaluation.seeds))
         assert computed.result.task.split == split
         digests[split] = computed.result.results_digest
         assert digests[split] == evaluation.compute().result.results_digest
@@ -142,21 +149,21 @@ def test_weather_and_kernels_of_the_user_are_used_where_they_arrive(
     (tmp_path / "ours.toml").write_text(text, encoding="utf-8")
     task = get_task(tmp_path / "ours.toml")
     Simulation(task, 1)  # its kernel is built now, if it was not
-    luggage = Luggage.of([task])
-    assert list(luggage.weather) == ["ours.parquet"]
-    assert any(name.endswith(".so") for name in luggage.kernels) == (why_not_compiled() is None)
+    payload = Payload.of([task])
+    assert list(payload.weather) == ["ours.parquet"]
+    assert any(name.endswith(".so") for name in payload.kernels) == (why_not_compiled() is None)
 
     monkeypatch.setenv("GLBENCH_CACHE", str(tmp_path / "there"))
     monkeypatch.setenv("GLBENCH_DATA", str(tmp_path / "nothing"))
-    replace(luggage, processor=luggage.processor | {"an instruction of tomorrow"}).unpack()
+    replace(payload, processor=payload.processor | {"an instruction of tomorrow"}).unpack()
     assert load_weather("ours").digest == load_weather("schiphol").digest
     assert os.environ["GLBENCH_KERNELS"] == "", "a kernel that this processor may not run is left alone"
-    luggage.unpack()
-    if luggage.kernels:
-        assert {name for name, _ in built_libraries(task.model_value).items()} == set(luggage.kernels)
+    payload.unpack()
+    if payload.kernels:
+        assert {name for name, _ in built_libraries(task.model_value).items()} == set(payload.kernels)
         folder = Path(os.environ["GLBENCH_KERNELS"])
         assert folder.is_relative_to(tmp_path / "there")
-        assert {file.name: file.read_bytes() for file in folder.iterdir()} == luggage.kernels
+        assert {file.name: file.read_bytes() for file in folder.iterdir()} == payload.kernels
 
 
 def test_a_checkpoint_from_elsewhere_takes_the_place_of_the_one_before(tmp_path: Path) -> None:
@@ -167,18 +174,40 @@ def test_a_checkpoint_from_elsewhere_takes_the_place_of_the_one_before(tmp_path:
         assert read_files(tmp_path / "checkpoint") == files
 
 
-def test_the_board_listens_to_the_last_try_alone_and_keeps_what_the_one_before_left() -> None:
-    board = Board()
-    board.leave("job", {"a": b"1"})
-    assert board.begin("job", "first") == {"a": b"1"}
-    board.tell("job", "first", 4, ["began"], {"a": b"2"})
-    told = board.news(["job", "other"])
-    assert (told["job"].standing, told["job"].events, told["job"].files) == (4, ["began"], {"a": b"2"})
-    assert (board.news(["job"])["job"].events, board.news(["job"])["job"].files) == ([], None), "told once"
-    assert board.begin("job", "second") == {"a": b"2"}
-    board.tell("job", "first", 9, ["late"], {"a": b"3"})
-    assert board.news(["job"]) == {}
-    assert board.answers("job", "first") == [False], "a try that nobody listens to is to stop"
-    board.answer("job", "first", go_on=True)
-    board.answer("job", "second", go_on=True)
-    assert board.answers("job", "second") == [True]
+def test_processes_compute_what_this_process_computes(
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
+) -> None:
+    agents = [
+        write_agent(name="batch"),
+        write_agent(SINGLE, name="single", single=True),
+        write_agent("def reset(self, task, n_runs):\n    pass\n", name="unmade"),
+    ]
+    refs = [*map(str, agents), "rule_based"]
+
+    def jobs(out: str) -> list[Job]:
+        return [Job(day_task, ref, protect(ref, "none"), Options(tmp_path / out, workers=1)) for ref in refs]
+
+    def by_name(outcomes: Iterator[Outcome]) -> dict[str, Outcome]:
+        return {outcome.job.agent_name: outcome for outcome in outcomes}
+
+    reports: list[tuple[str, int]] = []
+    here = by_name(LocalEngine().run(jobs("here"), lambda *_: None))
+    with ProcessExecutor(2) as executor:
+        there = by_name(
+            divide_jobs(executor, jobs("there"), lambda job, progress: reports.append((job.agent_name, progress.step)))
+        )
+    assert here.keys() == there.keys()
+    for name, outcome in there.items():
+        other = here[name].result
+        if other is None:
+            assert outcome.result is None
+            assert outcome.reason == here[name].reason
+        else:
+            assert outcome.result is not None
+            assert outcome.result.results_digest == other.results_digest
+            assert outcome.result.record == other.record
+    single = there["single"].result
+    assert single is not None
+    assert single.evaluation.workers == 2
+    assert {name for name, _ in reports} >= {"batch", "single", "rule_based"}
+    assert not list((tmp_path / "there").rglob("snapshot.npz")), "checkpoints are removed"

@@ -1,4 +1,4 @@
-"""What is sent to another machine: a task with everything that must match on both machines, and files that the other one may lack."""
+"""What is sent to another machine: task and agent, with everything that must match on both machines, and files that the other may lack."""
 
 from __future__ import annotations
 
@@ -6,22 +6,25 @@ import hashlib
 import os
 import platform
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
 from glbench import __version__
+from glbench.agents.identity import baseline_names, files_of_folder, identify
 from glbench.control.stage import judged_at_the_end
 from glbench.env.kernels import shared_kernel
 from glbench.episodes.definition import definition_json, task_of
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, SubmissionError
+from glbench.execution import write_files
 from glbench.kernel import built_libraries, why_not_compiled
-from glbench.resources import cache_folder, write_atomically
+from glbench.resources import Scratch, cache_folder, write_atomically
 from glbench.tasks import TaskSpec
 from glbench.weather import user_file
 
-_FOLDER = "travelled"
+_CACHE = "travelled"
 """Cache folder for files received from another machine."""
 _FEATURES = ("flags", "Features")
 """Linux's name for the line that lists a processor's features, on x86-64 and on AArch64."""
@@ -45,7 +48,7 @@ class PackedTask:
         kernel = shared_kernel(task.model_value, task.step_seconds).describe()
         return cls(definition_json(task), task.split or "", task.digest, kernel, sealed=task.sealed)
 
-    def unpacked(self) -> TaskSpec:
+    def unpack(self) -> TaskSpec:
         """The task.
 
         Raises
@@ -70,8 +73,53 @@ class PackedTask:
 
 
 @dataclass(frozen=True)
-class Luggage:
-    """Files of this machine that its tasks need: weather that the user brought in, and the compiled kernels.
+class PackedAgent:
+    """An agent to be sent: the name of a baseline, or the files of a submission. ``name`` is that of its file or folder."""
+
+    name: str
+    files: tuple[tuple[str, bytes], ...] = ()
+    is_folder: bool = False
+
+    @classmethod
+    def of(cls, ref: str) -> PackedAgent:
+        """Pack the agent ``ref``.
+
+        Raises
+        ------
+        SubmissionError
+            When its files cannot be read.
+        """
+        if ref in baseline_names():
+            return cls(ref)
+        path = Path(ref).expanduser().resolve()
+        identity = identify(path)
+        own = identity.files if identity is not None else ()
+        root = path.parent if own else path
+        try:
+            files = [(file.relative_to(root).as_posix(), file.read_bytes()) for file in own or files_of_folder(path)]
+        except OSError as error:
+            msg = f"The submission {path} cannot be packed: {error}. Check that its files exist and may be read."
+            raise SubmissionError(msg) from error
+        return cls(path.name, tuple(files), is_folder=not own)
+
+    @contextmanager
+    def unpack(self) -> Iterator[str]:
+        """The agent as ``prepare`` takes it; the files are gone afterwards."""
+        if not self.files:
+            yield self.name
+            return
+        scratch = Scratch()
+        try:
+            root = scratch.folder() / self.name if self.is_folder else scratch.folder()
+            write_files(root, dict(self.files))
+            yield str(scratch.folder() / self.name)
+        finally:
+            scratch.remove()
+
+
+@dataclass(frozen=True)
+class Payload:
+    """Files of this machine that tasks need: weather that the user imported, and the compiled kernels.
 
     Attributes
     ----------
@@ -86,7 +134,7 @@ class Luggage:
     processor: frozenset[str]
 
     @classmethod
-    def of(cls, tasks: Iterable[TaskSpec], *, for_plans: bool = False) -> Luggage:
+    def of(cls, tasks: Iterable[TaskSpec], *, for_plans: bool = False) -> Payload:
         """What ``tasks`` need; ``for_plans`` kernels are built first, derivatives included.
 
         Raises
@@ -119,17 +167,17 @@ class Luggage:
         They are kept in the cache under their digest, and all processes of a machine share them.
         """
         if self.weather:
-            os.environ["GLBENCH_DATA"] = str(_written({f"weather/{name}": file for name, file in self.weather.items()}))
+            os.environ["GLBENCH_DATA"] = str(_cached({f"weather/{name}": file for name, file in self.weather.items()}))
         if self.kernels and self.processor <= processor():
-            os.environ["GLBENCH_KERNELS"] = str(_written(self.kernels))
+            os.environ["GLBENCH_KERNELS"] = str(_cached(self.kernels))
 
 
-def _written(files: Mapping[str, bytes]) -> Path:
+def _cached(files: Mapping[str, bytes]) -> Path:
     """The folder in the cache that holds ``files``."""
     digest = hashlib.sha256()
     for name, content in files.items():
         digest.update(f"{name} {hashlib.sha256(content).hexdigest()}\n".encode())
-    folder = cache_folder() / _FOLDER / digest.hexdigest()[:20]
+    folder = cache_folder() / _CACHE / digest.hexdigest()[:20]
     for name, content in files.items():
         file = folder / name
         if not file.is_file() or file.read_bytes() != content:
@@ -145,5 +193,5 @@ def processor() -> frozenset[str]:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:  # another system: only the very same processor will do
         return frozenset({*facts, platform.processor(), platform.node()})
-    found = next((line for line in lines if line.startswith(_FEATURES)), "")
-    return frozenset({*facts, *found.partition(":")[2].split()})
+    features = next((line for line in lines if line.startswith(_FEATURES)), "")
+    return frozenset({*facts, *features.partition(":")[2].split()})

@@ -8,11 +8,10 @@ import pytest
 
 from glbench.cli.train import seeds_of
 from glbench.errors import GlbenchError, TrainingError
-from glbench.evaluation.engines.cluster import read_files
+from glbench.execution import ProcessExecutor, read_files
 from glbench.tasks import TaskSpec
 from glbench.training import CurvePoint, TrainingSettings, train
-from glbench.training.cluster import bring_home
-from glbench.training.several import ProcessTrainer, train_seeds
+from glbench.training.multi_seed import bring_home, train_seeds
 from tests.training.watching import Watching
 
 
@@ -39,12 +38,10 @@ def test_processes_train_what_is_trained_alone_and_one_that_fails_stops_no_other
     (folders[1] / "checkpoint").mkdir(parents=True)
     (folders[1] / "checkpoint" / "state.json").write_text('{"identity": {"seed": 9}}', encoding="utf-8")
     heard = {seed: Watching() for seed in folders}
-    ended = dict(
-        train_seeds(
-            ProcessTrainer(), train, day, tiny, folders, at_once=2, listeners=lambda seed: [heard[seed]],
-            tensorboard=False,
+    with ProcessExecutor(2) as executor:
+        ended = dict(
+            train_seeds(executor, train, day, tiny, folders, listeners=lambda seed: [heard[seed]], tensorboard=False)
         )
-    )  # fmt: skip
     assert isinstance(ended[1], TrainingError)
     assert "another training" in str(ended[1])
     listening = Watching()
@@ -72,9 +69,8 @@ class Stopping(Watching):
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
 def test_a_listener_ends_the_process_that_it_listens_to(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
     folders, listening = {0: tmp_path / "seed0"}, Stopping()
-    ((seed, ended),) = train_seeds(
-        ProcessTrainer(), train, day, tiny, folders, at_once=1, listeners=lambda _: [listening]
-    )
+    with ProcessExecutor(1) as executor:
+        ((seed, ended),) = train_seeds(executor, train, day, tiny, folders, listeners=lambda _: [listening])
     assert (seed, str(ended), len(listening.points)) == (0, "0", 1)
     assert not (folders[0] / "card.toml").exists()
 
