@@ -280,7 +280,7 @@ def seasons(task: TaskSpec) -> Any:
         late = maker.start_days(np.arange(shown))
         begin = (task.weather.start.toordinal()) - task.weather.start.replace(month=1, day=1).toordinal()
         for number in range(shown):
-            drawn = maker.season(number, task.steps + 1).drawn
+            drawn = maker.season(number, task.steps + 1).days
             days = drawn.sources.astype("datetime64[D]")
             years = days.astype("datetime64[Y]").astype(int) + 1970
             for day in range(task.weather.days):

@@ -102,20 +102,20 @@ def check_behaviour(task: TaskSpec) -> None:
     if locked is None:
         msg = f"{BEHAVIOUR_WORDS} has no entry for {task.id}. Add it with `glbench tasks lock`."
         raise TaskError(msg)
-    found = behaviour(task)
-    moved = []
+    numbers = behaviour(task)
+    differences = []
     for name, number in locked.items():  # what was not measured when the task was published is not compared
-        now = found.get(name)
+        now = numbers.get(name)
         if now is None:
-            moved.append(f"{name} (no longer computed)")
+            differences.append(f"{name} (no longer computed)")
         elif not abs(now.value - number) <= (OF_SINGLE_PRECISION if name in _SINGLE else TOLERANCE) * now.size:
-            moved.append(f"{name} (locked {number:.9g}, found {now.value:.9g})")
-    if moved:
-        more = f" and {len(moved) - _MOST_NAMED} more" if len(moved) > _MOST_NAMED else ""
+            differences.append(f"{name} (locked {number:.9g}, found {now.value:.9g})")
+    if differences:
+        more = f" and {len(differences) - _MOST_NAMED} more" if len(differences) > _MOST_NAMED else ""
         msg = (
             f"{task.source} is as it was published, but glbench computes other numbers from it than {BEHAVIOUR_WORDS} says: "
-            f"{', '.join(moved[:_MOST_NAMED])}{more}. Results would not be comparable with published ones: restore the code, or, if the "
-            "change is meant, publish new versions of the tasks and run `glbench tasks lock`."
+            f"{', '.join(differences[:_MOST_NAMED])}{more}. Results would not be comparable with published ones: restore the code, or, "
+            "if the change is meant, publish new versions of the tasks and run `glbench tasks lock`."
         )
         raise TaskError(msg)
 
@@ -130,9 +130,14 @@ def lock_behaviour(tasks: Iterable[TaskSpec]) -> tuple[str, ...]:
     }
     if new:
         entries.update(new)
-        write_atomically(
-            _path(), "\n".join([_HEADER, *(_block(task_id, entries[task_id]) for task_id in sorted(entries))])
-        )
+        blocks = [_HEADER]
+        for task_id in sorted(entries):
+            groups: dict[str, list[str]] = {}
+            for name, value in entries[task_id].items():
+                group, _, key = name.partition(".")
+                groups.setdefault(group, []).append(f"{key} = {value!r}\n")
+            blocks.append("\n".join(f'["{task_id}".{group}]\n{"".join(lines)}' for group, lines in groups.items()))
+        write_atomically(_path(), "\n".join(blocks))
     return tuple(new)
 
 
@@ -192,12 +197,12 @@ def _step(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
     part = 0.5 + 0.45 * (np.arange(1, n * len(low) + 1) * _GOLDEN % 1.0).reshape(n, -1)
     table = simulation.step(low + (high - low) * part).table
     nominal = task.parameters()
-    drawn = (fixed.parameters != nominal).any(axis=0)
+    uncertain = (fixed.parameters != nominal).any(axis=0)
     observed = {"observed": simulation.observe().astype(np.float64).ravel()} if task.conventions.freezes_draws else {}
     return {
         **{quantity.name: row for quantity, row in zip(task.quantities, table, strict=True)},
         "controls": fixed.controls.ravel(),
-        "parameters": (fixed.parameters[:, drawn] / nominal[drawn]).ravel(),
+        "parameters": (fixed.parameters[:, uncertain] / nominal[uncertain]).ravel(),
         **observed,
     }
 
@@ -209,14 +214,14 @@ def _draws(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
     steps = np.arange(task.steps + 1)
     rows = (scenes.days[:, steps // pool.day] + steps % pool.day).ravel()
     dates = (scenes.first[:, None] + steps).ravel()
-    found = {name: pool.values[rows, column] for column, name in enumerate(COLUMNS)}
-    found |= {f"clock{column}": pool.calendar[dates, column] for column in range(pool.calendar.shape[1])}
+    draws = {name: pool.values[rows, column] for column, name in enumerate(COLUMNS)}
+    draws |= {f"clock{column}": pool.calendar[dates, column] for column in range(pool.calendar.shape[1])}
     if pool.tables.forecast.size:
         every = 3600 // task.weather.step_seconds
-        found["forecast"] = pool.tables.forecast[rows[::every] // every].astype(np.float64).ravel()
-    found["states"] = scenes.states.ravel()
-    found["sensors"] = scenes.traits.ravel()
-    return found
+        draws["forecast"] = pool.tables.forecast[rows[::every] // every].astype(np.float64).ravel()
+    draws["states"] = scenes.states.ravel()
+    draws["sensors"] = scenes.traits.ravel()
+    return draws
 
 
 def weighted_sum(values: NDArray[np.float64]) -> Number:
@@ -224,14 +229,6 @@ def weighted_sum(values: NDArray[np.float64]) -> Number:
     weights = 1.0 + np.arange(len(values)) * _GOLDEN % 1.0
     terms = weights * values
     return Number(float(terms.sum()), float(np.abs(terms).sum()))
-
-
-def _block(task_id: str, numbers: Mapping[str, float]) -> str:
-    groups: dict[str, list[str]] = {}
-    for name, value in numbers.items():
-        group, _, key = name.partition(".")
-        groups.setdefault(group, []).append(f"{key} = {value!r}\n")
-    return "\n".join(f'["{task_id}".{group}]\n{"".join(lines)}' for group, lines in groups.items())
 
 
 def _path() -> Path:

@@ -94,15 +94,6 @@ class ForecastTable:
             hours, level, HOUR // step, reach, len(FORECAST) * len(hours), task, task.season_record().place
         )
 
-    def _clear_sky(self, times: NDArray[np.datetime64]) -> Floats:
-        """Global radiation under a clear sky [W m-2] in the hours that ``times`` begin, which may be half hours of UTC."""
-        past = int((times[0] - times[0].astype("datetime64[h]")).astype("timedelta64[s]").astype(np.int64))
-        clock = times - np.timedelta64(past, "s")
-        days = clock.astype("datetime64[D]")
-        hours = (clock - days).astype("timedelta64[h]").astype(np.int64)
-        clear: Floats = clear_sky(self.place, -past)[calendar_days(days.astype(np.int64)), hours]
-        return clear
-
     def fill(
         self,
         table: NDArray[np.float32],
@@ -128,24 +119,29 @@ class ForecastTable:
         issues = rows // self.every
         weather = measured[: len(measured) // self.every * self.every, _MEASURED]
         hourly = weather.reshape(-1, self.every, len(FORECAST)).mean(axis=1)
-        clear = self._clear_sky(times[: len(hourly) * self.every : self.every])
-        shown = np.empty((issues, len(FORECAST), len(self.hours)))
+        hours = times[: len(hourly) * self.every : self.every]  # they may begin at half hours of UTC
+        past = int((hours[0] - hours[0].astype("datetime64[h]")).astype("timedelta64[s]").astype(np.int64))
+        clock = hours - np.timedelta64(past, "s")
+        days = clock.astype("datetime64[D]")
+        hour_of_day = (clock - days).astype("timedelta64[h]").astype(np.int64)
+        clear = clear_sky(self.place, -past)[calendar_days(days.astype(np.int64)), hour_of_day]
+        forecasts = np.empty((issues, len(FORECAST), len(self.hours)))
         errors = self._errors(issues, len(hourly), season)
         now = weather[: issues * self.every : self.every]
         for column, hour in enumerate(self.hours):
             if self.level == "none":
-                shown[:, :, column] = now
+                forecasts[:, :, column] = now
                 continue
             ahead = slice(hour - 1, hour - 1 + issues)  # the hour that ends ``hour`` hours after the issue
             error = errors[:, :, column].copy()
             error[:, _RADIATION] *= clear[ahead]
-            shown[:, :, column] = hourly[ahead] + error
+            forecasts[:, :, column] = hourly[ahead] + error
             most = np.maximum(clear[ahead], hourly[ahead, _RADIATION])
-            shown[:, _RADIATION, column] = np.clip(shown[:, _RADIATION, column], 0.0, most)
-        shown[:, _HUMIDITY] = np.clip(shown[:, _HUMIDITY], 0.0, 100.0)
-        shown[:, _WIND] = np.maximum(shown[:, _WIND], 0.0)
+            forecasts[:, _RADIATION, column] = np.clip(forecasts[:, _RADIATION, column], 0.0, most)
+        forecasts[:, _HUMIDITY] = np.clip(forecasts[:, _HUMIDITY], 0.0, 100.0)
+        forecasts[:, _WIND] = np.maximum(forecasts[:, _WIND], 0.0)
         at = first // self.every
-        table[at : at + issues] = shown.reshape(issues, self.columns)
+        table[at : at + issues] = forecasts.reshape(issues, self.columns)
 
     def _errors(self, issues: int, hours: int, season: int) -> Floats:
         """Errors ``(issues, 4, hours ahead)``; those of radiation in units of that under a clear sky."""
@@ -158,8 +154,8 @@ class ForecastTable:
         for quantity, phi in enumerate(PERSISTENCE):
             a = path[:, quantity]
             faded, hour = 1.0, 0
-            for column, wanted in enumerate(self.hours):
-                while hour < wanted:
+            for column, ahead in enumerate(self.hours):
+                while hour < ahead:
                     faded, hour = faded * phi, hour + 1
-                errors[:, quantity, column] = a[wanted : wanted + issues] - faded * a[:issues]
+                errors[:, quantity, column] = a[ahead : ahead + issues] - faded * a[:issues]
         return errors

@@ -40,7 +40,7 @@ class MadeSeason:
 
     values: Floats
     times: NDArray[np.datetime64]
-    drawn: GeneratedSeason
+    days: GeneratedSeason
 
 
 class SeasonMaker:
@@ -86,21 +86,27 @@ class SeasonMaker:
         late = dt.timedelta(days=int(self.start_days(np.array([number]))[0]))
         total = rows + (self._forecast.reach if self._forecast is not None else 0)
         days = -(-total // task.steps_per_day)
-        drawn = self._generator.season(
+        source = self._generator.season(
             weather.start + late, days, self._uniforms("weather", self._generator.numbers(days), f"season {number}")
         )
-        made = disturbances(
-            drawn.record,
+        record = disturbances(
+            source.record,
             start=self._begin + late,
             steps=total,
             step_seconds=float(weather.step_seconds),
             preprocessing=weather.preprocessing,
             co2_ppm=weather.co2_ppm,
         )
-        values = np.array(made.values)
+        values = np.array(record.values)
         if self._generated.co2_range is not None:
-            values[:, _CO2] = co2_density(values[:, _TEMPERATURE], self._co2(number, total))  # type: ignore[arg-type]
-        return MadeSeason(values, made.times, drawn)
+            low, high = self._generated.co2_range
+            every = max(3600 // weather.step_seconds, 1)
+            key = season_key(task.scenario, "CO2 outside", f"season {number}")
+            path = ar1_paths(key, -(-total // every), np.array([CO2_PERSISTENCE]))[:, 0]
+            middle, half = (low + high) / 2.0, (high - low) / 2.0
+            ppm = np.repeat(middle + half * np.clip(path / 2.0, -1.0, 1.0), every)[:total]  # never leaves its range
+            values[:, _CO2] = co2_density(values[:, _TEMPERATURE], ppm)  # type: ignore[arg-type]
+        return MadeSeason(values, record.times, source)
 
     def year(self, number: int) -> int:
         """The year with the most days in the season ``number``; if two have equally many, the earlier."""
@@ -109,21 +115,7 @@ class SeasonMaker:
         numbers = self._uniforms("weather", self._generator.numbers(days), f"season {number}")
         return int(np.bincount(self._generator.source_years(self._task.weather.start + late, days, numbers)).argmax())
 
-    def _co2(self, number: int, rows: int) -> Floats:
-        """CO2 outside of each row [ppm]: wanders about the middle of its range and never leaves it."""
-        assert self._generated.co2_range is not None
-        low, high = self._generated.co2_range
-        every = max(3600 // self._task.weather.step_seconds, 1)
-        hours = -(-rows // every)
-        key = self._key("CO2 outside", f"season {number}")
-        path = ar1_paths(key, hours, np.array([CO2_PERSISTENCE]))[:, 0]
-        middle, half = (low + high) / 2.0, (high - low) / 2.0
-        by_hour = middle + half * np.clip(path / 2.0, -1.0, 1.0)
-        return np.repeat(by_hour, every)[:rows]
-
     def _uniforms(self, stream: str, count: int, which: str) -> Floats:
-        found: Floats = uniforms(self._key(stream, which), np.zeros((1, 1), np.int64), count)[0, 0]
-        return found
-
-    def _key(self, stream: str, which: str) -> NDArray[np.uint64]:
-        return season_key(self._task.scenario, stream, which)
+        key = season_key(self._task.scenario, stream, which)
+        numbers: Floats = uniforms(key, np.zeros((1, 1), np.int64), count)[0, 0]
+        return numbers

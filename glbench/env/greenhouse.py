@@ -172,9 +172,9 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         snapshot = state_option(check_names(options, (STATE,)), seed)
         if snapshot is not None:
             return self.restore(snapshot)
-        given = None if seed is None else checked_seed(seed)
-        super().reset(seed=given)
-        observation = self.simulation.reset([draw_seed(self.np_random) if given is None else given])[0]
+        number = None if seed is None else checked_seed(seed)
+        super().reset(seed=number)
+        observation = self.simulation.reset([draw_seed(self.np_random) if number is None else number])[0]
         if self._camera is not None:
             self._camera.begin()
         return self._normalise(observation), self._info.standing(self.simulation)
@@ -195,31 +195,29 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             When the episode has ended or none was started.
         """
         try:
-            observation, numbers, terminated = self.simulation.step_single(action)
-        except ActionError:
-            self._check_shape(action)
-            raise
-        info = self._info.stepped(self.simulation, numbers)
+            observation, values, terminated = self.simulation.step_single(action)
+        except ActionError:  # speak of one action, not of a row of a batch
+            numbers = real_numbers(action)
+            expected = f"Expected shape {self.action_space.shape}: {', '.join(one.name for one in self.task.actions)}."
+            if numbers is None:
+                kind = f"array of {action.dtype}" if type(action) is np.ndarray else type(action).__name__
+                msg = f"The action ({kind}) cannot be read as numbers: its entries are not real numbers. {expected} {TO_NUMBERS}"
+            elif numbers.shape != self.action_space.shape:
+                msg = f"The action has shape {numbers.shape}. {expected}"
+            else:
+                raise
+            raise ActionError(msg) from None
+        info = self._info.stepped(self.simulation, values)
         if self._camera is not None:
-            self._camera.follow_only(numbers, info["epi"])
+            self._camera.follow_only(values, info["epi"])
         if terminated:
-            self._add_failure(info)
+            result = self.simulation.result
+            if result is not None and result.failed:
+                info[FAILURE] = result.failed[0].reason
         return self._normalise(observation), info[STEP_REWARD], terminated, False, info
 
     def _normalise(self, observation: NDArray[np.float32]) -> NDArray[np.float32]:
         return observation if self._normalisation is None else self._normalisation(observation)
-
-    def _check_shape(self, action: NDArray[np.float32]) -> None:
-        """Words for what is no row of numbers, or one of a wrong length, that speak of one action and not of a row of a batch."""
-        numbers = real_numbers(action)
-        expected = f"Expected shape {self.action_space.shape}: {', '.join(one.name for one in self.task.actions)}."
-        if numbers is None:
-            kind = f"array of {action.dtype}" if type(action) is np.ndarray else type(action).__name__
-            msg = f"The action ({kind}) cannot be read as numbers: its entries are not real numbers. {expected} {TO_NUMBERS}"
-            raise ActionError(msg) from None
-        if numbers.shape != self.action_space.shape:
-            msg = f"The action has shape {numbers.shape}. {expected}"
-            raise ActionError(msg) from None
 
     def render(self) -> str | NDArray[np.uint8] | None:
         """Climate, controls and money as text or as a picture ``(480, 640, 3)``, or ``None`` without a render mode.
@@ -251,9 +249,3 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._camera is not None:
             self._camera.begin()
         return self._normalise(observation), self._info.standing(self.simulation)
-
-    def _add_failure(self, info: dict[str, Any]) -> None:
-        """Say why a step could not be integrated, if that is what ended the episode."""
-        result = self.simulation.result
-        if result is not None and result.failed:
-            info[FAILURE] = result.failed[0].reason

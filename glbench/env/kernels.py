@@ -68,11 +68,11 @@ def check_kernel(kernel: object, task: TaskSpec) -> None:
         raise GlbenchError(msg)
     model = task.model_value
     own = getattr(kernel, "model", model)
-    for name, found, wanted in (
+    for name, value, expected in (
         ("step_seconds", getattr(kernel, "step_seconds", task.step_seconds), task.step_seconds),
         ("model", own.id, model.id),
         ("variant", own.variant, model.variant),
     ):
-        if found != wanted:
-            msg = f"The kernel has {name} = {found!r}, but {task.id} needs {wanted!r}. Make the kernel for the task, or give its preset."
+        if value != expected:
+            msg = f"The kernel has {name} = {value!r}, but {task.id} needs {expected!r}. Make the kernel for the task, or give its preset."
             raise GlbenchError(msg)

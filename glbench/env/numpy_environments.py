@@ -102,7 +102,7 @@ class NumpyEnvironments(Environments):
         self._program, self._kernel, self._parts, self._n = program, kernel, parts, n
         self._rows = np.arange(n)
         self._draws = ParameterDraws(program, parts, n)
-        self._failed: list[StepFailure] = []
+        self._failures: list[StepFailure] = []
         self._forget()
 
     @property
@@ -110,7 +110,7 @@ class NumpyEnvironments(Environments):
         return int(np.count_nonzero(self.ended))
 
     def step(self) -> int:
-        actions = self._accepted(self._program.actions, self.given)
+        actions = self._within(self._program.actions, self.given)
         if actions is None:
             return -1
         if self._parts.actuation is not None:
@@ -121,7 +121,9 @@ class NumpyEnvironments(Environments):
             return self._advance(moved)
         controls = np.zeros_like(self.u)
         running = ~self.ended
-        read = self._reader(self.x, self.x, self.u, self._program.actuation, self.k, given=actions, acts=self.k)
+        read = self._reader(
+            self.x, self.x, self.u, self._program.actuation, self.k, actions=actions, weather_steps=self.k
+        )
         for target, index, values in self._program.actuation.play(read):
             if target == "memory":
                 self.memory[running, index] = np.broadcast_to(values, self._n)[running]
@@ -130,23 +132,23 @@ class NumpyEnvironments(Environments):
         return self._advance(controls)
 
     def step_controls(self) -> int:
-        controls = self._accepted(self._program.controls, self.given_controls)
+        controls = self._within(self._program.controls, self.given_controls)
         return -1 if controls is None else self._advance(controls)
 
     def observe(self) -> None:
         self._forget()
-        self._look(self.x, self.x, self.k, held=None)
+        self._look(self.x, self.x, self.k, controls_before=None)
 
     def failures(self) -> list[StepFailure]:
-        return self._failed
+        return self._failures
 
     def _forget(self) -> None:
         """Invalidate prefetched draws; keys or parameters may have changed."""
         self._draws.begin(self.parameters)
 
-    def _accepted(self, bounds: ActionBounds, given: Floats) -> Floats | None:
-        """Values within their bounds; ``None`` when one of an environment that runs is not accepted."""
-        values = given.copy()
+    def _within(self, bounds: ActionBounds, values: Floats) -> Floats | None:
+        """A copy of ``values`` within their bounds; ``None`` when one of a running environment is not accepted."""
+        values = values.copy()
         values[self.ended] = bounds.low
         if not ((values >= bounds.lowest) & (values <= bounds.highest)).all():  # False for NaN as well
             return None
@@ -156,31 +158,35 @@ class NumpyEnvironments(Environments):
 
     def _advance(self, controls: Floats) -> int:
         """One step of all environments that run under ``controls``, which are this method's to keep."""
-        program, before, held, had_ended = self._program, self.x, self.u, self.ended.copy()
+        program, before, controls_before, had_ended = self._program, self.x, self.u, self.ended.copy()
         controls[had_ended] = self.u[had_ended]
-        after, self._failed = self._flow(controls)
-        taken = ~had_ended
-        taken[[failure.row for failure in self._failed]] = False
-        started = self.k.copy()
-        self.k[taken] += 1
+        after, self._failures = self._flow(controls)
+        success = ~had_ended
+        success[[failure.row for failure in self._failures]] = False
+        steps_before = self.k.copy()
+        self.k[success] += 1
         self.x, self.u = after, controls
-        if len(program.update.outputs) and taken.any():
-            read = self._reader(before, after, controls, program.update, started, held=held)
+        if len(program.update.outputs) and success.any():
+            read = self._reader(before, after, controls, program.update, steps_before, controls_before=controls_before)
             for _, index, values in program.update.play(read):
-                self.memory[taken, index] = np.broadcast_to(values, self._n)[taken]
-        self._look(before, after, started, held=held)
+                self.memory[success, index] = np.broadcast_to(values, self._n)[success]
+        self._look(before, after, steps_before, controls_before=controls_before)
         self.table[had_ended, program.info_columns :] = 0.0
-        for failure in self._failed:
+        for failure in self._failures:
             self.ended[failure.row] = True
             for column, value in program.charges.items():
                 self.table[failure.row, column] = value
         self.ended |= self.k >= program.steps
-        return len(self._failed)
+        return len(self._failures)
 
     def _flow(self, controls: Floats) -> tuple[Floats, list[StepFailure]]:
         """States after the step, and the rows that failed; rows that have ended are not integrated."""
-        weather = self._program.weather[self._weather_rows(self.k)]
-        parameters = self._drawn_parameters()
+        program = self._program
+        weather = program.weather[self._weather_rows(self.k)]
+        if program.drawn:
+            parameters = self._draws.of_step(self.parameters, self.keys, self.k)
+        else:  # ``(p,)`` where all share them
+            parameters = self.parameters if program.own_parameters else self.parameters[0]
         if not self.ended.any():
             return self._kernel.try_step(self.x, controls, weather, parameters)
         after = self.x.copy()
@@ -192,28 +198,15 @@ class NumpyEnvironments(Environments):
         after[rows] = moved
         return after, [replace(failure, row=int(rows[failure.row])) for failure in failed]
 
-    def _drawn_parameters(self) -> Floats:
-        """Parameters of this step: ``(p,)`` where all share them, else ``(n, p)``."""
-        program = self._program
-        if not program.drawn:
-            return self.parameters if program.own_parameters else self.parameters[0]
-        return self._draws.of_step(self.parameters, self.keys, self.k)
-
     def _weather_rows(self, steps: NDArray[np.int64]) -> NDArray[np.int64]:
         """Rows of the pool that are the weather of ``steps``, ``(n,)`` or ``(n, m)``."""
         day = self._program.day
         rows = self._rows if steps.ndim == 1 else self._rows[:, None]
         return self.days[rows, steps // day] + steps % day
 
-    def _shown(self) -> NDArray[np.int64]:
+    def _shown_steps(self) -> NDArray[np.int64]:
         """Steps whose weather is shown."""
         return np.maximum(self.k - self._program.lag, 0)
-
-    def _noise(self) -> Floats:
-        """The numbers of all streams in this step, side by side."""
-        streams = enumerate(self._program.streams, len(self._program.drawn))
-        numbers = [uniforms(self.keys[:, place], self.k[:, None], count)[:, 0] for place, count in streams]
-        return np.hstack(numbers)
 
     def _reader(
         self,
@@ -221,77 +214,84 @@ class NumpyEnvironments(Environments):
         after: Floats,
         controls: Floats,
         tape: Tape,
-        started: NDArray[np.int64],
+        steps_before: NDArray[np.int64],
         *,
-        held: Floats | None = None,
-        given: Floats | None = None,
-        acts: NDArray[np.int64] | None = None,
+        controls_before: Floats | None = None,
+        actions: Floats | None = None,
+        weather_steps: NDArray[np.int64] | None = None,
     ) -> Callable[[Source, int], Any]:
         """What a tape reads.
 
-        ``acts`` are the steps whose weather it sees, those shown by default; ``held`` the controls before the step, those now by default.
+        ``weather_steps`` are the steps whose weather it reads, by default those shown; ``controls_before`` are by default the controls now.
         """
         program = self._program
-        calendar = {"calendar": self.first + self.k, "calendar_before": self.first + started}
+        noise = None
+        if tape.reads("noise"):  # the numbers of all streams in this step, side by side
+            streams = enumerate(program.streams, len(program.drawn))
+            noise = np.hstack([uniforms(self.keys[:, place], self.k[:, None], count)[:, 0] for place, count in streams])
+        calendar = {"calendar": self.first + self.k, "calendar_before": self.first + steps_before}
         arrays = {
             "before": before,
             "after": after,
             "controls": controls,
-            "controls_before": controls if held is None else held,
-            "given": given,
+            "controls_before": controls if controls_before is None else controls_before,
+            "given": actions,
             "trait": self.traits,
             "memory": self.memory.copy(),
-            "noise": self._noise() if tape.reads("noise") else None,
+            "noise": noise,
         }
 
         def read(source: Source, index: int) -> Any:
             if source in calendar:
                 return program.calendar[calendar[source], index]
             if source == "weather":
-                return program.weather[self._weather_rows(self._shown() if acts is None else acts), index]
+                steps = self._shown_steps() if weather_steps is None else weather_steps
+                return program.weather[self._weather_rows(steps), index]
             if source == "weather_before":
-                return program.weather[self._weather_rows(started), index]
+                return program.weather[self._weather_rows(steps_before), index]
             if source == "counter":
-                return (self.k if index == 0 else self._shown()).astype(np.float64)
+                return (self.k if index == 0 else self._shown_steps()).astype(np.float64)
             array = arrays[source]
             assert array is not None
             return array[:, index]
 
         return read
 
-    def _judged(self) -> NDArray[np.bool_]:
-        """Rows whose numbers count, while one looks at a step: neither over before nor failed in it."""
-        judged: NDArray[np.bool_] = ~self.ended
-        judged[[failure.row for failure in self._failed]] = False
-        return judged
+    def _valid_rows(self) -> NDArray[np.bool_]:
+        """Rows whose numbers count: neither ended before the step nor failed in it."""
+        valid: NDArray[np.bool_] = ~self.ended
+        valid[[failure.row for failure in self._failures]] = False
+        return valid
 
-    def _look(self, before: Floats, after: Floats, started: NDArray[np.int64], *, held: Floats | None) -> None:
-        """Look at a step, or at what is there now: then there are no controls that were ``held`` before it."""
+    def _look(
+        self, before: Floats, after: Floats, steps_before: NDArray[np.int64], *, controls_before: Floats | None
+    ) -> None:
+        """Fill table and observations after a step, or without one: then there are no ``controls_before``."""
         program, parts = self._program, self._parts
-        read = self._reader(before, after, self.u, program.outcome, started, held=held)
+        read = self._reader(before, after, self.u, program.outcome, steps_before, controls_before=controls_before)
         with np.errstate(over="ignore"):
             for target, index, values in program.outcome.play(read):
                 (self.table if target == "table" else self.observations)[:, index] = values
         for lookup in program.lookups:
             ahead = np.arange(lookup.rows) + lookup.ahead
-            clock, weather = (self.first + self.k)[:, None] + ahead, self._shown()[:, None] + ahead
+            clock, weather = (self.first + self.k)[:, None] + ahead, self._shown_steps()[:, None] + ahead
             rows = clock if lookup.clocked else self._weather_rows(weather)
             width = lookup.rows * lookup.table.shape[1]
             self.observations[:, lookup.at : lookup.at + width] = lookup.table[rows // lookup.every].reshape(
                 self._n, width
             )
-        if parts.reward is not None and held is not None:
+        if parts.reward is not None and controls_before is not None:
             column, reward = parts.reward
             self.table[:, column] = reward(self.table, before, after, self.u)
-            if not np.isfinite(self.table[self._judged(), column]).all():
+            if not np.isfinite(self.table[self._valid_rows(), column]).all():
                 msg = "A reward module of the task, a registered part, returned a reward that is no finite number (NaN or infinite)."
                 raise TaskError(msg)
         if parts.observation:
             air = self.table[:, parts.air].T.copy()
-            rows = self._weather_rows(self._shown())
+            rows = self._weather_rows(self._shown_steps())
             inputs = ObservationInputs(after, self.u, air, self.k.copy(), rows, self.first + self.k)
             for columns, part in parts.observation:
-                self.observations[:, columns] = part(inputs, self._judged())
+                self.observations[:, columns] = part(inputs, self._valid_rows())
 
 
 class ParameterDraws:
@@ -329,19 +329,19 @@ class _Group:
         self._half_width, self._every, self._deviation = noise.half_width, noise.every, deviation
         self._ahead = max(1, min(STEPS_AHEAD, ROWS_AHEAD // n))
         self.first = np.full(n, _NOT_DRAWN)
-        self._drawn = np.empty((n, self._ahead, len(self.places)))
+        self._prefetched = np.empty((n, self._ahead, len(self.places)))
         self._rows = np.arange(n)
 
     def deviations(self, keys: NDArray[np.uint64], k: NDArray[np.int64]) -> Floats:
         """Relative deviations in the steps ``k`` of the runs, ``(n, places)``."""
-        wanted = k // self._every
-        offset = wanted - self.first
+        draws = k // self._every
+        offset = draws - self.first
         if offset.max() >= self._ahead:
             rows = np.flatnonzero(offset >= self._ahead)
-            steps = wanted[rows, None] + np.arange(self._ahead)
+            steps = draws[rows, None] + np.arange(self._ahead)
             numbers = uniforms(keys[rows], steps, len(self.places))
-            self._drawn[rows] = self._deviation(numbers, self._half_width)
-            self.first[rows] = wanted[rows]
+            self._prefetched[rows] = self._deviation(numbers, self._half_width)
+            self.first[rows] = draws[rows]
             offset[rows] = 0
-        found: Floats = self._drawn[self._rows, offset]
-        return found
+        deviations: Floats = self._prefetched[self._rows, offset]
+        return deviations

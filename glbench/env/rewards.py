@@ -101,20 +101,16 @@ def _part(task: TaskSpec, name: str, accounts: Accounts) -> RewardPart:
 
     def checked(outcome: StepOutcome) -> NDArray[np.float64]:
         reward = np.asarray(part(outcome), dtype=np.float64)
-        wanted = (outcome.table.shape[1],)
-        if reward.shape != wanted:
+        expected = (outcome.table.shape[1],)
+        if reward.shape != expected:
             msg = (
-                f"The reward module '{name}' of {task.id} returned an array of shape {reward.shape}; it must be {wanted}: "
+                f"The reward module '{name}' of {task.id} returned an array of shape {reward.shape}; it must be {expected}: "
                 "a number for every run."
             )
             raise TaskError(msg)
         return reward
 
     return checked
-
-
-def _epi(task: TaskSpec, accounts: Accounts) -> RewardPart:
-    return lambda outcome: outcome["epi"]
 
 
 def _scaled_epi(task: TaskSpec, accounts: Accounts) -> RewardPart:
@@ -146,7 +142,7 @@ def _scaled_penalty(task: TaskSpec, accounts: Accounts) -> RewardPart:
 
 
 for _name, _make in (
-    ("epi", _epi),
+    ("epi", lambda task, accounts: lambda outcome: outcome["epi"]),
     ("scaled_epi", _scaled_epi),
     ("penalties", _penalties),
     ("scaled_penalty", _scaled_penalty),

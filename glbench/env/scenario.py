@@ -67,9 +67,9 @@ class RunScenarios:
         self.task, self.scenario = task, task.scenario
         self.pool = WeatherPool.of(task)
         self.nominal = task.parameters()
-        drawn = [group for group in self.scenario.groups if group.half_width > 0.0]
-        self.in_step = tuple(group for group in drawn if group.redraw != "episode")
-        self.in_episode = tuple(group for group in drawn if group.redraw == "episode")
+        uncertain = [group for group in self.scenario.groups if group.half_width > 0.0]
+        self.in_step = tuple(group for group in uncertain if group.redraw != "episode")
+        self.in_episode = tuple(group for group in uncertain if group.redraw == "episode")
         self._model = task.model_value
         self._derived = DerivedParameters(self._model, self.nominal, self.places(self.in_episode))
         self.sensors = Sensors.of(task)
@@ -80,7 +80,7 @@ class RunScenarios:
                 DAILY_SUMS: initial_memory(task),
             }
         )
-        self._starts: dict[int, Floats] = {}
+        self._starts: dict[int, Floats] = {}  # by row of the pool: the state before factors
 
     def places(self, groups: Sequence[ParameterGroup]) -> tuple[int, ...]:
         """Places of the parameters of some groups, in their order."""
@@ -89,72 +89,61 @@ class RunScenarios:
 
     def draw(self, seeds: Sequence[int]) -> Scenes:
         """What runs with ``seeds`` start with."""
-        first, weather = self._first(seeds)
-        steps = np.arange(self.pool.days, dtype=np.int64) * self.pool.day
+        n, scenario, pool = len(seeds), self.scenario, self.pool
+        if scenario.generated is not None:
+            generated = scenario.generated
+            first, weather = pool.starts([(seed - generated.first_seed) % generated.seasons for seed in seeds])
+        else:
+            first = np.zeros(n, np.int64)
+            if len(pool.seasons) > 1:
+                first += np.array(pool.seasons, np.int64)[_season_numbers(scenario, seeds)]
+            if scenario.start_within_days:
+                share = _episode_numbers(scenario, seeds, "start day", 1)[:, 0]
+                first += (share * (scenario.start_within_days + 1)).astype(np.int64) * pool.day
+            weather = first
         names = [parameter_stream(group) for group in self.in_step]
         if self.sensors.numbers:
             names.append(SENSOR_STREAM)
-        n = len(seeds)
+        keys = np.array([[stream_key(scenario, seed, name) for name in names] for seed in seeds], np.uint64)
         return Scenes(
             self.start_states(seeds, weather),
-            weather[:, None] + steps,
+            weather[:, None] + np.arange(pool.days, dtype=np.int64) * pool.day,
             first,
-            np.array([[stream_key(self.scenario, seed, name) for name in names] for seed in seeds], np.uint64).reshape(
-                n, len(names), 2
-            ),
-            self._parameters(seeds),
-            self.sensors.traits(self._numbers(seeds, "sensor offsets", self.sensors.trait_numbers)),
+            keys.reshape(n, len(names), 2),
+            self._episode_parameters(seeds),
+            self.sensors.traits(_episode_numbers(scenario, seeds, "sensor offsets", self.sensors.trait_numbers)),
             self.memory_layout.rows(n),
         )
 
-    def _numbers(self, seeds: Sequence[int], stream: str, count: int) -> Floats:
-        return _numbers(self.scenario, seeds, stream, count)
-
-    def _first(self, seeds: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Rows of the calendar and of the weather at which the runs start."""
-        generated = self.scenario.generated
-        if generated is not None:
-            return self.pool.starts([(seed - generated.first_seed) % generated.seasons for seed in seeds])
-        first = np.zeros(len(seeds), np.int64)
-        seasons, late = np.array(self.pool.seasons, np.int64), self.scenario.start_within_days
-        if len(seasons) > 1:
-            first += seasons[_which_season(self.scenario, seeds)]
-        if late:
-            first += (self._numbers(seeds, "start day", 1)[:, 0] * (late + 1)).astype(np.int64) * self.pool.day
-        return first, first
-
     def start_states(self, seeds: Sequence[int], first: NDArray[np.int64]) -> Floats:
         """States in which runs with ``seeds`` start, each at its row ``first`` of the pool of weather, ``(n, s)``."""
-        states = np.stack([self._start(row) for row in first.tolist()])
+        for row in first.tolist():
+            if row not in self._starts:
+                self._starts[row] = self.task.start_state(self.pool.values[row])
+        states = np.stack([self._starts[row] for row in first.tolist()])
         for group in self.scenario.start_groups:
             deviation = DISTRIBUTIONS[group.distribution]
-            numbers = self._numbers(seeds, f"start {group.name}", len(group.states))
+            numbers = _episode_numbers(self.scenario, seeds, f"start {group.name}", len(group.states))
             columns = [self._model.state_index(name) for name in group.states]
             states[:, columns] *= 1.0 + deviation(numbers, group.half_width)
         return states
 
-    def _start(self, row: int) -> Floats:
-        """State of an episode that starts with a row of the pool, before factors."""
-        if row not in self._starts:
-            self._starts[row] = self.task.start_state(self.pool.values[row])
-        return self._starts[row]
-
-    def _parameters(self, seeds: Sequence[int]) -> Floats | None:
+    def _episode_parameters(self, seeds: Sequence[int]) -> Floats | None:
         """Parameters at the start, ``None`` where all runs have the nominal ones."""
         if not self.in_episode:
             return None
-        drawn = np.tile(self.nominal, (len(seeds), 1))
+        parameters = np.tile(self.nominal, (len(seeds), 1))
         for group in self.in_episode:
             places = list(self.places((group,)))
-            numbers = self._numbers(seeds, parameter_stream(group), len(places))
-            drawn[:, places] = self.nominal[places] * (
+            numbers = _episode_numbers(self.scenario, seeds, parameter_stream(group), len(places))
+            parameters[:, places] = self.nominal[places] * (
                 1.0 + DISTRIBUTIONS[group.distribution](numbers, group.half_width)
             )
-        self._derived.complete(drawn)
-        return drawn
+        self._derived.complete(parameters)
+        return parameters
 
 
-def _numbers(scenario: Scenario, seeds: Sequence[int], stream: str, count: int) -> Floats:
+def _episode_numbers(scenario: Scenario, seeds: Sequence[int], stream: str, count: int) -> Floats:
     """The numbers of a stream that is drawn once an episode, ``(n, count)``."""
     if count == 0:
         return np.zeros((len(seeds), 0))
@@ -162,9 +151,9 @@ def _numbers(scenario: Scenario, seeds: Sequence[int], stream: str, count: int) 
     return uniforms(keys, np.zeros((len(seeds), 1), np.int64), count)[:, 0]
 
 
-def _which_season(scenario: Scenario, seeds: Sequence[int]) -> NDArray[np.int64]:
+def _season_numbers(scenario: Scenario, seeds: Sequence[int]) -> NDArray[np.int64]:
     """Which of the scenario's seasons each run is in."""
-    return (_numbers(scenario, seeds, "season", 1)[:, 0] * len(scenario.seasons)).astype(np.int64)
+    return (_episode_numbers(scenario, seeds, "season", 1)[:, 0] * len(scenario.seasons)).astype(np.int64)
 
 
 def season_names(task: TaskSpec, seeds: Sequence[int]) -> tuple[str | None, ...]:
@@ -176,7 +165,7 @@ def season_names(task: TaskSpec, seeds: Sequence[int]) -> tuple[str | None, ...]
     years = [
         f"{season.source} {season.start.year}" if several else f"{season.start.year}" for season in scenario.seasons
     ]
-    return tuple(years[number] for number in _which_season(scenario, seeds))
+    return tuple(years[number] for number in _season_numbers(scenario, seeds))
 
 
 @lru_cache(maxsize=64)
@@ -191,7 +180,7 @@ def run_years(task: TaskSpec, seeds: tuple[int, ...]) -> tuple[int, ...]:
     generated, seasons = task.scenario.generated, task.scenario.seasons
     if generated is None:
         years = [season.start.year for season in seasons]
-        return tuple(years[number] for number in _which_season(task.scenario, seeds)) if len(set(years)) > 1 else ()
+        return tuple(years[number] for number in _season_numbers(task.scenario, seeds)) if len(set(years)) > 1 else ()
     if len(generated.years) == 1:
         return ()
     maker = SeasonMaker(task, np.datetime64(task.weather.start))

@@ -88,7 +88,13 @@ class Sensors:
                 f"{task.source}: [sensors] {task.model_id} has no air that a sensor could measure. Leave the table out."
             )
             raise TaskError(msg)
-        bounds = _shown_within(task)
+        model, horizon = task.model_value, task.observation_context().horizon
+        columns = [column for module in model.observation_modules for column in model.observed(module, horizon) or ()]
+        bounds = {  # of the columns in which the model can show each quantity of its air
+            column.source: (column.low / column.factor, column.high / column.factor)
+            for column in columns
+            if column.source in AIR
+        }
         for name in dict(table.items()):
             if name not in bounds:
                 msg = f"{task.source}: [sensors.{name}] {task.model_id} never shows '{name}'. Leave the table out."
@@ -121,7 +127,7 @@ class Sensors:
     def traits(self, numbers: Floats) -> Floats:
         """Bias and drift of each sensor, ``(n, 2 sensors)``, from ``trait_numbers`` uniform numbers a run."""
         columns = numbers.reshape(len(numbers), len(self.sensors), UNIFORMS_PER_NORMAL + 1)
-        found = [
+        traits = [
             column
             for place, sensor in enumerate(self.sensors)
             for column in (
@@ -129,7 +135,7 @@ class Sensors:
                 (2.0 * columns[:, place, UNIFORMS_PER_NORMAL] - 1.0) * sensor.drift,
             )
         ]
-        return np.stack(found, axis=1) if found else np.zeros((len(numbers), 0))
+        return np.stack(traits, axis=1) if traits else np.zeros((len(numbers), 0))
 
     def initial_memory(self) -> dict[str, float]:
         """Numbers that they keep from step to step: whether each hangs, and its last reading."""
@@ -139,47 +145,36 @@ class Sensors:
 
     def readings(self, recorder: Recorder, air: Sequence[Any], layout: MemoryLayout) -> list[Any]:
         """What the sensors show of ``air`` (its quantities in order, true): recorded values, those without a sensor as they are."""
-        shown = list(air)
-        kept = layout.of(PART)
+        readings = list(air)
+        memory = layout.of(PART)
         for place, sensor in enumerate(self.sensors):
-            fresh = self._fresh(recorder, sensor, place, air[sensor.place])
-            if kept:
-                out, held = (recorder.input("memory", kept[f"{what} {sensor.name}"]) for what in ("out", "held"))
-                fresh = out * held + (1.0 - out) * fresh
-            shown[sensor.place] = fresh
-        return shown
+            reading = self._reading(recorder, sensor, place, air[sensor.place])
+            if memory:
+                out, last = (recorder.input("memory", memory[f"{what} {sensor.name}"]) for what in ("out", "held"))
+                reading = out * last + (1.0 - out) * reading
+            readings[sensor.place] = reading
+        return readings
 
     def update(self, recorder: Recorder, air: Sequence[Any], layout: MemoryLayout) -> None:
         """Record which sensors hang after a step, and at which reading."""
-        kept = layout.of(PART)
-        steps: Any = recorder.input("counter", 0) if kept else 0.0
+        memory = layout.of(PART)
+        steps: Any = recorder.input("counter", 0) if memory else 0.0
         not_first = np.minimum(steps - 1.0, 1.0)
-        for place, sensor in enumerate(self.sensors if kept else ()):
-            now_out, now_held = (kept[f"{what} {sensor.name}"] for what in ("out", "held"))
-            was_out, held = recorder.input("memory", now_out), recorder.input("memory", now_held)
+        for place, sensor in enumerate(self.sensors if memory else ()):
+            out_place, last_place = (memory[f"{what} {sensor.name}"] for what in ("out", "held"))
+            was_out, last = recorder.input("memory", out_place), recorder.input("memory", last_place)
             number = recorder.input("noise", place * self._each + UNIFORMS_PER_NORMAL)
             # Before the first step nothing was shown that a sensor could hang at.
             chance = (was_out * (self.stays_out - self.out) + self.out) * not_first
             out = np.maximum(np.sign(chance - number), 0.0)
-            fresh = self._fresh(recorder, sensor, place, air[sensor.place])
-            recorder.output("memory", now_out, out)
+            reading = self._reading(recorder, sensor, place, air[sensor.place])
+            recorder.output("memory", out_place, out)
             # A sensor that hangs keeps what it last showed, which is also what it showed in the step before it hung.
-            recorder.output("memory", now_held, out * held + (1.0 - out) * fresh)
+            recorder.output("memory", last_place, out * last + (1.0 - out) * reading)
 
-    def _fresh(self, recorder: Recorder, sensor: Sensor, place: int, true: Any) -> Any:
+    def _reading(self, recorder: Recorder, sensor: Sensor, place: int, true: Any) -> Any:
         first = place * self._each
         noise = approx_normal(*(recorder.input("noise", first + number) for number in range(UNIFORMS_PER_NORMAL)))
         bias, drift = (recorder.input("trait", 2 * place + which) for which in range(2))
         reading = true + noise * sensor.noise + bias + drift * (recorder.input("counter", 0) * (1.0 / self.steps))
         return np.minimum(np.maximum(reading, sensor.low), sensor.high)
-
-
-def _shown_within(task: TaskSpec) -> dict[str, tuple[float, float]]:
-    """Bounds of the columns in which the model can show each quantity of its air."""
-    model, horizon = task.model_value, task.observation_context().horizon
-    columns = [column for module in model.observation_modules for column in model.observed(module, horizon) or ()]
-    return {
-        column.source: (column.low / column.factor, column.high / column.factor)
-        for column in columns
-        if column.source in AIR
-    }

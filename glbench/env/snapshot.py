@@ -59,12 +59,12 @@ class Snapshot:
 
     def take(self, rows: int | list[int] | NDArray[np.intp]) -> Snapshot:
         """Some of the rows, in the order given; the same row may be taken several times, to try several ways from it."""
-        chosen = np.atleast_1d(np.asarray(rows, dtype=np.intp))
+        places = np.atleast_1d(np.asarray(rows, dtype=np.intp))
         picked: dict[str, Any] = {
-            name: getattr(self, name)[chosen] for name in ("states", "controls", "steps", "seeds", "ended", "memory")
+            name: getattr(self, name)[places] for name in ("states", "controls", "steps", "seeds", "ended", "memory")
         }
         if len(self.generators):
-            picked["generators"] = self.generators[chosen]
+            picked["generators"] = self.generators[places]
         return replace(self, **picked)
 
     def to_bytes(self) -> bytes:
@@ -85,11 +85,11 @@ class Snapshot:
         """
         try:
             with np.load(io.BytesIO(data), allow_pickle=False) as file:
-                found = int(file["format"])
-                if not 1 <= found <= _FORMAT:
-                    msg = f"The snapshot has format {found}; this version of glbench reads formats 1 to {_FORMAT}."
+                version = int(file["format"])
+                if not 1 <= version <= _FORMAT:
+                    msg = f"The snapshot has format {version}; this version of glbench reads formats 1 to {_FORMAT}."
                     raise ResultError(msg)
-                names = [field.name for field in fields(cls) if found >= _SINCE.get(field.name, 1)]
+                names = [field.name for field in fields(cls) if version >= _SINCE.get(field.name, 1)]
                 values: dict[str, Any] = {name: file[name] for name in names}
                 values.setdefault("memory", np.zeros((len(values["states"]), 0)))
                 values.setdefault("split", "")

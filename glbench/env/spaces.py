@@ -52,15 +52,15 @@ def task_of_environment(
         When the task has no such split, when none is named and the task has only scored real years, or when the overrides make no
         task.
     """
-    found = the_task(task)
+    spec = the_task(task)
     if overrides is not None:
-        found = found.replace(overrides)
-    if split is None and found.preview is not None:
+        spec = spec.replace(overrides)
+    if split is None and spec.preview is not None:
         split = PREVIEW
     if split is not None:
-        return found.in_split(split)
-    found.check_training()
-    return found
+        return spec.in_split(split)
+    spec.check_training()
+    return spec
 
 
 def observation_space(task: TaskSpec, normalisation: Normalisation | None = None) -> Vectors:
@@ -86,20 +86,20 @@ def with_horizon(spec: EnvSpec | None, task: TaskSpec) -> EnvSpec | None:
     return None if spec is None else replace(spec, max_episode_steps=task.steps)
 
 
-def check_names(options: Mapping[str, Any] | None, known: tuple[str, ...]) -> Mapping[str, Any]:
+def check_names(options: Mapping[str, Any] | None, names: tuple[str, ...]) -> Mapping[str, Any]:
     """``options``, none as an empty mapping.
 
     Raises
     ------
     GlbenchError
-        For an option that is not ``known``.
+        For an option that is not among ``names``.
     """
-    given = options or {}
-    for name in given:
-        if name not in known:
-            msg = f"reset has no option called '{name}'.{did_you_mean(name, known)}"
+    options = options or {}
+    for name in options:
+        if name not in names:
+            msg = f"reset has no option called '{name}'.{did_you_mean(name, names)}"
             raise GlbenchError(msg)
-    return given
+    return options
 
 
 def state_option(options: Mapping[str, Any], seed: object) -> Snapshot | None:

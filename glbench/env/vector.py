@@ -107,7 +107,13 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
             raise GlbenchError(msg)
         self.num_envs = num_envs
         self.render_mode = checked_render_mode(render_mode)
-        self.autoreset_mode = _mode(autoreset_mode)
+        if not isinstance(autoreset_mode, AutoresetMode):
+            modes = {mode.value: mode for mode in AutoresetMode}
+            if autoreset_mode not in modes:
+                msg = f"There is no autoreset mode {autoreset_mode!r}.{did_you_mean(str(autoreset_mode), modes)}"
+                raise UnknownNameError(msg)
+            autoreset_mode = modes[autoreset_mode]
+        self.autoreset_mode = autoreset_mode
         self.metadata = {**GreenhouseEnv.metadata, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = observation_space(self.task, self._normalisation)
         self.single_action_space = action_space(self.task)
@@ -154,16 +160,14 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         GlbenchError
             For impossible seeds or options.
         """
-        given = check_names(options, (STATE, RESET_MASK))
-        snapshot = state_option(given, seed)
+        options = dict(check_names(options, (STATE, RESET_MASK)))
+        snapshot = state_option(options, seed)
         if snapshot is not None:
             return self.restore(snapshot)
-        mask = mask_option(given, self.num_envs)
+        mask = mask_option(options, self.num_envs)
         self._start(np.flatnonzero(mask), self._row_seeds(seed))
         self._result = None
-        return self._normalise(self.simulation.observe()), self._info.masked(
-            self._info.columns(self.simulation, None), mask, mask
-        )
+        return self._normalise(self.simulation.observe()), self._reset_info(mask)
 
     def step(self, actions: Actions) -> Step:
         """Take one step in every row.
@@ -187,8 +191,12 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
                 rows = np.flatnonzero(over).tolist()
                 msg = f"The episodes of rows {rows} have ended. Reset them with the option 'reset_mask'."
                 raise GlbenchError(msg)
-            if over.all():
-                return self._only_reset()
+            if over.all():  # every row starts a new episode
+                observations = self._start(np.arange(self.num_envs))
+                self._result = None
+                terminated = np.zeros(self.num_envs, dtype=np.bool_)
+                info = self._reset_info(~terminated)
+                return self._normalise(observations), np.zeros(self.num_envs), terminated, terminated.copy(), info
         result = self._result = self.simulation.step(actions)
         if self._camera is not None:
             self._camera.follow(result, np.flatnonzero(~over).tolist())
@@ -198,7 +206,12 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         else:
             terminated = result.terminated & ~over if any_over else result.terminated.copy()
             observations = self._start(np.flatnonzero(over)) if any_over else result.observations
-            info = self._step_info(result, ~over if any_over else None)
+            columns = self._info.columns(self.simulation, result)
+            if any_over:
+                info = self._info.masked(columns, np.ones(self.num_envs, dtype=np.bool_), ~over)
+            else:
+                info = self._info.everywhere(columns, self.num_envs)
+            add_failures(info, result)
         return (
             self._normalise(observations),
             result.rewards.copy(),
@@ -241,10 +254,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         self._result = None
         if self._camera is not None:
             self._camera.begin()
-        everywhere = np.ones(self.num_envs, dtype=np.bool_)
-        return self._normalise(observations), self._info.masked(
-            self._info.columns(self.simulation, None), everywhere, everywhere
-        )
+        return self._normalise(observations), self._reset_info(np.ones(self.num_envs, dtype=np.bool_))
 
     def _normalise(self, observations: Observations) -> Observations:
         return observations if self._normalisation is None else self._normalisation(observations)
@@ -262,44 +272,29 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
 
     def _make_generators(self) -> None:
         if not self._generators:
-            made = [seeding.np_random() for _ in range(self.num_envs)]
-            self._generators = [generator for generator, _ in made]
-            self._generator_seeds = [seed for _, seed in made]
+            pairs = [seeding.np_random() for _ in range(self.num_envs)]
+            self._generators = [generator for generator, _ in pairs]
+            self._generator_seeds = [seed for _, seed in pairs]
 
     def _start(self, rows: NDArray[np.intp], seeds: Sequence[int | None] | None = None) -> Observations:
         """Start episodes in ``rows`` with their entries of ``seeds``, or seeds drawn from their generators."""
         self._make_generators()
-        chosen = []
+        numbers = []
         for row in rows.tolist():
             seed = None if seeds is None else seeds[row]
             if seed is None:
                 seed = draw_seed(self._generators[row])
             else:
                 self._generators[row], self._generator_seeds[row] = seeding.np_random(seed)
-            chosen.append(seed)
-        observations = self.simulation.reset(chosen, None if len(rows) == self.num_envs else rows)
+            numbers.append(seed)
+        observations = self.simulation.reset(numbers, None if len(rows) == self.num_envs else rows)
         if self._camera is not None:
             self._camera.begin(None if len(rows) == self.num_envs else rows.tolist())
         return observations
 
-    def _only_reset(self) -> Step:
-        """The step of mode ``NEXT_STEP`` in which every row starts a new episode."""
-        n = self.num_envs
-        observations = self._start(np.arange(n))
-        self._result = None
-        everywhere, nowhere = np.ones(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
-        info = self._info.masked(self._info.columns(self.simulation, None), everywhere, everywhere)
-        return self._normalise(observations), np.zeros(n), nowhere, nowhere.copy(), info
-
-    def _step_info(self, result: StepResult, stepped: NDArray[np.bool_] | None) -> dict[str, Any]:
-        """Info of all rows, of which those in ``stepped`` (by default all) took a step and the others began an episode."""
-        columns = self._info.columns(self.simulation, result)
-        if stepped is None:
-            info = self._info.everywhere(columns, self.num_envs)
-        else:
-            info = self._info.masked(columns, np.ones(self.num_envs, dtype=np.bool_), stepped)
-        add_failures(info, result)
-        return info
+    def _reset_info(self, rows: NDArray[np.bool_]) -> dict[str, Any]:
+        """Info of ``rows``, which begin an episode."""
+        return self._info.masked(self._info.columns(self.simulation, None), rows, rows)
 
     def _reset_at_once(self, result: StepResult) -> tuple[Observations, dict[str, Any]]:
         """Mode ``SAME_STEP``: new episodes in the rows that ended, the end of the old ones in the info."""
@@ -313,14 +308,3 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         add_objects(info, "final_obs", last, self.num_envs)
         info["final_info"], info["_final_info"] = final, ended.copy()
         return observations, info
-
-
-def _mode(given: AutoresetMode | str) -> AutoresetMode:
-    """The autoreset mode from itself or its name."""
-    known = {mode.value: mode for mode in AutoresetMode}
-    if isinstance(given, AutoresetMode):
-        return given
-    if given not in known:
-        msg = f"There is no autoreset mode {given!r}.{did_you_mean(str(given), known)}"
-        raise UnknownNameError(msg)
-    return known[given]

@@ -210,7 +210,7 @@ class WeatherPool:
     _maker: SeasonMaker | None = None
     _forecast: ForecastTable | None = None
     _season_prices: SeasonPrices | None = None
-    _made: set[int] = field(default_factory=set)
+    _ready: set[int] = field(default_factory=set)
 
     def price_column(self, name: str) -> int:
         """Column of the calendar that holds a price table."""
@@ -219,23 +219,26 @@ class WeatherPool:
     @staticmethod
     def of(task: TaskSpec) -> WeatherPool:
         """The pool of a task, shared by all its runs in this process."""
-        return _recent(task)
+        return _shared_pool(task)
 
     def starts(self, numbers: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Rows of the calendar and of the weather at which generated seasons start ``(n,)``; makes those that are missing."""
         maker = self._maker
         assert maker is not None
         rows = self.day * self.days
-        for number in sorted(set(numbers) - self._made):
-            made, ahead = maker.season(number, rows), slice(number * rows, (number + 1) * rows)
-            measured = _measured(made.values)
-            self.values[ahead], self.tables.measured[ahead] = made.values[:rows], measured[:rows]
-            self.tables.published[ahead] = made.values[:rows, _PUBLISHED]
+        for number in sorted(set(numbers) - self._ready):
+            season, slot = maker.season(number, rows), slice(number * rows, (number + 1) * rows)
+            measured = _measured(season.values)
+            self.values[slot], self.tables.measured[slot] = season.values[:rows], measured[:rows]
+            self.tables.published[slot] = season.values[:rows, _PUBLISHED]
             if self._forecast is not None:
-                self._forecast.fill(self.tables.forecast, number * rows, rows, measured, made.times, number)
+                self._forecast.fill(self.tables.forecast, number * rows, rows, measured, season.times, number)
             if self._season_prices is not None:
-                _price_season(self, self._season_prices, number, ahead)
-            self._made.add(number)
+                times, hours = self.times[slot], self.calendar[slot, 0]
+                prices = self._season_prices.rows(number, times, hours, self.tables.measured[slot])
+                self.calendar[slot, len(CLOCK) :] = prices
+                self._season_prices.show((self.tables.prices, self.tables.day_ahead), slot, prices, times, hours)
+            self._ready.add(number)
         slots = np.array(numbers, np.int64) * rows
         return slots if self._season_prices is not None else maker.start_days(
             np.array(numbers, np.int64)
@@ -248,15 +251,15 @@ _LOCK = Lock()
 
 
 @lru_cache(maxsize=8)
-def _recent(task: TaskSpec) -> WeatherPool:
+def _shared_pool(task: TaskSpec) -> WeatherPool:
     with _LOCK:
         pool = _ALIVE.get(task)
         if pool is None:
-            pool = _ALIVE[task] = _pool(task)
+            pool = _ALIVE[task] = _make_pool(task)
     return pool
 
 
-def _pool(task: TaskSpec) -> WeatherPool:
+def _make_pool(task: TaskSpec) -> WeatherPool:
     day, scenario = task.steps_per_day, task.scenario
     forecast = ForecastTable.of(task)
     length = task.steps + 1 + task.observation.forecast_steps
@@ -280,27 +283,28 @@ def _pool(task: TaskSpec) -> WeatherPool:
             starts = maker.start_days(np.arange(generated.seasons)) * day
             of_pool = (starts[:, None] + np.arange(days * day)).ravel()
             times, turns, clock = times[of_pool], _frozen(turns[of_pool]), [column[of_pool] for column in clock]
-            calendar, seen_prices = _calendar(clock, np.zeros((rows, len(tables)))), priced.room(rows)
+            calendar, price_tables = _calendar(clock, np.zeros((rows, len(tables)))), priced.room(rows)
         else:
-            calendar, seen_prices = _priced(priced, times, clock, [(0, len(times))], np.zeros((len(times), 5)))
-        shown = WeatherTables(measured, published, turns, _room(forecast, rows), *seen_prices)
-        return WeatherPool(values, times, calendar, tables, (0,), day, days, shown, maker, forecast, of_seasons)
+            calendar, price_tables = _priced(priced, times, clock, [(0, len(times))], np.zeros((len(times), 5)))
+        weather_tables = WeatherTables(measured, published, turns, _room(forecast, rows), *price_tables)
+        return WeatherPool(
+            values, times, calendar, tables, (0,), day, days, weather_tables, maker, forecast, of_seasons
+        )
     values = seasons[0].values if len(seasons) == 1 else np.concatenate([season.values for season in seasons])
     firsts = tuple(int(row) for row in np.cumsum([0, *(len(season.values) for season in seasons[:-1])]))
-    seen = _measured(values)
+    measured_rows = _measured(values)
     spans = [(first, first + len(season.values)) for first, season in zip(firsts, seasons, strict=True)]
-    calendar, seen_prices = _priced(priced, times, clock, spans, seen)
-    shown = WeatherTables(
-        _frozen(seen), _frozen(values[:, _PUBLISHED]), turns, _room(forecast, len(values)), *seen_prices
+    calendar, price_tables = _priced(priced, times, clock, spans, measured_rows)
+    weather_tables = WeatherTables(
+        _frozen(measured_rows), _frozen(values[:, _PUBLISHED]), turns, _room(forecast, len(values)), *price_tables
     )
     if forecast is not None:
-        for number, (first, season) in enumerate(zip(firsts, seasons, strict=True)):
-            rows = len(season.values) - forecast.reach
-            own = seen[first : first + len(season.values)]
-            forecast.fill(shown.forecast, first, rows, own, season.times, number)
-    for array in (values, shown.forecast):
+        for number, ((first, end), season) in enumerate(zip(spans, seasons, strict=True)):
+            rows = end - first - forecast.reach
+            forecast.fill(weather_tables.forecast, first, rows, measured_rows[first:end], season.times, number)
+    for array in (values, weather_tables.forecast):
         array.flags.writeable = False
-    return WeatherPool(values, times, calendar, tables, firsts, day, days, shown)
+    return WeatherPool(values, times, calendar, tables, firsts, day, days, weather_tables)
 
 
 def _calendar(clock: list[Floats], prices: Floats) -> Floats:
@@ -315,23 +319,15 @@ def _priced(
     measured: Floats,
 ) -> tuple[Floats, tuple[NDArray[np.float32], NDArray[np.float32]]]:
     """Calendar and tables of prices of seasons that take up the rows ``spans``, with the weather as measured of all rows."""
-    prices, shown = np.zeros((len(times), len(priced.task.price_tables))), priced.room(len(times))
+    prices, tables = np.zeros((len(times), len(priced.task.price_tables))), priced.room(len(times))
     for number, (first, end) in enumerate(spans):
         at = slice(first, end)
         prices[at] = priced.rows(number, times[at], clock[0][at], measured[at])
-        priced.show(shown, at, prices[at], times[at], clock[0][at])
+        priced.show(tables, at, prices[at], times[at], clock[0][at])
     calendar = _calendar(clock, prices)
-    for array in (calendar, times, *shown):
+    for array in (calendar, times, *tables):
         array.flags.writeable = False
-    return calendar, shown
-
-
-def _price_season(pool: WeatherPool, priced: SeasonPrices, number: int, at: slice) -> None:
-    """The prices of a season that has just been made."""
-    times, hours = pool.times[at], pool.calendar[at, 0]
-    prices = priced.rows(number, times, hours, pool.tables.measured[at])
-    pool.calendar[at, len(CLOCK) :] = prices
-    priced.show((pool.tables.prices, pool.tables.day_ahead), at, prices, times, hours)
+    return calendar, tables
 
 
 def _room(forecast: ForecastTable | None, rows: int) -> NDArray[np.float32]:

@@ -148,7 +148,7 @@ def test_it_never_looks_at_weather_or_draws(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(scenario.RunScenarios, "__init__", hidden)
     monkeypatch.setattr(weather_pool, "_pool", hidden)
-    monkeypatch.setattr(weather_pool, "_recent", hidden)
+    monkeypatch.setattr(weather_pool, "_shared_pool", hidden)
     monkeypatch.setattr(Simulation, "__init__", hidden)
     monkeypatch.setattr(TaskSpec, "record", hidden)
     monkeypatch.setattr(TaskSpec, "disturbances", hidden)

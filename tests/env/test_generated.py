@@ -50,7 +50,7 @@ def forgotten(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Pools and programs of before are out of reach in this test, and its own after it."""
 
     def forget() -> None:
-        weather_pool._recent.cache_clear()
+        weather_pool._shared_pool.cache_clear()
         program._shipped.cache_clear()
 
     forget()
@@ -69,7 +69,7 @@ def test_a_season_does_not_depend_on_the_order_in_which_it_is_asked_for(
     one_by_one = {number: everything(chosen, number) for number in seasons}
     assert len(set(one_by_one.values())) == len(seasons)
     pool = WeatherPool.of(chosen)
-    weather_pool._recent.cache_clear()
+    weather_pool._shared_pool.cache_clear()
     del weather_pool._ALIVE[chosen]
     other = WeatherPool.of(chosen)
     assert other is not pool
@@ -151,7 +151,7 @@ def test_first_days_are_spread_evenly_for_every_number_of_seasons(folder: Path) 
 @pytest.mark.parametrize("split", SPLIT_NAMES)
 def test_seasons_are_made_of_the_years_of_their_split_only(task: TaskSpec, split: str) -> None:
     maker = SeasonMaker(task.in_split(split), np.datetime64("2010-02-14T23:00:00"))
-    days = np.concatenate([maker.season(number, 400).drawn.sources for number in range(8)])
+    days = np.concatenate([maker.season(number, 400).days.sources for number in range(8)])
     years = days.astype("datetime64[D]").astype("datetime64[Y]").astype(int) + 1970
     assert set(years.tolist()) == set(getattr(task.splits, split).years)
 
