@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.control import Scenario
-from glbench.env.flows import flow_amounts
+from glbench.env.accounts import flow_amounts
 from glbench.env.weather_pool import WeatherPool
 from glbench.errors import EpisodeError, GlbenchError
 from glbench.model.equipment import BUFFER, Equipment, lacks_energy

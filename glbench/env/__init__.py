@@ -6,13 +6,12 @@ See docs/environment.md.
 
 from __future__ import annotations
 
-from glbench.env.accounts import Accounts, make_accounts
+from glbench.env.accounts import QUANTITIES, Accounts, make_accounts
 from glbench.env.actuation import ACTUATIONS, register_actuation
 from glbench.env.greenhouse import GreenhouseEnv
 from glbench.env.info import info_quantities
 from glbench.env.numpy_environments import ObservationInputs
 from glbench.env.observations import register_observation
-from glbench.env.quantities import QUANTITIES, StepQuantity
 from glbench.env.rewards import REWARDS, StepOutcome, register_reward
 from glbench.env.scenario import RunWeather, run_weather, run_years, season_names
 from glbench.env.simulation import Simulation, StepResult
@@ -20,6 +19,7 @@ from glbench.env.snapshot import Snapshot
 from glbench.env.uncertainty import DISTRIBUTIONS, register_distribution
 from glbench.env.vector import GreenhouseVectorEnv
 from glbench.env.weather_pool import WeatherTables
+from glbench.tasks.ledger import StepQuantity
 
 __all__ = [
     "ACTUATIONS",

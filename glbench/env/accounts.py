@@ -6,7 +6,7 @@ economic performance indicator of the GreenLight-Gym paper) is what is earned mi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -16,29 +16,44 @@ from numpy.typing import NDArray
 
 from glbench.errors import TaskError
 from glbench.model import SIDES, Flow, Model, Side, Step, Stock, violation_meter
-from glbench.tasks.ledger import LIMITED, STOCK, TRAVEL, Ledger, LedgerItem
+from glbench.tasks.ledger import LIMITED, STOCK, TRAVEL, Ledger, LedgerItem, StepQuantity, step_quantities
+from glbench.tasks.schema1 import paper_v1
+from glbench.tasks.tables import PricesTable
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
+
+_PAPER = paper_v1(
+    PricesTable.model_construct(
+        fruit=1.0, dry_matter_content=1.0, co2=1.0, heat=1.0, electricity=1.0
+    )  # names, not prices
+)
+
+QUANTITIES: tuple[StepQuantity, ...] = step_quantities(_PAPER, LIMITED)
+"""What is measured in every control step of a task of schema 1: rows of ``StepResult.table``; those of any task are ``task.quantities``."""
+QUANTITY_NAMES: tuple[str, ...] = tuple(quantity.name for quantity in QUANTITIES)
+
+REWARD, EPI = 0, 1
+"""Rows of every task's table: the reward and the profit."""
 
 Values = Sequence[Any] | Mapping[int, Any] | NDArray[np.float64]
 """A number, an array or a recorded value for each place; a mapping where only some are needed (``Accounts.ledger_states``)."""
 
 
 class ByName:
-    """The entries of a vector by the names of the equations, read when asked for; ``asked`` says which were."""
+    """The entries of a vector by the names of the equations, read on access; ``reads`` has the places of those that were."""
 
     def __init__(self, entries: Sequence[Any], values: Values) -> None:
         self._places = {entry.attribute: place for place, entry in enumerate(entries)}
         self._values = values
-        self.asked: set[int] = set()
+        self.reads: set[int] = set()
 
     def __getattr__(self, name: str) -> Any:
         try:
             place = self._places[name]
         except KeyError:
             raise AttributeError(name) from None
-        self.asked.add(place)
+        self.reads.add(place)
         return self._values[place]
 
 
@@ -102,7 +117,7 @@ class Accounts:
         """
         step = self._step(0.0, 1.0)
         amounts = [self._amount(item, step) for item in self.ledger.paid]
-        if step.before.asked | step.after.asked:
+        if step.before.reads | step.after.reads:
             reason = "what is paid does not follow from the controls alone"
             raise self._no_bounds(reason)
         return _frozen(amounts)
@@ -170,8 +185,8 @@ class Accounts:
             Controls before the step, ``(n, controls)``; those during it if none are given.
         """
         now = () if prices is None else prices.T
-        held = controls if controls_before is None else controls_before
-        rows = self.of_step(before.T, after.T, controls.T, air, now, now if later is None else later.T, held.T)
+        previous = controls if controls_before is None else controls_before
+        rows = self.of_step(before.T, after.T, controls.T, air, now, now if later is None else later.T, previous.T)
         table = np.zeros((len(self.names), len(after)))
         for row, name in enumerate(self.names):
             if name in rows:
@@ -193,7 +208,7 @@ class Accounts:
         ``before``, ``after`` and ``controls`` are indexed by the places of the model's states and controls, and only where the ledger needs
         one; ``prices`` (of this step) and ``later`` (of the next) by those of ``price_tables``.
         """
-        step = self._made(before, after, controls, controls if controls_before is None else controls_before)
+        step = self._record(before, after, controls, controls if controls_before is None else controls_before)
         money: dict[str, Any] = {}
         amounts: dict[str, Any] = {}
         profit: Any = None
@@ -201,12 +216,18 @@ class Accounts:
             amount = amounts[item.amount] = self._amount(item, step)
             now, then = self._price(item, prices), self._price(item, later)
             if item.valued == STOCK and isinstance(item.price, str):
-                held, kept = (_times(self._stock(item, record), item.factor) for record in (step.before, step.after))
-                worth = kept * then - held * now
+                start, end = (_times(self._stock(item, record), item.factor) for record in (step.before, step.after))
+                worth = end * then - start * now
             else:
                 worth = amount * now
             if item.beyond is not None:
-                worth = worth + self._more(item, step) * (item.beyond.price - now)
+                total = self.flows[item.flow].total
+                assert total is not None
+                start, end = (
+                    np.maximum(_times(total(record), item.factor) - item.beyond.amount, 0.0)
+                    for record in (step.before, step.after)
+                )
+                worth = worth + (end - start) * (item.beyond.price - now)
             money[item.name] = worth
             if profit is None:
                 profit = worth if item.sign > 0 else -worth
@@ -214,18 +235,26 @@ class Accounts:
                 profit = profit + worth
             else:
                 profit = profit - worth
-        travel = (
-            {} if controls_before is None or TRAVEL not in self.names else {TRAVEL: _travel(controls_before, controls)}
-        )
-        judged = self._judged(before, after, air)
-        return {"epi": 0.0 if profit is None else profit, **money, **amounts, **judged, **travel}
+        quantities = {
+            "epi": 0.0 if profit is None else profit,
+            **money,
+            **amounts,
+            **self._violations(before, after, air),
+        }
+        if controls_before is not None and TRAVEL in self.names:
+            travel: Any = 0.0
+            for previous, control in zip(controls_before, controls, strict=True):
+                # A pair of a larger and a smaller value, because a tape knows no absolute value.
+                travel = travel + (np.maximum(previous, control) - np.minimum(previous, control))
+            quantities[TRAVEL] = travel
+        return quantities
 
     def ledger_states(self) -> tuple[int, ...]:
         """Places of the states that the ledger depends on, and of the meters of violations."""
         step = self._step(1.0, 1.0)
         for item in self.ledger.items:
             self._amount(item, step)
-        return tuple(sorted(step.before.asked | step.after.asked | {*self._meters.values()}))
+        return tuple(sorted(step.before.reads | step.after.reads | {*self._meters.values()}))
 
     @cached_property
     def _meters(self) -> Mapping[tuple[str, Side], int]:
@@ -235,31 +264,21 @@ class Accounts:
         limited = [(name, side) for name, *_ in self.limits for side in SIDES]
         return {(name, side): self.model.state_index(violation_meter(name, side)) for name, side in limited}
 
-    def _made(self, before: Values, after: Values, controls: Values, held: Values) -> Step:
+    def _record(self, before: Values, after: Values, controls: Values, controls_before: Values) -> Step:
         states, names = self.model.states, self.model.controls
         return Step(
             ByName(states, before), ByName(states, after), ByName(names, controls), self.parameters, self.step_seconds,
-            ByName(names, held),
+            ByName(names, controls_before),
         )  # fmt: skip
 
     def _step(self, state: float, control: float) -> Step:
         states, controls = [state] * len(self.model.states), [control] * len(self.model.controls)
-        return self._made(states, states, controls, controls)
+        return self._record(states, states, controls, controls)
 
     def _amount(self, item: LedgerItem, step: Step) -> Any:
         if item.valued == STOCK:
             return _times(self._stock(item, step.after) - self._stock(item, step.before), item.factor)
         return _times(self.flows[item.flow].amount(step), item.factor)
-
-    def _more(self, item: LedgerItem, step: Step) -> Any:
-        """The part of a step's amount that is beyond what its price holds for."""
-        total, beyond = self.flows[item.flow].total, item.beyond
-        assert total is not None
-        assert beyond is not None
-        start, end = (
-            np.maximum(_times(total(record), item.factor) - beyond.amount, 0.0) for record in (step.before, step.after)
-        )
-        return end - start
 
     def _stock(self, item: LedgerItem, record: ByName) -> Any:
         return self.stocks[item.flow].amount(record, self.parameters)
@@ -281,34 +300,32 @@ class Accounts:
         )
         return TaskError(msg)
 
-    def _judged(self, before: Values, after: Values, air: Values) -> dict[str, Any]:
+    def _violations(self, before: Values, after: Values, air: Values) -> dict[str, Any]:
         """Penalty, violations, and the hours they lasted."""
         places = {name: place for place, name in enumerate(LIMITED)}
         hours = self.step_seconds / 3600.0
-        judged: dict[str, Any] = {}
+        violations: dict[str, Any] = {}
         penalty: Any = None
         for name, low, high, scale in self.limits:
             if self.means:
-                below, above = (self._mean(self._meters[name, side], before, after) for side in SIDES)
+                # The mean over the step; an integrator may leave a meter below 0 by its error.
+                meters = (self._meters[name, side] for side in SIDES)
+                below, above = (np.maximum(after[meter] - before[meter], 0.0) / self.step_seconds for meter in meters)
             else:
                 value = air[places[name]]
                 below, above = np.maximum(low - value, 0.0), np.maximum(value - high, 0.0)
             for side, violation in (("low", below), ("high", above)):
-                judged[f"violation_{name}_{side}"] = violation
-                judged[f"hours_outside_{name}_{side}"] = np.sign(violation) * hours
+                violations[f"violation_{name}_{side}"] = violation
+                violations[f"hours_outside_{name}_{side}"] = np.sign(violation) * hours
             share = (below + above) / scale
             penalty = share if penalty is None else penalty + share
-        return {"penalty": 0.0 if penalty is None else penalty, **judged}
-
-    def _mean(self, meter: int, before: Values, after: Values) -> Any:
-        """What a meter says of the step, as a mean; an integrator may leave it below 0 by its error."""
-        return np.maximum(after[meter] - before[meter], 0.0) / self.step_seconds
+        return {"penalty": 0.0 if penalty is None else penalty, **violations}
 
 
 def make_accounts(task: TaskSpec) -> Accounts:
     """Accounts of a task, from its model, nominal parameters, ledger and constraints."""
     model, scale = task.model_value, task.penalty_scales
-    stated = getattr(task.reward, "epi_scale", None)
+    bounds = getattr(task.reward, "epi_scale", None)
     return Accounts(
         source=task.source,
         model=model,
@@ -318,16 +335,41 @@ def make_accounts(task: TaskSpec) -> Accounts:
         names=tuple(quantity.name for quantity in task.quantities),
         limits=tuple((name, limits.low, limits.high, scale[name]) for name, limits in task.constraints.items()),
         means=task.judges_means,
-        stated_bounds=None if stated is None else (stated.low, stated.high),
+        stated_bounds=None if bounds is None else (bounds.low, bounds.high),
     )
 
 
-def _travel(before: Values, controls: Values) -> Any:
-    """How far all controls moved; in pairs of a larger and a smaller value, because a tape knows no absolute value."""
-    travel: Any = 0.0
-    for held, now in zip(before, controls, strict=True):
-        travel = travel + (np.maximum(held, now) - np.minimum(held, now))
-    return travel
+def flow_amounts(
+    task: TaskSpec, names: Collection[str], x: NDArray[np.floating], u: NDArray[np.floating]
+) -> dict[str, NDArray[np.float64]]:
+    """Amounts of the flows ``names`` of the task's model in every step, each as ``u`` without its last axis.
+
+    Parameters
+    ----------
+    task
+        Whose model and nominal parameters count.
+    names
+        Those that the model does not have are left out.
+    x
+        States ``(steps + 1, ..., states)``, the start included.
+    u
+        Controls ``(steps, ..., controls)``.
+    """
+    model = task.model_value
+    controls_before = np.concatenate([np.zeros_like(u[:1]), u[:-1]])
+    step = Step(
+        before=model.State(*np.moveaxis(x[:-1], -1, 0)),
+        after=model.State(*np.moveaxis(x[1:], -1, 0)),
+        controls=model.Controls(*np.moveaxis(u, -1, 0)),
+        parameters=model.Parameters(*task.parameters().tolist()),
+        seconds=task.step_seconds,
+        held=model.Controls(*np.moveaxis(controls_before, -1, 0)),
+    )
+    return {
+        flow.name: np.broadcast_to(np.asarray(flow.amount(step), dtype=np.float64), u.shape[:-1])
+        for flow in model.flows()
+        if flow.name in names
+    }
 
 
 def _times(value: Any, factor: float) -> Any:

@@ -94,6 +94,15 @@ class ForecastTable:
             hours, level, HOUR // step, reach, len(FORECAST) * len(hours), task, task.season_record().place
         )
 
+    def _clear_sky(self, times: NDArray[np.datetime64]) -> Floats:
+        """Global radiation under a clear sky [W m-2] in the hours that ``times`` begin, which may be half hours of UTC."""
+        past = int((times[0] - times[0].astype("datetime64[h]")).astype("timedelta64[s]").astype(np.int64))
+        clock = times - np.timedelta64(past, "s")
+        days = clock.astype("datetime64[D]")
+        hours = (clock - days).astype("timedelta64[h]").astype(np.int64)
+        clear: Floats = clear_sky(self.place, -past)[calendar_days(days.astype(np.int64)), hours]
+        return clear
+
     def fill(
         self,
         table: NDArray[np.float32],
@@ -119,12 +128,7 @@ class ForecastTable:
         issues = rows // self.every
         weather = measured[: len(measured) // self.every * self.every, _MEASURED]
         hourly = weather.reshape(-1, self.every, len(FORECAST)).mean(axis=1)
-        hours = times[: len(hourly) * self.every : self.every]  # they may begin at half hours of UTC
-        past = int((hours[0] - hours[0].astype("datetime64[h]")).astype("timedelta64[s]").astype(np.int64))
-        clock = hours - np.timedelta64(past, "s")
-        days = clock.astype("datetime64[D]")
-        hour_of_day = (clock - days).astype("timedelta64[h]").astype(np.int64)
-        clear = clear_sky(self.place, -past)[calendar_days(days.astype(np.int64)), hour_of_day]
+        clear = self._clear_sky(times[: len(hourly) * self.every : self.every])
         forecasts = np.empty((issues, len(FORECAST), len(self.hours)))
         errors = self._errors(issues, len(hourly), season)
         now = weather[: issues * self.every : self.every]

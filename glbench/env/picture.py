@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
     from glbench.env.simulation import Simulation
     from glbench.tasks import TaskSpec
-    from glbench.tasks.quantities import Capacity
 
 Floats = NDArray[np.float64]
 
@@ -113,7 +112,9 @@ class Picture:
             self._figure.text(x, 0.988, "", fontsize=9, color=_INK, fontweight=weight, ha=side, va="top", animated=True)
             for x, weight, side in ((0.012, "bold", "left"), (0.988, "normal", "right"))
         )
-        self._told = self._figure.text(0.012, 0.952, "", fontsize=7.5, color=_QUIET, ha="left", va="top", animated=True)
+        self._subtitle = self._figure.text(
+            0.012, 0.952, "", fontsize=7.5, color=_QUIET, ha="left", va="top", animated=True
+        )
         horizon = task.observation_context().horizon
         self._deficits = task.model_value.observed("vapour_deficit", horizon) or ()
         self._light = DailyLightSums(task).columns
@@ -128,7 +129,9 @@ class Picture:
             if capacity.name in task.actuation.controls
         )
         self._lanes, self._amounts, lanes = self._make_lanes()
-        self._money = self._make_money()
+        money = self._axes(_RIGHT, _BOTTOM, 0.175, labelled=True)
+        money.axhline(0.0, color=_EDGE, lw=0.8)
+        self._money = self._curve(money, "EPI so far", "EUR/m²", _MONEY)
         self._every = [*(curve.axes for curve in self._climate.values()), lanes, self._money.axes]
         self._window = 0.0
         self._midnights = [
@@ -151,7 +154,7 @@ class Picture:
         hours = np.arange(1 - len(points), 1).astype(np.float64) * (self._task.step_seconds / 3600.0)
         time = simulation.time[row]
         self._title.set_text(f"{self._task.short_id}   {time_words(time, float(simulation.hour_of_day[row]))}")
-        self._told.set_text("    ".join(self._values(simulation.air[:, row].tolist(), history)))
+        self._subtitle.set_text("    ".join(self._values(simulation.air[:, row].tolist(), history)))
         self._place.set_text(f"step {simulation.k[row]} of {self._task.steps}")
         self._seed.set_text(f"seed {simulation.seeds[row]}")
         changed = [
@@ -181,26 +184,27 @@ class Picture:
 
     def _renew(self, axes: Axes) -> None:
         """Redraw one axes and its margins, which reach half way to its neighbours."""
-        box, left = axes.get_position(), 0.5 if axes is self._money.axes else 0.0
+        box, x = axes.get_position(), 0.5 if axes is self._money.axes else 0.0
         foot, top = 0.0 if box.y0 == _BOTTOM else box.y0 - _GAP / 2.0, box.y1 + _GAP / 2.0
-        room = Rectangle((left, foot), 0.5, top - foot, transform=self._figure.transFigure, color="white", lw=0.0)
+        room = Rectangle((x, foot), 0.5, top - foot, transform=self._figure.transFigure, color="white", lw=0.0)
         room.set_figure(self._figure)
         self._figure.draw_artist(room)
         self._figure.draw_artist(axes)
 
     def _values(self, air: list[float], history: RecentHistory) -> list[str]:
         """What growers read besides: deficits of the air, light of the day so far."""
-        found = [(one, one.of_air(Air(*air))) for one in self._deficits if one.of_air is not None]
+        pairs = [(column, float(column.of_air(Air(*air)))) for column in self._deficits if column.of_air is not None]
         if history.light is not None:
-            found += [
-                (one, value) for one, value in zip(self._light, history.light.sums, strict=True) if math.isfinite(value)
-            ]
-        return [f"{_name(one.name)} {_short(float(value))} {_unit(one.unit)}" for one, value in found]
+            pairs += [pair for pair in zip(self._light, history.light.sums, strict=True) if math.isfinite(pair[1])]
+        return [
+            f"{_name(column.name)} {value:.{0 if value >= 100.0 else 1 if value >= 10.0 else 2}f} {_unit(column.unit)}"
+            for column, value in pairs
+        ]
 
     def _axes(self, column: tuple[float, float], bottom: float, height: float, *, labelled: bool) -> Axes:
         """Axes over the hours shown, in a column of the figure."""
-        left, width = column
-        axes = self._figure.add_axes((left, bottom, width, height))
+        x, width = column
+        axes = self._figure.add_axes((x, bottom, width, height))
         axes.tick_params(labelsize=7.5, colors=_QUIET, length=2.5, width=0.6, pad=2, labelbottom=labelled)
         for spine in axes.spines.values():
             spine.set(color=_EDGE, linewidth=0.8)
@@ -267,11 +271,6 @@ class Picture:
             amounts.append(axes.text(y=lane + 0.44, s="", fontsize=8, fontweight="bold", va="top", animated=True, **at))
         return lanes, amounts, axes
 
-    def _make_money(self) -> _Curve:
-        axes = self._axes(_RIGHT, _BOTTOM, 0.175, labelled=True)
-        axes.axhline(0.0, color=_EDGE, lw=0.8)
-        return self._curve(axes, "EPI so far", "EUR/m²", _MONEY)
-
     def _show_air(self, curve: _Curve, hours: Floats, values: Floats) -> bool:
         """Show a quantity of the air; whether its axis has changed."""
         step = (curve.high - curve.low) / 4.0 or 1.0
@@ -296,12 +295,13 @@ class Picture:
         for lane, ((index, capacity), fill, amount) in enumerate(
             zip(self._controls, self._lanes, self._amounts, strict=True)
         ):
-            used = controls[:, index]
-            shares = used / capacity.at_one if capacity.at_one else used
+            values = controls[:, index]
+            shares = values / capacity.at_one if capacity.at_one else values
             base = lane + _LANE
             outline = np.column_stack([edges, base - _LANE * np.repeat(shares, 2)[1:]])
             fill.set_verts([np.vstack([[edges[0], base], outline, [edges[-1], base]])])
-            amount.set_text(_amount(capacity, float(used[-1])))
+            now = float(values[-1])
+            amount.set_text(f"{now:.0%}" if capacity.unit == "-" else f"{round(now, 2):.3g} {_unit(capacity.unit)}")
 
     def _show_midnights(self, now: np.datetime64, first: float) -> None:
         today = now.astype("datetime64[D]")
@@ -362,7 +362,7 @@ class _Brush:
                     if place.axes is None
                     else self._pixels(place.axes, np.array([[text.get_position()[0], 0.0]]))[0, 0]
                 )
-                _write(pixels, text.get_text(), x, place, _ink(text.get_color()))
+                place.write(pixels, text.get_text(), x, _ink(text.get_color()))
         for line in midnights:
             axes, hours = line.axes, line.get_xdata()
             assert axes is not None
@@ -409,36 +409,35 @@ class _Place:
             float(x), float(baseline), text.get_horizontalalignment(), _font(size, str(text.get_fontweight())), axes
         )
 
-
-def _write(pixels: NDArray[np.uint8], text: str, x: float, place: _Place, ink: tuple[int, int, int]) -> None:
-    """Draw one line of text word by word; words are cached, because most occur in every picture."""
-    words, gap = [_word(word, place.font) for word in text.split(" ")], place.font.getlength(" ")
-    length = sum(word.advance for word in words) + gap * (len(words) - 1)
-    x -= {"left": 0.0, "center": 0.5, "right": 1.0}[place.side] * length
-    for word in words:
-        top, left = round(place.baseline) + word.top, round(x) + word.left
-        there = pixels[top : top + word.cover.shape[0], left : left + word.cover.shape[1]]
-        there += (
-            (word.cover * (np.array(ink) - there)).astype(np.int16).astype(np.uint8)
-        )  # modulo 256, which the sum undoes
-        x += word.advance + gap
+    def write(self, pixels: NDArray[np.uint8], text: str, x: float, ink: tuple[int, int, int]) -> None:
+        """Draw one line of text word by word; words are cached, because most occur in every picture."""
+        words, gap = [_Word.of(word, self.font) for word in text.split(" ")], self.font.getlength(" ")
+        length = sum(word.advance for word in words) + gap * (len(words) - 1)
+        x -= {"left": 0.0, "center": 0.5, "right": 1.0}[self.side] * length
+        for word in words:
+            row, column = round(self.baseline) + word.y, round(x) + word.x
+            there = pixels[row : row + word.cover.shape[0], column : column + word.cover.shape[1]]
+            there += (
+                (word.cover * (np.array(ink) - there)).astype(np.int16).astype(np.uint8)
+            )  # modulo 256, which the sum undoes
+            x += word.advance + gap
 
 
 class _Word(NamedTuple):
     """Coverage of pixels by a word ``(height, width, 1)``, its offset from the origin, and the advance to the next word."""
 
     cover: Floats
-    left: int
-    top: int
+    x: int
+    y: int
     advance: float
 
-
-@lru_cache(maxsize=4096)
-def _word(word: str, font: ImageFont.FreeTypeFont) -> _Word:
-    left, top, right, bottom = (round(edge) for edge in font.getbbox(word, anchor="ls"))
-    image = Image.new("L", (right - left, bottom - top))
-    ImageDraw.Draw(image).text((-left, -top), word, fill=255, font=font, anchor="ls")
-    return _Word(np.asarray(image)[..., None] / 255.0, left, top, font.getlength(word))
+    @staticmethod
+    @lru_cache(maxsize=4096)
+    def of(word: str, font: ImageFont.FreeTypeFont) -> _Word:
+        x0, y0, x1, y1 = (round(edge) for edge in font.getbbox(word, anchor="ls"))
+        image = Image.new("L", (x1 - x0, y1 - y0))
+        ImageDraw.Draw(image).text((-x0, -y0), word, fill=255, font=font, anchor="ls")
+        return _Word(np.asarray(image)[..., None] / 255.0, x0, y0, font.getlength(word))
 
 
 @cache
@@ -457,16 +456,6 @@ def _unit(unit: str) -> str:
     return pretty_unit(unit) or unit
 
 
-def _short(value: float) -> str:
-    return f"{value:.{0 if value >= 100.0 else 1 if value >= 10.0 else 2}f}"
-
-
 def _name(name: str) -> str:
     words = name.replace("_", " ").replace("co2", "CO2").replace("par ", "PAR ")
     return words[0].upper() + words[1:]
-
-
-def _amount(capacity: Capacity, used: float) -> str:
-    if capacity.unit == "-":
-        return f"{used:.0%}"
-    return f"{round(used, 2):.3g} {_unit(capacity.unit)}"

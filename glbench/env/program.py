@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.accounts import ByName, make_accounts
+from glbench.env.accounts import REWARD, ByName, make_accounts
 from glbench.env.actuation import PART as ACTUATION
 from glbench.env.actuation import (
     ActionReader,
@@ -39,7 +39,6 @@ from glbench.env.observations import (
     shown_by,
 )
 from glbench.env.process_computer import Measured
-from glbench.env.quantities import REWARD
 from glbench.env.rewards import REWARDS, StepOutcome, make_reward
 from glbench.env.scenario import RunScenarios
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.accounts import EPI
 from glbench.env.climate import AIR
 from glbench.env.history import DailyLightSums, RecentHistory, time_words
 from glbench.env.program import air_columns, info_columns
-from glbench.env.quantities import EPI
 from glbench.errors import GlbenchError, UnknownNameError
 from glbench.model import Air
 from glbench.quantities import AIR as LIMITED
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from glbench.env.picture import Picture
     from glbench.env.simulation import Simulation, StepResult
     from glbench.model import Seen
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.ledger import LedgerItem
-    from glbench.tasks.quantities import Capacity
 
 TEXT, PICTURES = "ansi", "rgb_array"
 RENDER_MODES = (TEXT, PICTURES)
@@ -135,46 +132,45 @@ def panel(simulation: Simulation, row: int, result: StepResult | None) -> str:
     time = time_words(simulation.time[row], float(simulation.hour_of_day[row]))
     horizon = task.observation_context().horizon
     modules = {module: model.observed(module, horizon) or () for module in model.observation_modules}
-    shown = {name: modules.get(name, ()) for name in (_CLIMATE, _CROP)}
-    if not any(shown.values()):
-        shown["state"] = next(iter(modules.values()), ())
+    climate, crop = modules.get(_CLIMATE, ()), modules.get(_CROP, ())
+    state = () if climate or crop else next(iter(modules.values()), ())
     places = {entry.name: place for place, entry in enumerate(model.disturbances)}
     weather = ", ".join(
         f"{words} {simulation.d[row, places[name]]:{form}} {model.disturbances[places[name]].unit.replace('°C', 'degC')}"
         for name, words, form in _OUTSIDE
         if name in places
     )
-    controls = ", ".join(
-        _control(capacity, fraction)
-        for capacity, fraction in zip(task.capacities(), simulation.u[row].tolist(), strict=True)
-    )
-    told = {
-        "inside": _seen(simulation, row, shown[_CLIMATE]),
-        "": _seen(simulation, row, modules.get(_DEFICITS, ())),
+    controls = []
+    for capacity, fraction in zip(task.capacities(), simulation.u[row].tolist(), strict=True):
+        amount = f"{fraction:.0%}" if capacity.unit == "-" else f"{fraction * capacity.at_one:.3g} {capacity.unit}"
+        controls.append(f"{_words(capacity.quantity)} {amount}")
+    texts = {
+        "inside": _quantities(simulation, row, climate),
+        "": _quantities(simulation, row, modules.get(_DEFICITS, ())),
         "outside": weather,
-        "controls": controls,
-        "crop": _seen(simulation, row, shown[_CROP]),
-        "state": _seen(simulation, row, shown.get("state", ())),
+        "controls": ", ".join(controls),
+        "crop": _quantities(simulation, row, crop),
+        "state": _quantities(simulation, row, state),
         **({} if result is None else _last_step(simulation, result, row)),
     }
     lines = [f"{task.title}: {time}, step {simulation.k[row]} of {task.steps}"]
-    return "\n".join([*lines, *(f"  {name:9} {text}" for name, text in told.items() if text)])
+    return "\n".join([*lines, *(f"  {name:9} {text}" for name, text in texts.items() if text)])
 
 
-def _seen(simulation: Simulation, row: int, columns: Sequence[Seen]) -> str:
+def _quantities(simulation: Simulation, row: int, columns: Sequence[Seen]) -> str:
     """Quantities that the model observes, in words."""
     task = simulation.task
     model, numbers = task.model_value, simulation.x[row].tolist()
-    known = dict(zip(model.state_names, numbers, strict=True))
+    sources = dict(zip(model.state_names, numbers, strict=True))
     if model.air:
-        known |= dict(zip(AIR, simulation.air[:, row].tolist(), strict=True))
+        sources |= dict(zip(AIR, simulation.air[:, row].tolist(), strict=True))
 
     def value(column: Seen) -> float:
         if column.of is not None:
             return float(column.of(model.State(*numbers), model.Parameters(*task.parameters().tolist())))
         if column.of_air is not None:
             return float(column.of_air(Air(*simulation.air[:, row].tolist())))
-        return float(known[column.source] * column.factor)
+        return float(sources[column.source] * column.factor)
 
     return ", ".join(
         f"{_words(column.name)} {value(column):.4g} {column.unit}" for column in columns if column.today is None
@@ -185,50 +181,30 @@ def _words(name: str) -> str:
     return name.replace("_", " ").replace("co2", "CO2")
 
 
-def _control(capacity: Capacity, fraction: float) -> str:
-    name = _words(capacity.quantity)
-    return (
-        f"{name} {fraction:.0%}" if capacity.unit == "-" else f"{name} {fraction * capacity.at_one:.3g} {capacity.unit}"
-    )
-
-
 def _last_step(simulation: Simulation, result: StepResult, row: int) -> dict[str, str]:
-    quantities = {name: float(values[row]) for name, values in result.quantities.items()}
-    ledger = simulation.task.ledger
-    earned, paid = (
-        [f"{_label(item)} {_CENTS * quantities[item.name]:.3f}" for item in side]
-        for side in (ledger.earned, ledger.paid)
+    task, quantities = simulation.task, {name: float(values[row]) for name, values in result.quantities.items()}
+    earnings, costs = (
+        [f"{_plain(item.label or _words(item.name))} {_CENTS * quantities[item.name]:.3f}" for item in side]
+        for side in (task.ledger.earned, task.ledger.paid)
     )
-    sum_of = " - ".join([" + ".join(earned) or "0", *paid])
-    told = {
-        "limits": _complaints(quantities) or ("all kept" if simulation.task.constraints.items() else ""),
-        "this step": f"{_CENTS * quantities['epi']:+.3f} ct m-2 = {sum_of}; {_score(simulation.task, quantities)}",
-    }
-    reasons = [failure.reason for failure in result.failed if failure.row == row]
-    return {**told, "stopped": ", ".join(reasons)}
-
-
-def _score(task: TaskSpec, quantities: dict[str, float]) -> str:
-    """The reward of the step; where it is money, after what violations cost."""
-    if not task.scores_money:
-        return f"reward {quantities['reward']:.3f}"
-    violations, score = (_CENTS * quantities[name] for name in ("penalty", "reward"))
-    return f"violations {violations:.3f}, score {score:+.3f}"
-
-
-def _label(item: LedgerItem) -> str:
-    return _plain(item.label or _words(item.name))
-
-
-def _plain(label: str) -> str:
-    """A label in a sentence; terminals may lack the letters of plots."""
-    return in_sentence(label.replace("₂", "2"))
-
-
-def _complaints(quantities: dict[str, float]) -> str:
-    return ", ".join(
+    total = " - ".join([" + ".join(earnings) or "0", *costs])
+    score = f"reward {quantities['reward']:.3f}"
+    if task.scores_money:  # the reward is money, after what violations cost
+        violations, money = (_CENTS * quantities[name] for name in ("penalty", "reward"))
+        score = f"violations {violations:.3f}, score {money:+.3f}"
+    complaints = ", ".join(
         f"{_plain(words['label'])} by {quantities[f'{VIOLATION}{name}_{side}']:.3g} {entry.unit}"
         for name, entry in LIMITED.items()
         for side, words in (("low", entry.below), ("high", entry.above))
         if quantities.get(f"{VIOLATION}{name}_{side}", 0.0) > 0.0
     )
+    return {
+        "limits": complaints or ("all kept" if task.constraints.items() else ""),
+        "this step": f"{_CENTS * quantities['epi']:+.3f} ct m-2 = {total}; {score}",
+        "stopped": ", ".join(failure.reason for failure in result.failed if failure.row == row),
+    }
+
+
+def _plain(label: str) -> str:
+    """A label in a sentence; terminals may lack the letters of plots."""
+    return in_sentence(label.replace("₂", "2"))

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.arrays import real_numbers
-from glbench.env.accounts import make_accounts
+from glbench.env.accounts import REWARD, make_accounts
 from glbench.env.actuation import ActionReader
 from glbench.env.kernels import SCORING_PRESET, Stepper, check_kernel, shared_kernel
 from glbench.env.numpy_environments import NO_PARTS, NumpyEnvironments, ParameterDraws
 from glbench.env.program import air_columns, info_columns, make_program
-from glbench.env.quantities import REWARD
 from glbench.env.scenario import RunScenarios
 from glbench.env.snapshot import Snapshot
 from glbench.env.spaces import checked_seed, no_generators, the_task

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.quantities import QUANTITIES
+from glbench.env.accounts import QUANTITIES
 from glbench.quantities import OUTSIDE, RUN, STEP, VIOLATION
 
 if TYPE_CHECKING:

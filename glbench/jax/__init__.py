@@ -23,8 +23,7 @@ except ImportError as error:
     )
     raise GlbenchError(_msg) from error
 
-from glbench.jax.environment import Environment, Params, State
-from glbench.jax.spaces import Box
+from glbench.jax.environment import Box, Environment, Params, State
 
 if not TYPE_CHECKING:
     __getattr__ = lazy_names(__name__, {"gymnax": ("GymnaxEnvironment",)})  # needs gymnax, which the others do not

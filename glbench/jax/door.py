@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.accounts import REWARD
 from glbench.env.actuation import recorded_actuation
 from glbench.env.info import info_quantities
 from glbench.env.numpy_environments import NO_PARTS
 from glbench.env.observations import python_part
 from glbench.env.program import info_columns, make_program
-from glbench.env.quantities import REWARD
 from glbench.env.rewards import REWARDS
 from glbench.env.scenario import RunScenarios
 from glbench.env.uncertainty import UNIFORM
@@ -43,7 +43,7 @@ _OPEN: dict[str, object] = {}
 
 @dataclass(frozen=True)
 class Door:
-    """What the calls need to be told, and how large what they give is.
+    """What the calls need, and the sizes of what they return.
 
     Attributes
     ----------
@@ -86,7 +86,11 @@ def open_door(
     CompiledUnavailable
         When the library for JAX cannot be built.
     """
-    shown = _columns(task, info)
+    choices = (*table_names(task), *task.model_value.state_names)
+    for quantity in info:
+        if quantity not in choices:
+            msg = f"{task.id} has no quantity or state '{quantity}' for info.{did_you_mean(quantity, choices)}"
+            raise UnknownNameError(msg)
     program, parts = make_program(task)
     if parts is not NO_PARTS:
         raise _not_served(task, f"{', '.join(_python_parts(task))} is Python")
@@ -100,21 +104,25 @@ def open_door(
     facts = (task.id, task.digest, task.split, task.sealed, tuple(seeds), places, preset, workers, tuple(info))
     name = f"{task.id} {preset} {hashlib.sha256(repr(facts).encode()).hexdigest()[:24]}"
     if name not in _OPEN:
-        pointers, kept = _laid_out(task, program, entry_of(environments), seeds, places, shown)
+        columns = [choices.index(quantity) for quantity in info]
+        pointers, owners = _make_pointers(task, program, entry_of(environments), seeds, places, columns)
         library().glb_door_open(name.encode(), ctypes.addressof(pointers))
-        _OPEN[name] = pointers, kept
+        _OPEN[name] = pointers, owners
     states, controls = environments.x.shape[1], environments.u.shape[1]
     actions = len(program.actions.low)
     return Door(name, states, controls, program.memory, program.columns, actions, len(seeds), places)
 
 
-def _laid_out(
-    task: TaskSpec, program: Program, entry: Entry, seeds: Sequence[int], places: int, shown: Sequence[int]
+def _make_pointers(
+    task: TaskSpec, program: Program, entry: Entry, seeds: Sequence[int], places: int, columns: Sequence[int]
 ) -> tuple[DoorPointers, object]:
-    """The door's structure, and what must live as long as it."""
+    """The door's structure, with the columns of the table for ``info``, and the owners of its arrays, which must live as long as it."""
     scenarios = RunScenarios(task)
     scenes = scenarios.draw(seeds)
-    at = _places(len(seeds), places, program.steps)
+    # Steps at which episodes may begin: the first, then some that all together spread over the season evenly.
+    points = np.arange(len(seeds) * places).reshape(len(seeds), places) * GOLDEN % 1.0
+    at: NDArray[np.int64] = np.floor(points * program.steps).astype(np.int64)
+    at[:, 0] = 0
     rows = np.take_along_axis(scenes.days, at // program.day, axis=1) + at % program.day
     starts = [scenarios.start_states(seeds, rows[:, place]) for place in range(places)]
     starts[0] = scenes.states
@@ -129,7 +137,7 @@ def _laid_out(
         "parameter": program.nominal if scenes.parameters is None else scenes.parameters,
         "trait": scenes.traits,
         "remembered": scenarios.memory_layout.start,
-        "show": np.array(shown, np.int64),
+        "show": np.array(columns, np.int64),
     }
     arrays = {key: np.ascontiguousarray(array) for key, array in arrays.items()}
     pointers = DoorPointers(
@@ -137,34 +145,16 @@ def _laid_out(
         states=scenes.states.shape[1], controls=len(task.model_value.controls), actions=len(program.actions.low),
         memory=program.memory, keys=program.keys, days=program.days, traits=program.traits, parameters=entry.parameters,
         columns=program.columns, width=program.width, shared_parameters=scenes.parameters is None,
-        scenarios=len(seeds), places=places, reward=info_columns(task) + REWARD, shown=len(shown),
+        scenarios=len(seeds), places=places, reward=info_columns(task) + REWARD, shown=len(columns),
     )  # fmt: skip
     for key, array in arrays.items():
         setattr(pointers, key, array.ctypes.data)
     return pointers, (entry, program, scenarios.pool, arrays)
 
 
-def _places(scenarios: int, places: int, steps: int) -> NDArray[np.int64]:
-    """Steps at which episodes may begin ``(scenarios, places)``: the first, then some that all together spread over the season evenly."""
-    points = np.arange(scenarios * places).reshape(scenarios, places) * GOLDEN % 1.0
-    at: NDArray[np.int64] = np.floor(points * steps).astype(np.int64)
-    at[:, 0] = 0
-    return at
-
-
 def table_names(task: TaskSpec) -> tuple[str, ...]:
     """Names of the columns of the table, as in ``info`` of the other environments."""
     return tuple(quantity.name for quantity in info_quantities(task))[1:]  # the seed is no column
-
-
-def _columns(task: TaskSpec, names: Sequence[str]) -> list[int]:
-    """Columns of the table by name, and after them those of the model's states."""
-    known = (*table_names(task), *task.model_value.state_names)
-    for name in names:
-        if name not in known:
-            msg = f"{task.id} has no quantity or state '{name}' for info.{did_you_mean(name, known)}"
-            raise UnknownNameError(msg)
-    return [known.index(name) for name in names]
 
 
 def _not_served(task: TaskSpec, reason: str) -> TaskError:
@@ -178,6 +168,6 @@ def _python_parts(task: TaskSpec) -> list[str]:
     parts = [f"the actuation '{task.actuation.kind}'"] if recorded_actuation(task) is None else []
     parts += [f"the reward '{name}'" for name in task.reward.modules if not REWARDS.recorded(name)]
     parts += [f"the observation '{name}'" for name in task.observation.modules if python_part(name) is not None]
-    drawn = {group.distribution for group in task.scenario.groups} - {UNIFORM}
-    parts += [f"the distribution '{name}'" for name in sorted(drawn)]
+    distributions = {group.distribution for group in task.scenario.groups} - {UNIFORM}
+    parts += [f"the distribution '{name}'" for name in sorted(distributions)]
     return parts or ["what follows from its uncertain parameters"]

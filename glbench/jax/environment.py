@@ -17,11 +17,36 @@ from glbench.env.spaces import action_space, checked_seed, observation_space, ta
 from glbench.errors import ActionError, ShapeError, whole_number
 from glbench.jax.door import open_door
 from glbench.jax.library import RESET, STEP
-from glbench.jax.spaces import Box
 from glbench.tasks import Normalisation, TaskSpec
 
 SEEDS = range(64)
 """Scenarios of an environment that was given none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A space as gymnax has them: vectors between two bounds, each ``(m,)`` float32."""
+
+    low: NDArray[np.float32]
+    high: NDArray[np.float32]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """``(m,)``."""
+        return self.low.shape
+
+    @property
+    def dtype(self) -> np.dtype[np.float32]:
+        """float32."""
+        return self.low.dtype
+
+    def sample(self, key: jax.Array) -> jax.Array:
+        """A vector, drawn uniformly ``(m,)``."""
+        return jax.random.uniform(key, self.shape, jnp.float32, self.low, self.high)
+
+    def contains(self, x: jax.Array) -> jax.Array:
+        """Whether all numbers of ``x`` ``(m,)`` lie within the bounds."""
+        return jnp.all((x >= self.low) & (x <= self.high))
 
 
 class State(NamedTuple):
@@ -136,8 +161,8 @@ class Environment:
             raise ShapeError(msg)
         self.info = tuple(info)
         self._door = open_door(self.task, self.seeds, places, preset, workers, self.info)
-        seen, acts = observation_space(self.task, self._normalisation), action_space(self.task)
-        self._observations, self._actions = (Box(box.low, box.high) for box in (seen, acts))  # type: ignore[attr-defined]
+        spaces = observation_space(self.task, self._normalisation), action_space(self.task)
+        self._observations, self._actions = (Box(box.low, box.high) for box in spaces)  # type: ignore[attr-defined]
 
     @property
     def name(self) -> str:
@@ -208,8 +233,8 @@ class Environment:
         limit = None if params is None else params.max_steps_in_episode
         if limit is not None and not (isinstance(limit, int) and limit >= self.task.steps):
             cut = ~done & (state.step >= limit)
-            begun = self.reset_env(key_cut, params)
-            observation, state = jax.tree.map(partial(jnp.where, cut), begun, (observation, state))
+            start = self.reset_env(key_cut, params)
+            observation, state = jax.tree.map(partial(jnp.where, cut), start, (observation, state))
             done |= cut
         return observation, state, reward, done, info
 
@@ -234,8 +259,8 @@ class Environment:
         return x, u, memory
 
     def _scenario(self, key: jax.Array, params: Params | None) -> jax.Array:
-        chosen = self.default_params if params is None else params
-        first, count = (jnp.asarray(number, jnp.int32) for number in (chosen.first, chosen.count))
+        params = self.default_params if params is None else params
+        first, count = (jnp.asarray(number, jnp.int32) for number in (params.first, params.count))
         return first + jax.random.randint(key, (), 0, count, jnp.int32)
 
     def _begin(self, scenario: jax.Array, place: jax.Array) -> tuple[jax.Array, State]:
@@ -248,7 +273,7 @@ class Environment:
         )
         call = jax.ffi.ffi_call(RESET, kinds, vmap_method="broadcast_all")
         step, ended, numbers, observation = call(scenario, jnp.asarray(place, jnp.int32), name=door.name)
-        return self._seen(observation), State(step, scenario, ended, numbers)
+        return self._normalise(observation), State(step, scenario, ended, numbers)
 
     def _step(
         self, state: State, action: jax.Array, fresh: jax.Array, *, autoreset: bool
@@ -272,14 +297,14 @@ class Environment:
             _of((len(self.info),), real),
         )
         call = jax.ffi.ffi_call(STEP, kinds, vmap_method="broadcast_all")
-        *now, observation, reward, done, failed, shown = call(
+        *now, observation, reward, done, failed, values = call(
             *state, action, fresh, name=door.name, autoreset=autoreset
         )
-        info = {name: shown[place] for place, name in enumerate(self.info)}
+        info = {name: values[place] for place, name in enumerate(self.info)}
         info |= {"failed": failed, "discount": jnp.where(done, 0.0, 1.0)}
-        return self._seen(observation), State(*now), reward, done, info
+        return self._normalise(observation), State(*now), reward, done, info
 
-    def _seen(self, observation: jax.Array) -> jax.Array:
+    def _normalise(self, observation: jax.Array) -> jax.Array:
         return observation if self._normalisation is None else self._normalisation(observation)
 
 

@@ -51,7 +51,7 @@ def library() -> ctypes.CDLL:
     CompiledUnavailable
         When it can be neither loaded nor built: no compiler, a failing one, a cache that cannot be written.
     """
-    path = _built()
+    path = _build()
     handle = open_library(str(path), "glb_door_reset", "glb_door_step", "glb_door_open", "glb_door_layout")
     sizes = (ctypes.c_int64 * 3)()
     handle.glb_door_layout(sizes)
@@ -64,7 +64,7 @@ def library() -> ctypes.CDLL:
     return handle
 
 
-def _built() -> Path:
+def _build() -> Path:
     """The library in the cache, named by all that could change it."""
     compiler = find_compiler()
     flags = compiler.flags()
@@ -76,9 +76,9 @@ def _built() -> Path:
         with FileLock(path.with_suffix(".lock"), timeout=_LOCK_SECONDS):
             if not path.is_file():
                 with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=folder) as work:
-                    made = Path(work) / "door.so"
-                    compiler.compile(_SOURCE, made, (Path(jax.ffi.include_dir()),), flags)
-                    made.replace(path)
+                    target = Path(work) / "door.so"
+                    compiler.compile(_SOURCE, target, (Path(jax.ffi.include_dir()),), flags)
+                    target.replace(path)
     except Timeout as error:
         msg = f"Another process has been building the library for JAX for {_LOCK_SECONDS:g} s (lock {error.lock_file}). Try again later."
         raise CompiledUnavailable(msg) from error

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from glbench.env import QUANTITIES, REWARDS, Accounts, Simulation, StepOutcome, make_accounts, register_reward
-from glbench.env.quantities import QUANTITY_NAMES
+from glbench.env.accounts import QUANTITY_NAMES
 from glbench.env.rewards import make_reward
 from glbench.errors import TaskError, UnknownNameError
 from glbench.model import STATE_NAMES, relative_humidity

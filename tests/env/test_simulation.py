@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glbench.env import QUANTITIES, Simulation, StepResult
-from glbench.env.quantities import QUANTITY_NAMES
+from glbench.env.accounts import QUANTITY_NAMES
 from glbench.errors import ActionError, GlbenchError, ShapeError, UnknownNameError
 from glbench.kernel import Kernel
 from glbench.model import TOMATO

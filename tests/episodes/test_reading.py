@@ -12,7 +12,7 @@ from mcap_protobuf.decoder import DecoderFactory
 import glbench.episodes
 from glbench.agents import load_agent
 from glbench.env import GreenhouseEnv
-from glbench.env.quantities import QUANTITY_NAMES
+from glbench.env.accounts import QUANTITY_NAMES
 from glbench.episodes import read_episode, read_log
 from glbench.errors import EpisodeError
 from glbench.model import CONTROL_NAMES, DISTURBANCE_NAMES, STATE_NAMES

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import glbench.episodes
-from glbench.env.quantities import QUANTITY_NAMES
+from glbench.env.accounts import QUANTITY_NAMES
 from glbench.episodes import Episode, episode_bytes, read_episode
 from glbench.episodes.signals import Amount, Curve, Page, Signal, signals_of
 from glbench.model import CONTROL_NAMES, DISTURBANCE_NAMES, STATE_NAMES

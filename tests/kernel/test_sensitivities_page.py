@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from glbench.env.quantities import EPI
+from glbench.env.accounts import EPI
 from glbench.kernel import available
 from glbench.model import PARAMETER_NAMES
 from tests.support import examples_of, run_examples

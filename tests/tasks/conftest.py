@@ -75,7 +75,7 @@ def forget() -> Iterator[Callable[[], None]]:
 
     def forget_all() -> None:
         resolver._disturbances.cache_clear()
-        for remembered in (program._shipped, weather_pool._recent, spec._changed_task):
+        for remembered in (program._shipped, weather_pool._shared_pool, spec._changed_task):
             remembered.cache_clear()
         weather_pool._ALIVE.clear()
         library._checked.cache_clear()
