@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.env.climate import AIR, record_air
+from glbench.env.climate import AIR, air_quantities
 from glbench.errors import GlbenchError, ShapeError
-from glbench.kernel.tape import Recorder
-from glbench.kernel.tape_gradient import Playback
+from glbench.kernel.tape import Linearisation, Recorder
 from glbench.model import Model
 
 Floats = NDArray[np.float64]
@@ -50,14 +50,18 @@ def air_of(model: Model, states: ArrayLike) -> AirAlong:
     if x.shape[-1:] != (len(model.states),):
         msg = f"The states have shape {x.shape}; the last axis must have the {len(model.states)} states of {model.id}."
         raise ShapeError(msg)
-    recorder = Recorder()
-    temperature, density, pressure = (recorder.input("after", model.state_index(name)) for name in model.air)
-    for place, value in enumerate((temperature, *record_air(temperature, density, pressure, recorder))):
-        recorder.output("table", place, value)
-    playback = Playback(recorder.tape(), lambda source, index: x[..., index])
     values, gradient = np.empty((*x.shape[:-1], len(AIR))), np.zeros((*x.shape[:-1], len(AIR), x.shape[-1]))
-    for place in range(len(AIR)):
-        values[..., place] = playback.value("table", place)
-        for (_, state), slope in playback.gradient("table", place, ("after",)).items():
-            gradient[..., place, state] = slope
+    for place, column in enumerate(_air(model)(lambda source, index: x[..., index], {"after": gradient})):
+        values[..., place] = column
     return AirAlong(values, gradient)
+
+
+@lru_cache(maxsize=8)
+def _air(model: Model) -> Linearisation:
+    assert model.air is not None
+    with Recorder() as recorder:
+        for place, value in enumerate(
+            air_quantities(*(recorder.input("after", model.state_index(name)) for name in model.air))
+        ):
+            recorder.output("table", place, value)
+    return Linearisation(recorder.tape(), [("table", place) for place in range(len(AIR))], ("after",))

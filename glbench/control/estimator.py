@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.control.shown import ShownControls, ShownStates, checked_observations, refuse_missing
+from glbench.control.observation_model import ObservationModel, ShownControls, checked_observations, refuse_missing
 from glbench.env.sensors import Sensors
 from glbench.env.spaces import the_task
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters
@@ -91,7 +91,7 @@ class StateEstimator:
 
     def __init__(self, task: TaskSpec | str, *, preset: str = "fast", parameters: bool = True) -> None:
         self.task = task = the_task(task)
-        self._shown, self._controls = ShownStates(task), ShownControls.of_task(task)
+        self._shown, self._controls = ObservationModel(task), ShownControls.of_task(task)
         if not self._shown.names:
             msg = f"{task.id} shows nothing of the states of its model: there is nothing to estimate them from."
             raise TaskError(msg)

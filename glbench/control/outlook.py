@@ -30,7 +30,7 @@ from glbench.control.climatology import (
     Climatology,
     Seen,
 )
-from glbench.control.shown import checked_observations, refuse_missing
+from glbench.control.observation_model import checked_observations, refuse_missing
 from glbench.env.forecast import HOUR
 from glbench.env.spaces import the_task
 from glbench.env.weather_pool import DAYS_A_YEAR, HOURS_A_DAY

@@ -1,4 +1,4 @@
-"""The reward of every step of a trajectory, with its gradient: the arithmetic of the task's own program, played forward and back.
+"""The reward of every step of a trajectory, with its gradient, from the formulas of the task's own program.
 
 It needs no weather.
 """
@@ -16,8 +16,7 @@ from glbench.env import REWARDS
 from glbench.env.program import calendar_columns, info_columns, record_quantities
 from glbench.env.spaces import the_task
 from glbench.errors import ShapeError, TaskError
-from glbench.kernel.tape import Source, Target, Value
-from glbench.kernel.tape_gradient import Playback
+from glbench.kernel.tape import Linearisation, Read, Source, Target
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -120,12 +119,14 @@ class StageReward:
             for name, limits in task.constraints.items()
             for side in ("low", "high")
         }
-        self._columns = {name: columns[name] for name in ("reward", "epi", "penalty", *widths)}
-        rounded: dict[tuple[Target, int], Callable[[Value], Value]] = {
+        self._names = ("reward", "epi", "penalty", *widths)
+        rounded: dict[tuple[Target, int], Callable[[Any], Any]] = {
             ("table", columns[name]): _rounded(width) for name, width in widths.items() if width > 0.0
         }
-        self._tape = tape.part([("table", column) for column in self._columns.values()], rounded)
-        if self._tape.reads("controls_before"):
+        self._linearisation = Linearisation(
+            tape, [("table", columns[name]) for name in self._names], ("before", "after", "controls"), count=1, changes=rounded
+        )  # fmt: skip
+        if self._linearisation.reads("controls_before"):
             msg = (
                 f"The reward of {task.id} depends on what controls were before a step (a line of its ledger prices starts), and has no "
                 "derivatives there. Plan for the task without that line."
@@ -152,25 +153,25 @@ class StageReward:
         ShapeError
             When states, controls and calendar do not fit each other or the task.
         """
-        return self._stages(*self._played(x, u, calendar))
+        read, shape = self._inputs(x, u, calendar)
+        return self._stages(self._linearisation.values(read), shape)
 
     def gradient(
         self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None = None
     ) -> tuple[StageValues, StageGradient]:
         """What the steps of a trajectory earn, and the derivatives of each step's reward. Parameters and errors as of a call."""
-        playback, shape = self._played(x, u, calendar)
+        read, shape = self._inputs(x, u, calendar)
         states, controls = self._sizes
-        tables: dict[Source, Floats] = {
-            "before": np.zeros((*shape, states)),
-            "after": np.zeros((*shape, states)),
-            "controls": np.zeros((*shape, controls)),
+        slopes: dict[Source, Floats] = {
+            "before": np.zeros((*shape, 1, states)),
+            "after": np.zeros((*shape, 1, states)),
+            "controls": np.zeros((*shape, 1, controls)),
         }
-        for (source, index), slopes in playback.gradient("table", self._columns["reward"], tables).items():
-            tables[source][..., index] = slopes
-        return self._stages(playback, shape), StageGradient(tables["before"], tables["after"], tables["controls"])
+        values = self._stages(self._linearisation(read, slopes), shape)
+        return values, StageGradient(*(slopes[source][..., 0, :] for source in ("before", "after", "controls")))
 
-    def _played(self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None) -> tuple[Playback, tuple[int, ...]]:
-        """The tape played for the steps of a trajectory, and their shape."""
+    def _inputs(self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None) -> tuple[Read, tuple[int, ...]]:
+        """What the formulas read in the steps of a trajectory, and the shape of these."""
         states, controls = (np.asarray(given, dtype=np.float64) for given in (x, u))
         shape, (s, c) = controls.shape[:-1], self._sizes
         if not shape or controls.shape != (*shape, c) or states.shape != (*shape[:-1], shape[-1] + 1, s):
@@ -180,10 +181,10 @@ class StageReward:
             )
             raise ShapeError(msg)
         read: dict[Source, Floats] = {"before": states[..., :-1, :], "after": states[..., 1:, :], "controls": controls}
-        if self._tape.reads("calendar") or self._tape.reads("calendar_before"):
+        if self._linearisation.reads("calendar") or self._linearisation.reads("calendar_before"):
             rows = self._calendar(calendar, shape[-1] + 1)
             read |= {"calendar_before": rows[..., :-1, :], "calendar": rows[..., 1:, :]}
-        return Playback(self._tape, lambda source, index: read[source][..., index]), shape
+        return (lambda source, index: read[source][..., index]), shape
 
     def _calendar(self, given: ArrayLike | None, rows: int) -> Floats:
         wanted = (rows, self._calendar_columns)
@@ -197,17 +198,12 @@ class StageReward:
             raise ShapeError(msg)
         return calendar
 
-    def _stages(self, playback: Playback, shape: tuple[int, ...]) -> StageValues:
-        def values(name: str) -> Floats:
-            found = np.empty(shape)
-            found[...] = playback.value("table", self._columns[name])
-            return found
-
-        violations = {name: values(name) for name in self._columns if name.startswith("violation_")}
-        return StageValues(values("reward"), values("epi"), values("penalty"), violations)
+    def _stages(self, values: list[Any], shape: tuple[int, ...]) -> StageValues:
+        reward, epi, penalty, *violations = (np.broadcast_to(column, shape).copy() for column in values)
+        return StageValues(reward, epi, penalty, dict(zip(self._names[3:], violations, strict=True)))
 
 
-def _rounded(width: float) -> Callable[[Value], Value]:
+def _rounded(width: float) -> Callable[[Any], Any]:
     """Makes a violation count quadratically up to ``width``."""
 
     def count(violation: Any) -> Any:

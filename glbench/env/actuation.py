@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from glbench.arrays import real_numbers
 from glbench.env import process_computer
-from glbench.env.logic import at_least, held_switch, select, within
-from glbench.env.process_computer import Measured
+from glbench.env.process_computer import Measured, at_least, held_switch, select, within
 from glbench.env.registries import PartRegistry
 from glbench.errors import ActionError, TaskError
 from glbench.kernel.environment import ActionBounds

@@ -9,8 +9,7 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.formulas import record_function
-from glbench.kernel.tape import Recorder, Tape, Value
+from glbench.kernel.tape import Recorder, Tape, with_simplification
 from glbench.model import co2_ppm, relative_humidity
 from glbench.quantities import AIR as _AIR
 
@@ -28,31 +27,27 @@ def read_air(
     temperature, co2_density, vapour_pressure
         In degC, mg m-3 and Pa, each of shape ``(n,)``.
     """
-    given = (temperature, co2_density, vapour_pressure)
-    outputs = _tape().play(lambda source, index: given[index])
+    values = (temperature, co2_density, vapour_pressure)
+    outputs = _tape().play(lambda source, index: values[index])
     return np.stack([temperature, *(values for _, _, values in outputs)])
 
 
-def record_air(
-    temperature: Value, co2_density: Value, vapour_pressure: Value, recorder: Recorder
-) -> tuple[Value, Value]:
-    """CO2 [ppm] and relative humidity [%] of one parcel, recorded: CasADi's operations in CasADi's order, as everywhere in the model."""
-    ppm, humidity = record_function(_function(), (temperature, co2_density, vapour_pressure), recorder)
-    return ppm, humidity
+def air_quantities(temperature: Any, co2_density: Any, vapour_pressure: Any) -> tuple[Any, Any, Any]:
+    """The same of one parcel, as expressions of a recorded formula."""
+    return (temperature, *with_simplification(_co2_and_humidity, temperature, co2_density, vapour_pressure))
+
+
+def _co2_and_humidity(temperature: Any, density: Any, pressure: Any) -> tuple[Any, Any]:
+    # The benchmark caps relative humidity: air can be supersaturated for a moment, a hygrometer shows 100 %, also when it shows no number.
+    humidity = relative_humidity(temperature, pressure)
+    capped = casadi.fmax(casadi.if_else(humidity < 100.0, humidity, 100.0), 0.0)
+    return co2_ppm(temperature, density), capped
 
 
 @lru_cache(maxsize=1)
 def _tape() -> Tape:
-    recorder = Recorder()
-    temperature, density, pressure = (recorder.input("after", index) for index in range(3))
-    for index, value in enumerate(record_air(temperature, density, pressure, recorder)):
-        recorder.output("table", index, value)
+    with Recorder() as recorder:
+        values = air_quantities(*(recorder.input("after", index) for index in range(3)))
+        for index, value in enumerate(values[1:]):
+            recorder.output("table", index, value)
     return recorder.tape()
-
-
-@lru_cache(maxsize=1)
-def _function() -> Any:
-    temperature, density, pressure = (casadi.SX.sym(name) for name in ("temperature", "density", "pressure"))
-    # The benchmark caps relative humidity: air can be supersaturated for a moment, a hygrometer shows 100 %.
-    humidity = casadi.fmax(0.0, casadi.fmin(100.0, relative_humidity(temperature, pressure)))
-    return casadi.Function("air", [temperature, density, pressure], [co2_ppm(temperature, density), humidity])

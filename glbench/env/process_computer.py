@@ -1,6 +1,6 @@
 """The process computer: set points in physical units, and the rules by which it works boiler, vents, CO2, lamps and screens.
 
-The rules are written once, as arithmetic on arrays or recorded values; ``glbench.env.program`` records them. Formulae, units and
+The rules are written once, as arithmetic on arrays or CasADi's expressions; ``glbench.env.program`` records them. Formulae, units and
 defaults of the settings: docs/process-computer.md. What the computer measures it is given, so that sensors may stand between the
 air and what is read of it.
 """
@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from glbench.env.logic import at_least, below, both, held_switch, select, share, switch, within
 from glbench.tasks.set_points import (
     BLACKOUT,
     BOILER,
@@ -230,8 +229,8 @@ class _Step:
         radiation = self.seen.radiation + _TIE
         bright_now, dim_now = at_least(radiation, limit), below(radiation, dimmer)
         bright = self._held("bright", switch(self.memory["bright"], bright_now, dim_now), s.lamp_minimum_time)
-        in_hours = both(at_least(hour, self.wanted[LAMPS_FROM]), below(hour, self.wanted[LAMPS_UNTIL]))
-        self.lit = both(in_hours, 1.0 - bright)
+        in_hours = at_least(hour, self.wanted[LAMPS_FROM]) * below(hour, self.wanted[LAMPS_UNTIL])
+        self.lit = in_hours * (1.0 - bright)
         return self.lit
 
     def _held(self, name: str, wanted: Any, hours: float) -> Any:
@@ -244,7 +243,7 @@ class _Step:
     def _screen(self) -> Any:
         s, dark, cold = self.s, self.wanted[SCREEN_RADIATION], self.wanted[SCREEN_OUTDOOR]
         radiation, outside = self.seen.radiation + _TIE, self.seen.outdoor_temperature + _TIE
-        close = both(below(radiation, dark), below(outside, cold))
+        close = below(radiation, dark) * below(outside, cold)
         brighter = at_least(radiation, dark + np.minimum(s.screen_radiation_hysteresis, dark))
         warmer = at_least(outside, cold + s.screen_temperature_hysteresis)
         opened = np.maximum(brighter, warmer)
@@ -253,7 +252,7 @@ class _Step:
 
     def _blackout(self) -> Any:
         """Closed while lamps burn in the dark."""
-        return both(self.lit, below(self.seen.radiation, self.s.blackout_radiation)) * (1.0 - self._gap())
+        return self.lit * below(self.seen.radiation, self.s.blackout_radiation) * (1.0 - self._gap())
 
     def _gap(self) -> Any:
         """How far a closed screen opens again: a little in humid air, fully in air that is far too warm."""
@@ -262,3 +261,47 @@ class _Step:
             return gap
         warm = share(self.seen.air_temperature, self.ventilation, self.ventilation + self.s.screen_heat_band)
         return np.maximum(gap, warm)
+
+
+# Conditions are 1.0 or 0.0, also on arrays, and are combined by products. They are made of arithmetic because that keeps NaN: what follows
+# from a reading that is no number is none. A difference of two numbers is 0 only when they are equal. ``select`` needs finite numbers.
+
+
+def below(a: Any, b: Any) -> Any:
+    """Whether a < b."""
+    return np.maximum(np.sign(b - a), 0.0)
+
+
+def at_least(a: Any, b: Any) -> Any:
+    """Whether a >= b."""
+    return 1.0 - below(a, b)
+
+
+def select(condition: Any, a: Any, b: Any) -> Any:
+    """The number a where the condition holds, else b."""
+    return condition * a + (1.0 - condition) * b
+
+
+def within(value: Any, low: Any, high: Any) -> Any:
+    """The value, kept between low and high; high where they contradict each other."""
+    return np.minimum(np.maximum(value, low), high)
+
+
+def share(value: Any, start: Any, full: Any) -> Any:
+    """From 0 at ``start`` to 1 at ``full``, straight in between; ``full`` may be the lower one, never the same."""
+    return within((value - start) / (full - start), 0.0, 1.0)
+
+
+def switch(state: Any, on: Any, off: Any) -> Any:
+    """A switch with hysteresis: 1 where ``on`` holds, 0 where only ``off`` does, else the ``state`` that it had."""
+    return np.maximum(on, state * (1.0 - off))
+
+
+def held_switch(state: Any, steps: Any, wanted: Any, least: float) -> tuple[Any, Any]:
+    """A switch that stays as it is for at least ``least`` steps: its new state, and for how many steps it will have had it.
+
+    ``steps`` is that number before; a switch that was never thrown has had its state for ``least`` steps.
+    """
+    now = select(at_least(steps, least), wanted, state)
+    changed = (now - state) * (now - state)
+    return now, select(changed, 1.0, steps + 1.0)

@@ -23,9 +23,8 @@ from glbench.env.actuation import (
     make_actuation,
     recorded_actuation,
 )
-from glbench.env.climate import AIR, record_air
+from glbench.env.climate import AIR, air_quantities
 from glbench.env.daily_sums import DAILY_SUMS, daily_sum
-from glbench.env.formulas import record_formula
 from glbench.env.numpy_environments import NO_PARTS, PythonParts
 from glbench.env.observations import (
     AirFormula,
@@ -45,7 +44,7 @@ from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters
 from glbench.env.weather_pool import CLOCK, WeatherPool, WeatherTables
 from glbench.errors import TaskError
 from glbench.kernel.environment import Lookup, ParameterNoise, Program
-from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, Value
+from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, with_simplification
 from glbench.model import Air, humidity_deficit
 from glbench.tasks.ledger import TRAVEL
 from glbench.weather import COLUMNS
@@ -79,13 +78,13 @@ def record_quantities(task: TaskSpec) -> Tape | None:
 
     Unlike the program this needs no weather.
     """
-    recorder, count = Recorder(), len(task.model_value.control_names)
-    controls = [recorder.input("controls", index) for index in range(count)]
-    quantities, reward = _quantities(task, recorder, controls, _true_air(task, recorder))
-    if reward is not None:
-        return None
-    for column, value in enumerate(quantities, info_columns(task)):
-        recorder.output("table", column, value)
+    with Recorder() as recorder:
+        controls = [recorder.input("controls", index) for index in range(len(task.model_value.control_names))]
+        quantities, reward = _quantities(task, recorder, controls, _true_air(task, recorder))
+        if reward is not None:
+            return None
+        for column, value in enumerate(quantities, info_columns(task)):
+            recorder.output("table", column, value)
     return recorder.tape()
 
 
@@ -114,9 +113,9 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
     charge = task.evaluation.failed_step
     charges = {"reward": charge.reward, "epi": charge.epi, "penalty": charge.penalty}
     info, names = info_columns(task), [quantity.name for quantity in task.quantities]
-    update = Recorder()
-    scenarios.sensors.update(update, _true_air(task, update), scenarios.memory_layout)
-    outcome, lookups, columns, reward, observation = _outcome(task, scenarios, update)
+    with Recorder() as update:
+        scenarios.sensors.update(update, _true_air(task, update), scenarios.memory_layout)
+        outcome, lookups, columns, reward, observation = _outcome(task, scenarios, update)
     followers, python_followers = _followers(task, scenarios)
     kind = recorded_actuation(task)
     distributions = [group.distribution for group in scenarios.in_step]
@@ -167,18 +166,19 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
 
 
 def _actuation(task: TaskSpec, kind: RecordedActuation, scenarios: RunScenarios) -> Tape:
-    recorder, names, places = Recorder(), task.model_value.control_names, scenarios.memory_layout.of(ACTUATION)
-    given = ActuationInputs(
-        actions={action.name: recorder.input("given", place) for place, action in enumerate(task.actions)},
-        controls={name: recorder.input("controls", names.index(name)) for name in task.actuation.controls},
-        memory={name: recorder.input("memory", place) for name, place in places.items()},
-        measured=_measured(task, recorder, scenarios),
-    )
-    moved, kept = kind.work(task, given)
-    for index, name in enumerate(names):
-        recorder.output("controls", index, moved.get(name, 0.0))
-    for name, value in kept.items():
-        recorder.output("memory", places[name], value)
+    names, places = task.model_value.control_names, scenarios.memory_layout.of(ACTUATION)
+    with Recorder() as recorder:
+        given = ActuationInputs(
+            actions={action.name: recorder.input("given", place) for place, action in enumerate(task.actions)},
+            controls={name: recorder.input("controls", names.index(name)) for name in task.actuation.controls},
+            memory={name: recorder.input("memory", place) for name, place in places.items()},
+            measured=_measured(task, recorder, scenarios),
+        )
+        moved, kept = kind.work(task, given)
+        for index, name in enumerate(names):
+            recorder.output("controls", index, moved.get(name, 0.0))
+        for name, value in kept.items():
+            recorder.output("memory", places[name], value)
     return recorder.tape()
 
 
@@ -190,7 +190,7 @@ def _measured(task: TaskSpec, recorder: Recorder, scenarios: RunScenarios) -> Me
     temperature, co2, humidity = scenarios.sensors.readings(recorder, air, scenarios.memory_layout)
     radiation, outside, wind = (recorder.input("weather", COLUMNS.index(name)) for name in ("iGlob", "tOut", "wind"))
     hour = recorder.input("calendar", CLOCK.index("hour_of_day"))
-    deficit = record_formula(humidity_deficit, [temperature, humidity], recorder)
+    deficit = with_simplification(humidity_deficit, temperature, humidity)
     return Measured(temperature, co2, deficit, radiation, outside, wind, hour)
 
 
@@ -205,13 +205,12 @@ def _followers(task: TaskSpec, scenarios: RunScenarios) -> tuple[Tape, DerivedPa
         return EMPTY, derived
 
 
-def _true_air(task: TaskSpec, recorder: Recorder, moment: Literal["before", "after"] = "after") -> list[Value]:
+def _true_air(task: TaskSpec, recorder: Recorder, moment: Literal["before", "after"] = "after") -> list[Any]:
     """Air temperature [degC], CO2 [ppm] and relative humidity [%] before or after the step; nothing of a model without an air."""
     model = task.model_value
     if not model.air:
         return []
-    temperature, density, pressure = (recorder.input(moment, model.state_index(name)) for name in model.air)
-    return [temperature, *record_air(temperature, density, pressure, recorder)]
+    return list(air_quantities(*(recorder.input(moment, model.state_index(name)) for name in model.air)))
 
 
 def _outcome(
@@ -221,26 +220,26 @@ def _outcome(
 
     What the observation keeps for the next step is recorded in ``update``.
     """
-    recorder, model = Recorder(), task.model_value
-    air = _true_air(task, recorder)
-    controls = [recorder.input("controls", index) for index in range(len(model.control_names))]
-    delivered = [control * capacity.at_one for control, capacity in zip(controls, task.capacities(), strict=True)]
-    quantities, reward = _quantities(task, recorder, controls, air)
-    rows = [
-        recorder.input("counter", 0),
-        *(recorder.input("calendar", index) for index in range(len(CLOCK))),
-        *air,
-        *delivered,
-    ]
-    for column, value in enumerate([*rows, *quantities]):
-        recorder.output("table", column, value)
-    measured = scenarios.sensors.readings(recorder, air, scenarios.memory_layout)
-    lookups, parts, columns = _observation(task, recorder, controls, measured, update, scenarios.memory_layout)
+    with Recorder() as recorder:
+        air = _true_air(task, recorder)
+        controls = [recorder.input("controls", index) for index in range(len(task.model_value.control_names))]
+        delivered = [control * capacity.at_one for control, capacity in zip(controls, task.capacities(), strict=True)]
+        quantities, reward = _quantities(task, recorder, controls, air)
+        rows = [
+            recorder.input("counter", 0),
+            *(recorder.input("calendar", index) for index in range(len(CLOCK))),
+            *air,
+            *delivered,
+        ]
+        for column, value in enumerate([*rows, *quantities]):
+            recorder.output("table", column, value)
+        measured = scenarios.sensors.readings(recorder, air, scenarios.memory_layout)
+        lookups, parts, columns = _observation(task, recorder, controls, measured, update, scenarios.memory_layout)
     return recorder.tape(), lookups, columns, reward, parts
 
 
 def _quantities(
-    task: TaskSpec, recorder: Recorder, controls: list[Value], air: list[Value]
+    task: TaskSpec, recorder: Recorder, controls: list[Any], air: list[Any]
 ) -> tuple[list[Any], tuple[int, Any] | None]:
     """In the order of ``task.quantities``; the reward as Python when a part of it is."""
     accounts, tables = make_accounts(task), list(task.price_tables)
@@ -274,7 +273,7 @@ def _quantities(
 
 
 def _observation(
-    task: TaskSpec, recorder: Recorder, controls: list[Value], air: list[Value], update: Recorder, layout: MemoryLayout
+    task: TaskSpec, recorder: Recorder, controls: list[Any], air: list[Any], update: Recorder, layout: MemoryLayout
 ) -> tuple[tuple[Lookup, ...], tuple[tuple[slice, Any], ...], int]:
     tables, nominal = WeatherTables.of(task), task.model_value.Parameters(*task.parameters().tolist())
     lookups: list[Lookup] = []
@@ -295,7 +294,9 @@ def _observation(
                 recorder.output("observation", at, shown.of(_recorded_states(task, recorder), nominal))
                 at += 1
             elif isinstance(shown, AirFormula):
-                recorder.output("observation", at, _of_air(shown, air, recorder))
+                recorder.output(
+                    "observation", at, with_simplification(lambda *values, of=shown.of_air: of(Air(*values)), *air)
+                )
                 at += 1
             elif isinstance(shown, DailySum):
                 place = layout.of(DAILY_SUMS)[shown.name]
@@ -316,18 +317,13 @@ def _observation(
     return tuple(lookups), tuple(parts), at
 
 
-def _of_air(shown: AirFormula, air: list[Value], recorder: Recorder) -> Value:
-    """A column that follows from the air as observed."""
-    return record_formula(lambda *values: shown.of_air(Air(*values)), air, recorder)
-
-
-def _minutes_locked(task: TaskSpec, control: str, steps: Value) -> Any:
+def _minutes_locked(task: TaskSpec, control: str, steps: Any) -> Any:
     """How long a control that has been on or off for so many steps still stays so [min]."""
     left: Any = hold_steps(task, task.on_off[control]) - steps
     return np.maximum(left, 0.0) * (task.step_seconds / 60.0)
 
 
-def _sum_of_today(task: TaskSpec, shown: DailySum, recorder: Recorder, place: int) -> Value:
+def _sum_of_today(task: TaskSpec, shown: DailySum, recorder: Recorder, place: int) -> Any:
     """What a column sums up since midnight, after the step, from what it had before it."""
     model = task.model_value
     nominal = model.Parameters(*task.parameters().tolist())
@@ -339,22 +335,18 @@ def _sum_of_today(task: TaskSpec, shown: DailySum, recorder: Recorder, place: in
 
     hour = CLOCK.index("hour_of_day")
     before, now = recorder.input("calendar_before", hour), recorder.input("calendar", hour)
-    so_far, comes = recorder.input("memory", place), record_formula(rate, [*controls, *acted], recorder)
-    summed: Value = daily_sum(so_far, comes, before, now, task.step_seconds)
-    return summed
+    so_far, comes = recorder.input("memory", place), with_simplification(rate, *controls, *acted)
+    return daily_sum(so_far, comes, before, now, task.step_seconds)
 
 
 def _recorded_states(task: TaskSpec, recorder: Recorder) -> ByName:
     """The state after the step by the names of the equations, recorded as far as it is asked for."""
-
-    class AsAskedFor(dict[int, Value]):
-        def __missing__(self, place: int) -> Value:
-            return recorder.input("after", place)
-
-    return ByName(task.model_value.states, AsAskedFor())
+    return ByName(
+        task.model_value.states, [recorder.input("after", place) for place in range(len(task.model_value.states))]
+    )
 
 
-def _numbers(shown: Numbers, at: int, recorder: Recorder, controls: list[Value], air: list[Value]) -> int:
+def _numbers(shown: Numbers, at: int, recorder: Recorder, controls: list[Any], air: list[Any]) -> int:
     """Record observed numbers from column ``at`` on; the column after them."""
     for index, factor in zip(shown.indices, shown.factors, strict=True):
         if shown.source == "states":

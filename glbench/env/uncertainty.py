@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import casadi
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.random import key_of
 from glbench.env.registries import PartRegistry
-from glbench.kernel.tape import Recorder, Tape, Value
+from glbench.kernel.tape import EMPTY, Recorder, Tape
 from glbench.model import Model
 from glbench.tasks.resolver import Scenario
 from glbench.tasks.vocabulary import DISTRIBUTIONS as DISTRIBUTION_WORDS
@@ -109,13 +110,15 @@ class DerivedParameters:
         Raises
         ------
         RecordingError
-            When a formula needs more than arithmetic.
+            When a formula needs what no tape has.
         """
-        recorder = Recorder()
+        if not self.followers:
+            return EMPTY
         places = (*self.uncertain, *(place for place in others if place not in self.uncertain))
-        found = self._following({place: recorder.input("drawn", place) for place in places}) if self.followers else {}
-        for place in self.followers:
-            recorder.output("parameters", place, found[place])
+        with Recorder() as recorder:
+            values = self._following({place: recorder.input("drawn", place) for place in places})
+            for place in self.followers:
+                recorder.output("parameters", place, values[place])
         return recorder.tape()
 
     def _following(self, values: dict[int, Any]) -> dict[int, Any]:
@@ -127,5 +130,5 @@ class DerivedParameters:
         return {
             place: value
             for place, value in enumerate(self._model.derived(self._model.Parameters(*given)))
-            if isinstance(value, np.ndarray | Value) and value is not given[place]
+            if isinstance(value, np.ndarray | casadi.SX) and value is not given[place]
         }

@@ -1,29 +1,37 @@
-"""Arithmetic recorded as a tape: what a formula does to numbers, to be done again by the compiled kernel, row by row.
+"""Formulas recorded with CasADi, and the list of instructions that the compiled kernel and NumPy read from them.
 
-A formula that uses only arithmetic and a few of numpy's functions is called once with recorded values in the place of arrays:
+A formula is called once with CasADi's scalar symbols (``SX``) in place of arrays:
 
-    recorder = Recorder()
-    moved = np.minimum(recorder.input("controls", 0) + 0.1, 1.0)
-    recorder.output("table", 3, moved)
+    with Recorder() as recorder:
+        moved = np.minimum(recorder.input("controls", 0) + 0.1, 1.0)
+        recorder.output("table", 3, moved)
     tape = recorder.tape()
 
-The tape holds the operations in the order in which the formula did them, each of them one IEEE 754 operation. It therefore
-gives the same bits as the formula gives with arrays.
+It may use arithmetic, powers, comparisons (1 or 0), ``abs``, ``np.maximum``, ``np.minimum``, ``np.sign``, ``np.sqrt``, ``casadi.if_else``,
+``exp`` and ``log``. While it is recorded, CasADi simplifies nothing: the tape holds the operations as they were written, so they give the
+bits that NumPy gives with arrays. There are two exceptions. ``exp``, ``log`` and powers are the C library's, which NumPy's are not on all
+processors. A constant -0.0 becomes 0.0.
+
+``fmax`` and ``fmin``, by whatever name, are ``np.maximum`` and ``np.minimum``: NaN stays NaN, and of two equal operands the result is the
+second, which decides the sign of a zero.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cached_property
-from types import MappingProxyType
-from typing import Any, Literal, get_args
+from types import MappingProxyType, TracebackType
+from typing import Any, Literal, Self, get_args
 
+import casadi
 import numpy as np
 import numpy.typing as npt
 
 from glbench.errors import GlbenchError
+from glbench.model.expressions import simplification
 
 Source = Literal[
     "given", "controls", "drawn", "before", "after", "calendar", "counter", "calendar_before", "weather", "noise", "trait", "memory",
@@ -35,10 +43,8 @@ SOURCES: tuple[str, ...] = get_args(Source)
 """In the order of ``glb::Source`` in native/environment.hpp."""
 TARGETS: tuple[str, ...] = get_args(Target)
 """In the order of ``glb::Target``."""
-OPERATORS = (
-    "add", "subtract", "multiply", "divide", "negative", "maximum", "minimum", "sign", "fmax", "fmin", "exp",
-)  # fmt: skip
-"""In the order of ``glb::Operator`` in native/tape.hpp. ``exp`` is the C library's, which numpy's is not: never recorded from numpy."""
+Read = Callable[[Source, int], Any]
+"""Gives the values of an input from its source and index."""
 
 
 class RecordingError(GlbenchError):
@@ -79,219 +85,316 @@ class Tape:
     def _steps(self) -> list[tuple[Callable[..., Any], int, int]]:
         return [(_IN_NUMPY[op], a, b) for op, a, b in self.operations.tolist()]
 
-    def play(self, read: Callable[[Source, int], Any]) -> list[tuple[str, int, Any]]:
-        """Do the operations with numpy, with the bits of the compiled kernel.
+    def play(self, read: Read) -> list[tuple[str, int, Any]]:
+        """Do the operations with NumPy, with the bits of the compiled kernel.
 
         Parameters
         ----------
         read
-            Gives the values of an input, ``(n,)``, from its source and index.
+            Gives the values of an input, ``(n,)`` or another shape, from its source and index.
 
         Returns
         -------
         list
             Target, index and values of each output; what depends on no input is a plain number.
         """
-        registers = self.fill(read)
-        return [(TARGETS[target], index, registers[number]) for target, index, number in self.outputs.tolist()]
-
-    def fill(self, read: Callable[[Source, int], Any]) -> list[Any]:
-        """The values of all registers, as ``play`` finds them."""
         registers: list[Any] = self.constants.tolist()
         registers += [read(SOURCES[source], index) for source, index in self.inputs.tolist()]
         with np.errstate(all="ignore"):  # as silent as the compiled kernel; whoever uses a number judges it
-            for operator, a, b in self._steps:
-                registers.append(operator(registers[a], registers[b]))
-        return registers
-
-    def part(
-        self,
-        outputs: Sequence[tuple[Target, int]],
-        change: Mapping[tuple[Target, int], Callable[[Value], Value]] = MappingProxyType({}),
-    ) -> Tape:
-        """The tape of some outputs, with no more than they need; the same bits.
-
-        Parameters
-        ----------
-        outputs
-            Target and index of each.
-        change
-            Formulas by output of this tape, chosen or not: what a formula makes of the output's value takes its place, in the
-            outputs and in all operations that use it.
-        """
-        places = {(TARGETS[target], index): number for target, index, number in self.outputs.tolist()}
-        formulas = {places[output]: formula for output, formula in change.items()}
-        recorder = Recorder()
-        values: list[Any] = self.constants.tolist()
-        values += [recorder.input(SOURCES[source], index) for source, index in self.inputs.tolist()]
-        for number, (operator, a, b) in enumerate(self.operations.tolist(), len(values)):
-            value = recorder.operation(OPERATORS[operator], values[a], values[b])
-            values.append(formulas[number](value) if number in formulas else value)
-        for target, index in outputs:
-            recorder.output(target, index, values[places[target, index]])
-        return recorder.tape()
-
-
-class Value:
-    """A number that is known only when the tape runs; ``number`` is its place in the record."""
-
-    __slots__ = ("_recorder", "number")
-
-    def __init__(self, recorder: Recorder, number: int) -> None:
-        self._recorder = recorder
-        self.number = number
-
-    def __array_ufunc__(self, ufunc: Callable[..., Any], method: str, *operands: Any, **options: Any) -> Value:
-        name = _UFUNCS.get(ufunc)
-        if name is None or method != "__call__" or options:
-            msg = f"A formula uses {getattr(ufunc, '__name__', ufunc)}, which cannot be recorded."
-            raise RecordingError(msg)
-        return self._recorder.operation(name, *operands)
-
-    def __add__(self, other: Any) -> Value:
-        return self._recorder.operation("add", self, other)
-
-    def __radd__(self, other: Any) -> Value:
-        return self._recorder.operation("add", other, self)
-
-    def __sub__(self, other: Any) -> Value:
-        return self._recorder.operation("subtract", self, other)
-
-    def __rsub__(self, other: Any) -> Value:
-        return self._recorder.operation("subtract", other, self)
-
-    def __mul__(self, other: Any) -> Value:
-        return self._recorder.operation("multiply", self, other)
-
-    def __rmul__(self, other: Any) -> Value:
-        return self._recorder.operation("multiply", other, self)
-
-    def __truediv__(self, other: Any) -> Value:
-        return self._recorder.operation("divide", self, other)
-
-    def __rtruediv__(self, other: Any) -> Value:
-        return self._recorder.operation("divide", other, self)
-
-    def __neg__(self) -> Value:
-        return self._recorder.operation("negative", self)
-
-    def __pow__(self, other: Any) -> Value:
-        msg = "A formula raises to a power, which cannot be recorded."
-        raise RecordingError(msg)
-
-    __rpow__ = __pow__
-
-    def __bool__(self) -> bool:
-        msg = "A formula decides by a number that is known only in the step, which cannot be recorded."
-        raise RecordingError(msg)
-
-
-_UFUNCS: dict[Any, str] = {
-    np.add: "add",
-    np.subtract: "subtract",
-    np.multiply: "multiply",
-    np.true_divide: "divide",
-    np.negative: "negative",
-    np.maximum: "maximum",
-    np.minimum: "minimum",
-    np.sign: "sign",
-}
+            for operation, a, b in self._steps:
+                registers.append(operation(registers[a], registers[b]))
+        return [(TARGETS[target], index, registers[number]) for target, index, number in self.outputs.tolist()]
 
 
 class Recorder:
-    """Records what formulas do. The same operation on the same operands is kept once."""
+    """Records formulas between ``with`` and the end of the block. Only one thread records at a time; blocks may be nested.
+
+    Raises
+    ------
+    RecordingError
+        At the end of the block, when a formula did what no tape can hold.
+    """
 
     def __init__(self) -> None:
-        # What was recorded, by kind: a constant by its bits, an input by source and index, an operation by its operands' numbers.
-        self._numbers: dict[tuple[Any, ...], int] = {}
-        self._outputs: list[tuple[int, int, int]] = []
+        self._inputs: dict[tuple[Source, int], Any] = {}
+        self._outputs: list[tuple[Target, int]] = []
+        self._values: list[Any] = []
+        self._open = ExitStack()
+        self._recording = False
 
-    def input(self, source: Source, index: int) -> Value:
-        """Number ``index`` of a row of ``source``."""
-        return Value(self, self._number("input", SOURCES.index(source), index))
+    def __enter__(self) -> Self:
+        self._open.enter_context(simplification(on=False))
+        self._recording = True
+        return self
 
-    def operation(self, name: str, *operands: Any) -> Value:
-        """The result of one operation on values and plain numbers."""
-        numbers = [self._operand(operand) for operand in operands]
-        # An operation with one operand has it in both places.
-        return Value(self, self._number("operation", OPERATORS.index(name), numbers[0], numbers[-1]))
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._open.close()
+        self._recording = False
+        if isinstance(error, RuntimeError | TypeError | NotImplementedError) and not isinstance(error, GlbenchError):
+            what = (
+                "decides by a number that is known only in the step"
+                if "truth value" in str(error)
+                else f"fails ({error})"
+            )
+            msg = f"A formula {what}, which cannot be recorded."
+            raise RecordingError(msg) from error
+
+    def input(self, source: Source, index: int) -> Any:
+        """Number ``index`` of a row of ``source``, a symbol."""
+        if not self._recording:
+            msg = "A Recorder records inside its with block only."
+            raise RecordingError(msg)
+        key = source, index
+        if key not in self._inputs:
+            self._inputs[key] = casadi.SX.sym(f"{source}{index}")
+        return self._inputs[key]
 
     def output(self, target: Target, index: int, value: Any) -> None:
-        """Let ``value`` be number ``index`` of a row of ``target``."""
-        self._outputs.append((TARGETS.index(target), index, self._operand(value)))
+        """Let ``value``, an expression or a plain number, be number ``index`` of a row of ``target``."""
+        if not isinstance(value, casadi.SX | int | float | np.floating | np.integer) or isinstance(value, bool):
+            msg = f"A formula makes a {type(value).__name__}, which cannot be recorded."
+            raise RecordingError(msg)
+        number = casadi.SX(value)
+        if number.shape != (1, 1):
+            msg = f"A formula makes an array of shape {number.shape}, which cannot be recorded: a tape works on single numbers."
+            raise RecordingError(msg)
+        self._outputs.append((target, index))
+        self._values.append(number)
 
     def tape(self) -> Tape:
-        """What was recorded, as far as the outputs need it."""
-        needed = self._needed()
-        kinds = ("constant", "input", "operation")
-        constants, inputs, operations = (
-            [key for key, number in self._numbers.items() if key[0] == kind and number in needed] for kind in kinds
-        )
-        place = {self._numbers[key]: register for register, key in enumerate((*constants, *inputs, *operations))}
-        return Tape(
-            np.array([float.fromhex(bits) for _, bits in constants], dtype=np.float64),
-            _table([key[1:] for key in inputs], 2),
-            _table([(operator, place[a], place[b]) for _, operator, a, b in operations], 3),
-            _table([(target, index, place[number]) for target, index, number in self._outputs], 3),
-        )
+        """What was recorded, as far as the outputs need it.
 
-    def _needed(self) -> set[int]:
-        needed = {number for _, _, number in self._outputs}
-        for key, number in reversed(self._numbers.items()):  # operands were recorded before what is made of them
-            if number in needed and key[0] == "operation":
-                needed.update(key[2:])
-        return needed
-
-    def _operand(self, operand: Any) -> int:
-        if isinstance(operand, Value):
-            return operand.number
-        if isinstance(operand, int | float | np.floating | np.integer) and not isinstance(operand, bool):
-            return self._number("constant", float(operand).hex())  # 0.0 and -0.0 are two constants
-        msg = f"A formula mixes a recorded value with a {type(operand).__name__}, which cannot be recorded."
-        raise RecordingError(msg)
-
-    def _number(self, *key: Any) -> int:
-        return self._numbers.setdefault(key, len(self._numbers))
+        Raises
+        ------
+        RecordingError
+            When a formula uses an operation of CasADi's that no tape has.
+        """
+        return _read(list(self._inputs), list(self._inputs.values()), self._outputs, self._values)
 
 
-def _exp(values: Any, _: Any) -> Any:
-    """The C library's ``exp``, number by number: numpy's is another one on some processors."""
-    array = np.asarray(values, dtype=np.float64)
-    values = array.ravel().tolist()
-    try:
-        found = list(map(math.exp, values))
-    except OverflowError:
-        found = [_exp_of(value) for value in values]
-    return np.array(found, dtype=np.float64).reshape(array.shape)
+def with_simplification(formula: Callable[..., Any], *values: Any) -> Any:
+    """``formula`` of scalars, one number or several, as CasADi simplifies it: the operations that a model's equations have, too."""
+    symbols = [casadi.SX.sym(f"value{place}") for place in range(len(values))]
+    with simplification(on=True):
+        made = formula(*symbols)
+        function = casadi.Function("formula", symbols, list(made) if isinstance(made, tuple) else [made])
+    return function(*values)
 
 
-def _exp_of(value: float) -> float:
-    try:
-        return math.exp(value)
-    except OverflowError:
-        return math.inf
+class Linearisation:
+    """Some outputs of a tape, with their derivatives, for many rows at once.
+
+    Where an operation has a kink, the derivative is that of the branch taken: the operand that became the result has all of it. Of two
+    equal operands ``np.maximum`` and ``np.minimum`` take the second, so that ``np.maximum(value, 0.0)`` has the derivative 0 at 0.
+    ``np.sign`` has the derivative 0 everywhere.
+
+    Parameters
+    ----------
+    tape
+        The tape.
+    outputs
+        Target and index of each output.
+    sources
+        With respect to the inputs from which the derivatives are.
+    count
+        Of how many of the outputs, from the first on, there are derivatives; of all by default.
+    changes
+        Formulas by output of the tape, chosen or not: what a formula makes of the output's value takes its place, in the outputs and in all
+        operations that use it.
+
+    """
+
+    def __init__(
+        self,
+        tape: Tape,
+        outputs: Sequence[tuple[Target, int]],
+        sources: Iterable[Source],
+        *,
+        count: int | None = None,
+        changes: Mapping[tuple[Target, int], Callable[[Any], Any]] = MappingProxyType({}),
+    ) -> None:
+        keys: list[tuple[Any, int]] = [(SOURCES[source], index) for source, index in tape.inputs.tolist()]
+        symbols = [casadi.SX.sym(f"{source}{index}") for source, index in keys]
+        number = {(TARGETS[target], index): register for target, index, register in tape.outputs.tolist()}
+        changed = {number[output]: formula for output, formula in changes.items()}
+
+        def again(operator: Callable[[int, Any, Any], Any]) -> list[Any]:
+            registers: list[Any] = [*map(casadi.SX, tape.constants.tolist()), *symbols]
+            for place, (operation, a, b) in enumerate(tape.operations.tolist(), len(registers)):
+                value = operator(operation, registers[a], registers[b])
+                registers.append(changed[place](value) if place in changed else value)
+            return [registers[number[output]] for output in outputs]
+
+        with simplification(on=False):
+            values = again(_symbolic)
+        with simplification(on=True):
+            of = casadi.vertcat(casadi.SX(0, 1), *again(_by_branch)[:count])
+            wanted = [place for place, (source, _) in enumerate(keys) if source in set(sources)]
+            slopes = casadi.jacobian(of, casadi.vertcat(casadi.SX(0, 1), *(symbols[place] for place in wanted)))
+        rows, columns = slopes.sparsity().get_triplet()
+        self._entries = [(row, *keys[wanted[column]]) for row, column in zip(rows, columns, strict=True)]
+        self._tape = _read(keys, symbols, outputs, values)
+        everything = [*values, *slopes.nonzeros()]
+        self._with_slopes = _read(keys, symbols, [("table", place) for place in range(len(everything))], everything)
+        self._count = len(values)
+
+    def reads(self, source: Source) -> bool:
+        """Whether an output or a derivative needs an input from ``source``."""
+        return self._with_slopes.reads(source)
+
+    def values(self, read: Read) -> list[Any]:
+        """Values of the outputs, in the shape of the inputs, with the bits of the tape; a plain number where one depends on none."""
+        return [values for _, _, values in self._tape.play(read)]
+
+    def __call__(self, read: Read, slopes: Mapping[Source, npt.NDArray[np.float64]]) -> list[Any]:
+        """The same; ``slopes`` are filled with the derivatives.
+
+        Parameters
+        ----------
+        slopes
+            For each source zeros ``(..., outputs, n)``, with n the number of its inputs, used or not.
+        """
+        played = [values for _, _, values in self._with_slopes.play(read)]
+        for (place, source, index), values in zip(self._entries, played[self._count :], strict=True):
+            slopes[source][..., place, index] = values
+        return played[: self._count]
 
 
-_IN_NUMPY: tuple[Callable[[Any, Any], Any], ...] = (
-    np.add,
-    np.subtract,
-    np.multiply,
-    np.true_divide,
-    lambda a, _: np.negative(a),
-    # Which of two zeros, or of two that are no numbers, is the larger: as native/tape.hpp has it.
-    lambda a, b: np.where((a > b) | (a != a), a, b),
-    lambda a, b: np.where((a < b) | (a != a), a, b),
-    lambda a, _: np.sign(a),
-    lambda a, b: np.where((b > a) | (a != a), b, a),
-    lambda a, b: np.where((b < a) | (a != a), b, a),
-    _exp,
-)
-"""In the order of ``OPERATORS``."""
+def _read(
+    keys: Sequence[tuple[Source, int]],
+    symbols: Sequence[Any],
+    outputs: Sequence[tuple[Target, int]],
+    values: Sequence[Any],
+) -> Tape:
+    """The tape of ``outputs`` with these ``values``; the same operation on the same operands is done once."""
+    if not values:
+        return EMPTY
+    function = casadi.Function("tape", list(symbols), [casadi.densify(casadi.vertcat(*values))])
+    # Numbers of what was read, by kind: a constant by its bits, an input by its place, an operation by its operands' numbers.
+    numbers: dict[tuple[Any, ...], int] = {}
+    register: dict[int, int] = {}
+    results = [0] * len(values)
+    for k in range(function.n_instructions()):
+        code, operands, to = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        if code == casadi.OP_OUTPUT:
+            results[to[1]] = register[operands[0]]
+            continue
+        if code == casadi.OP_INPUT:
+            key: tuple[Any, ...] = ("input", operands[0])
+        elif code == casadi.OP_CONST:
+            constant = float(function.instruction_constant(k))
+            if math.isnan(constant):  # what float() makes of a symbol
+                msg = "A formula makes a number of what is known only in the step, which cannot be recorded. Use NumPy's functions."
+                raise RecordingError(msg)
+            key = ("constant", constant.hex())
+        else:
+            found = [register[operand] for operand in operands]
+            if code in _SHORT:  # CasADi has a word of its own for it
+                code, constant = _SHORT[code]
+                found.insert(
+                    0, numbers.setdefault(("constant", constant.hex()), len(numbers)) if constant else found[0]
+                )
+            if code not in _PLACES:
+                msg = f"A formula uses CasADi's operation {_name_of(code)}, which cannot be recorded."
+                raise RecordingError(msg)
+            # An operation with one operand has it in both places.
+            key = ("operation", _PLACES[code], found[0], found[-1])
+        register[to[0]] = numbers.setdefault(key, len(numbers))
+    needed = {*results, *(number for key in numbers if key[0] == "operation" for number in key[2:])}
+    constants, inputs, operations = (
+        [key for key, number in numbers.items() if key[0] == kind and (kind == "operation" or number in needed)]
+        for kind in ("constant", "input", "operation")
+    )
+    place = {numbers[key]: at for at, key in enumerate((*constants, *inputs, *operations))}
+    return Tape(
+        np.array([float.fromhex(bits) for _, bits in constants], dtype=np.float64),
+        _table([(SOURCES.index(keys[at][0]), keys[at][1]) for _, at in inputs], 2),
+        _table([(op, place[a], place[b]) for _, op, a, b in operations], 3),
+        _table([(TARGETS.index(target), index, place[at]) for (target, index), at in zip(outputs, results, strict=True)], 3),
+    )  # fmt: skip
 
 
 def _table(rows: list[tuple[int, ...]], width: int) -> npt.NDArray[np.int32]:
     return np.array(rows, dtype=np.int32).reshape(len(rows), width)
 
 
-EMPTY = Recorder().tape()
+def _name_of(code: int) -> str:
+    return next((name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code), str(code))
+
+
+def _by_number(function: Callable[..., float], otherwise: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of the C library's, number by number: NumPy's is another one on some processors. It still says what is not finite."""
+
+    def of_one(*numbers: float) -> float:
+        try:
+            return function(*numbers)
+        except (OverflowError, ValueError):
+            return float(otherwise(*numbers))
+
+    def of_all(*values: Any) -> Any:
+        arrays = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in values))
+        lists = [array.ravel().tolist() for array in arrays]
+        try:
+            made = list(map(function, *lists))
+        except (OverflowError, ValueError):
+            made = list(map(of_one, *lists))
+        return np.array(made, dtype=np.float64).reshape(arrays[0].shape)
+
+    return of_all
+
+
+_exp, _log, _power = _by_number(math.exp, np.exp), _by_number(math.log, np.log), _by_number(math.pow, np.power)
+
+_OPERATIONS: tuple[tuple[str, int, int, Callable[[Any, Any], Any]], ...] = (
+    ("add", casadi.OP_ADD, 2, np.add),
+    ("subtract", casadi.OP_SUB, 2, np.subtract),
+    ("multiply", casadi.OP_MUL, 2, np.multiply),
+    ("divide", casadi.OP_DIV, 2, np.true_divide),
+    ("negative", casadi.OP_NEG, 1, lambda a, _: np.negative(a)),
+    # Which of two zeros, or of two that are no numbers, is the larger: as native/tape.hpp has it.
+    ("maximum", casadi.OP_FMAX, 2, lambda a, b: np.where((a > b) | (a != a), a, b)),
+    ("minimum", casadi.OP_FMIN, 2, lambda a, b: np.where((a < b) | (a != a), a, b)),
+    ("sign", casadi.OP_SIGN, 1, lambda a, _: np.sign(a)),
+    ("exp", casadi.OP_EXP, 1, lambda a, _: _exp(a)),
+    ("log", casadi.OP_LOG, 1, lambda a, _: _log(a)),
+    ("power", casadi.OP_POW, 2, _power),
+    ("square_root", casadi.OP_SQRT, 1, lambda a, _: np.sqrt(a)),
+    ("magnitude", casadi.OP_FABS, 1, lambda a, _: np.abs(a)),
+    ("less", casadi.OP_LT, 2, lambda a, b: np.where(a < b, 1.0, 0.0)),
+    ("less_or_equal", casadi.OP_LE, 2, lambda a, b: np.where(a <= b, 1.0, 0.0)),
+    ("equal", casadi.OP_EQ, 2, lambda a, b: np.where(a == b, 1.0, 0.0)),
+    ("not_equal", casadi.OP_NE, 2, lambda a, b: np.where(a != b, 1.0, 0.0)),
+    ("not", casadi.OP_NOT, 1, lambda a, _: np.where(a == 0.0, 1.0, 0.0)),
+    ("and", casadi.OP_AND, 2, lambda a, b: np.where((a != 0.0) & (b != 0.0), 1.0, 0.0)),
+    ("or", casadi.OP_OR, 2, lambda a, b: np.where((a != 0.0) | (b != 0.0), 1.0, 0.0)),
+    ("if_else_zero", casadi.OP_IF_ELSE_ZERO, 2, lambda a, b: np.where(a != 0.0, b, 0.0)),
+)
+"""Name, CasADi's code, operands and NumPy's function of each operator, in the order of ``glb::Operator`` in native/tape.hpp."""
+OPERATORS = tuple(name for name, *_ in _OPERATIONS)
+_IN_NUMPY = tuple(function for *_, function in _OPERATIONS)
+_PLACES = {code: place for place, (_, code, _, _) in enumerate(_OPERATIONS)} | {
+    casadi.OP_CONSTPOW: OPERATORS.index("power")
+}
+_SHORT = {
+    casadi.OP_SQ: (casadi.OP_MUL, 0.0),
+    casadi.OP_TWICE: (casadi.OP_MUL, 2.0),
+    casadi.OP_INV: (casadi.OP_DIV, 1.0),
+}
+"""CasADi's operations with one operand that are those with two: the constant first; 0.0 stands for the operand itself."""
+
+
+def _symbolic(place: int, a: Any, b: Any) -> Any:
+    """An operator on expressions."""
+    _, code, operands, _ = _OPERATIONS[place]
+    return casadi.SX.unary(code, a) if operands == 1 else casadi.SX.binary(code, a, b)
+
+
+def _by_branch(place: int, a: Any, b: Any) -> Any:
+    """The same, for derivatives: CasADi would divide the derivative of a maximum evenly between two equal operands."""
+    if place == _PLACES[casadi.OP_FMAX]:
+        return casadi.if_else(a > b, a, b)
+    return casadi.if_else(a < b, a, b) if place == _PLACES[casadi.OP_FMIN] else _symbolic(place, a, b)
+
+
+EMPTY = Tape(np.zeros(0), _table([], 2), _table([], 3), _table([], 3))
 """A tape that does nothing."""

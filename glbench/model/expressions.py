@@ -7,6 +7,9 @@ right-hand side by less than 1e-10 of its usual size.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import RLock
 from typing import Any, TypeAlias
 
 import casadi
@@ -26,6 +29,27 @@ SMOOTH_TEMPERATURE = 1e-14
 
 EXPONENT_LIMIT = 300.0
 """Largest argument of ``exp`` in :func:`sigmoid`; the function is below 1e-130 there."""
+
+
+_SIMPLIFYING = RLock()
+
+
+@contextmanager
+def simplification(*, on: bool) -> Iterator[None]:
+    """CasADi simplifies expressions as they are made, or keeps every operation; also how it takes NumPy's functions is fixed.
+
+    Both are settings of the process: other threads that ask for either wait. The former settings return at the end, also after an error.
+    """
+    options = casadi.GlobalOptions
+    with _SIMPLIFYING:
+        former, numpy_mode = options.getSimplificationOnTheFly(), options.getNumpyMode()
+        options.setSimplificationOnTheFly(on)
+        options.setNumpyMode(-1)
+        try:
+            yield
+        finally:
+            options.setSimplificationOnTheFly(former)
+            options.setNumpyMode(numpy_mode)
 
 
 def is_symbolic(*values: Expr) -> bool:

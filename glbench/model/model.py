@@ -24,7 +24,7 @@ from glbench.model.air import Air
 from glbench.model.bounds import Horizon
 from glbench.model.digest import digest_of
 from glbench.model.disturbances import Disturbances
-from glbench.model.expressions import Expr
+from glbench.model.expressions import Expr, simplification
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_sets import ParameterValues
 from glbench.model.parameter_table import ParameterInfo
@@ -72,7 +72,8 @@ class Flow:
     label
         Heading in tables and plots.
     amount
-        The amount of a step. Arithmetic, ``np.minimum``, ``np.maximum`` and ``np.sign`` only: it is recorded for the kernel.
+        The amount of a step, of numbers, arrays or CasADi's symbols: it is recorded for the kernel. It may use arithmetic, powers,
+        comparisons, ``np.minimum``, ``np.maximum``, ``np.sign``, and ``exp``, ``sqrt`` and ``if_else`` of ``glbench.model.expressions``.
     potential
         The amount at the rate that the parameters allow at best, where there is one: what a profit can be scaled by.
     total
@@ -97,7 +98,7 @@ class Stock:
     name, unit, meaning, label
         As for :class:`Flow`.
     amount
-        The amount, from state and nominal parameters. Arithmetic as in :class:`Flow`.
+        The amount, from state and nominal parameters. It may use what the amount of a :class:`Flow` may.
     """
 
     name: str
@@ -146,14 +147,14 @@ class Seen:
     factor
         From the unit of the source to ``unit``.
     of
-        Instead of a source: the column from state and nominal parameters. Arithmetic as in :class:`Flow`.
+        Instead of a source: the column from state and nominal parameters. It may use what the amount of a :class:`Flow` may.
     of_air
         Instead of a source: the column from the main air as the task's sensors show it, errors included. It never sees the true state.
     today
         Instead of a source: a rate [``unit`` s-1] from controls, disturbances and nominal parameters in force; the column is its sum
         since midnight by the task's clock, or since the start.
 
-    ``of_air`` and ``today`` may use arithmetic and the functions ``exp``, ``fmin`` and ``fmax`` of ``glbench.model.expressions``.
+    All three may use what the amount of a :class:`Flow` may.
     """
 
     name: str
@@ -540,6 +541,7 @@ class Model(ABC):
 
 
 @lru_cache(maxsize=32)
+@simplification(on=True)
 def _symbolic_model(model: Model, symbolic: str) -> tuple[dict[str, Any], Evaluation]:
     kinds: dict[str, Callable[..., Any]] = {"SX": casadi.SX.sym, "MX": casadi.MX.sym}
     if symbolic not in kinds:
@@ -552,12 +554,14 @@ def _symbolic_model(model: Model, symbolic: str) -> tuple[dict[str, Any], Evalua
 
 
 @lru_cache(maxsize=32)
+@simplification(on=True)
 def _rhs_function(model: Model, symbolic: Symbolic) -> casadi.Function:
     vectors, evaluation = _symbolic_model(model, symbolic)
     return _function("rhs", vectors, casadi.vertcat(*evaluation.derivative), "dxdt")
 
 
 @lru_cache(maxsize=32)
+@simplification(on=True)
 def _auxiliaries_function(model: Model) -> casadi.Function:
     vectors, evaluation = _symbolic_model(model, "SX")
     values = casadi.vertcat(*(v for record in evaluation.fluxes for v in record))
@@ -565,6 +569,7 @@ def _auxiliaries_function(model: Model) -> casadi.Function:
 
 
 @lru_cache(maxsize=32)
+@simplification(on=True)
 def _jacobian_function(model: Model, wrt: str) -> casadi.Function:
     vectors, evaluation = _symbolic_model(model, "SX")
     derivative = casadi.jacobian(casadi.vertcat(*evaluation.derivative), vectors[wrt])

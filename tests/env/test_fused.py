@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from glbench.env import GreenhouseEnv, Simulation, StepResult, register_reward
+from glbench.env import GreenhouseEnv, Simulation, StepResult, program, register_reward
+from glbench.env.uncertainty import DerivedParameters
 from glbench.errors import ActionError
 from glbench.kernel import Kernel, why_not_compiled
 from glbench.kernel.compiled import CompiledStepper
+from glbench.kernel.tape import RecordingError
 from glbench.model import TOMATO
 from glbench.registration import task_ids
 from glbench.tasks import TaskSpec, get_task
@@ -324,9 +326,19 @@ def test_a_part_of_ones_own_is_stepped_by_the_reference(make_task: MakeTask, ker
     assert (result.rewards == -result.quantities["penalty"] + result.quantities["fruit_fresh"]).all()
 
 
-def test_formulas_beyond_arithmetic_are_stepped_by_the_reference(make_task: MakeTask, kernel: Kernel) -> None:
+def test_formulas_that_no_tape_holds_are_stepped_by_the_reference(
+    make_task: MakeTask, kernel: Kernel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     task = make_task(('parameters = "crop28"', 'parameters = ["hElevation"]'))  # the air's density follows by exp
+    assert Simulation(task, 1, kernel).fused
+    program._shipped.cache_clear()
+
+    def refuse(*args: Any, **options: Any) -> None:
+        raise RecordingError
+
+    monkeypatch.setattr(DerivedParameters, "tape", refuse)
     assert not Simulation(task, 1, kernel).fused
+    program._shipped.cache_clear()
 
 
 def test_kernels_that_step_states_only_are_used_by_the_reference(day: TaskSpec) -> None:

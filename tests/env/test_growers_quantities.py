@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from glbench.env import GreenhouseEnv, Simulation, program
+from glbench.env import GreenhouseEnv, Simulation
 from glbench.env.climate import AIR
 from glbench.env.daily_sums import daily_sum, daily_sums
-from glbench.env.formulas import record_formula
 from glbench.env.observations import AirFormula, shown_by
 from glbench.env.weather_pool import WeatherTables
 from glbench.kernel import StepFailure
-from glbench.kernel.tape import Recorder, RecordingError
+from glbench.kernel.tape import Recorder, RecordingError, with_simplification
 from glbench.model import Air, humidity_deficit, vapour_pressure_deficit
 from glbench.model.expressions import cos, exp, fmax
 from glbench.resources import data_folder
@@ -217,13 +216,15 @@ def test_local_time_is_the_clock_of_info(tmp_path: Path) -> None:
 
 def test_deficits_follow_the_air_that_is_handed_in_and_never_the_state(task: TaskSpec) -> None:
     """The tape is recorded from given values: a sensor that errs errs there, too."""
-    recorder = Recorder()
-    air = [recorder.input("given", place) for place in range(3)]
     deficits = shown_by("vapour_deficit", task, WeatherTables.of(task))
     assert len(deficits) == 2
-    for column, shown in enumerate(deficits):
-        assert isinstance(shown, AirFormula)
-        recorder.output("observation", column, program._of_air(shown, air, recorder))
+    with Recorder() as recorder:
+        air = [recorder.input("given", place) for place in range(3)]
+        for column, shown in enumerate(deficits):
+            assert isinstance(shown, AirFormula)
+            recorder.output(
+                "observation", column, with_simplification(lambda *air, of=shown.of_air: of(Air(*air)), *air)
+            )
     tape = recorder.tape()
     assert not tape.reads("after")
     assert not tape.reads("before")
@@ -277,13 +278,15 @@ def test_a_formula_is_recorded_with_the_bits_of_the_models_function() -> None:
     def formula(a: object, b: object) -> object:
         return fmax(exp(a * a) / (1 + b), 2 * b) - 1 / a  # type: ignore[operator]
 
-    recorder = Recorder()
-    recorder.output("table", 0, record_formula(formula, [recorder.input("given", k) for k in range(2)], recorder))
+    with Recorder() as recorder:
+        recorder.output("table", 0, with_simplification(formula, *(recorder.input("given", k) for k in range(2))))
     given = {0: np.array([0.3, -1.2, 2.5]), 1: np.array([0.0, 7.0, 1.5])}
     ((_, _, values),) = recorder.tape().play(lambda source, index: given[index])
     assert values.tolist() == pytest.approx(np.asarray(formula(given[0], given[1])).tolist(), rel=1e-15)
-    with pytest.raises(RecordingError, match="cannot be recorded"):
-        record_formula(cos, [recorder.input("given", 0)], recorder)
+    with Recorder() as recorder:
+        recorder.output("table", 0, with_simplification(cos, recorder.input("given", 0)))
+    with pytest.raises(RecordingError, match="OP_COS, which cannot be recorded"):
+        recorder.tape()
 
 
 @pytest.mark.filterwarnings("error")

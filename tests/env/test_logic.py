@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glbench.env import logic
+from glbench.env import process_computer as logic
 
 numbers = st.floats(-1e9, 1e9)
 conditions = st.sampled_from([0.0, 1.0])
@@ -21,13 +21,10 @@ def test_comparisons(a: float, b: float) -> None:
     assert logic.below(a, np.nextafter(a, np.inf)) == 1.0
 
 
-@given(conditions, conditions, numbers, numbers)
-def test_conditions_and_choices(p: float, q: float, a: float, b: float) -> None:
-    assert logic.both(p, q) == float(bool(p) and bool(q))
-    assert logic.either(p, q) == float(bool(p) or bool(q))
-    assert logic.negation(p) == float(not p)
+@given(conditions, numbers, numbers)
+def test_conditions_and_choices(p: float, a: float, b: float) -> None:
     assert logic.select(p, a, b) == (a if p else b)
-    assert logic.switch(p, 1.0, q) == 1.0
+    assert logic.switch(p, 1.0, 1.0) == 1.0
     assert logic.switch(p, 0.0, 1.0) == 0.0
     assert logic.switch(p, 0.0, 0.0) == p
 

@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation, Snapshot
 from glbench.env.actuation import ActuationInputs, make_actuation, recorded_actuation
 from glbench.env.climate import read_air
-from glbench.env.formulas import record_formula
 from glbench.env.process_computer import MEMORY, Measured, work
 from glbench.env.program import make_program
 from glbench.episodes.signals import signals_of
 from glbench.errors import ActionError, TaskError
 from glbench.kernel import why_not_compiled
-from glbench.kernel.tape import Recorder
+from glbench.kernel.tape import Recorder, with_simplification
 from glbench.model import humidity_deficit
 from glbench.report.task_words import definition_in_words
 from glbench.tasks import Action, TaskSpec, get_task, task_card
@@ -386,9 +385,9 @@ def test_a_run_has_the_same_bits_alone_and_in_a_batch(task: TaskSpec) -> None:
 
 def deficit_of(temperature: NDArray[np.float64], humidity: NDArray[np.float64]) -> NDArray[np.float64]:
     """The model's humidity deficit as a tape gives it."""
-    recorder = Recorder()
-    given = [recorder.input("after", place) for place in range(2)]
-    recorder.output("table", 0, record_formula(humidity_deficit, given, recorder))
+    with Recorder() as recorder:
+        given = [recorder.input("after", place) for place in range(2)]
+        recorder.output("table", 0, with_simplification(humidity_deficit, *given))
     ((_, _, values),) = recorder.tape().play(lambda source, index: (temperature, humidity)[index])
     return np.asarray(values)
 

@@ -34,50 +34,52 @@ CLOCK_TABLE = np.ascontiguousarray(CALENDAR[:, :2], dtype=np.float32)
 
 def actuation() -> Tape:
     """The tap goes half way to the action; it sticks by a trait, jitters, and closes when it rains or at a high level."""
-    r = Recorder()
-    action, tap, jitter = r.input("given", 0), r.input("controls", 0), r.input("noise", 0)
-    moved = tap + (action - tap) * 0.5 * r.input("trait", 0) + (jitter - 0.5) * 0.1
-    moved = moved - 20.0 * r.input("weather", 0) - 0.01 * r.input("before", 0) + 0.001 * r.input("calendar", 0)
-    r.output("controls", 0, np.minimum(np.maximum(moved, 0.0), 1.0))
-    r.output("memory", 0, r.input("memory", 0) + np.sign(action))  # how often it was told to open
+    with Recorder() as r:
+        action, tap, jitter = r.input("given", 0), r.input("controls", 0), r.input("noise", 0)
+        moved = tap + (action - tap) * 0.5 * r.input("trait", 0) + (jitter - 0.5) * 0.1
+        moved = moved - 20.0 * r.input("weather", 0) - 0.01 * r.input("before", 0) + 0.001 * r.input("calendar", 0)
+        r.output("controls", 0, np.minimum(np.maximum(moved, 0.0), 1.0))
+        r.output("memory", 0, r.input("memory", 0) + np.sign(action))  # how often it was told to open
     return r.tape()
 
 
 def update() -> Tape:
     """A drift of the level's sensor, and the salt as it was measured last: every other step by a noise."""
-    r = Recorder()
-    r.output("memory", 1, r.input("memory", 1) * 0.9 + (r.input("noise", 1) - 0.5) * 0.2)
-    measured = np.sign(np.maximum(r.input("noise", 2) - 0.5, 0.0))
-    held = r.input("memory", 2)
-    r.output("memory", 2, held + measured * (r.input("after", 1) - held))
+    with Recorder() as r:
+        r.output("memory", 1, r.input("memory", 1) * 0.9 + (r.input("noise", 1) - 0.5) * 0.2)
+        measured = np.sign(np.maximum(r.input("noise", 2) - 0.5, 0.0))
+        held = r.input("memory", 2)
+        r.output("memory", 2, held + measured * (r.input("after", 1) - held))
     return r.tape()
 
 
 def outcome() -> Tape:
-    r = Recorder()
-    after, before = r.input("after", 0), r.input("before", 0)
-    for column, value in enumerate(
-        [
-            r.input("counter", 0),
-            r.input("calendar", 0),
-            r.input("calendar", 1),
-            after * r.input("calendar", 2)
-            - before * r.input("calendar_before", 2),  # a stock, each at the price of its moment
-            r.input("memory", 1),
-            r.input("memory", 2),
-            r.input("memory", 0) * r.input("trait", 1),
-            r.input("controls", 0),
-        ]
-    ):
-        r.output("table", column, value)
-    r.output("observation", 0, after + r.input("memory", 1) + 0.01 * r.input("noise", 3))
-    r.output("observation", 1, r.input("weather", 0))
+    with Recorder() as r:
+        after, before = r.input("after", 0), r.input("before", 0)
+        for column, value in enumerate(
+            [
+                r.input("counter", 0),
+                r.input("calendar", 0),
+                r.input("calendar", 1),
+                after * r.input("calendar", 2)
+                - before * r.input("calendar_before", 2),  # a stock, each at the price of its moment
+                r.input("memory", 1),
+                r.input("memory", 2),
+                r.input("memory", 0) * r.input("trait", 1),
+                r.input("controls", 0),
+            ]
+        ):
+            r.output("table", column, value)
+        r.output("observation", 0, after + r.input("memory", 1) + 0.01 * r.input("noise", 3))
+        r.output("observation", 1, r.input("weather", 0))
     return r.tape()
 
 
 def followers() -> Tape:
-    r = Recorder()
-    r.output("parameters", UPTAKE, r.input("drawn", INFLOW) * 0.1 + r.input("drawn", OUTFLOW) * r.input("drawn", LEAK))
+    with Recorder() as r:
+        r.output(
+            "parameters", UPTAKE, r.input("drawn", INFLOW) * 0.1 + r.input("drawn", OUTFLOW) * r.input("drawn", LEAK)
+        )
     return r.tape()
 
 

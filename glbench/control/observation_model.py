@@ -1,4 +1,4 @@
-"""What a task shows of states and controls, as functions that a filter can use."""
+"""What a task shows of states and controls, as functions that a filter can use: its observation model."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.accounts import ByName
-from glbench.env.climate import AIR, record_air
+from glbench.env.climate import AIR, air_quantities
 from glbench.env.sensors import Sensors
 from glbench.errors import TaskError
-from glbench.kernel.tape import Recorder, Value
-from glbench.kernel.tape_gradient import Playback
+from glbench.kernel.tape import Linearisation, Recorder
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-class ShownStates:
+class ObservationModel:
     """The observed columns of a task that are functions of its model's states, with their gradients.
 
     These are the columns of the model's own modules, and ``full_state``. Columns that follow from the air as it is observed tell nothing
@@ -41,28 +40,27 @@ class ShownStates:
     def __init__(self, task: TaskSpec) -> None:
         model = task.model_value
         self._states = len(model.states)
-        recorder = Recorder()
-        states = _Asked(recorder)
-        by_name, nominal = ByName(model.states, states), model.Parameters(*task.parameters().tolist())
-        air: dict[str, Value] = {}
-        if model.air:
-            temperature, density, pressure = (states[model.state_index(name)] for name in model.air)
-            air = dict(zip(AIR, (temperature, *record_air(temperature, density, pressure, recorder)), strict=True))
+        nominal = model.Parameters(*task.parameters().tolist())
         erring = [sensor.name for sensor in Sensors.of(task).sensors]
         columns: list[int] = []
         names: list[str] = []
         sensors: list[int] = []
-        at = 0
-        for module in task.observation.modules:
-            shown = task.observed_by(module)
-            seen = model.observed(module, task.observation_context().horizon)
-            if seen is None:
-                sources: list[tuple[Any, int]] = [(None, -1)] * len(shown)
-                if module == "full_state":
-                    sources = [(states[place], -1) for place in range(len(shown))]
-            else:
-                sources = [(None, -1)] * len(shown)
-                for place, column in enumerate(seen):
+        first = 0
+        with Recorder() as recorder:
+            states = [recorder.input("after", place) for place in range(self._states)]
+            by_name = ByName(model.states, states)
+            air: dict[str, Any] = {}
+            if model.air:
+                air = dict(
+                    zip(AIR, air_quantities(*(states[model.state_index(name)] for name in model.air)), strict=True)
+                )
+            for module in task.observation.modules:
+                observed = task.observed_by(module)
+                known = model.observed(module, task.observation_context().horizon)
+                sources: list[tuple[Any, int]] = [(None, -1)] * len(observed)
+                if known is None and module == "full_state":
+                    sources = [(state, -1) for state in states]
+                for place, column in enumerate(known or ()):
                     if column.of is not None:
                         sources[place] = column.of(by_name, nominal), -1
                     elif column.source in air:
@@ -70,39 +68,26 @@ class ShownStates:
                         sources[place] = air[column.source] * column.factor, sensor
                     elif column.source in model.state_names:
                         sources[place] = states[model.state_index(column.source)] * column.factor, -1
-            for place, (value, sensor) in enumerate(sources):
-                if value is not None:
-                    recorder.output("observation", len(columns), value)
-                    columns.append(at + place)
-                    names.append(shown[place].name)
-                    sensors.append(sensor)
-            at += len(shown)
+                for place, (value, sensor) in enumerate(sources):
+                    if value is not None:
+                        recorder.output("observation", len(columns), value)
+                        columns.append(first + place)
+                        names.append(observed[place].name)
+                        sensors.append(sensor)
+                first += len(observed)
         self.columns, self.names = np.array(columns, np.intp), tuple(names)
         self.sensor = np.array(sensors, np.intp)
-        self._tape = recorder.tape()
+        self._linearisation = Linearisation(
+            recorder.tape(), [("observation", place) for place in range(len(columns))], ("after",)
+        )
 
     def of(self, states: Floats) -> tuple[Floats, Floats]:
         """Values ``(n, columns)`` in ``states`` ``(n, s)``, and their gradients ``(n, columns, s)``."""
-        playback = Playback(self._tape, lambda source, index: states[:, index])
         values = np.empty((len(states), len(self.columns)))
         slopes = np.zeros((*values.shape, self._states))
-        for place in range(len(self.columns)):
-            values[:, place] = playback.value("observation", place)
-            for (_, state), slope in playback.gradient("observation", place, ("after",)).items():
-                slopes[:, place, state] = slope
+        for place, column in enumerate(self._linearisation(lambda source, index: states[:, index], {"after": slopes})):
+            values[:, place] = column
         return values, slopes
-
-
-class _Asked(dict[int, Value]):
-    """The states as a recorder's inputs, as far as they are asked for."""
-
-    def __init__(self, recorder: Recorder) -> None:
-        super().__init__()
-        self._recorder = recorder
-
-    def __missing__(self, place: int) -> Value:
-        self[place] = self._recorder.input("after", place)
-        return self[place]
 
 
 @dataclass(frozen=True, eq=False)
