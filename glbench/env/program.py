@@ -74,17 +74,19 @@ def make_program(task: TaskSpec) -> tuple[Program, PythonParts]:
 
 
 def record_quantities(task: TaskSpec) -> Tape | None:
-    """The quantities of a step alone, to the columns of the table that they have in the program; ``None`` where the reward is Python.
+    """The air and the quantities of a step, to the columns of the table that they have in the program; ``None`` where the reward is Python.
 
     Unlike the program this needs no weather.
     """
     with Recorder() as recorder:
         controls = [recorder.input("controls", index) for index in range(len(task.model_value.control_names))]
-        quantities, reward = _quantities(task, recorder, controls, _true_air(task, recorder))
+        air = _true_air(task, recorder)
+        quantities, reward = _quantities(task, recorder, controls, air)
         if reward is not None:
             return None
-        for column, value in enumerate(quantities, info_columns(task)):
-            recorder.output("table", column, value)
+        for first, values in ((air_columns(task).start, air), (info_columns(task), quantities)):
+            for column, value in enumerate(values, first):
+                recorder.output("table", column, value)
     return recorder.tape()
 
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType, TracebackType
 from typing import Any, Literal, Self, get_args
@@ -201,7 +201,6 @@ class Linearisation:
     changes
         Formulas by output of the tape, chosen or not: what a formula makes of the output's value takes its place, in the outputs and in all
         operations that use it.
-
     """
 
     def __init__(
@@ -213,30 +212,29 @@ class Linearisation:
         count: int | None = None,
         changes: Mapping[tuple[Target, int], Callable[[Any], Any]] = MappingProxyType({}),
     ) -> None:
-        keys: list[tuple[Any, int]] = [(SOURCES[source], index) for source, index in tape.inputs.tolist()]
-        symbols = [casadi.SX.sym(f"{source}{index}") for source, index in keys]
-        number = {(TARGETS[target], index): register for target, index, register in tape.outputs.tolist()}
-        changed = {number[output]: formula for output, formula in changes.items()}
-
-        def again(operator: Callable[[int, Any, Any], Any]) -> list[Any]:
-            registers: list[Any] = [*map(casadi.SX, tape.constants.tolist()), *symbols]
-            for place, (operation, a, b) in enumerate(tape.operations.tolist(), len(registers)):
-                value = operator(operation, registers[a], registers[b])
-                registers.append(changed[place](value) if place in changed else value)
-            return [registers[number[output]] for output in outputs]
-
+        place = {(TARGETS[target], index): register for target, index, register in tape.outputs.tolist()}
+        self._count = len(outputs)
         with simplification(on=False):
-            values = again(_symbolic)
-        with simplification(on=True):
-            of = casadi.vertcat(casadi.SX(0, 1), *again(_by_branch)[:count])
-            wanted = [place for place, (source, _) in enumerate(keys) if source in set(sources)]
-            slopes = casadi.jacobian(of, casadi.vertcat(casadi.SX(0, 1), *(symbols[place] for place in wanted)))
-        rows, columns = slopes.sparsity().get_triplet()
-        self._entries = [(row, *keys[wanted[column]]) for row, column in zip(rows, columns, strict=True)]
-        self._tape = _read(keys, symbols, outputs, values)
-        everything = [*values, *slopes.nonzeros()]
-        self._with_slopes = _read(keys, symbols, [("table", place) for place in range(len(everything))], everything)
-        self._count = len(values)
+            keys, symbols, registers = _expressions(tape, {place[output]: change for output, change in changes.items()})
+            # CasADi sorts operations by the outputs, one after another: with all of them as outputs they stay in the tape's order,
+            # and so do the sums of slopes.
+            chosen = [place[output] for output in outputs]
+            order = [number for number in _needed(tape, chosen) if number >= len(tape.constants) + len(tape.inputs)]
+            hidden: list[tuple[Target, int]] = [("memory", 0)] * len(order)
+            ordered = _read(keys, symbols, [*hidden, *outputs], [registers[number] for number in (*order, *chosen)])
+            self._tape = replace(ordered, outputs=ordered.outputs[len(order) :])
+            keys, symbols, registers = _expressions(self._tape)
+            at = dict(enumerate(keys, len(self._tape.constants)))
+            wanted = {number for number, (source, _) in at.items() if source in set(sources)}
+            results = self._tape.outputs[:, 2].tolist()
+            slopes = {
+                (row, *at[number]): slope
+                for row, result in enumerate(results[:count])
+                for number, slope in _slopes(self._tape, registers, result, wanted).items()
+            }
+            self._entries = list(slopes)
+            values = [*(registers[result] for result in results), *slopes.values()]
+            self._with_slopes = _read(keys, symbols, [("table", row) for row in range(len(values))], values)
 
     def reads(self, source: Source) -> bool:
         """Whether an output or a derivative needs an input from ``source``."""
@@ -383,17 +381,78 @@ _SHORT = {
 """CasADi's operations with one operand that are those with two: the constant first; 0.0 stands for the operand itself."""
 
 
-def _symbolic(place: int, a: Any, b: Any) -> Any:
-    """An operator on expressions."""
-    _, code, operands, _ = _OPERATIONS[place]
-    return casadi.SX.unary(code, a) if operands == 1 else casadi.SX.binary(code, a, b)
+def _expressions(
+    tape: Tape, changes: Mapping[int, Callable[[Any], Any]] = MappingProxyType({})
+) -> tuple[list[Any], list[Any], list[Any]]:
+    """Source and index of the inputs, their symbols, and all registers as expressions; some of them changed."""
+    keys = [(SOURCES[source], index) for source, index in tape.inputs.tolist()]
+    symbols = [casadi.SX.sym(f"{source}{index}") for source, index in keys]
+    registers: list[Any] = [*map(casadi.SX, tape.constants.tolist()), *symbols]
+    for number, (place, a, b) in enumerate(tape.operations.tolist(), len(registers)):
+        _, code, operands, _ = _OPERATIONS[place]
+        x, y = registers[a], registers[b]
+        value = casadi.SX.unary(code, x) if operands == 1 else casadi.SX.binary(code, x, y)
+        registers.append(changes[number](value) if number in changes else value)
+    return keys, symbols, registers
 
 
-def _by_branch(place: int, a: Any, b: Any) -> Any:
-    """The same, for derivatives: CasADi would divide the derivative of a maximum evenly between two equal operands."""
-    if place == _PLACES[casadi.OP_FMAX]:
-        return casadi.if_else(a > b, a, b)
-    return casadi.if_else(a < b, a, b) if place == _PLACES[casadi.OP_FMIN] else _symbolic(place, a, b)
+def _needed(tape: Tape, registers: Sequence[int]) -> list[int]:
+    """All that registers are made of, and they themselves, in order."""
+    needed = set(registers)
+    for number, (_, a, b) in reversed(
+        list(enumerate(tape.operations.tolist(), len(tape.constants) + len(tape.inputs)))
+    ):
+        if number in needed:
+            needed.update((a, b))
+    return sorted(needed)
+
+
+def _slopes(tape: Tape, registers: Sequence[Any], output: int, wanted: set[int]) -> dict[int, Any]:
+    """Derivatives of a register with respect to the ``wanted`` ones on which it depends: back over the operations."""
+    operations = list(enumerate(tape.operations.tolist(), len(tape.constants) + len(tape.inputs)))
+    leading = set(wanted)
+    for number, (_, a, b) in operations:
+        if a in leading or b in leading:
+            leading.add(number)
+    slopes: dict[int, Any] = {output: casadi.SX(1.0)}
+    for number, (operation, a, b) in reversed(operations):
+        if number in leading and number in slopes:
+            back = _BACK[operation]
+            if back is None:
+                continue
+            parts = back(slopes.pop(number), registers[a], registers[b], registers[number])
+            for operand, part in zip((a, b), parts, strict=False):  # an operation with one operand has one
+                if operand in leading:
+                    slopes[operand] = slopes[operand] + part if operand in slopes else part
+    return {number: slopes[number] for number in wanted if number in slopes}
+
+
+def _if(condition: Any, slope: Any) -> Any:
+    """The slope where the condition holds, else 0."""
+    return casadi.SX.binary(casadi.OP_IF_ELSE_ZERO, condition, slope)
+
+
+_RULES: dict[str, Callable[[Any, Any, Any, Any], tuple[Any, ...]]] = {
+    "add": lambda slope, x, y, result: (slope, slope),
+    "subtract": lambda slope, x, y, result: (slope, -slope),
+    "multiply": lambda slope, x, y, result: (slope * y, slope * x),
+    "divide": lambda slope, x, y, result: (slope / y, -slope * result / y),
+    "negative": lambda slope, x, y, result: (-slope,),
+    "maximum": lambda slope, x, y, result: (_if(x > y, slope), _if(casadi.logic_not(x > y), slope)),
+    "minimum": lambda slope, x, y, result: (_if(x < y, slope), _if(casadi.logic_not(x < y), slope)),
+    "exp": lambda slope, x, y, result: (slope * result,),
+    "log": lambda slope, x, y, result: (slope / x,),
+    "power": lambda slope, x, y, result: (slope * y * x ** (y - 1.0), slope * result * casadi.log(x)),
+    "square_root": lambda slope, x, y, result: (slope / (2.0 * result),),
+    "magnitude": lambda slope, x, y, result: (slope * casadi.sign(x),),
+    "if_else_zero": lambda slope, x, y, result: (casadi.SX(0.0), _if(x, slope)),
+}
+"""Derivatives of operands from that of the result; of other operators they are 0.
+
+They are CasADi's rules except for maxima and minima, where CasADi divides the derivative evenly between equal operands, and for quotients,
+where it multiplies by 1 / y. Predictive control turns differences in the last bit into other plans.
+"""
+_BACK = tuple(_RULES.get(name) for name in OPERATORS)
 
 
 EMPTY = Tape(np.zeros(0), _table([], 2), _table([], 3), _table([], 3))
