@@ -1,10 +1,22 @@
-"""The optional parts of glbench, and what to install for them."""
+"""Packages that only some parts of glbench and some submissions need: imported when they are needed, named when they are missing."""
 
 from __future__ import annotations
 
+import importlib
 from importlib.util import find_spec
+from typing import Any
 
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, SubmissionError
+
+EXTRAS = {
+    "torch": "submit",
+    "stable_baselines3": "submit",
+    "sb3_contrib": "submit",
+    "onnxruntime": "onnx",
+    "ray": "ray",
+}
+"""Extra of glbench that installs a package."""
+_INSTALL_NAMES = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-contrib"}
 
 
 def require(what: str, extra: str, *modules: str) -> None:
@@ -15,10 +27,46 @@ def require(what: str, extra: str, *modules: str) -> None:
     GlbenchError
         When one of them is missing; the message says how to install it.
     """
-    missing = [module for module in modules if find_spec(module) is None]
-    if missing:
+    absent = missing(*modules)
+    if absent:
         msg = (
-            f"{what} needs packages that are not installed ({', '.join(missing)}). "
+            f"{what} needs packages that are not installed ({', '.join(absent)}). "
             f'Install them with `pip install "glbench[{extra}]"`, or in a checkout with `uv sync --inexact --extra {extra}`.'
         )
         raise GlbenchError(msg)
+
+
+def need(module: str, what: str) -> Any:
+    """Import ``module``, which ``what`` ("a TorchScript policy") cannot do without.
+
+    Raises
+    ------
+    SubmissionError
+        When it is not installed, with the command that installs it; or when it is broken.
+    """
+    top = module.partition(".")[0]
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is not None and error.name.partition(".")[0] != top:
+            msg = f"{what} needs {module}, which itself lacks the package '{error.name}'. Install it into this environment."
+        else:
+            msg = f"{what} needs {_INSTALL_NAMES.get(top, top)}, which is not installed here. {how_to_install(top)}"
+        raise SubmissionError(msg) from error
+    except ImportError as error:
+        msg = f"{what} needs {module}, which is installed and cannot be imported ({error}). Install it again."
+        raise SubmissionError(msg) from error
+
+
+def missing(*modules: str) -> list[str]:
+    """Those of the packages that are not installed; nothing is imported."""
+    return [module for module in modules if find_spec(module) is None]
+
+
+def how_to_install(module: str) -> str:
+    """The sentence with the command that installs ``module``."""
+    return (
+        f"Install it with: pip install 'glbench[{EXTRAS[module]}]'"
+        if module in EXTRAS
+        else f"Install it: pip install {module}"
+    )

@@ -11,12 +11,18 @@ from typing import TYPE_CHECKING
 from glbench.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from glbench.agents.actions import action_problems
     from glbench.agents.baselines import Baseline, read_baseline
     from glbench.agents.card import SubmissionCard, read_card
     from glbench.agents.identity import Identity, baseline_names, identify
     from glbench.agents.loading import LoadedAgent, load_agent
-    from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, ScenarioController, SingleRunAgent
+    from glbench.agents.protocol import (
+        Agent,
+        PerRunAgent,
+        PrivilegedController,
+        ScenarioController,
+        SingleRunAgent,
+        action_problems,
+    )
     from glbench.agents.rules import (
         FairRuleBasedAgent,
         RuleBasedController,
@@ -30,12 +36,18 @@ else:
     __getattr__ = lazy_names(
         __name__,
         {
-            "actions": ("action_problems",),
             "baselines": ("Baseline", "read_baseline"),
             "card": ("SubmissionCard", "read_card"),
             "identity": ("Identity", "baseline_names", "identify"),
             "loading": ("LoadedAgent", "load_agent"),
-            "protocol": ("Agent", "PerRunAgent", "PrivilegedController", "ScenarioController", "SingleRunAgent"),
+            "protocol": (
+                "Agent",
+                "PerRunAgent",
+                "PrivilegedController",
+                "ScenarioController",
+                "SingleRunAgent",
+                "action_problems",
+            ),
             "rules": (
                 "FairRuleBasedAgent",
                 "RuleBasedController",

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
 Array = NDArray[np.float64]
-Made = TypeVar("Made", bound=Callable[..., Any])
+Maker = TypeVar("Maker", bound=Callable[..., Any])
 
 MODULES = {
     "actor": "network_policy",
@@ -65,7 +65,7 @@ def controller(
     version: str,
     sees: Sight = "observations",
     information: str = OBSERVATIONS_ONLY,
-) -> Callable[[Made], Made]:
+) -> Callable[[Maker], Maker]:
     """Declare the class below as the controller called ``name``; an instance is made of what ``read`` returns.
 
     Parameters
@@ -84,7 +84,7 @@ def controller(
         The same in words, for results.
     """
 
-    def declare(make: Made) -> Made:
+    def declare(make: Maker) -> Maker:
         CONTROLLERS[name] = Controller(read, make, version, sees, information)
         return make
 
@@ -120,7 +120,7 @@ class ObservedController(ABC):
     """Base of controllers that act on observations; an ``Agent``.
 
     It gives ``decide`` the readings and the positions of controls by name, one array (n,) each with a number per run, and turns the
-    controls that are asked for into actions. A subclass calls ``_begin`` in its ``reset``.
+    controls that are asked for into actions. A subclass calls ``begin`` in its ``reset``.
     """
 
     title: ClassVar[str]
@@ -128,7 +128,7 @@ class ObservedController(ABC):
     actuations: ClassVar[tuple[str, ...]] = ("rate", "set_point")
     """Kinds of actuation that it can act through."""
 
-    _runs = 0
+    runs = 0
 
     @abstractmethod
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
@@ -146,7 +146,7 @@ class ObservedController(ABC):
         ShapeError
             When there are not as many rows as runs were announced to ``reset``.
         """
-        check_runs(observations, self._runs)
+        check_runs(observations, self.runs)
         # Rows of an array of their own: numpy may take another path, with another last bit, through the columns of a larger one.
         rows = observations.T[self._places].astype(np.float64, order="C")
         positions = rows[len(self._names) :] / self._at_one
@@ -154,7 +154,7 @@ class ObservedController(ABC):
             dict(zip(self._names, rows, strict=False)), dict(zip(self._position_names, positions, strict=True))
         )
 
-    def _begin(
+    def begin(
         self,
         task: TaskCard,
         n_runs: int,
@@ -172,7 +172,7 @@ class ObservedController(ABC):
         SubmissionError
             When the task has another kind of actuation, or does not show what is needed.
         """
-        self._check_actuation(task)
+        self.check_actuation(task)
         controls = {control.name: control for control in task.controls}
         changed = task.action_names if task.actuation == "rate" else ()
         read = [controls[name] for name in dict.fromkeys([*positions, *changed])]
@@ -189,21 +189,28 @@ class ObservedController(ABC):
         self._places = [columns[name] for name in (*self._names, *(control.quantity for control in read))]
         # Where nothing is installed the observation is 0, whatever it is divided by.
         self._at_one = np.array([[one.at_one if one.at_one > 0.0 else 1.0] for one in read]).reshape(-1, 1)
-        self._task, self._runs = task, n_runs
+        self.task, self.runs = task, n_runs
 
-    def _check_actuation(self, task: TaskCard) -> None:
+    def check_actuation(self, task: TaskCard) -> None:
+        """Refuse a kind of actuation that is not one of ``actuations``.
+
+        Raises
+        ------
+        SubmissionError
+            When it is none of them.
+        """
         if task.actuation not in self.actuations:
-            known = " or ".join(f"'{name}'" for name in self.actuations)
-            msg = f"The actuation of {task.id} is '{task.actuation}', and {self.title} can act through {known} only."
+            names = " or ".join(f"'{name}'" for name in self.actuations)
+            msg = f"The actuation of {task.id} is '{task.actuation}', and {self.title} can act through {names} only."
             if task.actuation == "process_computer":
                 msg += " The baseline 'grower' works at a process computer."
             raise SubmissionError(msg)
 
-    def _towards(self, controls: Mapping[str, Array], positions: Mapping[str, Array]) -> Array:
+    def towards(self, controls: Mapping[str, Array], positions: Mapping[str, Array]) -> Array:
         """Actions (n, actions) towards controls, by name: at once, or as fast as the actuation allows."""
-        names = self._task.action_names
+        names = self.task.action_names
         actions = np.stack([controls[name] for name in names])
-        if self._task.actuation == "rate":
-            change = (actions - np.stack([positions[name] for name in names])) / self._task.max_change
+        if self.task.actuation == "rate":
+            change = (actions - np.stack([positions[name] for name in names])) / self.task.max_change
             actions = np.minimum(np.maximum(change, -1.0), 1.0)
         return actions.T

@@ -121,7 +121,7 @@ class EnergyRulesAgent(TunedRulesAgent):
         self._lit = np.zeros(n_runs)
 
     def _find_columns(self, task: TaskCard, n_runs: int) -> None:
-        self._check_actuation(task)
+        self.check_actuation(task)
         controls, columns = [one.name for one in task.controls], task.observation_names
         machines = tuple(one.name for what in (_ENGINE, _PIPES) for one in task.controls if one.quantity == what)
         self._stored = len(machines) == len((_ENGINE, _PIPES)) and set(machines) <= set(task.action_names)
@@ -135,7 +135,7 @@ class EnergyRulesAgent(TunedRulesAgent):
             msg = f"The energy rules work lamps, engine and buffer at an hourly price of power, and {task.id} {what}."
             raise SubmissionError(msg)
         self._installed = [one.name for one in task.controls if one.at_one > 0.0 and one.quantity in columns]
-        self._begin(task, n_runs, (*NEEDED, *required), optional=columns, positions=(VENTS, *self._installed))
+        self.begin(task, n_runs, (*NEEDED, *required), optional=columns, positions=(VENTS, *self._installed))
 
     def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
         """Actions (n_runs, actions) towards the controls that the rules ask for."""
@@ -155,8 +155,8 @@ class EnergyRulesAgent(TunedRulesAgent):
         controls[BLACKOUT] = self._calm  # closed above lamps it would keep the vapour in
         if self._stored:
             controls |= self._energy(readings, positions, controls)
-        return self._towards(
-            {name: controls[name] if name in self._installed else self._calm for name in self._task.action_names},
+        return self.towards(
+            {name: controls[name] if name in self._installed else self._calm for name in self.task.action_names},
             positions,
         )
 

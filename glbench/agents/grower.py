@@ -163,7 +163,7 @@ class GrowerAgent(ObservedController):
         if task.actuation not in self.actuations:
             msg = f"The grower works at a process computer, and {task.id} has the actuation '{task.actuation}'."
             raise SubmissionError(msg)
-        self._begin(task, n_runs, (*CLOCK, _RADIATION), optional=(_VENTS,))
+        self.begin(task, n_runs, (*CLOCK, _RADIATION), optional=(_VENTS,))
         rules = self._rules()
         for action in task.actions:
             if action.name not in rules:
@@ -181,8 +181,8 @@ class GrowerAgent(ObservedController):
         hour, day = clock_from(readings)
         period = _period(self.settings.periods, hour, *self._sun.hours(day))
         page, rules = _Page(self.settings, period, self._mean, readings.get(_VENTS, self._shut)), self._rules()
-        low, high = self._task.action_bounds
-        set_points = [np.broadcast_to(one.of(rules[one.name](page)), self._runs) for one in self._task.actions]
+        low, high = self.task.action_bounds
+        set_points = [np.broadcast_to(one.of(rules[one.name](page)), self.runs) for one in self.task.actions]
         actions: Array = np.minimum(np.maximum(np.stack(set_points, axis=1), low), high)
         return actions
 

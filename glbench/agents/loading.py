@@ -1,4 +1,4 @@
-"""From a path or a name to an agent that can be run: ``load_agent``.
+"""From a path or a name to an agent that can be run (``load_agent``); and submissions to start from.
 
 A submission is a Python file with a function ``make_agent(task)``, a saved policy, or a folder with one of the two (``identity.py`` tells
 them apart). A baseline is a name; its data are in ``baselines/<name>``. A submission's file is run as a module without leaving traces: no
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import shutil
 import sys
 import traceback
 from collections.abc import Callable, Iterator
@@ -17,7 +18,7 @@ from importlib.machinery import ModuleSpec
 from importlib.util import module_from_spec
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 from glbench.agents.identity import (
     EXPECTED,
@@ -32,8 +33,8 @@ from glbench.agents.identity import (
     read_identity,
 )
 from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, ScenarioController, Sight, SingleRunAgent
-from glbench.errors import SubmissionError, did_you_mean, last_line
-from glbench.resources import data_folder
+from glbench.errors import GlbenchError, SubmissionError, did_you_mean, last_line
+from glbench.resources import data_folder, with_unix_line_ends, write_atomically
 
 if TYPE_CHECKING:
     from glbench.agents.baselines import Baseline
@@ -320,8 +321,8 @@ def _maker_of(submission: Identity) -> Callable[[TaskCard], Agent]:
 
     def make(task: TaskCard) -> Agent:
         # Not at the top: the process of an agent in Python does not need them.
-        from glbench.agents.formats.exported import onnx_agent, torchscript_agent
-        from glbench.agents.formats.sb3 import sb3_agent
+        from glbench.agents.saved_policies import onnx_agent, torchscript_agent
+        from glbench.agents.sb3 import sb3_agent
 
         makers = {"sb3": sb3_agent, "torchscript": torchscript_agent, "onnx": onnx_agent}
         return makers[submission.form](submission, task)
@@ -369,3 +370,66 @@ def _nothing_there(ref: str, path: Path) -> str:
         f"'{ref}' is neither a file or folder here nor a baseline.{did_you_mean(ref, known, list_few=False)} "
         f"Baselines: {', '.join(known)}. A submission is named by its path, such as submissions/my_agent.py."
     )
+
+
+Kind = Literal["rule", "sb3", "torch", "mpc"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+EXAMPLE_KIND = "example"
+"""What ``glbench submit new --kind`` calls the example submissions, each of which is a file."""
+_NAME = "template-name"
+_OWN_NAMES = ("submission.toml", "README.md")
+"""Files of a template in which its name stands."""
+
+
+def new_submission(folder: Path, kind: Kind) -> tuple[Path, ...]:
+    """Write a submission of that ``kind`` into a new ``folder``, whose name becomes the submission's, and return the files.
+
+    Raises
+    ------
+    SubmissionError
+        When the folder is there already, or its name cannot be that of an agent.
+    GlbenchError
+        When it cannot be written.
+    """
+    if folder.exists():
+        msg = f"{folder} is there already, and nothing is overwritten. Choose another name, or move it away."
+        raise SubmissionError(msg)
+    name = name_of(folder)
+    source = data_folder("submissions") / "templates" / kind
+    files = []
+    try:
+        for file in sorted(item for item in source.iterdir() if item.is_file()):
+            text = file.read_text(encoding="utf-8")
+            target = folder / file.name
+            write_atomically(target, text.replace(_NAME, name) if file.name in _OWN_NAMES else text)
+            files.append(target)
+    except GlbenchError:
+        # Half a template would be in the way of the next attempt.
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    return tuple(files)
+
+
+def copy_examples(folder: Path) -> tuple[Path, ...]:
+    """Write the example submissions into ``folder``, ``my_agent.py`` among them, and return the files.
+
+    Raises
+    ------
+    SubmissionError
+        When a file of one of their names is there that is not the example itself.
+    GlbenchError
+        When they cannot be written.
+    """
+    sources = sorted(data_folder("submissions").glob("*.py"))
+    targets = tuple(folder / source.name for source in sources)
+    for source, target in zip(sources, targets, strict=True):
+        if target.exists() and not (target.is_file() and _text(target) == _text(source)):
+            msg = f"{target} is there already, and nothing is overwritten. Choose another folder, or move it away."
+            raise SubmissionError(msg)
+    for source, target in zip(sources, targets, strict=True):
+        write_atomically(target, _text(source))
+    return targets
+
+
+def _text(file: Path) -> bytes:
+    return with_unix_line_ends(file.name, file.read_bytes())

@@ -416,13 +416,13 @@ class FairRuleBasedAgent(ObservedController):
         SubmissionError
             When the task does not show a quantity that the rules need, or has another kind of actuation or of greenhouse.
         """
-        self._check_actuation(task)
+        self.check_actuation(task)
         self._controls = [control.name for control in task.controls][:6]
         unknown = [name for name in task.action_names if name not in self._controls]
         if unknown:
             msg = f"The rules work {', '.join(self._controls)}; {task.id} is another kind of greenhouse ({', '.join(unknown)})."
             raise SubmissionError(msg)
-        self._begin(task, n_runs, (*_MEASURED, *CLOCK))
+        self.begin(task, n_runs, (*_MEASURED, *CLOCK))
         # With the published timing the weather shown is that of the step before.
         age_seconds = task.step_seconds if task.timing == "published" else 0.0
         self._daylight = DaylightEstimator(n_runs, task.step_seconds, age_seconds)
@@ -432,7 +432,7 @@ class FairRuleBasedAgent(ObservedController):
         hour, day = clock_from(readings)
         daylight = self._daylight.observe(hour, readings["global_radiation"])
         controls = self._rules.controls(fair_inputs(readings, hour, day, daylight))
-        return self._towards(dict(zip(self._controls, controls.T, strict=False)), positions)
+        return self.towards(dict(zip(self._controls, controls.T, strict=False)), positions)
 
 
 def fair_inputs(readings: dict[str, Array], hour: Array, day: Array, daylight: Daylight) -> RuleInputs:

@@ -318,17 +318,17 @@ class TunedRulesAgent(ObservedController):
         self._calm = np.zeros(n_runs)
 
     def _find_columns(self, task: TaskCard, n_runs: int) -> None:
-        self._check_actuation(task)
+        self.check_actuation(task)
         controls = [control.name for control in task.controls]
         unknown = [name for name in (VENTS, *task.action_names) if name not in WORKED or name not in controls]
         if unknown:
             msg = f"The tuned rules work {', '.join(WORKED)}; {task.id} is another kind of greenhouse ({', '.join(unknown)})."
             raise SubmissionError(msg)
-        self._begin(task, n_runs, NEEDED, optional=_WELCOME, positions=(VENTS,))
+        self.begin(task, n_runs, NEEDED, optional=_WELCOME, positions=(VENTS,))
 
     def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
         """Actions (n_runs, actions) towards the controls that the rules ask for."""
-        return self._towards(self._rules(readings, positions[VENTS]), positions)
+        return self.towards(self._rules(readings, positions[VENTS]), positions)
 
     def _rules(self, readings: dict[str, Array], vents: Array) -> dict[str, Array]:
         """Controls (n,) by name, fractions of what is installed, with the vents where they are now."""
@@ -360,7 +360,7 @@ class TunedRulesAgent(ObservedController):
         half = 0.5 * (fall - rise)
         noon = rise + half
         since_noon = np.mod(hour - noon, 24.0)
-        above = np.empty((len(_Shares._fields), self._runs))
+        above = np.empty((len(_Shares._fields), self.runs))
         np.subtract(since_noon, 24.0 - half - n.morning_before_sunrise, out=above[0])
         np.subtract(since_noon, half - n.evening_before_sunset, out=above[1])
         np.subtract(since_noon, half + n.night_after_sunset, out=above[2])

@@ -88,7 +88,7 @@ def new(
     ] = "rule",
 ) -> None:
     """Write a folder with a submission that runs at once: its code or model, a card, a README. Nothing is overwritten."""
-    from glbench.agents.templates import EXAMPLE_KIND, KINDS, copy_examples, new_submission
+    from glbench.agents.loading import EXAMPLE_KIND, KINDS, copy_examples, new_submission
     from glbench.errors import SubmissionError, did_you_mean
 
     folder = Path(name)
@@ -108,7 +108,7 @@ def new(
 
 def _untrained_model(folder: Path) -> tuple[Path, ...]:
     """Let the template's own training save a model that has learned nothing, so that the folder runs."""
-    from glbench.agents.formats.packages import how_to_install, missing
+    from glbench.extras import how_to_install, missing
 
     if missing("stable_baselines3"):
         print_warning(

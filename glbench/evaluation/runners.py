@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents import Agent, Identity, LoadedAgent, PerRunAgent, PrivilegedController, ScenarioController
-from glbench.agents.actions import ROUNDING, read_actions, value_problems
+from glbench.agents.protocol import ROUNDING, read_actions, value_problems
 from glbench.env import Simulation, StepResult
 from glbench.errors import SubmissionError
 from glbench.evaluation.limits import Failure, TimeLimits, guarded

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from glbench.agents.formats.policy import BLOCK, EvenRows
+from glbench.agents.saved_policies import BLOCK, EvenRows
 from glbench.errors import SubmissionError
 
 Rows = NDArray[np.float32]

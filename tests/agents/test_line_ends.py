@@ -13,7 +13,7 @@ import pytest
 from glbench.agents import load_agent
 from glbench.agents.baselines import read_baseline
 from glbench.agents.identity import digest_of, read_identity
-from glbench.agents.templates import copy_examples
+from glbench.agents.loading import copy_examples
 from glbench.evaluation.sandbox import choosing
 from glbench.evaluation.sandbox.choosing import EXAMPLES, protect
 from glbench.resources import LARGEST_TEXT, data_folder, sha256_of_files, with_unix_line_ends

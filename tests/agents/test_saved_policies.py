@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from glbench import extras
 from glbench.agents import load_agent
-from glbench.agents.formats import packages
-from glbench.agents.formats.policy import PolicyAgent
+from glbench.agents.saved_policies import PolicyAgent
 from glbench.errors import SubmissionError
 from glbench.tasks import TaskCard
 from tests.agents.saved_policies import (
@@ -227,9 +227,9 @@ def test_a_missing_package_is_named_with_the_extra_that_installs_it(monkeypatch:
     def gone(name: str) -> object:
         raise ModuleNotFoundError(name=name)
 
-    monkeypatch.setattr(packages.importlib, "import_module", gone)
+    monkeypatch.setattr(extras.importlib, "import_module", gone)
     with pytest.raises(SubmissionError, match=r"needs onnxruntime, which is not installed here.*glbench\[onnx\]"):
-        packages.need("onnxruntime", "The ONNX policy")
+        extras.need("onnxruntime", "The ONNX policy")
 
 
 def test_a_folder_with_two_policies_asks_which_one(tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from glbench.agents import load_agent, read_card
-from glbench.agents.formats.policy import PolicyAgent
-from glbench.agents.templates import KINDS
+from glbench.agents.loading import KINDS
+from glbench.agents.saved_policies import PolicyAgent
 from glbench.evaluation.limits import TimeLimits
 from glbench.tasks import DEFAULT_TASK, TaskCard, get_task, task_card
 

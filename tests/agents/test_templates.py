@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from glbench.agents import action_problems, load_agent, read_card
-from glbench.agents.templates import KINDS, Kind, new_submission
+from glbench.agents.loading import KINDS, Kind, new_submission
 from glbench.env import Simulation
 from glbench.errors import SubmissionError
 from glbench.tasks import TaskCard, get_task

@@ -12,8 +12,15 @@ import pytest
 
 from glbench.agents import load_agent
 from glbench.agents.baselines import shipped_training
-from glbench.agents.identity import baseline_like, baseline_names, policy_digest, read_identity
-from glbench.agents.naming import skeleton, skeletons, without_seed
+from glbench.agents.identity import (
+    baseline_like,
+    baseline_names,
+    policy_digest,
+    read_identity,
+    skeleton,
+    skeletons,
+    without_seed,
+)
 from glbench.errors import SubmissionError
 from glbench.evaluation.preparing import agent_record
 from glbench.evaluation.records import AgentRecord

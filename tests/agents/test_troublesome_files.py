@@ -17,8 +17,6 @@ import pytest
 
 from glbench.agents import load_agent
 from glbench.agents.card import check_card
-from glbench.agents.formats.exported import torchscript_complaint
-from glbench.agents.formats.sb3 import read_archive
 from glbench.agents.identity import (
     LARGEST_SUBMISSION,
     digest_of,
@@ -27,6 +25,8 @@ from glbench.agents.identity import (
     policy_digest,
     read_identity,
 )
+from glbench.agents.saved_policies import torchscript_complaint
+from glbench.agents.sb3 import read_archive
 from glbench.errors import SubmissionError
 from glbench.resources import sha256_of_files
 

@@ -6,13 +6,15 @@ import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from glbench.agents.controllers import CONTROLLERS
 from glbench.env import Simulation
 from glbench.episodes.signals import signals_of
 from glbench.leaderboard.catalogue import catalogue, drawn
 from glbench.model import get_model
-from glbench.tasks import get_task
+from glbench.tasks import get_task, task_card
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
 
@@ -91,6 +93,12 @@ def test_the_examples_run_and_say_what_the_page_says(
     assert result.quantities["heat_bought"] == pytest.approx(gained / 3.6)
     assert result.quantities["cost_heat"] == pytest.approx(0.05 * gained / 3.6)
     assert {one.name: one.quantity for one in task.capacities()}["uPipe"] == "pipe_heat"
+
+    card, heater = task_card(get_task("Spring-v1")), names["heater"]
+    heater.reset(card, 2)  # type: ignore[attr-defined]
+    actions = heater.act(np.full((2, len(card.observations)), 5.0, np.float32))  # type: ignore[attr-defined]
+    assert actions[:, card.action_names.index("uBoil")].tolist() == [1.0, 1.0]
+    monkeypatch.delitem(CONTROLLERS, "heater")
 
     names["register"]()  # type: ignore[operator]  # as an entry point, with BASIL registered already
     assert get_model("greenlight-basil-1.0.0") == names["BASIL"]

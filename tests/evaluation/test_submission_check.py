@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from glbench.agents.templates import new_submission
+from glbench.agents.loading import new_submission
 from glbench.errors import SubmissionError
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.sandbox import bubblewrap

@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from glbench.agents.actions import read_actions
 from glbench.agents.network_policy import read_actor, read_policy
 from glbench.agents.plans import read_book, read_recording
-from glbench.agents.protocol import PerRunAgent
+from glbench.agents.protocol import PerRunAgent, read_actions
 from glbench.arrays import ArrayFile, real_numbers
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv
 from glbench.errors import ActionError, SubmissionError

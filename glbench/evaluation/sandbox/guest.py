@@ -31,9 +31,8 @@ if __name__ == "__main__" and "glbench" not in sys.modules:
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.agents.actions import action_problems, read_actions
 from glbench.agents.loading import load_agent
-from glbench.agents.protocol import PerRunAgent
+from glbench.agents.protocol import PerRunAgent, action_problems, read_actions
 from glbench.errors import ActionError, SubmissionError
 from glbench.evaluation.limits import guarded, in_words
 from glbench.evaluation.sandbox.frames import (

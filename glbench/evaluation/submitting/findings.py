@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from glbench.agents.card import SubmissionCard, check_card
-from glbench.agents.formats.exported import torchscript_complaint
-from glbench.agents.formats.packages import how_to_install, missing
-from glbench.agents.formats.sb3 import read_archive, space_complaints, statistics_complaints
 from glbench.agents.identity import FORM_WORDS, Identity, find_card
+from glbench.agents.saved_policies import torchscript_complaint
+from glbench.agents.sb3 import read_archive, space_complaints, statistics_complaints
 from glbench.errors import SubmissionError
 from glbench.evaluation.sandbox.frames import MIB
+from glbench.extras import how_to_install, missing
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard

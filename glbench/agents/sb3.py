@@ -22,8 +22,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.agents.formats.packages import need
-from glbench.agents.formats.policy import (
+from glbench.agents.saved_policies import (
     EvenRows,
     Normalise,
     PolicyAgent,
@@ -32,6 +31,7 @@ from glbench.agents.formats.policy import (
     without_warnings,
 )
 from glbench.errors import SubmissionError, last_line
+from glbench.extras import need
 from glbench.untrusted import opened_archive
 
 if TYPE_CHECKING:
@@ -130,7 +130,13 @@ def read_archive(file: Path) -> Archive:
     """
     data = archive_data(file)
     with _opened(file) as archive:
-        recurrent = _holds(archive, "policy.pth", _RECURRENT)
+        recurrent, before = False, b""
+        with archive.open("policy.pth") as stream:
+            for piece in _pieces(stream, _LONGEST_WEIGHTS):
+                if _RECURRENT in before + piece:
+                    recurrent = True
+                    break
+                before = piece[-len(_RECURRENT) :]
         version = _content(archive, _VERSION, _LONGEST_VERSION) if _VERSION in archive.namelist() else b"unknown"
     try:
         columns, columns_words = _space(data.get("observation_space"))
@@ -181,8 +187,8 @@ def _opened(file: Path) -> Iterator[zipfile.ZipFile]:
             yield archive
     except (OSError, EOFError, zipfile.BadZipFile, zlib.error, lzma.LZMAError, ValueError, RuntimeError) as error:
         # RuntimeError: encrypted, packed in an unknown way, or settings that are nested without end.
-        said = str(error).rstrip(".") or type(error).__name__
-        msg = f"{file.name} cannot be read as a model of Stable-Baselines3 ({said}). It may have been cut. {_HOW}"
+        reason = str(error).rstrip(".") or type(error).__name__
+        msg = f"{file.name} cannot be read as a model of Stable-Baselines3 ({reason}). It may have been cut. {_HOW}"
         raise SubmissionError(msg) from error
 
 
@@ -194,17 +200,6 @@ def _content(archive: zipfile.ZipFile, name: str, longest: int) -> bytes:
         msg = f"'{name}' in it is longer than {longest / 2**20:,.0f} MiB"
         raise ValueError(msg)
     return content
-
-
-def _holds(archive: zipfile.ZipFile, name: str, word: bytes) -> bool:
-    """Whether ``word`` stands somewhere in a file of the archive."""
-    before = b""
-    with archive.open(name) as stream:
-        for piece in _pieces(stream, _LONGEST_WEIGHTS):
-            if word in before + piece:
-                return True
-            before = piece[-len(word) :]
-    return False
 
 
 def _pieces(stream: IO[bytes], most: int) -> Iterator[bytes]:
@@ -266,42 +261,54 @@ def sb3_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
     columns = len(task.observations)
     normalise: Normalise = normaliser(submission, columns)
     policy = _load(archive.algorithm, file)
-    _check_bounds(policy.action_space, task, file.name)
+    low, high = (np.asarray(bound, dtype=float) for bound in (policy.action_space.low, policy.action_space.high))
+    if not all(map(np.array_equal, (low, high), task.action_bounds)):
+        msg = (
+            f"The actions of {file.name} lie between {low.min():g} and {high.max():g}, those of the task between "
+            f"{task.actions[0].low:g} and {task.actions[0].high:g}: it was trained with another "
+            "actuation or behind a wrapper that rescales."
+        )
+        raise SubmissionError(msg)
     if archive.algorithm.recurrent:
-        state = _state_width(policy)
+        layers, _, width = policy.lstm_hidden_state_shape
+        state = int(2 * layers * width)
         return PolicyAgent(EvenRows(_recurrent(policy, columns), columns + state), normalise, len(task.actions), state)
-    return PolicyAgent(EvenRows(_plain(policy), columns), normalise, len(task.actions))
+
+    def function(rows: Rows) -> NDArray[np.floating]:
+        actions: NDArray[np.floating] = policy.predict(rows, deterministic=True)[0]
+        return actions
+
+    return PolicyAgent(EvenRows(function, columns), normalise, len(task.actions))
 
 
 def space_complaints(archive: Archive, task: TaskCard, name: str) -> list[str]:
     """What does not fit between the model and ``task``, one sentence each."""
     columns, actions = len(task.observations), len(task.actions)
-    found = []
+    complaints = []
     if archive.columns is None:
-        found.append(f"{name} was trained on {archive.columns_words}; the task shows a row of {columns} columns.")
+        complaints.append(f"{name} was trained on {archive.columns_words}; the task shows a row of {columns} columns.")
     elif archive.columns != columns:
-        found.append(
+        complaints.append(
             f"{name} sees {archive.columns} columns, the task shows {columns} ({', '.join(task.observation_names[:3])}, ...): "
             "it was trained on another task or with a wrapper around the environment. Train it on the task's own observations."
         )
     if archive.actions is None:
-        found.append(
+        complaints.append(
             f"The actions of {name} ({archive.algorithm.name}) are {archive.actions_words}; the task wants {actions} real numbers at once. "
             "Use an algorithm for continuous actions, such as PPO or SAC, or write a Python agent that translates."
         )
     elif archive.actions != actions:
-        found.append(
+        complaints.append(
             f"{name} gives {archive.actions} actions, the task has {actions} ({', '.join(task.action_names)})."
         )
-    return found
+    return complaints
 
 
 def statistics_complaints(archive: Archive, submission: Identity) -> list[str]:
     """Whether the statistics are there that the model was trained with."""
-    given = submission.statistics is not None or (
-        submission.card is not None and submission.card.normalisation is not None
-    )
-    if not archive.normalised or given:
+    card = submission.card
+    by_card = card is not None and card.normalisation is not None
+    if not archive.normalised or submission.statistics is not None or by_card:
         return []
     name = submission.entry.name
     return [
@@ -326,7 +333,7 @@ def _load(algorithm: Algorithm, file: Path) -> Any:
             else:
                 if algorithm.on_policy:
                     settings["use_sde"] = data["use_sde"]
-                policy = data["policy_class"](*spaces, _never, **settings)
+                policy = data["policy_class"](*spaces, lambda _progress: 0.0, **settings)
             policy.load_state_dict(parameters["policy"])
     except (*_FAILURES, pickle.UnpicklingError, zipfile.BadZipFile) as error:
         msg = (
@@ -343,36 +350,6 @@ class _NoOptimiser:
 
     def __init__(self, *_: object, **__: object) -> None:
         self.param_groups: list[object] = []
-
-
-def _never(_progress: float) -> float:
-    return 0.0
-
-
-def _check_bounds(space: Any, task: TaskCard, name: str) -> None:
-    low, high = np.asarray(space.low, dtype=float), np.asarray(space.high, dtype=float)
-    if np.array_equal(low, [action.low for action in task.actions]) and np.array_equal(
-        high, [action.high for action in task.actions]
-    ):
-        return
-    msg = (
-        f"The actions of {name} lie between {low.min():g} and {high.max():g}, those of the task between {task.actions[0].low:g} and "
-        f"{task.actions[0].high:g}: it was trained with another actuation or behind a wrapper that rescales."
-    )
-    raise SubmissionError(msg)
-
-
-def _plain(policy: Any) -> Any:
-    def function(rows: Rows) -> NDArray[np.floating]:
-        actions: NDArray[np.floating] = policy.predict(rows, deterministic=True)[0]
-        return actions
-
-    return function
-
-
-def _state_width(policy: Any) -> int:
-    layers, _, width = policy.lstm_hidden_state_shape
-    return int(2 * layers * width)
 
 
 def _recurrent(policy: Any, columns: int) -> Any:

@@ -1,4 +1,7 @@
-"""The agent around a saved policy: normalise, ask evenly, hand the state of each run on, clip where the card says so.
+"""Saved policies that are submissions without code: the agent around one, and the forms ONNX and TorchScript (``sb3.py`` has the third).
+
+Each form has a function ``*_agent(submission, task)``. torch, Stable-Baselines3 and onnxruntime are imported when such an agent is made,
+and never before.
 
 A run has the same bits alone and among others, from libraries whose matrix products round by the size of the batch. A library picks
 another order of summation for one row than for thirty, and sometimes another for odd widths, depending on where a row is in memory.
@@ -13,6 +16,7 @@ from __future__ import annotations
 import contextlib
 import pickle
 import warnings
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,15 +24,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.agents.formats.packages import need
-from glbench.errors import ShapeError, SubmissionError
+from glbench.agents.protocol import check_runs
+from glbench.errors import SubmissionError, last_line
+from glbench.extras import need
+from glbench.untrusted import opened_archive
 
 if TYPE_CHECKING:
-    from glbench.agents.card import Normalisation
     from glbench.agents.identity import Identity
     from glbench.agents.protocol import Actions, Observations
     from glbench.tasks import TaskCard
-
 
 Normalise = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 Rows = NDArray[np.float32]
@@ -56,21 +60,18 @@ def normaliser(submission: Identity, columns: int) -> Normalise:
         When the statistics cannot be read or are of another number of columns.
     """
     if submission.statistics is not None:
-        return _from_file(submission.statistics, columns)
+        return _statistics_from(submission.statistics, columns)
     card = submission.card
     if card is not None and card.normalisation is not None and not isinstance(card.normalisation, str):
-        return _from_table(card.normalisation, columns)
+        table = card.normalisation
+        mean, std = np.array(table.mean), np.array(table.std)
+        _check_columns("The card's table [normalisation] is", len(mean), columns)
+        clip = np.inf if table.clip is None else table.clip
+        return lambda observations: np.clip((observations - mean) / std, -clip, clip).astype(np.float32)
     return lambda observations: observations
 
 
-def _from_table(table: Normalisation, columns: int) -> Normalise:
-    mean, std = np.array(table.mean), np.array(table.std)
-    _check_columns("The card's table [normalisation]", len(mean), columns)
-    clip = np.inf if table.clip is None else table.clip
-    return lambda observations: np.clip((observations - mean) / std, -clip, clip).astype(np.float32)
-
-
-def _from_file(file: Path, columns: int) -> Normalise:
+def _statistics_from(file: Path, columns: int) -> Normalise:
     """Statistics that Stable-Baselines3's ``VecNormalize.save`` wrote. Unpickling runs code of whoever wrote the file."""
     need("stable_baselines3", f"The file {file.name}")
     try:
@@ -103,7 +104,7 @@ def _from_file(file: Path, columns: int) -> Normalise:
     if len(shape) != 1:
         msg = f"{file.name} holds statistics of observations of shape {shape}, expected a row of {columns} columns."
         raise SubmissionError(msg)
-    _check_columns(f"The statistics in {file.name}", shape[0], columns)
+    _check_columns(f"The statistics in {file.name} are", shape[0], columns)
 
     def normalise(observations: NDArray[np.float32]) -> NDArray[np.float32]:
         normalised: NDArray[np.float32] = np.asarray(statistics.normalize_obs(observations), dtype=np.float32)
@@ -112,10 +113,10 @@ def _from_file(file: Path, columns: int) -> Normalise:
     return normalise
 
 
-def _check_columns(what: str, found: int, columns: int) -> None:
-    if found != columns:
-        msg = f"{what} are of {found} columns, the task shows {columns}: they belong to another task or other observations."
-        raise SubmissionError(msg.replace("[normalisation] are", "[normalisation] is"))
+def _check_columns(what: str, count: int, columns: int) -> None:
+    if count != columns:
+        msg = f"{what} of {count} columns, the task shows {columns}: they belong to another task or other observations."
+        raise SubmissionError(msg)
 
 
 class EvenRows:
@@ -219,9 +220,7 @@ class PolicyAgent:
         ShapeError
             When there are not as many rows as runs were announced to ``reset``.
         """
-        if len(observations) != len(self._state):
-            msg = f"act got observations of {len(observations)} runs, reset was called with {len(self._state)}. Call reset first."
-            raise ShapeError(msg)
+        check_runs(observations, len(self._state))
         rows = np.ascontiguousarray(self._normalise(observations), dtype=np.float32)
         answer = self._ask(np.concatenate([rows, self._state], axis=1) if self._state_width else rows)
         actions, self._state = (
@@ -229,3 +228,131 @@ class PolicyAgent:
             answer[:, self._actions :].astype(np.float32),
         )
         return np.clip(actions, self._low, self._high) if self._clip else actions
+
+
+_KINDS: dict[str, type[np.floating]] = {"tensor(float)": np.float32, "tensor(double)": np.float64}
+_ONLY_ERRORS = 3
+_HOW = (
+    'Write one with: torch.jit.script(policy).save("policy.pt"), or torch.jit.trace(policy, example).save("policy.pt").'
+)
+
+
+def onnx_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
+    """The agent of an ONNX file, run on one thread of the processor.
+
+    Raises
+    ------
+    SubmissionError
+        When onnxruntime is missing, the file is no ONNX, or the policy does not fit the task.
+    """
+    file = submission.entry
+    runtime = need("onnxruntime", f"The ONNX policy {file.name}")
+    # onnxruntime has error types of its own below Exception, and names none of them in its interface.
+    try:
+        options = runtime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.execution_mode = runtime.ExecutionMode.ORT_SEQUENTIAL
+        options.log_severity_level = _ONLY_ERRORS
+        session = runtime.InferenceSession(str(file), options, providers=["CPUExecutionProvider"])
+    except Exception as error:
+        msg = f"{file.name} cannot be loaded as ONNX: {last_line(error)}."
+        raise SubmissionError(msg) from error
+    block, kind, name = _input(session, len(task.observations), file.name)
+    output = session.get_outputs()[0].name
+
+    def function(rows: Rows) -> NDArray[np.floating]:
+        answer: NDArray[np.floating] = np.asarray(session.run([output], {name: rows.astype(kind, copy=False)})[0])
+        return answer
+
+    return _agent(submission, task, function, block)
+
+
+def _input(session: Any, columns: int, file: str) -> tuple[int, type[np.floating], str]:
+    """Rows of a batch, type of number and name of the one input."""
+    inputs = session.get_inputs()
+    if len(inputs) != 1:
+        names = ", ".join(item.name for item in inputs)
+        msg = (
+            f"{file} has {len(inputs)} inputs ({names}), expected one: the observations. "
+            "Policies with a memory need a Python agent around them."
+        )
+        raise SubmissionError(msg)
+    (only,) = inputs
+    if only.type not in _KINDS:
+        msg = f"{file} takes {only.type}, expected tensor(float) of shape (rows, {columns})."
+        raise SubmissionError(msg)
+    shape = list(only.shape)
+    if len(shape) != 2 or (isinstance(shape[1], int) and shape[1] != columns):
+        sizes = f"({', '.join(str(size) for size in shape)})"
+        msg = (
+            f"{file} takes observations of shape {sizes}, the task shows (rows, {columns}): "
+            "it was made for another task or other observations."
+        )
+        raise SubmissionError(msg)
+    return (shape[0] if isinstance(shape[0], int) and shape[0] > 0 else BLOCK), _KINDS[only.type], only.name
+
+
+def torchscript_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
+    """The agent of a TorchScript file; torch uses one thread from here on, since bits depend on the number of threads.
+
+    Raises
+    ------
+    SubmissionError
+        When torch is missing, the file is not TorchScript, or the policy does not fit the task.
+    """
+    file = submission.entry
+    complaint = torchscript_complaint(file)
+    if complaint is not None:
+        raise SubmissionError(complaint)
+    torch = need("torch", f"The TorchScript policy {file.name}")
+    torch.set_num_threads(1)
+    try:
+        with without_warnings():
+            module = torch.jit.load(str(file), map_location="cpu").eval()
+    except (RuntimeError, ValueError, OSError) as error:
+        msg = f"{file.name} cannot be loaded as TorchScript: {last_line(error)}."
+        raise SubmissionError(msg) from error
+
+    def function(rows: Rows) -> NDArray[np.floating]:
+        # The optimising executor compiles after the first calls, and may add up in another order from then on.
+        with torch.inference_mode(), torch.jit.optimized_execution(False):
+            answer = module(torch.from_numpy(rows))
+        if not isinstance(answer, torch.Tensor):
+            msg = f"the policy answers with a {type(answer).__name__}, expected one tensor of actions"
+            raise SubmissionError(msg)
+        array: NDArray[np.floating] = answer.detach().cpu().numpy()
+        return array
+
+    return _agent(submission, task, function)
+
+
+def _agent(submission: Identity, task: TaskCard, function: Function, block: int = BLOCK) -> PolicyAgent:
+    """The agent around ``function``, which was tried out on a row of zeros."""
+    file, columns, actions = submission.entry.name, len(task.observations), len(task.actions)
+    normalise = normaliser(submission, columns)
+    try:
+        ask = EvenRows(function, columns, block)
+        shape = ask(np.zeros((1, columns), dtype=np.float32)).shape
+    except SubmissionError:
+        raise
+    except Exception as error:
+        msg = f"{file} fails on observations of {columns} columns, which the task shows: {last_line(error)}."
+        raise SubmissionError(msg) from error
+    if shape != (1, actions):
+        msg = f"{file} answers a row of {columns} observations with {shape[1]} numbers, the task has {actions} actions."
+        raise SubmissionError(msg)
+    return PolicyAgent(ask, normalise, actions, clip=submission.card is not None and submission.card.clip_actions)
+
+
+def torchscript_complaint(file: Path) -> str | None:
+    """Why ``file`` is not TorchScript, found out without loading it; ``None`` when it looks like it."""
+    try:
+        with opened_archive(file) as archive:
+            names = archive.namelist()
+    except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError):  # the last: zipfile of what it cannot unpack
+        return f"{file.name} is not a TorchScript file: it is not even an archive. {_HOW}"
+    if any(name.endswith("/constants.pkl") for name in names) and any("/code/" in name for name in names):
+        return None
+    if any(name.endswith("/data.pkl") for name in names):
+        return f"{file.name} holds weights or a pickled module (torch.save), which say nothing of how they are used. {_HOW}"
+    return f"{file.name} is not a TorchScript file. {_HOW}"
