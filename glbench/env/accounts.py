@@ -363,7 +363,7 @@ def flow_amounts(
         controls=model.Controls(*np.moveaxis(u, -1, 0)),
         parameters=model.Parameters(*task.parameters().tolist()),
         seconds=task.step_seconds,
-        held=model.Controls(*np.moveaxis(controls_before, -1, 0)),
+        controls_before=model.Controls(*np.moveaxis(controls_before, -1, 0)),
     )
     return {
         flow.name: np.broadcast_to(np.asarray(flow.amount(step), dtype=np.float64), u.shape[:-1])

@@ -62,21 +62,21 @@ class TableRows:
 
 @dataclass(frozen=True)
 class Formula:
-    """A column that the model computes from its states and nominal parameters (``Seen.of``)."""
+    """A column that the model computes from its states and nominal parameters (``ObservedColumn.of``)."""
 
     of: Callable[[Any, Any], Any]
 
 
 @dataclass(frozen=True)
 class AirFormula:
-    """A column that follows from the air as it is observed (``Seen.of_air``): what errs there errs here."""
+    """A column that follows from the air as it is observed (``ObservedColumn.of_air``): what errs there errs here."""
 
     of_air: Callable[[Any], Any]
 
 
 @dataclass(frozen=True)
 class DailySum:
-    """A column that sums up since midnight what comes in a second, from controls, disturbances and parameters (``Seen.today``)."""
+    """A column that is the sum since midnight of a rate [s-1] of controls, disturbances and parameters (``ObservedColumn.today``)."""
 
     name: str
     rate: Callable[[Any, Any, Any], Any]

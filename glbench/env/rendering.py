@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from glbench.env.picture import Picture
     from glbench.env.simulation import Simulation, StepResult
-    from glbench.model import Seen
+    from glbench.model import ObservedColumn
 
 TEXT, PICTURES = "ansi", "rgb_array"
 RENDER_MODES = (TEXT, PICTURES)
@@ -157,7 +157,7 @@ def panel(simulation: Simulation, row: int, result: StepResult | None) -> str:
     return "\n".join([*lines, *(f"  {name:9} {text}" for name, text in texts.items() if text)])
 
 
-def _quantities(simulation: Simulation, row: int, columns: Sequence[Seen]) -> str:
+def _quantities(simulation: Simulation, row: int, columns: Sequence[ObservedColumn]) -> str:
     """Quantities that the model observes, in words."""
     task = simulation.task
     model, numbers = task.model_value, simulation.x[row].tolist()
@@ -165,7 +165,7 @@ def _quantities(simulation: Simulation, row: int, columns: Sequence[Seen]) -> st
     if model.air:
         sources |= dict(zip(AIR, simulation.air[:, row].tolist(), strict=True))
 
-    def value(column: Seen) -> float:
+    def value(column: ObservedColumn) -> float:
         if column.of is not None:
             return float(column.of(model.State(*numbers), model.Parameters(*task.parameters().tolist())))
         if column.of_air is not None:

@@ -27,7 +27,7 @@ from glbench.model.expressions import Expr
 from glbench.model.greenhouse import Meter, compose
 from glbench.model.greenlight import GreenLightClimate
 from glbench.model.heat_harvesting import HARVEST_METERS, HeatHarvesting
-from glbench.model.model import Capacity, Evaluation, Flow, Model, Seen, Signal, Step, Stock
+from glbench.model.model import Capacity, Evaluation, Flow, Model, ObservedColumn, Signal, Step, Stock
 from glbench.model.paper import (
     AUXILIARIES,
     CONTROL_NAMES,
@@ -114,9 +114,9 @@ __all__ = [
     "Meter",
     "Model",
     "Nothing",
+    "ObservedColumn",
     "Parameter",
     "Quantity",
-    "Seen",
     "Side",
     "Signal",
     "Step",

@@ -41,8 +41,8 @@ class ClimateFluxes(NamedTuple):
     co2: Co2Transport
 
 
-def climate_balances(p: ClimateParameters, f: ClimateFluxes, taken: CropExchange) -> ClimateState:
-    """Time derivative of the states of the greenhouse, in the unit of the state per second; ``taken`` is what the crop takes.
+def climate_balances(p: ClimateParameters, f: ClimateFluxes, uptake: CropExchange) -> ClimateState:
+    """Time derivative of the states of the greenhouse, in the unit of the state per second; ``uptake`` is what the crop takes.
 
     The vapour capacities depend on temperature, but as in the source no derivative of them is taken.
     """
@@ -50,7 +50,7 @@ def climate_balances(p: ClimateParameters, f: ClimateFluxes, taken: CropExchange
     tr, v, c = f.transpiration, f.vapour, f.co2
     return ClimateState(
         # Vanthoor (2011) eqs 8.12-8.13
-        co2_air=(a.mc_ext_air - taken.mc_air_can - c.mc_air_top - c.mc_air_out) / p.cap_co2_air,
+        co2_air=(a.mc_ext_air - uptake.mc_air_can - c.mc_air_top - c.mc_air_out) / p.cap_co2_air,
         co2_top=(c.mc_air_top - c.mc_top_out) / p.cap_co2_top,
         # eq. 8.2 and Katzin (2021) eq. 7.1
         t_air=(
@@ -131,12 +131,13 @@ def climate_balances(p: ClimateParameters, f: ClimateFluxes, taken: CropExchange
     )  # fmt: skip
 
 
-def without(rates: ClimateState, p: ClimateParameters, f: ClimateFluxes, taken: AirExchange) -> ClimateState:
+def without(rates: ClimateState, p: ClimateParameters, f: ClimateFluxes, extraction: AirExchange) -> ClimateState:
     """``rates`` of the greenhouse less what an addition takes from the main air.
 
     Katzin (2021) eqs 7.1 and 7.50 have such terms, ``hAirMech`` and ``mvAirMech``. They stand here, and not in the balances above, so
     that the equations of a greenhouse without such an addition do not change.
     """
     return rates._replace(
-        t_air=rates.t_air - taken.heat / p.cap_air, vp_air=rates.vp_air - taken.vapour / f.capacities.cap_vp_air
+        t_air=rates.t_air - extraction.heat / p.cap_air,
+        vp_air=rates.vp_air - extraction.vapour / f.capacities.cap_vp_air,
     )

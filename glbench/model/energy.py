@@ -30,7 +30,7 @@ from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr, exp, fmax, fmin
 from glbench.model.greenhouse import Meter
 from glbench.model.greenlight import JOULES_PER_KWH, KG_PER_MG
-from glbench.model.model import Capacity, Flow, Record, Seen, Signal, Step, Stock
+from glbench.model.model import Capacity, Flow, ObservedColumn, Record, Signal, Step, Stock
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_table import read_table
 from glbench.model.quantities import Quantity, Variable
@@ -236,13 +236,13 @@ class ChpBoilerBuffer(Addition):
         full = horizon.parameters["eBufMax"]
         return {"eBuf": (-_BEYOND * full, round_up((1 + _BEYOND) * full))}
 
-    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
+    def observed(self, module: str, horizon: Horizon) -> tuple[ObservedColumn, ...] | None:
         if module != "energy":
             return None
         outside = 100 * _BEYOND
         return (
-            Seen("buffer_heat", "MJ m-2", "heat in the buffer", "eBuf", *self.bounds(horizon)["eBuf"]),
-            Seen("buffer_share", "%", "how full the buffer is", "", -outside, 100 + outside, of=filled),
+            ObservedColumn("buffer_heat", "MJ m-2", "heat in the buffer", "eBuf", *self.bounds(horizon)["eBuf"]),
+            ObservedColumn("buffer_share", "%", "how full the buffer is", "", -outside, 100 + outside, of=filled),
         )
 
 
@@ -291,7 +291,7 @@ def _engine_hours(step: Step) -> Expr:
 
 def _engine_starts(step: Step) -> Expr:
     """1 in a step in which the engine runs and in the one before did not, else 0."""
-    return np.sign(step.controls.u_chp) * (1.0 - np.sign(step.held.u_chp))
+    return np.sign(step.controls.u_chp) * (1.0 - np.sign(step.controls_before.u_chp))
 
 
 PIPE_HEAT = Meter(

@@ -15,7 +15,7 @@ from glbench.model.balances import DAY
 from glbench.model.bounds import Horizon
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr
-from glbench.model.model import Capacity, Evaluation, Flow, Model, Record, Seen, Signal, Start, Step, Stock
+from glbench.model.model import Capacity, Evaluation, Flow, Model, ObservedColumn, Record, Signal, Start, Step, Stock
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_table import ParameterInfo
 from glbench.model.quantities import Variable, public_name, states_of, table_of
@@ -142,21 +142,21 @@ class Greenhouse(Model):
         for part, own, values in added:
             act = part.supply(act, own, u, values)
         around = climate.processes(lai, act, x_climate, climate_controls, d, p_climate)
-        seen = climate.surroundings(lai, x_climate, around, p_climate)
-        grown = crop.processes(x_crop, seen, p_crop)
-        everything = Around(around, grown, seen, u, d)
+        surroundings = climate.surroundings(lai, x_climate, around, p_climate)
+        grown = crop.processes(x_crop, surroundings, p_crop)
+        everything = Around(around, grown, surroundings, u, d)
         others = [part.processes(own, everything, values) for part, own, values in added]
         names = (*around._fields, *grown._fields, *(part.name for part in self.additions))
         records = (*around, *grown, *others)
         home = _homes(names, tuple(type(record) for record in records), self.meters)
         of_climate = climate.State(*_values(climate, "rates", climate.rates(x_climate, around, grown.crop, p_climate)))
         for (part, own, values), fluxes in zip(added, others, strict=True):
-            taken = part.exchange(own, everything, fluxes, values)
-            if taken is not None:
-                of_climate = climate.without(of_climate, around, taken, p_climate)
+            extraction = part.exchange(own, everything, fluxes, values)
+            if extraction is not None:
+                of_climate = climate.without(of_climate, around, extraction, p_climate)
         rates = [
             *of_climate,
-            *_values(crop, "rates", crop.rates(x_crop, seen, grown, p_crop)),
+            *_values(crop, "rates", crop.rates(x_crop, surroundings, grown, p_crop)),
             *chain.from_iterable(
                 _values(part, "rates", part.rates(own, everything, fluxes, values))
                 for (part, own, values), fluxes in zip(added, others, strict=True)
@@ -196,18 +196,18 @@ class Greenhouse(Model):
         return start
 
     def capacities(self, p: Mapping[str, float]) -> tuple[Capacity, ...]:
-        found = {capacity.name: capacity for capacity in super().capacities(p)}
+        capacities = {capacity.name: capacity for capacity in super().capacities(p)}
         for part in self.parts:
             for capacity in part.capacities(p):
-                if capacity.name not in found:
+                if capacity.name not in capacities:
                     msg = (
                         f"`capacities` of {part.name} speaks of a control '{capacity.name}', which {self.id} does not have."
-                        f"{did_you_mean(capacity.name, found)}"
+                        f"{did_you_mean(capacity.name, capacities)}"
                     )
                     raise GlbenchError(msg)
-                found[capacity.name] = capacity
-        _once("capacity", ((one.name, [one.quantity]) for one in found.values()))
-        return tuple(found.values())
+                capacities[capacity.name] = capacity
+        _once("capacity", ((one.name, [one.quantity]) for one in capacities.values()))
+        return tuple(capacities.values())
 
     def flows(self) -> tuple[Flow, ...]:
         metered = (Flow(m.flow, m.unit, m.meaning, m.label, m.amount, total=m.total) for m in self.meters)
@@ -221,19 +221,19 @@ class Greenhouse(Model):
         return tuple({signal.path: signal for part in self.parts for signal in part.signals()}.values())
 
     def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
-        found: dict[str, tuple[float, float]] = {"time": (0.0, horizon.days * (1.0 + 1e-6))}
+        bounds: dict[str, tuple[float, float]] = {"time": (0.0, horizon.days * (1.0 + 1e-6))}
         for part in self.parts:
-            found |= part.bounds(horizon)
-        return found
+            bounds |= part.bounds(horizon)
+        return bounds
 
     @property
     def observation_modules(self) -> Mapping[str, str]:
-        found: dict[str, str] = {}
+        modules: dict[str, str] = {}
         for part in self.parts:
-            found |= part.observation_modules
-        return found
+            modules |= part.observation_modules
+        return modules
 
-    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
+    def observed(self, module: str, horizon: Horizon) -> tuple[ObservedColumn, ...] | None:
         for part in self.parts:
             columns = part.observed(module, horizon)
             if columns is not None:
@@ -318,7 +318,7 @@ def _composed(
 
 
 def _check_part_names(parts: tuple[Submodel, ...]) -> None:
-    seen: set[str] = set()
+    names: set[str] = set()
     for part in parts:
         name = getattr(part, "name", None)
         if not isinstance(name, str) or not name:
@@ -327,23 +327,23 @@ def _check_part_names(parts: tuple[Submodel, ...]) -> None:
         if isinstance(part, Addition) and (not name.isidentifier() or iskeyword(name) or name.startswith("_")):
             msg = f"An addition is called '{name}', which cannot be the name of a field. Use letters, digits and underscores."
             raise GlbenchError(msg)
-        if name in seen:
+        if name in names:
             msg = f"Two parts of the model are called '{name}'. Give one of them another name."
             raise GlbenchError(msg)
-        seen.add(name)
+        names.add(name)
 
 
 def _once(kind: str, owned: Iterable[tuple[str, Iterable[str]]]) -> dict[str, str]:
     """Who has each name; refuses a name that two have, or one has twice."""
-    found: dict[str, str] = {}
+    owners: dict[str, str] = {}
     for owner, names in owned:
         for name in names:
-            if name in found:
-                who = f"{owner} has twice" if found[name] == owner else f"{owner} and {found[name]} both have"
+            if name in owners:
+                who = f"{owner} has twice" if owners[name] == owner else f"{owner} and {owners[name]} both have"
                 msg = f"{who} a {kind} called '{name}'. Give one of them another name."
                 raise GlbenchError(msg[:1].upper() + msg[1:] if owner.startswith("the ") else msg)
-            found[name] = owner
-    return found
+            owners[name] = owner
+    return owners
 
 
 def _values(part: Submodel, method: str, values: Any) -> tuple[Expr, ...]:
@@ -355,8 +355,8 @@ def _values(part: Submodel, method: str, values: Any) -> tuple[Expr, ...]:
         raise GlbenchError(msg)
     if not isinstance(values, tuple) or len(values) != len(fields) or getattr(values, "_fields", fields) != fields:
         got = f"{type(values).__name__} of {len(values)} values" if isinstance(values, tuple) else repr(values)
-        wanted = f"{part.State.__name__} of {len(fields)}" + (f" ({names})" if fields else "")
-        msg = f"`{method}` of {part.name} returns {got}; expected {wanted}."
+        expected = f"{part.State.__name__} of {len(fields)}" + (f" ({names})" if fields else "")
+        msg = f"`{method}` of {part.name} returns {got}; expected {expected}."
         raise GlbenchError(msg)
     return values
 

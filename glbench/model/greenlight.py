@@ -32,7 +32,7 @@ from glbench.model.derived import derived_climate
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr
 from glbench.model.longwave import long_wave, views
-from glbench.model.model import Capacity, Flow, Record, Seen, Signal, Step
+from glbench.model.model import Capacity, Flow, ObservedColumn, Record, Signal, Step
 from glbench.model.optics import cover_optics
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_table import read_table
@@ -120,7 +120,7 @@ class GreenLightClimate(Climate):
         cap = capacities(lai, x, p)
         optics = cover_optics(u, p)
         light = short_wave(lai, optics, act, d, p)
-        seen = views(lai, optics, p)
+        view_factors = views(lai, optics, p)
         air = ventilation(x, u, d, p, variant)
         heat = convection(lai, x, air, u, d, p, variant)
         return ClimateFluxes(
@@ -128,8 +128,8 @@ class GreenLightClimate(Climate):
             capacities=cap,
             actuators=act,
             short_wave=light,
-            views=seen,
-            long_wave=long_wave(seen, x, optics, u, d, p, variant),
+            views=view_factors,
+            long_wave=long_wave(view_factors, x, optics, u, d, p, variant),
             ventilation=air,
             convection=heat,
             transpiration=transpiration(lai, light.r_can, x, p),
@@ -140,13 +140,13 @@ class GreenLightClimate(Climate):
     def surroundings(self, lai: Expr, x: ClimateState, fluxes: ClimateFluxes, p: ClimateParameters) -> Surroundings:
         return Surroundings(lai, fluxes.short_wave, x, p)
 
-    def rates(self, x: ClimateState, fluxes: ClimateFluxes, taken: CropExchange, p: ClimateParameters) -> ClimateState:
-        return climate_balances(p, fluxes, taken)
+    def rates(self, x: ClimateState, fluxes: ClimateFluxes, uptake: CropExchange, p: ClimateParameters) -> ClimateState:
+        return climate_balances(p, fluxes, uptake)
 
     def without(
-        self, rates: ClimateState, fluxes: ClimateFluxes, taken: AirExchange, p: ClimateParameters
+        self, rates: ClimateState, fluxes: ClimateFluxes, extraction: AirExchange, p: ClimateParameters
     ) -> ClimateState:
-        return without(rates, p, fluxes, taken)
+        return without(rates, p, fluxes, extraction)
 
     def derived(self, p: ClimateParameters) -> ClimateParameters:
         return derived_climate(p)
@@ -236,17 +236,17 @@ class GreenLightClimate(Climate):
             for state in states_of(ClimateState)
         }
 
-    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
+    def observed(self, module: str, horizon: Horizon) -> tuple[ObservedColumn, ...] | None:
         temperature, co2, humidity = (
-            Seen(name, entry.unit, entry.observed, name, low, high)
+            ObservedColumn(name, entry.unit, entry.observed, name, low, high)
             for (name, entry), (low, high) in zip(
                 AIR.items(), ((COLDEST, HOTTEST), (0.0, highest_co2_ppm(horizon)), (0.0, 100.0)), strict=True
             )
         )
-        pipe = _seen(INSIDE["pipe_temperature"], COLDEST, HOTTEST_METAL, "tPipe")
+        pipe = _column(INSIDE["pipe_temperature"], COLDEST, HOTTEST_METAL, "tPipe")
         driest = round_up(vapour_pressure_deficit(HOTTEST, 0.0)), round_up(humidity_deficit(HOTTEST, 0.0))
         vpd, deficit = (
-            replace(_seen(DEFICITS[name], 0.0, most), of_air=of)
+            replace(_column(DEFICITS[name], 0.0, most), of_air=of)
             for name, most, of in (
                 ("vapour_pressure_deficit", driest[0], _vapour_pressure_deficit),
                 ("humidity_deficit", driest[1], _humidity_deficit),
@@ -254,7 +254,9 @@ class GreenLightClimate(Climate):
         )
         brightest = highest_light_sums(horizon)
         radiation, par = (
-            Seen(name, LIGHT[name].unit, f"{LIGHT[name].meaning}, summed since midnight", "", 0.0, most, today=rate)
+            ObservedColumn(
+                name, LIGHT[name].unit, f"{LIGHT[name].meaning}, summed since midnight", "", 0.0, most, today=rate
+            )
             for name, most, rate in (
                 ("radiation_today", brightest[0], _radiation),
                 ("par_today", brightest[1], _photons),
@@ -278,8 +280,8 @@ def _signal(
     return Signal(path, entry.label, raised_unit(entry.unit), source, today=today)
 
 
-def _seen(entry: Entry, low: float, high: float, source: str = "") -> Seen:
-    return Seen(entry.name, entry.unit, entry.meaning, source, low, high)
+def _column(entry: Entry, low: float, high: float, source: str = "") -> ObservedColumn:
+    return ObservedColumn(entry.name, entry.unit, entry.meaning, source, low, high)
 
 
 def _heat(step: Step) -> Expr:

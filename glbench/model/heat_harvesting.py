@@ -28,7 +28,7 @@ from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr, exp, fmax, fmin, sqrt, square
 from glbench.model.greenhouse import Meter
 from glbench.model.greenlight import JOULES_PER_KWH
-from glbench.model.model import Capacity, Flow, Record, Seen, Signal
+from glbench.model.model import Capacity, Flow, ObservedColumn, Record, Signal
 from glbench.model.parameter_checks import Order
 from glbench.model.parameter_table import read_table
 from glbench.model.quantities import Quantity, Variable
@@ -97,12 +97,12 @@ HARVEST_PARAMETERS = read_table(HarvestParameters, Path(__file__).with_name("hea
 """Name, unit, meaning, source and value of the parameters, in the order of the vector."""
 
 
-def given(stored: Expr, p: HarvestParameters) -> Expr:
+def discharge_share(stored: Expr, p: HarvestParameters) -> Expr:
     """Share of what is asked for that a buffer gives [-]: 0 when it is empty, 0.63 at one edge's width [MJ m-2], soon 1."""
     return 1 - exp(-stored / p.e_mech_edge)
 
 
-def taken(stored: Expr, full: Expr, p: HarvestParameters) -> Expr:
+def charge_share(stored: Expr, full: Expr, p: HarvestParameters) -> Expr:
     """Share of what comes that a buffer takes [-]: 0 when it is full or beyond, 0.63 with room for one edge's width, soon 1."""
     return 1 - exp(fmin((stored - full) / p.e_mech_edge, 0))
 
@@ -132,16 +132,18 @@ def cooler(
 
 def to_pipes(x: HarvestState, u: Record, p: HarvestParameters) -> Expr:
     """Heat of the hot buffer to the rail pipes [W m-2]. Katzin (2021) eq. 7.65, less from an almost empty buffer."""
-    return u.u_buf_hot * p.p_buf_hot * given(x.e_buf_hot, p)
+    return u.u_buf_hot * p.p_buf_hot * discharge_share(x.e_buf_hot, p)
 
 
 def fluxes(
     x: HarvestState, t_air: Expr, vp_air: Expr, u: Record, latent_heat: Expr, p: HarvestParameters
 ) -> HarvestFluxes:
     """All fluxes, from temperature [°C] and vapour pressure [Pa] of the main air and all controls. Katzin (2021) eqs 7.51 to 7.65."""
-    power = u.u_mech * (p.cop_mech * p.p_mech) * taken(x.e_buf_cold, p.e_buf_cold_max, p)
+    power = u.u_mech * (p.cop_mech * p.p_mech) * charge_share(x.e_buf_cold, p.e_buf_cold_max, p)
     hec, sensible, condensed, latent = cooler(t_air, vp_air, power, latent_heat, p)
-    electric = u.u_heat_pump * p.p_heat_pump * given(x.e_buf_cold, p) * taken(x.e_buf_hot, p.e_buf_hot_max, p)
+    electric = (
+        u.u_heat_pump * p.p_heat_pump * discharge_share(x.e_buf_cold, p) * charge_share(x.e_buf_hot, p.e_buf_hot_max, p)
+    )
     return HarvestFluxes(
         hec_air_mech=hec,
         h_air_mech=sensible,
@@ -237,16 +239,16 @@ class HeatHarvesting(Addition):
         full = {name: horizon.parameters[f"{name}Max"] for name in ("eBufCold", "eBufHot")}
         return {name: (-_BEYOND * most, round_up((1 + _BEYOND) * most)) for name, most in full.items()}
 
-    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
+    def observed(self, module: str, horizon: Horizon) -> tuple[ObservedColumn, ...] | None:
         if module != "heat_harvesting":
             return None
         outside, bounds = 100 * _BEYOND, self.bounds(horizon)
         return tuple(
-            seen
+            column
             for word, source, filled in (("cold", "eBufCold", cold_filled), ("hot", "eBufHot", hot_filled))
-            for seen in (
-                Seen(f"{word}_buffer_heat", "MJ m-2", f"heat in the {word} buffer", source, *bounds[source]),
-                Seen(
+            for column in (
+                ObservedColumn(f"{word}_buffer_heat", "MJ m-2", f"heat in the {word} buffer", source, *bounds[source]),
+                ObservedColumn(
                     f"{word}_buffer_share",
                     "%",
                     f"how full the {word} buffer is",

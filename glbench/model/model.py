@@ -57,7 +57,7 @@ class Step(NamedTuple):
     """Nominal values."""
     seconds: float
     """Length of the step [s]."""
-    held: Record = None
+    controls_before: Record = None
     """Controls of the step before, 0 before the first: for what a change of controls brings, such as a start."""
 
 
@@ -133,7 +133,7 @@ class Capacity:
 
 
 @dataclass(frozen=True)
-class Seen:
+class ObservedColumn:
     """A column of an observation that the model supplies.
 
     Attributes
@@ -286,7 +286,7 @@ class Model(ABC):
         """Finite bounds of the states by public name, for whatever controls and weather; those that are missing have wide ones."""
         return {}
 
-    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
+    def observed(self, module: str, horizon: Horizon) -> tuple[ObservedColumn, ...] | None:
         """Columns of the observation module of that name; None for one that this model does not have."""
         return None
 

@@ -24,7 +24,7 @@ from glbench.model.greenhouse import Greenhouse, Meter, compose
 from glbench.model.greenlight import GreenLightClimate
 from glbench.model.heat_harvesting import HARVEST_METERS, HeatHarvesting
 from glbench.model.model import Evaluation, Model, Symbolic
-from glbench.model.parameter_sets import Given
+from glbench.model.parameter_sets import Override
 from glbench.model.parameter_table import BENCHMARK
 from glbench.model.variants import AUTHOR, VARIANTS, Variant, get_variant
 
@@ -144,7 +144,7 @@ def model_digest(variant: str = "author") -> str:
     return tomato(variant).digest
 
 
-def default_parameters(set_name: str = BENCHMARK, overrides: dict[str, Given] | None = None) -> Array:
+def default_parameters(set_name: str = BENCHMARK, overrides: dict[str, Override] | None = None) -> Array:
     """Parameters of a named set, see ``ParameterValues.default``."""
     return TOMATO.parameters.default(set_name, overrides)
 
@@ -173,29 +173,29 @@ def register_model(model: Model) -> Model:
         When another model has that id and variant; the message says what differs. A model with the same equations and variables
         takes the place of the one before, as when the cell of a notebook is run again, unless that came with glbench.
     """
-    known = _MODELS.get(model.id, {}).get(model.variant, model)
-    if known != model and (model.id in _SHIPPED or _differences(known, model)):
-        differs = "; ".join(_differences(known, model)) or "the names and equations are the same, the classes are not"
+    other = _MODELS.get(model.id, {}).get(model.variant, model)
+    if other != model and (model.id in _SHIPPED or _differences(other, model)):
+        differs = "; ".join(_differences(other, model)) or "the names and equations are the same, the classes are not"
         msg = f"There is another model '{model.id}' ({model.variant}) already: {differs}. Give yours another name or version."
         raise UnknownNameError(msg)
     _MODELS.setdefault(model.id, {})[model.variant] = model
     return model
 
 
-def _differences(known: Model, model: Model) -> list[str]:
+def _differences(other: Model, model: Model) -> list[str]:
     """What tells two models of one id apart, in words; empty for equal equations of equal variables."""
-    found = []
+    differences = []
     tables = {"states": "states", "controls": "controls", "disturbances": "disturbances", "parameters": "table"}
     for word, attribute in tables.items():
-        before, now = ({entry.name: entry for entry in getattr(one, attribute)} for one in (known, model))
+        before, now = ({entry.name: entry for entry in getattr(one, attribute)} for one in (other, model))
         only = {"only there": [*before.keys() - now.keys()], "only in yours": [*now.keys() - before.keys()]}
         only["with another description"] = [name for name in before.keys() & now.keys() if before[name] != now[name]]
-        said = [f"{', '.join(sorted(names)[:5])} {where}" for where, names in only.items() if names]
-        if said or list(before) != list(now):
-            found.append(f"{word}: {', '.join(said) or 'in another order'}")
-    if known.digest != model.digest:
-        found.append(f"equations: digest {known.digest[:8]} there, {model.digest[:8]} in yours")
-    return found
+        words = [f"{', '.join(sorted(names)[:5])} {where}" for where, names in only.items() if names]
+        if words or list(before) != list(now):
+            differences.append(f"{word}: {', '.join(words) or 'in another order'}")
+    if other.digest != model.digest:
+        differences.append(f"equations: digest {other.digest[:8]} there, {model.digest[:8]} in yours")
+    return differences
 
 
 def get_model(model_id: str, variant: str = "author") -> Model:
@@ -210,14 +210,14 @@ def get_model(model_id: str, variant: str = "author") -> Model:
         broken = _load_plugins()
     if model_id not in _MODELS:
         name, _, version = model_id.rpartition("-")
-        versions = [known.removeprefix(f"{name}-") for known in _MODELS if known.rpartition("-")[0] == name]
+        versions = [entry.removeprefix(f"{name}-") for entry in _MODELS if entry.rpartition("-")[0] == name]
         own = " The command line finds a model of your own through an entry point of an installed package (docs/extending.md)."
         if versions:
             own = ""
-            said = f"There is no version {version} of the model '{name}'. Known: {', '.join(versions)}."
+            problem = f"There is no version {version} of the model '{name}'. Known: {', '.join(versions)}."
         else:
-            said = f"There is no model '{model_id}'.{did_you_mean(model_id, _MODELS)}"
-        raise UnknownNameError(said + "".join(broken or (own,)))
+            problem = f"There is no model '{model_id}'.{did_you_mean(model_id, _MODELS)}"
+        raise UnknownNameError(problem + "".join(broken or (own,)))
     variants = _MODELS[model_id]
     if variant not in variants:
         msg = f"There is no variant '{variant}' of the model '{model_id}'.{did_you_mean(variant, variants)}"

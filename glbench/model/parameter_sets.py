@@ -22,7 +22,7 @@ from glbench.model.parameter_checks import Order, Shares, check_together, check_
 from glbench.model.parameter_table import BENCHMARK, DRAWN_SETS, ParameterInfo
 from glbench.model.units import same_unit
 
-Given: TypeAlias = float | str | tuple[float, str]
+Override: TypeAlias = float | str | tuple[float, str]
 """An override: a number in the table's unit, ``"116 W m-2"``, or ``(116, "W m-2")``."""
 
 DERIVED_TOLERANCE = 1e-9
@@ -80,7 +80,9 @@ class ParameterValues:
         """Public names, in the order of the vector."""
         return tuple(info.name for info in self.table)
 
-    def default(self, set_name: str = BENCHMARK, overrides: Mapping[str, Given] | None = None) -> NDArray[np.float64]:
+    def default(
+        self, set_name: str = BENCHMARK, overrides: Mapping[str, Override] | None = None
+    ) -> NDArray[np.float64]:
         """Parameter vector of a named set, with overrides and with the derived entries computed from the base entries.
 
         Parameters
@@ -105,11 +107,11 @@ class ParameterValues:
             When a value is impossible, has the wrong unit, or contradicts the formula of a derived entry.
         """
         _require_set(set_name)
-        given = {name: _number(self.info(name), value) for name, value in (overrides or {}).items()}
+        values = {name: _number(self.info(name), value) for name, value in (overrides or {}).items()}
         base = {info.name: _own_value(info, set_name) for info in self.table}
-        vector = self.complete(list((base | given).values()))
-        self._check_derived(given, vector)
-        changed = [name for name, value in given.items() if value != base[name]]
+        vector = self.complete(list((base | values).values()))
+        self._check_derived(values, vector)
+        changed = [name for name, value in values.items() if value != base[name]]
         check_together(self.table, vector.tolist(), changed, self.shares, self.orders)
         self.refuse(dict(zip(self.names, vector.tolist(), strict=True)))
         return vector
@@ -154,8 +156,8 @@ class ParameterValues:
         UnknownNameError
             When there is no such set.
         """
-        sets = {known: tuple(info.name for info in self.table if known in info.drawn_in) for known in DRAWN_SETS}
-        sets = {known: members for known, members in sets.items() if members}
+        sets = {entry: tuple(info.name for info in self.table if entry in info.drawn_in) for entry in DRAWN_SETS}
+        sets = {entry: members for entry, members in sets.items() if members}
         if name not in sets:
             msg = f"There is no set of crop parameters '{name}'.{did_you_mean(name, sets)}"
             raise UnknownNameError(msg)
@@ -199,9 +201,9 @@ class ParameterValues:
             raise UnknownNameError(msg)
         return self.table[self.names.index(name)]
 
-    def _check_derived(self, given: Mapping[str, float], vector: NDArray[np.float64]) -> None:
+    def _check_derived(self, values: Mapping[str, float], vector: NDArray[np.float64]) -> None:
         """Refuse a derived entry that contradicts the base entries."""
-        for name, value in given.items():
+        for name, value in values.items():
             info = self.info(name)
             computed = float(vector[self.names.index(name)])
             if info.is_derived and not math.isclose(value, computed, rel_tol=DERIVED_TOLERANCE):
@@ -225,9 +227,9 @@ def _require_set(name: str) -> None:
         raise UnknownNameError(msg)
 
 
-def _number(info: ParameterInfo, given: Given) -> float:
+def _number(info: ParameterInfo, override: Override) -> float:
     """Value of an override in the table's unit."""
-    value, unit = _split(info, given)
+    value, unit = _split(info, override)
     if unit is not None and not same_unit(unit, info.unit):
         msg = f"Parameter {info.name} ({info.meaning}) is in {info.unit}, not in '{unit}'. Convert the value first."
         raise ParameterError(msg)
@@ -235,21 +237,21 @@ def _number(info: ParameterInfo, given: Given) -> float:
     return value
 
 
-def _split(info: ParameterInfo, given: Given) -> tuple[float, str | None]:
+def _split(info: ParameterInfo, override: Override) -> tuple[float, str | None]:
     """Number and unit of an override, the unit None when not stated."""
-    number: object = given
+    number: object = override
     unit: str | None = None
-    if isinstance(given, tuple) and len(given) == 2:
-        number, unit = given
-    elif isinstance(given, str):
-        number, _, rest = given.strip().partition(" ")
+    if isinstance(override, tuple) and len(override) == 2:
+        number, unit = override
+    elif isinstance(override, str):
+        number, _, rest = override.strip().partition(" ")
         unit = rest.strip() or None
     # A truth value is an integer to Python, but no measurement.
     if isinstance(number, int | float | str | np.number) and not isinstance(number, bool):
         with contextlib.suppress(TypeError, ValueError):
             return float(number), unit
     msg = (
-        f"Parameter {info.name} cannot be {given!r}: "
+        f"Parameter {info.name} cannot be {override!r}: "
         f"give a number in its unit ({info.unit}), or a text such as '{info.values.get(BENCHMARK, 1):g} {info.unit}'."
     )
     raise ParameterError(msg)

@@ -15,7 +15,7 @@ from glbench.model.actuators import Actuators
 from glbench.model.bounds import Horizon
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr
-from glbench.model.model import Capacity, Flow, Record, Seen, Signal, Stock
+from glbench.model.model import Capacity, Flow, ObservedColumn, Record, Signal, Stock
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_table import ParameterInfo, declared_table
 from glbench.model.surroundings import AirExchange, CropExchange, Surroundings
@@ -78,7 +78,7 @@ class Submodel(ABC):
         """Finite bounds of its states, by public name."""
         return {}
 
-    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
+    def observed(self, module: str, horizon: Horizon) -> tuple[ObservedColumn, ...] | None:
         """Columns of an observation module; None for one it does not know."""
         return None
 
@@ -107,10 +107,10 @@ class Climate(Submodel):
         """What the crop sees."""
 
     @abstractmethod
-    def rates(self, x: Record, fluxes: Record, taken: CropExchange, p: Record) -> Record:
+    def rates(self, x: Record, fluxes: Record, uptake: CropExchange, p: Record) -> Record:
         """Time derivatives of the climate's states."""
 
-    def without(self, rates: Record, fluxes: Record, taken: AirExchange, p: Record) -> Record:
+    def without(self, rates: Record, fluxes: Record, extraction: AirExchange, p: Record) -> Record:
         """``rates`` less what an addition takes from the main air.
 
         Raises

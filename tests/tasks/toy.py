@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 from glbench.model import Capacity, Evaluation, Flow, Model, Stock
 from glbench.model.bounds import Horizon
-from glbench.model.model import Seen, Start
+from glbench.model.model import ObservedColumn, Start
 from glbench.model.parameter_table import ParameterInfo
 from glbench.model.quantities import Quantity, Variable
 
@@ -76,8 +76,8 @@ class Toy(Model):
     def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
         return {"mass": (0.0, 100.0), "water": (-1.0, 1e5)}
 
-    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
-        return (Seen("mass", "g m-2", "dry mass", "mass", 0.0, 1e5, 1000.0),) if module == "scales" else None
+    def observed(self, module: str, horizon: Horizon) -> tuple[ObservedColumn, ...] | None:
+        return (ObservedColumn("mass", "g m-2", "dry mass", "mass", 0.0, 1e5, 1000.0),) if module == "scales" else None
 
     @property
     def observation_modules(self) -> Mapping[str, str]:

@@ -38,7 +38,7 @@ from glbench.weather import COLUMNS as WEATHER
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
-    from glbench.model.model import Seen
+    from glbench.model.model import ObservedColumn
     from glbench.tasks import TaskSpec
 
 
@@ -68,9 +68,9 @@ class Columns:
 
     controls: tuple[ProfileColumn, ...]
     climate: tuple[ProfileColumn, ...]
-    seen: tuple[Seen, ...]
+    seen: tuple[ObservedColumn, ...]
     light: tuple[ProfileColumn, ...]
-    rates: tuple[Seen, ...]
+    rates: tuple[ObservedColumn, ...]
     amounts: tuple[ProfileColumn, ...]
     limits: tuple[str, ...]
     worst: tuple[ProfileColumn, ...]

@@ -26,7 +26,7 @@ import numpy as np
 
 from glbench.model.bounds import Horizon
 from glbench.model.expressions import Expr, exp, fmax, sqrt, square
-from glbench.model.model import Flow, Seen, Signal, Step, Stock
+from glbench.model.model import Flow, ObservedColumn, Signal, Step, Stock
 from glbench.model.parameter_table import BENCHMARK, read_table
 from glbench.model.quantities import Quantity, Variable, states_of
 from glbench.model.submodels import Crop, CropStart
@@ -343,16 +343,16 @@ class VanHentenLettuce(Crop):
     def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
         return {"xN": (-_BELOW_ZERO, _MOST_DRY_MATTER), "xS": (-_BELOW_ZERO, _MOST_DRY_MATTER)}
 
-    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
+    def observed(self, module: str, horizon: Horizon) -> tuple[ObservedColumn, ...] | None:
         if module != "crop":
             return None
         return (
-            Seen("head_fresh_mass", "g", "fresh mass of one head", "head", -10.0, _LARGEST_HEAD, of=head_mass),
-            Seen(
+            ObservedColumn("head_fresh_mass", "g", "fresh mass of one head", "head", -10.0, _LARGEST_HEAD, of=head_mass),
+            ObservedColumn(
                 "dry_matter", "kg m-2", "dry matter of shoot and roots", "dry", -_BELOW_ZERO, 2 * _MOST_DRY_MATTER,
                 of=lambda x, p: dry_mass(x),
             ),
-            Seen(
+            ObservedColumn(
                 "leaf_area_index", "m2 m-2", "leaf area per floor area that intercepts light", "leaf_area", -10.0, _LARGEST_LEAF_AREA,
                 of=leaf_area_index,
             ),

@@ -16,7 +16,7 @@ from glbench.model.crop.temperature import GrowthInhibition, growth_inhibition
 from glbench.model.derived import derived_tomato
 from glbench.model.expressions import Expr
 from glbench.model.greenlight import CANOPY_EXCESS
-from glbench.model.model import Flow, Seen, Signal, Step, Stock
+from glbench.model.model import Flow, ObservedColumn, Signal, Step, Stock
 from glbench.model.parameter_checks import Order
 from glbench.model.parameter_table import BENCHMARK, read_table
 from glbench.model.parameters import TomatoParameters
@@ -167,16 +167,16 @@ class VanthoorTomato(Crop):
         by_unit = {"°C": (COLDEST, HOTTEST), "mg m-2": masses, "°C day": summed}
         return {state.name: by_unit[state.unit] for state in states_of(TomatoState)}
 
-    def observed(self, module: str, horizon: Horizon) -> tuple[Seen, ...] | None:
+    def observed(self, module: str, horizon: Horizon) -> tuple[ObservedColumn, ...] | None:
         heaviest = _heaviest(horizon)
         low, high = self.bounds(horizon)["tCanSum"]
         words = "dry mass of the fruit on the plants"
-        fruit = Seen("fruit_dry_mass", "kg m-2", words, "cFruit", -_BELOW_ZERO, heaviest, _KG_PER_MG)
-        milligrams = Seen("fruit_carbohydrate", "mg m-2", words, "cFruit", -_BELOW_ZERO * 1e6, heaviest * 1e6)
-        mean = Seen(
+        fruit = ObservedColumn("fruit_dry_mass", "kg m-2", words, "cFruit", -_BELOW_ZERO, heaviest, _KG_PER_MG)
+        milligrams = ObservedColumn("fruit_carbohydrate", "mg m-2", words, "cFruit", -_BELOW_ZERO * 1e6, heaviest * 1e6)
+        mean = ObservedColumn(
             "canopy_temperature_24h", "degC", "24-hour low-pass of the canopy temperature", "tCan24", COLDEST, HOTTEST
         )
-        summed = Seen(
+        summed = ObservedColumn(
             "temperature_sum", "degC day", "temperature sum of the canopy since planting", "tCanSum", low, high
         )
         return {"crop": (fruit, mean, summed), "published_crop": (mean, milligrams, summed)}.get(module)
