@@ -113,7 +113,7 @@ def design(name: str, salt: str, without: Iterable[str] = (), runs: int = RUNS, 
 
 def with_factors(kept: Sequence[str], name: str = "Spring") -> TaskSpec:
     """Spring-v1, or another family, with some of the factors of Spring-v1 only; seasons are always unseen."""
-    written = get_task("glbench/Spring-v1").written()
+    written = get_task("glbench/Spring-v1").as_tables()
     changes = {
         f"scenario.{kind}": [group for group in written["scenario"][kind] if group["name"] in kept]
         for kind in ("parameters", "start")

@@ -318,7 +318,7 @@ def definition_document(task: TaskSpec) -> dict[str, Any]:
 
     card = dataclasses.asdict(task_card(task))
     card["start"] = card["start"].isoformat()
-    del card["written"]  # the definition follows
+    del card["definition"]  # it follows
     return {
         "id": task.id,
         "title": task.title,

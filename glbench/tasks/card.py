@@ -72,7 +72,7 @@ class TaskCard:
     ``process_computer`` in [-1, 1] stands for a set point between ``lowest`` and ``highest`` in its own unit: ``Action.of`` turns set
     points into actions, ``Action.value`` actions into set points. ``delta`` and ``half_width`` say how widely the uncertain parameters are
     drawn.
-    ``ledger`` says what is earned and paid; ``prices`` are those of a task of schema 1. ``written`` is the task's public definition,
+    ``ledger`` says what is earned and paid; ``prices`` are those of a task of schema 1. ``definition`` is the task's public definition,
     which ``task`` reads.
     """
 
@@ -98,7 +98,7 @@ class TaskCard:
     redraw: str
     model: str = PAPER_MODEL
     ledger: tuple[LedgerItem, ...] = ()
-    written: str = ""
+    definition: str = ""
 
     def task(self) -> TaskSpec:
         """The task itself, without seeds and salts, for agents that compute with its model or its reward.
@@ -110,10 +110,10 @@ class TaskCard:
         """
         from glbench.tasks.spec import TaskSpec  # a card is read without the model
 
-        if not self.written:
+        if not self.definition:
             msg = f"The card of {self.id} does not hold its task: it was changed in a way that no file can say."
             raise TaskError(msg)
-        return TaskSpec.of_written(json.loads(self.written))
+        return TaskSpec.from_tables(json.loads(self.definition))
 
     @cached_property
     def action_bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -159,7 +159,7 @@ def task_card(task: TaskSpec) -> TaskCard:
         redraw=task.uncertainty.redraw,
         model=task.model_id,
         ledger=task.ledger.items,
-        written=public_definition(task),
+        definition=public_definition(task),
     )
 
 
@@ -177,7 +177,7 @@ def public_definition(task: TaskSpec) -> str:
     A round's secret, the split and where the file lies are not part of it.
     """
     try:
-        tables: dict[str, Any] = task.written()
+        tables: dict[str, Any] = task.as_tables()
     except TaskError:
         return ""
     tables["evaluation"]["first_seed"] = 0
@@ -209,7 +209,7 @@ def _task_of(definition: str) -> TaskSpec:
     from glbench.tasks.spec import TaskSpec
 
     try:
-        return TaskSpec.of_written(json.loads(definition))
+        return TaskSpec.from_tables(json.loads(definition))
     except ValueError as error:
         msg = f"The task cannot be read in this process: {error}"
         raise TaskError(msg) from error

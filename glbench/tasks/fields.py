@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any, Self
 
@@ -90,16 +90,16 @@ def one_of(registry: Registry[Any]) -> BeforeValidator:
     return BeforeValidator(word)
 
 
-def list_of(kind: str, example: str, known: Callable[[], tuple[str, ...]] | None = None) -> BeforeValidator:
-    """Accept a list of different names, at least one; out of ``known()`` if there is that."""
+def list_of(kind: str, example: str, registry: Registry[Any] | None = None) -> BeforeValidator:
+    """Accept a list of different names, at least one; words of the registry if there is one."""
 
     def names(entries: object) -> tuple[str, ...]:
         if not isinstance(entries, list | tuple) or not entries or not all(isinstance(name, str) for name in entries):
             msg = f'It must be a list of names of {kind}s, such as ["{example}"].'
             raise ValueError(msg)
         for name in entries:
-            if known is not None and name not in known():
-                msg = f"There is no {kind} called '{name}'.{did_you_mean(name, known())}"
+            if registry is not None and name not in registry:
+                msg = f"There is no {kind} called '{name}'.{did_you_mean(name, registry.names)}"
                 raise ValueError(msg)
             if entries.count(name) > 1:
                 msg = f"'{name}' is listed twice."

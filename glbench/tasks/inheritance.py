@@ -1,13 +1,13 @@
-"""Task files as plain tables: read within limits, and put together with the file that they name as their base.
+"""Task files as plain tables: read within limits, and merged with the file that they name as their base.
 
 ``base = "glbench/Schiphol2010-Delta10-v1"`` (a shipped task) or ``base = "winter.toml"`` (a file beside it) at the top of a task file
-takes over all of that task but id, title, description and suites. What the file itself says replaces the base's, key by key. What
-comes out is checked, digested and recorded like a file that is written out: nobody needs the base to check a result. A base of
+inherits all of that task but id, title, description and suites. What the file itself says replaces the base's, key by key. The
+result is checked, digested and recorded like a file that is written out: nobody needs the base to check a result. A base of
 schema 1 under a file of schema 2 is converted first. ``without = ["sensors", "splits.training"]`` leaves tables and keys of the base
 out. ``[splits]`` with years takes the place of the base's as a whole: the years that are stated are all there are. Prices in a file
 beside the task (``file = "gas.csv"``) are taken over as a series.
 
-``TaskSpec.replace`` puts tasks together in the same way (``inherit``), in Python.
+``TaskSpec.replace`` merges tasks in the same way (``inherit``), in Python.
 """
 
 from __future__ import annotations
@@ -90,32 +90,53 @@ def read_tables(path: Path, above: tuple[Path, ...] = ()) -> TaskTables:
         When there is no task of the base's id.
     """
     files = (*above, real_path(path))
-    shown = shown_path(path)
+    source = shown_path(path)
     if real_path(path) in above:
         chain = " -> ".join(file.name for file in files)
-        msg = f"{shown} is its own base ({chain}). Remove 'base' from one of these files."
+        msg = f"{source} is its own base ({chain}). Remove 'base' from one of these files."
         raise TaskError(msg)
     if len(files) > LONGEST_CHAIN:
-        msg = f"{shown} is the base of a base of a base, {LONGEST_CHAIN} times over. Write one of these tasks out."
+        msg = f"{source} is the base of a base of a base, {LONGEST_CHAIN} times over. Write one of these tasks out."
         raise TaskError(msg)
-    content = _read_toml(path, shown)
-    under = _file_of(content.get(BASE), path, shown)
-    if under is None:
-        prices = take_over_prices(content, path.parent, shown)
+    try:
+        content = tomllib.loads(read_regular(path, _LARGEST_FILE).decode())
+    except FileNotFoundError:
+        msg = f"There is no task file {source}. `glbench tasks list` shows the tasks that are there."
+        raise TaskError(msg) from None
+    except (OSError, UnicodeDecodeError) as error:
+        msg = f"Cannot read the task file {source}: {reason_of(error)}. Give a .toml file or the id of a task."
+        raise TaskError(msg) from error
+    except tomllib.TOMLDecodeError as error:
+        msg = f"{source} is no valid TOML: {error}. Correct that line; tasks/ has files to compare with."
+        raise TaskError(msg) from error
+    except (RecursionError, ValueError) as error:  # nested without end; a number of thousands of digits
+        msg = f"{source} is not a task file: it holds a number or a nesting that no task has. Is it the right file?"
+        raise TaskError(msg) from error
+    check_plain(content, source)
+    base = content.pop(BASE, None)
+    if base is None:
+        prices = take_over_prices(content, path.parent, source)
         if WITHOUT in content:
-            msg = f"{shown}: without = {as_written(content[WITHOUT])} says what of a base is left out, and there is no base. Add one."
+            msg = f"{source}: without = {as_written(content[WITHOUT])} says what of a base is left out, and there is no base. Add one."
             raise TaskError(msg)
         return TaskTables(content, files=prices)
-    found = read_tables(under, files)
-    prices = take_over_prices(content, path.parent, shown, found.content)
-    base = content.pop(BASE)
-    return inherit(found.content, content, base, shown, (*prices, real_path(under), *found.files))
+    if not isinstance(base, str):
+        msg = f"{source}: base = {as_written(base)} is neither the id of a task nor a file beside this one, in quotes."
+        raise TaskError(msg)
+    try:
+        under = path.parent / base if base.endswith(".toml") else shipped_file(base)
+    except UnknownNameError as error:
+        msg = f"{source}: base = {as_written(base)}: {error}"
+        raise UnknownNameError(msg) from None
+    below = read_tables(under, files)
+    prices = take_over_prices(content, path.parent, source, below.content)
+    return inherit(below.content, content, base, source, (*prices, real_path(under), *below.files))
 
 
 def inherit(
-    below: Mapping[str, Any], content: Mapping[str, Any], base: str, shown: str, files: tuple[Path, ...] = ()
+    below: Mapping[str, Any], content: Mapping[str, Any], base: str, source: str, files: tuple[Path, ...] = ()
 ) -> TaskTables:
-    """The tables ``content`` over ``below``, those of the task ``base``; ``shown`` is what messages call the result.
+    """The tables ``content`` over ``below``, those of the task ``base``; ``source`` is what messages call the result.
 
     Raises
     ------
@@ -125,54 +146,54 @@ def inherit(
     own = dict(content)
     schemas = below.get("schema"), own.get("schema", below.get("schema"))
     if schemas == (2, 1):
-        msg = f"{shown}: base = {as_written(base)} has schema 2, which schema 1 cannot say. Write schema = 2, or leave it out."
+        msg = f"{source}: base = {as_written(base)} has schema 2, which schema 1 cannot say. Write schema = 2, or leave it out."
         raise TaskError(msg)
     if schemas == (1, 2):
         below = as_schema_2(below)
     inherited = {key: value for key, value in below.items() if key not in NOT_INHERITED}
-    kept = _left_out(inherited, own.pop(WITHOUT, []), base, shown)
-    if _states_years(own.get(SPLITS)):
-        kept = {key: value for key, value in kept.items() if key != SPLITS}
-    _check_parts(kept, own, base, shown)
-    merged = _merged(kept, own)
-    _take_one_cost_of_violations(merged, own)
-    return TaskTables(merged, base, tuple(_changes(inherited, merged)), files)
+    merged, names = inherited, own.pop(WITHOUT, [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        msg = f'{source}: without = {as_written(names)} must be a list of tables or keys of the base: ["sensors", "splits.training"].'
+        raise TaskError(msg)
+    for name in names:
+        merged = _without(merged, name.split("."), f'{source}: {as_written(base)} has no "{name}" to leave out.')
+    splits = own.get(SPLITS)
+    if isinstance(splits, Mapping) and any(isinstance(one, Mapping) and "years" in one for one in splits.values()):
+        merged = {key: value for key, value in merged.items() if key != SPLITS}
+    _check_parts(merged, own, base, source)
+    merged = _merged(merged, own)
+    reward = own.get("reward")
+    for one, other in (("penalty_scale", "violation_price"), ("violation_price", "penalty_scale")):
+        if isinstance(reward, dict) and one in reward and other not in reward:  # violations cost points or money
+            merged["reward"].pop(other, None)
+    before = dict(_leaves(inherited))
+    changes = [
+        Change(key, _whole(value), _whole(before[key]) if key in before else None)
+        for key, value in _leaves(merged)
+        if key not in NOT_INHERITED and before.get(key) != value
+    ]
+    changes += [Change(key, None, _whole(value)) for key, value in _missing(inherited, merged)]
+    return TaskTables(merged, base, tuple(changes), files)
 
 
 _NEW_PART = {"ledger": "side", "price_tables": "unit"}
 """Tables whose parts have names of their own, and the key that every new part states."""
 
 
-def _check_parts(kept: Mapping[str, Any], own: Mapping[str, Any], base: str, shown: str) -> None:
+def _check_parts(inherited: Mapping[str, Any], own: Mapping[str, Any], base: str, source: str) -> None:
     """Refuse keys of a part that the base does not have, unless they make a new one."""
-    for table, needed in _NEW_PART.items():
-        known, parts = kept.get(table), own.get(table)
-        if not isinstance(known, Mapping) or not isinstance(parts, Mapping):
+    for table, key in _NEW_PART.items():
+        names, parts = inherited.get(table), own.get(table)
+        if not isinstance(names, Mapping) or not isinstance(parts, Mapping):
             continue
         for name, part in parts.items():
-            if name not in known and isinstance(part, Mapping) and needed not in part:
-                near = did_you_mean(name, known, list_few=False)
-                has = ", ".join(known) or "none"
+            if name not in names and isinstance(part, Mapping) and key not in part:
+                near = did_you_mean(name, names, list_few=False)
                 msg = (
-                    f"{shown}: {as_written(base)} has no {table}.{name}.{near} It has {has}. A new one also needs '{needed}' and what "
-                    "docs/tasks.md lists."
+                    f"{source}: {as_written(base)} has no {table}.{name}.{near} It has {', '.join(names) or 'none'}. A new one also needs "
+                    f"'{key}' and what docs/tasks.md lists."
                 )
                 raise TaskError(msg)
-
-
-def _states_years(splits: object) -> bool:
-    return isinstance(splits, Mapping) and any(isinstance(one, Mapping) and "years" in one for one in splits.values())
-
-
-def _left_out(inherited: Mapping[str, Any], names: object, base: str, shown: str) -> Mapping[str, Any]:
-    """``inherited`` without the tables and keys ``names``."""
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        msg = f'{shown}: without = {as_written(names)} must be a list of tables or keys of the base: ["sensors", "splits.training"].'
-        raise TaskError(msg)
-    kept = inherited
-    for name in names:
-        kept = _without(kept, name.split("."), f'{shown}: {as_written(base)} has no "{name}" to leave out.')
-    return kept
 
 
 def _without(table: Mapping[str, Any], path: Sequence[str], refusal: str) -> dict[str, Any]:
@@ -187,7 +208,7 @@ def _without(table: Mapping[str, Any], path: Sequence[str], refusal: str) -> dic
 
 def as_schema_2(content: Mapping[str, Any]) -> dict[str, Any]:
     """The tables of a task of schema 1, as schema 2 says the same. What is missing or no table stays for the reader to refuse."""
-    kept = {key: value for key, value in content.items() if key not in ("prices", "uncertainty")}
+    others = {key: value for key, value in content.items() if key not in ("prices", "uncertainty")}
     model, prices, noise = (
         table if isinstance(table := content.get(key), dict) else {} for key in ("model", "prices", "uncertainty")
     )
@@ -201,10 +222,10 @@ def as_schema_2(content: Mapping[str, Any]) -> dict[str, Any]:
     scenario: dict[str, Any] = {"family": str(content.get("id", "base"))}
     delta, factor = noise.get("delta", 0.0), noise.get("half_width_factor", 1.0)
     if isinstance(delta, int | float) and isinstance(factor, int | float) and delta * factor > 0:
-        drawn = {key: noise[key] for key in ("parameters", "distribution", "redraw") if key in noise}
-        scenario["parameters"] = [{"name": "crop", "half_width": delta * factor, **drawn}]
+        group = {key: noise[key] for key in ("parameters", "distribution", "redraw") if key in noise}
+        scenario["parameters"] = [{"name": "crop", "half_width": delta * factor, **group}]
     pinned = {"id": "greenlight-tomato-1.0.0", **model}
-    return {**kept, "schema": 2, "model": pinned, "ledger": ledger, "scenario": scenario}
+    return {**others, "schema": 2, "model": pinned, "ledger": ledger, "scenario": scenario}
 
 
 _PRICE_FACTORS = {("EUR/MWh", "EUR kWh-1"): 1e-3, ("EUR/kWh", "EUR kWh-1"): 1.0}
@@ -216,7 +237,7 @@ _PRICE_FILE = (
 
 
 def take_over_prices(
-    content: Mapping[str, Any], folder: Path, shown: str, below: Mapping[str, Any] | None = None
+    content: Mapping[str, Any], folder: Path, source: str, below: Mapping[str, Any] | None = None
 ) -> tuple[Path, ...]:
     """Replace ``file = "gas.csv"`` of a price table by the series in that file of ``folder``; the files of prices.
 
@@ -234,22 +255,25 @@ def take_over_prices(
             continue
         file = table.pop("file")
         files.append(real_path(folder / str(file)))
-        where = f"{shown}: [price_tables.{name}] file = {as_written(file)}"
         try:
             text = read_regular(folder / str(file), _LARGEST_FILE).decode("utf-8-sig")
-        except (OSError, UnicodeDecodeError) as error:
-            msg = f"{where}: it cannot be read: {reason_of(error)}."
-            raise TaskError(msg) from error
-        try:
-            table["series"] = _series(text, table.get("unit", inherited.get(name, {}).get("unit")))
-        except (ValueError, csv.Error) as error:
-            msg = f"{where}: {error}"
+            table["series"] = series_of_csv(text, table.get("unit", inherited.get(name, {}).get("unit")))
+        except (OSError, ValueError, csv.Error) as error:
+            unreadable = isinstance(error, OSError | UnicodeDecodeError)
+            reason = f"it cannot be read: {reason_of(error)}." if unreadable else str(error)
+            msg = f"{source}: [price_tables.{name}] file = {as_written(file)}: {reason}"
             raise TaskError(msg) from error
     return tuple(files)
 
 
-def _series(text: str, unit: object) -> list[dict[str, Any]]:
-    """The prices in the text of a CSV file for a table in ``unit``. Errors are ``ValueError`` with what is wrong."""
+def series_of_csv(text: str, unit: object) -> list[dict[str, Any]]:
+    """The prices in the text of a CSV file, as the ``series`` of a price table in ``unit``.
+
+    Raises
+    ------
+    ValueError, csv.Error
+        With what is wrong, when it holds no prices.
+    """
     lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
     header = lines[0][1] if lines else ""
     if ";" in header:
@@ -263,9 +287,9 @@ def _series(text: str, unit: object) -> list[dict[str, Any]]:
     title = titles[1 - time]
     factor = 1.0 if title == "price" else _PRICE_FACTORS.get((title, str(unit)))
     if factor is None:
-        known = any(title == one for one, _ in _PRICE_FACTORS)
+        is_title = any(title == one for one, _ in _PRICE_FACTORS)
         has = "has no unit" if unit is None else f"has the unit {as_written(unit)}"
-        why = f'the table {has}: write unit = "EUR kWh-1" in it' if known else f"'{title}' is no title of prices"
+        why = f'the table {has}: write unit = "EUR kWh-1" in it' if is_title else f"'{title}' is no title of prices"
         msg = f"its header is {as_written(header)}, and {why}. {_PRICE_FILE}"
         raise ValueError(msg)
     series = []
@@ -283,7 +307,7 @@ def _series(text: str, unit: object) -> list[dict[str, Any]]:
     return series
 
 
-def shipped_file(wanted: str) -> Path:
+def shipped_file(name: str) -> Path:
     """File of the shipped task with this id or short form.
 
     Raises
@@ -293,15 +317,15 @@ def shipped_file(wanted: str) -> Path:
     """
     ids = task_ids()
     by_short_form = {task_id.partition("/")[2]: task_id for task_id in ids}
-    full_id = wanted if wanted in ids else by_short_form.get(wanted)
+    full_id = name if name in ids else by_short_form.get(name)
     if full_id is not None:
         return ids[full_id]
-    expected = f"{wanted.rpartition('/')[2].lower()}.toml"
+    expected = f"{name.rpartition('/')[2].lower()}.toml"
     unreadable = [path for path in task_files() if path.name == expected and path not in ids.values()]
     if unreadable:
         return unreadable[0]
-    near = did_you_mean(wanted, ids if "/" in wanted else by_short_form)
-    msg = f"There is no task '{wanted}'.{near} `glbench tasks list` shows all; a file of your own ends in .toml."
+    near = did_you_mean(name, ids if "/" in name else by_short_form)
+    msg = f"There is no task '{name}'.{near} `glbench tasks list` shows all; a file of your own ends in .toml."
     raise UnknownNameError(msg)
 
 
@@ -329,41 +353,7 @@ def as_written(value: object, longest: int = _LONGEST_VALUE) -> str:
     return text if len(text) <= longest else text[: longest - 3] + "..."
 
 
-def _file_of(base: object, path: Path, shown: str) -> Path | None:
-    if base is None:
-        return None
-    if not isinstance(base, str):
-        msg = f"{shown}: base = {as_written(base)} is neither the id of a task nor a file beside this one, in quotes."
-        raise TaskError(msg)
-    if base.endswith(".toml"):
-        return path.parent / base
-    try:
-        return shipped_file(base)
-    except UnknownNameError as error:
-        msg = f"{shown}: base = {as_written(base)}: {error}"
-        raise UnknownNameError(msg) from None
-
-
-def _read_toml(path: Path, shown: str) -> dict[str, Any]:
-    try:
-        content = tomllib.loads(read_regular(path, _LARGEST_FILE).decode())
-    except FileNotFoundError:
-        msg = f"There is no task file {shown}. `glbench tasks list` shows the tasks that are there."
-        raise TaskError(msg) from None
-    except (OSError, UnicodeDecodeError) as error:
-        msg = f"Cannot read the task file {shown}: {reason_of(error)}. Give a .toml file or the id of a task."
-        raise TaskError(msg) from error
-    except tomllib.TOMLDecodeError as error:
-        msg = f"{shown} is no valid TOML: {error}. Correct that line; tasks/ has files to compare with."
-        raise TaskError(msg) from error
-    except (RecursionError, ValueError) as error:  # nested without end; a number of thousands of digits
-        msg = f"{shown} is not a task file: it holds a number or a nesting that no task has. Is it the right file?"
-        raise TaskError(msg) from error
-    check_plain(content, shown)
-    return content
-
-
-def check_plain(content: Mapping[str, Any], shown: str) -> None:
+def check_plain(content: Mapping[str, Any], source: str) -> None:
     """Refuse numbers and nestings that what reads the task later would stumble over.
 
     Raises
@@ -375,10 +365,10 @@ def check_plain(content: Mapping[str, Any], shown: str) -> None:
     while inside:
         key, value, depth = inside.pop()
         if depth > _DEEPEST:
-            msg = f"{shown}: {key} is nested more than {_DEEPEST} deep, which nothing in a task is."
+            msg = f"{source}: {key} is nested more than {_DEEPEST} deep, which nothing in a task is."
             raise TaskError(msg)
         if isinstance(value, int) and not -_LARGEST_INTEGER <= value < _LARGEST_INTEGER:
-            msg = f"{shown}: {key} is a whole number beyond 64 bits. Correct it."
+            msg = f"{source}: {key} is a whole number beyond 64 bits. Correct it."
             raise TaskError(msg)
         if isinstance(value, dict):
             inside += [(str(name), inner, depth + 1) for name, inner in value.items()]
@@ -395,30 +385,13 @@ def _merged(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def _take_one_cost_of_violations(merged: dict[str, Any], own: Mapping[str, Any]) -> None:
-    """Violations cost points or money: the table that a file has takes the place of the other one of its base."""
-    reward = own.get("reward")
-    for one, other in (("penalty_scale", "violation_price"), ("violation_price", "penalty_scale")):
-        if isinstance(reward, dict) and one in reward and other not in reward:
-            merged["reward"].pop(other, None)
-
-
-def _changes(base: Mapping[str, Any], merged: Mapping[str, Any]) -> Iterator[Change]:
-    before = dict(_leaves(base))
-    for key, value in _leaves(merged):
-        if key not in NOT_INHERITED and before.get(key) != value:
-            yield Change(key, _whole(value), _whole(before[key]) if key in before else None)
-    for key, value in _gone(base, merged):
-        yield Change(key, None, _whole(value))
-
-
-def _gone(base: Mapping[str, Any], merged: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, object]]:
-    """Tables and keys of ``base`` that are not in ``merged``; of a table that is gone as a whole, the table alone."""
+def _missing(base: Mapping[str, Any], merged: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Tables and keys of ``base`` that are not in ``merged``; of a table that is missing as a whole, the table alone."""
     for key, value in base.items():
         if key not in merged:
             yield f"{prefix}{key}", value
         elif isinstance(value, dict) and isinstance(merged[key], dict) and "unit" not in value:
-            yield from _gone(value, merged[key], f"{prefix}{key}.")
+            yield from _missing(value, merged[key], f"{prefix}{key}.")
 
 
 def _whole(value: object) -> str:

@@ -32,8 +32,8 @@ PAPER_TASK = "glbench/Schiphol2010-Delta10-v1"
 
 def usual_task(ids: Iterable[str]) -> str | None:
     """Of these tasks, the one that is meant when none is named: the default one, else the paper's; ``None`` without both."""
-    known = set(ids)
-    return next((task for task in (DEFAULT_TASK, PAPER_TASK) if task in known), None)
+    names = set(ids)
+    return next((task for task in (DEFAULT_TASK, PAPER_TASK) if task in names), None)
 
 
 def get_task(id_or_path: str | Path) -> TaskSpec:
@@ -71,7 +71,7 @@ def read_task(path: Path) -> TaskSpec:
     TaskError
         When the file or its base cannot be read, is not TOML, or they do not define a task.
     """
-    return TaskSpec.of_tables(read_tables(path), shown_path(path))
+    return TaskSpec.of_file(read_tables(path), shown_path(path))
 
 
 def published_task(task_id: str) -> TaskSpec:
@@ -187,20 +187,23 @@ def _load(path: Path, *, whole: bool = True) -> TaskSpec:
     states = {one: _state(one) for one in (file, lock)}
     tables = read_tables(file)
     states |= {one: _state(one) for one in tables.files}
-    task = (_checked if whole else _listed)(file, tables, lock, states[lock])
+    task = _checked(file, tables, lock, states[lock], whole)
     _REMEMBERED[file, lock, whole] = task, states
     return task
 
 
 @lru_cache(maxsize=256)
-def _checked(file: Path, tables: TaskTables, _lock: Path, _lock_state: _State) -> TaskSpec:
+def _checked(file: Path, tables: TaskTables, _lock: Path, _lock_state: _State, whole: bool) -> TaskSpec:
     """``_load`` for one content of file, bases and prices and state of the lock: a task is checked once, and again when it changes."""
-    for base in tables.files:
+    for base in tables.files if whole else ():
         if _is_shipped(base) and base.suffix == ".toml":
             _load(base, whole=False)  # a published base that was edited is refused
-    task = TaskSpec.of_tables(tables, shown_path(file))
+    task = TaskSpec.of_file(tables, shown_path(file))
     entry = read_lock().get(task.id)
-    if entry is None:
+    if not whole:
+        if entry is not None:
+            check_file_against_lock(task, entry)
+    elif entry is None:
         task.fingerprint()  # whatever cannot be resolved is reported now and not in the middle of a run
         _warn_of_stale_prices(task)
     elif _is_shipped(file):
@@ -255,16 +258,6 @@ def _is_shipped(path: Path) -> bool:
     return path.parent == lock_path().parent.resolve()
 
 
-@lru_cache(maxsize=256)
-def _listed(file: Path, tables: TaskTables, _lock: Path, _lock_state: _State) -> TaskSpec:
-    """As ``_checked``, but weather and model are not compared with the lock."""
-    task = TaskSpec.of_tables(tables, shown_path(file))
-    entry = read_lock().get(task.id)
-    if entry is not None:
-        check_file_against_lock(task, entry)
-    return task
-
-
 def check_against_lock(task: TaskSpec, entry: LockEntry) -> None:
     """Refuse ``task`` if it is not the one that ``entry`` locks, and say what differs.
 
@@ -274,22 +267,22 @@ def check_against_lock(task: TaskSpec, entry: LockEntry) -> None:
         With what differs (the file, the model, parameters, weather, start, observed columns) and what to do.
     """
     check_file_against_lock(task, entry)
-    found, locked = task.fingerprint(), entry.fingerprint
-    if found.digest == locked.digest:
+    here, locked = task.fingerprint(), entry.fingerprint
+    if here.digest == locked.digest:
         return
     parts = {
-        "model": f"the model is another one, locked version {locked.model_version}, here version {found.model_version}",
+        "model": f"the model is another one, locked version {locked.model_version}, here version {here.model_version}",
         "parameters": f"the parameter set '{task.model.parameters}' has other values",
         "weather": f"the weather '{task.weather.source}' has other values, or is prepared in another way",
         "start": f"the start '{task.initial.kind}' is another one",
         "observation": "the observed columns have other names, units or bounds",
     }
-    digests = {part: (getattr(locked, part), getattr(found, part)) for part in parts}
+    digests = {part: (getattr(locked, part), getattr(here, part)) for part in parts}
     reasons = [f"{parts[part]} ({_change(*pair)})" for part, pair in digests.items() if pair[0] != pair[1]]
     if not reasons:
         msg = (
             f"{LOCK_WORDS} contradicts itself about {task.id}: its parts are as locked, the digest over them is not "
-            f"({_change(locked.digest, found.digest)}). The entry was edited: restore the file, or install glbench again."
+            f"({_change(locked.digest, here.digest)}). The entry was edited: restore the file, or install glbench again."
         )
         raise TaskError(msg)
     msg = (
@@ -302,15 +295,15 @@ def check_against_lock(task: TaskSpec, entry: LockEntry) -> None:
 
 def check_file_against_lock(task: TaskSpec, entry: LockEntry) -> None:
     """As ``check_against_lock``, for the definition alone; needs neither model nor weather."""
-    found, locked = canonical_sha256(task.definition()), entry.fingerprint.definition
-    if found != locked:
+    here, locked = canonical_sha256(task.definition()), entry.fingerprint.definition
+    if here != locked:
         msg = (
-            f"{task.source} no longer matches {LOCK_WORDS} ({_change(locked, found)}).\n"
+            f"{task.source} no longer matches {LOCK_WORDS} ({_change(locked, here)}).\n"
             "Published tasks never change: restore the file, or add your change as a new version and run "
             "`glbench tasks lock`."
         )
         raise TaskError(msg)
 
 
-def _change(locked: str, found: str) -> str:
-    return f"locked {locked[:8]}..., found {found[:8]}..."
+def _change(locked: str, here: str) -> str:
+    return f"locked {locked[:8]}..., found {here[:8]}..."

@@ -161,25 +161,22 @@ class PriceTable:
         elif self.hourly:
             prices = np.array(self.hourly)[_hours(hour_of_day)]
         elif self.series:
-            prices = self._of_series(times)
+            starts = np.array([moment.replace(tzinfo=None) for moment, _ in self.series], dtype="datetime64[s]")
+            moments = times.astype("datetime64[s]")
+            if self.yearly:
+                place = np.searchsorted(_in_year(starts), _in_year(moments), side="right") - 1  # -1: the year before
+            else:
+                place = np.maximum(np.searchsorted(starts, moments, side="right") - 1, 0)
+            prices = np.array([price for _, price in self.series])[place]
         else:
             days = _in_year(local_times(times, hour_of_day)) // DAY
             entries = sorted(self.dated)
             place = np.searchsorted([100 * month + day for month, day, _ in entries], days, side="right") - 1
-            prices = np.array([price for _, _, price in entries])[place]  # place -1, before the first: the last one
+            prices = np.array([price for _, _, price in entries])[place]  # -1: the year before
         return prices if (self.times, self.plus) == (1.0, 0.0) else self._adjusted(prices)
 
     def _adjusted(self, price: Any) -> Any:
         return price * self.times + self.plus
-
-    def _of_series(self, times: NDArray[np.datetime64]) -> Floats:
-        starts = np.array([moment.replace(tzinfo=None) for moment, _ in self.series], dtype="datetime64[s]")
-        prices: Floats = np.array([price for _, price in self.series])
-        moments = times.astype("datetime64[s]")
-        if not self.yearly:
-            return prices[np.maximum(np.searchsorted(starts, moments, side="right") - 1, 0)]
-        place = np.searchsorted(_in_year(starts), _in_year(moments), side="right") - 1
-        return prices[place]  # place -1, before the first: the last of the year before
 
     def in_words(self) -> str:
         """The dates that a series covers, and its mean, lowest and highest price."""

@@ -125,10 +125,10 @@ class TaskRecord:
         TaskError
             When the task has no such split, or a secret salt is given for another split than the test.
         """
-        known = self.splits.names if self.splits is not None else ()
-        if split not in known and not (split == PREVIEW and self.preview is not None):
-            has = f"It has {', '.join(known)}." if known else "All its runs share their seasons."
-            msg = f"{self.id} has no split '{split}'.{did_you_mean(split, known)} {has}"
+        names = self.splits.names if self.splits is not None else ()
+        if split not in names and not (split == PREVIEW and self.preview is not None):
+            has = f"It has {', '.join(names)}." if names else "All its runs share their seasons."
+            msg = f"{self.id} has no split '{split}'.{did_you_mean(split, names)} {has}"
             raise TaskError(msg)
         if sealed and split != "test":
             msg = f"A secret salt belongs to the test; {self.id} was asked for its split '{split}'."
@@ -143,11 +143,11 @@ class TaskRecord:
     @property
     def season_years(self) -> tuple[int, ...] | None:
         """Years that the seasons of the split are from; ``None`` for a task without splits."""
-        table = self._split_table
+        table = self.split_table
         return None if table is None else table.years
 
     @property
-    def _split_table(self) -> SplitTable | None:
+    def split_table(self) -> SplitTable | None:
         """Years and number of seasons of the split that the task is in."""
         if self.split == PREVIEW:
             return self.preview
@@ -288,8 +288,8 @@ class TaskRecord:
         file = self.file.with_tables(update)
         return type(self)(file, self.source, self.base, self.changes, self.split, self.sealed)
 
-    def written(self) -> dict[str, Any]:
-        """The tables of the task as its file writes them, dates as text: what ``of_written`` reads.
+    def as_tables(self) -> dict[str, Any]:
+        """The tables of the task as its file writes them, dates as text: what ``from_tables`` reads.
 
         Raises
         ------

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import datetime as dt
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, Literal
@@ -25,7 +24,7 @@ from glbench.tasks.ledger import FLOW, STOCK, Beyond, Ledger, LedgerItem, StepQu
 from glbench.tasks.quantities import Capacity, ObservationContext, Quantity, capacities, of_model
 from glbench.tasks.record import TaskRecord
 from glbench.tasks.sealed import weather_of
-from glbench.tasks.tables import BeyondTable, ConstraintsTable, ItemTable, WeatherTable
+from glbench.tasks.tables import BeyondTable, ItemTable, WeatherTable
 from glbench.tasks.vocabulary import ACTUATION_KINDS, INITIAL_STATES, OBSERVATION_MODULES
 
 if TYPE_CHECKING:
@@ -170,23 +169,19 @@ class ResolvedTask(TaskRecord):
     def _parameters(self) -> FloatArray:
         with self.errors_in("model"):
             overrides: dict[str, Any] = {name: (value, unit) for name, value, unit in self.model.overrides}
-            limits = self._limits()
+            limits = {}
+            if self.judges_means:
+                from glbench.model import SIDES, limit_parameter
+
+                limits = {
+                    limit_parameter(name, side): getattr(entry, side)
+                    for name, entry in self.constraints.items()
+                    for side in SIDES
+                }
             for name in limits.keys() & overrides.keys():
                 msg = f"'{name}' is a limit of the task: state it in [constraints]."
                 raise ParameterError(msg)
             return _read_only(self.model_value.parameters.default(self.model.parameters, overrides | limits))
-
-    def _limits(self) -> dict[str, float]:
-        """The limits as parameters of a model that judges by them."""
-        if not self.judges_means:
-            return {}
-        from glbench.model import SIDES, limit_parameter
-
-        return {
-            limit_parameter(name, side): getattr(limits, side)
-            for name, limits in self.constraints.items()
-            for side in SIDES
-        }
 
     def parameters_by_name(self) -> dict[str, float]:
         """``parameters()`` as a dictionary."""
@@ -196,12 +191,13 @@ class ResolvedTask(TaskRecord):
         """Names of the parameters that are redrawn, in the model's order for a set, else as listed, group after group."""
         return tuple(dict.fromkeys(name for group in self.scenario.groups for name in group.parameters))
 
-    def _drawn(self, wanted: str | tuple[str, ...], table: str) -> tuple[str, ...]:
+    def _drawable_parameters(self, names: str | tuple[str, ...], table: str) -> tuple[str, ...]:
+        """The parameters of a set or a list, all of which can be drawn."""
         values = self.model_value.parameters
         with self.errors_in(table):
-            if isinstance(wanted, str):
-                return values.drawn_set(wanted)
-            for name in wanted:
+            if isinstance(names, str):
+                return values.drawn_set(names)
+            for name in names:
                 if name not in values.names:
                     msg = f"There is no parameter called '{name}'.{did_you_mean(name, values.names)}"
                     raise UnknownNameError(msg)
@@ -209,7 +205,7 @@ class ResolvedTask(TaskRecord):
                 if info.is_derived:
                     msg = f"'{name}' follows from other parameters ({name} = {info.formula}): list those instead."
                     raise ParameterError(msg)
-        return wanted
+        return names
 
     def initial_state(self) -> FloatArray:
         """Nominal state at the start, read-only, in the model's units."""
@@ -391,18 +387,28 @@ class ResolvedTask(TaskRecord):
                 items.append(self._item(name, table))
         ledger = Ledger(tuple(items))
         with self.errors_in("ledger"):
-            _check_columns(ledger, self.constraints)
+            sources: dict[str, tuple[str, float]] = {}
+            for item in items:
+                if sources.setdefault(item.amount, (item.flow, item.factor)) != (item.flow, item.factor):
+                    msg = f"The amount '{item.amount}' is two things. Give one of them another name: amount = ..."
+                    raise UnknownNameError(msg)
+            limited = (name for name, _ in self.constraints.items())
+            names = [quantity.name for quantity in step_quantities(ledger, limited, travel=True)]
+            for name in names:
+                if names.count(name) > 1:
+                    msg = f"'{name}' is the name of two columns. Give one of them another name."
+                    raise UnknownNameError(msg)
         return ledger
 
     def _item(self, name: str, table: ItemTable) -> LedgerItem:
         from glbench.model.units import parse_unit
 
         kind, source = ("flow", table.flow) if table.flow is not None else ("stock", table.stock)
-        known: dict[str, Any] = {entry.name: entry for entry in getattr(self.model_value, f"{kind}s")()}
-        if source is None or source not in known:
-            msg = f"{self.model_id} has no {kind} '{source}'.{did_you_mean(str(source), known)}"
+        entries: dict[str, Any] = {entry.name: entry for entry in getattr(self.model_value, f"{kind}s")()}
+        if source is None or source not in entries:
+            msg = f"{self.model_id} has no {kind} '{source}'.{did_you_mean(str(source), entries)}"
             raise UnknownNameError(msg)
-        entry = known[source]
+        entry = entries[source]
         amount, unit = table.amount or (source if kind == "flow" else f"{source}_gained"), entry.unit
         amount_unit = table.unit or unit
         price_unit = table.price_unit
@@ -412,10 +418,12 @@ class ResolvedTask(TaskRecord):
                 msg = f"There is no price table '{table.price}'.{did_you_mean(table.price, tables)} Add [price_tables.{table.price}]."
                 raise UnknownNameError(msg)
             price_unit = tables[table.price].unit
-        if _product(parse_unit(str(price_unit)), parse_unit(amount_unit)) != parse_unit(MONEY):
+        one, other = parse_unit(str(price_unit)), parse_unit(amount_unit)
+        product = {symbol: one.get(symbol, 0) + other.get(symbol, 0) for symbol in {*one, *other}}
+        if {symbol: exponent for symbol, exponent in product.items() if exponent} != parse_unit(MONEY):
             msg = f"A price in {price_unit} times an amount in {amount_unit} is not in {MONEY}. Correct the unit of one of them."
             raise ParameterError(msg)
-        if table.factor == 1.0 and parse_unit(amount_unit) != parse_unit(unit):
+        if table.factor == 1.0 and other != parse_unit(unit):
             msg = f"'{source}' is in {unit}, the amount in {amount_unit}: give the factor between them."
             raise ParameterError(msg)
         beyond = (
@@ -439,12 +447,12 @@ class ResolvedTask(TaskRecord):
                 f"It has {', '.join(metered) or 'none'}."
             )
             raise ParameterError(msg)
-        for what, given, wanted in (
+        for what, unit, item_unit in (
             ("amount", beyond.amount_unit, amount_unit),
             ("price", beyond.price_unit, price_unit),
         ):
-            if given != wanted:
-                msg = f"beyond: its {what} is in {given}, that of the item in {wanted}. Write both in one unit."
+            if unit != item_unit:
+                msg = f"beyond: its {what} is in {unit}, that of the item in {item_unit}. Write both in one unit."
                 raise ParameterError(msg)
         return Beyond(beyond.amount, beyond.price)
 
@@ -471,29 +479,24 @@ class ResolvedTask(TaskRecord):
         TaskError
             When a parameter, a set or a state is unknown; it names file and table.
         """
-        weather = self.weather
-        scenario = self.file.scenario
-        groups = tuple(
-            ParameterGroup(
-                group.name or f"parameters {place}", self._drawn(group.parameters, self.conventions.draws_table), group.distribution,
-                group.half_width, group.redraw,
-            )
-            for place, group in enumerate(scenario.parameters)
-        )  # fmt: skip
+        weather, scenario, groups, starts = self.weather, self.file.scenario, [], []
+        for place, group in enumerate(scenario.parameters):
+            names = self._drawable_parameters(group.parameters, self.conventions.draws_table)
+            name = group.name or f"parameters {place}"
+            groups.append(ParameterGroup(name, names, group.distribution, group.half_width, group.redraw))
         with self.errors_in("scenario.start"):
-            starts = []
             for place, start in enumerate(scenario.start):
                 for name in start.states:
                     self.model_value.state_index(name)
                 starts.append(
                     StartGroup(start.name or f"start {place}", start.states, start.distribution, start.half_width)
                 )
-        drawn = [name for one in groups for name in one.parameters]
-        for name in drawn:
-            if drawn.count(name) > 1:
+        names_of_all = [name for one in groups for name in one.parameters]
+        for name in names_of_all:
+            if names_of_all.count(name) > 1:
                 msg = f"{self.source}: [scenario.parameters] '{name}' is in two groups. Keep it in one."
                 raise TaskError(msg)
-        split = self._split_table
+        split = self.split_table
         salt, generated, source = scenario.salt, None, weather.source
         years = scenario.years if split is None else split.years
         if split is not None:
@@ -511,7 +514,7 @@ class ResolvedTask(TaskRecord):
             if generated is None:
                 seasons += [Season(source, _in_year(weather.start, year)) for year in years]
         return Scenario(
-            scenario.family, salt, groups, tuple(starts),
+            scenario.family, salt, tuple(groups), tuple(starts),
             tuple(seasons) or (Season(weather.source, weather.start),), scenario.start_within_days, generated,
             self.conventions.keys_by_task,
         )  # fmt: skip
@@ -545,29 +548,15 @@ def _disturbances(table: WeatherTable, rows: int) -> Disturbances:
     )
 
 
-def _check_columns(ledger: Ledger, constraints: ConstraintsTable) -> None:
-    """Refuse two quantities of a step with one name."""
-    by_amount: dict[str, tuple[str, float]] = {}
-    for item in ledger.items:
-        source = (item.flow, item.factor)
-        if by_amount.setdefault(item.amount, source) != source:
-            msg = f"The amount '{item.amount}' is two things. Give one of them another name: amount = ..."
-            raise UnknownNameError(msg)
-    limited = (name for name, _ in constraints.items())
-    names = [quantity.name for quantity in step_quantities(ledger, limited, travel=True)]
-    for name in names:
-        if names.count(name) > 1:
-            msg = f"'{name}' is the name of two columns. Give one of them another name."
-            raise UnknownNameError(msg)
-
-
 def _amount_in_words(meaning: str, unit: str, amount_unit: str, factor: float) -> str:
     """Description of an amount; if it is a multiple of the flow, such as fresh fruit of carbohydrate, with the factor."""
     times = factor / {("mg m-2", "kg m-2"): 1e-6, ("MJ m-2", "kWh m-2"): 1.0 / 3.6}.get((unit, amount_unit), 1.0)
     if math.isclose(times, 1.0):
         return meaning
-    known = unit == amount_unit or times != factor
-    return f"{times:.4g} times the {meaning}" if known else f"{factor:.4g} {amount_unit} for each {unit} of {meaning}"
+    same_kind = unit == amount_unit or times != factor
+    return (
+        f"{times:.4g} times the {meaning}" if same_kind else f"{factor:.4g} {amount_unit} for each {unit} of {meaning}"
+    )
 
 
 def _in_year(day: dt.date, year: int) -> dt.date:
@@ -576,12 +565,6 @@ def _in_year(day: dt.date, year: int) -> dt.date:
     except ValueError:
         msg = f"{year} has no 29 February: start on another day."
         raise UnknownNameError(msg) from None
-
-
-def _product(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
-    """Exponents of the product of two units."""
-    summed = {symbol: one.get(symbol, 0) + other.get(symbol, 0) for symbol in {*one, *other}}
-    return {symbol: exponent for symbol, exponent in summed.items() if exponent}
 
 
 def _read_only(array: FloatArray) -> FloatArray:

@@ -71,16 +71,16 @@ class PaperForecastTable(Table):
 class PaperObservationTable(Table):
     """``[observation]``: what an agent sees, and of which moment."""
 
-    modules: Annotated[
-        tuple[str, ...], list_of(words.OBSERVATION_MODULES.kind, "time", lambda: words.OBSERVATION_MODULES.names)
-    ] = Field(description="a list of observation modules")
+    modules: Annotated[tuple[str, ...], list_of(words.OBSERVATION_MODULES.kind, "time", words.OBSERVATION_MODULES)] = (
+        Field(description="a list of observation modules")
+    )
     timing: Literal["current", "published"] = Field(description='"current" or "published"')
     forecast: PaperForecastTable | None = None
 
     @model_validator(mode="after")
     def _forecast_is_granted_and_shown(self) -> Self:
-        known = words.OBSERVATION_MODULES
-        forecasts = [name for name in self.modules if name in known and known[name].is_forecast]
+        registry = words.OBSERVATION_MODULES
+        forecasts = [name for name in self.modules if name in registry and registry[name].is_forecast]
         if forecasts and self.forecast is None:
             msg = f"'{forecasts[0]}' is among the modules, so say how far it looks: add [observation.forecast] with steps = 48."
             raise ValueError(msg)
@@ -117,9 +117,9 @@ class PaperPenaltyScales(ClimateQuantityTable):
 class PaperRewardTable(Table):
     """``[reward]``: the sum of these modules is the reward of a step."""
 
-    modules: Annotated[
-        tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", lambda: words.REWARD_MODULES.names)
-    ] = Field(description="a list of reward modules")
+    modules: Annotated[tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", words.REWARD_MODULES)] = Field(
+        description="a list of reward modules"
+    )
     penalty_scale: PaperPenaltyScales
 
 

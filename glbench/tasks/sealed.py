@@ -226,13 +226,13 @@ def read_round(path: Path | str) -> Round:
         msg = f"{path} is not a round's file: it is not TOML."  # no words of the parser, which would quote the secret
         raise GlbenchError(msg) from error
     try:
-        sealed, stated = _round_of(content)
+        sealed, commitment = _round_of(content)
     except GlbenchError as error:
         msg = f"{path}: {error}"
         raise GlbenchError(msg) from error
-    if sealed.commitment != stated:
+    if sealed.commitment != commitment:
         msg = (
-            f"{path}: salt, closing time and weather give the commitment {sealed.commitment}, and the file says {quoted(stated)}. "
+            f"{path}: salt, closing time and weather give the commitment {sealed.commitment}, and the file says {quoted(commitment)}. "
             "One of them was changed."
         )
         raise GlbenchError(msg)
@@ -290,6 +290,6 @@ def round_weather(name: str, years: Sequence[int]) -> SealedWeather:
     from glbench.weather import SeasonGenerator, load_weather  # not at the top: task files are read without the weather
 
     record = load_weather(name)
-    chosen = tuple(sorted(set(years)))
-    SeasonGenerator(record, chosen)  # which needs whole years
-    return SealedWeather(record.digest, chosen)
+    in_order = tuple(sorted(set(years)))
+    SeasonGenerator(record, in_order)  # which needs whole years
+    return SealedWeather(record.digest, in_order)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import datetime as dt
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
@@ -93,13 +93,16 @@ def _explain(root: type[BaseModel], problem: Problem) -> str:
             return f"the table [{'.'.join([*tables, key])}] is missing."
         return f"{place}lacks the key '{key}': {allowed or 'it is required'}."
     if kind == "extra_forbidden":
-        known = _keys(owner)
-        near = did_you_mean(key, known) or f" Known: {', '.join(known)}."
+        keys = _keys(owner)
+        near = did_you_mean(key, keys) or f" Known: {', '.join(keys)}."
         return f"'{key}' is not a key {f'of {place}'.rstrip() if tables else 'or table of a task'}.{near}"
     if kind == "model_type":
         return f"[{'.'.join([*tables, key])}] must be a table, not {as_written(problem.value)}."
     if kind == "value_error":
-        if _record_class(owner, key) is not None or _is_entry(root, tables):
+        parent = _table_at(root, tables[:-1])
+        if _record_class(owner, key) is not None or (
+            tables and _record_class(parent, tables[-1]) is not None and _has_entries(parent, tables[-1])
+        ):  # a table, or one of several
             return f"[{'.'.join([*tables, key])}] {problem.reason}"
         if not problem.place:  # about more than one table: it names them
             return problem.reason
@@ -160,14 +163,6 @@ def _has_entries(owner: type[BaseModel], key: str) -> bool:
     return get_origin(_field(owner, key).annotation) in (dict, tuple)
 
 
-def _is_entry(root: type[BaseModel], tables: list[str]) -> bool:
-    """Whether what is right below ``tables`` is one of several tables."""
-    if not tables:
-        return False
-    owner = _table_at(root, tables[:-1])
-    return _record_class(owner, tables[-1]) is not None and _has_entries(owner, tables[-1])
-
-
 def _keys(owner: type[BaseModel]) -> list[str]:
     """Keys of a table as a file writes them."""
     return [field.alias or name for name, field in owner.model_fields.items()]
@@ -181,30 +176,24 @@ def _description(owner: type[BaseModel], key: str) -> str:
 def with_dates(tables: Mapping[str, Any]) -> dict[str, Any]:
     """A copy of ``tables`` in which days and moments that are text (ISO 8601) are what TOML makes of them."""
     copied: dict[str, Any] = copy.deepcopy(dict(tables))
-    for table, key, parse in _moments(copied):
-        if isinstance(table, dict) and isinstance(table.get(key), str):
-            with contextlib.suppress(ValueError):  # the check of the tables says what a day or a moment must look like
-                table[key] = parse(table[key])
-    return copied
-
-
-def _moments(tables: Mapping[str, Any]) -> Iterator[tuple[Any, str, Callable[[str], dt.date]]]:
-    """Every place of a day or a moment: its table, its key, and what parses it."""
 
     def inside(table: object, key: str) -> Any:
         return table.get(key) if isinstance(table, Mapping) else None
 
-    def entries(table: object, key: str) -> list[Any]:
-        value = inside(table, key)
-        return value if isinstance(value, list) else []
+    def convert(entries: object, key: str, parse: Callable[[str], dt.date]) -> None:
+        for table in entries if isinstance(entries, list) else ():
+            if isinstance(table, dict) and isinstance(table.get(key), str):
+                with contextlib.suppress(
+                    ValueError
+                ):  # the check of the tables says what a day or a moment must look like
+                    table[key] = parse(table[key])
 
-    yield inside(tables, "weather"), "start", dt.date.fromisoformat
-    for season in entries(tables.get("scenario"), "seasons"):
-        yield season, "start", dt.date.fromisoformat
-    prices = tables.get("price_tables")
+    convert([copied.get("weather")], "start", dt.date.fromisoformat)
+    convert(inside(copied.get("scenario"), "seasons"), "start", dt.date.fromisoformat)
+    prices = copied.get("price_tables")
     for table in prices.values() if isinstance(prices, Mapping) else ():
-        for point in entries(table, "series"):
-            yield point, "time", dt.datetime.fromisoformat
+        convert(inside(table, "series"), "time", dt.datetime.fromisoformat)
+    return copied
 
 
 def changed_tables(base: Mapping[str, Any], base_id: str, *changes: Mapping[str, Any]) -> tuple[TaskTables, str]:

@@ -67,8 +67,8 @@ def set_points(controls: tuple[str, ...]) -> tuple[Action, ...]:
         if name not in WORKED:
             msg = f"The process computer cannot work '{name}', only {', '.join(WORKED)}.{did_you_mean(name, WORKED)}"
             raise UnknownNameError(msg)
-    found = tuple(action for needed, action in _SET_POINTS if set(needed) & set(controls))
-    if not found:
+    actions = tuple(action for steered, action in _SET_POINTS if set(steered) & set(controls))
+    if not actions:
         msg = f"No set point steers {', '.join(controls)}. Grant {BOILER}, {VENTS} or another control as well."
         raise UnknownNameError(msg)
-    return found
+    return actions

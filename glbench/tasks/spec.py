@@ -38,7 +38,7 @@ class TaskSpec(ResolvedTask):
         return cls(file_of(content))
 
     @classmethod
-    def of_tables(cls, tables: TaskTables, source: str) -> Self:
+    def of_file(cls, tables: TaskTables, source: str) -> Self:
         """The task of the tables of a file that messages call ``source``.
 
         Raises
@@ -49,8 +49,8 @@ class TaskSpec(ResolvedTask):
         return cls(record_of(tables, source), source, tables.base, tables.changes)
 
     @classmethod
-    def of_written(cls, plain: Mapping[str, Any]) -> Self:
-        """The task of which ``written`` gave ``plain``.
+    def from_tables(cls, plain: Mapping[str, Any]) -> Self:
+        """The task of which ``as_tables`` gave ``plain``.
 
         Raises
         ------
@@ -60,7 +60,7 @@ class TaskSpec(ResolvedTask):
         return cls.model_validate(with_dates(plain))
 
     def attachment(self) -> dict[str, Any]:
-        """The tables as plain JSON values, as records of runs have them: what ``of_attachment`` reads. Errors as for ``written``."""
+        """The tables as plain JSON values, as records of runs have them: what ``of_attachment`` reads. Errors as for ``as_tables``."""
         return self.file.attachment(self.source)
 
     @classmethod
@@ -92,8 +92,8 @@ class TaskSpec(ResolvedTask):
         """
         base = self.file.content(self.source)
         task = _changed_task(*changed_tables(base, self.id, {} if changes is None else changes, tables))
-        known = task.splits.names if task.splits is not None else ()
-        return task if self.split is None or self.split not in known else task.in_split(self.split, self.sealed)
+        names = task.splits.names if task.splits is not None else ()
+        return task if self.split is None or self.split not in names else task.in_split(self.split, self.sealed)
 
     def definition(self) -> dict[str, Any]:
         """What the file says without prose, as plain JSON values: the part of the digest that comes from the file."""
@@ -150,6 +150,6 @@ class TaskSpec(ResolvedTask):
 @lru_cache(maxsize=64)
 def _changed_task(tables: TaskTables, source: str) -> TaskSpec:
     """The task of changed tables. Whatever cannot be resolved is reported now and not in the middle of a run."""
-    task = TaskSpec.of_tables(tables, source)
+    task = TaskSpec.of_file(tables, source)
     task.fingerprint()
     return task

@@ -94,16 +94,14 @@ class TimeLimitsTable(Table):
     run: Annotated[float, in_unit("s")] = Field(gt=0.0, description="above 0 s")
 
 
-def _profit_is_epi(name: object) -> object:
-    return "epi" if name == "profit" else name
-
-
 class EvaluationTable(Table):
     """``[evaluation]``: the seeds of the evaluation and the number that ranks."""
 
     first_seed: int = Field(ge=0, lt=2**32, description="a whole number, 0 or more")
     runs: int = Field(ge=1, le=10000, description="a whole number, 1 to 10000")
-    metric: Annotated[str, one_of(words.METRICS), BeforeValidator(_profit_is_epi)] = Field(description="a metric")
+    metric: Annotated[str, one_of(words.METRICS), BeforeValidator(lambda name: "epi" if name == "profit" else name)] = (
+        Field(description="a metric")
+    )
     failed_step: FailedStep
     time_limits: TimeLimitsTable | None = None
 
@@ -210,8 +208,8 @@ class ObservationTable(Table):
 
     @model_validator(mode="after")
     def _forecast_is_granted_and_shown(self) -> Self:
-        known, forecast = words.OBSERVATION_MODULES, self.forecast
-        by_row = [name for name in self.modules if name in known and known[name].is_forecast]
+        registry, forecast = words.OBSERVATION_MODULES, self.forecast
+        by_row = [name for name in self.modules if name in registry and registry[name].is_forecast]
         by_hour = [name for name in self.modules if name == words.WEATHER_FORECAST]
         for key, modules, example, module in (
             ("steps", by_row, "steps = 48", "forecast"),
@@ -402,9 +400,9 @@ class ProfitScale(Limits):
 class RewardTable(Table):
     """``[reward]``: the sum of these modules is the reward of a step."""
 
-    modules: Annotated[
-        tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", lambda: words.REWARD_MODULES.names)
-    ] = Field(description="a list of reward modules")
+    modules: Annotated[tuple[str, ...], list_of(words.REWARD_MODULES.kind, "epi", words.REWARD_MODULES)] = Field(
+        description="a list of reward modules"
+    )
     penalty_scale: PenaltyScales = PenaltyScales()
     violation_price: ViolationPrices = ViolationPrices()
     epi_scale: Annotated[ProfitScale | None, limits_in("EUR m-2")] = None
@@ -927,8 +925,8 @@ class TaskFile2(TaskFile):
 
     @model_validator(mode="after")
     def _day_ahead_prices_are_there(self) -> Self:
-        shown = self.observation.day_ahead
-        for name in shown.prices if shown is not None else ():
+        day_ahead = self.observation.day_ahead
+        for name in day_ahead.prices if day_ahead is not None else ():
             if name not in self.price_tables:
                 msg = f"[observation.day_ahead] prices: there is no price table '{name}'.{did_you_mean(name, self.price_tables)}"
                 raise ValueError(msg)

@@ -47,13 +47,13 @@ def test_no_scenario_is_one_of_the_test() -> None:
         for task in (job.task, job.recorded or job.task):
             assert task.splits is not None
             assert tuple(task.splits.test.years) == (2008, 2009, 2010)
-            assert task.written()["scenario"]["salt"] in (design.DRAWS, design.OTHER_DRAWS, design.RECORDED)
+            assert task.as_tables()["scenario"]["salt"] in (design.DRAWS, design.OTHER_DRAWS, design.RECORDED)
 
 
 def test_the_recorded_season_is_none_of_the_scenarios() -> None:
     for job in design.jobs():
-        assert job.recorded is None or job.recorded.written()["scenario"]["salt"] == design.RECORDED
-        assert job.task.written()["scenario"]["salt"] != design.RECORDED
+        assert job.recorded is None or job.recorded.as_tables()["scenario"]["salt"] == design.RECORDED
+        assert job.task.as_tables()["scenario"]["salt"] != design.RECORDED
 
 
 def test_profit_less_violations_is_the_score(figures: dict[str, Any]) -> None:

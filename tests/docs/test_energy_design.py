@@ -43,7 +43,7 @@ def test_no_scenario_is_one_of_the_test_and_the_recorded_season_is_none_of_them(
             if task is not None:
                 assert task.splits is not None
                 assert tuple(task.splits.test.years) == (2008, 2009, 2010)
-                assert task.written()["scenario"]["salt"] == salt
+                assert task.as_tables()["scenario"]["salt"] == salt
 
 
 def test_profit_less_violations_is_the_score(figures: dict[str, Any]) -> None:

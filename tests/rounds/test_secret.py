@@ -96,7 +96,7 @@ def test_no_words_about_a_round_or_a_task_show_the_salt(tiny: TaskSpec) -> None:
         repr(task),
         str(task),
         str(task.model_dump()),
-        str(task.written()),
+        str(task.as_tables()),
         repr(vars(task).get("file")),
     ):
         assert SECRET.salt not in shown

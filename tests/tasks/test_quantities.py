@@ -141,13 +141,13 @@ def test_the_card_tells_what_an_agent_may_know_and_neither_weather_nor_seeds() -
         ("relative_humidity", "%", 50.0, 85.0, 15.0),
     ]
     assert card.prices.electricity == 0.3
-    told = json.dumps(dataclasses.asdict(dataclasses.replace(card, written="")), default=str)
+    told = json.dumps(dataclasses.asdict(dataclasses.replace(card, definition="")), default=str)
     assert "seed" not in told
     assert len(told) < 10000  # no series hides in it
-    definition = json.loads(card.written)
+    definition = json.loads(card.definition)
     assert definition["evaluation"]["first_seed"] == 0  # the file has to have one
-    assert "666" not in card.written
-    assert len(card.written) < 10000
+    assert "666" not in card.definition
+    assert len(card.definition) < 10000
 
 
 def test_set_points_are_asked_for_between_0_and_1(vary: Vary) -> None:

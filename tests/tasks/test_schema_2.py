@@ -357,8 +357,8 @@ def test_a_season_of_another_model_with_prices_over_time(toys: Callable[..., Tas
 
 def test_the_order_of_keys_in_a_file_changes_no_sum_and_no_digest() -> None:
     task = get_task("Lettuce-v1")
-    written = task.written()
-    turned = TaskSpec.of_written({**written, "ledger": dict(reversed(list(written["ledger"].items())))})
+    written = task.as_tables()
+    turned = TaskSpec.from_tables({**written, "ledger": dict(reversed(list(written["ledger"].items())))})
 
     assert turned.ledger == task.ledger
     assert turned.digest == task.digest

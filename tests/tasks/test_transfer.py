@@ -100,7 +100,7 @@ def test_real_years_that_score_are_not_previewed() -> None:
         }
     )  # fmt: skip
     assert GreenhouseEnv(task).task.season_years == (2008, 2009, 2010), "years in which agents of the base train"
-    alone = TaskSpec.of_written(task.written())
+    alone = TaskSpec.from_tables(task.as_tables())
     with pytest.raises(TaskError, match="no training split"):
         GreenhouseEnv(alone)
     with pytest.raises(TaskError, match="no split 'preview'"):

@@ -59,7 +59,7 @@ def tell(self, x):
     print("SEEN " + json.dumps({
         "backend": self.kernel.backend, "reward": float(values.reward.sum()), "slope": float(np.abs(gradient.u + slopes.controls).sum()),
         "dx": list(lines.dx.shape), "held": held, "written": written, "weather": weather, "task": self.task.id,
-        "first_seed": self.task.evaluation.first_seed, "text": json.dumps(self.task.written()), "sealed": self.task.sealed,
+        "first_seed": self.task.evaluation.first_seed, "text": json.dumps(self.task.as_tables()), "sealed": self.task.sealed,
     }))
 """
 
