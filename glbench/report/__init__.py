@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 from glbench.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from glbench.report.completing import Completion, complete_profiles
-    from glbench.report.page import Report, build_report, write_report
+    from glbench.report.page import Completion, Report, build_report, complete_profiles, write_report
 else:
     __getattr__ = lazy_names(
         __name__,
-        {"completing": ("Completion", "complete_profiles"), "page": ("Report", "build_report", "write_report")},
+        {"page": ("Completion", "Report", "build_report", "complete_profiles", "write_report")},
     )
 
 __all__ = ["Completion", "Report", "build_report", "complete_profiles", "write_report"]

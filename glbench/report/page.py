@@ -1,4 +1,4 @@
-"""Putting the page together: data, script, style and plotly.js in one file that needs nothing else."""
+"""The page, with data, script, style and plotly.js in one file that needs nothing else; and profiles of results that have none yet."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import importlib
 import json
 import logging
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
@@ -14,19 +14,22 @@ from pathlib import Path
 from typing import Any
 
 from glbench import __version__
+from glbench.episodes.recorder import check_round
 from glbench.episodes.signals import KWH_A_CUBIC_METRE
-from glbench.errors import ResultError
+from glbench.errors import EpisodeError, ResultError
+from glbench.evaluation.episodes import recorded_actions, task_of_result
 from glbench.evaluation.files import ensure_writable
-from glbench.evaluation.profiles import Profile, load_profile
+from glbench.evaluation.profiles import Profile, load_profile, make_profile, profile_path
 from glbench.extras import require
+from glbench.kernel import make_kernel
 from glbench.leaderboard import StoredResult, TaskTable, rank
 from glbench.leaderboard.catalogue import drawn, of_published
 from glbench.leaderboard.collect import own_and_released_results, published_expectations
 from glbench.leaderboard.comparisons import RESOLUTION
 from glbench.leaderboard.suites import SuiteTable, suite_tables
 from glbench.leaderboard.tables import SCORE_STEP
-from glbench.report import collecting
-from glbench.report.packing import Blocks, profile_blocks, squeezed
+from glbench.report import facts
+from glbench.report.profile_encoding import Blocks, profile_blocks, squeezed
 from glbench.resources import write_atomically
 from glbench.tasks import usual_task
 from glbench.untrusted import visible
@@ -73,91 +76,71 @@ def write_report(out: Path) -> tuple[Path, Report]:
 def build_report(stored: Sequence[StoredResult]) -> Report:
     """The page of ``stored``. The same results give the same bytes. Raises as ``write_report`` does."""
     require("The report", "report", "jinja2", "plotly")
-    profiles = _profiles(stored)
+    profiles: dict[tuple[str, str], Profile] = {}
+    for item in stored:
+        try:
+            profile = load_profile(item.result, item.path)
+        except ResultError as error:  # as one that is missing
+            logger.warning("%s", error)
+            continue
+        if profile is not None:
+            profiles[item.board, item.result.results_digest] = profile
     expected = published_expectations()
     tables = rank(stored, expected)
-    suites = suite_tables(stored, expected, tables)
-    known = collecting.known_results(stored, tables, profiles)
+    entries = facts.report_entries(stored, tables, profiles)
     blocks = Blocks()
-    data = page_data(known, tables, suites, blocks)
-    missing = tuple(item.stored.path for item in known if item.profile is None)
-    return Report(_html(data, blocks), data, len(known), missing)
+    data = page_data(entries, tables, suite_tables(stored, expected, tables), blocks)
+    page: str = jinja_environment().from_string(asset("page.html.j2")).render(
+        data=packed_data(data),
+        blocks=blocks.by_name,
+        plotly=_plotly(),
+        style=asset("style.css"),
+        script="\n".join(asset(name) for name in script_names()),
+        version=__version__,
+    )  # fmt: skip
+    return Report(page, data, len(entries), tuple(item.stored.path for item in entries if item.profile is None))
 
 
 def page_data(
-    known: Sequence[collecting.Known], tables: Sequence[TaskTable], suites: Sequence[SuiteTable], blocks: Blocks
+    entries: Sequence[facts.ReportEntry], tables: Sequence[TaskTable], suites: Sequence[SuiteTable], blocks: Blocks
 ) -> dict[str, Any]:
     """Everything that the page's script reads, but the ``blocks``, which it opens when they are needed."""
-    words = collecting.Vocabularies(known)
-    profiles, weather = profile_blocks(known, {table.task_id: table.task for table in tables}, blocks)
-    of_task = {item.row.task_id: item.stored.result.task for item in known}
+    labels = facts.LabelSets(entries)
+    profiles, weather = profile_blocks(entries, {table.task_id: table.task for table in tables}, blocks)
+    of_task = {item.row.task_id: item.stored.result.task for item in entries}
     tasks = [
         {
-            **collecting.task_facts(table, of_task[table.task_id].steps, of_task[table.task_id].step_seconds),
-            "words_of": words.of(table.words, [table.task_id], drawn(table.task)),
+            **facts.task_facts(table, of_task[table.task_id].steps, of_task[table.task_id].step_seconds),
+            "words_of": labels.of(table.words, [table.task_id], drawn(table.task)),
             "weather": weather.get(table.task_id),
         }
         for table in tables
-    ]  # fmt: skip
-    shown = [table.task_id for table in tables]
-    by_digest = {(item.row.task_id, item.row.results_digest): item for item in known}
+    ]
+    task_ids = [table.task_id for table in tables]
+    by_digest = {(item.row.task_id, item.row.results_digest): item for item in entries}
     of_suites = [
-        {**collecting.suite_facts(table), "words_of": words.of(of_published(table.tasks), table.tasks)}
-        for table in suites
+        {**facts.suite_facts(table), "words_of": labels.of(of_published(table.tasks), table.tasks)} for table in suites
     ]
-    results = [
-        facts for table in tables for row in table.rows for facts in collecting.entry_facts(row, by_digest, profiles)
-    ]
+    results = [one for table in tables for row in table.rows for one in facts.entry_facts(row, by_digest, profiles)]
     return {
         "version": __version__,
         "kwh_a_cubic_metre": KWH_A_CUBIC_METRE,
-        "settings": collecting.numbered(results, "settings"),
-        "start": usual_task(shown) or shown[0],
-        "words": words.all,
-        "other_words": [[one["word"], one["meaning"]] for one in tomllib.loads(_asset("words.toml"))["word"]],
+        "settings": facts.numbered(results, "settings"),
+        "start": usual_task(task_ids) or task_ids[0],
+        "words": labels.all,
+        "other_words": [[one["word"], one["meaning"]] for one in tomllib.loads(asset("words.toml"))["word"]],
         "tasks": tasks,
-        "families": collecting.families(tables),
+        "families": facts.families(tables),
         "resolution": RESOLUTION,
         "score_step": SCORE_STEP,
         "suites": of_suites,
-        "agents": collecting.agent_facts(tables, known),
+        "agents": facts.agent_facts(tables, entries),
         "results": results,
     }
 
 
-def _profiles(stored: Sequence[StoredResult]) -> dict[tuple[str, str], Profile]:
-    """Profiles by task id and ``results_digest``; one that cannot be used is left out with a warning, as one that is missing."""
-    found = {}
-    for item in stored:
-        try:
-            profile = load_profile(item.result, item.path)
-        except ResultError as error:
-            logger.warning("%s", error)
-            continue
-        if profile is not None:
-            found[item.board, item.result.results_digest] = profile
-    return found
-
-
-def _html(data: dict[str, Any], blocks: Blocks) -> str:
-    jinja = importlib.import_module("jinja2")
-    environment = jinja.Environment(
-        autoescape=True, undefined=jinja.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = environment.from_string(_asset("page.html.j2"))
-    page: str = template.render(
-        data=packed_data(data),
-        blocks=blocks.by_name,
-        plotly=_squeezed_plotly(),
-        style=_asset("style.css"),
-        script="\n".join(_asset(name) for name in _scripts()),
-        version=__version__,
-    )
-    return page
-
-
 @cache
-def _squeezed_plotly() -> str:
+def _plotly() -> str:
     return squeezed(importlib.import_module("plotly.offline").get_plotlyjs().encode())
 
 
@@ -166,22 +149,68 @@ def packed_data(data: dict[str, Any]) -> str:
 
     Text of result files is shown without characters that steer the direction of writing or a terminal that it is copied to.
     """
-    return squeezed(json.dumps(_shown(data), separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode())
+    return squeezed(json.dumps(_visible(data), separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode())
 
 
-def _shown(part: Any) -> Any:
+def _visible(part: Any) -> Any:
     """The same document with every text in it ``visible``."""
     if isinstance(part, str):
         return visible(part, keep="\n")
     if isinstance(part, dict):
-        return {_shown(key): _shown(value) for key, value in part.items()}
-    return [_shown(one) for one in part] if isinstance(part, list | tuple) else part
+        return {_visible(key): _visible(value) for key, value in part.items()}
+    return [_visible(one) for one in part] if isinstance(part, list | tuple) else part
 
 
-def _scripts() -> list[str]:
+def jinja_environment() -> Any:
+    """A Jinja environment that escapes text and refuses unknown names."""
+    jinja = importlib.import_module("jinja2")
+    return jinja.Environment(autoescape=True, undefined=jinja.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+
+
+def asset(name: str) -> str:
+    """Text of a file of the page."""
+    return (resources.files("glbench.report") / "assets" / name).read_text(encoding="utf-8")
+
+
+def script_names() -> list[str]:
+    """Files of the page's script, in their order."""
     folder = resources.files("glbench.report") / "assets"
     return sorted(item.name for item in folder.iterdir() if item.name.endswith(".js"))
 
 
-def _asset(name: str) -> str:
-    return (resources.files("glbench.report") / "assets" / name).read_text(encoding="utf-8")
+@dataclass(frozen=True)
+class Completion:
+    """Profiles that were ``made``, and results that cannot have one here, with the reason."""
+
+    made: tuple[Path, ...]
+    impossible: tuple[tuple[Path, str], ...]
+
+
+def complete_profiles(
+    stored: Iterable[StoredResult], workers: int = 1, progress: Callable[[Path], None] | None = None
+) -> Completion:
+    """Make the profiles that are missing; results stay as they are. ``progress`` is called with each result that is replayed.
+
+    Raises
+    ------
+    GlbenchError
+        When a profile cannot be written, or one that is there was changed.
+    """
+    profiles, impossible = [], []
+    for item in stored:
+        if load_profile(item.result, item.path) is not None:
+            continue
+        try:
+            task = task_of_result(item.result, item.path)
+            log = recorded_actions(item.result, item.path)
+            check_round(task, log.provenance)
+        except EpisodeError as error:
+            impossible.append((item.path, str(error)))
+            continue
+        if progress is not None:
+            progress(item.path)
+        with make_kernel(task.model_value, task.step_seconds, workers=workers) as kernel:
+            profile = make_profile(task, item.result, log, None, kernel)
+        write_atomically(profile_path(item.path), profile.to_bytes())
+        profiles.append(profile_path(item.path))
+    return Completion(tuple(profiles), tuple(impossible))

@@ -1237,7 +1237,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("shown as 0 or 100 %", "definition: what the page shows"),
         ("at least 15 minutes", "definition: glbench/evaluation/profiles"),
         ("the 5, 25, 50, 75 and 95 % quantiles", "definition: glbench/evaluation/profiles"),
-        ("1/3000", "definition: glbench/report/packing.py"),
+        ("1/3000", "definition: glbench/report/profile_encoding.py"),
         ("a desk of 1250", "definition: tests/report/test_browser.py"),
         ("from 1 h before the first light of a day until 2 h after it", "definition: glbench/report/story.py"),
         ("from 5 W/m² of global radiation", "definition: glbench/report/story.py"),

@@ -20,9 +20,9 @@ from glbench.evaluation.profiles import load_profile, profile_path
 from glbench.leaderboard import StoredResult, collect_results
 from glbench.leaderboard.catalogue import catalogue
 from glbench.report import build_report, complete_profiles
-from glbench.report.collecting import families, optional_facts
-from glbench.report.packing import LEVELS
-from glbench.report.page import _asset, _scripts
+from glbench.report.facts import families, optional_facts
+from glbench.report.page import asset, script_names
+from glbench.report.profile_encoding import LEVELS
 from glbench.tasks import PAPER_TASK, list_tasks
 
 
@@ -225,7 +225,7 @@ def contrast(one: str, other: str) -> float:
 
 @pytest.mark.parametrize("theme", [0, 1])
 def test_text_has_the_contrast_that_wcag_aa_asks_for(theme):
-    block = re.findall(r"\{([^{}]*--paper[^{}]*)\}", _asset("style.css"))[theme]
+    block = re.findall(r"\{([^{}]*--paper[^{}]*)\}", asset("style.css"))[theme]
     colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6});", block))
     for ground in ("paper", "card", "faint"):
         for ink in ("ink", "soft", "accent", "warm", "gain", "loss"):
@@ -234,7 +234,7 @@ def test_text_has_the_contrast_that_wcag_aa_asks_for(theme):
 
 @pytest.mark.parametrize(("theme", "ground"), [("light", "#ffffff"), ("dark", "#171e1a")])
 def test_lines_of_agents_have_the_contrast_that_wcag_asks_of_graphics(theme, ground):
-    script = "\n".join(_asset(name) for name in _scripts())
+    script = "\n".join(asset(name) for name in script_names())
     found = re.search(rf"{theme}: \[([^\]]*)\]", script)
     assert found is not None
     colours = re.findall(r"#[0-9a-f]{6}", found.group(1))

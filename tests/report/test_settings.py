@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from glbench.evaluation import load_result
-from glbench.report.collecting import numbered
-from glbench.report.settings import sections_of, settings_of
+from glbench.report.facts import numbered, settings_of, settings_tables
 from glbench.resources import data_folder
 from glbench.tasks import get_task
 
@@ -26,7 +25,7 @@ from = 2.0                       # hour of the day
 
 
 def test_settings_are_read_with_units_meanings_and_headings():
-    sections = {one.title: one for one in sections_of(TEXT)}
+    sections = {one.title: one for one in settings_tables(TEXT)}
     assert sections["Heating"].rows == [
         ["Night", "16.5", "°C", "at night"],
         ["Gain", "0.02", "share %-1 h-1", "they open in an hour for each percent"],

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from glbench.evaluation.profiles import Profile
 from glbench.leaderboard.catalogue import catalogue, drawn
-from glbench.report.collecting import Known
+from glbench.report.facts import ReportEntry
 from glbench.tasks import TaskSpec
 
 LEVELS: Mapping[str, int] = {
@@ -39,16 +39,16 @@ LEVELS: Mapping[str, int] = {
 @cache
 def drawn_columns(task: TaskSpec | None) -> Mapping[str, frozenset[str]]:
     """Columns of each part of a profile that the page draws of a task; of the calendar all."""
-    known, shown = catalogue(task), drawn(task)
-    charts = shown.charts
-    penalty = [metric.name for metric in known.of_kind("penalty")]
+    labels, drawing = catalogue(task), drawn(task)
+    charts = drawing.charts
+    penalty = [metric.name for metric in labels.of_kind("penalty")]
     return {
-        "day": frozenset((*shown.controls, *charts["day"], *charts["more"], *charts["climate"], *charts["compared"])),
+        "day": frozenset((*drawing.controls, *charts["day"], *charts["more"], *charts["climate"], *charts["compared"])),
         "season": frozenset(charts["season"]),
         "worst": frozenset(
-            (*penalty, *(line["column"] for panel in shown.panels for line in panel["lines"] if "column" in line))
+            (*penalty, *(line["column"] for panel in drawing.panels for line in panel["lines"] if "column" in line))
         ),
-        "hours": frozenset((*penalty, *(item.column for item in known.items))),
+        "hours": frozenset((*penalty, *(item.column for item in labels.items))),
     }
 
 
@@ -76,10 +76,10 @@ def squeezed(text: bytes) -> str:
 
 
 def profile_blocks(
-    known: Sequence[Known], tasks: Mapping[str, TaskSpec | None], blocks: Blocks
+    entries: Sequence[ReportEntry], tasks: Mapping[str, TaskSpec | None], blocks: Blocks
 ) -> tuple[dict[tuple[str, str], str], dict[str, str]]:
     """Names of the profiles by task id and ``results_digest``, and of the weather by task id."""
-    with_profile = [(item, item.profile) for item in known if item.profile is not None]
+    with_profile = [(item, item.profile) for item in entries if item.profile is not None]
     names = blocks.add("profile", (embedded_profile(one, tasks[item.row.task_id]) for item, one in with_profile))
     profiles = {
         (item.row.task_id, item.row.results_digest): name for (item, _), name in zip(with_profile, names, strict=True)
@@ -89,7 +89,7 @@ def profile_blocks(
         with_profile, key=lambda pair: not pair[0].stored.released
     ):  # what came with glbench knows the weather best
         outside.setdefault(item.row.task_id, one)
-    weather = blocks.add("weather", (_weather(one.document) for one in outside.values()))
+    weather = blocks.add("weather", (_embedded_weather(one.document) for one in outside.values()))
     return profiles, dict(zip(outside, weather, strict=True))
 
 
@@ -114,7 +114,7 @@ def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
     }
 
 
-def _weather(document: Mapping[str, Any]) -> dict[str, Any]:
+def _embedded_weather(document: Mapping[str, Any]) -> dict[str, Any]:
     weather, levels = document["weather"], LEVELS["weather"]
     return {
         "slot_seconds": document["day"]["slot_seconds"],
@@ -141,11 +141,11 @@ def _coarse(packed: Mapping[str, Any], levels: int) -> dict[str, Any]:
 
 
 def _differences(cells: NDArray[np.float64]) -> list[Any]:
-    known = ~np.isnan(cells)
-    if known.all():
+    numbers = ~np.isnan(cells)
+    if numbers.all():
         return list(np.diff(cells, prepend=0.0).astype(np.int64).tolist())
     if cells.ndim > 1:
         return [_differences(row) for row in cells]
     steps = np.full(cells.shape, None, dtype=object)
-    steps[known] = np.diff(cells[known], prepend=0.0).astype(np.int64)
+    steps[numbers] = np.diff(cells[numbers], prepend=0.0).astype(np.int64)
     return list(steps.tolist())
