@@ -17,7 +17,7 @@ from typing import Any
 
 from docs.tables import with_tables
 from glbench.errors import GlbenchError
-from glbench.realism import Archive, HouseCompared, Settings, choose_houses, compare, read_archive, read_settings
+from glbench.realism import Archive, HouseComparison, Settings, choose_houses, compare, read_archive, read_settings
 from glbench.resources import write_atomically
 
 DOCS = Path(__file__).parent
@@ -72,7 +72,7 @@ def measured(archive: Archive, settings: Settings) -> dict[str, Any]:
     return {"digest": comparison.digest, "house": HOUSE, "settings": settings.model_dump(), "changes": found}
 
 
-def _sums(house: HouseCompared) -> dict[str, float]:
+def _sums(house: HouseComparison) -> dict[str, float]:
     """Heat [MJ m-2] and its ratio to what was measured, RMSE of a day [MJ m-2 d-1], fruit [kg m-2], mean air temperature [degC]."""
     return {
         "heat": round(house.mean(lambda one: one.heat.simulated), 2),

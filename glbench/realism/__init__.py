@@ -6,7 +6,7 @@ and tells how heat and harvest differ.
 
 from __future__ import annotations
 
-from glbench.realism.comparison import Comparison, HouseCompared, compare, read_comparison, save_comparison
+from glbench.realism.comparison import Comparison, HouseComparison, compare, read_comparison, save_comparison
 from glbench.realism.houses import HOUSES, House, choose_houses
 from glbench.realism.picture import check_pictures, write_picture
 from glbench.realism.published import Archive, Compartment, Weather, read_archive
@@ -20,7 +20,7 @@ __all__ = [
     "Comparison",
     "Compartment",
     "House",
-    "HouseCompared",
+    "HouseComparison",
     "Season",
     "Settings",
     "Weather",

@@ -5,15 +5,15 @@ from __future__ import annotations
 import datetime as dt
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from glbench.errors import ResultError
 from glbench.realism.houses import MODEL, House, model
-from glbench.realism.outdoors import Outdoors, outdoors
+from glbench.realism.outdoors import outdoors
 from glbench.realism.published import Archive, Compartment
 from glbench.realism.season import Season, simulate
 from glbench.realism.settings import Settings
@@ -78,14 +78,14 @@ class Harvest(_Frozen):
     bias_by_month: dict[str, float]
 
 
-class Given(_Frozen):
-    """Something that the simulation was given, in the season: measured, and used in the simulation."""
+class Supply(_Frozen):
+    """Light or CO2 of the season: measured, and used in the simulation."""
 
     measured: float
     simulated: float
 
 
-class Compared(_Frozen):
+class CompartmentComparison(_Frozen):
     """A compartment in a house.
 
     Attributes
@@ -99,14 +99,14 @@ class Compared(_Frozen):
     name: str
     heat: Heat
     harvest: Harvest
-    lamps: Given
-    co2: Given
+    lamps: Supply
+    co2: Supply
     air_temperature: float
     humidity: float
     co2_air: float
 
 
-class HouseCompared(_Frozen):
+class HouseComparison(_Frozen):
     """All compartments in a house.
 
     Attributes
@@ -119,11 +119,11 @@ class HouseCompared(_Frozen):
 
     name: str
     description: str
-    compartments: tuple[Compared, ...]
+    compartments: tuple[CompartmentComparison, ...]
     heat_rmse: float
     heat_rmse_of_mean: float
 
-    def mean(self, of: Callable[[Compared], float]) -> float:
+    def mean(self, of: Callable[[CompartmentComparison], float]) -> float:
         """Mean over the compartments."""
         return sum(map(of, self.compartments)) / len(self.compartments)
 
@@ -179,7 +179,7 @@ class Comparison(_Frozen):
     settings: Settings
     notes: tuple[str, ...]
     heat_spread: float
-    houses: tuple[HouseCompared, ...]
+    houses: tuple[HouseComparison, ...]
 
     @property
     def months(self) -> tuple[str, ...]:
@@ -207,9 +207,19 @@ def compare(
         What can be stored and passed on; and the simulated days.
     """
     outside = outdoors(archive, settings.place.clock, settings.place.co2)
-    seasons = tuple(_simulated(archive, outside, house, settings, warmer, progress) for house in houses)
+    seasons = tuple(
+        simulate(
+            archive,
+            outside,
+            house,
+            settings,
+            warmer=warmer,
+            progress=None if progress is None else partial(progress, house),
+        )
+        for house in houses
+    )
     heat = np.column_stack([one.heat for one in archive.compartments])
-    compared = Comparison(
+    comparison = Comparison(
         first=archive.first,
         last=archive.first + dt.timedelta(days=archive.days - 1),
         model=MODEL,
@@ -218,37 +228,30 @@ def compare(
         settings=settings,
         notes=(*archive.notes, *outside.notes),
         heat_spread=_rms(heat - heat.mean(axis=1, keepdims=True)),
-        houses=tuple(_compared(archive, season, heat, settings) for season in seasons),
+        houses=tuple(
+            HouseComparison(
+                name=season.house.name,
+                description=season.house.description,
+                compartments=tuple(
+                    _compartment(archive, season, i, settings) for i in range(len(archive.compartments))
+                ),
+                heat_rmse=_rms(season.heat - heat),
+                heat_rmse_of_mean=_rms((season.heat - heat).mean(axis=1)),
+            )
+            for season in seasons
+        ),
     )
-    return compared, seasons
+    return comparison, seasons
 
 
-def _simulated(
-    archive: Archive, outside: Outdoors, house: House, settings: Settings, warmer: float, progress: Progress | None
-) -> Season:
-    def tell(done: int, days: int) -> None:
-        if progress is not None:
-            progress(house, done, days)
-
-    return simulate(archive, outside, house, settings, warmer=warmer, progress=tell)
-
-
-def _compared(archive: Archive, season: Season, heat: FloatArray, settings: Settings) -> HouseCompared:
-    return HouseCompared(
-        name=season.house.name,
-        description=season.house.description,
-        compartments=tuple(_compartment(archive, season, i, settings) for i in range(len(archive.compartments))),
-        heat_rmse=_rms(season.heat - heat),
-        heat_rmse_of_mean=_rms((season.heat - heat).mean(axis=1)),
-    )
-
-
-def _compartment(archive: Archive, season: Season, place: int, settings: Settings) -> Compared:
+def _compartment(archive: Archive, season: Season, place: int, settings: Settings) -> CompartmentComparison:
     measured = archive.compartments[place]
     heat = season.heat[:, place]
     fruit, content = fresh(season, place, measured, settings)
-    by_month = _months(archive.dates)
-    return Compared(
+    months = archive.dates.astype("datetime64[M]")
+    by_month = {str(month): months == month for month in np.unique(months)}
+    varies = np.ptp(heat) > 0.0 and np.ptp(measured.heat) > 0.0
+    return CompartmentComparison(
         name=measured.name,
         heat=Heat(
             measured=float(measured.heat.sum()),
@@ -256,21 +259,21 @@ def _compartment(archive: Archive, season: Season, place: int, settings: Setting
             by_pipes=float(season.pipe_heat[:, place].sum()),
             bias=float((heat - measured.heat).mean()),
             rmse=_rms(heat - measured.heat),
-            correlation=_correlation(heat, measured.heat),
+            correlation=float(np.corrcoef(heat, measured.heat)[0, 1]) if varies else None,
             bias_by_month={name: float((heat - measured.heat)[days].mean()) for name, days in by_month.items()},
         ),
         harvest=Harvest(
             measured=float(measured.harvest.sum()),
             simulated=float(fruit.sum()),
             dry_matter=content,
-            measured_from=_begun(archive, measured.harvest),
-            simulated_from=_begun(archive, fruit),
+            measured_from=_harvest_start(archive, measured.harvest),
+            simulated_from=_harvest_start(archive, fruit),
             bias_by_month={name: float((fruit - measured.harvest)[days].sum()) for name, days in by_month.items()},
         ),
-        lamps=Given(
+        lamps=Supply(
             measured=float((measured.high + measured.low).sum()), simulated=float(season.lamps[:, place].sum())
         ),
-        co2=Given(measured=float(measured.co2.sum()), simulated=float(season.co2[:, place].sum())),
+        co2=Supply(measured=float(measured.co2.sum()), simulated=float(season.co2[:, place].sum())),
         air_temperature=float(season.air_temperature[:, place].mean()),
         humidity=float(season.humidity[:, place].mean()),
         co2_air=float(season.co2_air[:, place].mean()),
@@ -283,25 +286,13 @@ def fresh(season: Season, place: int, measured: Compartment, settings: Settings)
     return season.harvest[:, place] / content, content
 
 
-def _months(dates: NDArray[np.datetime64]) -> dict[str, NDArray[np.bool_]]:
-    """Which days belong to each month, in order."""
-    months = dates.astype("datetime64[M]")
-    return {str(month): months == month for month in np.unique(months)}
-
-
-def _begun(archive: Archive, fruit: FloatArray) -> dt.date | None:
+def _harvest_start(archive: Archive, fruit: FloatArray) -> dt.date | None:
     enough = np.flatnonzero(np.cumsum(fruit) >= FIRST_FRUIT)
     return archive.first + dt.timedelta(days=int(enough[0])) if enough.size else None
 
 
 def _rms(values: FloatArray) -> float:
     return math.sqrt(float(np.mean(values**2)))
-
-
-def _correlation(one: FloatArray, other: FloatArray) -> float | None:
-    if np.ptp(one) == 0.0 or np.ptp(other) == 0.0:
-        return None
-    return float(np.corrcoef(one, other)[0, 1])
 
 
 def _ratio(simulated: float, measured: float) -> float:

@@ -85,22 +85,19 @@ def model() -> Model:
 
 
 def parameters(house: House, settings: Settings) -> FloatArray:
-    """Its parameters (parameters,): all lamps installed, fruit harvested beyond the settings' load."""
+    """Its parameters (parameters,): all lamps installed, fruit harvested beyond the settings' load.
+
+    A house with both kinds of lamps has one that is the mean: every property weighted by installed power, photons by the power of the
+    PAR, no cooling.
+    """
     values = model().parameters
     overrides: dict[str, float] = {"cFruitMax": 1e3 * settings.plants.fruit_load}
     if house.mixed is not None:
-        overrides |= _mixed(house.mixed, settings)
+        hps, led = (values.group(_LAMPS, name) for name in house.mixed)
+        share = settings.lamps.hps / settings.lamps.power
+        overrides |= {name: share * hps[name] + (1.0 - share) * led[name] for name in hps}
+        par = share * hps[_PAR] / overrides[_PAR]
+        overrides |= {_PHOTONS: par * hps[_PHOTONS] + (1.0 - par) * led[_PHOTONS], _COOLING: 0.0}
     elif house.uncooled:
         overrides[_COOLING] = 0.0
     return values.default(house.parameters, overrides | {_LAMP_POWER: settings.lamps.power})
-
-
-def _mixed(sets: tuple[str, str], settings: Settings) -> dict[str, float]:
-    """The lamps of both sets as one: every property weighted by installed power, photons by the power of the PAR; no cooling."""
-    hps, led = (model().parameters.group(_LAMPS, name) for name in sets)
-    share = settings.lamps.hps / settings.lamps.power
-    mixed = {name: share * hps[name] + (1.0 - share) * led[name] for name in hps}
-    par = share * hps[_PAR] / mixed[_PAR]
-    mixed[_PHOTONS] = par * hps[_PHOTONS] + (1.0 - par) * led[_PHOTONS]
-    mixed[_COOLING] = 0.0
-    return mixed

@@ -79,11 +79,17 @@ def outdoors(archive: Archive, clock: str, co2_ppm: float) -> Outdoors:
     begin, end = (to_utc_seconds(archive.first + dt.timedelta(days=days), clock) for days in (0, archive.days))
     readings = np.arange(begin, end, _ROW_SECONDS, dtype=np.int64)
     numbers = (readings + utc_offsets(readings, clock)) // _ROW_SECONDS + _EPOCH * ROWS_A_DAY
-    radiation, temperature, humidity, wind, net = (_read(archive.weather, name, numbers) for name in WEATHER)
+    places = np.minimum(np.searchsorted(archive.weather.rows, numbers), archive.weather.rows.size - 1)
+    has_row = archive.weather.rows[places] == numbers
+    radiation, temperature, humidity, wind, net = (
+        np.where(has_row, archive.weather.columns[name][places], np.nan) for name in WEATHER
+    )
     missing = np.isnan(radiation + temperature + humidity + wind + net)
     notes = _check(archive.weather, missing, numbers)
+    present = np.flatnonzero(~missing)
     radiation, temperature, humidity, wind, net = (
-        _filled(values, missing) for values in (radiation, temperature, humidity, wind, net)
+        np.interp(np.arange(values.size), present, values[present])
+        for values in (radiation, temperature, humidity, wind, net)
     )
     sky = STEFAN_BOLTZMANN * (temperature + KELVIN) ** 4 + net
     vapour = vapour_pressure(temperature, np.minimum(humidity, 100.0))
@@ -113,12 +119,6 @@ def outdoors(archive: Archive, clock: str, co2_ppm: float) -> Outdoors:
     return Outdoors(values, day, (local % _DAY_SECONDS) / 3600.0, notes)
 
 
-def _read(weather: Weather, name: str, numbers: IntArray) -> FloatArray:
-    """A column at these five minutes; NaN where there is no row."""
-    places = np.minimum(np.searchsorted(weather.rows, numbers), weather.rows.size - 1)
-    return np.where(weather.rows[places] == numbers, weather.columns[name][places], np.nan)
-
-
 def _check(weather: Weather, missing: np.ndarray[tuple[int], np.dtype[np.bool_]], numbers: IntArray) -> tuple[str, ...]:
     """What is filled, in words; refuses what is too much."""
     if not missing.any():
@@ -135,8 +135,3 @@ def _check(weather: Weather, missing: np.ndarray[tuple[int], np.dtype[np.bool_]]
         f"{weather.source.name}: {missing.sum():,} of {missing.size:,} rows filled linearly; the longest gap, {length * 5} min, "
         f"begins {moment(int(numbers[begin]))}.",
     )
-
-
-def _filled(values: FloatArray, missing: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> FloatArray:
-    known = np.flatnonzero(~missing)
-    return np.interp(np.arange(values.size), known, values[known])

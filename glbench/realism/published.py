@@ -131,7 +131,20 @@ def read_archive(folder: Path) -> Archive:
     if not folder.is_dir():
         msg = f"There is no folder {folder}. Unpack the archive (docs/realism.md says which) and name the folder."
         raise ArchiveError(msg)
-    weather = _weather(folder)
+    places = [folder / part / f"Weather.{suffix}" for part in ("", "Weather") for suffix in ("parquet", "csv")]
+    path = next((place for place in places if place.is_file()), None)
+    if path is None:
+        msg = f"{folder} has no weather: expected Weather.csv or Weather.parquet there, or in a folder Weather."
+        raise ArchiveError(msg)
+    table = _table(path)
+    numbers = np.rint(_moments(table, path) * ROWS_A_DAY).astype(np.int64)
+    order = np.argsort(numbers, kind="stable")
+    if np.any(np.diff(numbers[order]) == 0):
+        twice = int(numbers[order][np.flatnonzero(np.diff(numbers[order]) == 0)[0]])
+        msg = f"{path} has two rows for the five minutes at {moment(twice)}. Keep one."
+        raise ArchiveError(msg)
+    columns = {name: _values(table, name, path)[order] for name in WEATHER}
+    weather = Weather(numbers[order], columns, path)
     notes: list[str] = []
     used = {name: _Resources.read(name, path, notes) for name, path in _compartments(folder).items()}
     first, last = max(one.first for one in used.values()), min(one.last for one in used.values())
@@ -180,72 +193,49 @@ class _Resources:
 
     def compartment(self, first: int, last: int, notes: list[str]) -> Compartment:
         """With harvest and quality, of the days from ``first`` to ``last``."""
-        chosen = slice(first - self.first, last - self.first + 1)
-        heat, high, low, co2 = (self.columns[name][chosen] for name in RESOURCES)
-        harvest = _harvest(self._beside("Production"), first, last, notes)
-        return Compartment(self.name, heat, high, low, co2, harvest, self._dry_matter(notes))
+        days = slice(first - self.first, last - self.first + 1)
+        heat, high, low, co2 = (self.columns[name][days] for name in RESOURCES)
+        production, quality = self._beside("Production"), self._beside("TomQuality")
+        if not production.is_file():
+            msg = f"There is no {production.name} beside {self.path}. The archive has one for each compartment; add it."
+            raise ArchiveError(msg)
+        harvest = _harvest(production, first, last, notes)
+        contents = np.array([np.nan])
+        if quality.is_file():
+            table = _table(quality)
+            contents = _values(table, "DMC_fruit", quality) if "DMC_fruit" in table else contents
+        dry_matter = None
+        if np.any(np.isfinite(contents)):
+            dry_matter = float(np.nanmean(contents)) / 100.0
+        else:
+            notes.append(f"{self.name}: no dry matter content was measured; the settings' value is used.")
+        return Compartment(self.name, heat, high, low, co2, harvest, dry_matter)
 
     def _beside(self, what: str) -> Path:
         name = self.path.name
         at = name.lower().rindex("resources")
-        path = self.path.with_name(name[:at] + what + name[at + len("resources") :])
-        if not path.is_file():
-            msg = f"There is no {path.name} beside {self.path}. The archive has one for each compartment; add it."
-            raise ArchiveError(msg)
-        return path
-
-    def _dry_matter(self, notes: list[str]) -> float | None:
-        """Mean of the measured contents [kg kg-1]; ``None`` where there is no file, no column or no value."""
-        try:
-            path = self._beside("TomQuality")
-        except ArchiveError:
-            path = None
-        if path is not None:
-            table = _table(path)
-            if "DMC_fruit" in table:
-                values = _values(table, "DMC_fruit", path)
-                if np.any(np.isfinite(values)):
-                    return float(np.nanmean(values)) / 100.0
-        notes.append(f"{self.name}: no dry matter content was measured; the settings' value is used.")
-        return None
+        return self.path.with_name(name[:at] + what + name[at + len("resources") :])
 
 
 def _compartments(folder: Path) -> dict[str, Path]:
     """Files ``Resources.csv`` by the name of their compartment."""
-    found: dict[str, Path] = {}
+    files: dict[str, Path] = {}
     for path in sorted((*folder.glob("*.csv"), *folder.glob("*/*.csv"))):
         match = re.fullmatch(r"(?i)(?:(.+?)_)?resources\.csv", path.name)
         if match is None or (match[1] is None and path.parent == folder):
             continue
         name = match[1] or path.parent.name
-        if name in found:
-            msg = f"Compartment '{name}' has two files: {found[name]} and {path}. Keep one."
+        if name in files:
+            msg = f"Compartment '{name}' has two files: {files[name]} and {path}. Keep one."
             raise ArchiveError(msg)
-        found[name] = path
-    if not found:
+        files[name] = path
+    if not files:
         msg = (
             f"{folder} has no compartment: no NAME/Resources.csv and no NAME_Resources.csv. "
             "Name the folder that the archive was unpacked to."
         )
         raise ArchiveError(msg)
-    return dict(sorted(found.items()))
-
-
-def _weather(folder: Path) -> Weather:
-    places = [folder / part / f"Weather.{suffix}" for part in ("", "Weather") for suffix in ("parquet", "csv")]
-    path = next((place for place in places if place.is_file()), None)
-    if path is None:
-        msg = f"{folder} has no weather: expected Weather.csv or Weather.parquet there, or in a folder Weather."
-        raise ArchiveError(msg)
-    table = _table(path)
-    numbers = np.rint(_moments(table, path) * ROWS_A_DAY).astype(np.int64)
-    order = np.argsort(numbers, kind="stable")
-    if np.any(np.diff(numbers[order]) == 0):
-        twice = int(numbers[order][np.flatnonzero(np.diff(numbers[order]) == 0)[0]])
-        msg = f"{path} has two rows for the five minutes at {moment(twice)}. Keep one."
-        raise ArchiveError(msg)
-    columns = {name: _values(table, name, path)[order] for name in WEATHER}
-    return Weather(numbers[order], columns, path)
+    return dict(sorted(files.items()))
 
 
 def moment(row: int) -> str:
@@ -336,8 +326,8 @@ def _filled(values: FloatArray, name: str, path: Path, first: int, notes: list[s
         )
         raise ArchiveError(msg)
     notes.append(f"{path.name}: {name} of {missing.sum()} of {values.size} days filled linearly.")
-    known = np.flatnonzero(~missing)
-    return np.interp(np.arange(values.size), known, values[known])
+    present = np.flatnonzero(~missing)
+    return np.interp(np.arange(values.size), present, values[present])
 
 
 def longest(missing: NDArray[np.bool_]) -> tuple[int, int]:

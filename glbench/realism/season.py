@@ -16,7 +16,7 @@ from glbench.realism.outdoors import STEP_SECONDS, Outdoors
 from glbench.realism.published import Archive
 from glbench.realism.schedule import schedule
 from glbench.realism.settings import Settings
-from glbench.tasks import TaskSpec, get_task
+from glbench.tasks import get_task
 from glbench.tasks import set_points as names
 from glbench.weather.record import FloatArray
 
@@ -90,12 +90,22 @@ def simulate(
         When a step cannot be integrated.
     """
     greenhouse, p, count = model(), parameters(house, settings), len(archive.compartments)
-    computer = _computer(house)
+    # Of the process computer's task only its defaults and the house count.
+    computer = get_task(_BASE).replace(
+        {
+            "id": f"realism/{house.name}-v1",
+            "title": f"The process computer of {house.name}",
+            "actuation.kind": "process_computer",
+            "actuation.max_change": MOST_CHANGE,
+            "weather.step_seconds": STEP_SECONDS,
+            "model.parameters": house.parameters,
+        }
+    )
     installed = {
         one.name: one.capacity
         for one in greenhouse.capacities(dict(zip(greenhouse.parameter_names, p.tolist(), strict=True)))
     }
-    given = schedule(archive.compartments, outside, settings, most_co2=installed[names.DOSING], warmer=warmer)
+    plan = schedule(archive.compartments, outside, settings, most_co2=installed[names.DOSING], warmer=warmer)
     kernel = Kernel(greenhouse, STEP_SECONDS)
     place = {name: greenhouse.state_index(name) for name in _READ}
     column = {name: number for number, name in enumerate(greenhouse.control_names)}
@@ -114,25 +124,25 @@ def simulate(
         sums["air"][day] += air
         sums["humid"][day] += humidity
         sums["ppm"][day] += ppm
-        burning = given.lamps[step]
-        wanted = {
-            names.HEATING: given.heating[step],
-            names.VENTILATION: given.ventilation[step],
-            names.HUMIDITY: given.humidity_deficit[step],
-            # The computer closes the blackout screen over burning lamps; how much they burn is given.
+        burning = plan.lamps[step]
+        set_points = {
+            names.HEATING: plan.heating[step],
+            names.VENTILATION: plan.ventilation[step],
+            names.HUMIDITY: plan.humidity_deficit[step],
+            # The computer closes the blackout screen over burning lamps; the plan says how much they burn.
             names.LAMPS_FROM: 0.0,
             names.LAMPS_UNTIL: np.where(burning > 0.0, 24.0, 0.0),
             names.LAMP_RADIATION: _ALWAYS,
             names.SCREEN_RADIATION: settings.screen.radiation_limit,
-            names.SCREEN_OUTDOOR: given.outdoor[step],
+            names.SCREEN_OUTDOOR: plan.outdoor[step],
         }
-        seen = Measured(air, ppm, humidity_deficit(air, humidity), d[0], d[1], d[4], hour_of_day=12.0)
+        readings = Measured(air, ppm, humidity_deficit(air, humidity), d[0], d[1], d[4], hour_of_day=12.0)
         now = {name: u[:, column[name]] for name in _STEERED}
-        moved, memory = work(computer, wanted, now, seen, memory)
+        moved, memory = work(computer, set_points, now, readings, memory)
         for name, position in moved.items():
             u[:, column[name]] = position
         u[:, column[names.LAMPS]] = burning
-        u[:, column[names.DOSING]] = given.dose[step] / installed[names.DOSING]
+        u[:, column[names.DOSING]] = plan.dose[step] / installed[names.DOSING]
         before = x[:, place["sumMcFruitHar"]].copy()
         x = kernel.step(x, u, np.repeat(d[None], count, axis=0), p_rows)
         sums["harvest"][day] += 1e-6 * (x[:, place["sumMcFruitHar"]] - before)
@@ -141,7 +151,7 @@ def simulate(
         release = RAIL_PIPE * np.maximum(rail - air, 0.0) + GROW_PIPE * np.maximum(grow - air, 0.0)
         sums["pipes"][day] += 1e-6 * STEP_SECONDS * release
         sums["lamps"][day] += STEP_SECONDS / 3.6e6 * installed[names.LAMPS] * burning
-        sums["co2"][day] += 1e-6 * STEP_SECONDS * given.dose[step]
+        sums["co2"][day] += 1e-6 * STEP_SECONDS * plan.dose[step]
         if progress is not None and (step + 1 == outside.steps or outside.day[step + 1] != day):
             progress(day + 1, archive.days)
     steps = np.bincount(outside.day, minlength=archive.days)[:, None]
@@ -149,20 +159,6 @@ def simulate(
         house, sums["heat"], sums["pipes"], sums["lamps"], sums["co2"], sums["harvest"],
         sums["air"] / steps, sums["humid"] / steps, sums["ppm"] / steps,
     )  # fmt: skip
-
-
-def _computer(house: House) -> TaskSpec:
-    """A task whose process computer has its defaults: what the rules need to know of the house."""
-    return get_task(_BASE).replace(
-        {
-            "id": f"realism/{house.name}-v1",
-            "title": f"The process computer of {house.name}",
-            "actuation.kind": "process_computer",
-            "actuation.max_change": MOST_CHANGE,
-            "weather.step_seconds": STEP_SECONDS,
-            "model.parameters": house.parameters,
-        }
-    )
 
 
 def _planted(outside: Outdoors, p: FloatArray, settings: Settings) -> FloatArray:

@@ -79,25 +79,25 @@ class Reference:
 
     def scattered(self, points: Points) -> Work:
         """Some of the steps of ``points``, one by one."""
-        held = np.concatenate([points.u, points.d], axis=1)[:_STEPS]
+        inputs = np.concatenate([points.u, points.d], axis=1)[:_STEPS]
         states = points.x[:_STEPS]
 
         def work() -> int:
-            for x, inputs in zip(states, held, strict=True):
-                self.integrator(x0=x, p=inputs)
-            return len(held)
+            for x, row in zip(states, inputs, strict=True):
+                self.integrator(x0=x, p=row)
+            return len(inputs)
 
         return work
 
     def season(self, season: Season) -> Work:
         """All steps of ``season``, each from where the one before ended."""
-        held = np.concatenate([season.controls, season.weather], axis=1)
+        inputs = np.concatenate([season.controls, season.weather], axis=1)
 
         def work() -> int:
             x = season.start
-            for inputs in held:
-                x = self.integrator(x0=x, p=inputs)["xf"]
-            return len(held)
+            for row in inputs:
+                x = self.integrator(x0=x, p=row)["xf"]
+            return len(inputs)
 
         return work
 
@@ -123,20 +123,29 @@ class Comparisons:
 
     Parameters
     ----------
-    known
+    by_length
         A reference for each step length [s].
     rounds
         How often a subject and its reference are timed in turn.
     """
 
-    def __init__(self, known: Mapping[float, Reference], rounds: int) -> None:
-        self._known = known
+    def __init__(self, by_length: Mapping[float, Reference], rounds: int) -> None:
+        self._by_length = by_length
         self._rounds = rounds
         self._prepared: dict[tuple[float, str, bool], Timed] = {}
 
     def compare(self, subject: Subject) -> Measurement:
         """The figures of one subject."""
-        own, reference = timed(subject.make()), self._reference_of(subject)
+        own = timed(subject.make())
+        key = (subject.step_seconds, subject.controls, subject.follows_season)
+        if key not in self._prepared:
+            integrator = self._by_length[subject.step_seconds]
+            self._prepared[key] = timed(
+                integrator.season(paper_season())
+                if subject.follows_season
+                else integrator.scattered(points(subject.controls, subject.step_seconds))
+            )
+        reference = self._prepared[key]
         if subject.on_the_wall:
             own, reference = (replace(one, clock=time.perf_counter) for one in (own, reference))
         pairs = [(reference.seconds_per_step(), own.seconds_per_step()) for _ in range(self._rounds)]
@@ -153,17 +162,6 @@ class Comparisons:
             ratio_high=max(ratios),
             clock="wall" if subject.on_the_wall else "processor",
         )
-
-    def _reference_of(self, subject: Subject) -> Timed:
-        key = (subject.step_seconds, subject.controls, subject.follows_season)
-        if key not in self._prepared:
-            reference = self._known[subject.step_seconds]
-            self._prepared[key] = timed(
-                reference.season(paper_season())
-                if subject.follows_season
-                else reference.scattered(points(subject.controls, subject.step_seconds))
-            )
-        return self._prepared[key]
 
 
 def measure(
@@ -186,14 +184,14 @@ def measure(
     progress
         Told before each subject.
     """
-    tell = progress or (lambda words, done, total: None)
-    found = []
-    with references(subjects) as known:
-        comparisons = Comparisons(known, rounds)
-        for done, subject in enumerate(subjects):
-            tell(f"{subject.group}: {subject.title}", done, len(subjects))
-            found.append(comparisons.compare(subject))
-        compiled = all(one.compiled for one in known.values())
+    tell = progress or (lambda words, number, total: None)
+    measurements = []
+    with references(subjects) as by_length:
+        comparisons = Comparisons(by_length, rounds)
+        for number, subject in enumerate(subjects):
+            tell(f"{subject.group}: {subject.title}", number, len(subjects))
+            measurements.append(comparisons.compare(subject))
+        compiled = all(one.compiled for one in by_length.values())
     if processes:
         tell("first use and memory", len(subjects), len(subjects))
     return SpeedRecord(
@@ -203,7 +201,7 @@ def measure(
         kernel=Kernel(TOMATO, STEP_SECONDS, preset="standard").describe(),
         reference=f"CasADi CVODES, tolerances 1e-6, {'compiled with -O3' if compiled else 'not compiled: no gcc here'}",
         rounds=rounds,
-        measurements=tuple(found),
+        measurements=tuple(measurements),
         first_use=measure_first_use() if processes else None,
         memory=measure_memory() if processes else None,
     )
@@ -264,13 +262,13 @@ def _run(code: str, *arguments: str, **environment: str) -> float:
     """
     command, settings = [sys.executable, "-c", code, *arguments], {**os.environ, **environment}
     try:
-        done = children.run(command, env=settings, timeout=_TIMEOUT_SECONDS)
-        done.check_returncode()
+        process = children.run(command, env=settings, timeout=_TIMEOUT_SECONDS)
+        process.check_returncode()
     except subprocess.CalledProcessError as error:
-        said = error.stderr.strip().splitlines()[-1:] or ["nothing"]
-        msg = f"A process that was to be measured failed; it said: {said[0]}"
+        last = error.stderr.strip().splitlines()[-1:] or ["nothing"]
+        msg = f"A process that was to be measured failed; it said: {last[0]}"
         raise GlbenchError(msg) from error
     except subprocess.TimeoutExpired as error:
         msg = f"A process that was to be measured took longer than {_TIMEOUT_SECONDS:g} s."
         raise GlbenchError(msg) from error
-    return float(done.stdout)
+    return float(process.stdout)

@@ -102,15 +102,15 @@ def points(kind: Controls, step_seconds: float, count: int = 512, seed: int = 0)
     """``count`` steps out of all months of a year, with the states that controls of that kind lead to."""
     kernel = Kernel(TOMATO, step_seconds, preset="standard")
     parameters = default_parameters()
-    found: list[tuple[Array, Array, Array]] = []
+    steps: list[tuple[Array, Array, Array]] = []
     for month in range(1, 13):
         one = season(kind, step_seconds, dt.date(2010, month, 1), _SEASON_DAYS, seed + month)
         x = one.start
         for u, d in zip(one.controls, one.weather, strict=True):
-            found.append((x, u, d))
+            steps.append((x, u, d))
             x = kernel.step(x, u, d, parameters)
-    pick = np.random.default_rng(seed).choice(len(found), count, replace=len(found) < count)
-    return Points(*(np.stack([found[i][k] for i in pick]) for k in range(3)))
+    pick = np.random.default_rng(seed).choice(len(steps), count, replace=len(steps) < count)
+    return Points(*(np.stack([steps[i][k] for i in pick]) for k in range(3)))
 
 
 @dataclass(frozen=True)
@@ -154,12 +154,12 @@ class Subject:
 
 def _alone(preset: str, controls: Controls) -> Work:
     """One greenhouse, one call a step."""
-    kernel, chosen, p = (
+    kernel, start, p = (
         Kernel(TOMATO, STEP_SECONDS, preset=preset),
         points(controls, STEP_SECONDS),
         default_parameters(),
     )
-    steps = [kernel.bind(chosen.x[i], chosen.u[i], chosen.d[i], p, np.empty_like(chosen.x[i])) for i in range(256)]
+    steps = [kernel.bind(start.x[i], start.u[i], start.d[i], p, np.empty_like(start.x[i])) for i in range(256)]
 
     def work() -> int:
         for step in steps:
@@ -306,11 +306,9 @@ def choose_subjects(names: Sequence[str] = (), *, quick: bool = False) -> tuple[
     """
     if not names:
         return tuple(one for one in SUBJECTS if one.quick or not quick)
-    known = {one.name for one in SUBJECTS} | set(GROUPS)
+    choices = {one.name for one in SUBJECTS} | set(GROUPS)
     for name in names:
-        if name not in known:
-            msg = (
-                f"There is nothing to measure called '{name}'.{did_you_mean(name, known)} Groups: {', '.join(GROUPS)}."
-            )
+        if name not in choices:
+            msg = f"There is nothing to measure called '{name}'.{did_you_mean(name, choices)} Groups: {', '.join(GROUPS)}."
             raise UnknownNameError(msg)
     return tuple(one for one in SUBJECTS if one.name in names or one.group in names)

@@ -5,9 +5,18 @@
 
 from __future__ import annotations
 
-from glbench.verification.proof import SUFFIX, Proof, proof_path, read_proof, save_proof, was_reproduced
+from glbench.verification.proof import (
+    SUFFIX,
+    TOLERANCE,
+    Proof,
+    Verdict,
+    proof_path,
+    read_proof,
+    save_proof,
+    stated_words,
+    was_reproduced,
+)
 from glbench.verification.proving import verify
-from glbench.verification.verdict import TOLERANCE, Verdict, stated_words
 
 __all__ = [
     "SUFFIX",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 from pydantic import ValidationError
@@ -19,7 +18,7 @@ from glbench.evaluation.metrics import with_missing_steps
 from glbench.registration import task_ids
 from glbench.resources import data_folder, is_released
 from glbench.tasks import Round, TaskSpec, get_task
-from glbench.verification.verdict import Agreement, cannot_tell, refute
+from glbench.verification.proof import Agreement, cannot_tell, refute
 
 _MOST_STEPS = 600_000
 """Of a task that a record brings along: a year of minutes has 525,600, and a task takes memory for the weather of each step."""
@@ -37,20 +36,6 @@ def read_result(path: Path) -> Result:
         cannot_tell("no_result", str(error))
 
 
-def _how_to_get_the_record(path: Path, result: Result) -> str:
-    """What to do where the recorded actions are missing. Released results come without them."""
-    if not is_released(path):
-        return "Put the file back beside the result."
-    name, task = result.agent.name, result.task.id
-    ref = name if result.agent.kind == "baseline" else f"submissions/{name}"
-    if (data_folder("submissions") / f"{name}.py").is_file():
-        ref += ".py"
-    return (
-        f"Released results come without them. Evaluate the agent again with `glbench evaluate {ref} --task {task} --fresh --out again`, "
-        f"and compare the results_digest in {result_path(Path('again'), task, name)} with {result.results_digest}."
-    )
-
-
 def read_record(path: Path, result: Result) -> ActionLog:
     """The recorded actions of ``result``, after everything that can be compared without simulating."""
     if result.record is None:
@@ -59,7 +44,17 @@ def read_record(path: Path, result: Result) -> ActionLog:
         )
     file = path.with_name(result.record.file)
     if not file.exists():
-        cannot_tell("no_record", f"The recorded actions {file} are not there. {_how_to_get_the_record(path, result)}")
+        remedy = "Put the file back beside the result."
+        if is_released(path):
+            name, task = result.agent.name, result.task.id
+            ref = name if result.agent.kind == "baseline" else f"submissions/{name}"
+            if (data_folder("submissions") / f"{name}.py").is_file():
+                ref += ".py"
+            remedy = (
+                f"Released results come without them. Evaluate the agent again with `glbench evaluate {ref} --task {task} --fresh "
+                f"--out again`, and compare the results_digest in {result_path(Path('again'), task, name)} with {result.results_digest}."
+            )
+        cannot_tell("no_record", f"The recorded actions {file} are not there. {remedy}")
     try:
         log = read_log(file)
     except EpisodeError as error:
@@ -85,20 +80,20 @@ def _same_evaluation(result: Result, log: ActionLog) -> None:
         )
         refute("record_of_other_task", reason)
     if task.salt_commitment != result.task.salt_commitment:
-        recorded, stated = (
+        recorded, claimed = (
             "public draws" if one is None else f"the draws of the sealed round {one[:12]}..."
             for one in (task.salt_commitment, result.task.salt_commitment)
         )
-        refute("record_of_other_round", f"The recorded actions are of {recorded}, the result says {stated}.")
+        refute("record_of_other_round", f"The recorded actions are of {recorded}, the result says {claimed}.")
     if (task.title, task.steps, task.step_seconds) != (result.task.title, result.task.steps, result.task.step_seconds):
         refute(
             "record_of_other_task", "Title, steps or step length of the task differ between the record and the result."
         )
     for name in ("name", "kind", "digest", "privileged", "information"):
-        recorded, stated = getattr(agent, name), getattr(result.agent, name)
-        if recorded != stated:
+        recorded, claimed = getattr(agent, name), getattr(result.agent, name)
+        if recorded != claimed:
             reason = (
-                f"The recorded actions are of another agent: its {name} is {recorded!r}, the result says {stated!r}."
+                f"The recorded actions are of another agent: its {name} is {recorded!r}, the result says {claimed!r}."
             )
             refute("record_of_other_agent", reason)
     if agent.acts == "controls" and not agent.privileged:
@@ -107,25 +102,25 @@ def _same_evaluation(result: Result, log: ActionLog) -> None:
         )
     if log.provenance.kernel != result.evaluation.kernel:
         refute("other_kernel", "The record was made with another kernel than the result says.")
-    stated_versions = result.versions.model_dump()
+    versions = result.versions.model_dump()
     for name, number in log.provenance.versions.items():
-        if stated_versions.get(name) != number:
-            reason = f"The record was made with {name} {number}, the result says {stated_versions.get(name)}."
+        if versions.get(name) != number:
+            reason = f"The record was made with {name} {number}, the result says {versions.get(name)}."
             refute("other_versions", reason)
 
 
 def _same_runs(result: Result, log: ActionLog) -> None:
     """The record has the result's runs: none dropped, none added, none shortened."""
-    stated, recorded = [run.seed for run in result.runs], list(log.seeds)
-    if stated != recorded:
-        dropped = sorted(set(recorded) - set(stated))
-        missing = sorted(set(stated) - set(recorded))
+    seeds, recorded = [run.seed for run in result.runs], list(log.seeds)
+    if seeds != recorded:
+        dropped = sorted(set(recorded) - set(seeds))
+        missing = sorted(set(seeds) - set(recorded))
         if dropped and not missing:
             reason = f"The result leaves out {_seeds(dropped)} of the {len(recorded)} runs that were made."
             refute("dropped_run", reason)
         if missing and not dropped:
-            refute("missing_run", f"The recorded actions lack {_seeds(missing)} of the result's {len(stated)} runs.")
-        refute("seeds", f"The result's runs have the seeds {stated}, the recorded ones {recorded}.")
+            refute("missing_run", f"The recorded actions lack {_seeds(missing)} of the result's {len(seeds)} runs.")
+        refute("seeds", f"The result's runs have the seeds {seeds}, the recorded ones {recorded}.")
     for expected, run in zip(run_facts(result.runs), log.runs, strict=True):
         if run.steps != expected.steps:
             reason = (
@@ -151,54 +146,61 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
             )
             cannot_tell("no_task", reason)
         task = (own or get_task(result.task.id if published or file is None else file)).scored_in(result.task.split)
-        found = task.fingerprint()
+        fingerprint = task.fingerprint()
     except EpisodeError as error:
         refute("definition", str(error))
     except GlbenchError as error:
         cannot_tell("no_task", f"The task {result.task.id} cannot be had here: {error}")
     if task.id != result.task.id:
         cannot_tell("no_task", f"{file} defines the task {task.id}, the result is of {result.task.id}.")
-    if found.digest != result.task.digest:
-        _refuse_other_version(result, log, {name: getattr(found, name) for name in PARTS}, published=published)
-    parts = {name: getattr(found, name) for name in PARTS}
+    parts = {name: getattr(fingerprint, name) for name in PARTS}
+    if fingerprint.digest != result.task.digest:
+        differing = [name for name in PARTS if log.provenance.task.parts.get(name) != parts[name]]
+        what = f" What differs: {', '.join(differing)}." if differing else ""
+        where = "the published task" if published else "the task's definition in the record"
+        reason = (
+            f"The result is of another version of {result.task.id} (digest {result.task.digest[:12]}...) than {where}.{what} "
+            "Evaluate the agent again on the task as it is."
+        )
+        refute("other_task_version", reason)
     if log.provenance.task.parts != parts or log.provenance.task.start != task.weather.start.isoformat():
         refute(
             "record_of_other_task",
             "The record names digests of the task's parts, or a first day, that are not the task's.",
         )
-    facts, stated = (task.title, task.steps, task.step_seconds), result.task
-    if facts != (stated.title, stated.steps, stated.step_seconds):
+    facts, claims = (task.title, task.steps, task.step_seconds), result.task
+    if facts != (claims.title, claims.steps, claims.step_seconds):
         refute("task_facts", f"The task's title, steps or step length are not those of {task.id}.")
-    years = None if stated.salt_commitment is not None else task.season_years
-    if (stated.split, stated.years) != (task.split, years):
+    years = None if claims.salt_commitment is not None else task.season_years
+    if (claims.split, claims.years) != (task.split, years):
         refute("task_facts", f"The split or the years of the seasons are not those of {task.id}.")
     return task
 
 
-def with_its_draws(result: Result, task: TaskSpec, given: Round | None) -> TaskSpec:
-    """``task`` with the draws that the result says it has: public ones, those of the round that is ``given``, or (not given) public ones.
+def with_its_draws(result: Result, task: TaskSpec, secret_round: Round | None) -> TaskSpec:
+    """``task`` with the draws that the result says it has: those of ``secret_round``, or without a round public ones.
 
-    A result of a round other than the one given, or of none, is refused: who names a round asks whether the result is of that round.
+    A result of another round, or of none, is refused: who names a round asks whether the result is of that round.
     """
     commitment = result.task.salt_commitment
     if commitment is not None and "test" not in (task.splits.names if task.splits is not None else ()):
         refute("sealed", f"The result says that its draws are sealed, and {task.id} has no test split that could be.")
-    if given is None:
+    if secret_round is None:
         return task
     if commitment is None:
         cannot_tell(
             "other_round",
-            f"The result names no commitment, so it is not of the round {given.commitment}. Its draws are public: verify it without "
+            f"The result names no commitment, so it is not of the round {secret_round.commitment}. Its draws are public: verify it without "
             "--round.",
         )
-    if commitment != given.commitment:
+    if commitment != secret_round.commitment:
         reason = (
-            f"The result is of the round {commitment}, and the secret given is that of {given.commitment}: this is the wrong file, or "
-            "the commitment in the result was changed."
+            f"The result is of the round {commitment}, and the secret given is that of {secret_round.commitment}: this is the wrong file, "
+            "or the commitment in the result was changed."
         )
         cannot_tell("other_round", reason)
     try:
-        sealed = task.in_split("test", given.secret)
+        sealed = task.in_split("test", secret_round.secret)
         sealed.season_record()
     except GlbenchError as error:
         cannot_tell("no_weather", f"The round's draws cannot be had here: {error}")
@@ -220,29 +222,18 @@ def check_sums(result: Result, log: ActionLog, task: TaskSpec) -> None:
             refute("metric", reason)
 
 
-def _refuse_other_version(result: Result, log: ActionLog, parts: dict[str, str], *, published: bool) -> NoReturn:
-    differing = [name for name in PARTS if log.provenance.task.parts.get(name) != parts[name]]
-    what = f" What differs: {', '.join(differing)}." if differing else ""
-    where = "the published task" if published else "the task's definition in the record"
-    reason = (
-        f"The result is of another version of {result.task.id} (digest {result.task.digest[:12]}...) than {where}.{what} "
-        "Evaluate the agent again on the task as it is."
-    )
-    refute("other_task_version", reason)
-
-
 def check_seeds(result: Result, task: TaskSpec) -> tuple[str, ...]:
     """Notes on the seeds; a hole in them means that a run was taken out."""
-    seeds, wanted = result.evaluation.seeds, tuple(task.evaluation.seeds)
-    if seeds == wanted:
+    seeds, scored = result.evaluation.seeds, tuple(task.evaluation.seeds)
+    if seeds == scored:
         return ()
     holes = sorted(set(range(seeds[0], seeds[0] + len(seeds))) - set(seeds))
     if holes:
         reason = f"The seeds are not consecutive: {_seeds(holes)} is missing. Evaluations leave no run out."
         refute("dropped_run", reason)
     return (
-        f"This is a trial of {len(seeds)} runs from seed {seeds[0]}; the task asks for {len(wanted)} "
-        f"from seed {wanted[0]}. It is not ranked.",
+        f"This is a trial of {len(seeds)} runs from seed {seeds[0]}; the task asks for {len(scored)} "
+        f"from seed {scored[0]}. It is not ranked.",
     )
 
 
@@ -256,8 +247,8 @@ def check_setting(result: Result, log: ActionLog, task: TaskSpec) -> None:
         reason = f"The recorded actions are of {', '.join(agent.columns)}, the task's of {', '.join(columns)}."
         refute("record_of_other_task", reason)
     kernel = result.evaluation.kernel
-    wanted = {"preset": "reference", "step_seconds": task.step_seconds, "variant": task.model.variant}
-    for name, value in wanted.items():
+    required = {"preset": "reference", "step_seconds": task.step_seconds, "variant": task.model.variant}
+    for name, value in required.items():
         if kernel.get(name) != value:
             refute(
                 "other_kernel",
@@ -269,31 +260,27 @@ def _seeds(seeds: list[int]) -> str:
     return f"the {'seed' if len(seeds) == 1 else 'seeds'} {', '.join(map(str, seeds[:5]))}{' ...' if len(seeds) > 5 else ''}"
 
 
-def read_episodes(folder: Path, log: ActionLog, *, wanted: bool) -> list[tuple[int, Episode]]:
+def read_episodes(folder: Path, log: ActionLog, *, required: bool) -> list[tuple[int, Episode]]:
     """Full episodes of ``log``'s runs in ``folder``, with the place of their run.
 
-    ``wanted`` is true when the folder was named on purpose: then it must hold some.
+    ``required`` is true when the folder was named on purpose: then it must hold some.
     """
     task = log.provenance.task.id.rpartition("/")[2]
     below = folder / task / log.provenance.agent.name
-    files = sorted((below if wanted and below.is_dir() else folder).glob("*.mcap"))
-    if wanted and not files:
+    files = sorted((below if required and below.is_dir() else folder).glob("*.mcap"))
+    if required and not files:
         cannot_tell("no_episodes", f"There are no episodes (*.mcap) in {folder}.")
-    found: dict[int, Episode] = {}
+    episodes: dict[int, Episode] = {}
     for file in files:
-        episode = _read(file)
+        try:
+            episode = read_episode(file)
+        except EpisodeError as error:
+            refute("damaged_episode", f"A full episode cannot be used. {error}")
         row = _place(file, episode, log)
-        if row in found:
+        if row in episodes:
             refute("swapped_episode", f"{file} is a second episode of the run with seed {episode.run.seed}.")
-        found[row] = episode
-    return sorted(found.items(), key=lambda pair: pair[0])
-
-
-def _read(file: Path) -> Episode:
-    try:
-        return read_episode(file)
-    except EpisodeError as error:
-        refute("damaged_episode", f"A full episode cannot be used. {error}")
+        episodes[row] = episode
+    return sorted(episodes.items(), key=lambda pair: pair[0])
 
 
 def _place(file: Path, episode: Episode, log: ActionLog) -> int:
@@ -324,7 +311,7 @@ def _place(file: Path, episode: Episode, log: ActionLog) -> int:
     return row
 
 
-def compare_episode(found: Agreement, episode: Episode, replayed: Episode) -> Agreement:
+def compare_episode(agreement: Agreement, episode: Episode, replayed: Episode) -> Agreement:
     """Compare every column of a recorded episode with the one simulated again."""
     where = f"episode of seed {episode.run.seed}"
     if [group.columns for group in episode.groups] != [group.columns for group in replayed.groups]:
@@ -341,14 +328,14 @@ def compare_episode(found: Agreement, episode: Episode, replayed: Episode) -> Ag
     for group in episode.groups:
         for_start = f"{where} at the start"
         if group.name in episode.start:
-            found = found.add(
+            agreement = agreement.add(
                 "episode",
                 episode.start[group.name][np.newaxis],
                 replayed.start[group.name][np.newaxis],
                 group.names,
                 for_start,
             )
-        found = found.add(
+        agreement = agreement.add(
             "episode", episode.tables[group.name], np.ascontiguousarray(replayed.tables[group.name]), group.names, where
         )
-    return found
+    return agreement

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents.baselines import shipped_digest
-from glbench.episodes import ActionLog, Episode, Replay, Trace, episodes_folder
+from glbench.episodes import ActionLog, Replay, Trace, episodes_folder
 from glbench.episodes.header import versions as recorded_versions
 from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
 from glbench.errors import ActionError, GlbenchError, ResultError
@@ -36,7 +36,7 @@ from glbench.verification.documents import (
     read_result,
     with_its_draws,
 )
-from glbench.verification.verdict import (
+from glbench.verification.proof import (
     CHAOS,
     TOLERANCE,
     Agreement,
@@ -88,27 +88,35 @@ def verify(
     path = Path(path)
     try:
         result = read_result(path)
-        folder, wanted = episodes or episodes_folder(path), episodes is not None
-        found = _reproduced(path, result, task, sealed, (folder, wanted), workers, progress)
+        folder = (episodes or episodes_folder(path), episodes is not None)
+        runs = _reproduced(path, result, task, sealed, folder, workers, progress)
         if result.fresh_draws is not None:
-            found = _with_fresh_draws(path, result, result.fresh_draws, task, found, workers, progress)
+            runs = _with_fresh_draws(path, result, result.fresh_draws, task, runs, workers, progress)
     except Refused as refused:
         return Verdict(path, refused.outcome, refused.cause, refused.reason)
-    agreement = found.agreement
-    reproduced, merely_stated = coverage(result, profile=found.profiled, references=found.references)
+    agreement = runs.agreement
+    reproduced, claims = coverage(result, profile=runs.profiled, references=runs.references)
+    earn = "run earns" if len(result.runs) == 1 else "runs earn"
+    if result.fresh_draws is not None:
+        earn = "runs, and as many with fresh draws, earn"
+    reason = f"{len(result.runs)} {earn} what the result says"
+    if agreement.exact:
+        reason += ": the same bits."
+    else:
+        reason += f" within {TOLERANCE:g} relative (largest difference {agreement.largest:.1e}), not to the last bit. {runs.origin}"
     return Verdict(
         path,
         "reproduced",
         "",
-        _words(result, agreement=agreement, stated=found.stated),
+        reason,
         "bits" if agreement.exact else "tolerance",
         agreement.largest,
-        found.notes,
-        found.runs,
-        found.steps,
-        found.episodes,
+        runs.notes,
+        runs.runs,
+        runs.steps,
+        runs.episodes,
         reproduced,
-        merely_stated,
+        claims,
     )
 
 
@@ -118,7 +126,7 @@ class _Reproduced:
 
     task: TaskSpec
     agreement: Agreement
-    stated: str
+    origin: str
     notes: tuple[str, ...]
     profiled: bool
     episodes: tuple[int, ...]
@@ -162,30 +170,47 @@ def _reproduced(
         refute("metric", f"The result lacks the metric '{ranks}', by which {spec.id} is ranked.")
     if result.task.salt_commitment != spec.salt_commitment:
         _stay_sealed(path, result, log, spec, workers, progress)
-    whole, complaint = ([], None) if episodes is None else _try_to_read(episodes[0], log, wanted=episodes[1])
+    whole, complaint = [], None
+    if episodes is not None:
+        try:
+            whole = read_episodes(episodes[0], log, required=episodes[1])
+        except Refused as refused:
+            complaint = refused  # counts only when the result itself is right
     profiled = _profile_is_there(path, result, spec)
     with _kernel(result, spec, workers) as kernel:
-        stated = _stated_machine(result, spec, kernel)
+        origin = _origin(result, spec, kernel)
         rows = range(len(log.runs)) if profiled else [row for row, _ in whole]
         again = _simulate(spec, log, rows, kernel, progress)
     agreement = _agreement(result, spec, log, again)
-    same = agreement.exact or _same_arithmetic(log, again)
-    _refuse(agreement, same_arithmetic=same, stated=stated)
+    same = agreement.exact or again.has_same_arithmetic(log)
+    _refuse(agreement, same_arithmetic=same, origin=origin)
     check_sums(result, log, spec)
-    _same_ends(result, again.runs, exactly=agreement.exact)
+    for claimed, run in zip(result.runs, again.runs, strict=True):
+        differs = (claimed.status, claimed.steps) != (run.status, run.steps)
+        if differs or (agreement.exact and claimed.reason != run.reason):
+            reason = (
+                f"The run with seed {claimed.seed} is '{claimed.status}' after {claimed.steps} steps in the result; its actions lead to "
+                f"'{run.status}' after {run.steps} steps ({run.reason or 'to the end'})."
+            )
+            refute("status", reason)
     if complaint is not None:
         raise complaint
     for row, episode in whole:
         assert again.trace is not None
         replayed = again.trace.episode(spec, row, log.provenance, log.runs[row], log.actions[:, row])
         agreement = compare_episode(agreement, episode, replayed)
-    _refuse(agreement, same_arithmetic=same, stated=stated)
+    _refuse(agreement, same_arithmetic=same, origin=origin)
     profiled = profiled and agreement.exact
-    if profiled:
-        _same_profile(result, spec, log, again)
+    if profiled and result.profile is not None:
+        profile = make_profile(spec, result, log, again.trace)
+        if profile.digest != result.profile.digest:
+            reason = (
+                f"{result.profile.file} does not show what the recorded actions lead to. Delete it and evaluate again."
+            )
+            refute("profile", reason)
     seeds = tuple(log.runs[row].seed for row, _ in whole)
     steps = sum(run.steps for run in result.runs)
-    return _Reproduced(spec, agreement, stated, notes, profiled, seeds, len(result.runs), steps)
+    return _Reproduced(spec, agreement, origin, notes, profiled, seeds, len(result.runs), steps)
 
 
 def _with_fresh_draws(
@@ -193,61 +218,58 @@ def _with_fresh_draws(
     result: Result,
     fresh: FreshDraws,
     file: Path | None,
-    found: _Reproduced,
+    runs: _Reproduced,
     workers: int | None,
     progress: Progress | None,
 ) -> _Reproduced:
-    """Simulate the runs with fresh draws again, evaluate the reference agents with both sets of draws, and add both to ``found``."""
+    """Simulate the runs with fresh draws again, evaluate the reference agents with both sets of draws, and add both to ``runs``."""
     try:
         again = _reproduced(path, result.of_fresh_draws(), file, Round(fresh.salt), None, workers, progress)
     except Refused as refused:
         reason = f"The runs with fresh draws: {refused.reason}"
         raise Refused(refused.outcome, refused.cause, reason) from None
-    if fresh.metric != found.task.evaluation.metric:
+    if fresh.metric != runs.task.evaluation.metric:
         refute(
             "fresh_draws",
             f"The fresh draws state the metric '{fresh.metric}', and {result.task.id} is ranked by another metric.",
         )
-    exact = found.agreement.exact and again.agreement.exact
-    unlike = [one.name for one in fresh.references if one.name not in REFERENCES or one.digest != _digest_of(one.name)]
+    exact = runs.agreement.exact and again.agreement.exact
+    unlike = []
+    for one in fresh.references:
+        try:
+            is_alike = one.name in REFERENCES and one.digest == shipped_digest(one.name)
+        except GlbenchError:
+            is_alike = False
+        if not is_alike:
+            unlike.append(one.name)
     if exact and not unlike:
+        seeds = result.evaluation.seeds
         for one in fresh.references:
-            for task, stated, draws in ((found.task, one.published, "published"), (again.task, one.fresh, "fresh")):
-                _same_reference(task, one.name, result, stated, draws, workers)
-        checked, notes = True, found.notes
+            for task, claims, draws in ((runs.task, one.published, "published"), (again.task, one.fresh, "fresh")):
+                reference = evaluate(
+                    task, one.name, runs=len(seeds), first_seed=seeds[0], workers=workers or usable_cores()
+                )
+                values = reference.values(task.evaluation.metric)
+                if values != tuple(claims):
+                    seed, was, now = next(row for row in zip(seeds, claims, values, strict=True) if row[1] != row[2])
+                    reason = (
+                        f"The result states {was!r} for the reference agent {one.name} in the run with seed {seed} of the {draws} "
+                        f"draws; it earns {now!r}."
+                    )
+                    refute("reference", reason)
+        checked, notes = True, runs.notes
     else:
         why = f"this glbench does not have {', '.join(unlike)}" if unlike else "this machine computes other bits"
         note = f"The reference agents of the fresh draws were not evaluated again: {why}."
-        checked, notes = False, (*found.notes, note)
+        checked, notes = False, (*runs.notes, note)
     return replace(
-        found,
-        agreement=max(found.agreement, again.agreement, key=lambda one: (not one.exact, one.largest)),
+        runs,
+        agreement=max(runs.agreement, again.agreement, key=lambda one: (not one.exact, one.largest)),
         notes=notes,
-        runs=found.runs + again.runs,
-        steps=found.steps + again.steps,
+        runs=runs.runs + again.runs,
+        steps=runs.steps + again.steps,
         references=checked,
     )
-
-
-def _digest_of(baseline: str) -> str | None:
-    try:
-        return shipped_digest(baseline)
-    except GlbenchError:
-        return None
-
-
-def _same_reference(
-    task: TaskSpec, name: str, result: Result, stated: Sequence[float], draws: str, workers: int | None
-) -> None:
-    seeds = result.evaluation.seeds
-    again = evaluate(task, name, runs=len(seeds), first_seed=seeds[0], workers=workers or usable_cores())
-    values = again.values(task.evaluation.metric)
-    if values != tuple(stated):
-        seed, was, now = next(one for one in zip(seeds, stated, values, strict=True) if one[1] != one[2])
-        refute(
-            "reference",
-            f"The result states {was!r} for the reference agent {name} in the run with seed {seed} of the {draws} draws; it earns {now!r}.",
-        )
 
 
 def _stay_sealed(
@@ -256,8 +278,12 @@ def _stay_sealed(
     """End the verification of a result whose draws are secret; ``spec`` has the public ones, with which it must not be reproduced."""
     check_sums(result, log, spec)
     _profile_is_there(path, result, spec)
-    tried = _draws_numbers(spec)
-    if tried:
+    scenario = spec.scenario
+    # Whether runs draw numbers, which another salt changes, rather than one of a few seasons and days.
+    has_numbers = any(group.half_width > 0.0 for group in scenario.groups)
+    has_numbers = has_numbers or any(group.half_width > 0.0 for group in scenario.start_groups)
+    has_numbers = has_numbers or scenario.generated is not None or spec.sensors is not None
+    if has_numbers:
         facts = log.provenance.task.model_copy(update={"salt_commitment": None})
         public = replace(log, provenance=log.provenance.model_copy(update={"task": facts}))
         with _kernel(result, spec, workers) as kernel:
@@ -268,18 +294,10 @@ def _stay_sealed(
             )
     not_yet(
         f"Its draws belong to the sealed round {result.task.salt_commitment}, and nobody can simulate them without the round's secret. "
-        "Checked: the result agrees with itself and with its recorded actions; task, seeds and kernel are right; the rewards add up"
-        f"{'; the public draws do not lead there' if tried else ''}. Not checked: that the actions earn these rewards. Once the host has "
-        "published the round's file, verify with --round FILE."
+        "Checked: the result agrees with itself and with its recorded actions; task, seeds and kernel are right; the rewards add "
+        f"up{'; the public draws do not lead there' if has_numbers else ''}. Not checked: that the actions earn these rewards. Once "
+        "the host has published the round's file, verify with --round FILE."
     )
-
-
-def _draws_numbers(task: TaskSpec) -> bool:
-    """Whether runs draw numbers, which another salt changes, rather than one of a few seasons and days."""
-    scenario = task.scenario
-    drawn = any(group.half_width > 0.0 for group in scenario.groups)
-    drawn = drawn or any(group.half_width > 0.0 for group in scenario.start_groups)
-    return drawn or scenario.generated is not None or task.sensors is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,6 +309,14 @@ class _Again:
     final_states: NDArray[np.float64]
     trace: Trace | None
 
+    def has_same_arithmetic(self, log: ActionLog) -> bool:
+        """Whether rewards or final state of a run, one of the longest, are the same bits: then this machine computes as that one did."""
+        longest = max(run.steps for run in log.runs)
+        rows = [row for row, run in enumerate(log.runs) if run.steps == longest > 0]
+        rewards = same_bits(log.rewards[:longest, rows], self.rewards[:longest, rows]).all(axis=0)
+        states = same_bits(log.final_states[rows], self.final_states[rows]).all(axis=1)
+        return bool(rewards.any() or states.any())
+
 
 def _kernel(result: Result, task: TaskSpec, workers: int | None) -> Kernel:
     """The kernel that made the result where it works here, else the best there is."""
@@ -299,7 +325,7 @@ def _kernel(result: Result, task: TaskSpec, workers: int | None) -> Kernel:
     return Kernel(task.model_value, task.step_seconds, backend=backend, threads=min(workers or 1, len(result.runs)))
 
 
-def _stated_machine(result: Result, task: TaskSpec, kernel: Kernel) -> str:
+def _origin(result: Result, task: TaskSpec, kernel: Kernel) -> str:
     """What the result states of its machine, beside this one: an explanation of differences for people, and evidence of nothing."""
     here, there = provenance.machine(), result.machine
     versions = provenance.versions(recorded_versions(task)["model"]).model_dump()
@@ -308,20 +334,24 @@ def _stated_machine(result: Result, task: TaskSpec, kernel: Kernel) -> str:
         for name, number in result.versions.model_dump().items()
         if versions.get(name) != number and name != "gymnasium"
     ]
-    found = []
+    differences = []
     if (here.processor, here.architecture) != (there.processor, there.architecture):
-        found.append(
+        differences.append(
             f"the processor {there.processor} ({there.architecture}; here {here.processor}, {here.architecture})"
         )
     if others:
-        found.append(f"other versions of {', '.join(others)}")
+        differences.append(f"other versions of {', '.join(others)}")
     described, recorded = kernel.describe(), result.evaluation.kernel
     kinds = [name for name in {**described, **recorded} if described.get(name) != recorded.get(name)]
     if described["backend"] != recorded.get("backend"):
-        found.append(f"the kernel '{recorded.get('backend')}' (here '{described['backend']}')")
+        differences.append(f"the kernel '{recorded.get('backend')}' (here '{described['backend']}')")
     elif kinds:
-        found.append(f"a kernel that differs in {', '.join(kinds)}")
-    return f"The result states {' and '.join(found)}." if found else "The result states this very machine and kernel."
+        differences.append(f"a kernel that differs in {', '.join(kinds)}")
+    return (
+        f"The result states {' and '.join(differences)}."
+        if differences
+        else "The result states this very machine and kernel."
+    )
 
 
 def _profile_is_there(path: Path, result: Result, task: TaskSpec) -> bool:
@@ -332,15 +362,6 @@ def _profile_is_there(path: Path, result: Result, task: TaskSpec) -> bool:
         return load_profile(result, path) is not None
     except ResultError as error:
         refute("profile", str(error))
-
-
-def _same_profile(result: Result, task: TaskSpec, log: ActionLog, again: _Again) -> None:
-    assert result.profile is not None
-    if make_profile(task, result, log, again.trace).digest != result.profile.digest:
-        refute(
-            "profile",
-            f"{result.profile.file} does not show what the recorded actions lead to. Delete it and evaluate again.",
-        )
 
 
 def _simulate(
@@ -372,25 +393,8 @@ def _simulate(
     return _Again(totals.results(), rewards, np.array(replay.simulation.x), trace)
 
 
-def _try_to_read(folder: Path, log: ActionLog, *, wanted: bool) -> tuple[list[tuple[int, Episode]], Refused | None]:
-    """Full episodes, or what is wrong with them: told only when the result itself is right."""
-    try:
-        return read_episodes(folder, log, wanted=wanted), None
-    except Refused as refused:
-        return [], refused
-
-
-def _same_arithmetic(log: ActionLog, again: _Again) -> bool:
-    """Whether rewards or final state of a run, one of the longest, are the same bits: then this machine computes as that one did."""
-    longest = max(run.steps for run in log.runs)
-    rows = [row for row, run in enumerate(log.runs) if run.steps == longest > 0]
-    rewards = same_bits(log.rewards[:longest, rows], again.rewards[:longest, rows]).all(axis=0)
-    states = same_bits(log.final_states[rows], again.final_states[rows]).all(axis=1)
-    return bool(rewards.any() or states.any())
-
-
-def _refuse(agreement: Agreement, *, same_arithmetic: bool, stated: str) -> None:
-    refused = agreement.verdict(same_arithmetic=same_arithmetic, stated=stated)
+def _refuse(agreement: Agreement, *, same_arithmetic: bool, origin: str) -> None:
+    refused = agreement.verdict(same_arithmetic=same_arithmetic, origin=origin)
     if refused is not None:
         raise refused
 
@@ -398,7 +402,7 @@ def _refuse(agreement: Agreement, *, same_arithmetic: bool, stated: str) -> None
 def _agreement(result: Result, task: TaskSpec, log: ActionLog, again: _Again) -> Agreement:
     """Rewards of every step, final states and metrics."""
     seeds = tuple(f"reward of the run with seed {seed}" for seed in log.seeds)
-    found = Agreement().add("reward", log.rewards, again.rewards, seeds, "recorded rewards")
+    agreement = Agreement().add("reward", log.rewards, again.rewards, seeds, "recorded rewards")
     if tuple(run.cluster for run in result.runs) != tuple(run.cluster for run in again.runs):
         refute("task_facts", "The seasons that the runs name (cluster) are not those that they are in.")
     names = tuple(name for name in units_of(task) if name in result.units)  # an earlier glbench may have measured fewer
@@ -407,30 +411,9 @@ def _agreement(result: Result, task: TaskSpec, log: ActionLog, again: _Again) ->
     )
     for row, run in enumerate(result.runs):
         states, reached = log.final_states[row : row + 1], again.final_states[row : row + 1]
-        found = found.add(
+        agreement = agreement.add(
             "state", states, reached, task.model_value.state_names, f"final state of the run with seed {run.seed}"
         )
         where = f"metrics of the run with seed {run.seed}"
-        found = found.add("metric", metrics[row : row + 1], earned[row : row + 1], names, where)
-    return found
-
-
-def _same_ends(result: Result, runs: tuple[RunResult, ...], *, exactly: bool) -> None:
-    """Each run ends as the result says: as long, and of the same cause as far as the simulation can know it."""
-    for stated, run in zip(result.runs, runs, strict=True):
-        if (stated.status, stated.steps) != (run.status, run.steps) or (exactly and stated.reason != run.reason):
-            reason = (
-                f"The run with seed {stated.seed} is '{stated.status}' after {stated.steps} steps in the result; its actions lead to "
-                f"'{run.status}' after {run.steps} steps ({run.reason or 'to the end'})."
-            )
-            refute("status", reason)
-
-
-def _words(result: Result, *, agreement: Agreement, stated: str) -> str:
-    runs = "run earns" if len(result.runs) == 1 else "runs earn"
-    if result.fresh_draws is not None:
-        runs = "runs, and as many with fresh draws, earn"
-    what = f"{len(result.runs)} {runs} what the result says"
-    if agreement.exact:
-        return f"{what}: the same bits."
-    return f"{what} within {TOLERANCE:g} relative (largest difference {agreement.largest:.1e}), not to the last bit. {stated}"
+        agreement = agreement.add("metric", metrics[row : row + 1], earned[row : row + 1], names, where)
+    return agreement

@@ -49,7 +49,7 @@ from glbench.model import (
     vapour_pressure_deficit,
 )
 from glbench.model.air import humidity_deficit
-from glbench.realism import HouseCompared
+from glbench.realism import HouseComparison
 from glbench.realism.season import GROW_PIPE, RAIL_PIPE
 from glbench.speed import SpeedRecord, read_record
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card
@@ -434,7 +434,7 @@ def found_again() -> float:
 
 
 @cache
-def compared() -> dict[str, HouseCompared]:
+def compared() -> dict[str, HouseComparison]:
     """The parameter sets of docs/measurements/realism.json."""
     return {house.name: house for house in realism_figure.measured().houses}
 

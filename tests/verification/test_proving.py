@@ -16,7 +16,7 @@ from glbench.evaluation.profiles import load_profile, profile_path
 from glbench.evaluation.records import AgentRecord, EvaluationRecord, RunResult, TaskRecord
 from glbench.tasks import get_task
 from glbench.verification import documents, proof_path, read_proof, save_proof, verify
-from glbench.verification.verdict import TOLERANCE, Agreement
+from glbench.verification.proof import TOLERANCE, Agreement
 from tests.episodes.day import RANDOM
 from tests.evaluation.agent_files import GOOD
 from tests.support import write_day_task
@@ -285,8 +285,8 @@ def test_the_tolerance_is_relative_to_the_column():
 def test_zeros_of_different_sign_are_different_bits():
     found = Agreement().add("x", np.array([[0.0]]), np.array([[-0.0]]), ("a",), "here")
     assert found.first is not None
-    assert found.verdict(same_arithmetic=True, stated="") is not None
-    assert found.verdict(same_arithmetic=False, stated="") is None
+    assert found.verdict(same_arithmetic=True, origin="") is not None
+    assert found.verdict(same_arithmetic=False, origin="") is None
 
 
 # Proofs
