@@ -89,34 +89,27 @@ def make_actuation(task: TaskSpec) -> Actuation:
     UnknownNameError
         For a kind without a part, with the nearest known one.
     """
-    move = _checked(task, ACTUATIONS[task.actuation.kind](task))
-    names = task.model_value.control_names
-    granted = [names.index(name) for name in task.actuation.controls]
-    if granted == list(range(len(names))):
-        return move
+    move = ACTUATIONS[task.actuation.kind](task)
+    names, columns = task.model_value.control_names, task.actuation.controls
+    places = [names.index(name) for name in columns]
+    everything = places == list(range(len(names)))
 
     def move_granted(controls: Floats, actions: Floats) -> Floats:
+        before = controls if everything else controls[:, places]
+        after = np.asarray(move(before, actions), dtype=np.float64)
+        if after.shape != before.shape:
+            msg = (
+                f"The actuation '{task.actuation.kind}' of {task.id} returned an array of shape {after.shape}; it must be "
+                f"{before.shape}: a row for every run, and a column each for {', '.join(columns)}."
+            )
+            raise TaskError(msg)
+        if everything:
+            return after
         moved = np.zeros_like(controls)
-        moved[:, granted] = move(controls[:, granted], actions)
+        moved[:, places] = after
         return moved
 
     return move_granted
-
-
-def _checked(task: TaskSpec, move: Actuation) -> Actuation:
-    """``move``, refusing to return what is not a control of each run."""
-
-    def checked(controls: Floats, actions: Floats) -> Floats:
-        moved = np.asarray(move(controls, actions), dtype=np.float64)
-        if moved.shape != controls.shape:
-            msg = (
-                f"The actuation '{task.actuation.kind}' of {task.id} returned an array of shape {moved.shape}; it must be "
-                f"{controls.shape}: a row for every run, and a column each for {', '.join(task.actuation.controls)}."
-            )
-            raise TaskError(msg)
-        return moved
-
-    return checked
 
 
 @dataclass(frozen=True)
@@ -155,43 +148,30 @@ class RecordedActuation:
     memory: Mapping[str, float] = field(default_factory=dict)
 
 
-_Move = Callable[["TaskSpec", Any, Any, int], Any]
-"""The new value of one control from that in force, the action and its column: arithmetic on arrays or on recorded values."""
+_Position = Callable[["TaskSpec", Any, Any, int, "OnOffTable | None"], Any]
+"""Where a control goes: from that in force, the action and its column; arithmetic on arrays or on recorded values.
 
-_Goal = Callable[["TaskSpec", Any, Any, int, "OnOffTable"], Any]
-"""The same for a machine that is switched, on an axis on which off lies near its lowest load (``off_position``)."""
-
-
-def _moved(task: TaskSpec, control: Any, action: Any, column: int) -> Any:
-    """Control plus max_change times action, kept within 0 and 1 (a valve that is fully open stays open)."""
-    return np.minimum(np.maximum(action * task.actuation.max_change + control, 0.0), 1.0)
+Of a machine that is switched, on an axis on which off lies near its lowest load (``off_position``).
+"""
 
 
-def _moved_on_axis(task: TaskSpec, control: Any, action: Any, column: int, machine: OnOffTable) -> Any:
-    """The machine's position plus max_change times action."""
-    return action * task.actuation.max_change + control
+def _rate(task: TaskSpec, control: Any, action: Any, column: int, machine: OnOffTable | None) -> Any:
+    """Control plus max_change times action, kept within 0 and 1 (a valve that is fully open stays open) unless it is a machine's."""
+    position = action * task.actuation.max_change + control
+    return np.minimum(np.maximum(position, 0.0), 1.0) if machine is None else position
 
 
-def _approached(task: TaskSpec, control: Any, action: Any, column: int) -> Any:
-    """Towards the control asked for, by at most max_change; exactly there when it is within reach.
+def _set_point(task: TaskSpec, control: Any, action: Any, column: int, machine: OnOffTable | None) -> Any:
+    """Towards the control that the action stands for, by at most max_change; exactly there when it is within reach.
 
-    The lower bound of the action asks for 0, the upper one for 1.
+    The lower bound of the action stands for 0, the upper one for 1, and less than half of a machine's lowest load for off.
     """
-    wanted, max_change = _asked(task, action, column), task.actuation.max_change
-    return np.minimum(np.maximum(wanted, control - max_change), control + max_change)
-
-
-def _approached_on_axis(task: TaskSpec, control: Any, action: Any, column: int, machine: OnOffTable) -> Any:
-    """Towards the load asked for, by at most max_change; less than half of the lowest load asks for off."""
-    asked, max_change = _asked(task, action, column), task.actuation.max_change
-    runs = at_least(asked, 0.5 * machine.lowest)
-    wanted = select(runs, np.maximum(asked, machine.lowest), off_position(task, machine))
-    return np.minimum(np.maximum(wanted, control - max_change), control + max_change)
-
-
-def _asked(task: TaskSpec, action: Any, column: int) -> Any:
     low, high = (float(bound[column]) for bound in action_bounds(task))
-    return (action - low) / (high - low)
+    target, max_change = (action - low) / (high - low), task.actuation.max_change
+    if machine is not None:
+        runs = at_least(target, 0.5 * machine.lowest)
+        target = select(runs, np.maximum(target, machine.lowest), off_position(task, machine))
+    return np.minimum(np.maximum(target, control - max_change), control + max_change)
 
 
 def off_position(task: TaskSpec, machine: OnOffTable) -> float:
@@ -209,54 +189,46 @@ def hold_clock(control: str) -> str:
     return f"{control}_steps"
 
 
-def _switched(
-    task: TaskSpec, goal: _Goal, control: Any, action: Any, column: int, machine: OnOffTable, steps: Any
-) -> tuple[Any, Any]:
-    """A machine that is off, or runs between its lowest load and 1: its control, and for how many steps it will have been on or off.
-
-    It is switched where its position passes the middle between off and the lowest load, unless it was switched too short a time ago.
-    Then it stays off, or at the load nearest to what was asked for.
-    """
-    runs = np.sign(control)
-    off, lowest = off_position(task, machine), machine.lowest
-    there = goal(task, select(runs, control, off), action, column, machine)
-    wanted = at_least(there, 0.5 * (off + lowest) - _TIE)
-    runs, steps = held_switch(runs, steps, wanted, hold_steps(task, machine) - _TIE)
-    return runs * within(there, lowest, 1.0), steps
-
-
-def _provide(name: str, move: _Move, goal: _Goal) -> None:
+def _provide(name: str, position: _Position) -> None:
     """A kind of actuation that moves each control by itself, and can be recorded."""
 
     def make(task: TaskSpec) -> Actuation:
         if task.on_off:
             return _only_recorded(task)
         return lambda controls, actions: np.stack(
-            [move(task, controls[:, column], actions[:, column], column) for column in range(actions.shape[1])], axis=1
+            [
+                position(task, controls[:, column], actions[:, column], column, None)
+                for column in range(actions.shape[1])
+            ],
+            axis=1,
         )
 
-    def work(task: TaskSpec, given: ActuationInputs) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
-        moved, kept = {}, {}
-        for place, name in enumerate(task.actuation.controls):
-            control, action = given.controls[name], given.actions[name]
-            if name in task.on_off:
-                clock = hold_clock(name)
-                moved[name], kept[clock] = _switched(
-                    task, goal, control, action, place, task.on_off[name], given.memory[clock]
-                )
-            else:
-                moved[name] = move(task, control, action, place)
-        return moved, kept
+    def work(task: TaskSpec, inputs: ActuationInputs) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+        controls, memory = {}, {}
+        for column, name in enumerate(task.actuation.controls):
+            control, action = inputs.controls[name], inputs.actions[name]
+            if name not in task.on_off:
+                controls[name] = position(task, control, action, column, None)
+                continue
+            # A machine is off, or runs between its lowest load and 1. It is switched where its position passes the middle between off and
+            # the lowest load, unless it was switched too short a time ago. Then it stays off, or at the load nearest to the target.
+            machine, clock, running = task.on_off[name], hold_clock(name), np.sign(control)
+            off, lowest = off_position(task, machine), machine.lowest
+            target = position(task, select(running, control, off), action, column, machine)
+            runs = at_least(target, 0.5 * (off + lowest) - _TIE)
+            runs, memory[clock] = held_switch(running, inputs.memory[clock], runs, hold_steps(task, machine) - _TIE)
+            controls[name] = runs * within(target, lowest, 1.0)
+        return controls, memory
 
     ACTUATIONS.provide(name, make, recorded=RecordedActuation(work))
 
 
-def _computed(task: TaskSpec, given: ActuationInputs) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
-    if given.measured is None:
+def _computed(task: TaskSpec, inputs: ActuationInputs) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    if inputs.measured is None:
         msg = f"{task.source}: [actuation] A process computer needs an air to measure, and {task.model_id} has none."
         raise TaskError(msg)
-    wanted = {action.name: action.value(given.actions[action.name]) for action in task.actions}
-    return process_computer.work(task, wanted, given.controls, given.measured, given.memory)
+    set_points = {action.name: action.value(inputs.actions[action.name]) for action in task.actions}
+    return process_computer.work(task, set_points, inputs.controls, inputs.measured, inputs.memory)
 
 
 def _only_recorded(task: TaskSpec) -> Actuation:
@@ -267,8 +239,8 @@ def _only_recorded(task: TaskSpec) -> Actuation:
     raise TaskError(msg)
 
 
-_provide("rate", _moved, _moved_on_axis)
-_provide("set_point", _approached, _approached_on_axis)
+_provide("rate", _rate)
+_provide("set_point", _set_point)
 ACTUATIONS.provide("process_computer", _only_recorded, recorded=RecordedActuation(_computed, process_computer.MEMORY))
 
 
@@ -313,8 +285,8 @@ class ActionReader:
         names = task.model_value.control_names
         return cls("control", names, np.zeros(len(names)), np.ones(len(names)))
 
-    def __call__(self, given: object, n: int, ended: NDArray[np.bool_] | None = None) -> Floats:
-        """Own copy of ``given`` as ``(n, m)`` float64. Rows that are ``ended`` are not looked at and read as the bound ``low``.
+    def __call__(self, values: object, n: int, ended: NDArray[np.bool_] | None = None) -> Floats:
+        """Own copy of ``values`` as ``(n, m)`` float64. Rows that are ``ended`` are not looked at and read as the bound ``low``.
 
         Raises
         ------
@@ -322,7 +294,7 @@ class ActionReader:
             For a wrong shape or type, a value that is not finite, or one outside its bounds by more than ``ROUNDING``;
             the message names row, action and value.
         """
-        actions, bounds = self.read(given, n), self.bounds
+        actions, bounds = self.read(values, n), self.bounds
         if ended is not None:
             actions[ended] = bounds.low
         inside = (actions >= bounds.lowest) & (actions <= bounds.highest)  # False for NaN as well
@@ -333,17 +305,17 @@ class ActionReader:
         np.minimum(actions, bounds.high, out=actions)
         return actions
 
-    def read(self, given: object, n: int) -> Floats:
-        """Own copy of ``given`` as ``(n, m)`` float64, whatever its values are.
+    def read(self, values: object, n: int) -> Floats:
+        """Own copy of ``values`` as ``(n, m)`` float64, whatever they are.
 
         Raises
         ------
         ActionError
             For a wrong shape or type.
         """
-        numbers = real_numbers(given)
+        numbers = real_numbers(values)
         if numbers is None:
-            kind = f"array of {given.dtype}" if type(given) is np.ndarray else type(given).__name__
+            kind = f"array of {values.dtype}" if type(values) is np.ndarray else type(values).__name__
             problem = f"The {self.what}s ({kind}) are not real numbers in rows of one length."
             msg = f"{problem} {self._expected(n)} {TO_NUMBERS}"
             raise ActionError(msg)

@@ -49,11 +49,6 @@ def info_quantities(task: TaskSpec) -> tuple[StepQuantity, ...]:
 _NO_SEEDS: NDArray[Any] = np.empty(0, dtype=np.int64)
 
 
-def _signed(seeds: NDArray[np.uint64]) -> NDArray[Any]:
-    """The seeds as int64, which every library can index, as long as none exceeds it."""
-    return seeds.astype(np.int64) if int(seeds.max()) < 2**63 else seeds
-
-
 def add_objects(info: dict[str, Any], name: str, objects: dict[int, Any], n: int) -> None:
     """Add what only some rows have, by row, in Gymnasium's form: an array of objects and its mask."""
     array, mask = np.full(n, None, dtype=object), np.zeros(n, dtype=np.bool_)
@@ -79,13 +74,15 @@ class InfoWriter:
         self._masks = tuple(f"_{name}" for name in names)
         # Filling in a dictionary that has its keys is quicker than making one.
         self._empty = dict.fromkeys(names)
-        self._seeds = self._shown_seeds = _NO_SEEDS
+        self._seeds = self._seed_column = _NO_SEEDS
 
     def columns(self, simulation: Simulation, result: StepResult | None) -> dict[str, NDArray[np.generic]]:
         """Every quantity of ``info_quantities`` for all rows, each ``(n,)``."""
         if simulation.seeds is not self._seeds:
-            self._seeds, self._shown_seeds = simulation.seeds, _signed(simulation.seeds)
-        columns: dict[str, NDArray[np.generic]] = {"seed": self._shown_seeds}
+            self._seeds = self._seed_column = seeds = simulation.seeds
+            if int(seeds.max()) < 2**63:  # every library can index int64
+                self._seed_column = seeds.astype(np.int64)
+        columns: dict[str, NDArray[np.generic]] = {"seed": self._seed_column}
         columns.update(zip(self._of_info, simulation.info_columns, strict=True))
         columns["step"] = simulation.k
         if result is not None:

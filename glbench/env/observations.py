@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ from glbench.env.forecast import HOUR
 from glbench.env.numpy_environments import ObservationInputs
 from glbench.env.weather_pool import CLOCK, WeatherTables
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.kernel.environment import Lookup
+from glbench.model import ObservedColumn
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
 
 if TYPE_CHECKING:
@@ -45,43 +47,6 @@ class Numbers:
     factors: tuple[float, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class TableRows:
-    """Columns that are ``rows`` whole rows of a float32 table ``(rows, width)``, side by side.
-
-    The first is ``ahead`` rows after that of the clock (``clocked``) or of the weather shown. A table with one row for ``every`` steps
-    shows the row of the step.
-    """
-
-    table: NDArray[np.float32]
-    rows: int = 1
-    clocked: bool = False
-    ahead: int = 0
-    every: int = 1
-
-
-@dataclass(frozen=True)
-class Formula:
-    """A column that the model computes from its states and nominal parameters (``ObservedColumn.of``)."""
-
-    of: Callable[[Any, Any], Any]
-
-
-@dataclass(frozen=True)
-class AirFormula:
-    """A column that follows from the air as it is observed (``ObservedColumn.of_air``): what errs there errs here."""
-
-    of_air: Callable[[Any], Any]
-
-
-@dataclass(frozen=True)
-class DailySum:
-    """A column that is the sum since midnight of a rate [s-1] of controls, disturbances and parameters (``ObservedColumn.today``)."""
-
-    name: str
-    rate: Callable[[Any, Any, Any], Any]
-
-
 @dataclass(frozen=True)
 class Locked:
     """A column that says for how many minutes a control still stays on or off."""
@@ -89,13 +54,14 @@ class Locked:
     control: str
 
 
-Shown = Numbers | TableRows | Formula | AirFormula | DailySum | Locked
+ColumnSource = Numbers | Lookup | ObservedColumn | Locked
+"""Where columns come from: numbers of the run, rows of a table, a formula of the model, or the lock of a control."""
 
 ObservationPart = Callable[[ObservationInputs], NDArray[np.floating]]
 """Columns of one module, ``(n, columns)``, finite numbers. Row i may depend on row i of the inputs only."""
 
 CheckedObservation = Callable[[ObservationInputs, NDArray[np.bool_]], NDArray[np.floating]]
-"""The same, told besides which rows count: those of runs that go on, ``(n,)``."""
+"""The same, with the rows that count: those of runs that go on, ``(n,)``."""
 
 MakeObservation = Callable[["TaskSpec", WeatherTables], ObservationPart]
 
@@ -123,16 +89,16 @@ def checked_part(task: TaskSpec, name: str, part: ObservationPart) -> CheckedObs
     """A registered module's part, which refuses what its columns cannot be."""
     columns = tuple(column.name for column in task.observed_by(name))
 
-    def look(inputs: ObservationInputs, judged: NDArray[np.bool_]) -> NDArray[np.floating]:
+    def look(inputs: ObservationInputs, valid: NDArray[np.bool_]) -> NDArray[np.floating]:
         values = np.asarray(part(inputs))
-        wanted = (len(inputs.states), len(columns))
-        if values.shape != wanted:
+        expected = (len(inputs.states), len(columns))
+        if values.shape != expected:
             msg = (
-                f"The observation module '{name}' of {task.id} returned an array of shape {values.shape}; it must be {wanted}: "
+                f"The observation module '{name}' of {task.id} returned an array of shape {values.shape}; it must be {expected}: "
                 f"a row for every run, and a column each for {', '.join(columns)}."
             )
             raise TaskError(msg)
-        wrong = ~np.isfinite(values) & judged[:, None]
+        wrong = ~np.isfinite(values) & valid[:, None]
         if wrong.any():
             row, column = (int(place) for place in np.argwhere(wrong)[0])
             msg = (
@@ -145,7 +111,7 @@ def checked_part(task: TaskSpec, name: str, part: ObservationPart) -> CheckedObs
     return look
 
 
-def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, ...]:
+def column_sources(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[ColumnSource, ...]:
     """The columns of a module that is data: of the task's model, or the environment's own.
 
     Raises
@@ -156,66 +122,55 @@ def shown_by(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Shown, .
         When the model shows something that neither its states nor its air have.
     """
     model = task.model_value
-    seen = model.observed(name, task.observation_context().horizon)
-    if seen is None:
-        if name in _SHOWN:
-            return _SHOWN[name](task, tables)
-        known = (*_MAKERS, *_SHOWN, *model.observation_modules)
-        msg = f"There is no observation module called '{name}'.{did_you_mean(name, known)}"
+    columns = model.observed(name, task.observation_context().horizon)
+    if columns is None:
+        if name in _SOURCES:
+            return _SOURCES[name](task, tables)
+        names = (*_MAKERS, *_SOURCES, *model.observation_modules)
+        msg = f"There is no observation module called '{name}'.{did_you_mean(name, names)}"
         raise UnknownNameError(msg)
     air = list(AIR) if model.air else []
-    shown: list[Shown] = []
-    for column in seen:
-        if column.of is not None:
-            shown.append(Formula(column.of))
-        elif column.of_air is not None:
-            if not model.air:
-                msg = f"{model.id} shows '{column.name}' of its air, and has none."
-                raise TaskError(msg)
-            shown.append(AirFormula(column.of_air))
-        elif column.today is not None:
-            shown.append(DailySum(column.name, column.today))
+    sources: list[ColumnSource] = []
+    for column in columns:
+        if column.of_air is not None and not model.air:
+            msg = f"{model.id} shows '{column.name}' of its air, and has none."
+            raise TaskError(msg)
+        if column.of is not None or column.of_air is not None or column.today is not None:
+            sources.append(column)
         elif column.source in air:
-            shown.append(Numbers("air", (air.index(column.source),), (column.factor,)))
+            sources.append(Numbers("air", (air.index(column.source),), (column.factor,)))
         elif column.source in model.state_names:
-            shown.append(Numbers("states", (model.state_index(column.source),), (column.factor,)))
+            sources.append(Numbers("states", (model.state_index(column.source),), (column.factor,)))
         else:
             msg = f"{model.id} shows '{column.name}' of '{column.source}', which is neither one of its states nor a quantity of its air."
             raise TaskError(msg)
-    return tuple(shown)
+    return tuple(sources)
 
 
-def _controls(task: TaskSpec, tables: WeatherTables) -> tuple[Shown, ...]:
-    capacities = task.capacities()
-    return (Numbers("controls", tuple(range(len(capacities))), tuple(capacity.at_one for capacity in capacities)),)
+def _plain(source: Source, *factors: float) -> tuple[ColumnSource, ...]:
+    return (Numbers(source, tuple(range(len(factors))), factors),)
 
 
-def _plain(source: Source, count: int) -> tuple[Shown, ...]:
-    return (Numbers(source, tuple(range(count)), (1.0,) * count),)
+def _ahead(task: TaskSpec, table: NDArray[np.float32]) -> tuple[ColumnSource, ...]:
+    return (Lookup(table, rows=task.observation.forecast_steps, ahead=1),)
 
 
-def _ahead(task: TaskSpec, table: NDArray[np.float32]) -> tuple[Shown, ...]:
-    return (TableRows(table, rows=task.observation.forecast_steps, ahead=1),)
-
-
-_SHOWN: dict[str, Callable[[TaskSpec, WeatherTables], tuple[Shown, ...]]] = {
-    "time": lambda task, tables: (TableRows(tables.clock, clocked=True),),
-    "local_time": lambda task, tables: _plain("clock", len(CLOCK)),
-    "controls": _controls,
-    "weather": lambda task, tables: (TableRows(tables.measured),),
+_SOURCES: dict[str, Callable[[TaskSpec, WeatherTables], tuple[ColumnSource, ...]]] = {
+    "time": lambda task, tables: (Lookup(tables.clock, clocked=True),),
+    "local_time": lambda task, tables: _plain("clock", *(1.0,) * len(CLOCK)),
+    "controls": lambda task, tables: _plain("controls", *(capacity.at_one for capacity in task.capacities())),
+    "weather": lambda task, tables: (Lookup(tables.measured),),
     "forecast": lambda task, tables: _ahead(task, tables.measured),
     "weather_forecast": lambda task, tables: (
-        TableRows(tables.forecast, every=max(HOUR // task.weather.step_seconds, 1)),
+        Lookup(tables.forecast, every=max(HOUR // task.weather.step_seconds, 1)),
     ),
-    "full_state": lambda task, tables: _plain("states", len(task.model_value.state_names)),
+    "full_state": lambda task, tables: _plain("states", *(1.0,) * len(task.model_value.state_names)),
     # The published code counts the step just taken, hence the step whose weather is shown and not the number of steps.
     "step_counter": lambda task, tables: (Numbers("counter", (1,), (1.0,)),),
     "switches": lambda task, tables: tuple(Locked(name) for name, _ in task.observation_context().holds),
-    "prices": lambda task, tables: (TableRows(tables.prices, clocked=True),),
-    "day_ahead_prices": lambda task, tables: (TableRows(tables.day_ahead, clocked=True),),
-    "control_fractions": lambda task, tables: _plain("controls", len(task.model_value.control_names)),
-    "published_time": lambda task, tables: (
-        TableRows(np.ascontiguousarray(tables.clock[:, [2, 3, 0, 1]]), clocked=True),
-    ),
+    "prices": lambda task, tables: (Lookup(tables.prices, clocked=True),),
+    "day_ahead_prices": lambda task, tables: (Lookup(tables.day_ahead, clocked=True),),
+    "control_fractions": lambda task, tables: _plain("controls", *(1.0,) * len(task.model_value.control_names)),
+    "published_time": lambda task, tables: (Lookup(np.ascontiguousarray(tables.clock[:, [2, 3, 0, 1]]), clocked=True),),
     "published_forecast": lambda task, tables: _ahead(task, tables.published),
 }

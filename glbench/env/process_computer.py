@@ -85,7 +85,7 @@ class Measured:
 
 def work(
     task: TaskSpec,
-    wanted: Mapping[str, Any],
+    set_points: Mapping[str, Any],
     controls: Mapping[str, Any],
     measured: Measured,
     memory: Mapping[str, Any],
@@ -94,7 +94,7 @@ def work(
 
     Parameters
     ----------
-    wanted
+    set_points
         Set points by name, those of ``task.actions``, in their units.
     controls
         Controls in force by name, fractions.
@@ -108,7 +108,7 @@ def work(
     controls, memory
         New controls of those that the task grants, and what is remembered.
     """
-    return _Step(task, task.actuation.process_computer, wanted, controls, measured, memory).done()
+    return _Step(task, task.actuation.process_computer, set_points, controls, measured, memory).run()
 
 
 class _Step:
@@ -118,20 +118,30 @@ class _Step:
         self,
         task: TaskSpec,
         settings: ProcessComputerTable,
-        wanted: Mapping[str, Any],
+        set_points: Mapping[str, Any],
         controls: Mapping[str, Any],
         measured: Measured,
         memory: Mapping[str, Any],
     ) -> None:
-        self.s, self.wanted, self.controls, self.seen, self.memory = settings, wanted, controls, measured, memory
+        self.s, self.set_points, self.controls, self.measured, self.memory = (
+            settings,
+            set_points,
+            controls,
+            measured,
+            memory,
+        )
         self.max_change = task.actuation.max_change
         self.steps_an_hour = _SECONDS_AN_HOUR / task.step_seconds
         self.heat_installed = {capacity.name: capacity.at_one for capacity in task.capacities()}.get(BOILER, 0.0)
-        self.kept: dict[str, Any] = {"begun": 1.0}
+        self.next_memory: dict[str, Any] = {"begun": 1.0}
         self.heating, self.ventilation = self._temperatures()
-        self.too_humid = self._too_humid()
+        self.too_humid: Any = (
+            0.0  # how far the air is below the humidity deficit of the set point, as a share of the band
+        )
+        if HUMIDITY in set_points:
+            self.too_humid = share(set_points[HUMIDITY] - measured.humidity_deficit, 0.0, settings.humidity_band)
 
-    def done(self) -> tuple[dict[str, Any], dict[str, Any]]:
+    def run(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """All granted controls, and what is remembered; a rule that steers nothing granted is left out."""
         moved: dict[str, Any] = {}
         for name, rule in (
@@ -142,8 +152,12 @@ class _Step:
         if DOSING in self.controls:
             moved[DOSING] = self._approached(DOSING, self._dosing(moved))
         if BLACKOUT in self.controls:
-            moved[BLACKOUT] = self._approached(BLACKOUT, self._blackout() if LAMPS in moved else 0.0)
-        return moved, self.kept
+            position: Any = 0.0
+            if LAMPS in moved:  # closed while lamps burn in the dark
+                dark = below(self.measured.radiation, self.s.blackout_radiation)
+                position = self.lit * dark * (1.0 - self._gap())
+            moved[BLACKOUT] = self._approached(BLACKOUT, position)
+        return moved, self.next_memory
 
     def _approached(self, name: str, position: Any) -> Any:
         """``position``, or as near to it as the control comes in a step."""
@@ -158,65 +172,56 @@ class _Step:
         Without a boiler, or without vents, the one temperature follows from the other; ``None`` where there are neither.
         """
         apart, heating, ventilation = self.s.dead_zone, None, None
-        if HEATING in self.wanted:
-            heating = self._ramped(HEATING, self.wanted[HEATING])
-        if VENTILATION in self.wanted:
-            asked = self.wanted[VENTILATION]
+        if HEATING in self.set_points:
+            heating = self._ramped(HEATING, self.set_points[HEATING])
+        if VENTILATION in self.set_points:
+            target = self.set_points[VENTILATION]
             if heating is not None:
-                asked = np.maximum(asked, self.wanted[HEATING] + apart)
-            ventilation = self._ramped(VENTILATION, asked)
+                target = np.maximum(target, self.set_points[HEATING] + apart)
+            ventilation = self._ramped(VENTILATION, target)
             if heating is not None:
                 ventilation = np.maximum(ventilation, heating + apart)
-                self.kept[VENTILATION] = ventilation
+                self.next_memory[VENTILATION] = ventilation
         if heating is None and ventilation is not None:
             heating = ventilation - apart
         if ventilation is None and heating is not None:
             ventilation = heating + apart
         return heating, ventilation
 
-    def _ramped(self, name: str, asked: Any) -> Any:
-        """The set point on its way to what is asked for; at once there in the first step."""
+    def _ramped(self, name: str, target: Any) -> Any:
+        """The set point on its way to its target; at once there in the first step."""
         before = self.memory[name]
         up, down = self.s.temperature_rise / self.steps_an_hour, self.s.temperature_fall / self.steps_an_hour
-        ramped = select(self.memory["begun"], within(asked, before - down, before + up), asked)
-        self.kept[name] = ramped
+        ramped = select(self.memory["begun"], within(target, before - down, before + up), target)
+        self.next_memory[name] = ramped
         return ramped
-
-    def _too_hot(self) -> Any:
-        """How far the vents should open for temperature: the ventilation band widens with cold and wind."""
-        s = self.s
-        cold = np.maximum(s.ventilation_band_below - self.seen.outdoor_temperature, 0.0)
-        band = s.ventilation_band + s.ventilation_band_cold * cold + s.ventilation_band_wind * self.seen.wind_speed
-        band = np.minimum(band, s.ventilation_band_most)
-        return share(self.seen.air_temperature, self.ventilation, self.ventilation + band)
-
-    def _too_humid(self) -> Any:
-        """How far the air is below the wanted humidity deficit, as a share of the band."""
-        if HUMIDITY not in self.wanted:
-            return 0.0
-        return share(self.wanted[HUMIDITY] - self.seen.humidity_deficit, 0.0, self.s.humidity_band)
 
     # One rule for each control: the position that it should have.
 
     def _boiler(self) -> Any:
         s, installed = self.s, self.heat_installed
-        heat = share(self.heating - self.seen.air_temperature, 0.0, s.heating_band)
+        heat = share(self.heating - self.measured.air_temperature, 0.0, s.heating_band)
         least = min(s.minimum_heat / installed, 1.0) if installed > 0.0 else 0.0
-        dim = share(self.seen.radiation, s.minimum_heat_radiation, 0.0)
+        dim = share(self.measured.radiation, s.minimum_heat_radiation, 0.0)
         return np.maximum(heat, least * self.too_humid * dim)
 
     def _vents(self) -> Any:
         """Open for temperature or humidity, whichever asks for more, and slowly: a little vent cools much more than a little."""
-        warm = share(self.seen.air_temperature, self.heating - self.s.vent_gap_cold, self.heating)
-        position = np.maximum(self._too_hot(), self.s.vent_gap * self.too_humid * warm)
-        now, weight = self.controls[VENTS], 1.0 / (1.0 + self.s.vent_time * self.steps_an_hour)
+        s, air_temperature = self.s, self.measured.air_temperature
+        warm = share(air_temperature, self.heating - s.vent_gap_cold, self.heating)
+        cold = np.maximum(s.ventilation_band_below - self.measured.outdoor_temperature, 0.0)
+        band = s.ventilation_band + s.ventilation_band_cold * cold + s.ventilation_band_wind * self.measured.wind_speed
+        band = np.minimum(band, s.ventilation_band_most)  # it widens with cold and wind
+        too_hot = share(air_temperature, self.ventilation, self.ventilation + band)
+        position = np.maximum(too_hot, s.vent_gap * self.too_humid * warm)
+        now, weight = self.controls[VENTS], 1.0 / (1.0 + s.vent_time * self.steps_an_hour)
         near = below((position - now) * (position - now), _NEAR * _NEAR)
         return select(near, position, now + weight * (position - now))
 
     def _dosing(self, moved: Mapping[str, Any]) -> Any:
         s = self.s
-        short = share(self.seen.co2, self.wanted[CO2], self.wanted[CO2] - s.co2_band)
-        light = share(self.seen.radiation, 0.0, s.co2_radiation)
+        short = share(self.measured.co2, self.set_points[CO2], self.set_points[CO2] - s.co2_band)
+        light = share(self.measured.radiation, 0.0, s.co2_radiation)
         if LAMPS in moved:
             light = np.maximum(light, moved[LAMPS])
         shut = share(moved[VENTS], s.co2_vents_off, s.co2_vents) if VENTS in moved else 1.0
@@ -224,42 +229,38 @@ class _Step:
 
     def _lamps(self) -> Any:
         """On within the hours and while it is not too bright; the clock does not wait for the minimum time."""
-        s, limit, hour = self.s, self.wanted[LAMP_RADIATION], self.seen.hour_of_day + _TIE
+        s, limit, hour = self.s, self.set_points[LAMP_RADIATION], self.measured.hour_of_day + _TIE
         dimmer = limit - np.minimum(s.lamp_hysteresis, 0.5 * limit)
-        radiation = self.seen.radiation + _TIE
+        radiation = self.measured.radiation + _TIE
         bright_now, dim_now = at_least(radiation, limit), below(radiation, dimmer)
-        bright = self._held("bright", switch(self.memory["bright"], bright_now, dim_now), s.lamp_minimum_time)
-        in_hours = at_least(hour, self.wanted[LAMPS_FROM]) * below(hour, self.wanted[LAMPS_UNTIL])
+        bright = self._timed_switch("bright", switch(self.memory["bright"], bright_now, dim_now), s.lamp_minimum_time)
+        in_hours = at_least(hour, self.set_points[LAMPS_FROM]) * below(hour, self.set_points[LAMPS_UNTIL])
         self.lit = in_hours * (1.0 - bright)
         return self.lit
 
-    def _held(self, name: str, wanted: Any, hours: float) -> Any:
+    def _timed_switch(self, name: str, target: Any, hours: float) -> Any:
         """A switch of the memory that is thrown at most once in so many hours."""
         least = hours * self.steps_an_hour - _ROUNDING
-        now, steps = held_switch(self.memory[name], self.memory[f"{name}_steps"], wanted, least)
-        self.kept[name], self.kept[f"{name}_steps"] = now, steps
+        now, steps = held_switch(self.memory[name], self.memory[f"{name}_steps"], target, least)
+        self.next_memory[name], self.next_memory[f"{name}_steps"] = now, steps
         return now
 
     def _screen(self) -> Any:
-        s, dark, cold = self.s, self.wanted[SCREEN_RADIATION], self.wanted[SCREEN_OUTDOOR]
-        radiation, outside = self.seen.radiation + _TIE, self.seen.outdoor_temperature + _TIE
+        s, dark, cold = self.s, self.set_points[SCREEN_RADIATION], self.set_points[SCREEN_OUTDOOR]
+        radiation, outside = self.measured.radiation + _TIE, self.measured.outdoor_temperature + _TIE
         close = below(radiation, dark) * below(outside, cold)
         brighter = at_least(radiation, dark + np.minimum(s.screen_radiation_hysteresis, dark))
         warmer = at_least(outside, cold + s.screen_temperature_hysteresis)
         opened = np.maximum(brighter, warmer)
-        closed = self._held("screen", switch(self.memory["screen"], close, opened), s.screen_minimum_time)
+        closed = self._timed_switch("screen", switch(self.memory["screen"], close, opened), s.screen_minimum_time)
         return closed * (1.0 - self._gap())
-
-    def _blackout(self) -> Any:
-        """Closed while lamps burn in the dark."""
-        return self.lit * below(self.seen.radiation, self.s.blackout_radiation) * (1.0 - self._gap())
 
     def _gap(self) -> Any:
         """How far a closed screen opens again: a little in humid air, fully in air that is far too warm."""
         gap = self.s.screen_gap * self.too_humid
         if self.ventilation is None:
             return gap
-        warm = share(self.seen.air_temperature, self.ventilation, self.ventilation + self.s.screen_heat_band)
+        warm = share(self.measured.air_temperature, self.ventilation, self.ventilation + self.s.screen_heat_band)
         return np.maximum(gap, warm)
 
 
@@ -297,11 +298,11 @@ def switch(state: Any, on: Any, off: Any) -> Any:
     return np.maximum(on, state * (1.0 - off))
 
 
-def held_switch(state: Any, steps: Any, wanted: Any, least: float) -> tuple[Any, Any]:
+def held_switch(state: Any, steps: Any, target: Any, least: float) -> tuple[Any, Any]:
     """A switch that stays as it is for at least ``least`` steps: its new state, and for how many steps it will have had it.
 
     ``steps`` is that number before; a switch that was never thrown has had its state for ``least`` steps.
     """
-    now = select(at_least(steps, least), wanted, state)
+    now = select(at_least(steps, least), target, state)
     changed = (now - state) * (now - state)
     return now, select(changed, 1.0, steps + 1.0)

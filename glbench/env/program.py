@@ -6,6 +6,7 @@ Every part that glbench ships can be recorded. A registered part is Python: the 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -26,17 +27,7 @@ from glbench.env.actuation import (
 from glbench.env.climate import AIR, air_quantities
 from glbench.env.daily_sums import DAILY_SUMS, daily_sum
 from glbench.env.numpy_environments import NO_PARTS, PythonParts
-from glbench.env.observations import (
-    AirFormula,
-    DailySum,
-    Formula,
-    Locked,
-    Numbers,
-    TableRows,
-    checked_part,
-    python_part,
-    shown_by,
-)
+from glbench.env.observations import Locked, Numbers, checked_part, column_sources, python_part
 from glbench.env.process_computer import Measured
 from glbench.env.rewards import REWARDS, StepOutcome, make_reward
 from glbench.env.scenario import RunScenarios
@@ -51,6 +42,7 @@ from glbench.weather import COLUMNS
 
 if TYPE_CHECKING:
     from glbench.env.memory_layout import MemoryLayout
+    from glbench.model import ObservedColumn
     from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
@@ -70,7 +62,13 @@ def info_columns(task: TaskSpec) -> int:
 
 def make_program(task: TaskSpec) -> tuple[Program, PythonParts]:
     """The program of a task, and what fills the gaps in it: ``NO_PARTS`` when there are none."""
-    return _shipped(task)[0] if _all_shipped(task) else _program(task, RunScenarios(task))
+    recorded = (
+        recorded_actuation(task) is not None
+        and all(REWARDS.recorded(name) for name in task.reward.modules)
+        and all(python_part(name) is None for name in task.observation.modules)
+        and all(group.distribution == UNIFORM for group in task.scenario.groups)
+    )
+    return _shipped(task)[0] if recorded else _program(task, RunScenarios(task))
 
 
 def record_quantities(task: TaskSpec) -> Tape | None:
@@ -95,15 +93,6 @@ def calendar_columns(task: TaskSpec) -> int:
     return len(CLOCK) + len(task.price_tables)
 
 
-def _all_shipped(task: TaskSpec) -> bool:
-    return (
-        recorded_actuation(task) is not None
-        and all(REWARDS.recorded(name) for name in task.reward.modules)
-        and all(python_part(name) is None for name in task.observation.modules)
-        and all(group.distribution == UNIFORM for group in task.scenario.groups)
-    )
-
-
 @lru_cache(maxsize=8)
 def _shipped(task: TaskSpec) -> tuple[tuple[Program, PythonParts], WeatherPool]:
     """With the pool that the program reads: as long as the program is remembered, nobody makes another one for the task."""
@@ -118,7 +107,13 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
     with Recorder() as update:
         scenarios.sensors.update(update, _true_air(task, update), scenarios.memory_layout)
         outcome, lookups, columns, reward, observation = _outcome(task, scenarios, update)
-    followers, python_followers = _followers(task, scenarios)
+    followers, python_followers = EMPTY, None
+    if scenarios.in_step:
+        derived = DerivedParameters(task.model_value, scenarios.nominal, scenarios.places(scenarios.in_step))
+        try:
+            followers = derived.tape(others=scenarios.places(scenarios.in_episode))
+        except RecordingError:  # a formula needs more than arithmetic
+            python_followers = derived
     kind = recorded_actuation(task)
     distributions = [group.distribution for group in scenarios.in_step]
     program = Program(
@@ -170,16 +165,16 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
 def _actuation(task: TaskSpec, kind: RecordedActuation, scenarios: RunScenarios) -> Tape:
     names, places = task.model_value.control_names, scenarios.memory_layout.of(ACTUATION)
     with Recorder() as recorder:
-        given = ActuationInputs(
+        inputs = ActuationInputs(
             actions={action.name: recorder.input("given", place) for place, action in enumerate(task.actions)},
             controls={name: recorder.input("controls", names.index(name)) for name in task.actuation.controls},
             memory={name: recorder.input("memory", place) for name, place in places.items()},
             measured=_measured(task, recorder, scenarios),
         )
-        moved, kept = kind.work(task, given)
+        controls, memory = kind.work(task, inputs)
         for index, name in enumerate(names):
-            recorder.output("controls", index, moved.get(name, 0.0))
-        for name, value in kept.items():
+            recorder.output("controls", index, controls.get(name, 0.0))
+        for name, value in memory.items():
             recorder.output("memory", places[name], value)
     return recorder.tape()
 
@@ -194,17 +189,6 @@ def _measured(task: TaskSpec, recorder: Recorder, scenarios: RunScenarios) -> Me
     hour = recorder.input("calendar", CLOCK.index("hour_of_day"))
     deficit = with_simplification(humidity_deficit, temperature, humidity)
     return Measured(temperature, co2, deficit, radiation, outside, wind, hour)
-
-
-def _followers(task: TaskSpec, scenarios: RunScenarios) -> tuple[Tape, DerivedParameters | None]:
-    """What follows from the parameters that the step draws: as a tape, or as Python where that needs more than arithmetic."""
-    if not scenarios.in_step:
-        return EMPTY, None
-    derived = DerivedParameters(task.model_value, scenarios.nominal, scenarios.places(scenarios.in_step))
-    try:
-        return derived.tape(others=scenarios.places(scenarios.in_episode)), None
-    except RecordingError:
-        return EMPTY, derived
 
 
 def _true_air(task: TaskSpec, recorder: Recorder, moment: Literal["before", "after"] = "after") -> list[Any]:
@@ -251,12 +235,12 @@ def _quantities(
     prices, later = (
         [recorder.input(source, column) for column in columns] for source in ("calendar_before", "calendar")
     )
-    held = (
+    controls_before = (
         [recorder.input("controls_before", index) for index in range(len(controls))]
         if TRAVEL in accounts.names
         else None
     )
-    rows = accounts.of_step(before, after, controls, air, prices, later, held)
+    rows = accounts.of_step(before, after, controls, air, prices, later, controls_before)
     reward = make_reward(task, accounts)
     if all(REWARDS.recorded(name) for name in task.reward.modules):
         table = [rows.get(name) for name in accounts.names]
@@ -264,20 +248,21 @@ def _quantities(
         rows["reward"] = reward(StepOutcome(cast("Floats", table), nothing, nothing, nothing, nothing, accounts.names))
         return [rows[name] for name in accounts.names], None
     rows["reward"] = 0.0
-    first, shown = info_columns(task), air_columns(task)
+    first, air_rows = info_columns(task), air_columns(task)
 
-    def judged(table: Floats, before: Floats, after: Floats, controls: Floats) -> Floats:
+    def python_reward(table: Floats, before: Floats, after: Floats, controls: Floats) -> Floats:
         columns = np.ascontiguousarray(table.T)
         columns[first + REWARD] = 0.0
-        return reward(StepOutcome(columns[first:], before, after, controls, columns[shown], accounts.names))
+        return reward(StepOutcome(columns[first:], before, after, controls, columns[air_rows], accounts.names))
 
-    return [rows[name] for name in accounts.names], (first + REWARD, judged)
+    return [rows[name] for name in accounts.names], (first + REWARD, python_reward)
 
 
 def _observation(
     task: TaskSpec, recorder: Recorder, controls: list[Any], air: list[Any], update: Recorder, layout: MemoryLayout
 ) -> tuple[tuple[Lookup, ...], tuple[tuple[slice, Any], ...], int]:
-    tables, nominal = WeatherTables.of(task), task.model_value.Parameters(*task.parameters().tolist())
+    tables, model = WeatherTables.of(task), task.model_value
+    nominal = model.Parameters(*task.parameters().tolist())
     lookups: list[Lookup] = []
     parts: list[tuple[slice, Any]] = []
     at = 0
@@ -288,77 +273,66 @@ def _observation(
             parts.append((slice(at, at + width), checked_part(task, name, make(task, tables))))
             at += width
             continue
-        for shown in shown_by(name, task, tables):
-            if isinstance(shown, TableRows):
-                lookups.append(Lookup(shown.table, at, shown.rows, shown.clocked, shown.ahead, shown.every))
-                at += shown.rows * shown.table.shape[1]
-            elif isinstance(shown, Formula):
-                recorder.output("observation", at, shown.of(_recorded_states(task, recorder), nominal))
-                at += 1
-            elif isinstance(shown, AirFormula):
-                recorder.output(
-                    "observation", at, with_simplification(lambda *values, of=shown.of_air: of(Air(*values)), *air)
-                )
-                at += 1
-            elif isinstance(shown, DailySum):
-                place = layout.of(DAILY_SUMS)[shown.name]
-                update.output("memory", place, _sum_of_today(task, shown, update, place))
-                recorder.output("observation", at, recorder.input("memory", place))
-                at += 1
-            elif isinstance(shown, Locked):
-                place = layout.of(ACTUATION)[hold_clock(shown.control)]
-                recorder.output(
-                    "observation", at, _minutes_locked(task, shown.control, recorder.input("memory", place))
-                )
-                at += 1
+        for column in column_sources(name, task, tables):
+            if isinstance(column, Lookup):
+                lookups.append(replace(column, at=at))
+                at += column.rows * column.table.shape[1]
+                continue
+            values: list[Any]
+            if isinstance(column, Numbers):
+                values = _numbers(column, recorder, controls, air)
+            elif isinstance(column, Locked):  # for how many minutes a control still stays on or off
+                steps = recorder.input("memory", layout.of(ACTUATION)[hold_clock(column.control)])
+                rest: Any = hold_steps(task, task.on_off[column.control]) - steps
+                values = [np.maximum(rest, 0.0) * (task.step_seconds / 60.0)]
+            elif column.of is not None:
+                states = [recorder.input("after", place) for place in range(len(model.states))]
+                values = [column.of(ByName(model.states, states), nominal)]
+            elif column.of_air is not None:
+                values = [with_simplification(lambda *entries, of=column.of_air: of(Air(*entries)), *air)]
             else:
-                at = _numbers(shown, at, recorder, controls, air)
+                place = layout.of(DAILY_SUMS)[column.name]
+                update.output("memory", place, _sum_since_midnight(task, column, update, place))
+                values = [recorder.input("memory", place)]
+            for value in values:
+                recorder.output("observation", at, value)
+                at += 1
     if at != len(task.observed()):
         msg = f"{task.id} announces {len(task.observed())} observed columns, its modules have {at}."
         raise TaskError(msg)
     return tuple(lookups), tuple(parts), at
 
 
-def _minutes_locked(task: TaskSpec, control: str, steps: Any) -> Any:
-    """How long a control that has been on or off for so many steps still stays so [min]."""
-    left: Any = hold_steps(task, task.on_off[control]) - steps
-    return np.maximum(left, 0.0) * (task.step_seconds / 60.0)
-
-
-def _sum_of_today(task: TaskSpec, shown: DailySum, recorder: Recorder, place: int) -> Any:
+def _sum_since_midnight(task: TaskSpec, column: ObservedColumn, recorder: Recorder, place: int) -> Any:
     """What a column sums up since midnight, after the step, from what it had before it."""
     model = task.model_value
     nominal = model.Parameters(*task.parameters().tolist())
     controls = [recorder.input("controls", index) for index in range(len(model.controls))]
-    acted = [recorder.input("weather_before", index) for index in range(len(model.disturbances))]
+    weather = [recorder.input("weather_before", index) for index in range(len(model.disturbances))]
 
-    def rate(*given: Any) -> Any:
-        return shown.rate(model.Controls(*given[: len(controls)]), model.Disturbances(*given[len(controls) :]), nominal)
+    def rate(*values: Any) -> Any:
+        assert column.today is not None
+        return column.today(
+            model.Controls(*values[: len(controls)]), model.Disturbances(*values[len(controls) :]), nominal
+        )
 
     hour = CLOCK.index("hour_of_day")
     before, now = recorder.input("calendar_before", hour), recorder.input("calendar", hour)
-    so_far, comes = recorder.input("memory", place), with_simplification(rate, *controls, *acted)
-    return daily_sum(so_far, comes, before, now, task.step_seconds)
+    so_far, amount = recorder.input("memory", place), with_simplification(rate, *controls, *weather)
+    return daily_sum(so_far, amount, before, now, task.step_seconds)
 
 
-def _recorded_states(task: TaskSpec, recorder: Recorder) -> ByName:
-    """The state after the step by the names of the equations, recorded as far as it is asked for."""
-    return ByName(
-        task.model_value.states, [recorder.input("after", place) for place in range(len(task.model_value.states))]
-    )
-
-
-def _numbers(shown: Numbers, at: int, recorder: Recorder, controls: list[Any], air: list[Any]) -> int:
-    """Record observed numbers from column ``at`` on; the column after them."""
-    for index, factor in zip(shown.indices, shown.factors, strict=True):
-        if shown.source == "states":
+def _numbers(numbers: Numbers, recorder: Recorder, controls: list[Any], air: list[Any]) -> list[Any]:
+    """Observed numbers of the run, as recorded values."""
+    values = []
+    for index, factor in zip(numbers.indices, numbers.factors, strict=True):
+        if numbers.source == "states":
             value = recorder.input("after", index)
-        elif shown.source == "counter":
+        elif numbers.source == "counter":
             value = recorder.input("counter", index)
-        elif shown.source == "clock":
+        elif numbers.source == "clock":
             value = recorder.input("calendar", index)
         else:
-            value = (air if shown.source == "air" else controls)[index]
-        recorder.output("observation", at, value if factor == 1.0 else value * factor)
-        at += 1
-    return at
+            value = (air if numbers.source == "air" else controls)[index]
+        values.append(value if factor == 1.0 else value * factor)
+    return values

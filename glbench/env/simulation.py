@@ -181,14 +181,9 @@ class Simulation:
             states = len(self.task.model_value.states)
             environments = NumpyEnvironments(program, self.n, self.kernel, states, parts)
         vars(self)["_environments"] = environments
+        self._first_run = environments.table[0], environments.observations[0], environments.given[0]
         self._start(np.arange(self.n), [0] * self.n)
         return environments
-
-    @cached_property
-    def _single(self) -> tuple[Floats, NDArray[np.float32], Floats]:
-        """Table, observation and action of the first run."""
-        environments = self._environments
-        return environments.table[0], environments.observations[0], environments.given[0]
 
     @property
     def fused(self) -> bool:
@@ -340,13 +335,14 @@ class Simulation:
         """
         if not self._ready or self.over == self.n:
             self._check_running()
-        table, observation, values = self._single
+        environments = self._environments
+        table, observation, values = self._first_run
         if type(action) is np.ndarray and action.shape == values.shape and action.dtype.char in _REAL_TYPES:
             values[:] = action
         else:
             numbers = real_numbers(action)
             self._write("given", action if numbers is None else numbers[None])
-        self._finish_step("given", self._environments.step())
+        self._finish_step("given", environments.step())
         return observation.copy(), table.tolist(), self.over == 1
 
     def step_controls(self, controls: ArrayLike) -> StepResult:

@@ -45,12 +45,7 @@ def register_distribution(name: str, meaning: str, deviation: Deviation) -> None
     DISTRIBUTIONS.register(name, meaning, deviation)
 
 
-def _uniform(numbers: Floats, half_width: float) -> Floats:
-    """Between -half_width and +half_width."""
-    return (2.0 * numbers - 1.0) * half_width
-
-
-DISTRIBUTIONS.provide(UNIFORM, _uniform)
+DISTRIBUTIONS.provide(UNIFORM, lambda numbers, half_width: (2.0 * numbers - 1.0) * half_width)
 
 
 def draw_key(task_id: str, seed: int) -> tuple[int, int]:
@@ -97,10 +92,10 @@ class DerivedParameters:
 
     def complete(self, parameters: Floats) -> None:
         """Write the derived entries that follow from the uncertain ones into ``parameters`` ``(n, p)``."""
-        given = {place: parameters[:, place].copy() for place in range(parameters.shape[1])}
-        found = self._following(given)
+        columns = {place: parameters[:, place].copy() for place in range(parameters.shape[1])}
+        derived = self._following(columns)
         for place in self.followers:
-            parameters[:, place] = found[place]
+            parameters[:, place] = derived[place]
 
     def tape(self, others: tuple[int, ...] = ()) -> Tape:
         """What follows from the uncertain parameters (``drawn``, by place), as a tape.
@@ -123,12 +118,12 @@ class DerivedParameters:
 
     def _following(self, values: dict[int, Any]) -> dict[int, Any]:
         """Derived parameters that change with ``values``, by place."""
-        given = self._nominal.copy()
+        parameters = self._nominal.copy()
         for place, value in values.items():
-            given[place] = value
+            parameters[place] = value
         # What follows from an array is a new array; numbers, and arrays that were handed in, depend on nothing uncertain.
         return {
             place: value
-            for place, value in enumerate(self._model.derived(self._model.Parameters(*given)))
-            if isinstance(value, np.ndarray | casadi.SX) and value is not given[place]
+            for place, value in enumerate(self._model.derived(self._model.Parameters(*parameters)))
+            if isinstance(value, np.ndarray | casadi.SX) and value is not parameters[place]
         }

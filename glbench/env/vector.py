@@ -165,7 +165,16 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         if snapshot is not None:
             return self.restore(snapshot)
         mask = mask_option(options, self.num_envs)
-        self._start(np.flatnonzero(mask), self._row_seeds(seed))
+        seeds: list[int | None] = [None] * self.num_envs
+        if isinstance(seed, Sequence | np.ndarray):
+            if len(seed) != self.num_envs:
+                msg = f"reset got {len(seed)} seeds for {self.num_envs} environments. Give one seed an environment."
+                raise ShapeError(msg)
+            seeds = [None if one is None else checked_seed(one) for one in seed]
+        elif seed is not None:
+            first = checked_seed(seed)
+            seeds = [checked_seed(first + row) for row in range(self.num_envs)]
+        self._start(np.flatnonzero(mask), seeds)
         self._result = None
         return self._normalise(self.simulation.observe()), self._reset_info(mask)
 
@@ -258,17 +267,6 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
 
     def _normalise(self, observations: Observations) -> Observations:
         return observations if self._normalisation is None else self._normalisation(observations)
-
-    def _row_seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, Sequence | np.ndarray):
-            if len(seed) != self.num_envs:
-                msg = f"reset got {len(seed)} seeds for {self.num_envs} environments. Give one seed an environment."
-                raise ShapeError(msg)
-            return [None if one is None else checked_seed(one) for one in seed]
-        first = checked_seed(seed)
-        return [checked_seed(first + row) for row in range(self.num_envs)]
 
     def _make_generators(self) -> None:
         if not self._generators:

@@ -41,7 +41,7 @@ class Lookup:
     """
 
     table: npt.NDArray[np.float32]
-    at: int
+    at: int = 0
     rows: int = 1
     clocked: bool = False
     ahead: int = 0

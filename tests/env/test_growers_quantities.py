@@ -14,11 +14,11 @@ from gymnasium.utils.env_checker import check_env
 from glbench.env import GreenhouseEnv, Simulation
 from glbench.env.climate import AIR
 from glbench.env.daily_sums import daily_sum, daily_sums
-from glbench.env.observations import AirFormula, shown_by
+from glbench.env.observations import column_sources
 from glbench.env.weather_pool import WeatherTables
 from glbench.kernel import StepFailure
 from glbench.kernel.tape import Recorder, RecordingError, with_simplification
-from glbench.model import Air, humidity_deficit, vapour_pressure_deficit
+from glbench.model import Air, ObservedColumn, humidity_deficit, vapour_pressure_deficit
 from glbench.model.expressions import cos, exp, fmax
 from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task
@@ -216,12 +216,12 @@ def test_local_time_is_the_clock_of_info(tmp_path: Path) -> None:
 
 def test_deficits_follow_the_air_that_is_handed_in_and_never_the_state(task: TaskSpec) -> None:
     """The tape is recorded from given values: a sensor that errs errs there, too."""
-    deficits = shown_by("vapour_deficit", task, WeatherTables.of(task))
+    deficits = column_sources("vapour_deficit", task, WeatherTables.of(task))
     assert len(deficits) == 2
     with Recorder() as recorder:
         air = [recorder.input("given", place) for place in range(3)]
         for column, shown in enumerate(deficits):
-            assert isinstance(shown, AirFormula)
+            assert isinstance(shown, ObservedColumn)
             recorder.output(
                 "observation", column, with_simplification(lambda *air, of=shown.of_air: of(Air(*air)), *air)
             )
