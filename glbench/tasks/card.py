@@ -17,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 
 from glbench.errors import TaskError
-from glbench.tasks.fields import Limits
 from glbench.tasks.ledger import LIMITED, LedgerItem
 from glbench.tasks.quantities import PAPER_MODEL, Action, Capacity, Quantity
 
@@ -151,7 +150,12 @@ def task_card(task: TaskSpec) -> TaskCard:
         actuation=task.actuation.kind,
         max_change=task.actuation.max_change,
         controls=task.capacities(),
-        constraints=tuple(_constraint(task, name, limits) for name, limits in task.constraints.items()),
+        constraints=tuple(
+            Constraint(
+                name, LIMITED[name], limits.low, limits.high, task.penalty_scales[name], task.violation_prices.get(name)
+            )
+            for name, limits in task.constraints.items()
+        ),
         prices=None if task.file.prices is None else Prices(**task.file.prices.model_dump()),
         reward_modules=task.reward.modules,
         delta=task.uncertainty.delta,
@@ -161,11 +165,6 @@ def task_card(task: TaskSpec) -> TaskCard:
         ledger=task.ledger.items,
         definition=public_definition(task),
     )
-
-
-def _constraint(task: TaskSpec, name: str, limits: Limits) -> Constraint:
-    price = task.violation_prices.get(name)
-    return Constraint(name, LIMITED[name], limits.low, limits.high, task.penalty_scales[name], price)
 
 
 _DEFINITION: list[str] = []

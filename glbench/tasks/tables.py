@@ -393,10 +393,6 @@ class ViolationPrices(ClimateQuantityTable):
     )
 
 
-class ProfitScale(Limits):
-    """The profit of a step that counts as 0 and that which counts as 1 in ``scaled_epi``."""
-
-
 class RewardTable(Table):
     """``[reward]``: the sum of these modules is the reward of a step."""
 
@@ -405,7 +401,8 @@ class RewardTable(Table):
     )
     penalty_scale: PenaltyScales = PenaltyScales()
     violation_price: ViolationPrices = ViolationPrices()
-    epi_scale: Annotated[ProfitScale | None, limits_in("EUR m-2")] = None
+    epi_scale: Annotated[Limits | None, limits_in("EUR m-2")] = None
+    """The profit of a step that counts as 0, and that which counts as 1, in ``scaled_epi``."""
 
 
 class BeyondTable(Table):

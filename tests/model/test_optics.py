@@ -108,7 +108,7 @@ def test_closing_the_blackout_screen_darkens_the_greenhouse() -> None:
 
 
 def test_under_the_blackout_screen_more_sunlight_is_absorbed_than_arrives() -> None:
-    """An oddity of the source, with the figures of docs/nomenclature.md; nothing of the kind happens under open screens."""
+    """An oddity of the source, with the figures of docs/model-symbols.md; nothing of the kind happens under open screens."""
     task = get_task("Schiphol2010-Delta00-v1")
     d, x, p = task.disturbances().values[48].copy(), task.initial_state().copy(), task.parameters()
     d[DISTURBANCE_NAMES.index("iGlob")] = 1.0
