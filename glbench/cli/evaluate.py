@@ -554,7 +554,7 @@ def announcement(evaluation: Evaluation) -> Line:
 
 def score_in_words(result: Result, metric: Metric) -> str:
     """``reward 3,751.9 (3,750.9 to 3,752.8)``: mean and 95 % interval of what ranks."""
-    from glbench.leaderboard.estimates import estimate
+    from glbench.leaderboard.statistics import estimate
 
     one = estimate(result.values(metric.name))
     spread = len(result.runs) > 1 and one.low < one.high

@@ -141,8 +141,8 @@ def badge(
 ) -> None:
     """Draw a badge: task, rank, reward, and whether the result was reproduced."""
     from glbench.leaderboard import rank
-    from glbench.leaderboard.badges import badge as draw
     from glbench.leaderboard.collect import own_and_released_results, published_expectations
+    from glbench.leaderboard.tables import badge as draw
     from glbench.resources import write_atomically
     from glbench.tasks import DEFAULT_TASK, usual_task
 

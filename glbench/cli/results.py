@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from glbench.leaderboard import StoredResult
     from glbench.leaderboard.catalogue import Catalogue, Metric
     from glbench.leaderboard.entries import Entry
-    from glbench.leaderboard.estimates import Estimate
     from glbench.leaderboard.pairs import MetricPair, Pair
+    from glbench.leaderboard.statistics import Estimate
 
 _BARS = "▁▂▃▄▅▆▇█"
 _BAR_WIDTH, _MONEY_WIDTH = 40, 6
@@ -115,8 +115,8 @@ def result_parts(stored: StoredResult, origin: Sequence[str]) -> Iterator[Part]:
     """A result: its metrics, its money, its runs, and what is known of its making."""
     from glbench.leaderboard.catalogue import catalogue
     from glbench.leaderboard.fresh_draws import fresh_words
-    from glbench.leaderboard.seen import seen_by, what_it_should_not_have_seen
     from glbench.leaderboard.tables import SEEN_MARK
+    from glbench.leaderboard.training_data import contamination_warning, training_data_of
 
     result, words = stored.result, catalogue(stored.task)
     score = _score(stored, words)
@@ -127,8 +127,8 @@ def result_parts(stored: StoredResult, origin: Sequence[str]) -> Iterator[Part]:
     if score.name in result.runs[0].metrics:
         yield from _run_lines(stored, words, score)
     yield from failure_lines(result)
-    kernel, seen = result.evaluation.kernel, seen_by(result)
-    unfair = what_it_should_not_have_seen(result, seen)
+    kernel, seen = result.evaluation.kernel, training_data_of(result)
+    unfair = contamination_warning(result, seen)
     unchecked = [
         f"decision {result.evaluation.decision_milliseconds:.3f} ms",
         f"sandbox {result.evaluation.sandbox or 'unknown'}",
@@ -206,8 +206,8 @@ def summary_table(result: Result, words: Catalogue) -> Table:
 
     Amounts and entries of the ledger that are zero in all runs are listed in the caption.
     """
-    from glbench.leaderboard.estimates import estimates_of
     from glbench.leaderboard.regret import LINES, METRICS, PARTS, regret_of
+    from glbench.leaderboard.statistics import estimates_of
 
     def cells(estimate: Estimate | None, metric: Metric) -> tuple[str, str, str]:
         if estimate is None:

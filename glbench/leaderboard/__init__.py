@@ -8,18 +8,23 @@ from glbench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from glbench.leaderboard.collect import Expectation, StoredResult, collect_readable, collect_results
-    from glbench.leaderboard.estimates import Estimate, estimate, estimates_of
     from glbench.leaderboard.ranking import Row, TaskTable, rank
-    from glbench.leaderboard.statistics import bootstrap_interval, interquartile_mean, mean
+    from glbench.leaderboard.statistics import (
+        Estimate,
+        bootstrap_interval,
+        estimate,
+        estimates_of,
+        interquartile_mean,
+        mean,
+    )
     from glbench.leaderboard.tables import to_frame, to_markdown, write_leaderboard
 else:
     __getattr__ = lazy_names(
         __name__,
         {
             "collect": ("Expectation", "StoredResult", "collect_readable", "collect_results"),
-            "estimates": ("Estimate", "estimate", "estimates_of"),
             "ranking": ("Row", "TaskTable", "rank"),
-            "statistics": ("bootstrap_interval", "interquartile_mean", "mean"),
+            "statistics": ("Estimate", "bootstrap_interval", "estimate", "estimates_of", "interquartile_mean", "mean"),
             "tables": ("to_frame", "to_markdown", "write_leaderboard"),
         },
     )

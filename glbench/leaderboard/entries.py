@@ -18,11 +18,10 @@ from glbench.agents.identity import without_seed
 from glbench.errors import ResultError, did_you_mean
 from glbench.evaluation import Result
 from glbench.evaluation.records import RANKING_METRIC
-from glbench.leaderboard.budget import budget_of, digest_of_baseline
 from glbench.leaderboard.catalogue import catalogue, of_published
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, task_of_board
-from glbench.leaderboard.comparisons import RESOLUTION
-from glbench.leaderboard.statistics import Array
+from glbench.leaderboard.statistics import RESOLUTION, Array
+from glbench.leaderboard.training_data import budget_of, digest_of_baseline
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from glbench.evaluation import Result
 from glbench.leaderboard.catalogue import Metric
-from glbench.leaderboard.statistics import Array, Published
+from glbench.leaderboard.statistics import Array, FrozenModel
 
 ERROR: Final = 0.001
 """Largest probability that an agent is marked that carries nothing."""
@@ -26,7 +26,7 @@ FEWEST: Final = 5
 """Smallest number of runs for a mark."""
 
 
-class FreshScore(Published):
+class FreshScore(FrozenModel):
     """Mean of the ranking metric over runs with fresh draws, and the drop compared with reference agents."""
 
     mean: float = Field(

@@ -12,11 +12,18 @@ from dataclasses import dataclass, field
 from glbench.errors import ResultError
 from glbench.evaluation.records import RunResult
 from glbench.leaderboard.catalogue import Catalogue, catalogue
-from glbench.leaderboard.comparisons import SIGNIFICANCE, corrected, paired_test
 from glbench.leaderboard.entries import Entry, metric_of, resolution_of
 from glbench.leaderboard.regret import METRICS, PARTS, best_known_of, regrets_of
-from glbench.leaderboard.seen import years_of_runs
-from glbench.leaderboard.statistics import Array, Interval, estimate_difference, probability_of_improvement
+from glbench.leaderboard.statistics import (
+    SIGNIFICANCE,
+    Array,
+    Interval,
+    corrected,
+    estimate_difference,
+    paired_test,
+    probability_of_improvement,
+)
+from glbench.leaderboard.training_data import years_of_runs
 
 
 @dataclass(frozen=True)
@@ -172,7 +179,7 @@ def failures(name: str, runs: Iterable[RunResult]) -> str:
 
 
 def corrected_p_values(pairs: list[Pair]) -> list[float]:
-    """P-values of several tasks, corrected for their number, see ``comparisons.corrected``."""
+    """P-values of several tasks, corrected for their number, see ``statistics.corrected``."""
     return corrected([pair.p_value for pair in pairs])
 
 

@@ -10,16 +10,27 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from pydantic import Field
 
-from glbench.leaderboard.budget import budget_of
 from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests
-from glbench.leaderboard.comparisons import tiers
 from glbench.leaderboard.entries import Entry, entries_by_task, expected_seeds, metric_of, resolution_of
-from glbench.leaderboard.estimates import Estimate, estimate_over_trainings, estimates_of, worst_of
 from glbench.leaderboard.fresh_draws import FreshScore, fresh_score, fresh_score_over
 from glbench.leaderboard.regret import BestKnownMeans, Regret, best_known_means, can_be_best_known, regret_of
-from glbench.leaderboard.seen import Seen, seen_by, what_it_should_not_have_seen, years_of_runs
-from glbench.leaderboard.statistics import Interval, Published
+from glbench.leaderboard.statistics import (
+    Estimate,
+    FrozenModel,
+    Interval,
+    estimate_over_trainings,
+    estimates_of,
+    tiers,
+    worst_of,
+)
+from glbench.leaderboard.training_data import (
+    TrainingData,
+    budget_of,
+    contamination_warning,
+    training_data_of,
+    years_of_runs,
+)
 from glbench.showing import html_of
 from glbench.tasks import Round
 
@@ -30,7 +41,7 @@ _SHORT = 6
 Number = TypeVar("Number", int, float)
 
 
-class OfYear(Published):
+class OfYear(FrozenModel):
     """Mean of the ranking metric over the runs of one weather year; of several trainings, the mean over them."""
 
     year: int
@@ -38,7 +49,7 @@ class OfYear(Published):
     mean: float
 
 
-class Row(Published):
+class Row(FrozenModel):
     """One entry on one task: an agent, or several trainings of one recipe."""
 
     rank: int | None = Field(description="shared by agents that cannot be told apart; null when runs are missing")
@@ -83,7 +94,7 @@ class Row(Published):
         description="mean of the ranking metric by weather year, each run in the year of most of its days; empty if all runs are of one "
         "year, or the task is not known",
     )
-    trained_on: Seen = Field(default=Seen(), description="what its training saw; not checked")
+    trained_on: TrainingData = Field(default=TrainingData(), description="what its training saw; not checked")
     saw_scored: str = Field(
         default="", description="why it is marked as trained on what is scored; empty where it is not"
     )
@@ -120,7 +131,7 @@ class Row(Published):
         return {name: one.mean for name, one in self.estimates.items()}
 
 
-class TaskTable(Published):
+class TaskTable(FrozenModel):
     """One task and all agents on it, best first."""
 
     task_id: str = Field(serialization_alias="id")
@@ -305,10 +316,10 @@ def means_by_year(trainings: Sequence[StoredResult], metric: str) -> tuple[OfYea
     return tuple(OfYear(year=year, runs=runs.size, mean=float(runs.mean())) for year, runs in of_year.items())
 
 
-def _seen_together(trainings: Sequence[Seen]) -> Seen:
+def _seen_together(trainings: Sequence[TrainingData]) -> TrainingData:
     """What all trainings state alike; seeds are those of one training, so of several none are stated."""
     same = trainings[0].model_copy(update={"seeds": ()})
-    return same if all(one.model_copy(update={"seeds": ()}) == same for one in trainings) else Seen()
+    return same if all(one.model_copy(update={"seeds": ()}) == same for one in trainings) else TrainingData()
 
 
 def combined(rows: Sequence[Row]) -> dict[str, Any]:
@@ -333,7 +344,7 @@ def _longest(trainings: Sequence[Number | None]) -> Number | None:
 
 
 def _row_of_result(item: StoredResult, origin: Origin, metric: str, **place: Any) -> Row:
-    result, seen = item.result, seen_by(item.result)
+    result, seen = item.result, training_data_of(item.result)
     budget = budget_of(result)
     kernel, evaluation = result.evaluation.kernel, result.evaluation
     everything = hashlib.sha256(json.dumps(kernel, sort_keys=True).encode()).hexdigest()
@@ -365,6 +376,6 @@ def _row_of_result(item: StoredResult, origin: Origin, metric: str, **place: Any
         path=str(item.path),
         plan_counts=can_be_best_known(result.agent),
         trained_on=seen,
-        saw_scored=what_it_should_not_have_seen(result, seen),
+        saw_scored=contamination_warning(result, seen),
         **place,
     )

@@ -19,8 +19,7 @@ from glbench.errors import SubmissionError
 from glbench.evaluation import Result
 from glbench.evaluation.records import RANKING_METRIC, AgentRecord, RunResult
 from glbench.leaderboard.collect import Expectation, StoredResult
-from glbench.leaderboard.estimates import Estimate, estimate_over_trainings
-from glbench.leaderboard.statistics import Array, Published
+from glbench.leaderboard.statistics import Array, Estimate, FrozenModel, estimate_over_trainings
 from glbench.tasks.references import BestKnown, KnownRun, read_best_known
 
 PROFIT, PENALTY = "epi", "penalty"
@@ -47,7 +46,7 @@ class Regrets:
     violations: Array | None
 
 
-class Regret(Published):
+class Regret(FrozenModel):
     """How far an entry stays below the best known runs: means over its runs, paired by seed. Negative where it is better."""
 
     unit: str = Field(description="unit of the regret and of its part from violations; '-' for none")
@@ -61,7 +60,7 @@ class Regret(Published):
     )
 
 
-class BestKnownMeans(Published):
+class BestKnownMeans(FrozenModel):
     """What regrets of a task are measured by: means over the best known runs of all seeds, in the units of the metrics."""
 
     agent: str = Field(description="whose they are; 'several' where they are not all of one agent")

@@ -1,10 +1,18 @@
-"""Statistics over runs and tasks: means with their intervals, normalised scores, profiles. Pure functions of their arguments.
+"""Statistics over runs and tasks: means with their intervals, normalised scores, profiles, paired tests. Pure functions of their arguments.
 
 Means have intervals of Student's t. The random effects are runs (which two agents share, so that differences are paired) and trainings,
 where a recipe has several. They are crossed, and their variances are added with the degrees of freedom of Welch and Cochran.
 IQM, median and worst tenth have the percentile bootstrap over runs that Agarwal et al. (2021, "Deep reinforcement learning
 at the edge of the statistical precipice", NeurIPS 34) recommend. Rewards of different tasks cannot be averaged as they are: a run's
 normalised score is 0 for what doing nothing earns on the task and 1 for the best result known there (``tasks/references.toml``).
+
+Runs of two agents with the same seed have the same weather and the same draws of the crop's parameters, so agents are compared run by run;
+several trainings of a recipe are a second source of variance. The test is of the number that ranks: the
+difference of the two means (over several tasks, of the means over tasks), divided by its standard error, against Student's t
+(``estimate_difference``). Each pair of agents is told apart by mistake in at most 5 % of cases. P-values of all pairs of a table
+are corrected together (Benjamini and Hochberg, 1995, J. R. Stat. Soc. B 57, 289-300; for all pairs of a set Williams, Jones and Tukey,
+1999, J. Educ. Behav. Stat. 24, 42-69): of the pairs that are told apart, at most 5 % are expected to be mistakes; if all agents are
+equally good, about 5 % of tables tell some pair apart. Agents that cannot be told apart from the first of their tier share its rank.
 
 The resampling indices come from the raw output of a PCG64 generator, whose stream numpy guarantees, so a bootstrap interval has the same
 bits with every numpy version. Runs are drawn with replacement within their task (stratified): tasks are fixed, runs are chance.
@@ -13,17 +21,19 @@ bits with every numpy version. Runs are drawn with replacement within their task
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import combinations
 from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 from scipy.special import stdtr, stdtridf, stdtrit
 
 from glbench.errors import ResultError
+from glbench.evaluation import Result
 
 Array: TypeAlias = NDArray[np.float64]
 Values: TypeAlias = Sequence[float] | Array
@@ -31,7 +41,7 @@ Statistic: TypeAlias = Callable[[Array], Array]
 
 RESAMPLES = 10_000
 CONFIDENCE = 0.95
-_KEPT = 6
+_CACHED_ARRAYS = 6
 """Arrays of resampling indices that are kept; one of 100 runs has 8 MB."""
 WORST = 10
 """The worst tenth of the runs: ``worst_tenth`` means one in so many."""
@@ -41,13 +51,13 @@ _ROUNDING = 1e-12
 """Relative differences up to this are rounding."""
 
 
-class Published(BaseModel):
+class FrozenModel(BaseModel):
     """Base of what ``leaderboard.json`` is made of: frozen, and described by ``docs/schema/leaderboard.schema.json``."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Interval(Published):
+class Interval(FrozenModel):
     """An estimate with its 95 % interval."""
 
     value: float
@@ -55,14 +65,14 @@ class Interval(Published):
     high: float
 
 
-class Ends(Published):
+class Bounds(FrozenModel):
     """Both ends of a 95 % interval."""
 
     low: float
     high: float
 
 
-class Profile(Published):
+class Profile(FrozenModel):
     """Share of an agent's runs with a normalised score above each threshold, with pointwise 95 % bands."""
 
     agent: str
@@ -101,7 +111,7 @@ def worst_tenth(values: Array) -> Array:
     return np.asarray((worst * weights).sum(axis=-1) / count, dtype=np.float64)
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=_CACHED_ARRAYS)
 def resampling_indices(size: int, resamples: int, seed: int) -> NDArray[np.intp]:
     """Indices ``(resamples, size)`` in ``[0, size)`` from the upper 32 bits of PCG64's raw 64-bit words (multiply and shift).
 
@@ -572,3 +582,184 @@ def _times_drawn(size: int, resamples: int, seed: int) -> Array:
     """How often each run is in each resample ``(resamples, size)``: pairs of resampled runs are then counted, not gone through."""
     indices = resampling_indices(size, resamples, seed) + size * np.arange(resamples)[:, None]
     return np.bincount(indices.ravel(), minlength=resamples * size).reshape(resamples, size).astype(np.float64)
+
+
+class Estimate(FrozenModel):
+    """A metric of one entry on one task, over the task's runs, in the unit that ``units`` names."""
+
+    mean: float = Field(description="arithmetic mean over the runs; of several trainings the mean over them")
+    iqm: float = Field(description="mean of the middle half of the runs; of several trainings the mean over them")
+    low: float = Field(
+        description="lower end of the 95 % interval of the mean (Student's t, over runs); of several trainings the lowest of their means"
+    )
+    high: float = Field(description="upper end of it; of several trainings the highest of their means")
+    deviation: float | None = Field(
+        default=None, description="of several trainings: standard deviation of their means (n - 1)"
+    )
+    overall: Bounds | None = Field(
+        default=None,
+        description="of several trainings: 95 % interval of the mean over trainings and runs (Student's t, crossed); else null",
+    )
+
+
+def estimate(values: Iterable[float]) -> Estimate:
+    """Mean, interquartile mean and 95 % interval of one metric over runs."""
+    sample = np.fromiter(values, dtype=np.float64)
+    interval = estimate_mean([sample]).interval()
+    return Estimate(mean=interval.value, iqm=float(interquartile_mean(sample)), low=interval.low, high=interval.high)
+
+
+def estimates_of(result: Result) -> dict[str, Estimate]:
+    """Estimates of every metric that all runs of ``result`` hold."""
+    names = [name for name in result.runs[0].metrics if all(name in run.metrics for run in result.runs)]
+    return {name: estimate(result.values(name)) for name in names}
+
+
+def estimate_over_trainings(values: Array) -> Estimate:
+    """Mean over trainings of values ``(trainings, n)``, the lowest and highest training, and the interval over trainings and runs.
+
+    For one training, the ``estimate`` over its runs.
+    """
+    if len(values) == 1:
+        return estimate(values[0])
+    means, interval = values.mean(axis=1), estimate_mean([values]).interval()
+    return Estimate(
+        mean=interval.value,
+        iqm=float(interquartile_mean(values).mean()),
+        low=float(means.min()),
+        high=float(means.max()),
+        deviation=float(means.std(ddof=1)),
+        overall=Bounds(low=interval.low, high=interval.high),
+    )
+
+
+def worst_of(values: Array) -> Interval:
+    """The worst tenth of the runs ``(n,)`` with its interval; of several trainings ``(trainings, n)`` as ``worst_tenth`` of a row."""
+    trainings = np.atleast_2d(values)
+    found = worst_tenth(trainings)
+    if len(trainings) > 1:
+        return Interval(value=float(found.mean()), low=float(found.min()), high=float(found.max()))
+    low, high = bootstrap_interval(trainings[0], worst_tenth)
+    return Interval(value=float(found[0]), low=low, high=high)
+
+
+SIGNIFICANCE = 0.05
+
+RESOLUTION = 8.0
+"""Difference in a 60-day reward that means something where a task draws nothing.
+
+All runs are alike there and no test can tell chance from skill. But closed loops amplify rounding: kernels that differ in the last
+bit spread the reward of the rule-based controller over 6 to 8 units (docs/results.md). Smaller differences count as none.
+"""
+
+
+@dataclass(frozen=True)
+class PairedTest:
+    """The difference of two means, first minus second, with its standard error, and the two-sided p-value of no difference."""
+
+    difference: MeanEstimate
+    p_value: float
+
+
+def paired_test(
+    first: Sequence[Array],
+    second: Sequence[Array],
+    resolutions: Sequence[float] | None = None,
+    scenarios: Sequence[Sequence[Hashable]] | None = None,
+    fixed: tuple[bool, bool] = (False, False),
+) -> PairedTest:
+    """Test whether two agents have the same mean over tasks of the mean over trainings and runs.
+
+    Two agents are told apart at the 5 % level when ``p_value`` is below 0.05, which happens in at most 5 % of cases (6 % at few
+    trainings that differ much) when their true means are equal. See ``estimate_difference`` for what varies, and what is assumed of an
+    agent with a single training.
+
+    If all differences on a task are the same number, the task draws nothing: its runs are a single observation, and a
+    difference within its resolution counts as 0. If no task draws anything and trainings do not differ, there is no variance to
+    test against: the p-value is 1 for no difference, else 0. From a single run the p-value is 1.
+
+    Parameters
+    ----------
+    first, second
+        Values of the two agents by task, ``(n,)`` or ``(trainings, n)``, in the order of the same seeds.
+    resolutions
+        For each task, the difference that rounding can cause if the task draws nothing, in the unit of the values; default ``RESOLUTION``.
+    scenarios
+        For each task, a name for each run; runs of different tasks with the same name have the same draws. ``None``: all draws differ.
+    fixed
+        For each agent, whether it was not trained, so that it has no variance between trainings.
+
+    Raises
+    ------
+    ResultError
+        When the two do not have the same runs, or none.
+    """
+    difference = estimate_difference(first, second, scenarios, fixed)
+    tested = difference.value
+    for x, y, resolution in zip(first, second, resolutions or (RESOLUTION,) * len(first), strict=True):
+        ours, theirs = np.atleast_2d(x), np.atleast_2d(y)
+        gaps = ours.mean(axis=0) - theirs.mean(axis=0)
+        if draws_nothing(gaps, float(max(np.abs(ours).max(), np.abs(theirs).max()))) and abs(gaps[0]) <= resolution:
+            tested -= float(gaps.mean()) / len(first)
+    agree = tested * difference.value > 0.0
+    return PairedTest(difference, difference.p_value(tested) if agree else 1.0)
+
+
+def corrected(p_values: Sequence[float]) -> list[float]:
+    """P-values corrected for their number (Benjamini and Hochberg 1995), in the given order; none is below its original."""
+    values = np.asarray(p_values, dtype=np.float64)
+    order = np.argsort(-values, kind="stable")
+    scaled = values[order] * (values.size / np.arange(values.size, 0, -1))
+    adjusted = np.empty_like(values)
+    adjusted[order] = np.minimum(np.minimum.accumulate(scaled), 1.0)
+    return [float(one) for one in adjusted]
+
+
+def pairs_apart(
+    scores: Mapping[str, Sequence[Array]],
+    resolutions: Sequence[float] | None = None,
+    scenarios: Sequence[Sequence[Hashable]] | None = None,
+    fixed: Collection[str] = (),
+) -> set[frozenset[str]]:
+    """The pairs of agents that can be told apart, from their values as in ``paired_test``, corrected for the number of pairs.
+
+    ``fixed`` names agents that were not trained.
+
+    Raises
+    ------
+    ResultError
+        When the agents do not all have the same runs.
+    """
+    pairs = list(combinations(sorted(scores), 2))
+    tests = [paired_test(scores[a], scores[b], resolutions, scenarios, (a in fixed, b in fixed)) for a, b in pairs]
+    p_values = corrected([one.p_value for one in tests])
+    return {frozenset(pair) for pair, p in zip(pairs, p_values, strict=True) if p < SIGNIFICANCE}
+
+
+def tiers(
+    scores: Mapping[str, Sequence[Array]],
+    resolutions: Sequence[float] | None = None,
+    scenarios: Sequence[Sequence[Hashable]] | None = None,
+    fixed: Collection[str] = (),
+) -> tuple[tuple[str, ...], ...]:
+    """Agents in tiers, best first: those that cannot be told apart from the first of their tier; arguments as for ``pairs_apart``.
+
+    Within a tier agents stand by their mean; equal means by name. "Cannot be told apart" is not transitive: neighbours of different
+    tiers may be hard to tell apart, and only the first of a tier is sure to be told apart from the first of the tier above.
+
+    Raises
+    ------
+    ResultError
+        When the agents do not all have the same runs.
+    """
+    if not scores:
+        return ()
+    apart = pairs_apart(scores, resolutions, scenarios, fixed)
+    means = {agent: float(np.mean([np.mean(one) for one in values])) for agent, values in scores.items()}
+    found: list[list[str]] = []
+    for agent in sorted(scores, key=lambda agent: (-means[agent], agent)):
+        if found and frozenset((found[-1][0], agent)) not in apart:
+            found[-1].append(agent)
+        else:
+            found.append([agent])
+    return tuple(tuple(tier) for tier in found)

@@ -10,22 +10,23 @@ from pydantic import Field
 
 from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard.collect import Expectation, Origin, StoredResult
-from glbench.leaderboard.comparisons import RESOLUTION, tiers
 from glbench.leaderboard.entries import entries_by_task, metric_of, of_one_version, resolution_of
 from glbench.leaderboard.ranking import Row, TaskTable, combined
 from glbench.leaderboard.regret import best_runs
 from glbench.leaderboard.statistics import (
+    RESOLUTION,
     SCORES,
     Array,
+    FrozenModel,
     Interval,
     Profile,
-    Published,
     aggregate,
     estimate_difference,
     normalise,
     performance_profile,
     pooled,
     probability_of_improvement,
+    tiers,
 )
 from glbench.quantities import MONEY
 from glbench.tasks import list_suites, published_task
@@ -42,7 +43,7 @@ _LOWEST_THRESHOLD = -0.25
 """Profiles begin here at the lowest: how far below doing nothing a failed run lies is not worth the room."""
 
 
-class SuiteFigures(Published):
+class SuiteFigures(FrozenModel):
     """What an agent earned, grew and used over a suite: means over the tasks, in the units that ``units`` names."""
 
     metrics: dict[str, float]
@@ -62,7 +63,7 @@ class SuiteFigures(Published):
         return self.metrics
 
 
-class SuiteRow(Published):
+class SuiteRow(FrozenModel):
     """One agent over a suite, in normalised scores: 0 is doing nothing, 1 the best known result of each task."""
 
     rank: int | None
@@ -88,7 +89,7 @@ class SuiteRow(Published):
     runs: int = Field(exclude=True)
 
 
-class Improvement(Published):
+class Improvement(FrozenModel):
     """Probability that ``first`` scores above ``second`` in the same run, averaged over the tasks, ties half, with its interval."""
 
     first: str
@@ -96,7 +97,7 @@ class Improvement(Published):
     probability: Interval
 
 
-class SuiteTable(Published):
+class SuiteTable(FrozenModel):
     """One suite and all agents on it, best first by mean normalised score; agents that lack tasks last."""
 
     suite: str = Field(serialization_alias="name")

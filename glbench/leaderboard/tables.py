@@ -10,19 +10,19 @@ import io
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
+from glbench.errors import ResultError, did_you_mean
 from glbench.leaderboard.catalogue import Catalogue, Metric, catalogue, of_published
-from glbench.leaderboard.comparisons import RESOLUTION
 from glbench.leaderboard.entries import resolution_of
-from glbench.leaderboard.estimates import Estimate
 from glbench.leaderboard.fresh_draws import fresh_note
 from glbench.leaderboard.ranking import Row, TaskTable
 from glbench.leaderboard.regret import PARTS
-from glbench.leaderboard.statistics import SCORES, Interval, Published
+from glbench.leaderboard.statistics import RESOLUTION, SCORES, Estimate, FrozenModel, Interval
 from glbench.leaderboard.suites import RULES, SuiteRow, SuiteTable
 from glbench.resources import write_atomically
 from glbench.tasks import PAPER_TASK, get_task
@@ -705,7 +705,7 @@ _NO_FRESH_DRAWS: Any = {"__all__": {"fresh_draws": True, "trainings": {"__all__"
 """Of rows of ``leaderboard.json``: what is left out."""
 
 
-class LeaderboardDocument(Published):
+class LeaderboardDocument(FrozenModel):
     """``leaderboard.json``."""
 
     schema_name: Literal["glbench/leaderboard"] = Field(default="glbench/leaderboard", alias="schema")
@@ -730,6 +730,11 @@ def json_schema() -> str:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **LeaderboardDocument.model_json_schema(by_alias=True, mode="serialization"),
     }
+    text = json.dumps(schema)
+    for name, published in {"Bounds": "Ends", "TrainingData": "Seen"}.items():
+        text = text.replace(f'"{name}"', f'"{published}"').replace(f"#/$defs/{name}", f"#/$defs/{published}")
+    schema = json.loads(text)
+    schema["$defs"] = dict(sorted(schema["$defs"].items()))
     return json.dumps(schema, indent=1) + "\n"
 
 
@@ -919,3 +924,50 @@ def probability_text(interval: Interval) -> str:
 
 def _line(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cells) + " |"
+
+
+# Badges: one line of a leaderboard as a small picture, for the README of an agent.
+
+_CHARACTER = 6.6  # px, about the mean width of a character at 11 px
+_PADDING = 8
+_HEIGHT = 20
+_COLOURS = {True: "#2f7d4f", False: "#8a6d1f"}
+
+
+def badge(table: TaskTable, agent: str) -> str:
+    """SVG: task on the left; rank, reward, trainings, origin and whether it was reproduced on the right. Green when reproduced, else ochre.
+
+    Raises
+    ------
+    ResultError
+        When the agent has no row in the table.
+    """
+    row = next((one for one in table.rows if one.agent == agent), None)
+    if row is None:
+        agents = [visible(one.agent) for one in table.rows]
+        msg = f"'{agent}' is not in the table of {table.task_id}.{did_you_mean(agent, agents)} It has: {', '.join(agents)}."
+        raise ResultError(msg)
+    ranked = sum(one.rank is not None for one in table.rows)
+    rank = f"rank {row.rank} of {ranked}" if row.rank is not None else "not ranked"
+    mean, metric = row.means[table.metric], table.words.metrics[table.metric]
+    score = f"{metric.words} {mean:,.0f}" if abs(mean) < 1e9 else f"{metric.words} {number_text(mean, 0)}"
+    parts = [rank, metric.said(mean) if metric.unit != "-" and abs(mean) < 1e9 else score]
+    if row.is_range:
+        parts.append(f"mean of {len(row.trainings)} trainings")
+    if row.origin != "own":
+        parts.append(row.origin)
+    if row.reproduced:
+        parts.append("reproduced")
+    left, right = visible(table.task_id), ", ".join(parts)
+    first, second = (round(len(text) * _CHARACTER) + 2 * _PADDING for text in (left, right))
+    title = f"{escape(left)}: {escape(right)}"
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{first + second}" height="{_HEIGHT}" role="img" aria-label="{title}">'
+        f"<title>{title}</title>"
+        f'<clipPath id="r"><rect width="{first + second}" height="{_HEIGHT}" rx="3"/></clipPath>'
+        f'<g clip-path="url(#r)"><rect width="{first}" height="{_HEIGHT}" fill="#3e4c59"/>'
+        f'<rect x="{first}" width="{second}" height="{_HEIGHT}" fill="{_COLOURS[row.reproduced]}"/></g>'
+        f'<g fill="#fff" text-anchor="middle" font-family="Verdana,DejaVu Sans,sans-serif" font-size="11">'
+        f'<text x="{first / 2}" y="14" textLength="{first - 2 * _PADDING}">{escape(left)}</text>'
+        f'<text x="{first + second / 2}" y="14" textLength="{second - 2 * _PADDING}">{escape(right)}</text></g></svg>\n'
+    )

@@ -26,9 +26,8 @@ from glbench.evaluation.files import short_task_id
 from glbench.evaluation.profiles import Profile
 from glbench.leaderboard import Row, StoredResult, TaskTable
 from glbench.leaderboard.catalogue import Catalogue, Drawn
-from glbench.leaderboard.estimates import Estimate
 from glbench.leaderboard.regret import PARTS
-from glbench.leaderboard.statistics import SCORES, Interval
+from glbench.leaderboard.statistics import SCORES, Estimate, Interval
 from glbench.leaderboard.suites import SuiteTable
 from glbench.quantities import capitalised, pretty_unit
 from glbench.report.task_words import clock_of, definition_in_words, figures

@@ -25,7 +25,7 @@ from glbench.kernel import make_kernel
 from glbench.leaderboard import StoredResult, TaskTable, rank
 from glbench.leaderboard.catalogue import drawn, of_published
 from glbench.leaderboard.collect import own_and_released_results, published_expectations
-from glbench.leaderboard.comparisons import RESOLUTION
+from glbench.leaderboard.statistics import RESOLUTION
 from glbench.leaderboard.suites import SuiteTable, suite_tables
 from glbench.leaderboard.tables import SCORE_STEP
 from glbench.report import facts

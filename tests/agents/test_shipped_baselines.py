@@ -111,7 +111,7 @@ def years_of_the_weather(task: TaskSpec, seeds: Sequence[int]) -> set[int]:
         of_run = run_weather(task, seed)
         season = maker.season((seed - generated.first_seed) % generated.seasons, pool.day * pool.days)
         np.testing.assert_array_equal(season.values[: len(of_run.values)], of_run.values)
-        days = season.drawn.sources.astype("datetime64[D]")
+        days = season.days.sources.astype("datetime64[D]")
         found |= {int(year) for year in days.astype("datetime64[Y]").astype(np.int64) + 1970}
     return found
 

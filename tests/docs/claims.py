@@ -37,9 +37,8 @@ from glbench.kernel.compiled.generate import Traits, generate
 from glbench.kernel.compiled.stepper import absent_equipment
 from glbench.kernel.compiled.tolerances import LARGEST_SUBSTEPS, PRESETS, SMALLEST_SUBSTEP
 from glbench.kernel.sundials import SUBSTEP_LIMIT, paper_cvodes
-from glbench.leaderboard.comparisons import RESOLUTION
 from glbench.leaderboard.fresh_draws import ERROR, FEWEST
-from glbench.leaderboard.statistics import RESAMPLES, estimate_mean
+from glbench.leaderboard.statistics import RESAMPLES, RESOLUTION, estimate_mean
 from glbench.model import (
     CONTROL_NAMES,
     STATE_NAMES,
@@ -1263,7 +1262,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("95 % interval", "definition"),
         ("narrower than 0.01", "definition: what the tables show"),
         ('above 0.99 is written ">0.99"', "definition: what the tables show"),
-        ("told apart at 5 % where p_value < 0.05", "definition: glbench/leaderboard/comparisons.py"),
+        ("told apart at 5 % where p_value < 0.05", "definition: glbench/leaderboard/statistics.py"),
         (
             "At the 5 % level, a pair of agents with equal true means is told apart in at most 6 % of cases",
             "tests/leaderboard/test_comparisons.py holds it",

@@ -122,7 +122,7 @@ def test_the_data_wheel_holds_all_baselines_and_results_and_is_the_one_that_the_
 
 BUDGETS = """
 from glbench.leaderboard import collect_results
-from glbench.leaderboard.budget import budget_of
+from glbench.leaderboard.training_data import budget_of
 from glbench.leaderboard.regret import can_be_best_known
 from glbench.resources import data_folder
 for item in collect_results([data_folder("reports/released/results") / "Schiphol2010-Delta10-v1"]):

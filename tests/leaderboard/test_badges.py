@@ -8,7 +8,7 @@ import pytest
 
 from glbench.errors import ResultError
 from glbench.leaderboard import rank
-from glbench.leaderboard.badges import badge
+from glbench.leaderboard.tables import badge
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 from glbench.agents.baselines import read_baseline
 from glbench.agents.card import SubmissionCard
 from glbench.evaluation import load_result
-from glbench.leaderboard.budget import UNKNOWN, Budget, budget_of
+from glbench.leaderboard.training_data import UNKNOWN, Budget, budget_of
 from glbench.resources import data_folder
 from tests.leaderboard.synthetic import make_result
 

@@ -8,8 +8,7 @@ import re
 import pytest
 
 from glbench.leaderboard import rank, to_markdown, write_leaderboard
-from glbench.leaderboard.badges import badge
-from glbench.leaderboard.tables import latex_text, markdown_text, number_text, to_latex
+from glbench.leaderboard.tables import badge, latex_text, markdown_text, number_text, to_latex
 from glbench.untrusted import visible
 
 NAMES = (

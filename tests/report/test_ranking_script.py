@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import glbench.report
-from glbench.leaderboard.comparisons import corrected, paired_test
-from glbench.leaderboard.statistics import estimate_mean
+from glbench.leaderboard.statistics import corrected, estimate_mean, paired_test
 
 SCRIPT = Path(glbench.report.__file__).with_name("assets") / "25-ranking.js"
 BEFORE = """const sum = (values) => values.reduce((total, value) => total + value, 0), mean = (values) => sum(values) / values.length;

@@ -1,5 +1,5 @@
 // Intervals and ranks at prices that the reader enters. The estimates, test, correction and tiers are those of
-// glbench/leaderboard/statistics.py and comparisons.py; tests/report/test_overall.py compares the ranks.
+// glbench/leaderboard/statistics.py; tests/report/test_overall.py compares the ranks.
 
 const lnGamma = (x) => {
   if (x < 7) return lnGamma(x + 1) - Math.log(x);
