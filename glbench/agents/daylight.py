@@ -88,7 +88,14 @@ class DaylightEstimator:
         self._so_far = self._so_far + radiation * self._megajoules
         self._hour, self._radiation = hour.copy(), radiation.copy()
 
-        is_day = self._day_flag(hour, radiation)
+        # Day flag with linear ramps centred on the latest dawn and dusk; light or dark itself until there was each of them.
+        both = ~(np.isnan(self._dawn) | np.isnan(self._dusk))
+        dawn, dusk = np.where(both, self._dawn, 0.0), np.where(both, self._dusk, 0.0)
+        rising = np.clip((hour - dawn) / RAMP_HOURS + 0.5, 0.0, 1.0)
+        falling = np.clip((dusk - hour) / RAMP_HOURS + 0.5, 0.0, 1.0)
+        # Where the clock's midnight falls into the day, light is after dawn or before dusk instead of both.
+        ramped = np.where(dawn < dusk, np.minimum(rising, falling), np.maximum(rising, falling))
+        is_day = np.where(both, ramped, (radiation > 0.0).astype(np.float64))
         inside = 1.0 / (1.0 + np.exp(-_SIGMOID_STEEPNESS * (is_day - 0.5)))
         smooth = np.where((is_day <= 0.0) | (is_day >= 1.0), is_day, inside)
         # What came in so far, and the rest of a mean day scaled by how today compares with it.
@@ -113,16 +120,6 @@ class DaylightEstimator:
         self._today[new] = 0.0
         self._so_far = np.where(new, 0.0, self._so_far)
 
-    def _day_flag(self, hour: Array, radiation: Array) -> Array:
-        """Day flag with linear ramps centred on the latest dawn and dusk; light or dark itself until there was each of them."""
-        both = ~(np.isnan(self._dawn) | np.isnan(self._dusk))
-        dawn, dusk = np.where(both, self._dawn, 0.0), np.where(both, self._dusk, 0.0)
-        rising = np.clip((hour - dawn) / RAMP_HOURS + 0.5, 0.0, 1.0)
-        falling = np.clip((dusk - hour) / RAMP_HOURS + 0.5, 0.0, 1.0)
-        # Where the clock's midnight falls into the day, light is after dawn or before dusk instead of both.
-        ramped = np.where(dawn < dusk, np.minimum(rising, falling), np.maximum(rising, falling))
-        return np.where(both, ramped, (radiation > 0.0).astype(np.float64))
-
 
 class Sun:
     """Sunrise and sunset by the clock of a task, looked up once a day."""
@@ -135,22 +132,19 @@ class Sun:
         """Both [h], (n,) each, on days of the year (n,)."""
         today = np.floor(day)
         if self._day is None or not np.array_equal(today, self._day):
-            hours = [sun_hours(self._task, int(number)) for number in today.tolist()]
+            place, clock, year = self._task.place, self._task.clock, self._task.start.year
+            hours = [sun_hours(place.latitude, place.longitude, clock, year, number) for number in today.tolist()]
             self._day, (self._rise, self._fall) = today, np.array(hours).reshape(-1, 2).T.copy()
         return self._rise, self._fall
 
 
-def sun_hours(task: TaskCard, day_of_year: int) -> tuple[float, float]:
-    """Sunrise and sunset [h] by the clock of a task, on a day counted from 0 at 1 January.
-
-    Spencer's declination and equation of time (1971), to a few minutes; summer time as in the year of the task's start. Where the
-    sun does not rise both are noon; where it does not set they are a day apart.
-    """
-    return _sun_hours(task.place.latitude, task.place.longitude, task.clock, task.start.year, day_of_year)
-
-
 @lru_cache(maxsize=4096)
-def _sun_hours(latitude: float, longitude: float, clock: str, year: int, day: int) -> tuple[float, float]:
+def sun_hours(latitude: float, longitude: float, clock: str, year: int, day: float) -> tuple[float, float]:
+    """Sunrise and sunset [h] by a clock (IANA zone), at a place [degrees] on a day of the year counted from 0 at 1 January.
+
+    Spencer's declination and equation of time (1971), to a few minutes; summer time as in ``year``. Where the sun does not rise both are
+    noon; where it does not set they are a day apart.
+    """
     angle = 2.0 * math.pi * day / 365.0
     declination = (
         0.006918 - 0.399912 * math.cos(angle) + 0.070257 * math.sin(angle) - 0.006758 * math.cos(2.0 * angle)

@@ -7,7 +7,6 @@ from the task card's place and clock. The rest is observed: the time, the radiat
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -164,7 +163,7 @@ class GrowerAgent(ObservedController):
             msg = f"The grower works at a process computer, and {task.id} has the actuation '{task.actuation}'."
             raise SubmissionError(msg)
         self.begin(task, n_runs, (*CLOCK, _RADIATION), optional=(_VENTS,))
-        rules = self._rules()
+        rules = self._set_points(*np.zeros((3, n_runs)))
         for action in task.actions:
             if action.name not in rules:
                 near = did_you_mean(action.name, rules)
@@ -179,70 +178,45 @@ class GrowerAgent(ObservedController):
         radiation = readings[_RADIATION]
         self._mean = radiation if self._mean is None else self._mean + self._weight * (radiation - self._mean)
         hour, day = clock_from(readings)
-        period = _period(self.settings.periods, hour, *self._sun.hours(day))
-        page, rules = _Page(self.settings, period, self._mean, readings.get(_VENTS, self._shut)), self._rules()
+        rise, fall = self._sun.hours(day)
+        periods = self.settings.periods
+        by_day = (hour >= rise - periods.day_before_sunrise) & (hour < fall - periods.pre_night_before_sunset)
+        since_sunset = np.mod(hour - fall, 24.0)
+        # A night may go on after midnight.
+        by_night = (since_sunset >= periods.night_after_sunset) & (
+            since_sunset < 24.0 - periods.pre_night_before_sunset
+        )
+        period = np.where(by_day, 0.0, np.where(by_night, 2.0, 1.0))
+        rules = self._set_points(period, self._mean, readings.get(_VENTS, self._shut))
         low, high = self.task.action_bounds
-        set_points = [np.broadcast_to(one.of(rules[one.name](page)), self.runs) for one in self.task.actions]
+        set_points = [np.broadcast_to(one.of(rules[one.name]), self.runs) for one in self.task.actions]
         actions: Array = np.minimum(np.maximum(np.stack(set_points, axis=1), low), high)
         return actions
 
-    def _rules(self) -> dict[str, Callable[[_Page], Array | float]]:
-        s = self.settings
+    def _set_points(self, period: Array, radiation: Array, vents: Array) -> dict[str, Array | float]:
+        """Set points by name, for the period (0 day, 1 pre-night, 2 night), mean radiation [W m-2] and position of the vents."""
+        s, day = self.settings, period == 0.0
+        light = np.where(day, _share(radiation, s.heating.light_from, s.heating.light_full), 0.0)
+        heating = np.where(day, s.heating.day, np.where(period == 1.0, s.heating.pre_night, s.heating.night))
+        heating = heating + s.heating.light_raise * light
+        above = np.where(day, s.ventilation.day, s.ventilation.night)
+        co2 = s.co2.shut + (s.co2.vented - s.co2.shut) * _share(vents, s.co2.vents_shut, s.co2.vents_open)
         return {
-            names.HEATING: _Page.heating,
-            names.VENTILATION: _Page.ventilation,
-            names.CO2: _Page.co2,
-            names.HUMIDITY: lambda page: page.by_day(s.humidity_deficit.day, s.humidity_deficit.night),
-            names.LAMPS_FROM: lambda page: s.lamps.from_ if s.lamps.used else 0.0,
-            names.LAMPS_UNTIL: lambda page: s.lamps.until if s.lamps.used else 0.0,
-            names.LAMP_RADIATION: lambda page: s.lamps.radiation_limit if s.lamps.used else 0.0,
-            names.SCREEN_RADIATION: lambda page: s.screen.radiation_limit,
-            names.SCREEN_OUTDOOR: lambda page: page.by_day(s.screen.outdoor_day, s.screen.outdoor_night),
+            names.HEATING: heating,
+            names.VENTILATION: heating + above + s.ventilation.light_raise * light,
+            names.CO2: np.where(radiation < s.co2.dark_below, s.co2.dark, co2),
+            names.HUMIDITY: np.where(day, s.humidity_deficit.day, s.humidity_deficit.night),
+            names.LAMPS_FROM: s.lamps.from_ if s.lamps.used else 0.0,
+            names.LAMPS_UNTIL: s.lamps.until if s.lamps.used else 0.0,
+            names.LAMP_RADIATION: s.lamps.radiation_limit if s.lamps.used else 0.0,
+            names.SCREEN_RADIATION: s.screen.radiation_limit,
+            names.SCREEN_OUTDOOR: np.where(day, s.screen.outdoor_day, s.screen.outdoor_night),
         }
-
-
-class _Page:
-    """What the settings say at one moment, an array with a number a run each."""
-
-    def __init__(self, settings: GrowerSettings, period: Array, radiation: Array, vents: Array) -> None:
-        self.settings, self.period, self.radiation, self.vents = settings, period, radiation, vents
-        heating = settings.heating
-        light = _share(radiation, heating.light_from, heating.light_full)
-        self.light = np.where(period == 0.0, light, 0.0)
-
-    def by_day(self, day: float, otherwise: float) -> Array:
-        """One value by day, another in pre-night and night."""
-        return np.where(self.period == 0.0, day, otherwise)
-
-    def heating(self) -> Array:
-        """Heating temperature [degC]."""
-        s = self.settings.heating
-        base = np.where(self.period == 0.0, s.day, np.where(self.period == 1.0, s.pre_night, s.night))
-        return base + s.light_raise * self.light
-
-    def ventilation(self) -> Array:
-        """Ventilation temperature [degC]."""
-        s = self.settings.ventilation
-        return self.heating() + self.by_day(s.day, s.night) + s.light_raise * self.light
-
-    def co2(self) -> Array:
-        """CO2 set point [ppm]."""
-        s = self.settings.co2
-        vented = s.shut + (s.vented - s.shut) * _share(self.vents, s.vents_shut, s.vents_open)
-        return np.where(self.radiation < s.dark_below, s.dark, vented)
 
 
 def _share(value: Array, start: float, full: float) -> Array:
     """From 0 at ``start`` to 1 at ``full``."""
     return np.minimum(np.maximum((value - start) / (full - start), 0.0), 1.0)
-
-
-def _period(periods: Periods, hour: Array, sunrise: Array, sunset: Array) -> Array:
-    """0 by day, 1 in the pre-night, 2 at night, which may go on after midnight."""
-    day = (hour >= sunrise - periods.day_before_sunrise) & (hour < sunset - periods.pre_night_before_sunset)
-    since_sunset = np.mod(hour - sunset, 24.0)
-    night = (since_sunset >= periods.night_after_sunset) & (since_sunset < 24.0 - periods.pre_night_before_sunset)
-    return np.where(day, 0.0, np.where(night, 2.0, 1.0))
 
 
 def _check_order(first: str, low: float, second: str, high: float) -> None:

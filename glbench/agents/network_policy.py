@@ -145,8 +145,8 @@ class NetworkPolicy:
             msg = f"A policy of {sizes[0]} observations and {sizes[-1]} actions cannot have the shapes {sides}."
             raise ShapeError(msg)
         if self.activation not in ACTIVATIONS or self.output not in ("clip", "tanh"):
-            known = f"Known: {', '.join(ACTIVATIONS)}; clip, tanh."
-            msg = f"Unknown activation {quoted(self.activation)} or output {quoted(self.output)}. {known}"
+            names = f"{', '.join(ACTIVATIONS)}; clip, tanh"
+            msg = f"Unknown activation {quoted(self.activation)} or output {quoted(self.output)}. Known: {names}."
             raise ShapeError(msg)
         arrays: tuple[NDArray[np.floating[Any]], ...] = (
             self.low,
@@ -465,7 +465,12 @@ class ActorAgent:
         policy = self.policy
         if policy.plain:
             return policy.network.act(observations)
-        network, inputs = policy.network, self._inputs(observations.astype(np.float64))
+        network, readings = policy.network, observations.astype(np.float64)
+        traces, latest = self._traces, readings[:, None, policy.traced]
+        after = traces + policy.shares[:, None] * (latest - traces)
+        self._traces = np.where(np.isnan(traces), latest, np.where(np.isfinite(latest), after, traces))
+        inputs = np.concatenate([readings, self._traces.reshape(len(readings), -1)], axis=1)
+        inputs = np.where(np.isfinite(inputs), inputs, network.mean[: inputs.shape[1]])
         if policy.gru is not None:
             self._memory = policy.gru(network.normalised(inputs), self._memory)
         output = network.act(np.concatenate([inputs, self._memory], axis=1))
@@ -475,15 +480,6 @@ class ActorAgent:
         actions = np.clip(actions, policy.low, policy.high)
         self._positions = np.clip(self._positions + change * actions, 0.0, 1.0)
         return actions
-
-    def _inputs(self, readings: Floats) -> Floats:
-        """Observed columns and traces after these readings, missing ones filled in."""
-        policy, traces = self.policy, self._traces
-        latest = readings[:, None, policy.traced]
-        after = traces + policy.shares[:, None] * (latest - traces)
-        self._traces = np.where(np.isnan(traces), latest, np.where(np.isfinite(latest), after, traces))
-        inputs = np.concatenate([readings, self._traces.reshape(len(readings), -1)], axis=1)
-        return np.where(np.isfinite(inputs), inputs, policy.network.mean[: inputs.shape[1]])
 
 
 def policy_for(task: TaskCard, policies: Sequence[Actor]) -> Actor:

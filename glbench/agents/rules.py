@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,41 +145,6 @@ class RuleInputs:
     """Day of the year [day], 0 at 1 January 00:00."""
 
 
-@dataclass(frozen=True)
-class _Climate:
-    """Set points and needs that several rules share; they follow from what is outside."""
-
-    lamps: Shared
-    """1 when clock, season and radiation call for lamps, whatever the greenhouse climate [-]."""
-    heating: Shared
-    """Heating set point [degC]."""
-    co2: Shared
-    """CO2 set point [ppm]."""
-
-
-class _Shares(NamedTuple):
-    """How far each rule wants to go, from one side of its band to the other; shape (n,) each [-]."""
-
-    heating: Array
-    """Boiler, up when it is cold."""
-    co2: Array
-    """CO2 supply, up when there is little."""
-    not_cold: Array
-    """Down when it is too cold to open anything."""
-    vents_heat: Array
-    vents_humidity: Array
-    screen_cold: Array
-    """Thermal screen, closed when it is cold outside."""
-    screen_heat: Array
-    """Thermal screen, open when it is warm."""
-    screen_humidity: Array
-    """Thermal screen, open when it is humid."""
-    lamps_heat: Array
-    """Lamps, off when it is hot."""
-    lamps_humidity: Array
-    """Lamps, off when it is humid."""
-
-
 def proportional(value: Array, set_point: Array | float, band: float, low: float, high: float) -> Array:
     """Smooth proportional action from ``low`` to ``high`` while ``value`` goes from ``set_point`` to ``set_point + band``.
 
@@ -229,7 +194,7 @@ class Rules:
     def __init__(self, settings: RuleSettings) -> None:
         self.settings = settings
         s = settings
-        # One for each of ``_Shares``: band, and the action below and above it.
+        # Of each share in ``controls``: band, and the action below and above it.
         bands = (
             (s.heating_band, 0.0, 1.0),
             (s.co2_band, 0.0, 1.0),
@@ -249,33 +214,14 @@ class Rules:
 
     def controls(self, inputs: RuleInputs) -> Array:
         """Controls (n, 6) that the rules ask for, as ``rule_controls`` gives them."""
-        s, climate = self.settings, _climate(inputs, self.settings)
-        shares = self._shares(inputs, climate)
-        not_humid = np.maximum(shares.lamps_humidity, 1.0 - shares.not_cold)
-        if s.lamp_rule == "author":
-            # By day the blackout screen is open, and humidity is no reason; the published code lost this by operator precedence.
-            not_humid = inputs.is_day_smooth + (1.0 - inputs.is_day_smooth) * not_humid
-        lamps: Array = climate.lamps * shares.lamps_heat * not_humid
-        for_humidity = np.maximum(shares.screen_humidity, 1.0 - shares.not_cold)
-        # Erratum of the published code: "opened for heat or humidity" became max, so only heat *and* humidity open the screen.
-        keep_closed = np.maximum if s.thermal_screen_rule == "code" else np.minimum
-        controls = np.empty((len(lamps), 6))
-        controls[:, 0] = shares.heating
-        controls[:, 1] = shares.co2
-        controls[:, 2] = np.minimum(shares.screen_cold, keep_closed(shares.screen_heat, for_humidity))
-        controls[:, 3] = np.minimum(shares.not_cold, np.maximum(shares.vents_heat, shares.vents_humidity))
-        controls[:, 4] = lamps
-        controls[:, 5] = (1.0 - inputs.is_day_smooth) * lamps if s.blackout_screen else 0.0
-        return controls
-
-    def _shares(self, inputs: RuleInputs, climate: _Climate) -> _Shares:
-        """All proportional actions at once: numpy takes as long for one of them as for ten."""
-        s, air, humidity, heating = self.settings, inputs.air_temperature, inputs.relative_humidity, climate.heating
+        s, air, humidity = self.settings, inputs.air_temperature, inputs.relative_humidity
+        lamps_by_clock, heating, co2 = self._set_points(inputs)
         too_warm = heating + s.heating_dead_zone  # heat must leave
         screen = inputs.is_day * s.screen_day + (1.0 - inputs.is_day) * s.screen_night
-        above = np.empty((len(_Shares._fields), len(air)))
+        # How far each rule wants to go, from one side of its band to the other. All at once: numpy takes as long for one as for ten.
+        above = np.empty((len(self._span), len(air)))
         np.subtract(air, heating, out=above[0])
-        np.subtract(inputs.co2, climate.co2, out=above[1])
+        np.subtract(inputs.co2, co2, out=above[1])
         np.subtract(air, heating - s.vent_cold_offset, out=above[2])
         np.subtract(air, too_warm, out=above[3])
         np.subtract(humidity, s.humidity_limit, out=above[4])
@@ -284,28 +230,46 @@ class Rules:
         np.subtract(humidity, s.humidity_limit + s.screen_humidity_offset, out=above[7])
         np.subtract(air, too_warm + s.lamp_extra_heat, out=above[8])
         np.subtract(humidity, s.humidity_limit + s.blackout_extra_humidity, out=above[9])
-        return _Shares(*_action(above, self._steepness, self._half_band, self._low, self._span))
+        shares = _action(above, self._steepness, self._half_band, self._low, self._span)
+        boiler, dosing, not_cold, vents_heat, vents_humidity, screen_cold, screen_heat, screen_humidity, *rest = shares
+        lamps_heat, lamps_humidity = rest
 
+        not_humid = np.maximum(lamps_humidity, 1.0 - not_cold)
+        if s.lamp_rule == "author":
+            # By day the blackout screen is open, and humidity is no reason; the published code lost this by operator precedence.
+            not_humid = inputs.is_day_smooth + (1.0 - inputs.is_day_smooth) * not_humid
+        lamps: Array = lamps_by_clock * lamps_heat * not_humid
+        for_humidity = np.maximum(screen_humidity, 1.0 - not_cold)
+        # Erratum of the published code: "opened for heat or humidity" became max, so only heat *and* humidity open the screen.
+        keep_closed = np.maximum if s.thermal_screen_rule == "code" else np.minimum
+        controls = np.empty((len(lamps), 6))
+        controls[:, 0] = boiler
+        controls[:, 1] = dosing
+        controls[:, 2] = np.minimum(screen_cold, keep_closed(screen_heat, for_humidity))
+        controls[:, 3] = np.minimum(not_cold, np.maximum(vents_heat, vents_humidity))
+        controls[:, 4] = lamps
+        controls[:, 5] = (1.0 - inputs.is_day_smooth) * lamps if s.blackout_screen else 0.0
+        return controls
 
-def _climate(inputs: RuleInputs, settings: RuleSettings) -> _Climate:
-    s, hour = settings, inputs.hour_of_day
-    dim_day = (inputs.day_radiation_sum < s.lamps_off_day_sum) * 1.0
-    in_season = within(s.lamp_season_start, s.lamp_season_end, inputs.day_of_year)
-    dim_now = (inputs.radiation < s.lamps_off_radiation) * 1.0
-    in_hours = within(s.lamps_on, s.lamps_off, hour)
-    lamps = dim_now * dim_day * in_hours * in_season
+    def _set_points(self, inputs: RuleInputs) -> tuple[Shared, Shared, Shared]:
+        """What follows from what is outside: 1 when clock, season and radiation call for lamps, heating [degC], CO2 [ppm]."""
+        s, hour = self.settings, inputs.hour_of_day
+        dim_day = (inputs.day_radiation_sum < s.lamps_off_day_sum) * 1.0
+        in_season = within(s.lamp_season_start, s.lamp_season_end, inputs.day_of_year)
+        dim_now = (inputs.radiation < s.lamps_off_radiation) * 1.0
+        in_hours = within(s.lamps_on, s.lamps_off, hour)
+        lamps = dim_now * dim_day * in_hours * in_season
 
-    # The climate of the lamp hours fades in and out within an hour and, unlike the lamps, does not mind a sunny moment.
-    if s.lamps_on == s.lamps_off:
-        ramp = hour * 0.0
-    else:
-        rising = _smaller(_larger(hour - s.lamps_on + 1.0, 0.0), 1.0)
-        falling = _smaller(_larger(s.lamps_off - hour + 1.0, 0.0), 1.0)
-        ramp = _smaller(rising, falling) if s.lamps_on < s.lamps_off else _larger(rising, falling)
-    day_climate = _larger(ramp * dim_day * in_season, inputs.is_day)
-    heating = day_climate * s.heating_day + (1.0 - day_climate) * s.heating_night
-    heating = heating + s.heating_lamp_shift * lamps
-    return _Climate(lamps, heating, day_climate * s.co2_day)
+        # The climate of the lamp hours fades in and out within an hour and, unlike the lamps, does not mind a sunny moment.
+        if s.lamps_on == s.lamps_off:
+            ramp = hour * 0.0
+        else:
+            rising = _smaller(_larger(hour - s.lamps_on + 1.0, 0.0), 1.0)
+            falling = _smaller(_larger(s.lamps_off - hour + 1.0, 0.0), 1.0)
+            ramp = _smaller(rising, falling) if s.lamps_on < s.lamps_off else _larger(rising, falling)
+        day_climate = _larger(ramp * dim_day * in_season, inputs.is_day)
+        heating = day_climate * s.heating_day + (1.0 - day_climate) * s.heating_night
+        return lamps, heating + s.heating_lamp_shift * lamps, day_climate * s.co2_day
 
 
 _STATES = [STATE_NAMES.index(name) for name in ("tAir", "vpAir", "co2Air")]

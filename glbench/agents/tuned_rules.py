@@ -202,9 +202,9 @@ class RulePages:
         file = self.page_for(reward, task_id)
         if file is not None:
             return self.pages[file].numbers
-        known = "; ".join(f"{file.name}: {', '.join(page.scope)}" for file, page in self.pages.items())
+        scopes = "; ".join(f"{file.name}: {', '.join(page.scope)}" for file, page in self.pages.items())
         msg = (
-            f"No page of the {self.kind.title} is for {task_id}, whose reward is {', '.join(reward)} ({known}). "
+            f"No page of the {self.kind.title} is for {task_id}, whose reward is {', '.join(reward)} ({scopes}). "
             "Copy the folder and leave the page in it that is to be followed: an only page serves every task."
         )
         raise SubmissionError(msg)
@@ -337,16 +337,30 @@ class TunedRulesAgent(ObservedController):
         temperature, warming = self._temperature.take(readings["air_temperature"])
         humidity, rising = self._humidity.take(readings["relative_humidity"])
         radiation, outdoor = readings["global_radiation"], readings["outdoor_temperature"]
-        shares = self._shares(hour, day, radiation, temperature, outdoor, readings.get("wind_speed", self._calm))
+        s = self._shares(hour, day, radiation, temperature, outdoor, readings.get("wind_speed", self._calm))
+        above = humidity - self._limits[1]
+
+        # Heating temperature [degC]: one in the dark by the sun's clock, that of the day as it gets light, more in full sun.
+        dark = n.heating_evening + s.night * (n.heating_night - n.heating_evening)
+        dark = dark + s.morning * (n.heating_morning - dark)
+        afternoon_left = 1.0 - s.evening * (1.0 - s.morning)
+        heating = dark + (s.daylight * (n.heating_day - dark) + n.heating_light_raise * s.sunny) * afternoon_left
+
+        # CO2: P-band below a set point by light, lower the wider the vents are open.
+        dosing = self._calm
+        if "co2" in readings:
+            set_point = n.co2_dim + (n.co2_sunny - n.co2_dim) * s.co2_sunny - n.co2_vents * vents
+            dosing = np.where(radiation >= n.co2_dark, _share(set_point - readings["co2"], n.co2_band), 0.0)
+
+        # The screen is closed in the dark when it is cold outside, but for a gap against humidity.
+        gap = np.minimum(np.maximum(n.screen_gap * (above - n.screen_humidity), 0.0), n.screen_gap_most)
         in_hours = (hour >= n.lamps_from) & (hour < n.lamps_until)
         lamps = np.where(in_hours & (radiation < n.lamps_radiation), 1.0, 0.0)
-        above = humidity - self._limits[1]
-        heating = _heating(n, shares)
         return {
-            BOILER: _boiler(n, shares, heating, temperature, warming / self._step_hours, outdoor, above),
-            DOSING: _co2(n, shares, radiation, vents, readings["co2"]) if "co2" in readings else self._calm,
-            SCREEN: _screen(n, shares, above),
-            VENTS: _vents(n, shares, vents, temperature, above, rising, self._step_hours),
+            BOILER: _boiler(n, s, heating, temperature, warming / self._step_hours, outdoor, above),
+            DOSING: dosing,
+            SCREEN: (1.0 - s.bright) * (1.0 - s.mild) * (1.0 - gap),
+            VENTS: _vents(n, s, vents, temperature, above, rising, self._step_hours),
             LAMPS: lamps,
             BLACKOUT: np.where(radiation <= 0.0, lamps, 0.0),
         }
@@ -427,15 +441,6 @@ def _share(value: Array, span: Array) -> Array:
     return np.minimum(np.maximum(value / span, 0.0), 1.0)
 
 
-def _heating(n: Any, s: _Shares) -> Array:
-    """Heating temperature [degC]: one in the dark by the sun's clock, that of the day as it gets light, more in full sun."""
-    dark = n.heating_evening + s.night * (n.heating_night - n.heating_evening)
-    dark = dark + s.morning * (n.heating_morning - dark)
-    afternoon_left = 1.0 - s.evening * (1.0 - s.morning)
-    heating: Array = dark + (s.daylight * (n.heating_day - dark) + n.heating_light_raise * s.sunny) * afternoon_left
-    return heating
-
-
 def _boiler(
     n: Any, s: _Shares, heating: Array, temperature: Array, warming: Array, outdoor: Array, above: Array
 ) -> Array:
@@ -447,12 +452,6 @@ def _boiler(
     return share
 
 
-def _co2(n: Any, s: _Shares, radiation: Array, vents: Array, co2: Array) -> Array:
-    """P-band below a set point by light, lower the wider the vents are open."""
-    set_point = n.co2_dim + (n.co2_sunny - n.co2_dim) * s.co2_sunny - n.co2_vents * vents
-    return np.where(radiation >= n.co2_dark, _share(set_point - co2, n.co2_band), 0.0)
-
-
 def _vents(n: Any, s: _Shares, vents: Array, temperature: Array, above: Array, rising: Array, step: float) -> Array:
     """Against humidity a PI controller in velocity form: it moves the vents from where they are, so that nothing winds up."""
     target = n.vents_humidity_night + (n.vents_humidity_day - n.vents_humidity_night) * s.daylight
@@ -462,10 +461,3 @@ def _vents(n: Any, s: _Shares, vents: Array, temperature: Array, above: Array, r
     hot = _share(temperature - n.vents_temperature - n.vents_light_raise * s.sunny, n.vents_band)
     wider: Array = np.maximum(humid, hot)
     return wider
-
-
-def _screen(n: Any, s: _Shares, above: Array) -> Array:
-    """Closed in the dark when it is cold outside, but for a gap against humidity."""
-    gap = np.minimum(np.maximum(n.screen_gap * (above - n.screen_humidity), 0.0), n.screen_gap_most)
-    closed: Array = (1.0 - s.bright) * (1.0 - s.mild) * (1.0 - gap)
-    return closed
