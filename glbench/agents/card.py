@@ -42,9 +42,9 @@ INFORMATION: dict[Information, str] = {
 """What a card may say that an agent uses, and what that means."""
 
 
-def _as_tuple(given: object) -> object:
+def _as_tuple(value: object) -> object:
     """TOML has lists, records have tuples; anything else is left to be refused."""
-    return tuple(given) if isinstance(given, list) else given
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _shown_as_written(text: str) -> str:
@@ -58,15 +58,15 @@ def _shown_as_written(text: str) -> str:
 
 _HARMLESS = "\n\t\u200c\u200d"
 """Ends of lines and tabulators, and the joiners that some scripts are written with."""
-Shown = Annotated[str, AfterValidator(_shown_as_written)]
-Words = Annotated[Shown, Field(min_length=1, max_length=200)]
+Printable = Annotated[str, AfterValidator(_shown_as_written)]
+Words = Annotated[Printable, Field(min_length=1, max_length=200)]
 Names = Annotated[tuple[Words, ...], FailFast(), BeforeValidator(_as_tuple), Field(max_length=100)]
 Number = Annotated[float, Field(ge=-1e30, le=1e30)]
 Numbers = Annotated[tuple[Number, ...], FailFast(), BeforeValidator(_as_tuple), Field(max_length=_MOST_ITEMS)]
 Year = Annotated[int, Field(ge=1000, le=9999)]
 RecipeId = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
 """Joins the trainings of one recipe."""
-FileName = Annotated[Shown, Field(pattern=r"^[^/\\.][^\\]*$", max_length=200)]
+FileName = Annotated[Printable, Field(pattern=r"^[^/\\.][^\\]*$", max_length=200)]
 
 
 class _Table(BaseModel):
@@ -123,8 +123,8 @@ class SubmissionCard(_Table):
     name: Words
     authors: Annotated[Names, Field(min_length=1)]
     licence: Words
-    link: Annotated[Shown, Field(pattern=r"^https?://\S+$", max_length=500)] | None = None
-    description: Annotated[Shown, Field(max_length=4000)] = ""
+    link: Annotated[Printable, Field(pattern=r"^https?://\S+$", max_length=500)] | None = None
+    description: Annotated[Printable, Field(max_length=4000)] = ""
     information: Annotated[
         tuple[Information, ...],
         FailFast(),
@@ -160,8 +160,8 @@ class SubmissionCard(_Table):
     @model_serializer(mode="wrap")
     def _without_recipe(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out ``recipe`` where it is ``None``, so that results of earlier versions keep their text."""
-        written: dict[str, Any] = write(self)
-        return {key: value for key, value in written.items() if key != "recipe" or value is not None}
+        content: dict[str, Any] = write(self)
+        return {key: value for key, value in content.items() if key != "recipe" or value is not None}
 
     @property
     def information_in_words(self) -> str:

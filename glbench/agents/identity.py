@@ -24,7 +24,7 @@ import struct
 import unicodedata
 import zipfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import nullcontext
 from dataclasses import dataclass
 from hashlib import file_digest, sha256
 from itertools import islice
@@ -105,12 +105,12 @@ def files_of_folder(folder: Path) -> tuple[Path, ...]:
         When a folder cannot be read.
     """
     files: list[Path] = []
-    waiting, seen = [folder], 0
+    waiting, entry_count = [folder], 0
     while waiting:
         with os.scandir(waiting.pop()) as entries:
             for entry in entries:
-                seen += 1
-                if seen > MOST_ENTRIES or len(files) > MOST_FILES:
+                entry_count += 1
+                if entry_count > MOST_ENTRIES or len(files) > MOST_FILES:
                     raise SubmissionError(_too_many(folder))
                 path = Path(entry.path)
                 if not is_part_of_submission(Path(entry.name), Path()):
@@ -180,12 +180,12 @@ def digest_of(files: tuple[Path, ...], root: Path, copy: Path | None = None) -> 
     OSError
         When a file cannot be read, or a copy not be written.
     """
-    digest, left = sha256(), LARGEST_SUBMISSION
+    digest, remaining = sha256(), LARGEST_SUBMISSION
     for name, file in sorted((file.relative_to(root).as_posix(), file) for file in files):
         with open_regular(file) as stream:
             size = os.fstat(stream.fileno()).st_size
-            left -= size
-            if left < 0:
+            remaining -= size
+            if remaining < 0:
                 raise SubmissionError(_changed(file))
             encoded = name.encode("utf-8")
             pieces = _pieces(stream, size, file)
@@ -193,13 +193,17 @@ def digest_of(files: tuple[Path, ...], root: Path, copy: Path | None = None) -> 
                 content = with_unix_line_ends(name, b"".join(pieces))
                 pieces, size = iter((content,)), len(content)
             digest.update(len(encoded).to_bytes(8, "big") + encoded + size.to_bytes(8, "big"))
-            with _copy(copy / name if copy is not None else None) as written:
+            if copy is not None:
+                (copy / name).parent.mkdir(parents=True, exist_ok=True)
+            with nullcontext() if copy is None else (copy / name).open("xb") as target:
                 for piece in pieces:
                     digest.update(piece)
-                    if written is not None:
-                        written.write(piece)
-    if copy is not None:
-        _even_out(copy)
+                    if target is not None:
+                        target.write(piece)
+    if copy is not None:  # same rights and times for all: the digest covers names and contents only
+        for item in (*copy.rglob("*"), copy):
+            item.chmod(_COPY_MODE)
+            os.utime(item, _COPY_TIME)
     return digest.hexdigest()
 
 
@@ -224,23 +228,6 @@ def _pieces(stream: IO[bytes], size: int, file: Path) -> Iterator[bytes]:
         yield piece
     if stream.read(1):
         raise SubmissionError(_changed(file))
-
-
-@contextmanager
-def _copy(place: Path | None) -> Iterator[IO[bytes] | None]:
-    if place is None:
-        yield None
-        return
-    place.parent.mkdir(parents=True, exist_ok=True)
-    with place.open("xb") as file:
-        yield file
-
-
-def _even_out(folder: Path) -> None:
-    """Give all copies the same rights and times: the digest covers names and contents only."""
-    for item in (*folder.rglob("*"), folder):
-        item.chmod(_COPY_MODE)
-        os.utime(item, _COPY_TIME)
 
 
 @dataclass(frozen=True)
@@ -380,23 +367,36 @@ def read_identity(path: Path) -> Identity:
         msg = f"{path} is a page of settings. Name the folder with its card.toml, such as: glbench evaluate {settings}"
         raise SubmissionError(msg)
     name = name_of(path)
-    given, folder = path.resolve(), path.resolve() if path.is_dir() else None
-    root = folder or given.parent
+    place, folder = path.resolve(), path.resolve() if path.is_dir() else None
+    root = folder or place.parent
     try:
-        card_file = find_card(given)
-        card = _card(card_file)
-        entry = _entry(folder, card) if folder is not None else given
-        form = _form(entry)
+        card, card_file = None, find_card(place)
+        if card_file is not None:
+            # Not at the top: what reads cards is large, and the process of an agent without one should not wait for it.
+            from glbench.agents.card import read_card
+
+            card = read_card(card_file)
+        entry = _entry(folder, card) if folder is not None else place
+        form = FORMS.get(entry.suffix)
+        if form is None:
+            msg = f"{entry} is no Python file and no saved policy. {EXPECTED}."
+            raise SubmissionError(msg)
         _check_card_fits(card, entry, form)
         files = files_of_folder(folder) if folder is not None else ()
         statistics = _statistics(entry, form, root, files, card)
-        own = _single(entry, form, statistics, card_file, root) if folder is None else ()
+        own: tuple[Path, ...] = ()
+        if folder is None:
+            weights = entry.with_name(f"{entry.name}.data")
+            parts = [entry, statistics, card_file, weights if form == "onnx" and weights.is_file() else None]
+            own = tuple(file for file in parts if file is not None)
+            for file in own:
+                check_file(file, root)
         check_sizes(own or files, root)
         digest = digest_of(own or files, root)
     except OSError as error:
         msg = f"The submission {name} cannot be read: {reason_of(error)}. Check that its files exist and may be read."
         raise SubmissionError(msg) from error
-    return Identity(name, given, own, digest, OBSERVATIONS_ONLY, form, entry, statistics, card)
+    return Identity(name, place, own, digest, OBSERVATIONS_ONLY, form, entry, statistics, card)
 
 
 def skeleton(name: str) -> str:
@@ -429,7 +429,7 @@ def baseline_names() -> tuple[str, ...]:
 def baseline_like(name: str) -> str | None:
     """The baseline with this name, or one that it could be mistaken for, such as ``ppo`` for ``PP0`` and ``ppo_seed7``."""
     alike = skeletons(name)
-    return next((known for known in baseline_names() if skeleton(known) in alike), None)
+    return next((baseline for baseline in baseline_names() if skeleton(baseline) in alike), None)
 
 
 def name_of(place: Path) -> str:
@@ -457,7 +457,7 @@ def name_of(place: Path) -> str:
     return name
 
 
-def find_card(given: Path) -> Path | None:
+def find_card(place: Path) -> Path | None:
     """The card of a file or folder, if it has one.
 
     Raises
@@ -465,21 +465,12 @@ def find_card(given: Path) -> Path | None:
     SubmissionError
         When it is a link that leads out of the submission.
     """
-    root = given if given.is_dir() else given.parent
-    file = root / SUBMISSION_CARD if root is given else given.with_suffix(".toml")
-    if not file.is_file() or file == given:
+    root = place if place.is_dir() else place.parent
+    file = root / SUBMISSION_CARD if root is place else place.with_suffix(".toml")
+    if not file.is_file() or file == place:
         return None
     check_file(file, root)
     return file
-
-
-def _card(file: Path | None) -> SubmissionCard | None:
-    if file is None:
-        return None
-    # Not at the top: what reads cards is large, and the process of an agent without one should not wait for it.
-    from glbench.agents.card import read_card
-
-    return read_card(file)
 
 
 def _entry(folder: Path, card: SubmissionCard | None) -> Path:
@@ -508,14 +499,6 @@ def _entry(folder: Path, card: SubmissionCard | None) -> Path:
         f"Put make_agent(task) into a file called {AGENT_FILE}, or `glbench submit new NAME` writes a folder that runs."
     )
     raise SubmissionError(msg)
-
-
-def _form(entry: Path) -> Form:
-    form = FORMS.get(entry.suffix)
-    if form is None:
-        msg = f"{entry} is no Python file and no saved policy. {EXPECTED}."
-        raise SubmissionError(msg)
-    return form
 
 
 def _check_card_fits(card: SubmissionCard | None, entry: Path, form: Form) -> None:
@@ -565,12 +548,3 @@ def _statistics(
     # Tools around Stable-Baselines3 put the statistics one folder deeper than the model.
     deeper = [file for file in files if file.name == STATISTICS_FILE]
     return next((file for file in [*beside, *deeper] if file.is_file()), None)
-
-
-def _single(entry: Path, form: Form, statistics: Path | None, card_file: Path | None, root: Path) -> tuple[Path, ...]:
-    weights = entry.with_name(f"{entry.name}.data") if form == "onnx" else None
-    found = [entry, statistics, card_file, weights if weights is not None and weights.is_file() else None]
-    files = tuple(file for file in found if file is not None)
-    for file in files:
-        check_file(file, root)
-    return files

@@ -18,7 +18,7 @@ from importlib.machinery import ModuleSpec
 from importlib.util import module_from_spec
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from glbench.agents.identity import (
     EXPECTED,
@@ -87,7 +87,10 @@ def import_file(file: Path, name: str, folder: Path | None) -> ModuleType:
 def at_home(folder: Path | None) -> Iterator[None]:
     """Let ``import helper`` find the modules of a submission's ``folder``, and forget them again; never write bytecode."""
     wrote_no_bytecode, sys.dont_write_bytecode = sys.dont_write_bytecode, True
-    own = _own_modules(folder) if folder is not None else frozenset[str]()
+    own: set[str] = set()
+    if folder is not None:  # names of the standard library and glbench keep their meaning
+        names = {file.stem for file in folder.glob("*.py")} | {item.name for item in folder.iterdir() if item.is_dir()}
+        own = {name for name in names if name.isidentifier() and name not in _NEVER_SHADOWED}
     others = {name: module for name, module in sys.modules.items() if name.partition(".")[0] in own}
     for name in others:
         del sys.modules[name]
@@ -112,29 +115,19 @@ def describe_error(error: BaseException, within: Path) -> str:
     ``within`` is the submission's file or folder. Without a frame in it, the deepest place anywhere is named.
     """
     frames = traceback.extract_tb(error.__traceback__)
-    own = [frame for frame in frames if _is_within(Path(frame.filename), within)]
+    own = [frame for frame in frames if within in (Path(frame.filename), *Path(frame.filename).parents)]
     if not frames:
         return last_line(error)
     frame = (own or list(frames))[-1]
     return f"{last_line(error)} ({Path(frame.filename).name}:{frame.lineno}, in {frame.name})"
 
 
-def _own_modules(folder: Path) -> frozenset[str]:
-    """Names of the modules in ``folder``; names of the standard library and glbench keep their meaning."""
-    names = {file.stem for file in folder.glob("*.py")} | {item.name for item in folder.iterdir() if item.is_dir()}
-    return frozenset(name for name in names if name.isidentifier() and name not in _NEVER_SHADOWED)
-
-
-def _is_within(file: Path, place: Path) -> bool:
-    return file == place or place in file.parents
-
-
 def _place_of_syntax_error(error: SyntaxError | ValueError, file: Path) -> str:
     if not isinstance(error, SyntaxError) or error.lineno is None:
         return ""
     line = (error.text or "").strip()
-    shown = line if len(line) <= _LONGEST_LINE else f"{line[: _LONGEST_LINE - 4]} ..."
-    return f" ({file.name}:{error.lineno}" + (f": {shown})" if shown else ")")
+    short = line if len(line) <= _LONGEST_LINE else f"{line[: _LONGEST_LINE - 4]} ..."
+    return f" ({file.name}:{error.lineno}" + (f": {short})" if short else ")")
 
 
 def _hint_about_neighbours(error: BaseException, file: Path, folder: Path | None) -> str:
@@ -161,11 +154,7 @@ def python_maker(submission: Identity) -> Callable[[TaskCard], Agent]:
     """
     file, folder = submission.entry, submission.folder
     module = import_file(file, f"_glbench_submission_{submission.digest[:16]}", folder)
-    return _maker(_make_agent_of(module, file), file, folder)
-
-
-def _make_agent_of(module: ModuleType, file: Path) -> Callable[[TaskCard], object]:
-    make_agent = getattr(module, "make_agent", None)
+    make_agent: Any = getattr(module, "make_agent", None)
     if make_agent is None:
         functions = [name for name, item in vars(module).items() if callable(item) and not name.startswith("_")]
         near = did_you_mean("make_agent", functions) if functions else ""
@@ -175,15 +164,12 @@ def _make_agent_of(module: ModuleType, file: Path) -> Callable[[TaskCard], objec
         msg = f"make_agent in {file.name} is {_a(make_agent)}, expected a function make_agent(task) that returns your agent."
         raise SubmissionError(msg)
     _check_call(make_agent, f"make_agent in {file.name}", "make_agent(task)", 1)
-    function: Callable[[TaskCard], object] = make_agent
-    return function
 
-
-def _maker(make_agent: Callable[[TaskCard], object], file: Path, folder: Path | None) -> Callable[[TaskCard], Agent]:
     def call(task: TaskCard) -> object:
         try:
             with at_home(folder):
-                return make_agent(task)
+                agent: object = make_agent(task)
+                return agent
         except (Exception, SystemExit) as error:
             msg = f"make_agent in {file.name} fails: {describe_error(error, folder or file)}."
             raise SubmissionError(msg) from error
@@ -192,46 +178,42 @@ def _maker(make_agent: Callable[[TaskCard], object], file: Path, folder: Path | 
         return _as_single(call(task), file)
 
     def make(task: TaskCard) -> Agent:
-        made = call(task)
-        if getattr(made, "single_run", False):
-            return PerRunAgent(make_single, first=_as_single(made, file))
-        return _as_agent(made, file)
+        agent = call(task)
+        if getattr(agent, "single_run", False):
+            return PerRunAgent(make_single, first=_as_single(agent, file))
+        _check_agent(agent, file, 2, "reset(task, n_runs)", "act(observations)")
+        if not isinstance(agent, Agent):
+            raise SubmissionError(_lacks(agent, file, "reset(task, n_runs) and act(observations)"))
+        return agent
 
     return make
 
 
-def _as_agent(made: object, file: Path) -> Agent:
-    _check_agent(made, file, 2, "reset(task, n_runs)", "act(observations)")
-    if not isinstance(made, Agent):
-        raise SubmissionError(_lacks(made, file, "reset(task, n_runs) and act(observations)"))
-    return made
+def _as_single(agent: object, file: Path) -> SingleRunAgent:
+    _check_agent(agent, file, 1, "reset(task)", "act(observation)")
+    if not isinstance(agent, SingleRunAgent):
+        raise SubmissionError(_lacks(agent, file, "single_run = True, reset(task) and act(observation)"))
+    return agent
 
 
-def _as_single(made: object, file: Path) -> SingleRunAgent:
-    _check_agent(made, file, 1, "reset(task)", "act(observation)")
-    if not isinstance(made, SingleRunAgent):
-        raise SubmissionError(_lacks(made, file, "single_run = True, reset(task) and act(observation)"))
-    return made
-
-
-def _check_agent(made: object, file: Path, reset_arguments: int, reset: str, act: str) -> None:
-    if getattr(made, "privileged", False):
+def _check_agent(agent: object, file: Path, reset_arguments: int, reset: str, act: str) -> None:
+    if getattr(agent, "privileged", False):
         msg = f"The agent of {file.name} says 'privileged': submissions see {OBSERVATIONS_ONLY} only. Remove the attribute."
         raise SubmissionError(msg)
-    missing = [form for form in (reset, act) if not callable(getattr(made, form.partition("(")[0], None))]
-    if isinstance(made, type) or missing:
-        raise SubmissionError(_lacks(made, file, " and ".join(missing) or "an instance"))
-    owner = f"of the agent {type(made).__name__} in {file.name}"
-    _check_call(made.reset, f"reset {owner}", reset, reset_arguments)  # type: ignore[attr-defined]
-    _check_call(made.act, f"act {owner}", act, 1)  # type: ignore[attr-defined]
+    missing = [form for form in (reset, act) if not callable(getattr(agent, form.partition("(")[0], None))]
+    if isinstance(agent, type) or missing:
+        raise SubmissionError(_lacks(agent, file, " and ".join(missing) or "an instance"))
+    owner = f"of the agent {type(agent).__name__} in {file.name}"
+    _check_call(agent.reset, f"reset {owner}", reset, reset_arguments)  # type: ignore[attr-defined]
+    _check_call(agent.act, f"act {owner}", act, 1)  # type: ignore[attr-defined]
 
 
-def _lacks(made: object, file: Path, missing: str) -> str:
-    if made is None:
+def _lacks(agent: object, file: Path, missing: str) -> str:
+    if agent is None:
         return f"make_agent in {file.name} returns nothing. End it with 'return' and your agent."
-    if isinstance(made, type):
-        return f"make_agent in {file.name} returns the class {made.__name__}, expected an instance: return {made.__name__}(...)."
-    return f"make_agent in {file.name} returns {_a(made)} without {missing}. See docs/submit.md for what an agent has."
+    if isinstance(agent, type):
+        return f"make_agent in {file.name} returns the class {agent.__name__}, expected an instance: return {agent.__name__}(...)."
+    return f"make_agent in {file.name} returns {_a(agent)} without {missing}. See docs/submit.md for what an agent has."
 
 
 def _check_call(function: Callable[..., object], what: str, form: str, arguments: int) -> None:
@@ -302,7 +284,18 @@ def load_agent(ref: str | Path) -> LoadedAgent:
     if is_built_in(path):
         return _baseline(path, name_of(path), "submission")
     submission = read_identity(path)
-    make = _maker_of(submission)
+    if submission.form == "python":
+        make = python_maker(submission)
+    else:
+
+        def make(task: TaskCard) -> Agent:
+            # Not at the top: the process of an agent in Python does not need them.
+            from glbench.agents.saved_policies import onnx_agent, torchscript_agent
+            from glbench.agents.sb3 import sb3_agent
+
+            makers = {"sb3": sb3_agent, "torchscript": torchscript_agent, "onnx": onnx_agent}
+            return makers[submission.form](submission, task)
+
     return LoadedAgent(
         submission.name,
         "submission",
@@ -315,21 +308,6 @@ def load_agent(ref: str | Path) -> LoadedAgent:
     )
 
 
-def _maker_of(submission: Identity) -> Callable[[TaskCard], Agent]:
-    if submission.form == "python":
-        return python_maker(submission)
-
-    def make(task: TaskCard) -> Agent:
-        # Not at the top: the process of an agent in Python does not need them.
-        from glbench.agents.saved_policies import onnx_agent, torchscript_agent
-        from glbench.agents.sb3 import sb3_agent
-
-        makers = {"sb3": sb3_agent, "torchscript": torchscript_agent, "onnx": onnx_agent}
-        return makers[submission.form](submission, task)
-
-    return make
-
-
 def find_submission(ref: str | Path) -> Path:
     """The file or folder ``ref``, which is not a name of a baseline.
 
@@ -339,9 +317,24 @@ def find_submission(ref: str | Path) -> Path:
         When there is no such thing.
     """
     path = path_of(ref)
-    if not path.is_dir() and not path.is_file():
-        raise SubmissionError(_nothing_there(str(ref), path))
-    return path
+    if path.is_dir() or path.is_file():
+        return path
+    if path.suffix in FORMS or len(path.parts) > 1:
+        beside = [item.name for item in path.parent.iterdir() if item.suffix in FORMS] if path.parent.is_dir() else []
+        near = did_you_mean(path.name, beside, list_few=False)
+        msg = f"There is no file or folder {path}.{near} {EXPECTED}."
+        if (data_folder("submissions") / path.name).is_file():
+            msg = (
+                f"There is no file {path}. An example of that name comes with glbench: "
+                f"`glbench submit new {path.parent} --kind example` writes it, and the other examples."
+            )
+        raise SubmissionError(msg)
+    names = baseline_names()
+    msg = (
+        f"'{ref}' is neither a file or folder here nor a baseline.{did_you_mean(str(ref), names, list_few=False)} "
+        f"Baselines: {', '.join(names)}. A submission is named by its path, such as submissions/my_agent.py."
+    )
+    raise SubmissionError(msg)
 
 
 def _baseline(ref: str | Path, name: str, kind: Literal["submission", "baseline"]) -> LoadedAgent:
@@ -352,23 +345,6 @@ def _baseline(ref: str | Path, name: str, kind: Literal["submission", "baseline"
     training = baseline.training if kind == "submission" else None
     return LoadedAgent(
         name, kind, baseline.digest, baseline.sees, baseline.information, baseline.make, training=training
-    )
-
-
-def _nothing_there(ref: str, path: Path) -> str:
-    known = baseline_names()
-    if path.suffix in FORMS or len(path.parts) > 1:
-        beside = [item.name for item in path.parent.iterdir() if item.suffix in FORMS] if path.parent.is_dir() else []
-        near = did_you_mean(path.name, beside, list_few=False)
-        if (data_folder("submissions") / path.name).is_file():
-            return (
-                f"There is no file {path}. An example of that name comes with glbench: "
-                f"`glbench submit new {path.parent} --kind example` writes it, and the other examples."
-            )
-        return f"There is no file or folder {path}.{near} {EXPECTED}."
-    return (
-        f"'{ref}' is neither a file or folder here nor a baseline.{did_you_mean(ref, known, list_few=False)} "
-        f"Baselines: {', '.join(known)}. A submission is named by its path, such as submissions/my_agent.py."
     )
 
 

@@ -94,13 +94,11 @@ class PlanBook:
             When the actions have another shape than those of a run.
         """
         low, high = (np.array([getattr(action, side) for action in task.actions]) for side in ("low", "high"))
-        wanted = np.asarray(actions, dtype=np.float64)
-        if wanted.shape != (task.steps, len(low)) or not np.isfinite(wanted).all():
-            msg = (
-                f"A plan for {task.id} has finite actions of the shape ({task.steps}, {len(low)}); got {wanted.shape}."
-            )
+        plan = np.asarray(actions, dtype=np.float64)
+        if plan.shape != (task.steps, len(low)) or not np.isfinite(plan).all():
+            msg = f"A plan for {task.id} has finite actions of the shape ({task.steps}, {len(low)}); got {plan.shape}."
             raise ShapeError(msg)
-        numbers = _rounded(2.0 * (wanted - low) / (high - low) - 1.0, carry=task.actuation.kind == "rate")
+        numbers = _rounded(2.0 * (plan - low) / (high - low) - 1.0, carry=task.actuation.kind == "rate")
         return cls(
             task.id,
             task.digest,
@@ -123,8 +121,8 @@ class PlanBook:
         """Actions of the run with ``seed``, ``(steps, actions)``."""
         low, high = np.array(self.low), np.array(self.high)
         shares = self.actions[self.runs[seed]].T.astype(np.float64) / HALF_SCALE
-        found: Floats = np.clip(low + 0.5 * (high - low) * shares, low, high)
-        return found
+        actions: Floats = np.clip(low + 0.5 * (high - low) * shares, low, high)
+        return actions
 
     def about_run(self, seed: int) -> Mapping[str, str | int | float]:
         """How the plan of a run was made, and what it earns."""
@@ -158,12 +156,12 @@ class PlanBook:
         stay = [seed for seed in self.seeds if seed not in other.runs]
         if not stay:
             return other
-        kept = self.only(stay)
+        mine = self.only(stay)
         return replace(
-            kept,
-            runs={**kept.runs, **{seed: place + len(kept.about) for seed, place in other.runs.items()}},
-            actions=np.concatenate([kept.actions, other.actions]),
-            about=(*kept.about, *other.about),
+            mine,
+            runs={**mine.runs, **{seed: place + len(mine.about) for seed, place in other.runs.items()}},
+            actions=np.concatenate([mine.actions, other.actions]),
+            about=(*mine.about, *other.about),
         )
 
     @property
@@ -336,13 +334,13 @@ class PlanController:
 def _rounded(shares: Floats, *, carry: bool) -> NDArray[np.uint16]:
     """Shares from -1 to 1, ``(steps, actions)``, as numbers; ``carry``: what is left over goes into the next step's."""
     numbers = np.empty(shares.shape, dtype=np.uint16)
-    left = np.zeros(shares.shape[1])
+    rest = np.zeros(shares.shape[1])
     for step, share in enumerate(shares):
-        wanted = HALF_SCALE * share + left
-        whole = np.clip(np.rint(wanted), -HALF_SCALE, HALF_SCALE)
+        exact = HALF_SCALE * share + rest
+        whole = np.clip(np.rint(exact), -HALF_SCALE, HALF_SCALE)
         numbers[step] = whole + HALF_SCALE
         if carry:
-            left = wanted - whole
+            rest = exact - whole
     return numbers
 
 

@@ -92,16 +92,16 @@ def read_predictive_settings(path: Path) -> PredictiveSettings:
     return settings
 
 
-class _Actor:
+class _Steering:
     """The controls in force in some runs, as they follow from the actions that were taken."""
 
     def __init__(self, task: TaskSpec, runs: int) -> None:
         self._task, self._move = task, make_actuation(task)
         self.controls = np.zeros((runs, len(task.model_value.controls)))
 
-    def acted(self, wanted: Floats) -> Floats:
-        """Actions that bring about the controls that are wanted."""
-        actions = actions_of(self._task, self.controls, wanted)
+    def towards(self, controls: Floats) -> Floats:
+        """Actions that bring about controls ``(runs, controls)``."""
+        actions = actions_of(self._task, self.controls, controls)
         self.controls = np.clip(self._move(self.controls, actions), 0.0, 1.0)
         return actions
 
@@ -137,7 +137,7 @@ class TrueStateController:
         self._scenarios = [Scenario.of(task, seed) for seed in seeds]
         self._controller = self.settings.controller(task)
         self._controller.reset(len(seeds))
-        self._actor = _Actor(task, len(seeds))
+        self._steering = _Steering(task, len(seeds))
 
     def act(self, x: Floats, /) -> Floats:
         """Actions for the coming step.
@@ -151,18 +151,18 @@ class TrueStateController:
         k = self._step
         self._step += 1
         if k % self.settings.plan_every:
-            return self._actor.acted(self._controller.follow())
+            return self._steering.towards(self._controller.follow())
         ahead = slice(k, min(k + self._controller.horizon, self._task.steps))
-        given = self._scenarios
-        wanted = self._controller.decide(
+        scenarios = self._scenarios
+        controls = self._controller.decide(
             x,
-            self._actor.controls,
-            np.stack([one.d[ahead] for one in given]),
-            np.stack([one.p if one.p.ndim == 1 else one.p[ahead] for one in given]),
-            np.stack([one.calendar[ahead.start : ahead.stop + 1] for one in given]),
+            self._steering.controls,
+            np.stack([one.d[ahead] for one in scenarios]),
+            np.stack([one.p if one.p.ndim == 1 else one.p[ahead] for one in scenarios]),
+            np.stack([one.calendar[ahead.start : ahead.stop + 1] for one in scenarios]),
             (self._task.steps - k) / self._task.steps_per_day,
         )
-        return self._actor.acted(wanted)
+        return self._steering.towards(controls)
 
 
 @controller(
@@ -197,7 +197,7 @@ class PredictiveAgent:
         self._outlook, self._estimator = Outlook(spec, Climatology.of(spec)), StateEstimator(spec)
         self._outlook.reset(n_runs)
         self._estimator.reset(n_runs)
-        self._actor = _Actor(spec, n_runs)
+        self._steering = _Steering(spec, n_runs)
         self._task, self._step = spec, 0
 
     def act(self, observations: NDArray[np.float32], /) -> Floats:
@@ -208,15 +208,17 @@ class PredictiveAgent:
         TaskError
             When there are not as many rows as runs, or other columns than the task shows.
         """
-        k, controls = self._step, self._actor.controls
+        k, controls = self._step, self._steering.controls
         self._step += 1
         self._outlook.update(observations)
         states = self._estimator.update(observations, self._outlook.past, controls)
         if k % self.settings.plan_every:
-            return self._actor.acted(self._controller.follow())
+            return self._steering.towards(self._controller.follow())
         steps = min(self._controller.horizon, self._task.steps - k)
         ahead, off = self._outlook.ahead(steps), self._estimator.weather_errors(steps)
-        left = (self._task.steps - k) / self._task.steps_per_day
-        return self._actor.acted(
-            self._controller.decide(states, controls, ahead.d + off, self._estimator.parameters, ahead.calendar, left)
+        days_left = (self._task.steps - k) / self._task.steps_per_day
+        return self._steering.towards(
+            self._controller.decide(
+                states, controls, ahead.d + off, self._estimator.parameters, ahead.calendar, days_left
+            )
         )

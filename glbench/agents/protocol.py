@@ -147,25 +147,24 @@ class PerRunAgent:
         """
         check_runs(observations, len(self.agents))
         # Own copies: an agent that changes its observation in place must not change what others see or what is recorded.
-        rows = [self._row(run, agent.act(observations[run].copy())) for run, agent in enumerate(self.agents)]
+        rows = []
+        for run, agent in enumerate(self.agents):
+            answer: object = agent.act(observations[run].copy())
+            row = real_numbers(answer)
+            if row is None:
+                what = f"an array of {answer.dtype}" if type(answer) is np.ndarray else type(answer).__name__
+                msg = f"act returned {what} in run {run}. Expected a row of real numbers, one for each action."
+                raise ActionError(msg)
+            if row.ndim != 1:
+                msg = f"act returned an array of shape {row.shape} in run {run}, expected one row of numbers, one for each action."
+                raise ActionError(msg)
+            with np.errstate(over="ignore"):  # of a longdouble
+                rows.append(row.astype(np.float64))
         lengths = {row.shape[0] for row in rows}
         if len(lengths) > 1:
             msg = f"The agents of different runs returned actions of different lengths: {sorted(lengths)}."
             raise ActionError(msg)
         return np.stack(rows)
-
-    @staticmethod
-    def _row(run: int, returned: object) -> Actions:
-        row = real_numbers(returned)
-        if row is None:
-            what = f"an array of {returned.dtype}" if type(returned) is np.ndarray else type(returned).__name__
-            msg = f"act returned {what} in run {run}. Expected a row of real numbers, one for each action."
-            raise ActionError(msg)
-        if row.ndim != 1:
-            msg = f"act returned an array of shape {row.shape} in run {run}, expected one row of numbers, one for each action."
-            raise ActionError(msg)
-        with np.errstate(over="ignore"):  # of a longdouble
-            return row.astype(np.float64)
 
 
 def action_problems(returned: object, task: TaskCard, n_runs: int) -> dict[int, str]:
@@ -187,7 +186,20 @@ def value_problems(actions: NDArray[np.float64], task: TaskCard) -> dict[int, st
     good = (actions >= low - ROUNDING) & (actions <= high + ROUNDING)  # False for nan too
     if good.all():
         return {}
-    return {int(run): _problem_of_row(actions[run], good[run], task) for run in np.flatnonzero(~good.all(axis=1))}
+    problems = {}
+    for run in np.flatnonzero(~good.all(axis=1)):
+        column = int(np.flatnonzero(~good[run])[0])
+        value, action = float(actions[run, column]), task.actions[column]
+        if np.isfinite(value):
+            reason = f"{value:.9g}, outside its bounds {action.low:g} to {action.high:g}"
+            if action.stands_for is not None:
+                reason += (
+                    f", which stand for {action.lowest:g} to {action.highest:g} {action.unit} (Action.of converts)"
+                )
+        else:
+            reason = f"{value}, which is not a finite number"
+        problems[int(run)] = f"the action for {action.name} is {reason}"
+    return problems
 
 
 def read_actions(returned: object, card: TaskCard, n: int) -> tuple[NDArray[np.float64], dict[int, str]]:
@@ -196,7 +208,9 @@ def read_actions(returned: object, card: TaskCard, n: int) -> tuple[NDArray[np.f
     Something of the wrong shape as a whole is wrong in every row; a list of rows of which one has another length is wrong in that row
     only. Values are not looked at: ``value_problems`` does that where the agent cannot reach.
     """
-    once = _converted(returned)
+    # As an array of numbers, if it is one: what converts itself may look different every time. What is none is refused below.
+    array = returned if type(returned) is np.ndarray else real_numbers(returned)
+    once = returned if array is None else array
     whole = _problem_of_the_whole(once, card, n)
     if whole is None:
         with np.errstate(over="ignore"):  # of a longdouble
@@ -205,26 +219,20 @@ def read_actions(returned: object, card: TaskCard, n: int) -> tuple[NDArray[np.f
     if n == 1 or not isinstance(returned, list | tuple) or len(returned) != n:
         return actions, dict.fromkeys(range(n), whole)
     problems: dict[int, str] = {}
-    for row, given in enumerate(returned):
-        one, wrong = read_actions([given], card, 1)
+    for row, part in enumerate(returned):
+        one, wrong = read_actions([part], card, 1)
         actions[row] = one[0]
         if wrong:
             problems[row] = wrong[0]
     return actions, problems
 
 
-def _converted(returned: object) -> object:
-    """``returned`` as an array of numbers, if it is one: what converts itself may look different every time."""
-    if type(returned) is np.ndarray:
-        return returned
-    array = real_numbers(returned)
-    return returned if array is None else array  # what is none is told in words by who looks at it
-
-
 def _problem_of_the_whole(returned: object, task: TaskCard, n_runs: int) -> str | None:
     array = real_numbers(returned)
     if array is None:
-        if isinstance(returned, list | tuple) and len({_length(row) for row in returned}) > 1:
+        parts = returned if isinstance(returned, list | tuple) else ()
+        rows = (isinstance(row, list | tuple) or (isinstance(row, np.ndarray) and row.ndim > 0) for row in parts)
+        if len({len(row) if is_row else -1 for row, is_row in zip(parts, rows, strict=True)}) > 1:
             return f"act returned a {type(returned).__name__} of rows that differ in length; {_expected(task, n_runs)}"
         what = f"an array of {returned.dtype}" if type(returned) is np.ndarray else f"a {type(returned).__name__}"
         return f"act returned {what}, which are no plain numbers; {_expected(task, n_runs)}"
@@ -233,20 +241,5 @@ def _problem_of_the_whole(returned: object, task: TaskCard, n_runs: int) -> str 
     return None
 
 
-def _length(row: object) -> int:
-    return len(row) if isinstance(row, list | tuple) or (isinstance(row, np.ndarray) and row.ndim > 0) else -1
-
-
 def _expected(task: TaskCard, n_runs: int) -> str:
     return f"expected ({n_runs}, {len(task.actions)}): one row a run, in it {', '.join(task.action_names)}"
-
-
-def _problem_of_row(action: NDArray[np.float64], good: NDArray[np.bool_], task: TaskCard) -> str:
-    column = int(np.flatnonzero(~good)[0])
-    value, allowed = float(action[column]), task.actions[column]
-    if not np.isfinite(value):
-        return f"the action for {allowed.name} is {value}, which is not a finite number"
-    bounds = f"outside its bounds {allowed.low:g} to {allowed.high:g}"
-    if allowed.stands_for is not None:
-        bounds += f", which stand for {allowed.lowest:g} to {allowed.highest:g} {allowed.unit} (Action.of converts)"
-    return f"the action for {allowed.name} is {value:.9g}, {bounds}"
