@@ -34,14 +34,14 @@ def controls_of(agent: str, task: TaskSpec, seed: int) -> NDArray[np.float64]:
     if loaded.sees != "observations":
         msg = f"'{agent}' is privileged: name one that works with observations."
         raise GlbenchError(msg)
-    card, simulation, found = task_card(task), Simulation(task, 1), []
+    card, simulation, controls = task_card(task), Simulation(task, 1), []
     player = loaded.make(card)
     player.reset(card, 1)  # type: ignore[call-arg, arg-type]
     observations = simulation.reset([seed])
     for _ in range(task.steps):
         observations = simulation.step(player.act(observations)).observations  # type: ignore[union-attr]
-        found.append(simulation.u[0].copy())
-    return np.array(found)
+        controls.append(simulation.u[0].copy())
+    return np.array(controls)
 
 
 def main() -> None:
@@ -51,20 +51,20 @@ def main() -> None:
     parser.add_argument("agent", help="where plans begin: a baseline or an example of submissions/")
     parser.add_argument("--seeds", type=int, nargs="+", required=True)
     parser.add_argument("--iterations", type=int, default=20)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    task, plans = get_task(asked.task), []
+    task, plans = get_task(options.task), []
     task.check_training()
     scored = range(task.evaluation.first_seed, task.evaluation.first_seed + task.evaluation.runs)
-    known = [seed for seed in asked.seeds if task.splits is None and seed in scored]
-    if known:
-        parser.error(f"seed {known[0]} of {task.id} is scored: no plan may be made of it")
-    for seed in asked.seeds:
-        start = controls_of(asked.agent, task, seed)
-        plans.append(plan_season(Scenario.of(task, seed), start, iterations=asked.iterations))
+    test_seeds = [seed for seed in options.seeds if task.splits is None and seed in scored]
+    if test_seeds:
+        parser.error(f"seed {test_seeds[0]} of {task.id} is scored: no plan may be made of it")
+    for seed in options.seeds:
+        start = controls_of(options.agent, task, seed)
+        plans.append(plan_season(Scenario.of(task, seed), start, iterations=options.iterations))
         log.info("%s, seed %d: a plan of %.2f", task.id, seed, plans[-1].reward)
-    written = {task.model_id: EndValue.of_plans(plans).written()}
-    sys.stdout.write(yaml.safe_dump(written, default_flow_style=None, width=150, sort_keys=False))
+    values = {task.model_id: EndValue.of_plans(plans).written()}
+    sys.stdout.write(yaml.safe_dump(values, default_flow_style=None, width=150, sort_keys=False))
 
 
 if __name__ == "__main__":

@@ -61,11 +61,11 @@ class Job:
         if self.agent in baseline_names():
             return self.agent
         places = [ROOT / "submissions" / f"{self.agent}{suffix}" for suffix in ("", *FORMS)]
-        found = [place for place in places if place.exists()]
-        if not found:
+        existing = [place for place in places if place.exists()]
+        if not existing:
             msg = f"'{self.agent}' is neither a baseline nor in submissions/."
             raise GlbenchError(msg)
-        return str(found[0])
+        return str(existing[0])
 
 
 def plan() -> list[Job]:
@@ -100,34 +100,34 @@ def main() -> int:
         if name not in {*agents, *baseline_names(), *examples}:
             parser.error(f"there is no agent '{name}' to release.{did_you_mean(name, agents)}")
     if arguments.only and tasks:  # also on tasks that the agents have no released result of
-        known = {(job.agent, job.task_id) for job in jobs}
-        jobs += [Job(agent, task, None) for task in tasks for agent in arguments.only if (agent, task) not in known]
+        released = {(job.agent, job.task_id) for job in jobs}
+        jobs += [Job(agent, task, None) for task in tasks for agent in arguments.only if (agent, task) not in released]
     jobs = [job for job in jobs if job.agent in (arguments.only or agents) and job.task_id in (tasks or [job.task_id])]
     state = git_state()
     if state is None or state.dirty:
         changed = "has changes that are not committed" if state is not None else "is no checkout of git"
         parser.error(f"{ROOT} {changed}: a release comes from a commit")
     work = arguments.work.resolve() / state.commit[:12]
-    done = [job for job in jobs if is_released(job, arguments.out, work)]
+    finished = [job for job in jobs if is_released(job, arguments.out, work)]
     if arguments.list:
         for job in jobs:
-            print(f"{job.name:50} {'done' if job in done else 'left'}")
+            print(f"{job.name:50} {'done' if job in finished else 'left'}")
         return 0
-    log.info("%d results of commit %s, %d of them done", len(jobs), state.commit[:12], len(done))
+    log.info("%d results of commit %s, %d of them done", len(jobs), state.commit[:12], len(finished))
     refused = 0
     for number, job in enumerate(jobs, 1):
-        if job in done:
+        if job in finished:
             continue
         began = time.monotonic()
         try:
-            said = release(job, arguments.out, work, new_digests=arguments.new_digests)
+            outcome = release(job, arguments.out, work, new_digests=arguments.new_digests)
         except KeyboardInterrupt:
             log.info("Interrupted; the same command continues")
             return 130
         except GlbenchError as error:
             refused += 1
-            said = f"NOT RELEASED: {error}"
-        log.info("%d/%d %s: %s (%.0f s)", number, len(jobs), job.name, said, time.monotonic() - began)
+            outcome = f"NOT RELEASED: {error}"
+        log.info("%d/%d %s: %s (%.0f s)", number, len(jobs), job.name, outcome, time.monotonic() - began)
     if refused:
         log.info("%d of %d results are not released; the lines above say why", refused, len(jobs))
         return 1
@@ -214,12 +214,12 @@ def unlike(out: Path, work: Path) -> list[str]:
     """Results in ``out`` that stem from another build of the kernel than those in ``work``."""
     ours = [item.result for item in read_folder(work / "results")[0]]
     builds = {model_of(result): result.evaluation.kernel["library_digest"] for result in ours}
-    found = []
+    names = []
     for item in read_folder(out / "results")[0]:
         build = item.result.evaluation.kernel.get("library_digest")
         if builds.get(model_of(item.result), build) != build:
-            found.append(str(item.path.relative_to(out)))
-    return found
+            names.append(str(item.path.relative_to(out)))
+    return names
 
 
 def of_changed_checkouts(out: Path) -> list[str]:

@@ -116,11 +116,11 @@ class LogLines:
         if time.monotonic() - self._last < 60:
             return
         self._last = time.monotonic()
-        left = progress.seconds_left
+        seconds = progress.seconds_left
         log.info(
             "%s: %d of %d steps, %.0f steps/s, %s min left, season reward %s",
             self._name, progress.steps, progress.total_steps, progress.steps_per_second,
-            "?" if left is None else f"{left / 60:.0f}",
+            "?" if seconds is None else f"{seconds / 60:.0f}",
             "-" if progress.season_reward is None else f"{progress.season_reward:.0f}",
         )  # fmt: skip
 
@@ -225,18 +225,18 @@ def _state(job: Job, folder: Path) -> str:
     task = get_task(job.task)
     if job.recipe in COMPILED:
         compiled = read_compiled_settings(job.settings, task)
-        digest, wanted, reached = compiled.digest, compiled.updates * compiled.rollout, card["training"]["steps"]
+        digest, goal, reached = compiled.digest, compiled.updates * compiled.rollout, card["training"]["steps"]
     elif job.recipe in ALGORITHMS:
         settings = read_settings(job.settings, ALGORITHMS[job.recipe], task.id)
-        digest, wanted, reached = settings_digest(settings), settings.n_timesteps, card["training"]["steps"]
+        digest, goal, reached = settings_digest(settings), settings.n_timesteps, card["training"]["steps"]
     else:
         sought = _search_settings(job, task.id, folder.parent)
-        digest, wanted, reached = sought.digest, sought.generations, card["training"]["generations"]
-    found = card["task"]["digest"], card["training"]["settings_digest"], card["training"]["seed"]
-    same = found == (task.digest, digest, job.seed)
+        digest, goal, reached = sought.digest, sought.generations, card["training"]["generations"]
+    identity = card["task"]["digest"], card["training"]["settings_digest"], card["training"]["seed"]
+    same = identity == (task.digest, digest, job.seed)
     if not same:
         return "another training"
-    if reached < wanted:
+    if reached < goal:
         return "begun"
     return "done" if card["best"]["learnt"] else "nothing learnt"
 

@@ -48,10 +48,10 @@ def percentiles(task: TaskSpec, agent: str) -> NDArray[np.float64]:
     card, simulation = task_card(task), Simulation(task, len(SEASONS), "fast")
     player = load_agent(agent).make(card)
     player.reset(card, len(SEASONS))  # type: ignore[call-arg, arg-type]
-    seen = [simulation.reset(SEASONS).copy()]
+    rows = [simulation.reset(SEASONS).copy()]
     for _ in range(task.steps):
-        seen.append(simulation.step(player.act(seen[-1])).observations.copy())  # type: ignore[union-attr, arg-type]
-    return np.percentile(np.concatenate(seen), [0.5, 99.5], axis=0)
+        rows.append(simulation.step(player.act(rows[-1])).observations.copy())  # type: ignore[union-attr, arg-type]
+    return np.percentile(np.concatenate(rows), [0.5, 99.5], axis=0)
 
 
 def measured() -> dict[tuple[str, str], tuple[float, float]]:
@@ -80,11 +80,11 @@ def rounded(low: float, high: float) -> tuple[float, float]:
 def main() -> None:
     """Add the columns that the file lacks."""
     text = FILE.read_text(encoding="utf-8") if FILE.is_file() else "name,unit,low,high\n"
-    known = {(row["name"], row["unit"]) for row in csv.DictReader(io.StringIO(text))}
-    new = {key: ends for key, ends in measured().items() if key not in known}
+    existing = {(row["name"], row["unit"]) for row in csv.DictReader(io.StringIO(text))}
+    new = {key: ends for key, ends in measured().items() if key not in existing}
     lines = [f"{name},{unit},{low:.6g},{high:.6g}\n" for (name, unit), (low, high) in sorted(new.items())]
     write_atomically(FILE, (text + "".join(lines)).encode("utf-8"))
-    sys.stdout.write(f"{len(lines)} columns added to {FILE.name}, {len(known)} kept.\n")
+    sys.stdout.write(f"{len(lines)} columns added to {FILE.name}, {len(existing)} kept.\n")
 
 
 if __name__ == "__main__":

@@ -11,9 +11,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     FailFast,
     Field,
     SerializerFunctionWrapHandler,
@@ -24,7 +22,7 @@ from pydantic import (
 
 from glbench.errors import SubmissionError, did_you_mean
 from glbench.fields import Count
-from glbench.settings import Problem, problems_of, read_toml
+from glbench.settings import Problem, Table, problems_of, read_toml
 from glbench.untrusted import quoted
 
 _LONGEST_KEY = 80
@@ -48,7 +46,7 @@ def _as_tuple(value: object) -> object:
 
 
 def _shown_as_written(text: str) -> str:
-    """Names stand in terminals and on pages: none may hold characters that steer them."""
+    """Names are shown in terminals and on pages: none may hold control characters."""
     strange = next((letter for letter in text if not (letter.isprintable() or letter in _HARMLESS)), None)
     if strange is not None:
         msg = f"the character U+{ord(strange):04X} cannot be shown"
@@ -69,10 +67,8 @@ RecipeId = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_len
 FileName = Annotated[Printable, Field(pattern=r"^[^/\\.][^\\]*$", max_length=200)]
 
 
-class _Table(BaseModel):
-    """Base of the card's tables: frozen, strict, no unknown keys, no NaN."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+class _Table(Table, strict=True):
+    """Base of the card's tables, which take a value of the right type only."""
 
 
 class Training(_Table):
@@ -142,7 +138,7 @@ class SubmissionCard(_Table):
     model: FileName | None = None
     normalisation: FileName | Normalisation | None = None
     clip_actions: bool = False
-    """Clip what a TorchScript or ONNX policy answers to the bounds of the actions. Stable-Baselines3 does so by itself."""
+    """Clip what a TorchScript or ONNX policy answers to the bounds of the actions. Stable-Baselines3 always clips."""
 
     @model_validator(mode="after")
     def _is_one_thing(self) -> Self:

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
 from glbench.agents.daylight import Sun
 from glbench.errors import SubmissionError, did_you_mean
-from glbench.settings import read_settings
+from glbench.settings import Table, read_settings
 from glbench.tasks import set_points as names
 
 if TYPE_CHECKING:
@@ -38,11 +38,7 @@ _Share = Annotated[float, Field(ge=0.0, le=1.0)]
 _Hour = Annotated[float, Field(ge=0.0, le=24.0)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Periods(_Table):
+class Periods(Table):
     """When day, pre-night and night begin [h]."""
 
     day_before_sunrise: _Hours
@@ -50,7 +46,7 @@ class Periods(_Table):
     night_after_sunset: _Hours
 
 
-class Heating(_Table):
+class Heating(Table):
     """Heating temperatures [degC], and what light adds to that of the day [K] between two radiations [W m-2]."""
 
     day: _Celsius
@@ -66,7 +62,7 @@ class Heating(_Table):
         return self
 
 
-class Ventilation(_Table):
+class Ventilation(Table):
     """How far the vents open above the heating temperature, and what light adds [K]."""
 
     day: _Kelvin
@@ -74,7 +70,7 @@ class Ventilation(_Table):
     light_raise: _Kelvin
 
 
-class CarbonDioxide(_Table):
+class CarbonDioxide(Table):
     """CO2 [ppm] with vents shut and open, between two positions of the vents, and in less light than a radiation [W m-2]."""
 
     shut: _Ppm
@@ -90,14 +86,14 @@ class CarbonDioxide(_Table):
         return self
 
 
-class HumidityDeficit(_Table):
+class HumidityDeficit(Table):
     """Humidity deficit [g m-3] by day and by night."""
 
     day: float = Field(ge=0.0, le=20.0)
     night: float = Field(ge=0.0, le=20.0)
 
 
-class Lamps(_Table):
+class Lamps(Table):
     """Whether there is lamp light, its hours [h] and the radiation [W m-2] above which it goes off."""
 
     used: bool
@@ -106,7 +102,7 @@ class Lamps(_Table):
     radiation_limit: _Watts
 
 
-class Screen(_Table):
+class Screen(Table):
     """Radiation [W m-2] and outdoor temperatures [degC] below which the thermal screen is closed."""
 
     radiation_limit: _Watts
@@ -114,7 +110,7 @@ class Screen(_Table):
     outdoor_night: _Celsius
 
 
-class GrowerSettings(_Table):
+class GrowerSettings(Table):
     """The page of settings, one table a heading."""
 
     periods: Periods

@@ -56,7 +56,7 @@ _PIECE = MIB
 _CACHE = "__pycache__"
 _COPY_MODE = 0o755
 _COPY_TIME = (315_532_800, 315_532_800)
-"""Of every copy, so that times tell an agent nothing; 1980 is the first year that zip archives know."""
+"""Of every copy, so that an agent learns nothing from times; 1980 is the first year that zip archives know."""
 SUBMISSION_CARD = "submission.toml"
 CARD_FILE = "card.toml"
 """The card of custom settings for a built-in controller; such a folder has no code."""

@@ -241,7 +241,7 @@ class LoadedAgent:
     """Name in results: the baseline's, or that of the submission's file or folder."""
     kind: Literal["submission", "baseline"]
     digest: str
-    """SHA-256 (hex) over the submission's files; for a baseline over its settings and the code of its rules."""
+    """SHA-256 (hex) over the submission's files; for a baseline over its settings and the version of its controller."""
     sees: Sight
     """Only controllers of glbench see more than observations."""
     information: str
@@ -354,7 +354,7 @@ EXAMPLE_KIND = "example"
 """What ``glbench submit new --kind`` calls the example submissions, each of which is a file."""
 _NAME = "template-name"
 _OWN_NAMES = ("submission.toml", "README.md")
-"""Files of a template in which its name stands."""
+"""Files of a template that contain its name."""
 
 
 def new_submission(folder: Path, kind: Kind) -> tuple[Path, ...]:

@@ -331,9 +331,9 @@ class Actor:
         return _mismatch(self.columns, self.network.action_names, self.low, task)
 
     def preference(self, task: TaskCard) -> tuple[Any, ...]:
-        """The smallest says which of several policies acts in ``task``: its own, else the one trained under the nearest uncertainty.
+        """Sort key of policies for ``task``, the best first: its own policy, then the one trained under the nearest uncertainty.
 
-        With a memory, or positions: its own, else the first.
+        With a memory, or positions: its own, then the others in their order.
         """
         network = self.network
         own = network.task_id != task.id
@@ -357,7 +357,7 @@ _GRU = {"weights": 2, "bias": 1, "recurrent": 2}
 
 
 def read_actor(file: Path) -> Actor:
-    """The policy in ``file``, whoever trained it.
+    """The policy in ``file``, of either format.
 
     Raises
     ------
@@ -431,7 +431,7 @@ class PolicyFiles:
 class ActorAgent:
     """An ``Agent`` that acts by its policy, and keeps the traces, memory and positions of every run.
 
-    Of several policies the one acts that ``Actor.preference`` says. Where a policy has a memory or positions, a reading that is missing
+    Of several policies the best by ``Actor.preference`` acts. Where a policy has a memory or positions, a reading that is missing
     (not finite) leaves a trace as it is, and counts as the column's mean in training.
     """
 

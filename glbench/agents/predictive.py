@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from glbench.agents.controllers import controller
 from glbench.agents.protocol import check_runs
 from glbench.control import Climatology, EndValue, Outlook, PredictiveController, Scenario, StateEstimator, actions_of
 from glbench.env.actuation import make_actuation
 from glbench.errors import GlbenchError, SubmissionError, did_you_mean
-from glbench.settings import read_settings
+from glbench.settings import Table, read_settings
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
@@ -29,10 +29,8 @@ _Count = Annotated[int, Field(ge=1, le=10_000)]
 _Margin = Annotated[float, Field(ge=0.0)]
 
 
-class PredictiveSettings(BaseModel):
+class PredictiveSettings(Table):
     """What ``baselines/mpc_true_state/settings.yml`` explains: how far, how often and how carefully is planned."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     horizon_hours: Annotated[float, Field(gt=0.0, le=240.0)]
     plan_every: _Count

@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 Observations = NDArray[np.float32]
 """What agents see: shape (n, observations of the task), in the units of the task card."""
 Actions = Floats
-"""What agents want: shape (n, actions of the task), within the bounds of the task card."""
+"""What agents return: shape (n, actions of the task), within the bounds of the task card."""
 ROUNDING = 1e-6
 """How far an action may lie outside its bounds: what float32 arithmetic loses."""
 Sight = Literal["observations", "state", "scenario"]
@@ -101,7 +101,7 @@ class PrivilegedController(Protocol):
 class ScenarioController(Protocol):
     """A controller of glbench itself that knows everything that is given in its runs, and acts through the task's actuation.
 
-    What it earns says what could be reached by whoever knew the draws and the weather to come.
+    What it earns is what could be reached with the draws and the weather to come known.
     """
 
     def reset(self, task: TaskSpec, seeds: Sequence[int], /) -> None:

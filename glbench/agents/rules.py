@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
 from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
 from glbench.agents.daylight import Daylight, DaylightEstimator
 from glbench.errors import ShapeError, SubmissionError
 from glbench.model import DISTURBANCE_NAMES, STATE_NAMES, co2_ppm, relative_humidity
-from glbench.settings import read_settings
+from glbench.settings import Table, read_settings
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
@@ -53,14 +53,12 @@ _BANDS = (
 )
 
 
-class RuleSettings(BaseModel):
+class RuleSettings(Table):
     """Numbers of the rules; ``baselines/rule_based/rule_based.yml`` explains each, with its name in the publication.
 
     Temperatures [degC], temperature differences [K], humidity [%], CO2 [ppm], hours [h], days [day], radiation [W m-2],
     radiation sums [MJ m-2 d-1].
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     lamps_on: _Hour
     lamps_off: _Hour

@@ -1,6 +1,6 @@
 """A model saved by Stable-Baselines3: no code, deterministic predictions, VecNormalize's statistics, memory of recurrent policies.
 
-A ``model.zip`` holds ``data``, a JSON file in which settings stand in the open and Python objects as pickles with a description. Which
+A ``model.zip`` holds ``data``, a JSON file with settings in the open and Python objects as pickles with a description. Which
 algorithm it was is not written there; each has settings that the others lack. ``read_archive`` reads all of this without unpickling.
 Unpickling runs code of whoever wrote the file. It happens when the agent is made, which is where a submission in Python would run its
 code, too: inside the sandbox, if there is one.
@@ -346,7 +346,7 @@ def _load(algorithm: Algorithm, file: Path) -> Any:
 
 
 class _NoOptimiser:
-    """Stands where a policy wants the optimiser of its training; making a real one takes seconds."""
+    """In the place of the optimiser of a policy's training; making a real one takes seconds."""
 
     def __init__(self, *_: object, **__: object) -> None:
         self.param_groups: list[object] = []

@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
+from pydantic import BeforeValidator, Field, create_model
 
 from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
 from glbench.agents.daylight import Sun
 from glbench.errors import ShapeError, SubmissionError
-from glbench.settings import read_settings
+from glbench.settings import Table, read_settings
 from glbench.tasks.set_points import BLACKOUT, BOILER, DOSING, LAMPS, SCREEN, VENTS, WORKED
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def number(low: float, high: float, unit: str, words: str, *, section: str | Non
     return Field(ge=low, le=high, description=words, json_schema_extra=about)
 
 
-class TunedRuleSettings(BaseModel):
+class TunedRuleSettings(Table):
     """Numbers of the rules. Temperatures [degC], differences of them [K], humidity [%], CO2 [ppm], radiation [W m-2], times [h].
 
     "Share" is a fraction of what is installed. "Limit" is the task's own: of relative humidity the upper one, of air temperature the
@@ -67,8 +67,6 @@ class TunedRuleSettings(BaseModel):
     title: ClassVar[str] = "rules"
     scope_key: ClassVar[str] = "reward"
     """Key of a page beside the numbers: names of what they are for, here the reward modules of tasks."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     morning_before_sunrise: float = number(
         0.0, 6.0, "h", "before sunrise the heating temperature leaves that of the night", section="Periods of the day"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from glbench import settings
 from glbench.agents.grower import Heating, HumidityDeficit, Screen, Ventilation
@@ -19,18 +19,14 @@ _Hour = Annotated[float, Field(ge=0.0, le=24.0)]
 _Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Place(_Table):
+class Place(settings.Table):
     """Clock of the archive (IANA zone) and CO2 outside [ppm]."""
 
     clock: str
     co2: float = Field(ge=100.0, le=2000.0)
 
 
-class Lamps(_Table):
+class Lamps(settings.Table):
     """Installed electric power [W m-2], hours of the high tariff [h], and the radiation [W m-2] below which lamps burn first."""
 
     hps: _NotNegative
@@ -55,7 +51,7 @@ class Lamps(_Table):
         return self.hps + self.led
 
 
-class Plants(_Table):
+class Plants(settings.Table):
     """Dry mass when planted [g m-2] and its shares, the fruit load that is kept [g m-2], and the fruit's dry matter content [kg kg-1]."""
 
     dry_mass: _Positive
@@ -66,14 +62,14 @@ class Plants(_Table):
     dry_matter: float = Field(gt=0.0, le=1.0)
 
 
-class Periods(_Table):
+class Periods(settings.Table):
     """Radiation below which it is dark without lamps [W m-2], and length of the pre-night [h]."""
 
     dark_below: _NotNegative
     pre_night: float = Field(ge=0.0, le=24.0)
 
 
-class Settings(_Table):
+class Settings(settings.Table):
     """The page, one table a heading."""
 
     place: Place
