@@ -8,33 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import (
-    Line,
-    Markup,
-    Part,
-    View,
-    aside,
-    interruption,
-    messages,
-    paragraph,
-    print_warning,
-    put_parts,
-    show,
-    styled,
-    table,
-    tell,
-)
-from glbench.cli.options import (
-    Address,
-    AsJson,
-    EngineName,
-    RoundFile,
-    Sandbox,
-    SandboxChoice,
-    Workers,
-    check_address,
-    round_of,
-)
+from glbench.cli import console, options
+from glbench.cli.console import Markup, styled
 from glbench.cli.progress import Bar
 from glbench.errors import GlbenchError
 
@@ -94,12 +69,12 @@ def bound(
             help="Hand in plans that beat the best known: a folder or file of this command, or any agent's result (.json); repeatable.",
         ),
     ] = None,
-    sandbox: SandboxChoice = Sandbox.AUTO,
+    sandbox: options.SandboxChoice = options.Sandbox.AUTO,
     engine: Annotated[
-        EngineName, typer.Option("--engine", help="Where to plan: on this machine, or on a Ray cluster.")
-    ] = EngineName.LOCAL,
-    address: Address = None,
-    workers: Workers = None,
+        options.EngineName, typer.Option("--engine", help="Where to plan: on this machine, or on a Ray cluster.")
+    ] = options.EngineName.LOCAL,
+    address: options.Address = None,
+    workers: options.Workers = None,
 ) -> None:
     """Search for the best plan for each run of a task, with perfect information: draws and weather to come.
 
@@ -112,11 +87,11 @@ def bound(
     if task is None:
         from glbench.bounds import submit as submit_plans
 
-        with messages().status("replaying"):
+        with console.messages().status("replaying"):
             plans = list(submit_plans(submit or []))
-        show(View(submission_parts(plans)))
+        console.show(console.View(submission_parts(plans)))
         return
-    check_address(address, engine)
+    options.check_address(address, engine)
     search = replace(make_search(task, scenario, split, start, iterations, out, sandbox, workers), address=address)
     results = list(search.stored())
     remaining = len(search.groups) - len(results)
@@ -125,18 +100,18 @@ def bound(
         f"Planning {styled(search.task.id, 'bold')}: {len(search.seeds)} runs{alike}; {remaining} to plan, each with "
         f"{search.iterations} iterations, beginning as {search.start.agent.name} does, in {search.folder}"
     )
-    put_parts([paragraph(Markup(words), aside=True)])
-    with interruption("The plans found so far are kept. Run the same command again to continue."):
+    console.put_parts([console.paragraph(Markup(words), aside=True)])
+    with console.interruption("The plans found so far are kept. Run the same command again to continue."):
         for one in _plans(search, engine, remaining):
             results.append(one)
             if one.reason:
-                print_warning(f"No plan for seed {one.seeds[0]}: {one.reason}")
-            elif one.value is not None and not messages().is_terminal:
+                console.print_warning(f"No plan for seed {one.seeds[0]}: {one.reason}")
+            elif one.value is not None and not console.messages().is_terminal:
                 gain = one.value
-                tell(
+                console.tell(
                     f"seed {one.seeds[0]}: reward {gain.reward:,.2f}, profit {gain.epi:,.2f} EUR/m2, penalty {gain.penalty:,.2f}"
                 )
-    show(View(plan_parts(search, results), code=1 if any(one.reason for one in results) else 0))
+    console.show(console.View(plan_parts(search, results), code=1 if any(one.reason for one in results) else 0))
 
 
 def make_search(
@@ -146,7 +121,7 @@ def make_search(
     start: str | None,
     iterations: int,
     out: Path | None,
-    sandbox: Sandbox,
+    sandbox: options.Sandbox,
     workers: int | None,
 ) -> Search:
     """The search that the options of ``glbench bound`` describe."""
@@ -178,7 +153,7 @@ def make_search(
     )
 
 
-def _plans(search: Search, engine: EngineName, remaining: int) -> Iterator[PlanOutcome]:
+def _plans(search: Search, engine: options.EngineName, remaining: int) -> Iterator[PlanOutcome]:
     """Plan the remaining runs, with a progress bar."""
     if not remaining:
         return
@@ -196,7 +171,7 @@ def _plans(search: Search, engine: EngineName, remaining: int) -> Iterator[PlanO
         yield from search.run(jobs, engine=engine.value, listener=listen)
 
 
-def plan_parts(search: Search, results: Sequence[PlanOutcome]) -> Iterator[Part]:
+def plan_parts(search: Search, results: Sequence[PlanOutcome]) -> Iterator[console.Part]:
     """The plans beside the best known ones, and what to do with them."""
     from glbench.bounds import best_known
 
@@ -206,7 +181,7 @@ def plan_parts(search: Search, results: Sequence[PlanOutcome]) -> Iterator[Part]
     plans = sorted((one for one in results if one.value is not None), key=lambda one: one.seeds)
     numbers = ("Reward", "Profit", "Penalty", "Known", "Gained")
     caption = "Profit in EUR/m2. Known: the reward of the best known plan so far."
-    view = table(f"Plans for {search.task.id}", "Seed", *numbers, numbers=("Seed", *numbers), caption=caption)
+    view = console.table(f"Plans for {search.task.id}", "Seed", *numbers, numbers=("Seed", *numbers), caption=caption)
     total = 0.0
     for one in plans:
         assert one.value is not None
@@ -224,26 +199,26 @@ def plan_parts(search: Search, results: Sequence[PlanOutcome]) -> Iterator[Part]
     if not plans:
         return
     runs = sum(len(one.seeds) for one in plans)
-    yield Line(f"Mean reward of {runs} runs: {total / runs:,.3f}")
+    yield console.Line(f"Mean reward of {runs} runs: {total / runs:,.3f}")
     if search.task.locked:
-        yield aside(f"Hand in plans that beat the best known ones with: glbench bound --submit {search.folder}")
+        yield console.aside(f"Hand in plans that beat the best known ones with: glbench bound --submit {search.folder}")
     elif search.task.split != "training":
         search.save_card()
         planned = sorted(seed for one in plans for seed in one.seeds)
         row = next((row for row, seed in enumerate(planned) if seed != planned[0] + row), len(planned))
         some = "" if planned == list(search.task.evaluation.seeds) else f" --seed {planned[0]} --runs {row}"
         split = "" if search.task.split in (None, "test") else f" --split {search.task.split}"
-        yield aside(
+        yield console.aside(
             f"Evaluate the plans with: glbench evaluate {search.folder} --task {search.task.source}{split}{some}"
         )
 
 
-def submission_parts(plans: Sequence[PlanComparison]) -> Iterator[Part]:
+def submission_parts(plans: Sequence[PlanComparison]) -> Iterator[console.Part]:
     """Plans that were handed in beside the best known ones, task by task."""
     numbers = ("Handed in", "Known", "Gained")
     for task_id in dict.fromkeys(one.task.id for one in plans):
         of_task = [one for one in plans if one.task.id == task_id]
-        view = table(f"Plans for {task_id}", "Seed", *numbers, "", numbers=("Seed", *numbers))
+        view = console.table(f"Plans for {task_id}", "Seed", *numbers, "", numbers=("Seed", *numbers))
         for one in of_task:
             best = one.best_value.reward if one.best_value is not None else None
             view.add(
@@ -255,7 +230,7 @@ def submission_parts(plans: Sequence[PlanComparison]) -> Iterator[Part]:
             )
         yield view
         better = sum(one.is_better for one in of_task)
-        yield Line(
+        yield console.Line(
             f"{better} of {len(of_task)} plans for {task_id} are better than the best known and take their places."
         )
 
@@ -275,8 +250,8 @@ def dispatch(
         float | None,
         typer.Option("--buffer", min=0, help="Try a buffer of this size [MJ m-2]. Default: the task's."),
     ] = None,
-    round_file: RoundFile = None,
-    as_json: AsJson = False,
+    round_file: options.RoundFile = None,
+    as_json: options.AsJson = False,
 ) -> None:
     """Compare what recorded runs paid for energy and CO2 with the least they could have paid: what buffer and engine earn.
 
@@ -288,16 +263,16 @@ def dispatch(
 
     failed = [one.seed for one in load_result(result).failed if not run or one.seed in run]
     if failed:
-        print_warning(f"Failed runs are left out: {', '.join(map(str, failed))}.")
-    with messages().status("replaying the runs and finding their least cost"):
-        costs = dict(costs_of_result(result, run or (), buffer, round_of(round_file)))
+        console.print_warning(f"Failed runs are left out: {', '.join(map(str, failed))}.")
+    with console.messages().status("replaying the runs and finding their least cost"):
+        costs = dict(costs_of_result(result, run or (), buffer, options.round_of(round_file)))
     document = {"unit": "EUR m-2", "runs": {str(seed): asdict(one) for seed, one in costs.items()}}
     every = list(costs.values())
     name = result.name.removesuffix(".json")
-    show(View(cost_parts(name, every, mean_costs(every), buffer), document), as_json=as_json)
+    console.show(console.View(cost_parts(name, every, mean_costs(every), buffer), document), as_json=as_json)
 
 
-def cost_parts(name: str, costs: Sequence[Costs], mean: Costs, buffer: float | None) -> Iterator[Part]:
+def cost_parts(name: str, costs: Sequence[Costs], mean: Costs, buffer: float | None) -> Iterator[console.Part]:
     """What runs paid for energy and CO2, the least they could have paid, and what buffer and engine earn."""
 
     def money(value: float | None) -> str:
@@ -308,7 +283,7 @@ def cost_parts(name: str, costs: Sequence[Costs], mean: Costs, buffer: float | N
     size = "" if buffer is None else f"; all rows but the first with a buffer of {buffer:g} MJ/m2"
     runs = f"mean of {len(costs)} runs" if several else "one run"
     caption = f"EUR/m2, {runs}; saved: relative to what the runs paid{size}"
-    view = table(f"Energy and CO2 of {name}", "", *numbers, numbers=numbers, caption=caption)
+    view = console.table(f"Energy and CO2 of {name}", "", *numbers, numbers=numbers, caption=caption)
     for row, words in _ROWS.items():
         value, every = getattr(mean, row), [getattr(one, row) for one in costs]
         span = [] if not several else ["-" if value is None else f"{min(every):.3f} to {max(every):.3f}"]
@@ -317,4 +292,4 @@ def cost_parts(name: str, costs: Sequence[Costs], mean: Costs, buffer: float | N
     yield view
     gains = [f"{words} {money(getattr(mean, one))}" for one, words in _EARNS.items() if getattr(mean, one) is not None]
     if gains:
-        yield Line(f"Earned at best [EUR/m2]: {', '.join(gains)}. Missed by the runs: {money(mean.left)}.")
+        yield console.Line(f"Earned at best [EUR/m2]: {', '.join(gains)}. Missed by the runs: {money(mean.left)}.")

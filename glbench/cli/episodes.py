@@ -9,31 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from glbench.cli import console, options
 from glbench.cli.bound import dispatch
-from glbench.cli.console import (
-    Column,
-    Markup,
-    Table,
-    View,
-    interruption,
-    messages,
-    put,
-    put_parts,
-    show,
-    styled,
-    table,
-    tell,
-)
-from glbench.cli.options import (
-    Episodes,
-    OneTask,
-    RoundFile,
-    Sandbox,
-    SandboxChoice,
-    needs_the_extra,
-    round_of,
-    task_or_default,
-)
+from glbench.cli.console import Markup, styled
 from glbench.cli.progress import Bar
 from glbench.errors import EpisodeError
 
@@ -59,13 +37,13 @@ def info(
         parts = [_facts(log_facts(read_log(file), file))]
     else:
         episode = read_episode(file, partial=True)
-        view = table("Columns", "Column", "Unit", "Meaning", fold=("Meaning",), title_style=None)
+        view = console.table("Columns", "Column", "Unit", "Meaning", fold=("Meaning",), title_style=None)
         for group in episode.groups:
             view.add(Markup(styled(group.path, "bold")))
             for column in group.columns:
                 view.add(f"  {column.name}", column.unit, column.meaning)
         parts = [_facts(episode_facts(episode, file)), view]
-    show(View(parts))
+    console.show(console.View(parts))
 
 
 @app.command()
@@ -84,7 +62,7 @@ def export(
             "--minari", metavar="DATASET", help="Minari dataset to write from agents, such as glbench/spring/mixed-v0."
         ),
     ] = None,
-    task: OneTask = None,
+    task: options.OneTask = None,
     runs: Annotated[int, typer.Option("--runs", "-n", min=1, help="Runs per agent.")] = 10,
     noise: Annotated[
         float,
@@ -106,7 +84,7 @@ def export(
     permalink: Annotated[
         str | None, typer.Option("--code-permalink", help="Address of the code that made the agents, for its metadata.")
     ] = None,
-    sandbox: SandboxChoice = Sandbox.AUTO,
+    sandbox: options.SandboxChoice = options.Sandbox.AUTO,
 ) -> None:
     """Write an episode as a table, or agents' seasons as a dataset for offline learning.
 
@@ -145,7 +123,7 @@ def write_table(file: Path, to: Path) -> None:
         buffer = io.BytesIO()
         frame.to_parquet(buffer)
         write_atomically(to, buffer.getvalue())
-    tell(f"Written: {to} ({len(frame)} steps, {frame.shape[1]} columns)")
+    console.tell(f"Written: {to} ({len(frame)} steps, {frame.shape[1]} columns)")
 
 
 def write_dataset_of(
@@ -156,21 +134,21 @@ def write_dataset_of(
     noise: float,
     seed: int | None,
     about: dict[str, str],
-    sandbox: Sandbox,
+    sandbox: options.Sandbox,
 ) -> None:
     """Run agents on a task and write their seasons as a Minari dataset."""
-    with needs_the_extra("minari"):
+    with options.needs_the_extra("minari"):
         import minari  # noqa: F401
     from glbench.evaluation import protect
     from glbench.evaluation.minari_dataset import write_dataset
     from glbench.evaluation.trajectories import FIRST_SEED
 
-    spec = task_or_default(task)
+    spec = options.task_or_default(task)
     protected = [protect(agent, sandbox.value) for agent in agents]
     total, completed = runs * len(agents) * spec.steps, 0
     first = FIRST_SEED if seed is None else seed
     columns = "{task.completed:,.0f} of {task.total:,.0f} steps"
-    with Bar("running", total, columns, time_left=True) as bar, interruption("No dataset was written."):
+    with Bar("running", total, columns, time_left=True) as bar, console.interruption("No dataset was written."):
 
         def advance(steps: int) -> None:
             nonlocal completed
@@ -184,12 +162,12 @@ def write_dataset_of(
     from glbench.leaderboard.catalogue import catalogue
 
     score = catalogue(spec).score
-    view = table(None, "agent", "seasons", score.words, numbers=("seasons", score.words))
+    view = console.table(None, "agent", "seasons", score.words, numbers=("seasons", score.words))
     for agent in protected:
         rewards = [season.reward for season in result.seasons if season.agent == agent.agent.name]
         view.add(agent.agent.name, str(len(rewards)), score.number(sum(rewards) / len(rewards)))
-    put_parts([view])
-    tell(
+    console.put_parts([view])
+    console.tell(
         f"Written: {result.folder} ({result.steps:,} steps, {result.size / 1e6:.1f} MB). "
         f'Next: minari.load_dataset("{dataset}")'
     )
@@ -212,28 +190,28 @@ def recover(
     episode = recover_file(file, to)
     lost = episode.run.steps - episode.steps
     problem = f" ({episode.problem})" if episode.problem else ""
-    tell(f"Recovered {episode.steps} of {episode.run.steps} steps, {lost} are lost{problem}. Written: {to}")
+    console.tell(f"Recovered {episode.steps} of {episode.run.steps} steps, {lost} are lost{problem}. Written: {to}")
 
 
 @app.command()
 def make(
     result: ResultFile,
-    episodes: Episodes = "best,worst,median",
+    episodes: options.Episodes = "best,worst,median",
     to: Annotated[
         Path | None, typer.Option("--to", help="Folder to write to. Default: where evaluate puts them.")
     ] = None,
-    round_file: RoundFile = None,
+    round_file: options.RoundFile = None,
 ) -> None:
     """Make full episodes of a stored result by replaying its recorded actions. The agent is not needed."""
     from glbench.episodes import parse_selection
     from glbench.evaluation import load_result
     from glbench.evaluation.episodes import make_episodes, task_of_result
 
-    loaded, sealed = load_result(result), round_of(round_file)
-    with messages().status("replaying"):
+    loaded, sealed = load_result(result), options.round_of(round_file)
+    with console.messages().status("replaying"):
         files = make_episodes(parse_selection(episodes), loaded, result, task_of_result(loaded, result, sealed), to)
     for file in files:
-        put(file)
+        console.put(file)
 
 
 @app.command()
@@ -246,8 +224,8 @@ def recording(
     from glbench.evaluation.recordings import write_recording
 
     actions = write_recording(result, run, out)
-    put(out)
-    tell(f"{len(actions.actions)} steps of {actions.about['agent']}. Next: glbench evaluate {out}")
+    console.put(out)
+    console.tell(f"{len(actions.actions)} steps of {actions.about['agent']}. Next: glbench evaluate {out}")
 
 
 app.command()(dispatch)
@@ -290,9 +268,9 @@ def log_facts(log: ActionLog, file: Path) -> dict[str, str]:
     }
 
 
-def _facts(facts: dict[str, str]) -> Table:
+def _facts(facts: dict[str, str]) -> console.Table:
     look = {"box": None, "show_header": False, "pad_edge": False}
-    view = Table(None, [Column("", style="bold"), Column("", fold=True)], look=look)
+    view = console.Table(None, [console.Column("", style="bold"), console.Column("", fold=True)], look=look)
     for name, value in facts.items():
         view.add(name, value)
     return view

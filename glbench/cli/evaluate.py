@@ -14,39 +14,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.box import HEAVY_HEAD
 
-from glbench.cli.console import (
-    Line,
-    Markup,
-    Part,
-    Printer,
-    Table,
-    View,
-    aside,
-    count,
-    interruption,
-    leaving_at_once,
-    messages,
-    paragraph,
-    plain,
-    print_warning,
-    put_parts,
-    styled,
-    table,
-    tell,
-)
-from glbench.cli.options import (
-    REPORTS,
-    Address,
-    AsJson,
-    EngineName,
-    Episodes,
-    RoundFile,
-    Sandbox,
-    SandboxChoice,
-    Workers,
-    check_address,
-    round_of,
-)
+from glbench.cli import console, options
+from glbench.cli.console import Markup, count, plain, styled
+from glbench.cli.options import REPORTS
 from glbench.cli.progress import EvaluationBar, JobsBar, Wait
 from glbench.cli.results import failure_lines, reason_lines, summary_table
 from glbench.cli.view import live_view, live_viewer
@@ -93,25 +63,25 @@ def evaluate(
     seed: Annotated[
         int | None, typer.Option("--seed", min=0, help="Seed of the first run. Default: what the task says.")
     ] = None,
-    workers: Workers = None,
+    workers: options.Workers = None,
     out: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for results/ and for the checkpoint of unfinished work.")
     ] = REPORTS,
-    episodes: Episodes = "best,worst,median",
-    as_json: AsJson = False,
+    episodes: options.Episodes = "best,worst,median",
+    as_json: options.AsJson = False,
     live: Annotated[
         bool,
         typer.Option("--live", help="Watch the first run in the viewer while it is simulated (needs glbench[view])."),
     ] = False,
-    sandbox: SandboxChoice = Sandbox.AUTO,
+    sandbox: options.SandboxChoice = options.Sandbox.AUTO,
     show_prints: Annotated[
         bool, typer.Option("--show-prints", help="Show what sandboxed agents print, also when nothing fails.")
     ] = False,
     engine: Annotated[
-        EngineName,
+        options.EngineName,
         typer.Option("--engine", help="Where evaluations run: local, or ray (a Ray cluster; needs glbench[ray])."),
-    ] = EngineName.LOCAL,
-    address: Address = None,
+    ] = options.EngineName.LOCAL,
+    address: options.Address = None,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Evaluate again even if the result is there, and forget unfinished work.")
     ] = False,
@@ -122,7 +92,7 @@ def evaluate(
             help="Evaluate again with draws from a new secret salt, and save both in the result (docs/statistics.md).",
         ),
     ] = False,
-    round_file: RoundFile = None,
+    round_file: options.RoundFile = None,
     split: Annotated[
         str,
         typer.Option(
@@ -144,42 +114,42 @@ def evaluate(
     """
     if live:
         require("--live", "view", "rerun")
-    if engine is EngineName.RAY:
+    if engine is options.EngineName.RAY:
         require("--engine ray", "ray", "ray")
-    with leaving_at_once():
+    with console.leaving_at_once():
         from glbench.evaluation.fresh_draws import check_fresh_draws
         from glbench.evaluation.jobs import Job, Options
         from glbench.evaluation.sandbox.choosing import keep_out_of_sight
         from glbench.kernel import why_not_compiled, will_compile
 
-    printer = Printer(as_json)
+    printer = console.Printer(as_json)
     with (
-        interruption("Nothing was evaluated yet."),
+        console.interruption("Nothing was evaluated yet."),
         _agents_print_to_stderr(as_json),
-        messages().status("preparing") as status,
+        console.messages().status("preparing") as status,
         Wait(status.update, "the agents to load"),
     ):
-        sealed = round_of(round_file)
+        sealed = options.round_of(round_file)
         if sealed is not None and sealed.is_late(dt.datetime.now(dt.UTC)):
             msg = f"This round closed at {sealed.closing_words}."
             if not late:
                 msg += " To evaluate nevertheless, with a result that counts as late, add --late. To begin a new round: glbench round new."
                 raise TaskError(msg)
-            print_warning(f"{msg} The result is late, and glbench leaderboard --round says so.")
+            console.print_warning(f"{msg} The result is late, and glbench leaderboard --round says so.")
         tasks = select_tasks(task or [], suite or [], sealed, split)
         usable, unusable = load_agents(agents, sandbox.value)
         if round_file is not None:
             keep_out_of_sight(round_file, usable.values())
         if any(will_compile(task.model_value) for task in tasks):
             status.update("building the kernel, once on this machine: some seconds")
-        options = Options(out, runs, seed, workers, fresh, episodes)
-        jobs = [Job(task, ref, agent, options) for task in tasks for ref, agent in usable.items()]
+        settings = Options(out, runs, seed, workers, fresh, episodes)
+        jobs = [Job(task, ref, agent, settings) for task in tasks for ref, agent in usable.items()]
         for job in jobs if fresh_draws else ():
             check_fresh_draws(job)
-        single = jobs[0].prepare() if len(jobs) == 1 and not unusable and engine is EngineName.LOCAL else None
+        single = jobs[0].prepare() if len(jobs) == 1 and not unusable and engine is options.EngineName.LOCAL else None
     reason = None if as_json else why_not_compiled()
     if reason is not None:
-        print_warning(
+        console.print_warning(
             f"{reason} Until then CasADi's own integrator steps the model: half an hour instead of seconds for the default task."
         )
     has_steps = True
@@ -188,10 +158,10 @@ def evaluate(
             result = _evaluate(single, printer, viewer=viewer, again=jobs[0] if fresh_draws else None)
         succeeded = len(result.failed) < len(result.runs)
         if not succeeded:
-            tell(Markup(styled(_all_failed(result), "bold red")))
+            console.tell(Markup(styled(_all_failed(result), "bold red")))
         has_steps = any(run.steps for run in result.runs)
         if show_prints or result.failed:
-            put_parts(print_lines(single.agent.name, single.prints.text(), everything=show_prints))
+            console.put_parts(print_lines(single.agent.name, single.prints.text(), everything=show_prints))
     else:
         if live:
             msg = "--live shows one evaluation on this machine: name one agent and one task, without --engine."
@@ -205,7 +175,7 @@ def evaluate(
 
         folder = results_folder(out, tasks[0])
         board = f"leaderboard{'' if folder == REPORTS else f' --out {folder}'}"
-        tell(f"Next: glbench {board if has_steps else f'submit check {agents[0]}'}")
+        console.tell(f"Next: glbench {board if has_steps else f'submit check {agents[0]}'}")
     if not succeeded:
         raise typer.Exit(1)
 
@@ -215,11 +185,11 @@ def _all_failed(result: Result) -> str:
     return f"{runs} of {result.agent.name} failed: the result counts missing steps at the task's price alone, and is no evaluation."
 
 
-def _engine(name: EngineName, address: str | None, workers: int | None) -> Engine:
+def _engine(name: options.EngineName, address: str | None, workers: int | None) -> Engine:
     from glbench.evaluation.jobs import LocalEngine, RayEngine
 
-    check_address(address, name)
-    return LocalEngine() if name is EngineName.LOCAL else RayEngine(address, workers)
+    options.check_address(address, name)
+    return LocalEngine() if name is options.EngineName.LOCAL else RayEngine(address, workers)
 
 
 def select_tasks(
@@ -281,14 +251,14 @@ def load_agents(refs: Sequence[str], sandbox: SandboxName) -> tuple[dict[str, Pr
             continue
         usable[ref] = protected
         if EXAMPLES.get(agent.name, agent.digest) != agent.digest:
-            print_warning(
+            console.print_warning(
                 f"'{agent.name}' is the name of an example of glbench, and this one is changed: the leaderboard leaves its result out. "
                 "Copy it to a name of your own."
             )
     return usable, unusable
 
 
-def _evaluate(evaluation: Evaluation, printer: Printer, *, viewer: str | None, again: Job | None) -> Result:
+def _evaluate(evaluation: Evaluation, printer: console.Printer, *, viewer: str | None, again: Job | None) -> Result:
     """Run one evaluation, or load its stored result, and show it; ``viewer`` is the address of a live view.
 
     ``again`` is its job if fresh draws are to follow, else ``None``.
@@ -306,23 +276,23 @@ def _evaluate(evaluation: Evaluation, printer: Printer, *, viewer: str | None, a
             raise
     else:
         words = f"Already evaluated on {result.created}: this is the stored result (--fresh evaluates again)."
-        printer.say(Line(words, aside=True, wrap="always"))
+        printer.say(console.Line(words, aside=True, wrap="always"))
         evaluation.complete_episodes(result)
     if again is not None and printer.as_json:
         result = _with_fresh_draws(again, printer)
     printer.show(result_view(result, evaluation.task))
     if again is not None and not printer.as_json:
         result = _with_fresh_draws(again, printer)
-        printer.say(paragraph(f"With fresh draws: {fresh_words(result, _ranking_metric(evaluation.task))}"))
+        printer.say(console.paragraph(f"With fresh draws: {fresh_words(result, _ranking_metric(evaluation.task))}"))
     if evaluation.path is not None:
         path, here = evaluation.path, Path.cwd()
         file = path.relative_to(here) if path.is_relative_to(here) else path
         sealed = "" if result.task.salt_commitment is None else " --round FILE"
-        printer.say(aside(f"Saved: {file}"), aside(f"Reproduce it: glbench verify {file}{sealed}"))
+        printer.say(console.aside(f"Saved: {file}"), console.aside(f"Reproduce it: glbench verify {file}{sealed}"))
     return result
 
 
-def _with_fresh_draws(job: Job, printer: Printer) -> Result:
+def _with_fresh_draws(job: Job, printer: console.Printer) -> Result:
     """Add fresh draws to the finished ``job``, and return its result."""
     from glbench.evaluation.fresh_draws import add_fresh_draws
 
@@ -330,7 +300,7 @@ def _with_fresh_draws(job: Job, printer: Printer) -> Result:
         evaluation = part.prepare()
         if evaluation.stored is not None:
             return evaluation.stored
-        printer.say(aside(f"{part.agent_name} with {'fresh' if part.task.sealed else 'the published'} draws"))
+        printer.say(console.aside(f"{part.agent_name} with {'fresh' if part.task.sealed else 'the published'} draws"))
         return _run(evaluation, as_json=printer.as_json, viewer=None)
 
     return add_fresh_draws(job, run)
@@ -369,17 +339,17 @@ class _WithFreshDraws:
                 yield dataclasses.replace(outcome, result=result)
 
 
-def result_view(result: Result, task: TaskSpec) -> View:
+def result_view(result: Result, task: TaskSpec) -> console.View:
     """What was earned, as a table or as one line of JSON."""
 
-    def parts() -> Iterator[Part]:
+    def parts() -> Iterator[console.Part]:
         from glbench.leaderboard.catalogue import catalogue
 
         if any(run.steps for run in result.runs):
             yield summary_table(result, catalogue(task))
         yield from failure_lines(result)
 
-    return View(parts(), lambda: result.model_dump_json(by_alias=True))
+    return console.View(parts(), lambda: result.model_dump_json(by_alias=True))
 
 
 def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result:
@@ -394,7 +364,7 @@ def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result
 
     try:
         with (
-            interruption(consequence),
+            console.interruption(consequence),
             _agents_print_to_stderr(as_json),
             live_view(viewer, evaluation) as watcher,
             EvaluationBar(evaluation) as bar,
@@ -427,7 +397,7 @@ def _agents_print_to_stderr(as_json: bool) -> Iterator[None]:
 
 
 def _evaluate_many(
-    jobs: Sequence[Job], engine: Engine, unusable: dict[str, str], printer: Printer, *, prints: bool
+    jobs: Sequence[Job], engine: Engine, unusable: dict[str, str], printer: console.Printer, *, prints: bool
 ) -> bool:
     """Do all ``jobs`` and print how each ended, as JSON or as text; return whether every agent succeeded in at least one run.
 
@@ -444,7 +414,7 @@ def _evaluate_many(
             "repeated, unfinished ones continue from their checkpoints."
         )
 
-    with interruption(consequence), bar:
+    with console.interruption(consequence), bar:
         stream = iter(engine.run(jobs, bar.report))
         while True:
             with _agents_print_to_stderr(printer.as_json):
@@ -466,38 +436,38 @@ def _evaluate_many(
     reasons += unusable.items()
     printer.say(outcomes_table(jobs, outcomes))
     if reasons:
-        tell(Markup(f"[bold red]{len(reasons)} failed:[/bold red]"))
+        console.tell(Markup(f"[bold red]{len(reasons)} failed:[/bold red]"))
         for what, reason in reasons:
-            tell(Markup(f"  {styled(what, 'red')}: {plain(_short(reason))}"))
+            console.tell(Markup(f"  {styled(what, 'red')}: {plain(_short(reason))}"))
     return not reasons
 
 
-def outcome_view(outcome: Outcome, number: str, *, prints: bool) -> View:
+def outcome_view(outcome: Outcome, number: str, *, prints: bool) -> console.View:
     """A line for a job, and why runs failed; with ``--json`` the result."""
     from glbench.leaderboard.fresh_draws import fresh_words
 
     result, name, metric = outcome.result, outcome.job.agent_name, _ranking_metric(outcome.job.task)
 
-    def parts() -> Iterator[Part]:
+    def parts() -> Iterator[console.Part]:
         title = f"{styled(number, 'dim')} {styled(name, 'bold')} on {plain(outcome.job.task.short_id)}: "
         if result is None:
             failed = f"[red]failed[/red] after {outcome.seconds:.1f} s: {plain(_short(outcome.reason or ''))}"
-            yield aside(Markup(title + failed))
+            yield console.aside(Markup(title + failed))
             return
         runs = count(len(result.runs), "run")
         if result.failed:
             runs += f", [red]{len(result.failed)} failed[/red]"
         time = "already there" if outcome.stored else f"{outcome.seconds:.1f} s"
         again = "" if result.fresh_draws is None else f"; with fresh draws {plain(fresh_words(result, metric))}"
-        yield aside(Markup(f"{title}{score_in_words(result, metric)}, {runs}, {time}{again}"))
+        yield console.aside(Markup(f"{title}{score_in_words(result, metric)}, {runs}, {time}{again}"))
         if prints or result.failed:
             yield from reason_lines(result, _MOST_REASONS, indent="    ")
             yield from print_lines(name, outcome.printed, everything=prints, last=_MOST_LINES, indent="    ")
 
-    return View(parts(), lambda: None if result is None else result.model_dump_json(by_alias=True))
+    return console.View(parts(), lambda: None if result is None else result.model_dump_json(by_alias=True))
 
 
-def outcomes_table(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> Table:
+def outcomes_table(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> console.Table:
     """Mean of what ranks on each task, of every agent; a few agents side by side, many below each other."""
     from glbench.quantities import pretty_unit
 
@@ -517,7 +487,7 @@ def outcomes_table(jobs: Sequence[Job], outcomes: Sequence[Outcome]) -> Table:
     ranking = [_ranking_metric(job.task) for job in jobs]
     scores = {f"{one.heading or one.label} [{pretty_unit(one.unit) or '-'}]" for one in ranking}
     failures = any(outcome.result is not None and outcome.result.failed for outcome in outcomes)
-    view = table(
+    view = console.table(
         f"{' or '.join(sorted(scores))}, mean over the runs", first, *heads, numbers=heads, fold=[first, *heads],
         caption=_CAPTION if failures else None, caption_justify="left", box=HEAVY_HEAD,
     )  # fmt: skip
@@ -537,7 +507,7 @@ def _short(reason: str) -> str:
     return words if len(words) <= _LONGEST_REASON else words[: _LONGEST_REASON - 4] + " ..."
 
 
-def announcement(evaluation: Evaluation) -> Line:
+def announcement(evaluation: Evaluation) -> console.Line:
     """What is about to be evaluated, in two lines."""
     task, seeds, days = evaluation.task, evaluation.seeds, evaluation.task.weather.days
     numbers = f"seeds {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"seed {seeds[0]}"
@@ -549,7 +519,7 @@ def announcement(evaluation: Evaluation) -> Line:
         f"{count(len(seeds), 'run')} ({numbers}) of {count(days, 'day')}, {task.steps} steps of {task.step_seconds:g} s; "
         f"{count(evaluation.workers, 'worker')}, {evaluation.kernel['backend']} kernel, {_PROTECTIONS[evaluation.protection]}{sealed}"
     )
-    return paragraph(Markup(words), aside=True)
+    return console.paragraph(Markup(words), aside=True)
 
 
 def score_in_words(result: Result, metric: Metric) -> str:
@@ -563,7 +533,7 @@ def score_in_words(result: Result, metric: Metric) -> str:
 
 def print_lines(
     name: str, prints: str, *, everything: bool, last: int = _MOST_PRINTS, indent: str = ""
-) -> Iterator[Line]:
+) -> Iterator[console.Line]:
     """What the sandboxed agent ``name`` printed: all that was kept of it, or its last lines."""
     lines = prints.rstrip().splitlines()
     selection = lines if everything else lines[-last:]
@@ -573,7 +543,7 @@ def print_lines(
         else ""
     )
     if lines:
-        yield aside(f"{indent}What {name} printed{more}:")
+        yield console.aside(f"{indent}What {name} printed{more}:")
     for line in selection:
         is_whole = everything or len(line) <= _LONGEST_LINE
-        yield aside(f"{indent}  {line if is_whole else f'{line[: _LONGEST_LINE - 4]} ...'}")
+        yield console.aside(f"{indent}  {line if is_whole else f'{line[: _LONGEST_LINE - 4]} ...'}")

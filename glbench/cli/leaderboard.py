@@ -11,17 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.cells import cell_len
 
-from glbench.cli.console import Column, Line, Markup, Part, Table, View, aside, plain, show, styled, tell
-from glbench.cli.options import (
-    REPORTS,
-    AsJson,
-    Out,
-    check_folder,
-    round_of,
-    tables_by_name,
-    task_ids,
-    warn_of,
-)
+from glbench.cli import console, options
+from glbench.cli.console import Markup, plain, styled
+from glbench.cli.options import REPORTS
 from glbench.errors import ResultError, did_you_mean
 from glbench.untrusted import visible
 
@@ -52,12 +44,12 @@ def leaderboard(
         typer.Option("--members", "--trainings", help="Show each training below the entry that it belongs to."),
     ] = False,
     show_all: Annotated[bool, typer.Option("--all", help="Show every task and suite that has results.")] = False,
-    out: Out = REPORTS,
+    out: options.Out = REPORTS,
     write: Annotated[
         bool,
         typer.Option("--write", help="Write leaderboard.md, .csv, .parquet, .json and .tex into that folder, too."),
     ] = False,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
     strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 when a result file cannot be used.")] = False,
     round_file: Annotated[
         Path | None,
@@ -76,10 +68,10 @@ def leaderboard(
     from glbench.leaderboard.suites import suite_tables
     from glbench.tasks import list_suites
 
-    check_folder(out)
-    sealed, names, suite = round_of(round_file), task_ids(task or []), suite or []
+    options.check_folder(out)
+    sealed, names, suite = options.round_of(round_file), options.task_ids(task or []), suite or []
     stored, problems = own_and_released_results(out)
-    warn_of(problems)
+    options.warn_of(problems)
     if not stored:
         msg = (
             f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."
@@ -106,23 +98,25 @@ def leaderboard(
     paths = write_leaderboard(tables, suites, out, aggregated) if write else ()
     view = leaderboard_view(selection, of_suites, members=members)
 
-    def more() -> Iterator[Line]:
+    def more() -> Iterator[console.Line]:
         boards = {table.task_id for table in selection}
         for item in stored:
             if item.confirmed and item.board in boards:
                 name = item.result.agent.name
-                yield Line(f"Your own result of {name} on {item.board} is the same as the released one.", wrap="always")
+                yield console.Line(
+                    f"Your own result of {name} on {item.board} is the same as the released one.", wrap="always"
+                )
         hidden = len({item.board for item in stored}) - len(boards) if boards else 0
         if hidden > 0:
             have = "task has" if hidden == 1 else "tasks have"
-            yield aside(f"{hidden} more {have} results: glbench leaderboard --all; over a suite: --suite paper")
+            yield console.aside(f"{hidden} more {have} results: glbench leaderboard --all; over a suite: --suite paper")
         if paths:
-            yield aside("Written: " + ", ".join(str(path) for path in paths))
-        yield aside(f"As a page to look into: glbench report{'' if out == REPORTS else f' --out {out}'}")
+            yield console.aside("Written: " + ", ".join(str(path) for path in paths))
+        yield console.aside(f"As a page to look into: glbench report{'' if out == REPORTS else f' --out {out}'}")
 
     missing = [name for name in suite if name not in {table.suite for table in aggregated}]
     notes = [f"No task of the suite '{name}' has both results and a best known one yet." for name in missing]
-    show(
+    console.show(
         replace(view, parts=chain(view.parts, more()), notes=notes, code=int(strict and bool(problems))),
         as_json=as_json,
     )
@@ -136,7 +130,7 @@ def badge(
             "--task", "-t", help="Of this task: id or file (.toml). Default: the default task, if it has results."
         ),
     ] = None,
-    out: Out = REPORTS,
+    out: options.Out = REPORTS,
     file: Annotated[Path, typer.Option("--file", "-f", help="Where the picture goes.")] = Path("badge.svg"),
 ) -> None:
     """Draw a badge: task, rank, reward, and whether the result was reproduced."""
@@ -146,14 +140,16 @@ def badge(
     from glbench.resources import write_atomically
     from glbench.tasks import DEFAULT_TASK, usual_task
 
-    check_folder(out)
+    options.check_folder(out)
     stored, problems = own_and_released_results(out)
-    warn_of(problems)
+    options.warn_of(problems)
     tables = rank(stored, published_expectations())
     has = [table.task_id for table in tables if any(row.agent == agent for row in table.rows)]
-    (table,) = _by_names(tables, task_ids([task]) if task else [usual_task(has) or next(iter(has), DEFAULT_TASK)])
+    (table,) = _by_names(
+        tables, options.task_ids([task]) if task else [usual_task(has) or next(iter(has), DEFAULT_TASK)]
+    )
     write_atomically(file, draw(table, agent))
-    tell(f"Written: {file}")
+    console.tell(f"Written: {file}")
 
 
 def _of_boards(stored: Sequence[StoredResult], names: Sequence[str]) -> Sequence[StoredResult]:
@@ -177,7 +173,7 @@ def _usual(stored: Sequence[StoredResult]) -> str:
 
 
 def _by_names(tables: Sequence[TaskTable], names: Sequence[str]) -> list[TaskTable]:
-    by_name = tables_by_name(tables)
+    by_name = options.tables_by_name(tables)
     for name in names:
         if name not in by_name:
             boards = [board for board in by_name if board.startswith(f"{name}@")]
@@ -189,7 +185,7 @@ def _by_names(tables: Sequence[TaskTable], names: Sequence[str]) -> list[TaskTab
     return list({by_name[name].task_id: by_name[name] for name in names}.values())
 
 
-def leaderboard_view(tables: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members: bool) -> View:
+def leaderboard_view(tables: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members: bool) -> console.View:
     """Tables of tasks and suites with their notes; as a document the tasks, or else the suites."""
 
     def document() -> Any:
@@ -199,10 +195,10 @@ def leaderboard_view(tables: Sequence[TaskTable], suites: Sequence[SuiteTable], 
         frame = to_frame(tables) if tables else suite_frame(suites)
         return json.loads(frame.to_json(orient="records", double_precision=15))
 
-    return View(_parts(tables, suites, members=members), document)
+    return console.View(_parts(tables, suites, members=members), document)
 
 
-def _parts(tables: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members: bool) -> Iterator[Part]:
+def _parts(tables: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members: bool) -> Iterator[console.Part]:
     from glbench.leaderboard import tables as t
 
     for suite in suites:
@@ -229,16 +225,16 @@ def _parts(tables: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members
         if t.kernel_note(table):
             yield _note(t.kernel_note(table), "yellow")
         if not members and any(row.is_range for row in table.rows):
-            yield aside("Each training by itself: --trainings", "dim")
+            yield console.aside("Each training by itself: --trainings", "dim")
     for note in t.footnotes(tables):
         yield _note(note, "dim")
 
 
-def _note(text: str, style: str = "") -> Line:
-    return Line(text, style, wrap="always")
+def _note(text: str, style: str = "") -> console.Line:
+    return console.Line(text, style, wrap="always")
 
 
-def _task_tables(table: TaskTable, *, members: bool) -> Iterator[Table]:
+def _task_tables(table: TaskTable, *, members: bool) -> Iterator[console.Table]:
     """Ranks and what they rest on, then what each agent grew and used."""
     from glbench.leaderboard import tables as t
 
@@ -299,7 +295,7 @@ def _task_tables(table: TaskTable, *, members: bool) -> Iterator[Table]:
     yield _table("Harvest, resources, climate", columns, rows, lambda row: row.training_seed is not None)
 
 
-def _suite_tables(table: SuiteTable) -> Iterator[Table]:
+def _suite_tables(table: SuiteTable) -> Iterator[console.Table]:
     """Agents over a suite: normalised scores, then what they earned, grew and used."""
     from glbench.leaderboard import tables as t
     from glbench.leaderboard.catalogue import of_published
@@ -351,17 +347,19 @@ def _resources(metrics: Sequence[Any], before: int) -> list[TableColumn]:
     return [replace(column, heading=column.heading.replace(" ", "\n")) for column in columns]
 
 
-def _table(title: str, columns: Sequence[TableColumn], rows: Sequence[Any], is_dim: Callable[[Any], bool]) -> Table:
+def _table(
+    title: str, columns: Sequence[TableColumn], rows: Sequence[Any], is_dim: Callable[[Any], bool]
+) -> console.Table:
     """A table that fits the terminal: agents' names fold, numbers are never cut, columns give way."""
-    view = Table(Markup(title), [], look={"padding": (0, 1, 0, 0), "show_edge": False})
+    view = console.Table(Markup(title), [], look={"padding": (0, 1, 0, 0), "show_edge": False})
     for row in rows:
         view.add(*(column.cell(row) for column in columns), style="dim" if is_dim(row) else None)
     for place, column in enumerate(columns):
         heading = column.heading.replace(" [", "\n[")
         if column.heading == _AGENT:
-            view.columns.append(Column(heading, fold=True, elastic=True))
+            view.columns.append(console.Column(heading, fold=True, elastic=True))
             continue
         texts = (heading, *(row.cells[place] for row in view.rows))
         wide = max(cell_len(line) for text in texts for line in text.split("\n"))
-        view.columns.append(Column(heading, number=True, min_width=wide, gives_way=column.gives_way))
+        view.columns.append(console.Column(heading, number=True, min_width=wide, gives_way=column.gives_way))
     return view

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import Line, View, messages, paragraph, print_warning, put, tell
+from glbench.cli import console
 from glbench.cli.console import show as show_view
 from glbench.cli.options import REPORTS, AsJson, Out, Workers, is_file, warn_of
 from glbench.errors import ResultError
@@ -47,15 +47,15 @@ def report(
 
     if complete:
         _complete(out, workers or os.cpu_count() or 1)
-    with messages().status("making the page"):
+    with console.messages().status("making the page"):
         path, page = write_report(out)
     warn_of(page.left_out)
     size = path.stat().st_size / 1e6
-    put(f"{path} ({page.results} results, {size:.1f} MB)")
+    console.put(f"{path} ({page.results} results, {size:.1f} MB)")
     package = data_package()
     elsewhere = package is not None and package.folder is None
     if elsewhere:
-        print_warning(
+        console.print_warning(
             f"The page lacks days, seasons and worst runs of the results that came with glbench. {how_to_get_data()}"
         )
     missing = [path for path in page.without_profile if not (elsewhere and is_released(path))]
@@ -64,7 +64,7 @@ def report(
             "No result has" if len(missing) == page.results else f"{len(missing)} of {page.results} results do not have"
         )
         own_first = sorted(missing, key=lambda path: not path.is_relative_to(out))
-        print_warning(
+        console.print_warning(
             f"{which} a profile, so that the page lacks typical day, season and worst run of {_names(own_first)}. "
             "`glbench report --complete` makes them where the recorded actions (.actions.mcap) are beside the result; "
             "elsewhere evaluate again with --fresh."
@@ -78,13 +78,13 @@ def _complete(out: Path, workers: int) -> None:
     from glbench.leaderboard import collect_results
     from glbench.report import complete_profiles
 
-    with messages().status("looking for missing profiles") as status:
+    with console.messages().status("looking for missing profiles") as status:
         stored = collect_results([out / "results"])
         completion = complete_profiles(stored, workers, lambda path: status.update(f"replaying {path}"))
     for path in completion.made:
-        tell(f"Made: {path}")
+        console.tell(f"Made: {path}")
     if completion.impossible:
-        print_warning(
+        console.print_warning(
             f"{len(completion.impossible)} results stay without days and seasons, among them "
             f"{_names([path for path, _ in completion.impossible])}. {completion.impossible[0][1]} Evaluate them again with "
             "`glbench evaluate ... --fresh`, which makes profiles by itself."
@@ -99,7 +99,7 @@ def _names(paths: Sequence[Path]) -> str:
 
 def _open(page: Path) -> None:
     if not webbrowser.open(page.resolve().as_uri()):
-        print_warning(f"No browser could be started. Open {page.resolve().as_uri()} yourself.")
+        console.print_warning(f"No browser could be started. Open {page.resolve().as_uri()} yourself.")
 
 
 def story(
@@ -135,18 +135,18 @@ def story(
     if page is not None:
         require("--page", "report", "jinja2")
     other = _other(result, load_result(result), against)
-    with messages().status("simulating both again"):
+    with console.messages().status("simulating both again"):
         differences = tell_story(result, other, workers or os.cpu_count() or 1)
 
-    def parts() -> Iterator[Line]:
+    def parts() -> Iterator[console.Line]:
         for number, text in enumerate(text_of(differences)):
-            yield paragraph(text, "bold" if number == 0 else "")
-            yield Line("")
+            yield console.paragraph(text, "bold" if number == 0 else "")
+            yield console.Line("")
 
-    show_view(View(parts(), lambda: document_of(differences)), as_json=as_json)
+    show_view(console.View(parts(), lambda: document_of(differences)), as_json=as_json)
     if page is not None:
         write_atomically(page, page_of(differences))
-        tell(f"Saved: {page}")
+        console.tell(f"Saved: {page}")
         if show:
             _open(page)
 

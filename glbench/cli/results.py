@@ -9,25 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.box import HEAVY_HEAD
 
-from glbench.cli.console import (
-    Line,
-    Markup,
-    Part,
-    Table,
-    View,
-    aside,
-    count,
-    harmless,
-    paragraph,
-    plain,
-    put_parts,
-    styled,
-    table,
-)
+from glbench.cli import console, options
+from glbench.cli.console import Markup, count, plain, styled
 from glbench.cli.console import (
     show as show_view,
 )
-from glbench.cli.options import REPORTS, AsJson, Out, check_folder, find_results, is_file, task_ids
+from glbench.cli.options import REPORTS
 from glbench.errors import ResultError
 
 if TYPE_CHECKING:
@@ -62,21 +49,21 @@ def show(
         ),
     ] = None,
     show_all: Annotated[bool, typer.Option("--all", help="Of an agent: all its tasks.")] = False,
-    out: Out = REPORTS,
+    out: options.Out = REPORTS,
 ) -> None:
     """Show a result: every metric with its unit and interval, where the money went, how the runs differ."""
     from glbench.tasks import usual_task
 
-    results = find_results(result, task_ids(task or []), out)
+    results = options.find_results(result, options.task_ids(task or []), out)
     latest = max(results, key=lambda one: one.result.created)
     usual = usual_task(one.result.task.id for one in results)
     first = next((one for one in results if one.result.task.id == usual), latest)
     selection = results if task or show_all else [first]
     for one in selection:
-        put_parts(result_parts(one, _origin(one, out)))
+        console.put_parts(result_parts(one, _origin(one, out)))
     if len(selection) < len(results):
         others = f"'{result}' has results on {len(results)} tasks: --all, or --task ID, shows the others."
-        put_parts([Line(others, "dim", aside=True, wrap="always")])
+        console.put_parts([console.Line(others, "dim", aside=True, wrap="always")])
 
 
 def _origin(stored: StoredResult, out: Path) -> list[str]:
@@ -111,7 +98,7 @@ def _score(stored: StoredResult, words: Catalogue) -> Metric:
     return words.score if stored.task is None else words.metrics[stored.task.evaluation.metric]
 
 
-def result_parts(stored: StoredResult, origin: Sequence[str]) -> Iterator[Part]:
+def result_parts(stored: StoredResult, origin: Sequence[str]) -> Iterator[console.Part]:
     """A result: its metrics, its money, its runs, and what is known of its making."""
     from glbench.leaderboard.catalogue import catalogue
     from glbench.leaderboard.fresh_draws import fresh_words
@@ -121,9 +108,9 @@ def result_parts(stored: StoredResult, origin: Sequence[str]) -> Iterator[Part]:
     result, words = stored.result, catalogue(stored.task)
     score = _score(stored, words)
     yield summary_table(result, words)
-    yield Line(Markup(f"\n[bold]Where the money went[/] (mean of {len(result.runs)} runs)"), wrap="always")
+    yield console.Line(Markup(f"\n[bold]Where the money went[/] (mean of {len(result.runs)} runs)"), wrap="always")
     for line in money_lines(result, words):
-        yield Line(line, wrap="always")
+        yield console.Line(line, wrap="always")
     if score.name in result.runs[0].metrics:
         yield from _run_lines(stored, words, score)
     yield from failure_lines(result)
@@ -147,12 +134,12 @@ def result_parts(stored: StoredResult, origin: Sequence[str]) -> Iterator[Part]:
         *origin,
         f"Stated by the file, not checked: {'; '.join(unchecked)}",
     ]
-    yield Line("")
+    yield console.Line("")
     for line in lines:
-        yield paragraph(line, "dim")
+        yield console.paragraph(line, "dim")
 
 
-def _run_lines(stored: StoredResult, words: Catalogue, score: Metric) -> Iterator[Line]:
+def _run_lines(stored: StoredResult, words: Catalogue, score: Metric) -> Iterator[console.Line]:
     """How the runs differ: all scores, means by year, the worst ones."""
     import numpy as np
 
@@ -163,19 +150,21 @@ def _run_lines(stored: StoredResult, words: Catalogue, score: Metric) -> Iterato
     scores = sorted(result.values(score.name))
     if scores[0] < scores[-1]:
         spark = f"{score.number(scores[0])} {sparkline(scores)} {score.number(scores[-1])}"
-        yield Line(Markup(f"\n[bold]{score.heading or score.label}s[/], worst to best: {spark}"))
+        yield console.Line(Markup(f"\n[bold]{score.heading or score.label}s[/], worst to best: {spark}"))
     years = [
         f"{one.year} {score.number(one.mean)} ({count(one.runs, 'run')})" for one in means_by_year([stored], score.name)
     ]
     if years:
-        yield Line(
+        yield console.Line(
             f"By year (the year of most days of a season): {', '.join(years)}. Intervals do not cover other years."
         )
-    yield Line(f"Mean of the worst tenth (CVaR10): {score.said(float(worst_tenth(np.array(scores))))}", wrap="always")
+    yield console.Line(
+        f"Mean of the worst tenth (CVaR10): {score.said(float(worst_tenth(np.array(scores))))}", wrap="always"
+    )
     worst = min(result.runs, key=lambda run: run.metrics[score.name])
     profit = worst.metrics.get(words.profit.name)
     earned = "" if profit is None or score is words.profit else f", {words.profit.said(profit)}"
-    yield Line(f"Worst run: seed {worst.seed}, {score.said(worst.metrics[score.name])}{earned}", wrap="always")
+    yield console.Line(f"Worst run: seed {worst.seed}, {score.said(worst.metrics[score.name])}{earned}", wrap="always")
 
 
 def _best_known_lines(stored: StoredResult, score: Metric) -> list[str]:
@@ -201,7 +190,7 @@ def ordered_metrics(words: Catalogue, names: Iterable[str], units: Mapping[str, 
     return sorted(metrics, key=lambda metric: (metric.kind == "unknown", metric.kind == "violation"))
 
 
-def summary_table(result: Result, words: Catalogue) -> Table:
+def summary_table(result: Result, words: Catalogue) -> console.Table:
     """Mean, interquartile mean and 95 % interval of every metric, with units.
 
     Amounts and entries of the ledger that are zero in all runs are listed in the caption.
@@ -219,7 +208,7 @@ def summary_table(result: Result, words: Catalogue) -> Table:
     numbers = ("Mean", "IQM", "95 % interval")
     headings = ("Sum over the period", "Unit", *numbers)
     split = ", validation split" if result.task.split == "validation" else ""
-    view = table(
+    view = console.table(
         f"{result.agent.name} on {result.task.id}{split}: {count(len(result.runs), 'run')}",
         *headings, numbers=numbers, fold=headings, box=HEAVY_HEAD,
         caption="IQM: mean of the middle half of the runs. 95 % interval: of the mean, Student's t.",
@@ -284,10 +273,10 @@ def sparkline(values: Sequence[float]) -> str:
     return "".join(_BARS[min(int((value - low) / (high - low) * len(_BARS)), len(_BARS) - 1)] for value in values)
 
 
-def failure_lines(result: Result) -> Iterator[Line]:
+def failure_lines(result: Result) -> Iterator[console.Line]:
     """Which runs failed and why; the same reason once."""
     if result.failed:
-        yield Line(
+        yield console.Line(
             Markup(
                 f"[bold red]{len(result.failed)} of {count(len(result.runs), 'run')} failed.[/bold red] Each of their missing steps counts "
                 "as the task's price of a failed step, so these numbers are low."
@@ -298,7 +287,7 @@ def failure_lines(result: Result) -> Iterator[Line]:
         yield from reason_lines(result, _MOST_FAILURES)
 
 
-def reason_lines(result: Result, most: int, indent: str = "  ") -> Iterator[Line]:
+def reason_lines(result: Result, most: int, indent: str = "  ") -> Iterator[console.Line]:
     """Why runs failed, the same reason once, and at most so many."""
     groups: dict[tuple[str, str | None, int], list[RunResult]] = {}
     for run in result.failed:
@@ -306,9 +295,9 @@ def reason_lines(result: Result, most: int, indent: str = "  ") -> Iterator[Line
     for (status, reason, steps), members in list(groups.items())[:most]:
         seeds = ", ".join(str(run.seed) for run in members[:3]) + (", ..." if len(members) > 3 else "")
         where = f"{count(steps, 'step')} ({count(len(members), 'run')}: seed {seeds})"
-        yield aside(Markup(f"{indent}[red]{status}[/red] after {where}: {plain(reason or '')}"))
+        yield console.aside(Markup(f"{indent}[red]{status}[/red] after {where}: {plain(reason or '')}"))
     if len(groups) > most:
-        yield aside(f"{indent}and {len(groups) - most} more kinds of failure; the result file has them all.")
+        yield console.aside(f"{indent}and {len(groups) - most} more kinds of failure; the result file has them all.")
 
 
 def compare(
@@ -318,8 +307,8 @@ def compare(
         list[str] | None,
         typer.Option("--task", "-t", help="This task: id or file (.toml); repeatable. Default: all that both have."),
     ] = None,
-    out: Out = REPORTS,
-    as_json: AsJson = False,
+    out: options.Out = REPORTS,
+    as_json: options.AsJson = False,
 ) -> None:
     """Compare two agents on the runs that both did: metric by metric, with intervals of the difference.
 
@@ -330,7 +319,7 @@ def compare(
     from glbench.leaderboard.collect import own_and_released_results, published_expectations
     from glbench.leaderboard.entries import entries_by_task
 
-    tasks = task_ids(task or [])
+    tasks = options.task_ids(task or [])
     by_task = cache(lambda: entries_by_task(own_and_released_results(out)[0], published_expectations()))
     ours, theirs = _entries(first, tasks, out, by_task), _entries(second, tasks, out, by_task)
     common = [task_id for task_id in ours if task_id in theirs]
@@ -353,8 +342,8 @@ def _entries(
     """By task what ``name`` means: an agent with all its trainings, one training, or a result file. ``by_task`` reads all results."""
     from glbench.leaderboard.entries import entry_of
 
-    check_folder(out)
-    if not is_file(name):
+    options.check_folder(out)
+    if not options.is_file(name):
         entries = {
             task_id: entry
             for task_id, of_task in by_task().items()
@@ -363,36 +352,40 @@ def _entries(
         }
         if entries:
             return entries
-    return {item.board: entry_of(item) for item in find_results(name, tasks, out)}
+    return {item.board: entry_of(item) for item in options.find_results(name, tasks, out)}
 
 
-def comparison_view(entries: Sequence[tuple[Entry, Entry]]) -> View:
+def comparison_view(entries: Sequence[tuple[Entry, Entry]]) -> console.View:
     """Two agents on one task or several."""
     from glbench.leaderboard.pairs import compare_entries, corrected_p_values
 
     pairs = [compare_entries(ours, theirs) for ours, theirs in entries]
     tests = list(zip(pairs, corrected_p_values(pairs), strict=True))
-    return View(_comparison_parts(entries, tests), lambda: [_document(pair, p_value) for pair, p_value in tests])
+    return console.View(
+        _comparison_parts(entries, tests), lambda: [_document(pair, p_value) for pair, p_value in tests]
+    )
 
 
-def _comparison_parts(entries: Sequence[tuple[Entry, Entry]], tests: Sequence[tuple[Pair, float]]) -> Iterator[Part]:
+def _comparison_parts(
+    entries: Sequence[tuple[Entry, Entry]], tests: Sequence[tuple[Pair, float]]
+) -> Iterator[console.Part]:
     from glbench.leaderboard.catalogue import together
 
     pairs = [pair for pair, _ in tests]
     several = len(pairs) > 1
     for both, pair in zip(entries[:_SENTENCES], pairs, strict=False):
         for words in _failures(*both):
-            yield paragraph(Markup(f"[red]{plain(_place(pair, named=several))}{plain(words)}[/]."))
+            yield console.paragraph(Markup(f"[red]{plain(_place(pair, named=several))}{plain(words)}[/]."))
     if several:
         yield _tasks_table(tests)
-        yield paragraph(_counts(tests))
+        yield console.paragraph(_counts(tests))
     else:
         yield _metrics_table(pairs[0])
     for pair, p_value in tests[:_SENTENCES]:
-        yield paragraph(Markup(plain(_place(pair, named=several)) + _sentence(pair, p_value)))
+        yield console.paragraph(Markup(plain(_place(pair, named=several)) + _sentence(pair, p_value)))
     if len(pairs) > _SENTENCES:
         words = f"In words for the first {_SENTENCES} tasks; --task ID shows every metric of one."
-        yield Line(words, "dim", aside=True, wrap="always")
+        yield console.Line(words, "dim", aside=True, wrap="always")
     words = (
         "Intervals: 95 %, Student's t over pairs of runs, and trainings where there are several; they and p cover the "
         f"{together([pair.words for pair in pairs]).draws}. For an agent with one training they do not cover other trainings."
@@ -402,7 +395,7 @@ def _comparison_parts(entries: Sequence[tuple[Entry, Entry]], tests: Sequence[tu
             f" Where a task draws nothing, a reward that differs by less than {resolution:g} differs by rounding, and there is no "
             "p-value (–)."
         )
-    yield Line(words, "dim", aside=True, wrap="always")
+    yield console.Line(words, "dim", aside=True, wrap="always")
     for pair in pairs[:_SENTENCES]:
         if pair.by_year:
             metric = pair.words.metrics[pair.ranks_by]
@@ -410,12 +403,12 @@ def _comparison_parts(entries: Sequence[tuple[Entry, Entry]], tests: Sequence[tu
                 f"{year} {metric.text(gap)} ({count(runs, 'run')})" for year, (runs, gap) in pair.by_year.items()
             )
             where = _place(pair, named=several).replace(":", ",")
-            yield paragraph(
+            yield console.paragraph(
                 f"{where}A - B in {metric.words} by year: {years}. Intervals and p do not cover other years."
             )
     for entry in entries[0]:
         if len(entry.trainings) > 1:
-            yield aside(f"{entry.name} is the mean of {len(entry.trainings)} trainings.", "dim")
+            yield console.aside(f"{entry.name} is the mean of {len(entry.trainings)} trainings.", "dim")
 
 
 def _place(pair: Pair, *, named: bool) -> str:
@@ -435,13 +428,13 @@ def _failures(one: Entry, other: Entry) -> list[str]:
     return [f"{words}; their missing steps count at the task's price of a failed step" for words in reports if words]
 
 
-def _metrics_table(pair: Pair) -> Table:
+def _metrics_table(pair: Pair) -> console.Table:
     from glbench.leaderboard.regret import LINES, METRICS
 
     def named(name: str, trainings: int) -> str:
-        return harmless(name) + (f" ({trainings} trainings)" if trainings > 1 else "")
+        return console.harmless(name) + (f" ({trainings} trainings)" if trainings > 1 else "")
 
-    view = table(
+    view = console.table(
         f"{named(pair.first, pair.trainings[0])}, A, and {named(pair.second, pair.trainings[1])}, B, "
         f"on {pair.task_id}: {pair.runs} pairs of runs",
         "Sum over the period", "Unit", "A", "B", "A - B", "95 % interval",
@@ -461,14 +454,14 @@ def _metrics_table(pair: Pair) -> Table:
     return view
 
 
-def _tasks_table(tests: Sequence[tuple[Pair, float]]) -> Table:
+def _tasks_table(tests: Sequence[tuple[Pair, float]]) -> console.Table:
     from glbench.leaderboard.tables import chance_text
 
     first = tests[0][0]
     metrics = first.words.headlines
     numbers = [*(metric.headed.replace(" [", "\n[") for metric in metrics), "P(A > B)", "p"]
     title = f"{first.first} (A) minus {first.second} (B), task by task"
-    view = table(title, "Task", *numbers, numbers=numbers, fold=("Task",), collapse_padding=True)
+    view = console.table(title, "Task", *numbers, numbers=numbers, fold=("Task",), collapse_padding=True)
     for pair, p_value in tests:
         gaps = [(pair.gap(metric.name), metric.digits) for metric in metrics]
         view.add(

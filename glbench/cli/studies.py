@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import Line, Markup, Part, Table, View, plain, show, styled, table, tell, warning
+from glbench.cli import console
+from glbench.cli.console import Markup, plain, styled
 from glbench.cli.options import AsJson
 from glbench.cli.progress import Bar, status_bar
 
@@ -55,26 +56,26 @@ def bench(
             update(description=words, completed=completed, total=total)
 
         record = measure(subjects, rounds=rounds, processes=not what, progress=progress)
-    show(View(speed_parts(record)))
+    console.show(console.View(speed_parts(record)))
     if out is not None:
         save_record(record, out)
-        tell(f"Saved {out}")
+        console.tell(f"Saved {out}")
 
 
-def speed_parts(record: SpeedRecord) -> Iterator[Part]:
+def speed_parts(record: SpeedRecord) -> Iterator[console.Part]:
     """The machine, a table for each group of measurements, first use and memory."""
     from glbench.speed.subjects import GROUPS
 
     machine, lanes = record.machine, record.kernel.get("lanes")
     name = styled(f"Speed of glbench {record.versions.glbench}", "bold")
     where = f"{machine.processor}, {machine.cores} cores, {machine.system}"
-    yield Line(Markup(f"{name} on {plain(where)}"), wrap="always")
+    yield console.Line(Markup(f"{name} on {plain(where)}"), wrap="always")
     how = f"backend {record.kernel['backend']}" + (f", {lanes:.0f} lanes, {record.kernel['compiler']}" if lanes else "")
-    yield Line(f"Kernel: {how}", wrap="always")
-    yield Line(f"Reference: {record.reference}; {record.rounds} rounds in turn", wrap="always")
+    yield console.Line(f"Kernel: {how}", wrap="always")
+    yield console.Line(f"Reference: {record.reference}; {record.rounds} rounds in turn", wrap="always")
     numbers = ("us a step", "steps/s", "x CVODES", "range")
     for group, title in GROUPS.items():
-        view = table(title, "", *numbers, numbers=numbers, pad_edge=False)
+        view = console.table(title, "", *numbers, numbers=numbers, pad_edge=False)
         view.columns = [replace(column, min_width=width) for column, width in zip(view.columns, _WIDTHS, strict=True)]
         for one in record.measurements:
             if one.group == group:
@@ -88,7 +89,7 @@ def speed_parts(record: SpeedRecord) -> Iterator[Part]:
         if view.rows:
             yield view
     if record.first_use is not None:
-        yield Line(
+        yield console.Line(
             f"First use on an empty cache: {record.first_use.seconds:.1f} s, at most {record.first_use.megabytes:,.0f} MB "
             "(a wheel that carries the kernel has no such wait)",
             wrap="always",
@@ -96,7 +97,7 @@ def speed_parts(record: SpeedRecord) -> Iterator[Part]:
     if record.memory is not None:
         memory = record.memory
         each = (memory.megabytes - memory.megabytes_of_one) / memory.environments * 1024
-        yield Line(
+        yield console.Line(
             f"Memory: {memory.megabytes:,.0f} MB for {memory.environments:,} environments, {memory.megabytes_of_one:,.0f} MB for one "
             f"({each:.1f} kB for each more)",
             wrap="always",
@@ -153,43 +154,45 @@ def validate(
         def update(house: House, day: int, days: int) -> None:
             bar.move(houses.index(house) * days + day, words=house.name)
             if day == days and not bar.on_terminal:
-                tell(f"{house.name}: {days} days simulated")
+                console.tell(f"{house.name}: {days} days simulated")
 
         comparison, seasons = realism.compare(archive, houses, page, warmer=warmer, progress=update)
     if out is not None:
         realism.save_comparison(comparison, out / _FIGURES)
         realism.write_picture(archive, seasons, page, out / _PICTURE)
-    show(View(comparison_parts(comparison), lambda: comparison.model_dump(mode="json")), as_json=as_json)
+    console.show(
+        console.View(comparison_parts(comparison), lambda: comparison.model_dump(mode="json")), as_json=as_json
+    )
     if out is not None:
-        tell(
+        console.tell(
             f"Saved {out / _FIGURES} and {out / _PICTURE}. The picture shows measured days: mind the archive's licence."
         )
 
 
-def comparison_parts(comparison: Comparison) -> Iterator[Part]:
+def comparison_parts(comparison: Comparison) -> Iterator[console.Part]:
     """Sums of the season, months, and what limits the comparison."""
     for note in (*comparison.notes, *_unused_capacity(comparison)):
-        yield warning(note)
+        yield console.warning(note)
     yield _season(comparison)
     months = {month: f"{month[5:]}/{month[2:4]}" for month in comparison.months}
     title = "Simulated minus measured: heat in MJ/m2 a day, fruit in kg/m2 a month"
-    view = table(title, "", "", *months.values(), numbers=months.values(), padding=(0, 1))
+    view = console.table(title, "", "", *months.values(), numbers=months.values(), padding=(0, 1))
     for house in comparison.houses:
         view.add(house.name, "heat", *(f"{house.heat_bias(month):+.2f}" for month in months))
         view.add("", "fruit", *(f"{house.harvest_bias(month):+.2f}" for month in months))
     yield view
     by_pipes = ", ".join(f"{house.name} {house.pipe_heat:.0f}" for house in comparison.houses)
-    yield Line(
+    yield console.Line(
         "The organisers computed the measured heat from pipe temperatures; the simulated heat is the boiler's. By their formula "
         f"the simulated pipes give off, in MJ/m2: {by_pipes}."
     )
-    yield Line(
+    yield console.Line(
         f"Growers differ by {comparison.heat_spread:.2f} MJ/m2/d in one weather (RMS of a compartment's measured heat around the mean of "
         "all): a simulation that knows nothing of theirs cannot come closer to single compartments."
     )
 
 
-def _season(comparison: Comparison) -> Table:
+def _season(comparison: Comparison) -> console.Table:
     """Sums and days: a block a parameter set, a row a compartment."""
 
     def pair(measured: float, simulated: float, digits: int) -> tuple[str, str, str]:
@@ -198,7 +201,7 @@ def _season(comparison: Comparison) -> Table:
 
     numbers = ("heat", "sim.", "ratio", "bias", "RMSE", "fruit", "sim.", "ratio")
     warmer = f", {comparison.warmer:+g} K" if comparison.warmer else ""
-    view = table(
+    view = console.table(
         f"{comparison.first} to {comparison.last}{warmer}: heat in MJ/m2, fruit in kg/m2",
         "", *numbers, numbers=numbers, padding=(0, 1),
         caption="Bold: mean of all compartments; sim.: simulated. Bias and RMSE: simulated minus measured heat of a day, in MJ/m2.",

@@ -10,21 +10,8 @@ import typer
 from rich.box import HEAVY_HEAD
 
 from glbench import children
-from glbench.cli.console import (
-    Line,
-    Markup,
-    Part,
-    View,
-    aside,
-    count,
-    messages,
-    plain,
-    print_warning,
-    show,
-    styled,
-    table,
-    tell,
-)
+from glbench.cli import console
+from glbench.cli.console import Markup, count, plain, styled
 from glbench.cli.options import AsJson, OneTask, Sandbox, SandboxChoice, task_or_default
 
 if TYPE_CHECKING:
@@ -59,7 +46,7 @@ def check(
     from glbench.evaluation.submitting import check_submission
     from glbench.tasks import DEFAULT_TASK
 
-    with messages().status(f"checking {plain(path)}"):
+    with console.messages().status(f"checking {plain(path)}"):
         report = check_submission(path, task or DEFAULT_TASK, sandbox=sandbox.value)
     document = {
         "submission": report.name,
@@ -71,7 +58,9 @@ def check(
         "measured": report.facts,
         "seconds": round(report.seconds, 2),
     }
-    show(View(_parts(report, path, task), document, code=0 if report.ok else 1, indent=None), as_json=as_json)
+    console.show(
+        console.View(_parts(report, path, task), document, code=0 if report.ok else 1, indent=None), as_json=as_json
+    )
 
 
 @app.command("new")
@@ -94,16 +83,16 @@ def new(
     folder = Path(name)
     if kind == EXAMPLE_KIND:
         for file in copy_examples(folder):
-            tell(f"Wrote {file}")
-        tell(f"Next: glbench evaluate {folder / 'my_agent.py'}")
+            console.tell(f"Wrote {file}")
+        console.tell(f"Next: glbench evaluate {folder / 'my_agent.py'}")
         return
     if kind not in KINDS:
         msg = f"There is no template '{kind}'.{did_you_mean(kind, (*KINDS, EXAMPLE_KIND))}"
         raise SubmissionError(msg)
     files = new_submission(folder, kind)
     for file in (*files, *(_untrained_model(folder) if kind == "sb3" else ())):
-        tell(f"Wrote {file}")
-    tell(f"Next: glbench submit check {folder}")
+        console.tell(f"Wrote {file}")
+    console.tell(f"Next: glbench submit check {folder}")
 
 
 def _untrained_model(folder: Path) -> tuple[Path, ...]:
@@ -111,25 +100,25 @@ def _untrained_model(folder: Path) -> tuple[Path, ...]:
     from glbench.extras import how_to_install, missing
 
     if missing("stable_baselines3"):
-        print_warning(
+        console.print_warning(
             f"The folder has no model yet, because Stable-Baselines3 is not installed here. {how_to_install('stable_baselines3')}, "
             f"then: python {folder / 'train.py'} --steps 0"
         )
         return ()
-    with messages().status("saving an untrained model (python train.py --steps 0)"):
+    with console.messages().status("saving an untrained model (python train.py --steps 0)"):
         process = children.run([sys.executable, str(folder / "train.py"), "--steps", "0"], timeout=_TRAINING_SECONDS)
     if process.returncode != 0:
         last = (process.stderr.strip().splitlines() or ["no message"])[-1]
-        print_warning(f"The folder has no model yet: python {folder / 'train.py'} --steps 0 fails ({last}).")
+        console.print_warning(f"The folder has no model yet: python {folder / 'train.py'} --steps 0 fails ({last}).")
         return ()
     return (folder / "model.zip", folder / "vecnormalize.pkl")
 
 
-def _parts(report: Report, path: str, task: str | None) -> Iterator[Part]:
+def _parts(report: Report, path: str, task: str | None) -> Iterator[console.Part]:
     from glbench.evaluation.submitting import CHECKS
 
     headings = ("Check", "", "Measured")
-    view = table(f"{report.name} ({report.what}) on {report.task}", *headings, fold=headings, box=HEAVY_HEAD)
+    view = console.table(f"{report.name} ({report.what}) on {report.task}", *headings, fold=headings, box=HEAVY_HEAD)
     for subject, words in CHECKS.items():
         levels = {finding.level for finding in report.of(subject)}
         if "problem" in levels:
@@ -142,13 +131,13 @@ def _parts(report: Report, path: str, task: str | None) -> Iterator[Part]:
     yield view
     for finding in report.findings:
         mark = styled("Problem", "bold red") if finding.level == "problem" else styled("Note", "bold yellow")
-        yield Line(Markup(f"{mark} ({finding.subject}) {plain(finding.text)}"))
+        yield console.Line(Markup(f"{mark} ({finding.subject}) {plain(finding.text)}"))
     total = "No problems found." if report.ok else f"{count(len(report.problems), 'problem')} found."
-    yield Line(Markup(f"[bold]{total}[/] Checked in {report.seconds:.1f} s."))
+    yield console.Line(Markup(f"[bold]{total}[/] Checked in {report.seconds:.1f} s."))
     if report.ok:
         on = "" if task is None else f" --task {task}"
         # The test scores: what is tried out belongs in the validation split, where the task has one.
         splits = task_or_default(task).splits
         has_validation = splits is not None and "validation" in splits.names
         trial, score = (" --split validation", "these options: the score") if has_validation else ("", "--runs")
-        yield aside(f"Next: glbench evaluate {path}{on} --runs 2{trial}, then without {score}.")
+        yield console.aside(f"Next: glbench evaluate {path}{on} --runs 2{trial}, then without {score}.")

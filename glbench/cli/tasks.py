@@ -10,22 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from glbench.cli.console import (
-    Line,
-    Markup,
-    Part,
-    Table,
-    View,
-    aside,
-    count,
-    plain,
-    print_warning,
-    put,
-    show,
-    styled,
-    table,
-    tell,
-)
+from glbench.cli import console
+from glbench.cli.console import Markup, count, plain, styled
 from glbench.cli.options import AsJson, Out
 from glbench.errors import GlbenchError, TaskError, UnknownNameError, did_you_mean
 
@@ -69,16 +55,20 @@ def list_command(
     lock = read_lock()
     digests = {task.id: lock[task.id].digest if task.id in lock else None for task in published}
 
-    def parts() -> Iterator[Part]:
+    def parts() -> Iterator[console.Part]:
         yield from listing(tasks, {**digests, **dict.fromkeys((task.id for task in drafts), _DRAFT)})
         deprecated = read_deprecated()
         for task in tasks:
             if task.id in deprecated:
-                yield Line(Markup(f"[yellow]Deprecated:[/yellow] {plain(deprecated[task.id].in_words(task.id))}"))
+                yield console.Line(
+                    Markup(f"[yellow]Deprecated:[/yellow] {plain(deprecated[task.id].in_words(task.id))}")
+                )
         words = f"Commands without --task take {DEFAULT_TASK}. `glbench tasks show ID` explains a task."
-        yield Line(words, "dim", aside=True, wrap="always")
+        yield console.Line(words, "dim", aside=True, wrap="always")
 
-    show(View(parts(), lambda: [_summary(task, digests.get(task.id)) for task in tasks]), as_json=as_json)
+    console.show(
+        console.View(parts(), lambda: [_summary(task, digests.get(task.id)) for task in tasks]), as_json=as_json
+    )
 
 
 @app.command("show")
@@ -90,7 +80,7 @@ def show_command(
     from glbench.tasks import get_task
 
     spec = get_task(task)
-    show(View(explanation(spec), lambda: definition_document(spec)), as_json=as_json)
+    console.show(console.View(explanation(spec), lambda: definition_document(spec)), as_json=as_json)
 
 
 @app.command("check")
@@ -113,20 +103,20 @@ def check_command(
     outcomes |= {name: _check(str(path)) for name, path in drafts.items()}
     wrong = sum(isinstance(outcome, str) for outcome in outcomes.values())
 
-    def parts() -> Iterator[Part]:
+    def parts() -> Iterator[console.Part]:
         for name, outcome in outcomes.items():
             if isinstance(outcome, TaskSpec):
                 is_draft = name in drafts
                 state = "as published" if outcome.locked else "draft, valid" if is_draft else "valid, not published"
-                yield Line(Markup(f"[green]ok[/green]     {plain(outcome.id)}  {outcome.digest[:8]}  {state}"))
+                yield console.Line(Markup(f"[green]ok[/green]     {plain(outcome.id)}  {outcome.digest[:8]}  {state}"))
                 if name.endswith(".toml") and not outcome.locked and not is_draft:
                     for words in series_in_words(outcome):
-                        yield Line(f"       {words}")
+                        yield console.Line(f"       {words}")
                     yield first_weather(outcome)
             else:
-                yield Line(Markup(f"[red]wrong[/red]  {plain(outcome)}"))
+                yield console.Line(Markup(f"[red]wrong[/red]  {plain(outcome)}"))
         total = f"{count(len(outcomes), 'task')} checked"
-        yield aside(f"{total}, {wrong} wrong." if wrong else f"{total}, nothing wrong.")
+        yield console.aside(f"{total}, {wrong} wrong." if wrong else f"{total}, nothing wrong.")
 
     def document() -> list[dict[str, Any]]:
         return [
@@ -136,7 +126,7 @@ def check_command(
             for name, one in outcomes.items()
         ]
 
-    show(View(parts(), document, code=1 if wrong else 0), as_json=as_json)
+    console.show(console.View(parts(), document, code=1 if wrong else 0), as_json=as_json)
 
 
 @app.command("lock")
@@ -147,12 +137,12 @@ def lock_command(as_json: AsJson = False) -> None:
 
     new = lock_new_tasks()
     computed = lock_behaviour(get_task(task_id) for task_id in read_lock())
-    parts = [Line(f"locked {entry.id}  {entry.digest[:8]}") for entry in new]
-    parts += [Line(f"computed {task_id}, in tasks/behaviour.toml") for task_id in computed]
+    parts = [console.Line(f"locked {entry.id}  {entry.digest[:8]}") for entry in new]
+    parts += [console.Line(f"computed {task_id}, in tasks/behaviour.toml") for task_id in computed]
     if not parts:
-        parts = [aside(f"Nothing to do: all {len(read_lock())} tasks are locked, and none has changed.")]
+        parts = [console.aside(f"Nothing to do: all {len(read_lock())} tasks are locked, and none has changed.")]
     document = [{"id": entry.id, "file": entry.file, "digest": entry.digest} for entry in new]
-    show(View(parts, document), as_json=as_json)
+    console.show(console.View(parts, document), as_json=as_json)
 
 
 def check_all() -> dict[str, TaskSpec | str]:
@@ -243,14 +233,14 @@ def references_command(
         if not references:
             msg = f"There is no complete result of do_nothing in {out / 'results'}. Evaluate submissions/do_nothing.py first."
             raise GlbenchError(msg)
-        tell(f"Written: {write_references({**read_references(), **references})}")
+        console.tell(f"Written: {write_references({**read_references(), **references})}")
         for book in best_known_from(stored, expected).values():
-            tell(f"Written: {write_best_known(book)}")
+            console.tell(f"Written: {write_best_known(book)}")
     headings, numbers = ("Task", "Doing nothing", "Best known", "by"), ("Doing nothing", "Best known")
-    view = table("Zero and one of normalised scores", *headings, numbers=numbers, fold=("Task", "by"))
+    view = console.table("Zero and one of normalised scores", *headings, numbers=numbers, fold=("Task", "by"))
     for task_id, one in read_references().items():
         view.add(task_id.rpartition("/")[2], f"{one.nothing:,.1f}", f"{one.best:,.1f}", one.best_agent)
-    show(View([view]))
+    console.show(console.View([view]))
 
 
 def by_suite(tasks: Sequence[TaskSpec], default: str) -> list[TaskSpec]:
@@ -264,7 +254,7 @@ def by_suite(tasks: Sequence[TaskSpec], default: str) -> list[TaskSpec]:
     return sorted(tasks, key=place)
 
 
-def listing(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> Iterator[Part]:
+def listing(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> Iterator[console.Part]:
     """Tasks suite by suite, under their period and weather, a table for each; ``digests`` are the lock's."""
     from glbench.report.task_words import minutes, period
 
@@ -273,9 +263,9 @@ def listing(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> Ite
         return f"{period(task)}, step {minutes(task.step_seconds)}, {weather}"
 
     for suites, of_suite in groupby(tasks, key=lambda task: task.suites):
-        yield Line(f"Suite {', '.join(suites)}" if suites else "In no suite", "bold", wrap="always")
+        yield console.Line(f"Suite {', '.join(suites)}" if suites else "In no suite", "bold", wrap="always")
         for words, group in groupby(of_suite, key=common):
-            yield Line(words, "dim", wrap="always")
+            yield console.Line(words, "dim", wrap="always")
             rows = list(group)
             noisy = any(task.conventions.shows_delta for task in rows)
             view = _plain_table(("Task", "What it is", *(("Delta",) if noisy else ()), "Digest"), ("Delta",), (1, 2))
@@ -286,7 +276,7 @@ def listing(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> Ite
             yield view
 
 
-def explanation(task: TaskSpec) -> Iterator[Part]:
+def explanation(task: TaskSpec) -> Iterator[console.Part]:
     """The task in words and tables."""
     from glbench.report.task_words import definition_in_words
     from glbench.tasks.library import series_in_words
@@ -294,13 +284,13 @@ def explanation(task: TaskSpec) -> Iterator[Part]:
     task.record()  # raises if the weather is wrong
     state = "published" if task.locked else "not published"
     name = styled(f"{task.id}  ({state}, digest {task.digest[:8]})", "dim")
-    yield Line(Markup(f"{styled(task.title, 'bold')}\n{name}"), wrap="always")
+    yield console.Line(Markup(f"{styled(task.title, 'bold')}\n{name}"), wrap="always")
     if task.description.strip():
-        yield Line("\n" + " ".join(task.description.split()), wrap="always")
+        yield console.Line("\n" + " ".join(task.description.split()), wrap="always")
     for section in definition_in_words(task):
-        yield Line("\n" + section.heading, "bold", wrap="always")
+        yield console.Line("\n" + section.heading, "bold", wrap="always")
         if section.lines:
-            yield Line("\n".join(section.lines), indent=2)
+            yield console.Line("\n".join(section.lines), indent=2)
         if section.rows:
             view = _plain_table(section.columns, section.right, (0, 2))
             for row in section.rows:
@@ -308,8 +298,8 @@ def explanation(task: TaskSpec) -> Iterator[Part]:
             yield view
     series = series_in_words(task)
     if series:
-        yield Line("\nSeries of prices", "bold", wrap="always")
-        yield Line("\n".join(series), indent=2)
+        yield console.Line("\nSeries of prices", "bold", wrap="always")
+        yield console.Line("\n".join(series), indent=2)
 
 
 def definition_document(task: TaskSpec) -> dict[str, Any]:
@@ -336,7 +326,7 @@ def definition_document(task: TaskSpec) -> dict[str, Any]:
     }
 
 
-def first_weather(task: TaskSpec, rows: int = 4) -> Table:
+def first_weather(task: TaskSpec, rows: int = 4) -> console.Table:
     """The weather of the first steps, so that a mistake in the period shows."""
     from zoneinfo import ZoneInfo
 
@@ -346,7 +336,7 @@ def first_weather(task: TaskSpec, rows: int = 4) -> Table:
     weather = task.disturbances() if generated is None else run_weather(task, generated.first_seed)
     units = {"Sun": "W m-2", "Air": "degC", "Vapour": "Pa", "CO2": "mg m-3", "Wind": "m s-1", "Sky": "degC"}
     headings = ["Step", "UTC", "Local", *(f"{name}\n{unit}" for name, unit in units.items())]
-    view = table(
+    view = console.table(
         f"Weather of the first steps{'' if generated is None else ' of the first season'}",
         *headings, numbers=headings, fold=headings, margin=(1, 7), box=None, header_style="bold", title_style=None,
     )  # fmt: skip
@@ -357,10 +347,10 @@ def first_weather(task: TaskSpec, rows: int = 4) -> Table:
     return view
 
 
-def _plain_table(columns: Sequence[str], right: Sequence[str], margin: tuple[int, int]) -> Table:
+def _plain_table(columns: Sequence[str], right: Sequence[str], margin: tuple[int, int]) -> console.Table:
     free = [name for name in columns if name not in ("Name", "Control")]
     look: dict[str, Any] = {"box": None, "pad_edge": False, "header_style": "dim"}
-    view = table(None, *columns, numbers=right, fold=free, margin=margin, **look)
+    view = console.table(None, *columns, numbers=right, fold=free, margin=margin, **look)
     if columns[0] == "":
         view.columns[0] = dataclasses.replace(view.columns[0], style="dim")
     return view
@@ -397,12 +387,12 @@ def new_round(
     closing = None if closes is None else closing_time(closes)
     sealed = Round.new(None if weather is None else round_weather(weather, year or ()), closing)
     write_round(sealed, file)
-    put(sealed.commitment)
-    tell(f"{file} is secret until the round is over: keep it, and a copy of it. Publish the commitment above.")
+    console.put(sealed.commitment)
+    console.tell(f"{file} is secret until the round is over: keep it, and a copy of it. Publish the commitment above.")
     if closing is None:
-        print_warning("This round never closes, so no result can be late. --closes gives it a closing time.")
+        console.print_warning("This round never closes, so no result can be late. --closes gives it a closing time.")
     else:
-        tell(f"The round closes at {sealed.closing_words}. Publish that, too; the commitment covers it.")
+        console.tell(f"The round closes at {sealed.closing_words}. Publish that, too; the commitment covers it.")
 
 
 @round_app.command("check")
@@ -419,7 +409,7 @@ def check_round(
     if commitment is not None and commitment.strip().lower() != sealed.commitment:
         msg = f"{file} opens the commitment {sealed.commitment}, and not {commitment}. It is not the secret of that round."
         raise GlbenchError(msg)
-    put(sealed.commitment)
+    console.put(sealed.commitment)
     weather = sealed.weather
     own = "" if weather is None else f" Weather {weather.digest}, years {', '.join(map(str, weather.years))}."
     state = "closed" if sealed.is_late(dt.datetime.now(dt.UTC)) else "open"
@@ -428,4 +418,6 @@ def check_round(
         if sealed.closes is None
         else f" The round is {state}: it closes at {sealed.closing_words}."
     )
-    tell(f"The secret in {file} fits.{own}{until.replace('it closes', 'it closed') if state == 'closed' else until}")
+    console.tell(
+        f"The secret in {file} fits.{own}{until.replace('it closes', 'it closed') if state == 'closed' else until}"
+    )

@@ -11,33 +11,8 @@ import typer
 from rich.box import HEAVY_HEAD
 from typer.core import TyperGroup
 
-from glbench.cli.console import (
-    NOTHING_LEARNT,
-    Markup,
-    Table,
-    interruption,
-    messages,
-    paragraph,
-    plain,
-    print_warning,
-    put,
-    put_parts,
-    styled,
-    table,
-    tell,
-)
-from glbench.cli.options import (
-    Address,
-    Config,
-    EngineName,
-    OneTask,
-    Resume,
-    Seed,
-    TrainingFolder,
-    check_address,
-    needs_the_extra,
-    task_or_default,
-)
+from glbench.cli import console, options
+from glbench.cli.console import Markup, plain, styled
 from glbench.cli.progress import TrainingBar, TrainingLines, seasons_in_words
 from glbench.errors import GlbenchError, TrainingError
 from glbench.extras import require
@@ -66,14 +41,14 @@ def train(
             "ppo --config baselines/ppo/paper.yml is the paper's, by Stable-Baselines3."
         ),
     ],
-    task: OneTask = None,
-    config: Config = None,
-    seed: Seed = 0,
+    task: options.OneTask = None,
+    config: options.Config = None,
+    seed: options.Seed = 0,
     steps: Annotated[
         int | None, typer.Option("--steps", min=1, help="Environment steps. Default: the settings'.")
     ] = None,
-    out: TrainingFolder = None,
-    resume: Resume = False,
+    out: options.TrainingFolder = None,
+    resume: options.Resume = False,
     wandb: Annotated[
         bool, typer.Option("--wandb", help="Log to Weights & Biases too (WANDB_MODE=offline needs no account).")
     ] = False,
@@ -83,9 +58,9 @@ def train(
         typer.Option("--seeds", help="Train with each of these seeds: 0-4, or 0,1,7-9. Resumes interrupted ones."),
     ] = None,
     engine: Annotated[
-        EngineName, typer.Option("--engine", help="With --seeds, where to train: here, or on a Ray cluster.")
-    ] = EngineName.LOCAL,
-    address: Address = None,
+        options.EngineName, typer.Option("--engine", help="With --seeds, where to train: here, or on a Ray cluster.")
+    ] = options.EngineName.LOCAL,
+    address: options.Address = None,
     workers: Annotated[
         int | None,
         typer.Option("--workers", "-w", min=1, help="With --seeds: trainings at a time. Default: all cores."),
@@ -96,14 +71,14 @@ def train(
     The folder then holds the policy (policy.npz, evaluated with numpy alone), the learning curve, the settings and card.toml,
     and is an agent itself: glbench evaluate FOLDER. Exit code 3: the training finished, but never beat the policy it began with.
     """
-    check_address(address, engine)
-    if seeds is None and (engine is EngineName.RAY or workers is not None):
+    options.check_address(address, engine)
+    if seeds is None and (engine is options.EngineName.RAY or workers is not None):
         msg = "--engine ray and --workers are for trainings of several seeds: add --seeds 0-4."
         raise TrainingError(msg)
     if seeds is not None and wandb:
         msg = "--wandb logs one training: give --seed instead of --seeds."
         raise TrainingError(msg)
-    if engine is EngineName.RAY:
+    if engine is options.EngineName.RAY:
         require("--engine ray", "ray", "ray")
     if wandb:
         require("--wandb", "wandb", "wandb")
@@ -111,12 +86,12 @@ def train(
         require("This training", "train", "torch", "stable_baselines3")
     from glbench.training.compiled_settings import is_compiled
 
-    spec = task_or_default(task)
-    several = None if seeds is None else (seeds_of(seeds), Where(engine is EngineName.RAY, address, workers))
+    spec = options.task_or_default(task)
+    several = None if seeds is None else (seeds_of(seeds), Where(engine is options.EngineName.RAY, address, workers))
     if algorithm == "ppo" and is_compiled(config, spec):
         _train_compiled(spec, config, steps, out, several, seed=seed, resume=resume, wandb=wandb, task=task)
         return
-    with needs_the_extra("train"):
+    with options.needs_the_extra("train"):
         from glbench.training import algorithms as a
         from glbench.training import read_settings, shipped_settings
     from glbench.training import train as run_training
@@ -147,13 +122,13 @@ def train(
         can_resume=lambda: find_checkpoint(folder / CHECKPOINT) is not None,
     )
     if trained.already_done:
-        tell("Already trained with these settings. More steps: --steps N --resume.")
+        console.tell("Already trained with these settings. More steps: --steps N --resume.")
     _put_outcome(trained, spec, settings.evaluation, task)
 
 
 def _announce(what: object, task: TaskSpec, words: str) -> None:
     text = f"Training {styled(what, 'bold')} on {styled(task.id, 'bold')}: {words}"
-    put_parts([paragraph(Markup(text), aside=True)])
+    console.put_parts([console.paragraph(Markup(text), aside=True)])
 
 
 class _PolicyUnlessNamed(TyperGroup):
@@ -185,7 +160,7 @@ def tune_rules(
     config: Annotated[
         Path | None, typer.Option("--config", "-c", help="Rules to begin with (YAML). Default: the shipped ones.")
     ] = None,
-    seed: Seed = 0,
+    seed: options.Seed = 0,
     seasons: Annotated[
         int | None,
         typer.Option(
@@ -201,29 +176,29 @@ def tune_rules(
             "--sigma", min=1e-6, max=1.0, help="First spread, in widths of the numbers' bounds. Default: 0.1."
         ),
     ] = None,
-    out: TrainingFolder = None,
+    out: options.TrainingFolder = None,
 ) -> None:
     """Tune the numbers of rules for one task or several; the same command resumes what was interrupted.
 
     The folder then holds the rules (rules.yml), the learning curve and card.toml, and is an agent itself: glbench evaluate FOLDER.
     """
-    with needs_the_extra("train"):
+    with options.needs_the_extra("train"):
         from glbench.training import rule_search as r
-    tasks = [task_or_default(name) for name in task] if task else [task_or_default(None)]
+    tasks = [options.task_or_default(name) for name in task] if task else [options.task_or_default(None)]
     start = config or r.shipped_start(tasks)
-    options = {"seasons": seasons, "population": population, "sigma": sigma}
-    settings = r.RuleSearchSettings.model_validate({name: one for name, one in options.items() if one is not None})
+    numbers = {"seasons": seasons, "population": population, "sigma": sigma}
+    settings = r.RuleSearchSettings.model_validate({name: one for name, one in numbers.items() if one is not None})
     names = ", ".join(one.id for one in tasks)
     folder = out or Path("runs") / f"rules-{'-'.join(one.short_id for one in tasks)}-seed{seed}"
     generations = settings.generations(tasks)
     words = f"{generations} generations of {settings.population} candidates, a run of each task for each, seed {seed}"
-    tell(Markup(f"Tuning rules for {styled(names, 'bold')}: {words}, in {plain(folder)}"))
+    console.tell(Markup(f"Tuning rules for {styled(names, 'bold')}: {words}, in {plain(folder)}"))
     steps = generations * settings.population * sum(one.steps for one in tasks)
     bar = TrainingBar(steps, tasks[0], settings.evaluation)
-    with interruption("Run the same command again to continue from the last generation."), bar:
+    with console.interruption("Run the same command again to continue from the last generation."), bar:
         rules = r.tune_rules(tasks, start, settings, folder, seed=seed, listeners=[bar])
     if rules.already_done:
-        tell("Already tuned with these settings. More: --seasons N.")
+        console.tell("Already tuned with these settings. More: --seasons N.")
     _put_outcome(rules, tasks[0], settings.evaluation, task[0] if task else None, "rules")
 
 
@@ -232,34 +207,34 @@ def tune_policy(
     policy: Annotated[
         Path, typer.Argument(metavar="POLICY", help="Policy file (policy.npz), or a folder of glbench train.")
     ],
-    task: OneTask = None,
-    config: Config = None,
-    seed: Seed = 0,
+    task: options.OneTask = None,
+    config: options.Config = None,
+    seed: options.Seed = 0,
     generations: Annotated[
         int | None, typer.Option("--generations", "-g", min=1, help="Generations. Default: the settings'.")
     ] = None,
-    out: TrainingFolder = None,
-    resume: Resume = False,
+    out: options.TrainingFolder = None,
+    resume: options.Resume = False,
 ) -> None:
     """Adapt the last layer of a trained policy with CMA-ES: by simulated runs, without gradients.
 
     The folder then holds the policy (policy.npz), the learning curve and card.toml, and is an agent itself: glbench evaluate FOLDER.
     """
-    with needs_the_extra("train"):
+    with options.needs_the_extra("train"):
         from glbench.training.season_search import SearchSettings, read_season_search, search
-    spec = task_or_default(task)
+    spec = options.task_or_default(task)
     file = real_path(policy / "policy.npz" if policy.is_dir() else policy)
     settings = read_season_search(config, spec.id, file) if config else SearchSettings.of(file)
     if generations is not None:
         settings = settings.model_copy(update={"generations": generations})
     folder = out or Path("runs") / f"tuned-{spec.short_id}-seed{seed}"
     words = f"{settings.generations} generations of {settings.population} runs, seed {seed}, in {plain(folder)}"
-    tell(Markup(f"Tuning {styled(policy, 'bold')} on {styled(spec.id, 'bold')}: {words}"))
+    console.tell(Markup(f"Tuning {styled(policy, 'bold')} on {styled(spec.id, 'bold')}: {words}"))
     bar = TrainingBar(settings.generations * settings.population * spec.steps, spec, settings.evaluation)
-    with interruption("The same command with --resume continues from the last evaluation."), bar:
+    with console.interruption("The same command with --resume continues from the last evaluation."), bar:
         outcome = search(spec, settings, folder, seed=seed, resume=resume, listeners=[bar])
     if outcome.already_done:
-        tell("Already tuned with these settings. More: --generations N --resume.")
+        console.tell("Already tuned with these settings. More: --generations N --resume.")
     _put_outcome(outcome, spec, settings.evaluation, task)
 
 
@@ -267,7 +242,7 @@ def export(
     model: Annotated[
         Path, typer.Argument(metavar="MODEL", help="model.zip of Stable-Baselines3, or a folder of glbench train.")
     ],
-    task: OneTask = None,
+    task: options.OneTask = None,
     algorithm: Annotated[
         str | None, typer.Option("--algorithm", "-a", help="Of a model.zip: ppo (the default), sac, or a class path.")
     ] = None,
@@ -284,7 +259,7 @@ def export(
 
     Loading a model.zip runs code from it: export only files you trust.
     """
-    with needs_the_extra("train"):
+    with options.needs_the_extra("train"):
         from glbench.training.card import POLICY
         from glbench.training.export import export_model
         from glbench.training.run import export_best
@@ -292,7 +267,7 @@ def export(
         if out or algorithm or normalization:
             msg = f"{model} is the folder of a training, which says all of --out, --algorithm and --normalization itself. Leave them out."
             raise TrainingError(msg)
-        folder, reason = model, export_best(model, None if task is None else task_or_default(task))
+        folder, reason = model, export_best(model, None if task is None else options.task_or_default(task))
         if reason is not None:
             raise TrainingError(reason)
     else:
@@ -301,10 +276,10 @@ def export(
             normalization = beside
         elif normalization == Path("none"):
             normalization = None
-        export_model(model, algorithm or "ppo", normalization, task_or_default(task), folder)
+        export_model(model, algorithm or "ppo", normalization, options.task_or_default(task), folder)
     size = (folder / POLICY).stat().st_size
-    put(f"{folder / POLICY}: {size / 1000:,.0f} kB")
-    tell(f"Next: glbench evaluate {folder}")
+    console.put(f"{folder / POLICY}: {size / 1000:,.0f} kB")
+    console.tell(f"Next: glbench evaluate {folder}")
 
 
 def sweep(
@@ -317,24 +292,24 @@ def sweep(
         typer.Option("--workers", "-w", min=1, help="Trials at a time, a core each. Default: 1; on Ray all cores."),
     ] = None,
     engine: Annotated[
-        EngineName, typer.Option("--engine", help="Where trials are trained: here, or on a Ray cluster.")
-    ] = EngineName.LOCAL,
-    address: Address = None,
+        options.EngineName, typer.Option("--engine", help="Where trials are trained: here, or on a Ray cluster.")
+    ] = options.EngineName.LOCAL,
+    address: options.Address = None,
     wandb: Annotated[
         bool, typer.Option("--wandb", help="Let Weights & Biases choose the trials (needs an account).")
     ] = False,
 ) -> None:
     """Search hyperparameters: an Optuna study in a local file. The same command resumes an interrupted search."""
-    check_address(address, engine)
-    if wandb and engine is EngineName.RAY:
+    options.check_address(address, engine)
+    if wandb and engine is options.EngineName.RAY:
         msg = "--wandb trains on this machine: leave out --engine."
         raise TrainingError(msg)
     if wandb:
         require("--wandb", "wandb", "wandb")
-    if engine is EngineName.RAY:
+    if engine is options.EngineName.RAY:
         require("--engine ray", "ray", "ray")
     require("The sweep", "train", "optuna", "stable_baselines3", "torch")
-    with needs_the_extra("train"):
+    with options.needs_the_extra("train"):
         from glbench.training.sweep import read_search
         from glbench.training.sweep import sweep as run_sweep
         from glbench.training.wandb_log import wandb_sweep
@@ -342,21 +317,23 @@ def sweep(
     folder = out or Path("sweeps") / config.stem
     words = f"{plain(search.task)}: {search.trials} trials of {search.steps:,} steps, in {plain(folder)}"
     parameters = plain(", ".join(search.parameters))
-    tell(Markup(f"Searching {parameters} of {styled(search.algorithm, 'bold')} on {words}"))
+    console.tell(Markup(f"Searching {parameters} of {styled(search.algorithm, 'bold')} on {words}"))
     if wandb:
         wandb_sweep(search, folder)
         return
     from glbench.leaderboard.catalogue import catalogue
 
-    spec = task_or_default(search.task)
+    spec = options.task_or_default(search.task)
     score = catalogue(spec).score
     stop = "Finished trials are kept. Run the same command again to continue."
-    with interruption(stop), contextlib.ExitStack() as stack:
+    with console.interruption(stop), contextlib.ExitStack() as stack:
         executor = None
-        if engine is EngineName.RAY or (workers or 1) > 1:
-            executor = stack.enter_context(executor_of(Where(engine is EngineName.RAY, address, workers), spec))
-        trials = run_sweep(search, folder, executor=executor, report=lambda trial: tell(trial_in_words(trial, score)))
-    put_parts([trials_table(trials, score)])
+        if engine is options.EngineName.RAY or (workers or 1) > 1:
+            executor = stack.enter_context(executor_of(Where(engine is options.EngineName.RAY, address, workers), spec))
+        trials = run_sweep(
+            search, folder, executor=executor, report=lambda trial: console.tell(trial_in_words(trial, score))
+        )
+    console.put_parts([trials_table(trials, score)])
     if not any(trial.state != "fail" for trial in trials):
         msg = f"None of the {len(trials)} trials succeeded; the reasons are above. Correct {config} and choose a new folder with --out."
         raise TrainingError(msg)
@@ -401,7 +378,7 @@ def executor_of(where: Where, task: TaskSpec) -> Iterator[Executor]:
         from glbench.evaluation.payload import Payload
 
         with contextlib.ExitStack() as stack:
-            with messages().status("reaching the cluster"):
+            with console.messages().status("reaching the cluster"):
                 executor = stack.enter_context(RayExecutor(where.address, where.workers, Payload.of([task]).unpack))
             yield executor
     else:
@@ -418,7 +395,7 @@ def train_with_seeds(
     out: Path | None,
     name: str,
     several: tuple[list[int], Where],
-    **options: Any,
+    **extras: Any,
 ) -> None:
     """Train with ``several`` seeds, each in ``out/NAME-seedSEED``, and print the outcome; ``training`` is what ``glbench train`` calls.
 
@@ -437,31 +414,31 @@ def train_with_seeds(
     stop = (
         "Run the same command again to continue: finished seeds are kept, the rest resume from their last checkpoints."
     )
-    with interruption(stop), executor_of(where, task) as executor:
+    with console.interruption(stop), executor_of(where, task) as executor:
         words = f"{len(folders)} seeds, {min(executor.workers, len(folders))} at a time, in {place}"
-        put_parts([paragraph(words, aside=True)])
+        console.put_parts([console.paragraph(words, aside=True)])
         outcomes = train_seeds(
-            executor, training, task, settings, folders, listeners=lambda seed: [TrainingLines(seed, score)], **options
+            executor, training, task, settings, folders, listeners=lambda seed: [TrainingLines(seed, score)], **extras
         )
         for seed, trained in outcomes:
             if isinstance(trained, GlbenchError):
                 failures += 1
-                print_warning(f"seed {seed}: {trained}")
+                console.print_warning(f"seed {seed}: {trained}")
             else:
                 policies[seed] = trained
                 state = "already trained" if trained.already_done else "done"
-                tell(f"seed {seed}: {state}, best {score.said(trained.best_reward)}")
+                console.tell(f"seed {seed}: {state}, best {score.said(trained.best_reward)}")
     numbers = ("Best", "after", "of", "Last")
-    view = table(f"Trainings by {score.words}", "Seed", *numbers, "", numbers=("Seed", *numbers))
+    view = console.table(f"Trainings by {score.words}", "Seed", *numbers, "", numbers=("Seed", *numbers))
     for seed, one in sorted(policies.items()):
         remark = "" if one.learnt else "nothing was learnt"
         steps = (f"{one.best_steps:,}", f"{one.steps:,}")
         view.add(str(seed), score.number(one.best_reward), *steps, score.number(one.last_reward), remark)
-    put_parts([view])
+    console.put_parts([view])
     if policies:
-        put(f"Next: glbench evaluate {place}/{name}-seed*")
+        console.put(f"Next: glbench evaluate {place}/{name}-seed*")
     if failures or any(not one.learnt for one in policies.values()):
-        raise typer.Exit(1 if failures else NOTHING_LEARNT)
+        raise typer.Exit(1 if failures else console.NOTHING_LEARNT)
 
 
 def _train_compiled(
@@ -477,7 +454,7 @@ def _train_compiled(
     task: str | None,
 ) -> None:
     """Train with the compiled PPO; ``several`` seeds instead of ``seed``, and where."""
-    with needs_the_extra("jax"):
+    with options.needs_the_extra("jax"):
         from glbench.training.compiled import train_compiled
         from glbench.training.compiled_settings import read_compiled_settings
         from glbench.training.folder import LEARNER
@@ -501,7 +478,7 @@ def _train_compiled(
         can_resume=(folder / LEARNER).is_file,
     )
     if trained.already_done:
-        tell(
+        console.tell(
             "Already trained with these settings. A different number of steps is a different training: --steps N --out FOLDER."
         )
     _put_outcome(trained, spec, settings.evaluation, task, how="--steps N --out FOLDER")
@@ -523,7 +500,7 @@ def _watch(
             return "The same command with --resume continues from the last checkpoint."
         return "Interrupted before the first checkpoint; the same command starts over."
 
-    with interruption(consequence), contextlib.ExitStack() as stack:
+    with console.interruption(consequence), contextlib.ExitStack() as stack:
         listeners: list[Listener] = [stack.enter_context(progress)]
         if wandb:
             from glbench.training.wandb_log import WandbListener
@@ -541,10 +518,10 @@ def trial_in_words(trial: TrialReport, score: Metric) -> str:
     return f"trial {trial.number:>3}  {trial.state:8}  {score.words} {reward:>8}  {choices}{why}"
 
 
-def trials_table(trials: list[TrialReport], score: Metric) -> Table:
+def trials_table(trials: list[TrialReport], score: Metric) -> console.Table:
     """The best trials."""
     headings = ("trial", "state", f"best {score.words}", "settings")
-    view = table(
+    view = console.table(
         "Trials, best first", *headings, numbers=headings[::2], fold=headings, box=HEAVY_HEAD, title_style=None
     )
     for trial in trials[:_MOST_TRIALS]:
@@ -580,22 +557,22 @@ def _put_outcome(
     score = catalogue(spec).score
     more = "more runs (--seasons N)" if what == "rules" else f"more steps ({how})"
     if not trained.learnt:
-        tell(
+        console.tell(
             Markup(
                 f"[bold yellow]Nothing was learnt.[/bold yellow] The training never beat the {what} that it began with: "
                 f"{score.said(trained.best_reward)} at step 0, {score.number(trained.last_reward)} after {trained.steps:,} steps. "
                 f"Train for {more}, or with other settings. {plain(trained.folder)} holds the {what} of step 0."
             )
         )
-        raise typer.Exit(NOTHING_LEARNT)
-    put(
+        raise typer.Exit(console.NOTHING_LEARNT)
+    console.put(
         f"Best {what}: {score.said(trained.best_reward)} after {trained.best_steps:,} of {trained.steps:,} steps; "
         f"the last one: {score.number(trained.last_reward)}. Means of {seasons_in_words(spec, evaluation)}; "
         "the score is that of glbench evaluate."
     )
     agent = trained.folder
     if trained.not_exported is not None:
-        tell(f"No policy.npz was written: {trained.not_exported}")
+        console.tell(f"No policy.npz was written: {trained.not_exported}")
         agent = trained.model
     option = "" if task is None else f" --task {task}"
-    tell(f"Next: glbench evaluate {agent}{option}")
+    console.tell(f"Next: glbench evaluate {agent}{option}")

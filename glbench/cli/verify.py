@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from glbench.cli.console import Line, Markup, Part, View, messages, paragraph, plain, print_warning, show, tell
+from glbench.cli import console
+from glbench.cli.console import Markup, plain
 from glbench.cli.options import AsJson, RoundFile, Workers, round_of
 from glbench.errors import GlbenchError
 
@@ -64,7 +65,7 @@ def verify(
 
     sealed, codes = round_of(round_file), []
     for path in result_files(results):
-        with messages().status(f"simulating {plain(path.name)} again"):
+        with console.messages().status(f"simulating {plain(path.name)} again"):
             verdict = verify_result(path, episodes=episodes, task=task, sealed=sealed, workers=workers)
         codes.append(verdict.exit_code)
         if (
@@ -73,13 +74,13 @@ def verify(
             and sealed.is_late(created := load_result(path).created)
         ):
             closed = f"the round closed at {sealed.closing_words}"
-            print_warning(f"{path.name} is late: it states that it was made at {created}, and {closed}.")
+            console.print_warning(f"{path.name} is late: it states that it was made at {created}, and {closed}.")
         if proof and not is_released(path):  # released results keep the note that came with them
             try:
                 save_proof(verdict)
             except GlbenchError as error:
-                print_warning(f"The verdict stands, but no note of it was stored. {error}")
-        show(View(_parts(verdict), _document(verdict), indent=None), as_json=as_json)
+                console.print_warning(f"The verdict stands, but no note of it was stored. {error}")
+        console.show(console.View(_parts(verdict), _document(verdict), indent=None), as_json=as_json)
     raise typer.Exit(next(code for code in _WORST_FIRST if code in codes))
 
 
@@ -100,32 +101,32 @@ def result_files(paths: list[Path]) -> list[Path]:
         if not (path.is_dir() and file.name.endswith(SUFFIX))
     ]
     if not files:
-        tell(f"There are no results in {', '.join(map(str, paths))}.")
+        console.tell(f"There are no results in {', '.join(map(str, paths))}.")
         raise typer.Exit(2)
     return files
 
 
-def _parts(verdict: Verdict) -> Iterator[Part]:
+def _parts(verdict: Verdict) -> Iterator[console.Part]:
     from glbench.verification import stated_words
 
     heading = _HEADINGS[verdict.outcome]
     if verdict.exactness == "tolerance":
         heading = "[bold yellow]reproduced within 1e-9[/]"
-    yield Line(Markup(f"{heading} {plain(verdict.path)}"))
-    yield paragraph(f"  {verdict.reason}")
+    yield console.Line(Markup(f"{heading} {plain(verdict.path)}"))
+    yield console.paragraph(f"  {verdict.reason}")
     if verdict.outcome == "reproduced":
         seeds = ", ".join(map(str, verdict.episodes[:8])) + (" ..." if len(verdict.episodes) > 8 else "")
         whole = f"; every column of the full episodes of the seeds {seeds}" if verdict.episodes else ""
         profile = "; the profile" if "profile" in verdict.reproduced else ""
         if "fresh_draws.references" in verdict.reproduced:
             profile += "; the fresh draws, and the scores of the reference agents with both sets of draws"
-        yield paragraph(
+        yield console.paragraph(
             f"  Reproduced: {verdict.steps:,} rewards, {verdict.runs} final states, all metrics and their means; the digests of the task "
             f"and of the result{whole}{profile}."
         )
-        yield paragraph(f"  Stated, not checked: {'; '.join(stated_words(verdict.stated))}.")
+        yield console.paragraph(f"  Stated, not checked: {'; '.join(stated_words(verdict.stated))}.")
     for note in verdict.notes:
-        yield paragraph(f"  Note: {note}")
+        yield console.paragraph(f"  Note: {note}")
 
 
 def _document(verdict: Verdict) -> dict[str, object]:

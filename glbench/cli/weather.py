@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from glbench.cli.console import Line, Markup, Part, Table, View, paragraph, put, put_parts, show, styled, table
+from glbench.cli import console
+from glbench.cli.console import Markup, styled
 from glbench.cli.options import AsJson
 from glbench.cli.progress import status_bar
 from glbench.extras import require
@@ -68,7 +69,7 @@ def list_records(as_json: AsJson = False) -> None:
             info.digest[:8],
         )
     document = {"records": [_as_json(info, *_OF_INFO, path=str(info.path)) for info in infos]}
-    show(View([view], document), as_json=as_json)
+    console.show(console.View([view], document), as_json=as_json)
 
 
 @app.command("show")
@@ -97,7 +98,7 @@ def show_record(
         view.add(row.month, *("-" if value is None else f"{value:.{digits}f}" for value, digits in values))
     facts = _as_json(record, *_OF_RECORD, timing=dict(record.timing))
     document = {**facts, "units": dict(UNITS), "months": [asdict(row) for row in months]}
-    show(View([*description(record), view], document), as_json=as_json)
+    console.show(console.View([*description(record), view], document), as_json=as_json)
 
 
 @app.command("import")
@@ -203,12 +204,14 @@ def generate(
     season = generator.season(_date(start), days, np.random.default_rng(seed).random(generator.numbers(days)))
     record = dataclasses.replace(season.record, notes=(*season.record.notes, f"seed {seed}, {days} days from {start}"))
     write_record(record, out)
-    put(f"Season of {days} days from {start}, seed {seed}: {record.period}, SHA-256 {record.digest[:12]}, in {out}")
-    put(f"Its source: {record.source}")
-    put(f"Keep it under a name: glbench weather import {out} --name NAME")
+    console.put(
+        f"Season of {days} days from {start}, seed {seed}: {record.period}, SHA-256 {record.digest[:12]}, in {out}"
+    )
+    console.put(f"Its source: {record.source}")
+    console.put(f"Keep it under a name: glbench weather import {out} --name NAME")
     if picture is not None:
         write_picture(generator, season, picture)
-        put(f"Picture in {picture}")
+        console.put(f"Picture in {picture}")
 
 
 @app.command("statistics")
@@ -251,13 +254,15 @@ def statistics(
     if out is not None:
         write_atomically(out, json.dumps(document, indent=2, allow_nan=False) + "\n")
     title = f"{seasons} seasons of {days} days generated from {', '.join(map(str, outcome.years))} of {source}"
-    view = table(title, "figure", "value", "limits", "", "the worst", numbers=("value",), fold=("figure", "the worst"))
+    view = console.table(
+        title, "figure", "value", "limits", "", "the worst", numbers=("value",), fold=("figure", "the worst")
+    )
     for figure in outcome.figures:
         verdict = styled("kept", "green") if figure.within_limits else styled("missed", "bold red")
         mark = Markup(verdict if figure.limits else "")
         view.add(figure.name, figure.text, figure.limits, mark, figure.worst)
-    last = Line("Every limit is kept." if outcome.accepted else "A limit is missed.")
-    show(View([view, last], document), as_json=as_json)
+    last = console.Line("Every limit is kept." if outcome.accepted else "A limit is missed.")
+    console.show(console.View([view, last], document), as_json=as_json)
 
 
 def _years(text: str) -> list[int]:
@@ -285,15 +290,15 @@ def _date(text: str) -> dt.date:
         raise WeatherError(msg) from error
 
 
-def _table(title: str, columns: list[str], padding: int = 1) -> Table:
+def _table(title: str, columns: list[str], padding: int = 1) -> console.Table:
     words = {"name", "station", "period [UTC]", "origin", "SHA-256", "month"}
     below = [column.replace(" [", "\n[") for column in columns]  # the unit below the name
     numbers = [heading for heading, column in zip(below, columns, strict=True) if column not in words]
     look: dict[str, Any] = {"padding": (0, padding, 0, 0), "pad_edge": False, "title_style": None}
-    return table(title, *below, numbers=numbers, fold=("station", "period\n[UTC]", "origin"), **look)
+    return console.table(title, *below, numbers=numbers, fold=("station", "period\n[UTC]", "origin"), **look)
 
 
-def description(record: WeatherRecord) -> Iterator[Part]:
+def description(record: WeatherRecord) -> Iterator[console.Part]:
     """Where a record comes from, a fact a line."""
     from zoneinfo import ZoneInfo
 
@@ -317,7 +322,7 @@ def description(record: WeatherRecord) -> Iterator[Part]:
         *(("note", note) for note in record.notes),
     ]
     for label, text in facts:
-        yield Line(f"{label:<10} {text}")
+        yield console.Line(f"{label:<10} {text}")
 
 
 def _moment(moment: dt.datetime) -> str:
@@ -328,12 +333,12 @@ def _moment(moment: dt.datetime) -> str:
 def _report_saved(record: WeatherRecord, path: Path) -> None:
     from glbench.weather.summary import doubts, in_figures
 
-    put(f"Weather '{path.stem}': {record.period}, {record.hours:,} h, SHA-256 {record.digest[:12]}, in {path}")
+    console.put(f"Weather '{path.stem}': {record.period}, {record.hours:,} h, SHA-256 {record.digest[:12]}, in {path}")
     for note in record.notes:
-        put(f"Note: {note}")
+        console.put(f"Note: {note}")
     for figures in in_figures(record):
-        put(f"  {figures}")
-    put_parts(paragraph(f"Warning: {doubt}", "yellow", aside=True) for doubt in doubts(record))
+        console.put(f"  {figures}")
+    console.put_parts(console.paragraph(f"Warning: {doubt}", "yellow", aside=True) for doubt in doubts(record))
 
 
 def _as_json(one: WeatherInfo | WeatherRecord, *fields: str, **more: object) -> dict[str, Any]:
