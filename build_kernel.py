@@ -62,9 +62,13 @@ class KernelHook(BuildHookInterface[Any]):
         """Whether there are libraries in ``folder`` now."""
         _open_package(Path(self.root) / "glbench")
         from glbench.kernel.compiled.compiler import CompiledUnavailable
-        from glbench.kernel.compiled.library import prebuild
-        from glbench.kernel.compiled.prebuilt import levels_to_build, write_manifest
-        from glbench.kernel.compiled.stepper import absent_equipment, traits_of
+        from glbench.kernel.compiled.library import (
+            absent_equipment,
+            levels_to_build,
+            prebuild,
+            traits_of,
+            write_manifest,
+        )
         from glbench.model import registered_models, with_violation_meters
 
         if not levels_to_build():

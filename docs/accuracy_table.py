@@ -20,9 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.tables import with_tables
-from glbench.kernel.compiled.stepper import CompiledStepper
-from glbench.kernel.compiled.tolerances import Preset
-from glbench.kernel.sundials import paper_cvodes
+from glbench.kernel.compiled.stepper import CompiledStepper, Preset
+from glbench.kernel.cvodes import paper_cvodes
 from glbench.model import TOMATO, Model
 from glbench.weather import disturbances, load_weather
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glbench.env.climate import AIR, air_quantities
 from glbench.errors import GlbenchError, ShapeError
-from glbench.kernel.tape import Linearisation, Recorder
+from glbench.kernel.tape import Recorder, TapeDerivatives
 from glbench.model import Model
 
 Floats = NDArray[np.float64]
@@ -57,11 +57,11 @@ def air_of(model: Model, states: ArrayLike) -> AirAlong:
 
 
 @lru_cache(maxsize=8)
-def _air(model: Model) -> Linearisation:
+def _air(model: Model) -> TapeDerivatives:
     assert model.air is not None
     with Recorder() as recorder:
         for place, value in enumerate(
             air_quantities(*(recorder.input("after", model.state_index(name)) for name in model.air))
         ):
             recorder.output("table", place, value)
-    return Linearisation(recorder.tape(), [("table", place) for place in range(len(AIR))], ("after",))
+    return TapeDerivatives(recorder.tape(), [("table", place) for place in range(len(AIR))], ("after",))

@@ -13,7 +13,7 @@ from glbench.env.accounts import ByName
 from glbench.env.climate import AIR, air_quantities
 from glbench.env.sensors import Sensors
 from glbench.errors import TaskError
-from glbench.kernel.tape import Linearisation, Recorder
+from glbench.kernel.tape import Recorder, TapeDerivatives
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -77,7 +77,7 @@ class ObservationModel:
                 first += len(observed)
         self.columns, self.names = np.array(columns, np.intp), tuple(names)
         self.sensor = np.array(sensors, np.intp)
-        self._linearisation = Linearisation(
+        self._derivatives = TapeDerivatives(
             recorder.tape(), [("observation", place) for place in range(len(columns))], ("after",)
         )
 
@@ -85,7 +85,7 @@ class ObservationModel:
         """Values ``(n, columns)`` in ``states`` ``(n, s)``, and their gradients ``(n, columns, s)``."""
         values = np.empty((len(states), len(self.columns)))
         slopes = np.zeros((*values.shape, self._states))
-        for place, column in enumerate(self._linearisation(lambda source, index: states[:, index], {"after": slopes})):
+        for place, column in enumerate(self._derivatives(lambda source, index: states[:, index], {"after": slopes})):
             values[:, place] = column
         return values, slopes
 

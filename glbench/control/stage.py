@@ -16,7 +16,7 @@ from glbench.env import REWARDS
 from glbench.env.program import calendar_columns, info_columns, record_quantities
 from glbench.env.spaces import the_task
 from glbench.errors import ShapeError, TaskError
-from glbench.kernel.tape import Linearisation, Read, Source, Target
+from glbench.kernel.tape import Read, Source, TapeDerivatives, Target
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -123,10 +123,10 @@ class StageReward:
         rounded: dict[tuple[Target, int], Callable[[Any], Any]] = {
             ("table", columns[name]): _rounded(width) for name, width in widths.items() if width > 0.0
         }
-        self._linearisation = Linearisation(
+        self._derivatives = TapeDerivatives(
             tape, [("table", columns[name]) for name in self._names], ("before", "after", "controls"), count=1, changes=rounded
         )  # fmt: skip
-        if self._linearisation.reads("controls_before"):
+        if self._derivatives.reads("controls_before"):
             msg = (
                 f"The reward of {task.id} depends on what controls were before a step (a line of its ledger prices starts), and has no "
                 "derivatives there. Plan for the task without that line."
@@ -154,7 +154,7 @@ class StageReward:
             When states, controls and calendar do not fit each other or the task.
         """
         read, shape = self._inputs(x, u, calendar)
-        return self._stages(self._linearisation.values(read), shape)
+        return self._stages(self._derivatives.values(read), shape)
 
     def gradient(
         self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None = None
@@ -167,7 +167,7 @@ class StageReward:
             "after": np.zeros((*shape, 1, states)),
             "controls": np.zeros((*shape, 1, controls)),
         }
-        values = self._stages(self._linearisation(read, slopes), shape)
+        values = self._stages(self._derivatives(read, slopes), shape)
         return values, StageGradient(*(slopes[source][..., 0, :] for source in ("before", "after", "controls")))
 
     def _inputs(self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None) -> tuple[Read, tuple[int, ...]]:
@@ -181,7 +181,7 @@ class StageReward:
             )
             raise ShapeError(msg)
         read: dict[Source, Floats] = {"before": states[..., :-1, :], "after": states[..., 1:, :], "controls": controls}
-        if self._linearisation.reads("calendar") or self._linearisation.reads("calendar_before"):
+        if self._derivatives.reads("calendar") or self._derivatives.reads("calendar_before"):
             rows = self._calendar(calendar, shape[-1] + 1)
             read |= {"calendar_before": rows[..., :-1, :], "calendar": rows[..., 1:, :]}
         return (lambda source, index: read[source][..., index]), shape

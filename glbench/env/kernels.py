@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import GlbenchError, UnknownNameError, did_you_mean
-from glbench.kernel.sundials import PRESETS
+from glbench.kernel.cvodes import PRESETS
 
 if TYPE_CHECKING:
     from glbench.kernel import Kernel, StepFailure

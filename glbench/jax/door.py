@@ -27,8 +27,7 @@ from glbench.env.uncertainty import UNIFORM
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.jax.library import DoorPointers, library
 from glbench.kernel import make_kernel, why_not_compiled
-from glbench.kernel.compiled.entry import Entry, entry_of
-from glbench.kernel.compiled.environment import CompiledEnvironments
+from glbench.kernel.compiled.environment import CompiledEnvironments, Entry, entry_of
 
 if TYPE_CHECKING:
     from glbench.kernel.environment import Program

@@ -6,10 +6,18 @@ on four cores, with the same bits. Method, accuracy and speed: docs/kernel.md.
 
 from __future__ import annotations
 
-from glbench.kernel.backends import BACKENDS, Backend, available, built_libraries, why_not_compiled, will_compile
-from glbench.kernel.kernel import Kernel, make_kernel
+from glbench.kernel.cvodes import state_scale
+from glbench.kernel.kernel import (
+    BACKENDS,
+    Backend,
+    Kernel,
+    available,
+    built_libraries,
+    make_kernel,
+    why_not_compiled,
+    will_compile,
+)
 from glbench.kernel.records import BoundStep, Rows, StepFailure
-from glbench.kernel.reduced import state_scale
 from glbench.kernel.sensitivities import Adjoint, Linearisation
 from glbench.kernel.trajectories import RolloutError, Trajectory, TrajectoryGradient
 

@@ -181,7 +181,7 @@ def with_simplification(formula: Callable[..., Any], *values: Any) -> Any:
     return function(*values)
 
 
-class Linearisation:
+class TapeDerivatives:
     """Some outputs of a tape, with their derivatives, for many rows at once.
 
     Where an operation has a kink, the derivative is that of the branch taken: the operand that became the result has all of it. Of two

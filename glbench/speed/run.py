@@ -27,7 +27,7 @@ from glbench import children
 from glbench.errors import GlbenchError
 from glbench.evaluation.provenance import machine, versions
 from glbench.kernel import Kernel
-from glbench.kernel.sundials import paper_cvodes
+from glbench.kernel.cvodes import paper_cvodes
 from glbench.model import TOMATO
 from glbench.speed.record import FirstUse, Measurement, Memory, SpeedRecord
 from glbench.speed.subjects import STEP_SECONDS, Points, Season, Subject, Work, paper_season, points

@@ -34,9 +34,9 @@ from glbench.env.accounts import make_accounts
 from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
 from glbench.kernel.compiled.generate import Traits, generate
-from glbench.kernel.compiled.stepper import absent_equipment
-from glbench.kernel.compiled.tolerances import LARGEST_SUBSTEPS, PRESETS, SMALLEST_SUBSTEP
-from glbench.kernel.sundials import SUBSTEP_LIMIT, paper_cvodes
+from glbench.kernel.compiled.library import absent_equipment
+from glbench.kernel.compiled.stepper import LARGEST_SUBSTEPS, PRESETS, SMALLEST_SUBSTEP
+from glbench.kernel.cvodes import SUBSTEP_LIMIT, paper_cvodes
 from glbench.leaderboard.fresh_draws import ERROR, FEWEST
 from glbench.leaderboard.statistics import RESAMPLES, RESOLUTION, estimate_mean
 from glbench.model import (
@@ -1126,7 +1126,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     "docs/kernel-compiled.md": [
         ("A(89.3°)-stable and leaves 0.45", "source: Kaps and Rentrop"),
         ("gamma 0.57", "source: Hairer and Wanner"),
-        ("small = 0.1 K", "definition: tolerances.py"),
+        ("small = 0.1 K", "definition: stepper.py"),
         ("to 1e-6", "definition: a limit that tests/kernel_compiled/test_stepping.py holds"),
         ("at 1e-6", "definition: a tolerance"),
         ("atol = 1e-6", "definition: a tolerance"),

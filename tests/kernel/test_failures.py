@@ -14,7 +14,7 @@ import pytest
 
 from glbench.errors import StepError
 from glbench.kernel import Kernel
-from glbench.kernel.sundials import SUBSTEP_LIMIT, signals_wait
+from glbench.kernel.cvodes import SUBSTEP_LIMIT, signals_wait
 from tests.kernel.known_steps import Array, KnownSteps
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from glbench.kernel import Kernel, why_not_compiled
 from glbench.kernel.environment import ActionBounds, Lookup, Program
-from glbench.kernel.tape import OPERATORS, Linearisation, Recorder, RecordingError, Tape, with_simplification
+from glbench.kernel.tape import OPERATORS, Recorder, RecordingError, Tape, TapeDerivatives, with_simplification
 from glbench.model import TOMATO, default_parameters
 from glbench.model.expressions import simplification
 
@@ -318,10 +318,10 @@ def linearised(formula: Formula, a: Array, b: Array, **options: Any) -> tuple[Ar
     """Value and derivatives of a formula of a state and a control."""
     with Recorder() as recorder:
         recorder.output("table", 0, formula(recorder.input("before", 4), recorder.input("controls", 0)))
-    linearisation = Linearisation(recorder.tape(), [("table", 0)], ("before", "controls"), **options)
+    derivatives = TapeDerivatives(recorder.tape(), [("table", 0)], ("before", "controls"), **options)
     slopes = {"before": np.zeros((*a.shape, 1, 5)), "controls": np.zeros((*a.shape, 1, 1))}
-    (values,) = linearisation(lambda source, index: a if source == "before" else b, slopes)  # type: ignore[arg-type]
-    (alone,) = linearisation.values(lambda source, index: a if source == "before" else b)
+    (values,) = derivatives(lambda source, index: a if source == "before" else b, slopes)  # type: ignore[arg-type]
+    (alone,) = derivatives.values(lambda source, index: a if source == "before" else b)
     assert np.asarray(values).tobytes() == np.asarray(alone).tobytes()
     return np.array(np.broadcast_to(values, a.shape)), slopes["before"][..., 0, 4], slopes["controls"][..., 0, 0]
 
@@ -362,7 +362,7 @@ def test_derivatives_are_of_the_first_outputs_by_the_sources_asked_for() -> None
     tape = recorder.tape()
     slopes = np.zeros((4, 2, 2))
     outputs = [("table", 0), ("table", 2), ("table", 1)]
-    values = Linearisation(tape, outputs, ("controls",), count=2)(lambda source, index: rows, {"controls": slopes})  # type: ignore[arg-type]
+    values = TapeDerivatives(tape, outputs, ("controls",), count=2)(lambda source, index: rows, {"controls": slopes})  # type: ignore[arg-type]
     assert [np.asarray(column).tolist() for column in values] == [(rows * rows).tolist(), 7.0, (rows + rows).tolist()]
     assert slopes.tolist() == [[[0.0, row], [0.0, 0.0]] for row in rows]
 
@@ -373,13 +373,15 @@ def test_a_change_of_an_output_counts_wherever_it_is_used() -> None:
         recorder.output("table", 0, 2.0 * excess)  # type: ignore[operator]
         recorder.output("table", 1, excess)
     square = {("table", 1): lambda value: value * value}
-    linearisation = Linearisation(recorder.tape(), [("table", 0)], ("before",), changes=square)  # type: ignore[arg-type]
+    derivatives = TapeDerivatives(recorder.tape(), [("table", 0)], ("before",), changes=square)  # type: ignore[arg-type]
     slopes = np.zeros((2, 1, 5))
-    (values,) = linearisation(lambda source, index: np.array([-1.0, 3.0]), {"before": slopes})
+    (values,) = derivatives(lambda source, index: np.array([-1.0, 3.0]), {"before": slopes})
     assert values.tolist() == [0.0, 18.0]
     assert slopes[:, 0, 4].tolist() == [0.0, 12.0]
 
 
 def test_without_outputs_or_inputs_there_is_nothing_to_differentiate() -> None:
-    assert Linearisation(recorded(lambda: 7.0, 0), [], ("after",))(lambda source, index: None, {}) == []
-    assert Linearisation(recorded(lambda: 7.0, 0), [("table", 0)], ("after",))(lambda source, index: None, {}) == [7.0]
+    assert TapeDerivatives(recorded(lambda: 7.0, 0), [], ("after",))(lambda source, index: None, {}) == []
+    assert TapeDerivatives(recorded(lambda: 7.0, 0), [("table", 0)], ("after",))(lambda source, index: None, {}) == [
+        7.0
+    ]

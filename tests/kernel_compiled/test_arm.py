@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from glbench.kernel.compiled import CompiledStepper
 from glbench.kernel.compiled.compiler import Compiler
-from glbench.kernel.compiled.library import write_source
-from glbench.kernel.compiled.stepper import absent_equipment, traits_of
+from glbench.kernel.compiled.library import absent_equipment, traits_of, write_source
 from glbench.model import TOMATO
 
 Array: TypeAlias = NDArray[np.float64]

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from glbench.kernel.compiled.derivative import jacobian
 from glbench.kernel.compiled.generate import Traits, generate
-from glbench.kernel.compiled.graph import Graph, Level
-from glbench.kernel.compiled.importer import read_function
+from glbench.kernel.compiled.graph import Graph, Level, read_function
+from glbench.kernel.compiled.library import absent_equipment
 from glbench.kernel.compiled.lu import eliminate
 from glbench.kernel.compiled.regroup import regroup, spell_out_logistic
-from glbench.kernel.compiled.stepper import absent_equipment
 from glbench.model import TOMATO, VARIANTS, build_rhs
 from glbench.model import jacobian as model_jacobian
 

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from glbench.kernel.compiled.derivative import directional, jacobian
-from glbench.kernel.compiled.graph import Graph
-from glbench.kernel.compiled.importer import read_function
+from glbench.kernel.compiled.derivative import directional, jacobian, reverse
+from glbench.kernel.compiled.graph import Graph, read_function
 from glbench.kernel.compiled.regroup import regroup
-from glbench.kernel.compiled.reverse import reverse
 from glbench.model import build_rhs
 from tests.kernel_compiled.test_generator import evaluate, points, scaled_difference
 

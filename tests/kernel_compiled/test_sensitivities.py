@@ -206,7 +206,7 @@ def test_a_row_has_the_same_bits_alone_in_a_batch_and_in_threads(points: Rows) -
 
 
 def everything(stepper: CompiledStepper, points: Rows) -> bytes:
-    differentiator = CompiledDifferentiator(stepper)
+    differentiator = CompiledDifferentiator(stepper.model, stepper.settings, stepper.width)
     seeds = {"x": np.eye(28)[None], "u": np.ones((1, 28, 6)), "d": np.ones((1, 28, 10))}
     forward = differentiator.forward(points, Directions(28, shared=True, seeds=seeds))
     reverse = differentiator.reverse(points, np.ones((78, 28)), parameters=False)

@@ -13,7 +13,7 @@ from docs.accuracy_table import EXACT, compare, errors, make_inputs
 from glbench.errors import ShapeError, UnknownNameError
 from glbench.kernel import Rows, state_scale
 from glbench.kernel.compiled import CompiledStepper, Failure, failed_with, tolerances
-from glbench.kernel.sundials import paper_cvodes
+from glbench.kernel.cvodes import paper_cvodes
 from glbench.model import PARAMETER_NAMES, STATE_NAMES, TOMATO, VARIANTS, default_parameters, rhs, tomato
 
 STATE_SCALE = state_scale(TOMATO)

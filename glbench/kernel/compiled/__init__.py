@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from glbench.kernel.compiled.binding import Failure, failed_with
 from glbench.kernel.compiled.compiler import CompiledUnavailable
-from glbench.kernel.compiled.stepper import CompiledStepper, absent_equipment, availability
-from glbench.kernel.compiled.tolerances import PRESETS, Preset
+from glbench.kernel.compiled.library import absent_equipment
+from glbench.kernel.compiled.stepper import PRESETS, CompiledStepper, Preset, availability
 
 __all__ = [
     "PRESETS",

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from glbench.kernel.compiled.compiler import CompiledUnavailable
 from glbench.model import Model
 
+Status = NDArray[np.int32]
+
 _STATES = 1 << 16  # a status is a failure times this, and the number of a state
 _NO_STATE = _STATES - 1
 

@@ -14,14 +14,14 @@ from glbench.kernel.compiled.binding import (
     Failure,
     RowPointers,
     Settings,
+    Status,
     failed_with,
     members,
     of_another_version,
     open_library,
     settings_type,
 )
-from glbench.kernel.compiled.library import build
-from glbench.kernel.compiled.stepper import CompiledStepper, Status, absent_equipment, traits_of
+from glbench.kernel.compiled.library import absent_equipment, build, traits_of
 from glbench.kernel.records import FloatArray, Rows
 from glbench.kernel.sensitivities import Directions, Forward, Reverse
 from glbench.kernel.trajectories import reverse_by_steps
@@ -97,7 +97,7 @@ def _load(path: str, model: Model) -> SensitivityLibrary:
 
 
 class CompiledDifferentiator:
-    """Forward and reverse derivatives of the steps of a ``CompiledStepper``, with its settings.
+    """Forward and reverse derivatives of the steps of a ``CompiledStepper``, with its model, settings and width.
 
     The usual library knows no equipment that the benchmark's greenhouse lacks. Rows that have such are left to the library of the
     full model; so are derivatives with respect to its parameters, which add to the others because derivatives are linear.
@@ -108,10 +108,10 @@ class CompiledDifferentiator:
         When a library can be neither loaded nor built, here or in a call.
     """
 
-    def __init__(self, stepper: CompiledStepper) -> None:
-        self._stepper = stepper
-        self._sizes = stepper.model.sizes
-        absent = absent_equipment(stepper.model)
+    def __init__(self, model: Model, settings: Settings, width: int | None = None) -> None:
+        self._model, self._settings, self._width = model, settings, width
+        self._sizes = model.sizes
+        absent = absent_equipment(model)
         self._absent = np.array(absent, dtype=np.intp)
         self._usual = self._library(absent)
 
@@ -174,7 +174,7 @@ class CompiledDifferentiator:
     def _sweep(self, run: Callable[..., None], jacobians: FloatArray, along: FloatArray, states: FloatArray) -> None:
         tables = (np.ascontiguousarray(jacobians), np.ascontiguousarray(along), states)
         sweep = Sweep(*along.shape, *(table.ctypes.data for table in tables))
-        run(ctypes.byref(self._stepper.settings), ctypes.byref(sweep))
+        run(ctypes.byref(self._settings), ctypes.byref(sweep))
 
     def _add_absent(self, found: Reverse, which: npt.NDArray[np.intp], rows: Rows, cotangents: FloatArray) -> None:
         """Gradients for the parameters of absent equipment, which the usual library does not know."""
@@ -188,7 +188,7 @@ class CompiledDifferentiator:
         request = Request(directions=directions.count, stride=int(not directions.shared), tangents=tangents.ctypes.data)
         for key, seeds in directions.seeds.items():
             setattr(request, f"d{key}", seeds.ctypes.data)
-        x_next, status = library.run(self._stepper.settings, rows, request)
+        x_next, status = library.run(self._settings, rows, request)
         return Forward(x_next, tangents, status != 0), status
 
     def _reverse(
@@ -198,7 +198,7 @@ class CompiledDifferentiator:
         gradients = {key: np.zeros((len(rows.x), self._sizes[key])) for key in keys}
         pointers = {f"{key}b": table.ctypes.data for key, table in gradients.items()}
         request = Request(cotangents=cotangents.ctypes.data, **pointers)
-        x_next, status = library.run(self._stepper.settings, rows, request, horizon)
+        x_next, status = library.run(self._settings, rows, request, horizon)
         return Reverse(x_next, gradients, status != 0), status
 
     def _absent_part(self, directions: Directions) -> Directions | None:
@@ -215,5 +215,5 @@ class CompiledDifferentiator:
         return self._library(())
 
     def _library(self, zeros: tuple[int, ...]) -> SensitivityLibrary:
-        model = self._stepper.model
-        return _load(build(model, traits_of(model, zeros), self._stepper.width, sensitivities=True).path, model)
+        built = build(self._model, traits_of(self._model, zeros), self._width, sensitivities=True)
+        return _load(built.path, self._model)

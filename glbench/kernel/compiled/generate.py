@@ -11,10 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from glbench.kernel.compiled import derivative, importer, lu
+from glbench.kernel.compiled import derivative, lu
 from glbench.kernel.compiled.derivative import Gradient
 from glbench.kernel.compiled.emit import function_in_two_orders, stored_inputs
-from glbench.kernel.compiled.graph import Graph, Level
+from glbench.kernel.compiled.graph import Graph, Level, read_function
 from glbench.kernel.compiled.regroup import regroup, spell_out_logistic
 
 
@@ -87,7 +87,7 @@ class Structure:
 
 def analyse(function: Any, traits: Traits) -> Structure:
     """Read, regroup and differentiate a model; arguments and errors as for ``generate``."""
-    graph, slopes = importer.read_function(function, ("x", "u", "d", "p"), traits.zeros)
+    graph, slopes = read_function(function, ("x", "u", "d", "p"), traits.zeros)
     graph, slopes = regroup(graph, slopes)
     rows = derivative.jacobian(graph, slopes)
     moving = sorted(_moving(graph, slopes, rows), key=lambda state: (state not in traits.fast, state))

@@ -3,6 +3,12 @@
 A library is named by the digest of everything that could change it: the model's equations, the generator's sources, compiler,
 flags and processor. It is built in a temporary folder under a lock and moved into place in one go, so that processes that start
 together build it once and none sees a part of it. A loaded library is never overwritten: a replacement is a new file.
+
+For machines without a compiler and first uses without waiting, a wheel carries libraries that were compiled while it was built: the
+usual library of every registered model, for a few levels of processors, under ``glbench/_data/kernel``. Parameters are inputs of the
+library, so one serves every greenhouse. A library is taken only when its model has the same equations, the generator is byte for byte
+that of the installed package, its bytes are those that were built, and the processor has every instruction it may use. The bits of a
+step do not depend on the level (docs/kernel-compiled.md).
 """
 
 from __future__ import annotations
@@ -10,7 +16,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import platform
 import re
+import sys
 import tempfile
 import time
 from collections.abc import Iterable
@@ -19,23 +27,120 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+import numpy as np
 from filelock import FileLock, Timeout
 
 from glbench.errors import GlbenchError
-from glbench.kernel.compiled import prebuilt
 from glbench.kernel.compiled.compiler import CompiledUnavailable, find_compiler, machine_digest
 from glbench.kernel.compiled.generate import Traits, generate
 from glbench.kernel.compiled.sensitivity_code import generate_sensitivities
 from glbench.model import Model
-from glbench.resources import cache_folder, with_unix_line_ends, write_atomically
+from glbench.resources import cache_folder, data_folder, with_unix_line_ends, write_atomically
+
+FOLDER = "kernel"
+"""Where the libraries lie in the wheel's data."""
+
+_V3 = frozenset({"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe"})
+_V4 = _V3 | {"avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"}
+# Levels of the x86-64 psABI, the best first, with the processor features (as Linux names them) that they stand on.
+_X86_LEVELS = {"x86-64-v4": _V4, "x86-64-v3": _V3}
+
+
+@dataclass(frozen=True)
+class Prebuilt:
+    """A library in the wheel.
+
+    Attributes
+    ----------
+    file : str
+        Name in the folder.
+    key : str
+        Digest of the model, its equations and traits, and all sources.
+    level : str
+        Processor level it was compiled for.
+    digest : str
+        SHA-256 of its bytes.
+    compiler, flags : str
+        What built it.
+    """
+
+    file: str
+    key: str
+    level: str
+    digest: str
+    compiler: str
+    flags: str
+
+
+def levels_to_build() -> tuple[str, ...]:
+    """Processor levels worth a library on machines like this one; none where the wheel carries no libraries."""
+    if not sys.platform.startswith("linux"):
+        return ()
+    machine = platform.machine()
+    if machine == "x86_64":
+        return tuple(_X86_LEVELS)
+    return ("armv8-a",) if machine == "aarch64" else ()
+
+
+def write_manifest(folder: Path, libraries: list[Prebuilt]) -> None:
+    """Write what ``find_prebuilt`` reads."""
+    text = json.dumps([asdict(library) for library in libraries], indent=1) + "\n"
+    (folder / "manifest.json").write_text(text, encoding="utf-8")
+
+
+def find_prebuilt(key: str) -> tuple[Path, Prebuilt] | None:
+    """The best library with that key that this processor can run; ``None`` when there is none, or it is damaged."""
+    folder = _folder()
+    usable = _usable_levels()
+    if folder is None or not usable:
+        return None
+    try:
+        offered = [Prebuilt(**entry) for entry in json.loads((folder / "manifest.json").read_text(encoding="utf-8"))]
+        fitting = [one for one in offered if one.key == key and one.level in usable]
+        for one in sorted(fitting, key=lambda one: usable.index(one.level)):
+            if hashlib.sha256((folder / one.file).read_bytes()).hexdigest() == one.digest:
+                return folder / one.file, one
+    except (OSError, ValueError, TypeError):
+        return None
+    return None
+
+
+def _folder() -> Path | None:
+    """Folder of the libraries in an installed wheel; a checkout has none."""
+    folder = data_folder("tasks").parent / FOLDER
+    return folder if folder.parent.name == "_data" and folder.is_dir() else None
+
+
+@cache
+def _usable_levels() -> tuple[str, ...]:
+    """Levels that this processor has, the best first."""
+    if not sys.platform.startswith("linux"):
+        return ()
+    if platform.machine() == "aarch64":
+        return ("armv8-a",)
+    features = _x86_features()
+    return tuple(level for level, needed in _X86_LEVELS.items() if needed <= features)
+
+
+def _x86_features() -> frozenset[str]:
+    """Features of the processor as Linux names them."""
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return frozenset()
+    for line in text.splitlines():
+        key, _, value = line.partition(":")
+        if key.strip() == "flags":
+            return frozenset(value.split())
+    return frozenset()
+
 
 _HERE = Path(__file__).resolve().parent
 _NATIVE = _HERE / "native"
 LENT = "GLBENCH_KERNELS"
 """Names a folder with libraries that another process of this machine built."""
 _LOCK_SECONDS = 600.0
-_GENERATOR = ("derivative", "emit", "generate", "graph", "importer", "lu", "regroup", "schedule")
-_SENSITIVITY_GENERATOR = ("reverse", "sensitivity_code", "substitution")
+_GENERATOR = ("derivative", "emit", "generate", "graph", "lu", "regroup", "sensitivity_code")
 _SOURCE = '#include "model.hpp"\n#include "driver.hpp"\n#include "environment.hpp"\n'
 _SENSITIVITY_SOURCE = '#include "model.hpp"\n#include "sensitivity_model.hpp"\n#include "trajectory.hpp"\n'
 
@@ -87,7 +192,7 @@ def build(model: Model, traits: Traits, width: int | None = None, *, sensitiviti
     if lent is not None:
         return lent
     if width is None and not sensitivities:
-        carried = prebuilt.find(prebuilt_key(model, traits))
+        carried = find_prebuilt(prebuilt_key(model, traits))
         if carried is not None:
             path, facts_of = carried
             return Build(str(path), facts_of.digest, facts_of.compiler, facts_of.flags, 0.0)
@@ -128,7 +233,7 @@ def library_is_built(model: Model, traits: Traits, width: int | None = None) -> 
     """
     if _lent(model, traits, width, sensitivities=False) is not None:
         return True
-    if width is None and prebuilt.find(prebuilt_key(model, traits)) is not None:
+    if width is None and find_prebuilt(prebuilt_key(model, traits)) is not None:
         return True
     folder, name, _ = _place(model, traits, width)
     return _intact(folder, name) is not None
@@ -213,23 +318,25 @@ def _build(
     return built
 
 
-def prebuild(folder: Path, model: Model, traits: Traits) -> list[prebuilt.Prebuilt]:
-    """Compile a model for every processor level that a wheel carries, into ``folder``.
+def prebuild(folder: Path, model: Model, traits: Traits) -> list[Prebuilt]:
+    """Compile a model for every processor level that a wheel carries, into ``folder``, which exists.
 
     Raises
     ------
     CompiledUnavailable
         When there is no compiler, or it fails.
     """
-    compiler = find_compiler()
+    compiler, key = find_compiler(), prebuilt_key(model, traits)
+    libraries = []
     with tempfile.TemporaryDirectory() as temporary:
-        work = Path(temporary)
-        source, include = write_source(work, model, traits)
-
-        def compile_into(library: Path, flags: tuple[str, ...]) -> None:
-            compiler.compile(source, library, include, flags)
-
-        return prebuilt.prebuild(folder, compiler, prebuilt_key(model, traits), _file_name(model), compile_into)
+        source, include = write_source(Path(temporary), model, traits)
+        for level in levels_to_build():
+            flags = compiler.flags(level=level)
+            path = folder / f"{_file_name(model)}-{level}.so"
+            compiler.compile(source, path, include, flags)
+            digest = hashlib.sha256(path.read_bytes()).hexdigest()
+            libraries.append(Prebuilt(path.name, key, level, digest, compiler.version, " ".join(flags)))
+    return libraries
 
 
 def prebuilt_key(model: Model, traits: Traits) -> str:
@@ -239,6 +346,24 @@ def prebuilt_key(model: Model, traits: Traits) -> str:
     """
     facts = (model.name, model.version, model.variant, model.digest, traits)
     return _digest([repr(facts).encode(), _sources().encode()])
+
+
+def traits_of(model: Model, zeros: tuple[int, ...]) -> Traits:
+    """What is known of a model beyond its equations, with these parameters known to be zero."""
+    fast = tuple(i for i, state in enumerate(model.states) if state.fast)
+    if model.singular is None:
+        return Traits(zeros, fast)
+    first, second = model.singular
+    return Traits(zeros, fast, (model.state_index(first), model.state_index(second)))
+
+
+@cache
+def absent_equipment(model: Model) -> tuple[int, ...]:
+    """Parameters that are zero in the model's benchmark set; the usual library leaves out what they multiply.
+
+    Interlights, for example: their area is zero. Rows with other parameters are stepped by a library of the full model.
+    """
+    return tuple(int(i) for i in np.flatnonzero(model.parameters.default() == 0.0))
 
 
 def _file_name(model: Model) -> str:
@@ -276,7 +401,7 @@ def _casadi_version() -> str:
 @cache
 def _sources() -> str:
     """Digest of the files of the generator and the C++ beside it."""
-    files = [*_NATIVE.glob("*.hpp"), *(_HERE / f"{name}.py" for name in (*_GENERATOR, *_SENSITIVITY_GENERATOR))]
+    files = [*_NATIVE.glob("*.hpp"), *(_HERE / f"{name}.py" for name in _GENERATOR)]
     return _digest(
         part
         for file in sorted(files)
