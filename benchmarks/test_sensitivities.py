@@ -60,7 +60,7 @@ def best(run: Callable[[], object]) -> float:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_batch(rows: Rows, preset: str, kind: str, benchmark: Any) -> None:
     kernel = Kernel(TOMATO, 900.0, backend="compiled", preset=preset)
-    alone = [rows.chosen(np.arange(k, k + 1)) for k in range(ROWS)]
+    alone = [rows.take(np.arange(k, k + 1)) for k in range(ROWS)]
     one = best(lambda: [kernel.advance(row) for row in alone]) / ROWS
     many = best(lambda: kernel.advance(rows)) / ROWS
     benchmark.pedantic(lambda: KINDS[kind](kernel, rows), rounds=5, warmup_rounds=1)
@@ -78,7 +78,7 @@ def test_a_batch(rows: Rows, preset: str, kind: str, benchmark: Any) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_one_state(rows: Rows, preset: str, kind: str, benchmark: Any) -> None:
     kernel = Kernel(TOMATO, 900.0, backend="compiled", preset=preset)
-    alone = [rows.chosen(np.arange(k, k + 1)) for k in range(ROWS)]
+    alone = [rows.take(np.arange(k, k + 1)) for k in range(ROWS)]
 
     def run() -> None:
         for row in alone:

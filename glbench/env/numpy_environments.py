@@ -110,7 +110,7 @@ class NumpyEnvironments(Environments):
         return int(np.count_nonzero(self.ended))
 
     def step(self) -> int:
-        actions = self._within(self._program.actions, self.given)
+        actions = self._within(self._program.actions, self.actions)
         if actions is None:
             return -1
         if self._parts.actuation is not None:
@@ -132,7 +132,7 @@ class NumpyEnvironments(Environments):
         return self._advance(controls)
 
     def step_controls(self) -> int:
-        controls = self._within(self._program.controls, self.given_controls)
+        controls = self._within(self._program.controls, self.direct_controls)
         return -1 if controls is None else self._advance(controls)
 
     def observe(self) -> None:
@@ -183,7 +183,7 @@ class NumpyEnvironments(Environments):
         """States after the step, and the rows that failed; rows that have ended are not integrated."""
         program = self._program
         weather = program.weather[self._weather_rows(self.k)]
-        if program.drawn:
+        if program.parameter_noise:
             parameters = self._draws.of_step(self.parameters, self.keys, self.k)
         else:  # ``(p,)`` where all share them
             parameters = self.parameters if program.own_parameters else self.parameters[0]
@@ -227,7 +227,7 @@ class NumpyEnvironments(Environments):
         program = self._program
         noise = None
         if tape.reads("noise"):  # the numbers of all streams in this step, side by side
-            streams = enumerate(program.streams, len(program.drawn))
+            streams = enumerate(program.streams, len(program.parameter_noise))
             noise = np.hstack([uniforms(self.keys[:, place], self.k[:, None], count)[:, 0] for place, count in streams])
         calendar = {"calendar": self.first + self.k, "calendar_before": self.first + steps_before}
         arrays = {
@@ -298,8 +298,10 @@ class ParameterDraws:
     """The parameters of steps in which a program draws some, for ``n`` rows."""
 
     def __init__(self, program: Program, parts: PythonParts, n: int) -> None:
-        deviations = parts.deviations or (DISTRIBUTIONS[UNIFORM],) * len(program.drawn)
-        self._groups = [_Group(noise, deviation, n) for noise, deviation in zip(program.drawn, deviations, strict=True)]
+        deviations = parts.deviations or (DISTRIBUTIONS[UNIFORM],) * len(program.parameter_noise)
+        self._groups = [
+            _Group(noise, deviation, n) for noise, deviation in zip(program.parameter_noise, deviations, strict=True)
+        ]
         self._python_followers, self._followers = parts.followers, program.followers
         self._p = np.empty((n, len(program.nominal)))
 

@@ -129,7 +129,7 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
         lag=1 if task.observation.timing == "published" else 0,
         nominal=scenarios.nominal,
         own_parameters=bool(scenarios.in_episode),
-        drawn=tuple(
+        parameter_noise=tuple(
             ParameterNoise(
                 np.array(scenarios.places((group,)), dtype=np.int32),
                 group.half_width,

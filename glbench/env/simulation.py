@@ -99,7 +99,7 @@ def run_parameters(task: TaskSpec, seed: int) -> Floats:
     program, parts = make_program(task)
     scenes = RunScenarios(task).draw([seed])
     start = program.nominal[None] if scenes.parameters is None else scenes.parameters
-    if not program.drawn:
+    if not program.parameter_noise:
         constant: Floats = start[0].copy()
         return constant
     draws = ParameterDraws(program, parts, task.steps)
@@ -181,7 +181,7 @@ class Simulation:
             states = len(self.task.model_value.states)
             environments = NumpyEnvironments(program, self.n, self.kernel, states, parts)
         vars(self)["_environments"] = environments
-        self._first_run = environments.table[0], environments.observations[0], environments.given[0]
+        self._first_run = environments.table[0], environments.observations[0], environments.actions[0]
         self._start(np.arange(self.n), [0] * self.n)
         return environments
 

@@ -51,51 +51,47 @@ class ReducedModel:
         States that are integrated, and those that run at a constant rate.
     scale : FloatArray
         Typical sizes of the moving states.
-    z, held : casadi.SX
+    z, constants : casadi.SX
         Scaled moving states, and symbols for all values that are constant within a step.
     rate : casadi.SX
-        dz/dt [s-1] as an expression of ``z`` and ``held``.
+        dz/dt [s-1] as an expression of ``z`` and ``constants``.
     prepare : casadi.Function
-        (u, d, p) -> (values of ``held``, rates of the clocks [unit of the state per s]).
+        (u, d, p) -> (values of ``constants``, rates of the clocks [unit of the state per s]).
     """
 
     moving: IndexArray
     clocks: IndexArray
     scale: FloatArray
     z: Any
-    held: Any
+    constants: Any
     rate: Any
     prepare: Any
 
 
 @simplification(on=True)
 def reduce_model(model: Model, *, hoist: bool = True) -> ReducedModel:
-    """Build the reduced model; with ``hoist=False`` the held values are simply (u, d, p)."""
+    """Build the reduced model; with ``hoist=False`` the constants values are simply (u, d, p)."""
     z, u, d, p = (ca.SX.sym("z" if key == "x" else key, size) for key, size in model.sizes.items())
     inputs = ca.vertcat(u, d, p)
     sizes = state_scale(model)
     scale = ca.DM(sizes)
     rate = model.rhs_function()(z * scale, u, d, p) / scale
-    clocks = _clocks(ca.jacobian(rate, z).sparsity())
+    # A clock depends on no state, and no state depends on it.
+    rows, columns = ca.jacobian(rate, z).sparsity().get_triplet()
+    clocks = np.array(sorted({*range(len(sizes))} - {*rows} - {*columns}), dtype=np.intp)
     moving = np.setdiff1d(np.arange(len(sizes)), clocks)
     clock_rate = (rate * scale)[clocks.tolist()]
     z, rate = z[moving.tolist()], rate[moving.tolist()]
-    held, value_of_held = inputs, inputs
+    constants, value_of_constants = inputs, inputs
     if hoist:
         rate, symbols, values = ca.extract_parametric(ca.cse(rate), inputs)
         rate = ca.cse(rate)
-        held, value_of_held = ca.vertcat(*symbols, inputs), ca.vertcat(*values, inputs)
+        constants, value_of_constants = ca.vertcat(*symbols, inputs), ca.vertcat(*values, inputs)
         # Only what the remaining expression still reads is handed to the integrator.
-        used = [index for index, needed in enumerate(ca.which_depends(rate, held, 1, False)) if needed]
-        held, value_of_held = held[used], ca.cse(value_of_held[used])
-    prepare = ca.Function("prepare", [u, d, p], [ca.densify(value_of_held), ca.densify(clock_rate)])
-    return ReducedModel(moving, clocks, sizes[moving], z, held, rate, prepare)
-
-
-def _clocks(dependence: Any) -> IndexArray:
-    """States that depend on no state and that no state depends on, from the sparsity of the Jacobian."""
-    rows, columns = dependence.get_triplet()
-    return np.array(sorted({*range(dependence.size1())} - {*rows} - {*columns}), dtype=np.intp)
+        used = [index for index, needed in enumerate(ca.which_depends(rate, constants, 1, False)) if needed]
+        constants, value_of_constants = constants[used], ca.cse(value_of_constants[used])
+    prepare = ca.Function("prepare", [u, d, p], [ca.densify(value_of_constants), ca.densify(clock_rate)])
+    return ReducedModel(moving, clocks, sizes[moving], z, constants, rate, prepare)
 
 
 SUBSTEP_LIMIT = 20_000
@@ -154,20 +150,22 @@ class CvodesBackend:
         reduced = self._reduced = reduce_model(model, hoist=self._settings.hoist)
         self._step_seconds = step_seconds
         self._u, self._d, self._p = (np.zeros(model.sizes[key]) for key in "udp")
-        self._held = np.zeros(reduced.held.numel())
+        self._constants = np.zeros(reduced.constants.numel())
         self._clock_rate = np.zeros(reduced.clocks.size)
         self._start = np.zeros(reduced.moving.size)
         self._end = np.zeros(reduced.moving.size)
-        self._prepare = _Buffered(reduced.prepare, {0: self._u, 1: self._d, 2: self._p}, [self._held, self._clock_rate])
+        self._prepare = _Buffered(
+            reduced.prepare, {0: self._u, 1: self._d, 2: self._p}, [self._constants, self._clock_rate]
+        )
         integrator = ca.integrator(
             "control_step",
             "cvodes",
-            {"x": reduced.z, "p": reduced.held, "ode": reduced.rate},
+            {"x": reduced.z, "p": reduced.constants, "ode": reduced.rate},
             0.0,
             step_seconds,
             _options(self._settings),
         )
-        inputs = {integrator.index_in("x0"): self._start, integrator.index_in("p"): self._held}
+        inputs = {integrator.index_in("x0"): self._start, integrator.index_in("p"): self._constants}
         self._integrate = _Buffered(integrator, inputs, [self._end])
 
     def advance(self, rows: Rows, out: FloatArray) -> list[StepFailure]:
@@ -335,7 +333,9 @@ class CvodesDifferentiator:
         self._options = options | {"fsens_err_con": True}
         self._step_seconds = step_seconds
         self._advance = advance
-        self._along = lru_cache(maxsize=4)(self._step_function.forward)
+        self._along, self._backward = (
+            lru_cache(maxsize=4)(make) for make in (self._step_function.forward, self._step_function.reverse)
+        )
 
     def forward(self, rows: Rows, directions: Directions) -> Forward:
         """Step and differentiate along directions."""
@@ -344,23 +344,24 @@ class CvodesDifferentiator:
         function = self._along(directions.count)
         for row in map(int, np.flatnonzero(~failed)):
             which = 0 if directions.shared else row
-            held = {key: np.zeros((size, directions.count)) for key, size in self._sizes.items()}
-            seeds = (held | {key: table[which].T for key, table in directions.seeds.items()}).values()
-            found = self._call(function, rows, row, x_next[row], *seeds)
-            failed[row] = found is None
-            if found is not None:
-                tangents[row] = np.asarray(found).T
+            zeros = {key: np.zeros((size, directions.count)) for key, size in self._sizes.items()}
+            seeds = (zeros | {key: table[which].T for key, table in directions.seeds.items()}).values()
+            result = self._call(function, rows, row, x_next[row], *seeds)
+            failed[row] = result is None
+            if result is not None:
+                tangents[row] = np.asarray(result).T
         return Forward(x_next, tangents, failed)
 
     def reverse(self, rows: Rows, cotangents: FloatArray, *, parameters: bool) -> Reverse:
         """Step and pull cotangents (n, states) back."""
         x_next, failed = self._step(rows)
         gradients = {key: np.zeros((len(rows.x), size)) for key, size in self._sizes.items()}
+        function = self._backward(1)
         for row in map(int, np.flatnonzero(~failed)):
-            found = self._call(self._backward, rows, row, x_next[row], cotangents[row])
-            failed[row] = found is None
-            if found is not None:
-                for gradient, values in zip(gradients.values(), found, strict=True):
+            result = self._call(function, rows, row, x_next[row], cotangents[row])
+            failed[row] = result is None
+            if result is not None:
+                for gradient, values in zip(gradients.values(), result, strict=True):
                     gradient[row] = np.asarray(values).ravel()
         if not parameters:
             del gradients["p"]
@@ -400,19 +401,15 @@ class CvodesDifferentiator:
         model = self._model
         moving, clocks = model.moving.tolist(), model.clocks.tolist()
         scale = ca.DM(model.scale)
-        problem = {"x": model.z, "p": model.held, "ode": model.rate}
+        problem = {"x": model.z, "p": model.constants, "ode": model.rate}
         integrate = ca.integrator("control_step", "cvodes", problem, 0.0, self._step_seconds, self._options)
         x, u, d, p = (ca.MX.sym(key, size) for key, size in self._sizes.items())
-        held, clock_rate = model.prepare(u, d, p)
+        constants, clock_rate = model.prepare(u, d, p)
         x_next = ca.MX(self._sizes["x"], 1)
-        x_next[moving] = integrate(x0=x[moving] / scale, p=held)["xf"] * scale
+        x_next[moving] = integrate(x0=x[moving] / scale, p=constants)["xf"] * scale
         if clocks:
             x_next[clocks] = x[clocks] + self._step_seconds * clock_rate
         return ca.Function("step", [x, u, d, p], [x_next])
-
-    @cached_property
-    def _backward(self) -> Any:
-        return self._step_function.reverse(1)
 
 
 # Signals that programs handle in Python; those that do not exist on a platform are left out.

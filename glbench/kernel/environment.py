@@ -105,7 +105,7 @@ class Program:
         Parameters ``(p,)``.
     own_parameters
         Whether each environment has parameters of its own; otherwise all share one row.
-    drawn
+    parameter_noise
         Groups of parameters that are drawn in the step.
     followers
         From ``drawn`` (a parameter by its place, after the draws) to ``parameters``.
@@ -141,7 +141,7 @@ class Program:
     charges: dict[int, float]
     lookups: tuple[Lookup, ...] = ()
     own_parameters: bool = False
-    drawn: tuple[ParameterNoise, ...] = ()
+    parameter_noise: tuple[ParameterNoise, ...] = ()
     followers: Tape = EMPTY
     update: Tape = EMPTY
     streams: tuple[int, ...] = ()
@@ -150,8 +150,8 @@ class Program:
 
     @property
     def keys(self) -> int:
-        """How many keys an environment has: one for each group of ``drawn``, then one for each of ``streams``."""
-        return len(self.drawn) + len(self.streams)
+        """How many keys an environment has: one for each group of ``parameter_noise``, then one for each of ``streams``."""
+        return len(self.parameter_noise) + len(self.streams)
 
 
 class Environments(ABC):
@@ -191,8 +191,8 @@ class Environments(ABC):
         self.parameters: FloatArray = np.tile(program.nominal, (n if program.own_parameters else 1, 1))
         self.traits: FloatArray = np.zeros((n, program.traits))
         self.memory: FloatArray = np.zeros((n, program.memory))
-        self.given: FloatArray = np.zeros((n, len(program.actions.low)))
-        self.given_controls: FloatArray = np.zeros((n, controls))
+        self.actions: FloatArray = np.zeros((n, len(program.actions.low)))
+        self.direct_controls: FloatArray = np.zeros((n, controls))
         self.table: FloatArray = np.zeros((n, program.width))
         self.observations: npt.NDArray[np.float32] = np.zeros((n, program.columns), np.float32)
 
@@ -203,7 +203,7 @@ class Environments(ABC):
 
     @abstractmethod
     def step(self) -> int:
-        """Take a step with the actions ``given``.
+        """Take a step with ``actions``.
 
         Returns
         -------
@@ -213,7 +213,7 @@ class Environments(ABC):
 
     @abstractmethod
     def step_controls(self) -> int:
-        """Take a step with ``given_controls``, as they are. Returns what ``step`` does."""
+        """Take a step with ``direct_controls``, as they are. Returns what ``step`` does."""
 
     @abstractmethod
     def observe(self) -> None:

@@ -92,12 +92,12 @@ def make_backend(name: str, model: Model, *, step_seconds: float, preset: str, t
     GlbenchError
         When the backend does not work on this machine, with the reason.
     """
-    chosen = choose(name, model)
-    if chosen == "compiled":
+    name = choose(name, model)
+    if name == "compiled":
         from glbench.kernel.compiled.stepper import CompiledStepper
 
         return CompiledStepper(model, step_seconds, preset=preset, threads=threads)
-    return CvodesBackend(chosen, model, step_seconds=step_seconds, preset=preset)
+    return CvodesBackend(name, model, step_seconds=step_seconds, preset=preset)
 
 
 def will_compile(model: Model = TOMATO) -> bool:

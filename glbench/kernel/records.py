@@ -57,7 +57,7 @@ class Rows(NamedTuple):
     d: FloatArray
     p: FloatArray
 
-    def chosen(self, which: npt.NDArray[np.intp]) -> Rows:
+    def take(self, which: npt.NDArray[np.intp]) -> Rows:
         """Some of the rows; shared parameters stay shared."""
         return Rows(self.x[which], self.u[which], self.d[which], self.p if len(self.p) == 1 else self.p[which])
 
@@ -101,8 +101,17 @@ def as_rows(names: Names, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, 
     if rows.p.shape[0] not in (1, count):
         raise ShapeError(_wrong_rows(names, "p", rows.p.shape[0], count))
     for key, values in (("x", rows.x), ("u", rows.u), ("d", rows.d), ("p", rows.p)):
-        if not all_finite(values):
-            _refuse_non_finite(names, key, values)
+        if all_finite(values):
+            continue
+        bad = np.argwhere(~np.isfinite(values))
+        if bad.size:  # else huge finite values only overflowed the cheap test
+            row, column = bad[0]
+            others = f" ({len(bad)} such values in all)" if len(bad) > 1 else ""
+            msg = (
+                f"The {_KINDS[key]} {names[key][column]} of row {row} is {values[row, column]}{others}. "
+                "Values that are not finite are never stepped: look for their origin, or drop the row."
+            )
+            raise ShapeError(msg)
     if rows.u.size and not (
         np.minimum.reduce(rows.u, axis=None) >= 0.0 and np.maximum.reduce(rows.u, axis=None) <= 1.0
     ):
@@ -134,10 +143,10 @@ def bound_rows(
         shapes = ((count, width), (1, width), (width,)) if single else ((count, width),)
         usable = isinstance(array, np.ndarray) and array.dtype == np.float64 and array.flags.c_contiguous
         if not (usable and array.shape in shapes and (name != "out" or array.flags.writeable)):
-            found = f"{getattr(array, 'dtype', type(array).__name__)}{np.shape(array)}"
+            got = f"{getattr(array, 'dtype', type(array).__name__)}{np.shape(array)}"
             msg = (
                 f"A bound step works in the caller's memory: {name} must be a C-contiguous float64 array of the shape "
-                f"{' or '.join(map(str, shapes))}{', writeable' if name == 'out' else ''}, not {found}."
+                f"{' or '.join(map(str, shapes))}{', writeable' if name == 'out' else ''}, not {got}."
             )
             raise ShapeError(msg)
         tables.append(array.reshape(1, width) if array.ndim == 1 else array)
@@ -188,17 +197,3 @@ def _wrong_rows(names: Names, key: str, got: int, count: int) -> str:
         f"The {_KINDS[key]}s {key} have {got} rows, but the states x have {count}. "
         f"Give one row for each state, or a single vector of {len(names[key])} for all."
     )
-
-
-def _refuse_non_finite(names: Names, key: str, values: FloatArray) -> None:
-    """Raise for the first value that is NaN or infinite; huge finite values only overflowed the cheap test."""
-    bad = np.argwhere(~np.isfinite(values))
-    if bad.size == 0:
-        return
-    row, column = bad[0]
-    others = f" ({len(bad)} such values in all)" if len(bad) > 1 else ""
-    msg = (
-        f"The {_KINDS[key]} {names[key][column]} of row {row} is {values[row, column]}{others}. "
-        "Values that are not finite are never stepped: look for their origin, or drop the row."
-    )
-    raise ShapeError(msg)

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple, NoReturn, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -87,8 +87,8 @@ class Directions:
 
     def of_rows(self, rows: npt.NDArray[np.intp]) -> Directions:
         """The directions of some rows."""
-        chosen = self.seeds if self.shared else {key: table[rows] for key, table in self.seeds.items()}
-        return Directions(self.count, self.shared, chosen)
+        seeds = self.seeds if self.shared else {key: table[rows] for key, table in self.seeds.items()}
+        return Directions(self.count, self.shared, seeds)
 
 
 class Forward(NamedTuple):
@@ -177,15 +177,20 @@ class Differentiable(ABC):
             When there is no such input or parameter.
         """
         rows = as_rows(self.model.names, x, u, d, p)
-        numbers = tuple(self._parameter(name) for name in parameters)
+        names = self.model.parameter_names
+        for name in parameters:
+            if name not in names:
+                msg = f"The model has no parameter '{name}'.{did_you_mean(name, names)}"
+                raise UnknownNameError(msg)
+        numbers = tuple(map(names.index, parameters))
         sizes = self.model.sizes
-        asked = checked_inputs(inputs)
-        found = self._forward(rows, all_directions(tuple(sizes.items()), numbers, asked))
-        widths = {**{key: sizes[key] if key in asked else 0 for key in INPUTS}, "p": len(numbers)}
-        table = np.ascontiguousarray(found.tangents.swapaxes(1, 2))
+        keys = checked_inputs(inputs)
+        result = self._forward(rows, all_directions(tuple(sizes.items()), numbers, keys))
+        widths = {**{key: sizes[key] if key in keys else 0 for key in INPUTS}, "p": len(numbers)}
+        table = np.ascontiguousarray(result.tangents.swapaxes(1, 2))
         bounds = np.cumsum([widths[key] for key in ORDER])[:-1]
         by_key = dict(zip(ORDER, map(np.ascontiguousarray, np.split(table, bounds, axis=-1)), strict=True))
-        values = [found.x_next, *(by_key[key] for key in sizes)]
+        values = [result.x_next, *(by_key[key] for key in sizes)]
         return Linearisation(*(a[0] for a in values) if np.ndim(x) == 1 else values)
 
     def forward(
@@ -226,15 +231,20 @@ class Differentiable(ABC):
         seeds = {"x": dx, "u": du, "d": dd, "p": dp}
         tables = {key: self._seeds(key, seed, len(rows.x), one=one) for key, seed in seeds.items() if seed is not None}
         counts = {table.shape[1] for table in tables.values()}
-        if len(counts) != 1:
-            raise ShapeError(_directions_differ({key: table.shape[1] for key, table in tables.items()}))
+        if not counts:
+            msg = "forward needs a direction: give at least one of dx, du, dd, dp."
+            raise ShapeError(msg)
+        if len(counts) > 1:
+            listed = ", ".join(f"d{key} {table.shape[1]}" for key, table in tables.items())
+            msg = f"The numbers of directions differ ({listed}). Give every input as many, or leave it out to hold it."
+            raise ShapeError(msg)
         shared = all(len(table) == 1 for table in tables.values())
         if not shared:
             tables = {key: np.ascontiguousarray(_for_each(table, len(rows.x))) for key, table in tables.items()}
-        found = self._forward(rows, Directions(counts.pop(), shared=shared, seeds=tables))
+        result = self._forward(rows, Directions(counts.pop(), shared=shared, seeds=tables))
         several = any(np.ndim(seed) == (2 if one else 3) for seed in seeds.values() if seed is not None)
-        tangents = found.tangents if several else found.tangents[:, 0]
-        return (found.x_next[0], tangents[0]) if one else (found.x_next, tangents)
+        tangents = result.tangents if several else result.tangents[:, 0]
+        return (result.x_next[0], tangents[0]) if one else (result.x_next, tangents)
 
     def adjoint(
         self,
@@ -276,18 +286,11 @@ class Differentiable(ABC):
             msg = f"The cotangent has the shape {np.shape(cotangent)}; it must have that of x, {np.shape(x)}, or ({rows.x.shape[1]},)."
             raise ShapeError(msg)
         cotangents = np.ascontiguousarray(_for_each(seeds[:, 0], len(rows.x)))
-        found = self.differentiator().reverse(rows, cotangents, parameters=parameters)
-        self._check(rows, found.failed, list(found.gradients.values()))
-        values = {key: table[0] if one else table for key, table in found.gradients.items()}
+        result = self.differentiator().reverse(rows, cotangents, parameters=parameters)
+        self._check(rows, result.failed, list(result.gradients.values()))
+        values = {key: table[0] if one else table for key, table in result.gradients.items()}
         gradient = Adjoint(values["x"], values["u"], values["d"], values.get("p"))
-        return found.x_next[0] if one else found.x_next, gradient
-
-    def _parameter(self, name: str) -> int:
-        names = self.model.parameter_names
-        if name not in names:
-            msg = f"The model has no parameter '{name}'.{did_you_mean(name, names)}"
-            raise UnknownNameError(msg)
-        return names.index(name)
+        return result.x_next[0] if one else result.x_next, gradient
 
     def _seeds(self, key: str, values: npt.ArrayLike, count: int, *, one: bool, what: str = "direction") -> FloatArray:
         """A direction or cotangent as a table (rows, or 1 when shared; directions; size); ShapeError where it is none."""
@@ -309,8 +312,8 @@ class Differentiable(ABC):
         ):
             table = table[:, None] if table.ndim == 2 else table
         else:
-            wanted = f"({size},) or (m, {size})" if one else f"({size},), ({count}, {size}) or ({count}, m, {size})"
-            msg = f"The {what} in {key} has the shape {shape}; expected {wanted}."
+            expected = f"({size},) or (m, {size})" if one else f"({size},), ({count}, {size}) or ({count}, m, {size})"
+            msg = f"The {what} in {key} has the shape {shape}; expected {expected}."
             raise ShapeError(msg)
         if not np.isfinite(table).all():
             msg = f"The {what} in {key} has values that are not finite."
@@ -318,9 +321,9 @@ class Differentiable(ABC):
         return np.ascontiguousarray(table)
 
     def _forward(self, rows: Rows, directions: Directions) -> Forward:
-        found = self.differentiator().forward(rows, directions)
-        self._check(rows, found.failed, [found.tangents])
-        return found
+        result = self.differentiator().forward(rows, directions)
+        self._check(rows, result.failed, [result.tangents])
+        return result
 
     def _check(
         self, rows: Rows, failed: npt.NDArray[np.bool_], derivatives: Sequence[FloatArray], *, steps: int = 0
@@ -330,7 +333,10 @@ class Differentiable(ABC):
         Rows of horizons, ``steps`` of each, are named by horizon and step.
         """
         if failed.any():
-            self._refuse(rows)
+            _, failures = self.advance(rows)
+            reason = failures[0] if failures else StepFailure(0, "it could be stepped, but not differentiated")
+            msg = f"The step of {self.step_seconds:g} s failed in row {reason.row} of {len(rows.x)}: {reason.reason}."
+            raise StepError(msg)
         if all(map(all_finite, derivatives)):
             return
         bad = [~np.isfinite(table).all(axis=tuple(range(1, table.ndim))) for table in derivatives]
@@ -343,12 +349,6 @@ class Differentiable(ABC):
                 "where the model is not differentiable (a root at zero). Move it by a millionth of its size."
             )
             raise StepError(msg)
-
-    def _refuse(self, rows: Rows) -> NoReturn:
-        _, failures = self.advance(rows)
-        reason = failures[0] if failures else StepFailure(0, "it could be stepped, but not differentiated")
-        msg = f"The step of {self.step_seconds:g} s failed in row {reason.row} of {len(rows.x)}: {reason.reason}."
-        raise StepError(msg)
 
 
 def checked_inputs(inputs: Sequence[str]) -> tuple[str, ...]:
@@ -382,11 +382,3 @@ def all_directions(
 def _for_each(table: FloatArray, count: int) -> FloatArray:
     """A table with a leading axis of ``count``, without a copy; one of 1 is repeated."""
     return np.broadcast_to(table, (count, *table.shape[1:]))
-
-
-def _directions_differ(counts: dict[str, int]) -> str:
-    """Why directions with ``counts`` for each input do not go together, for an error."""
-    if not counts:
-        return "forward needs a direction: give at least one of dx, du, dd, dp."
-    listed = ", ".join(f"d{key} {count}" for key, count in counts.items())
-    return f"The numbers of directions differ ({listed}). Give every input as many, or leave it out to hold it."

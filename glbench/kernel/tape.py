@@ -176,8 +176,8 @@ def with_simplification(formula: Callable[..., Any], *values: Any) -> Any:
     """``formula`` of scalars, one number or several, as CasADi simplifies it: the operations that a model's equations have, too."""
     symbols = [casadi.SX.sym(f"value{place}") for place in range(len(values))]
     with simplification(on=True):
-        made = formula(*symbols)
-        function = casadi.Function("formula", symbols, list(made) if isinstance(made, tuple) else [made])
+        value = formula(*symbols)
+        function = casadi.Function("formula", symbols, list(value) if isinstance(value, tuple) else [value])
     return function(*values)
 
 
@@ -218,19 +218,19 @@ class TapeDerivatives:
             keys, symbols, registers = _expressions(tape, {place[output]: change for output, change in changes.items()})
             # CasADi sorts operations by the outputs, one after another: with all of them as outputs they stay in the tape's order,
             # and so do the sums of slopes.
-            chosen = [place[output] for output in outputs]
-            order = [number for number in _needed(tape, chosen) if number >= len(tape.constants) + len(tape.inputs)]
+            results = [place[output] for output in outputs]
+            order = [number for number in _needed(tape, results) if number >= len(tape.constants) + len(tape.inputs)]
             hidden: list[tuple[Target, int]] = [("memory", 0)] * len(order)
-            ordered = _read(keys, symbols, [*hidden, *outputs], [registers[number] for number in (*order, *chosen)])
+            ordered = _read(keys, symbols, [*hidden, *outputs], [registers[number] for number in (*order, *results)])
             self._tape = replace(ordered, outputs=ordered.outputs[len(order) :])
             keys, symbols, registers = _expressions(self._tape)
             at = dict(enumerate(keys, len(self._tape.constants)))
-            wanted = {number for number, (source, _) in at.items() if source in set(sources)}
+            inputs = {number for number, (source, _) in at.items() if source in set(sources)}
             results = self._tape.outputs[:, 2].tolist()
             slopes = {
                 (row, *at[number]): slope
                 for row, result in enumerate(results[:count])
-                for number, slope in _slopes(self._tape, registers, result, wanted).items()
+                for number, slope in _slopes(self._tape, registers, result, inputs).items()
             }
             self._entries = list(slopes)
             values = [*(registers[result] for result in results), *slopes.values()]
@@ -286,17 +286,19 @@ def _read(
                 raise RecordingError(msg)
             key = ("constant", constant.hex())
         else:
-            found = [register[operand] for operand in operands]
+            sources = [register[operand] for operand in operands]
             if code in _SHORT:  # CasADi has a word of its own for it
-                code, constant = _SHORT[code]
-                found.insert(
-                    0, numbers.setdefault(("constant", constant.hex()), len(numbers)) if constant else found[0]
-                )
+                code, factor = _SHORT[code]
+                first = numbers.setdefault(("constant", factor.hex()), len(numbers)) if factor else sources[0]
+                sources = [first, sources[0]]
             if code not in _PLACES:
-                msg = f"A formula uses CasADi's operation {_name_of(code)}, which cannot be recorded."
+                name = next(
+                    (name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code), code
+                )
+                msg = f"A formula uses CasADi's operation {name}, which cannot be recorded."
                 raise RecordingError(msg)
             # An operation with one operand has it in both places.
-            key = ("operation", _PLACES[code], found[0], found[-1])
+            key = ("operation", _PLACES[code], sources[0], sources[-1])
         register[to[0]] = numbers.setdefault(key, len(numbers))
     needed = {*results, *(number for key in numbers if key[0] == "operation" for number in key[2:])}
     constants, inputs, operations = (
@@ -316,10 +318,6 @@ def _table(rows: list[tuple[int, ...]], width: int) -> npt.NDArray[np.int32]:
     return np.array(rows, dtype=np.int32).reshape(len(rows), width)
 
 
-def _name_of(code: int) -> str:
-    return next((name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code), str(code))
-
-
 def _by_number(function: Callable[..., float], otherwise: Callable[..., Any]) -> Callable[..., Any]:
     """A function of the C library's, number by number: NumPy's is another one on some processors. It still says what is not finite."""
 
@@ -333,10 +331,10 @@ def _by_number(function: Callable[..., float], otherwise: Callable[..., Any]) ->
         arrays = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in values))
         lists = [array.ravel().tolist() for array in arrays]
         try:
-            made = list(map(function, *lists))
+            results = list(map(function, *lists))
         except (OverflowError, ValueError):
-            made = list(map(of_one, *lists))
-        return np.array(made, dtype=np.float64).reshape(arrays[0].shape)
+            results = list(map(of_one, *lists))
+        return np.array(results, dtype=np.float64).reshape(arrays[0].shape)
 
     return of_all
 
@@ -407,10 +405,10 @@ def _needed(tape: Tape, registers: Sequence[int]) -> list[int]:
     return sorted(needed)
 
 
-def _slopes(tape: Tape, registers: Sequence[Any], output: int, wanted: set[int]) -> dict[int, Any]:
-    """Derivatives of a register with respect to the ``wanted`` ones on which it depends: back over the operations."""
+def _slopes(tape: Tape, registers: Sequence[Any], output: int, inputs: set[int]) -> dict[int, Any]:
+    """Derivatives of a register with respect to the ``inputs`` on which it depends: back over the operations."""
     operations = list(enumerate(tape.operations.tolist(), len(tape.constants) + len(tape.inputs)))
-    leading = set(wanted)
+    leading = set(inputs)
     for number, (_, a, b) in operations:
         if a in leading or b in leading:
             leading.add(number)
@@ -424,7 +422,7 @@ def _slopes(tape: Tape, registers: Sequence[Any], output: int, wanted: set[int])
             for operand, part in zip((a, b), parts, strict=False):  # an operation with one operand has one
                 if operand in leading:
                     slopes[operand] = slopes[operand] + part if operand in slopes else part
-    return {number: slopes[number] for number in wanted if number in slopes}
+    return {number: slopes[number] for number in inputs if number in slopes}
 
 
 def _if(condition: Any, slope: Any) -> Any:

@@ -71,22 +71,30 @@ def as_horizons(names: Names, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayL
     ActionError
         When a control lies outside 0..1.
     """
-    given = {key: _numbers(key, values) for key, values in (("x", x0), ("u", u), ("d", d), ("p", p))}
-    size = {key: len(names[key]) for key in given}
-    x = given["x"]
+    inputs = {key: _numbers(key, values) for key, values in (("x", x0), ("u", u), ("d", d), ("p", p))}
+    size = {key: len(names[key]) for key in inputs}
+    x = inputs["x"]
     if x.ndim not in (1, 2) or x.shape[-1] != size["x"]:
         raise ShapeError(_wrong_shape("states x0", x.shape, f"({size['x']},) or (horizons, {size['x']})"))
     count = None if x.ndim == 1 else len(x)
-    table = given["u"]
+    table = inputs["u"]
     if table.ndim not in (2, 3):
-        wanted = f"(steps, {size['u']})" + ("" if count is None else f" or ({count}, steps, {size['u']})")
-        raise ShapeError(_wrong_shape("controls u", table.shape, wanted))
+        expected = f"(steps, {size['u']})" + ("" if count is None else f" or ({count}, steps, {size['u']})")
+        raise ShapeError(_wrong_shape("controls u", table.shape, expected))
     steps = table.shape[-2]
-    tables = {key: by_horizon(f"{_KINDS[key]}s {key}", given[key], count, (steps, size[key])) for key in "ud"}
-    horizons = Horizons(np.atleast_2d(x), tables["u"], tables["d"], _parameters(given["p"], count, steps, size["p"]))
-    for key, values in given.items():
-        if not all_finite(values):
-            _refuse_non_finite(names, key, getattr(horizons, key))
+    tables = {key: by_horizon(f"{_KINDS[key]}s {key}", inputs[key], count, (steps, size[key])) for key in "ud"}
+    horizons = Horizons(np.atleast_2d(x), tables["u"], tables["d"], _parameters(inputs["p"], count, steps, size["p"]))
+    for key, values in inputs.items():
+        if all_finite(values):
+            continue
+        table = getattr(horizons, key)
+        for horizon, *at, column in np.argwhere(~np.isfinite(table))[:1]:
+            where = f"horizon {horizon}" + (f", step {at[0]}" if at else "")
+            msg = (
+                f"The {_KINDS[key]} {names[key][column]} of {where} is {table[(horizon, *at, column)]}: "
+                "values that are not finite are never stepped."
+            )
+            raise ShapeError(msg)
     controls = horizons.u
     if controls.size and not (controls.min() >= 0.0 and controls.max() <= 1.0):
         horizon, step, column = np.argwhere((controls < 0.0) | (controls > 1.0))[0]
@@ -111,8 +119,8 @@ def by_horizon(what: str, values: npt.ArrayLike, count: int | None, shape: tuple
         return np.broadcast_to(table, (1 if count is None else count, *shape))
     if count is not None and table.shape == (count, *shape):
         return table
-    wanted = f"{shape}" if count is None else f"{shape} for all horizons or {(count, *shape)}"
-    raise ShapeError(_wrong_shape(what, table.shape, wanted))
+    expected = f"{shape}" if count is None else f"{shape} for all horizons or {(count, *shape)}"
+    raise ShapeError(_wrong_shape(what, table.shape, expected))
 
 
 def walk(advance: Callable[[Rows, FloatArray], list[StepFailure]], horizons: Horizons, states: FloatArray) -> int:
@@ -146,18 +154,8 @@ def _numbers(key: str, values: npt.ArrayLike) -> FloatArray:
         raise ShapeError(msg) from error
 
 
-def _wrong_shape(what: str, found: tuple[int, ...], wanted: str) -> str:
-    return f"The {what} of a rollout have the shape {found}; expected {wanted}."
-
-
-def _refuse_non_finite(names: Names, key: str, values: FloatArray) -> None:
-    bad = np.argwhere(~np.isfinite(values))
-    if bad.size == 0:
-        return
-    horizon, *step, column = bad[0]
-    where = f"horizon {horizon}" + (f", step {step[0]}" if step else "")
-    msg = f"The {_KINDS[key]} {names[key][column]} of {where} is {values[tuple(bad[0])]}: values that are not finite are never stepped."
-    raise ShapeError(msg)
+def _wrong_shape(what: str, shape: tuple[int, ...], expected: str) -> str:
+    return f"The {what} of a rollout have the shape {shape}; expected {expected}."
 
 
 class RolloutError(StepError):
@@ -275,8 +273,8 @@ class Trajectory:
         ]
         start = np.zeros(size["x"]) if dx0 is None else dx0
         first = by_horizon("changes dx0", start, self._count, (size["x"],))
-        found = self.kernel.differentiator().push(self.jacobians, np.concatenate(moves, axis=2), first)
-        return found[0] if self._count is None else found
+        result = self.kernel.differentiator().push(self.jacobians, np.concatenate(moves, axis=2), first)
+        return result[0] if self._count is None else result
 
     def pull(self, cotangents: npt.ArrayLike) -> TrajectoryGradient:
         """Gradient of ``sum_t cotangents[t] . x[t]``, to first order.
@@ -294,8 +292,8 @@ class Trajectory:
         size, steps = self._sizes, self.jacobians.shape[1]
         table = by_horizon("cotangents", cotangents, self._count, (steps + 1, size["x"]))
         costates, along = self.kernel.differentiator().pull(self.jacobians, table)
-        found = costates[:, 0], along[..., : size["u"]], along[..., size["u"] :], costates
-        x0, u, d, costates = (a[0] for a in found) if self._count is None else found
+        result = costates[:, 0], along[..., : size["u"]], along[..., size["u"] :], costates
+        x0, u, d, costates = (a[0] for a in result) if self._count is None else result
         return TrajectoryGradient(x0, u, d, None, costates)
 
     @property
@@ -390,18 +388,18 @@ class Trajectories(Differentiable):
         UnknownNameError
             When there is no such input.
         """
-        asked = checked_inputs(inputs)
-        if "x" not in asked:
-            msg = f'A trajectory is linearised with respect to its states: add "x" to the inputs {asked}.'
+        keys = checked_inputs(inputs)
+        if "x" not in keys:
+            msg = f'A trajectory is linearised with respect to its states: add "x" to the inputs {keys}.'
             raise ShapeError(msg)
         one = np.ndim(x0) == 1
         horizons = as_horizons(self.model.names, x0, u, d, p)
         x = self._rollout(horizons, one=one)
         rows = horizons.rows(x)
-        found = self.differentiator().forward(rows, all_directions(tuple(self.model.sizes.items()), (), asked))
-        self._check(rows, found.failed, [found.tangents], steps=horizons.steps)
-        jacobians = found.tangents.reshape(horizons.count, horizons.steps, *found.tangents.shape[1:])
-        return Trajectory(x[0] if one else x, asked, jacobians, self)
+        result = self.differentiator().forward(rows, all_directions(tuple(self.model.sizes.items()), (), keys))
+        self._check(rows, result.failed, [result.tangents], steps=horizons.steps)
+        jacobians = result.tangents.reshape(horizons.count, horizons.steps, *result.tangents.shape[1:])
+        return Trajectory(x[0] if one else x, keys, jacobians, self)
 
     def rollout_adjoint(
         self,
@@ -448,9 +446,9 @@ class Trajectories(Differentiable):
         x = self._rollout(horizons, one=one)
         rows = horizons.rows(x)
         ends = table[:, 1:].reshape(rows.x.shape)
-        found = self.differentiator().reverse_horizons(rows, steps, ends, parameters=parameters)
-        self._check(rows, found.failed, list(found.gradients.values()), steps=steps)
-        gradients = {key: a.reshape(n, steps, a.shape[1]) for key, a in found.gradients.items()}
+        result = self.differentiator().reverse_horizons(rows, steps, ends, parameters=parameters)
+        self._check(rows, result.failed, list(result.gradients.values()), steps=steps)
+        gradients = {key: a.reshape(n, steps, a.shape[1]) for key, a in result.gradients.items()}
         costates = table.copy()
         costates[:, :-1] += gradients["x"]
         x0, own_u, own_d, costates = (
@@ -491,12 +489,12 @@ def reverse_by_steps(
     costates = cotangents.copy()
     for step in reversed(range(steps)):
         now = firsts + step
-        found = differentiator.reverse(rows.chosen(now), costates[now], parameters=parameters)
-        for key, gradient in found.gradients.items():
+        result = differentiator.reverse(rows.take(now), costates[now], parameters=parameters)
+        for key, gradient in result.gradients.items():
             gradients[key][now] = gradient
-        x_next[now], failed[now] = found.x_next, found.failed
+        x_next[now], failed[now] = result.x_next, result.failed
         if step:
-            costates[now - 1] += found.gradients["x"]
+            costates[now - 1] += result.gradients["x"]
     return Reverse(x_next, gradients, failed)
 
 

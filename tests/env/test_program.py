@@ -89,7 +89,8 @@ def program(lag: int = 0, own_parameters: bool = True) -> Program:
         actuation=actuation(), update=update(), outcome=outcome(), followers=followers(), actions=bounds, controls=bounds, steps=STEPS,
         weather=WEATHER, day=DAY, days=(STEPS + 1 + AHEAD + DAY - 1) // DAY, calendar=CALENDAR, lag=lag,
         nominal=TANK.parameters.default(), own_parameters=own_parameters,
-        drawn=(ParameterNoise(np.array([INFLOW, OUTFLOW], np.int32), 0.2), ParameterNoise(np.array([OUTFLOW], np.int32), 0.4, DAY)),
+        parameter_noise=(ParameterNoise(np.array([INFLOW, OUTFLOW], np.int32), 0.2),
+                         ParameterNoise(np.array([OUTFLOW], np.int32), 0.4, DAY)),
         streams=(1, 3), traits=2, memory=3,
         lookups=(Lookup(WEATHER_TABLE, 2, AHEAD, ahead=1), Lookup(CLOCK_TABLE, 2 + AHEAD, clocked=True)),
         columns=2 + AHEAD + 2, width=8, info_columns=3, charges={MONEY: -7.0},
@@ -133,7 +134,7 @@ def everything(environments: Environments, row: slice | int = slice(None)) -> li
 
 
 def take(environments: Environments, action: np.ndarray[Any, Any], *, directly: bool = False) -> int:
-    (environments.given_controls if directly else environments.given)[:] = action
+    (environments.direct_controls if directly else environments.actions)[:] = action
     return environments.step_controls() if directly else environments.step()
 
 

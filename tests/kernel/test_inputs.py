@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from glbench.errors import ActionError, GlbenchError, ShapeError, UnknownNameError
-from glbench.kernel import Kernel, backends, make_kernel
+from glbench.kernel import Kernel, make_kernel
+from glbench.kernel import kernel as backends
 from glbench.model import TOMATO
 from tests.kernel.known_steps import Array, KnownSteps
 

@@ -122,7 +122,7 @@ def test_the_derivative_is_that_of_the_solution(points: Rows) -> None:
 def test_parameters_have_derivatives_also_those_of_absent_equipment(one_substep: Kernel, points: Rows) -> None:
     absent = set(absent_equipment(TOMATO))
     chosen = [k for k in range(0, 208, 5) if k not in absent] + sorted(absent)[::4]
-    some = points.chosen(np.arange(30))
+    some = points.take(np.arange(30))
     lines = one_substep.linearise(*some, parameters=[PARAMETER_NAMES[k] for k in chosen])
     assert lines.dp.shape == (30, 28, len(chosen))
 
@@ -194,7 +194,7 @@ def derivatives(kernel: Kernel, rows: Rows) -> bytes:
 def test_a_row_has_the_same_bits_alone_in_a_batch_and_in_threads(points: Rows) -> None:
     kernel = Kernel(TOMATO, 900.0, backend="compiled", preset="fast")
     expected = derivatives(kernel, points)
-    assert b"".join(derivatives(kernel, points.chosen(np.arange(row, row + 1))) for row in range(78)) == expected
+    assert b"".join(derivatives(kernel, points.take(np.arange(row, row + 1))) for row in range(78)) == expected
     for threads in (2, 3):
         assert (
             derivatives(Kernel(TOMATO, 900.0, backend="compiled", preset="fast", threads=threads), points) == expected
@@ -250,7 +250,7 @@ def test_rows_with_interlights_are_differentiated_with_the_full_model(points: Ro
     lit = np.arange(20) % 3 == 0
     interlight = [PARAMETER_NAMES.index(name) for name in ("thetaIntLampMax", "aIntLamp", "capIntLamp", "epsIntLamp")]
     p[np.ix_(lit, interlight)] = [50.0, 0.05, 10.0, 0.9]
-    rows = points.chosen(np.arange(20))._replace(p=p)
+    rows = points.take(np.arange(20))._replace(p=p)
     lines = kernel.linearise(*rows)
     expected = columns(lambda rows: kernel.step(*rows), rows, "u", range(6), 1e-5)
     assert column_errors(scaled(lines.du, "u", range(6)), expected).max() < 1e-5
@@ -258,7 +258,7 @@ def test_rows_with_interlights_are_differentiated_with_the_full_model(points: Ro
     _, gradient = kernel.adjoint(*rows, 1.0 / STATE_SCALE)
     expected = np.einsum("i,nij->nj", 1.0 / STATE_SCALE, lines.du)
     assert np.abs(gradient.u - expected).max() < 1e-10 * np.abs(expected).max()
-    usual = points.chosen(np.arange(20))
+    usual = points.take(np.arange(20))
     assert lines.du[~lit].tobytes() == kernel.linearise(*usual).du[~lit].tobytes()
 
 
@@ -292,9 +292,9 @@ def test_controls_at_their_bounds_have_the_slope_of_the_inside(
 
 
 def test_a_batch_without_rows_has_no_derivatives(kernel: Kernel, points: Rows) -> None:
-    lines = kernel.linearise(*points.chosen(np.arange(0)))
+    lines = kernel.linearise(*points.take(np.arange(0)))
     assert lines.dx.shape == (0, 28, 28)
-    assert kernel.adjoint(*points.chosen(np.arange(0)), np.ones(28))[1].u.shape == (0, 6)
+    assert kernel.adjoint(*points.take(np.arange(0)), np.ones(28))[1].u.shape == (0, 6)
 
 
 def test_a_row_that_cannot_be_stepped_is_named(kernel: Kernel, points: Rows) -> None:

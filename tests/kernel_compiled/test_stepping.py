@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from docs.accuracy_table import EXACT, compare, errors, make_inputs
 from glbench.errors import ShapeError, UnknownNameError
 from glbench.kernel import Rows, state_scale
-from glbench.kernel.compiled import CompiledStepper, Failure, failed_with, tolerances
+from glbench.kernel.compiled import PRESETS, CompiledStepper, Failure, failed_with
+from glbench.kernel.compiled.stepper import METHODS, Method
 from glbench.kernel.cvodes import paper_cvodes
 from glbench.model import PARAMETER_NAMES, STATE_NAMES, TOMATO, VARIANTS, default_parameters, rhs, tomato
 
@@ -52,13 +53,13 @@ def test_standard_is_at_least_as_accurate_as_cvodes(kind: str) -> None:
     assert dict(zip(STATE_NAMES, largest, strict=True)) == pytest.approx(dict.fromkeys(STATE_NAMES, 0.0), abs=1.0)
 
 
-@pytest.mark.parametrize("method", tolerances.METHODS)
-def test_both_methods_have_order_four(rows: RowArrays, parameters: Array, method: tolerances.Method) -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_both_methods_have_order_four(rows: RowArrays, parameters: Array, method: Method) -> None:
     x, u, d = (a[:12] for a in rows)
     exact = step(CompiledStepper(TOMATO, 900.0, preset="tight"), x, u, d, parameters)
     substeps, found = [], []
     for relative in (1e-4, 1e-8):
-        preset = replace(tolerances.PRESETS["standard"], method=method, relative=relative, fast_error_floor=1.0)
+        preset = replace(PRESETS["standard"], method=method, relative=relative, fast_error_floor=1.0)
         stepper = CompiledStepper(TOMATO, 900.0, preset=preset)
         found.append(float(np.sqrt(np.mean(((step(stepper, x, u, d, parameters) - exact) / STATE_SCALE) ** 2))))
         substeps.append(float(stepper.substeps.mean()))
@@ -74,7 +75,7 @@ def test_condensation_at_the_end_of_a_step_is_seen() -> None:
         x = step(exact, x, inputs.controls[k], inputs.weather[k], p)
     point = x, inputs.controls[before], inputs.weather[before], p
     truth = step(exact, *point)[0, screen]
-    standard = tolerances.PRESETS["standard"]
+    standard = PRESETS["standard"]
     without = replace(standard, last_stretch=math.inf)
     assert abs(step(CompiledStepper(TOMATO, 900.0, preset=without), *point)[0, screen] - truth) > 1e-3  # K
     assert abs(step(CompiledStepper(TOMATO, 900.0, preset=standard), *point)[0, screen] - truth) < 1e-5
@@ -222,7 +223,7 @@ def test_unknown_presets_are_refused_with_the_known_ones() -> None:
 def test_describe_names_method_tolerance_and_compiler() -> None:
     facts = CompiledStepper(TOMATO, 900.0).describe()
     assert facts["method"] == "Rodas4P2"
-    assert facts["relative_tolerance"] == tolerances.PRESETS["reference"].relative
+    assert facts["relative_tolerance"] == PRESETS["reference"].relative
     assert "-ffp-contract=off" in str(facts["compiler_flags"])
 
 

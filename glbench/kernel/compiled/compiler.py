@@ -63,16 +63,16 @@ class Compiler:
         folders = [word for folder in include for word in ("-I", str(folder))]
         command = [*self.command, *flags, *folders, str(source), "-o", str(library)]
         try:
-            done = children.run(command, timeout=_TIMEOUT_SECONDS)
+            result = children.run(command, timeout=_TIMEOUT_SECONDS)
         except (OSError, subprocess.TimeoutExpired) as error:
             msg = f"The compiler '{' '.join(self.command)}' could not build the kernel: {error}."
             raise CompiledUnavailable(msg) from error
-        if done.returncode != 0:
-            lines = (done.stderr or done.stdout).strip().splitlines()
-            said = " | ".join(([line for line in lines if "error" in line.lower()] or lines)[:4])
+        if result.returncode != 0:
+            lines = (result.stderr or result.stdout).strip().splitlines()
+            reason = " | ".join(([line for line in lines if "error" in line.lower()] or lines)[:4])
             msg = (
                 f"The compiler '{' '.join(self.command)}' ({self.version}) failed on the kernel with exit status "
-                f"{done.returncode}: {said or 'it gave no reason'}. Set CXX to another C++17 compiler (gcc or clang)."
+                f"{result.returncode}: {reason or 'it gave no reason'}. Set CXX to another C++17 compiler (gcc or clang)."
             )
             raise CompiledUnavailable(msg)
 
@@ -133,10 +133,10 @@ def _version(command: tuple[str, ...]) -> str | None:
     if shutil.which(command[0]) is None:
         return None
     try:
-        done = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=30.0, check=False)
+        result = subprocess.run([*command, "--version"], capture_output=True, text=True, timeout=30.0, check=False)
     except (OSError, subprocess.TimeoutExpired):
         return None
-    return done.stdout.splitlines()[0].strip() if done.returncode == 0 and done.stdout else None
+    return result.stdout.splitlines()[0].strip() if result.returncode == 0 and result.stdout else None
 
 
 @cache
@@ -145,7 +145,7 @@ def machine_digest() -> str:
     facts = [sys.platform, platform.machine(), platform.processor()]
     processor = Path("/proc/cpuinfo")
     if processor.is_file():
-        wanted = ("flags", "model name", "features", "cpu part")
+        keys = ("flags", "model name", "features", "cpu part")
         lines = processor.read_text(encoding="utf-8", errors="replace").splitlines()
-        facts += sorted({line for line in lines if line.lower().startswith(wanted)})
+        facts += sorted({line for line in lines if line.lower().startswith(keys)})
     return hashlib.sha256("\n".join(facts).encode()).hexdigest()

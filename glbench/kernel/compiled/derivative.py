@@ -219,12 +219,8 @@ def reverse(graph: Graph, outputs: Sequence[int], adjoints: Sequence[int]) -> di
         worker.add(output, adjoint)
     for number in reversed(graph.needed(outputs)):
         worker.visit(number)
-    found = {}
-    for number, adjoint in worker.adjoints.items():
-        node = graph.nodes[number]
-        if node.op == "input":
-            found[node.source, node.index] = adjoint
-    return found
+    inputs = {number: graph.nodes[number] for number in worker.adjoints if graph.nodes[number].op == "input"}
+    return {(node.source, node.index): worker.adjoints[number] for number, node in inputs.items()}
 
 
 class _Reverse:

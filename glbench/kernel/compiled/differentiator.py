@@ -117,32 +117,36 @@ class CompiledDifferentiator:
 
     def forward(self, rows: Rows, directions: Directions) -> Forward:
         """Step and differentiate along directions."""
-        found, status = self._forward(rows, directions, self._usual)
+        result, status = self._forward(rows, directions, self._usual)
         again = failed_with(status, Failure.EQUIPMENT_PRESENT)
         if again.size:
-            part, _ = self._forward(rows.chosen(again), directions.of_rows(again), self._full)
-            for ours, theirs in zip(found, part, strict=True):
+            part, _ = self._forward(rows.take(again), directions.of_rows(again), self._full)
+            for ours, theirs in zip(result, part, strict=True):
                 ours[again] = theirs
-        absent = self._absent_part(directions)
-        others = np.flatnonzero(status == 0)
-        if absent is not None and others.size:
-            part, _ = self._forward(rows.chosen(others), absent.of_rows(others), self._full)
-            found.tangents[others] += part.tangents
-            found.failed[others] |= part.failed
-        return found
+        seeds, others = directions.seeds.get("p"), np.flatnonzero(status == 0)
+        if (
+            seeds is not None and seeds[..., self._absent].any() and others.size
+        ):  # the usual library does not know these
+            part_of_seeds = np.zeros_like(seeds)
+            part_of_seeds[..., self._absent] = seeds[..., self._absent]
+            absent = Directions(directions.count, directions.shared, {"p": part_of_seeds})
+            part, _ = self._forward(rows.take(others), absent.of_rows(others), self._full)
+            result.tangents[others] += part.tangents
+            result.failed[others] |= part.failed
+        return result
 
     def reverse(self, rows: Rows, cotangents: FloatArray, *, parameters: bool) -> Reverse:
         """Step and pull cotangents (n, states) back."""
-        found, status = self._reverse(rows, cotangents, self._usual, parameters=parameters)
+        result, status = self._reverse(rows, cotangents, self._usual, parameters=parameters)
         again = failed_with(status, Failure.EQUIPMENT_PRESENT)
         if again.size:
-            part, _ = self._reverse(rows.chosen(again), cotangents[again], self._full, parameters=parameters)
-            found.x_next[again], found.failed[again] = part.x_next, part.failed
-            for key, gradient in found.gradients.items():
+            part, _ = self._reverse(rows.take(again), cotangents[again], self._full, parameters=parameters)
+            result.x_next[again], result.failed[again] = part.x_next, part.failed
+            for key, gradient in result.gradients.items():
                 gradient[again] = part.gradients[key]
         if parameters:
-            self._add_absent(found, np.flatnonzero(status == 0), rows, cotangents)
-        return found
+            self._add_absent(result, np.flatnonzero(status == 0), rows, cotangents)
+        return result
 
     def reverse_horizons(self, rows: Rows, steps: int, cotangents: FloatArray, *, parameters: bool) -> Reverse:
         """Step and pull cotangents back through horizons of ``steps`` rows each."""
@@ -151,10 +155,10 @@ class CompiledDifferentiator:
             return reverse_by_steps(self, rows, steps, cotangents, parameters=parameters)
         library = self._full if equipped.any() else self._usual
         costates = cotangents.copy()
-        found, _ = self._reverse(rows, costates, library, parameters=parameters, horizon=steps)
+        result, _ = self._reverse(rows, costates, library, parameters=parameters, horizon=steps)
         if parameters and library is self._usual:
-            self._add_absent(found, np.arange(len(rows.x)), rows, costates)
-        return found
+            self._add_absent(result, np.arange(len(rows.x)), rows, costates)
+        return result
 
     def push(self, jacobians: FloatArray, along: FloatArray, first: FloatArray) -> FloatArray:
         """Changes of all states."""
@@ -176,12 +180,12 @@ class CompiledDifferentiator:
         sweep = Sweep(*along.shape, *(table.ctypes.data for table in tables))
         run(ctypes.byref(self._settings), ctypes.byref(sweep))
 
-    def _add_absent(self, found: Reverse, which: npt.NDArray[np.intp], rows: Rows, cotangents: FloatArray) -> None:
+    def _add_absent(self, result: Reverse, which: npt.NDArray[np.intp], rows: Rows, cotangents: FloatArray) -> None:
         """Gradients for the parameters of absent equipment, which the usual library does not know."""
         if which.size:
-            part, _ = self._reverse(rows.chosen(which), cotangents[which], self._full, parameters=True)
-            found.gradients["p"][np.ix_(which, self._absent)] = part.gradients["p"][:, self._absent]
-            found.failed[which] |= part.failed
+            part, _ = self._reverse(rows.take(which), cotangents[which], self._full, parameters=True)
+            result.gradients["p"][np.ix_(which, self._absent)] = part.gradients["p"][:, self._absent]
+            result.failed[which] |= part.failed
 
     def _forward(self, rows: Rows, directions: Directions, library: SensitivityLibrary) -> tuple[Forward, Status]:
         tangents = np.zeros((len(rows.x), directions.count, self._sizes["x"]))
@@ -200,15 +204,6 @@ class CompiledDifferentiator:
         request = Request(cotangents=cotangents.ctypes.data, **pointers)
         x_next, status = library.run(self._settings, rows, request, horizon)
         return Reverse(x_next, gradients, status != 0), status
-
-    def _absent_part(self, directions: Directions) -> Directions | None:
-        """The part of the directions in parameters of absent equipment, which the usual library does not know; None if none."""
-        seeds = directions.seeds.get("p")
-        if seeds is None or not seeds[..., self._absent].any():
-            return None
-        part = np.zeros_like(seeds)
-        part[..., self._absent] = seeds[..., self._absent]
-        return Directions(directions.count, directions.shared, {"p": part})
 
     @cached_property
     def _full(self) -> SensitivityLibrary:

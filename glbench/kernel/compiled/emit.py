@@ -14,7 +14,7 @@ then lets statements whose operands are ready overtake those that would wait, wi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from glbench.kernel.compiled.graph import CONDITIONS, Graph, Level
@@ -63,51 +63,43 @@ def order(reads: Mapping[int, Sequence[int]], kinds: Mapping[int, str], outputs:
     outputs
         The statements that are stored.
     """
-    return _overtake(_output_by_output(reads, kinds, outputs), reads, kinds)
+    sequence: dict[int, None] = {}
+    remaining = list(dict.fromkeys(outputs))
+    while remaining:
+        costs = {output: _cost_of_missing(output, reads, kinds, sequence) for output in remaining}
+        cheapest = min(remaining, key=lambda output: costs[output])
+        remaining.remove(cheapest)
+        # It comes after everything that it needs, of which the most expensive comes first.
+        stack = [(cheapest, False)]
+        while stack:
+            number, ready = stack.pop()
+            if number in sequence:
+                continue
+            if ready:
+                sequence[number] = None
+                continue
+            stack.append((number, True))
+            operands = [n for n in dict.fromkeys(reads[number]) if n not in sequence]
+            size = {n: _cost_of_missing(n, reads, kinds, sequence) for n in operands}
+            stack.extend((n, False) for n in sorted(operands, key=lambda n: size[n]))
+    return _overtake(sequence, reads, kinds)
 
 
-def _output_by_output(
-    reads: Mapping[int, Sequence[int]], kinds: Mapping[int, str], outputs: Sequence[int]
-) -> list[int]:
-    done: dict[int, None] = {}
-    left = list(dict.fromkeys(outputs))
-    while left:
-        missing = {output: _missing(output, reads, done) for output in left}
-        costs = {output: sum(cost_of(kinds[n]).occupied for n in missing[output]) for output in left}
-        chosen = min(left, key=lambda output: costs[output])
-        left.remove(chosen)
-        _descend(chosen, reads, kinds, done)
-    return list(done)
-
-
-def _missing(output: int, reads: Mapping[int, Sequence[int]], done: Mapping[int, None]) -> set[int]:
-    found: set[int] = set()
+def _cost_of_missing(
+    output: int, reads: Mapping[int, Sequence[int]], kinds: Mapping[int, str], sequence: Mapping[int, None]
+) -> float:
+    """Cost of what a statement needs, itself included, and what is not in the sequence yet."""
+    missing: set[int] = set()
     stack = [output]
     while stack:
         number = stack.pop()
-        if number not in found and number not in done:
-            found.add(number)
+        if number not in missing and number not in sequence:
+            missing.add(number)
             stack.extend(reads[number])
-    return found
+    return sum(cost_of(kinds[n]).occupied for n in missing)
 
 
-def _descend(output: int, reads: Mapping[int, Sequence[int]], kinds: Mapping[int, str], done: dict[int, None]) -> None:
-    """Appends a statement after everything it needs, the most expensive operand first."""
-    stack = [(output, False)]
-    while stack:
-        number, ready = stack.pop()
-        if number in done:
-            continue
-        if ready:
-            done[number] = None
-            continue
-        stack.append((number, True))
-        wanted = [n for n in dict.fromkeys(reads[number]) if n not in done]
-        size = {n: sum(cost_of(kinds[m]).occupied for m in _missing(n, reads, done)) for n in wanted}
-        stack.extend((n, False) for n in sorted(wanted, key=lambda n: size[n]))
-
-
-def _overtake(sequence: Sequence[int], reads: Mapping[int, Sequence[int]], kinds: Mapping[int, str]) -> list[int]:
+def _overtake(sequence: Iterable[int], reads: Mapping[int, Sequence[int]], kinds: Mapping[int, str]) -> list[int]:
     waiting = list(sequence)
     ready_at: dict[int, float] = {}
     now = 0.0
@@ -168,42 +160,42 @@ class Emitter:
     # -- what is needed --------------------------------------------------------------------------------------------
     def _count_uses(self, outputs: Sequence[int]) -> dict[int, int]:
         uses: dict[int, int] = {}
-        seen: set[int] = set()
+        visited: set[int] = set()
         stack = list(outputs)
         for number in outputs:
             uses[number] = uses.get(number, 0) + 1
         while stack:
             number = stack.pop()
-            if number in seen or self._given(number) is not None:
+            if number in visited or self._name_without_code(number) is not None:
                 continue
-            seen.add(number)
+            visited.add(number)
             for argument in self.graph.nodes[number].args:
                 uses[argument] = uses.get(argument, 0) + 1
                 stack.append(argument)
         return uses
 
-    def _given(self, number: int) -> str | None:
+    def _name_without_code(self, number: int) -> str | None:
         node = self.graph.nodes[number]
-        if node.op == "const":
-            return f"K({_literal(node.value)})"
-        return self._name_of_input(number)
+        if node.op != "const":
+            return self._name_of_input(number)
+        value = node.value  # exact to the bit
+        if math.isfinite(value):
+            return f"K({value.hex()})"
+        return 'K(__builtin_nan(""))' if math.isnan(value) else f"K({'-' if value < 0.0 else ''}__builtin_inf())"
 
-    def _kind(self, number: int) -> str:
+    def kind(self, number: int) -> str:
+        """What the statement of a node does: its operation, or the form of a slow one."""
         node = self.graph.nodes[number]
         if node.op == "pow" and self.graph.is_positive(node.args[0]):
             return "pow_positive"
         if node.op == "pow16":
             return "pow16_root"
-        if node.op == "exp16" and self._is_limited(node.args[0]):
-            return "exp16_limited"
+        if node.op == "exp16":
+            argument = self.graph.nodes[node.args[0]]
+            constants = [a for a in argument.args if argument.op == "min" and self.graph.is_constant(a)]
+            if any(self.graph.value(a) <= _LARGEST_EXPONENT for a in constants):  # exp can take it
+                return "exp16_limited"
         return node.op
-
-    def _is_limited(self, number: int) -> bool:
-        """Whether a value is the minimum of something and a constant that exp can take."""
-        node = self.graph.nodes[number]
-        return node.op == "min" and any(
-            self.graph.is_constant(a) and self.graph.value(a) <= _LARGEST_EXPONENT for a in node.args
-        )
 
     # -- order -----------------------------------------------------------------------------------------------------
     def _emit_slow_groups(self, outputs: Sequence[int]) -> None:
@@ -211,59 +203,52 @@ class Emitter:
         rounds: dict[int, int] = {}
         by_round: dict[tuple[int, str], list[int]] = {}
         for number in self.graph.needed(outputs):
-            if number not in self._uses or self._given(number) is not None:
+            if number not in self._uses or self._name_without_code(number) is not None:
                 continue
             node = self.graph.nodes[number]
             before = max((rounds.get(a, 0) for a in node.args), default=0)
-            kind = self._kind(number)
+            kind = self.kind(number)
             if kind in _SLOW:
                 by_round.setdefault((before, kind), []).append(number)
                 before += 1
             rounds[number] = before
         for (_, kind), numbers in sorted(by_round.items()):
             for start in range(0, len(numbers), _LARGEST_GROUP):
-                self._emit_group(kind, numbers[start : start + _LARGEST_GROUP])
-
-    def _emit_group(self, kind: str, numbers: list[int]) -> None:
-        if kind in _POWERS:
-            arguments = [self.value(self.graph.nodes[n].args[0]) for n in numbers]
-            arguments += [self.value(self.graph.nodes[n].args[1]) for n in numbers]
-        else:
-            arguments = [self.value(self.graph.nodes[n].args[0]) for n in numbers]
-        group = f"g{numbers[0]}"
-        self.lines.append(f"const auto {group} = many_{kind}<V>({', '.join(arguments)});")
-        for k, number in enumerate(numbers):
-            self._names[number] = f"{group}.v[{k}]"
+                members = numbers[start : start + _LARGEST_GROUP]
+                places = (0, 1) if kind in _POWERS else (0,)
+                arguments = [self.value(self.graph.nodes[n].args[place]) for place in places for n in members]
+                group = f"g{members[0]}"
+                self.lines.append(f"const auto {group} = many_{kind}<V>({', '.join(arguments)});")
+                for k, number in enumerate(members):
+                    self._names[number] = f"{group}.v[{k}]"
 
     # -- values ----------------------------------------------------------------------------------------------------
     def value(self, number: int) -> str:
         """C++ expression of a node's value, after emitting whatever it needs."""
-        known = self._names.get(number)
-        if known is None:
-            known = self._given(number)
-            if known is None:
+        name = self._names.get(number)
+        if name is None:
+            name = self._name_without_code(number)
+            if name is None:
                 node = self.graph.nodes[number]
                 if node.op in CONDITIONS:
-                    known = f"select<V>({self._condition(number)}, K(1.0), K(0.0))"
+                    name = f"select<V>({self._condition(number)}, K(1.0), K(0.0))"
                 else:
-                    known = f"v{number}"
+                    name = f"v{number}"
                     self.reads[number] = []
                     self._open.append(number)
                     text = self._expression(number)
                     self._open.pop()
-                    self.lines.append(f"const V {known} = {text};")
-            self._names[number] = known
+                    self.lines.append(f"const V {name} = {text};")
+            self._names[number] = name
         if self._open and number in self.reads:
             self.reads[self._open[-1]].append(number)
-        return known
-
-    def kind(self, number: int) -> str:
-        """What the statement of a node does: its operation, or the form of a slow one."""
-        return self._kind(number)
+        return name
 
     def _alone(self, number: int) -> bool:
         """A product that only its one reader needs, so that it can be fused."""
-        return self.graph.nodes[number].op == "mul" and self._uses[number] == 1 and self._given(number) is None
+        return (
+            self.graph.nodes[number].op == "mul" and self._uses[number] == 1 and self._name_without_code(number) is None
+        )
 
     def _fused(self, function: str, product: int, other: int) -> str:
         a, b = self.graph.nodes[product].args
@@ -291,11 +276,11 @@ class Emitter:
         if node.op in ("min", "max"):
             return f"{node.op}_of<V>({self.value(a)}, {self.value(b)})"
         arguments = ", ".join(self.value(argument) for argument in node.args)
-        return f"{_FUNCTIONS.get(self._kind(number), node.op + '_of')}<V>({arguments})"
+        return f"{_FUNCTIONS.get(self.kind(number), node.op + '_of')}<V>({arguments})"
 
     def _condition(self, number: int) -> str:
         node = self.graph.nodes[number]
-        if self._given(number) is not None or node.op not in CONDITIONS:
+        if self._name_without_code(number) is not None or node.op not in CONDITIONS:
             return f"({self.value(number)} != K(0.0))"
         if node.op == "not":
             return f"not_of<V>({self._condition(node.args[0])})"
@@ -304,13 +289,6 @@ class Emitter:
             return f"({self._condition(node.args[0])} {sign} {self._condition(node.args[1])})"
         sign = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}[node.op]
         return f"({self.value(node.args[0])} {sign} {self.value(node.args[1])})"
-
-
-def _literal(value: float) -> str:
-    """C++ literal of a number, exact to the bit."""
-    if math.isfinite(value):
-        return value.hex()
-    return '__builtin_nan("")' if math.isnan(value) else f"{'-' if value < 0.0 else ''}__builtin_inf()"
 
 
 def function_text(head: str, emitter: Emitter, stores: Mapping[str, int]) -> str:
@@ -357,10 +335,10 @@ def _in_order(graph: Graph, stores: Mapping[str, int], name_of_input: Callable[[
 
 def stored_inputs(graph: Graph, outputs: Sequence[int]) -> list[int]:
     """Nodes below the state's level that state-level code reads: to be computed once a step and stored."""
-    found: set[int] = set()
+    inputs: set[int] = set()
     for number in graph.needed(outputs):
         node = graph.nodes[number]
         if graph.levels[number] == Level.STATE:
-            found.update(a for a in node.args if graph.levels[a] == Level.INPUT)
-    found.update(number for number in outputs if graph.levels[number] == Level.INPUT)
-    return sorted(found)
+            inputs.update(a for a in node.args if graph.levels[a] == Level.INPUT)
+    inputs.update(number for number in outputs if graph.levels[number] == Level.INPUT)
+    return sorted(inputs)

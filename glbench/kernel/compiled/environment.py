@@ -36,7 +36,7 @@ class CompiledEnvironments(Environments):
         sizes = library.model.sizes
         super().__init__(program, n, sizes["x"])
         self._program, self._settings, self._model = program, settings, library.model
-        self._kept: list[Any] = []  # what the library holds addresses of
+        self._addressed: list[Any] = []  # what the library holds addresses of
         self._after, self._next = np.zeros_like(self.x), np.zeros_like(self.u)
         self._status, self._substeps, self._reached = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n)
         self._pointers = EnvironmentPointers(
@@ -45,7 +45,7 @@ class CompiledEnvironments(Environments):
         for name, array in {
             "x": self.x, "after": self._after, "u": self.u, "next": self._next, "k": self.k, "ended": self.ended, "key": self.keys,
             "days": self.days, "first": self.first, "p": self.parameters, "traits": self.traits, "memory": self.memory,
-            "given": self.given, "given_controls": self.given_controls, "table": self.table, "observations": self.observations,
+            "given": self.actions, "given_controls": self.direct_controls, "table": self.table, "observations": self.observations,
             "status": self._status, "substeps": self._substeps, "reached": self._reached,
         }.items():  # fmt: skip
             setattr(self._pointers, name, array.ctypes.data)
@@ -54,7 +54,7 @@ class CompiledEnvironments(Environments):
             EnvironmentCall(ctypes.addressof(settings), ctypes.addressof(pointers), ctypes.addressof(self._pointers), request)
             for request in (_ACTIONS, _CONTROLS, _OBSERVE)
         ]  # fmt: skip
-        self._kept += [pointers, calls]
+        self._addressed += [pointers, calls]
         self._run = library.environment
         self._step, self._step_controls, self._observe = (ctypes.addressof(call) for call in calls)
 
@@ -81,10 +81,12 @@ class CompiledEnvironments(Environments):
         weather = self._program.weather[self.days[rows, k // day] + k % day]
         parameters = self.parameters[rows] if self._program.own_parameters else self.parameters
         inputs = Rows(self._after[rows], self.u[rows], weather, parameters)
-        return [
-            StepFailure(row, f"{self._explain(row)} ({inputs_in_words(self._model, inputs, place)})")
-            for place, row in enumerate(rows.tolist())
-        ]
+        failures = []
+        for place, row in enumerate(rows.tolist()):
+            status, reached, substeps = int(self._status[row]), float(self._reached[row]), int(self._substeps[row])
+            reason = explain(self._model, status, reached, substeps, self._settings)
+            failures.append(StepFailure(row, f"{reason} ({inputs_in_words(self._model, inputs, place)})"))
+        return failures
 
     def _advance(self, call: int) -> int:
         self._run(call)
@@ -95,10 +97,6 @@ class CompiledEnvironments(Environments):
         failed: int = self._pointers.failed
         return failed
 
-    def _explain(self, row: int) -> str:
-        reached, substeps = float(self._reached[row]), int(self._substeps[row])
-        return explain(self._model, int(self._status[row]), reached, substeps, self._settings)
-
     def _program_pointers(self, program: Program) -> ProgramPointers:
         lookups = (LookupPointers * len(program.lookups))(
             *(
@@ -108,13 +106,13 @@ class CompiledEnvironments(Environments):
                 for a in program.lookups
             )
         )
-        groups = (ParameterNoisePointers * len(program.drawn))(
+        groups = (ParameterNoisePointers * len(program.parameter_noise))(
             *(
                 ParameterNoisePointers(len(a.places), self._address(a.places, np.int32), a.half_width, a.every)
-                for a in program.drawn
+                for a in program.parameter_noise
             )
         )
-        self._kept += [lookups, groups]
+        self._addressed += [lookups, groups]
         return ProgramPointers(
             actuation=self._tape(program.actuation),
             followers=self._tape(program.followers),
@@ -128,7 +126,7 @@ class CompiledEnvironments(Environments):
             calendar=self._address(program.calendar),
             calendar_width=program.calendar.shape[1],
             lag=program.lag,
-            drawn=len(program.drawn),
+            drawn=len(program.parameter_noise),
             group=groups,
             streams=len(program.streams),
             numbers=self._address(program.streams, np.int64),
@@ -156,14 +154,14 @@ class CompiledEnvironments(Environments):
     def _address(self, values: NDArray[Any] | Sequence[float], kind: type[Any] = np.float64) -> int:
         """Address of ``values`` as C-contiguous numbers of a kind; they are kept as long as this object."""
         array = np.ascontiguousarray(values, dtype=kind)
-        self._kept.append(array)
+        self._addressed.append(array)
         return int(array.ctypes.data)
 
 
 def fits(library: Library, program: Program) -> bool:
     """Whether the library has room for what the program works with."""
     tapes = (program.actuation, program.followers, program.update, program.outcome)
-    numbers = (sum(program.streams), *(len(group.places) for group in program.drawn))
+    numbers = (sum(program.streams), *(len(group.places) for group in program.parameter_noise))
     return max(tape.registers for tape in tapes) <= library.most_registers and max(numbers) <= library.most_drawn
 
 

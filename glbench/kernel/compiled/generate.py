@@ -7,7 +7,6 @@ others are called *moving* and are numbered anew in the generated code.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -90,7 +89,9 @@ def analyse(function: Any, traits: Traits) -> Structure:
     graph, slopes = read_function(function, ("x", "u", "d", "p"), traits.zeros)
     graph, slopes = regroup(graph, slopes)
     rows = derivative.jacobian(graph, slopes)
-    moving = sorted(_moving(graph, slopes, rows), key=lambda state: (state not in traits.fast, state))
+    read = {j for row in rows for j in row}
+    integrated = [i for i, slope in enumerate(slopes) if graph.levels[slope] == Level.STATE or i in read]
+    moving = sorted(integrated, key=lambda state: (state not in traits.fast, state))
     clocks = [i for i in range(len(slopes)) if i not in moving]
     own = {state: k for k, state in enumerate(moving)}
     plan = lu.eliminate([sorted(own[j] for j in rows[i]) for i in moving])
@@ -117,8 +118,8 @@ def generate(function: Any, traits: Traits | None = None) -> GeneratedModel:
     graph, slopes, rows, moving, clocks = model.graph, model.slopes, model.rows, model.moving, model.clocks
     entries = [(i, j) for i in moving for j in rows[i]]
     # One graph for all functions: what the right-hand side and its Jacobian share is stored once.
-    wanted = [slopes[i] for i in moving] + [rows[i][j] for i, j in entries] + [slopes[i] for i in clocks]
-    graph, outputs = spell_out_logistic(graph, wanted)
+    results = [slopes[i] for i in moving] + [rows[i][j] for i, j in entries] + [slopes[i] for i in clocks]
+    graph, outputs = spell_out_logistic(graph, results)
     at_state = outputs[: len(moving) + len(entries)]
     text = _Text(graph, moving, stored_inputs(graph, at_state))
     text.number_by_use([at_state[: len(moving)], at_state])
@@ -153,21 +154,21 @@ def generate(function: Any, traits: Traits | None = None) -> GeneratedModel:
         lu.solve_text(plan),
         "}  // namespace model\n}  // namespace glb\n#undef K\n",
     ]
-    return GeneratedModel("".join(parts), tuple(moving), sizes | _operations(graph, at_state[: len(moving)]))
-
-
-def _moving(graph: Graph, slopes: list[int], rows: list[Gradient]) -> list[int]:
-    read = {j for row in rows for j in row}
-    return [i for i, slope in enumerate(slopes) if graph.levels[slope] == Level.STATE or i in read]
+    operations: dict[str, int] = {}
+    for number in graph.needed(at_state[: len(moving)]):
+        op = graph.nodes[number].op
+        if graph.levels[number] == Level.STATE and op != "input":
+            operations[op] = operations.get(op, 0) + 1
+    return GeneratedModel("".join(parts), tuple(moving), sizes | operations)
 
 
 class _Text:
     """The functions that come from the graph; ``place`` says where each stored value stands."""
 
-    def __init__(self, graph: Graph, moving: list[int], stored: list[int]) -> None:
+    def __init__(self, graph: Graph, moving: list[int], inputs: list[int]) -> None:
         self.graph = graph
         self.own = {state: k for k, state in enumerate(moving)}
-        self.place = {number: k for k, number in enumerate(stored)}
+        self.place = {number: k for k, number in enumerate(inputs)}
 
     def number_by_use(self, functions: list[list[int]]) -> None:
         """Gives the stored values the places in which the functions of these outputs read them: memory is read in sequence."""
@@ -188,38 +189,27 @@ class _Text:
             return f"x[{self.own[node.index]}]"
         return f"c[{self.place[number]}]" if number in self.place else None
 
-    def _of_inputs(self, number: int) -> str | None:
-        node = self.graph.nodes[number]
-        return f"{node.source}[{node.index}]" if node.op == "input" else None
-
-    def _function(self, head: str, names: Callable[[int], str | None], stores: dict[str, int]) -> str:
-        return function_in_two_orders(head, self.graph, stores, names)
-
     def prepare(self, clock_rates: list[int]) -> str:
         """Everything that depends on parameters, controls and disturbances only, and the rates of the clocks."""
         stores = {f"c[{k}]": number for number, k in self.place.items()}
         stores |= {f"rate[{k}]": number for k, number in enumerate(clock_rates)}
         head = "void prepare(const double* p, const double* u, const double* d, double* c, double* rate)"
-        return self._function(head, self._of_inputs, stores)
+
+        def name(number: int) -> str | None:
+            node = self.graph.nodes[number]
+            return f"{node.source}[{node.index}]" if node.op == "input" else None
+
+        return function_in_two_orders(head, self.graph, stores, name)
 
     def slopes(self, outputs: list[int]) -> str:
         """Time derivatives of the moving states."""
         stores = {f"f[{k}]": number for k, number in enumerate(outputs)}
-        return self._function("void rhs(const V* x, const V* c, V* f)", self._of_state, stores)
+        return function_in_two_orders("void rhs(const V* x, const V* c, V* f)", self.graph, stores, self._of_state)
 
     def slopes_and_jacobian(self, outputs: list[int], places: list[int]) -> str:
         """The same with the structural nonzeros of the Jacobian, which are stored where their factors will stand."""
         count = len(self.own)
         stores = {f"f[{k}]": number for k, number in enumerate(outputs[:count])}
         stores |= {f"jac[{k}]": number for k, number in zip(places, outputs[count:], strict=True)}
-        return self._function("void rhs_and_jacobian(const V* x, const V* c, V* f, V* jac)", self._of_state, stores)
-
-
-def _operations(graph: Graph, slopes: list[int]) -> dict[str, int]:
-    """Counts of the operations of one right-hand side that depend on the state."""
-    counts: dict[str, int] = {}
-    for number in graph.needed(slopes):
-        op = graph.nodes[number].op
-        if graph.levels[number] == Level.STATE and op != "input":
-            counts[op] = counts.get(op, 0) + 1
-    return counts
+        head = "void rhs_and_jacobian(const V* x, const V* c, V* f, V* jac)"
+        return function_in_two_orders(head, self.graph, stores, self._of_state)

@@ -54,16 +54,16 @@ class Graph:
 
     nodes: list[Node] = field(default_factory=list)
     levels: list[Level] = field(default_factory=list)
-    _known: dict[tuple[object, ...], int] = field(default_factory=dict)
+    _numbers: dict[tuple[object, ...], int] = field(default_factory=dict)
 
     def _intern(self, node: Node, level: Level) -> int:
         key = _key(node)
-        number = self._known.get(key)
+        number = self._numbers.get(key)
         if number is None:
             number = len(self.nodes)
             self.nodes.append(node)
             self.levels.append(level)
-            self._known[key] = number
+            self._numbers[key] = number
         return number
 
     def constant(self, value: float) -> int:
@@ -154,7 +154,7 @@ class Graph:
         if self.nodes[a].op == "neg":
             return self.make("neg", self.make("add", self.nodes[a].args[0], b))
         # a - b and b - a are one node and its negative, which products and sums take in for nothing.
-        reverse = self._known.get(_key(Node("sub", (b, a))))
+        reverse = self._numbers.get(_key(Node("sub", (b, a))))
         return None if reverse is None else self.make("neg", reverse)
 
     def _mul(self, a: int, b: int) -> int | None:
@@ -282,17 +282,17 @@ def read_function(function: Any, input_names: Sequence[str], zeros: Collection[i
     rows = function.sparsity_out(0).row()
     for k in range(function.n_instructions()):
         code = function.instruction_id(k)
-        taken, given = function.instruction_input(k), function.instruction_output(k)
+        operands, results = function.instruction_input(k), function.instruction_output(k)
         if code == casadi.OP_INPUT:
-            name = input_names[taken[0]]
-            absent = name == "p" and taken[1] in zeros
-            work[given[0]] = graph.constant(0.0) if absent else graph.source(name, taken[1])
+            name = input_names[operands[0]]
+            absent = name == "p" and operands[1] in zeros
+            work[results[0]] = graph.constant(0.0) if absent else graph.source(name, operands[1])
         elif code == casadi.OP_CONST:
-            work[given[0]] = graph.constant(function.instruction_constant(k))
+            work[results[0]] = graph.constant(function.instruction_constant(k))
         elif code == casadi.OP_OUTPUT:
-            outputs[rows[given[1]]] = work[taken[0]]
+            outputs[rows[results[1]]] = work[operands[0]]
         else:
-            work[given[0]] = _node(graph, code, [work[i] for i in taken])
+            work[results[0]] = _node(graph, code, [work[i] for i in operands])
     return graph, outputs
 
 

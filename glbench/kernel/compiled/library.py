@@ -90,9 +90,8 @@ def write_manifest(folder: Path, libraries: list[Prebuilt]) -> None:
 
 def find_prebuilt(key: str) -> tuple[Path, Prebuilt] | None:
     """The best library with that key that this processor can run; ``None`` when there is none, or it is damaged."""
-    folder = _folder()
-    usable = _usable_levels()
-    if folder is None or not usable:
+    folder, usable = data_folder("tasks").parent / FOLDER, _usable_levels()
+    if folder.parent.name != "_data" or not folder.is_dir() or not usable:  # a checkout has no such folder
         return None
     try:
         offered = [Prebuilt(**entry) for entry in json.loads((folder / "manifest.json").read_text(encoding="utf-8"))]
@@ -105,12 +104,6 @@ def find_prebuilt(key: str) -> tuple[Path, Prebuilt] | None:
     return None
 
 
-def _folder() -> Path | None:
-    """Folder of the libraries in an installed wheel; a checkout has none."""
-    folder = data_folder("tasks").parent / FOLDER
-    return folder if folder.parent.name == "_data" and folder.is_dir() else None
-
-
 @cache
 def _usable_levels() -> tuple[str, ...]:
     """Levels that this processor has, the best first."""
@@ -118,21 +111,13 @@ def _usable_levels() -> tuple[str, ...]:
         return ()
     if platform.machine() == "aarch64":
         return ("armv8-a",)
-    features = _x86_features()
-    return tuple(level for level, needed in _X86_LEVELS.items() if needed <= features)
-
-
-def _x86_features() -> frozenset[str]:
-    """Features of the processor as Linux names them."""
     try:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:
-        return frozenset()
-    for line in text.splitlines():
-        key, _, value = line.partition(":")
-        if key.strip() == "flags":
-            return frozenset(value.split())
-    return frozenset()
+        return ()
+    flags = (line.partition(":")[2] for line in text.splitlines() if line.partition(":")[0].strip() == "flags")
+    features = frozenset(next(flags, "").split())
+    return tuple(level for level, needed in _X86_LEVELS.items() if needed <= features)
 
 
 _HERE = Path(__file__).resolve().parent
@@ -197,15 +182,15 @@ def build(model: Model, traits: Traits, width: int | None = None, *, sensitiviti
             path, facts_of = carried
             return Build(str(path), facts_of.digest, facts_of.compiler, facts_of.flags, 0.0)
     folder, name, flags = _place(model, traits, width, sensitivities=sensitivities)
-    found = _intact(folder, name)
-    if found is not None:
-        return found
+    intact = _intact(folder, name)
+    if intact is not None:
+        return intact
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder / f"{name}.lock", timeout=_LOCK_SECONDS):
-            found = _intact(folder, name)  # another process may have built it meanwhile
-            if found is not None:
-                return found
+            intact = _intact(folder, name)  # another process may have built it meanwhile
+            if intact is not None:
+                return intact
             return _build(folder, name, model, traits, flags, sensitivities=sensitivities)
     except Timeout as error:
         msg = f"Another process has been building the kernel for {_LOCK_SECONDS:g} s (lock {error.lock_file}). Try again later."
@@ -250,9 +235,9 @@ def built_files(model: Model, traits: Traits) -> dict[str, Path]:
     files: dict[str, Path] = {}
     for sensitivities in (False, True):
         folder, name, _ = _place(model, traits, None, sensitivities=sensitivities)
-        found = _intact(folder, name)
-        if found is not None:
-            path = Path(found.path)
+        intact = _intact(folder, name)
+        if intact is not None:
+            path = Path(intact.path)
             files |= {
                 path.name: path,
                 f"{_lent_name(model, traits, sensitivities=sensitivities)}.json": folder / f"{name}.json",

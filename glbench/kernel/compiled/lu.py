@@ -68,22 +68,22 @@ def factorise_text(plan: Elimination, entries: Iterable[tuple[int, int]]) -> str
     stand, see ``places``.
     """
     place = places(plan)
-    known = set(entries)
+    nonzeros = set(entries)
     lines = []
     for i in plan.order:
         for j in plan.lower[i]:
             terms = [k for k in plan.lower[i] if j in plan.upper[k]]
-            lines.append(_entry(f"t{i}_{j}", (i, j), [(f"m{i}_{k}", f"u{k}_{j}") for k in terms], known, place))
+            lines.append(_entry(f"t{i}_{j}", (i, j), [(f"m{i}_{k}", f"u{k}_{j}") for k in terms], nonzeros, place))
             lines.append(f"const V m{i}_{j} = t{i}_{j} * r{j}; lu[{place[i, j]}] = m{i}_{j};")
         if i in plan.trivial:
             lines.append(f"const V r{i} = gamma_h; lu[{place[i, i]}] = r{i};")
         else:
             terms = [k for k in plan.lower[i] if i in plan.upper[k]]
-            lines.append(_entry(f"d{i}", (i, i), [(f"m{i}_{k}", f"u{k}_{i}") for k in terms], known, place))
+            lines.append(_entry(f"d{i}", (i, i), [(f"m{i}_{k}", f"u{k}_{i}") for k in terms], nonzeros, place))
             lines.append(f"const V r{i} = inv_of<V>(s - d{i}); lu[{place[i, i]}] = r{i};")
         for j in plan.upper[i]:
             terms = [k for k in plan.lower[i] if j in plan.upper[k]]
-            lines.append(_entry(f"u{i}_{j}", (i, j), [(f"m{i}_{k}", f"u{k}_{j}") for k in terms], known, place))
+            lines.append(_entry(f"u{i}_{j}", (i, j), [(f"m{i}_{k}", f"u{k}_{j}") for k in terms], nonzeros, place))
             lines.append(f"lu[{place[i, j]}] = u{i}_{j} * r{i};")
     return _function("template <class V> void factorise(const V* jac, const V s, const V gamma_h, V* lu)", lines)
 
@@ -99,12 +99,12 @@ def solve_text(plan: Elimination) -> str:
             text = f"fma<V>(lu[{place[i, j]}], y{j}, {text})"
         ready[i] = _ready(ready[j] for j in plan.lower[i])
         lines.append(f"const V y{i} = {text};")
-    known: dict[int, int] = {}
+    ready_k: dict[int, int] = {}
     for i in reversed(plan.order):
         text = f"y{i} * lu[{place[i, i]}]"
-        for j in sorted(plan.upper[i], key=known.__getitem__):
+        for j in sorted(plan.upper[i], key=ready_k.__getitem__):
             text = f"fma<V>(lu[{place[i, j]}], k{j}, {text})"
-        known[i] = max(_ready(known[j] for j in plan.upper[i]), ready[i] + 1)
+        ready_k[i] = max(_ready(ready_k[j] for j in plan.upper[i]), ready[i] + 1)
         lines.append(f"const V k{i} = {text}; k[{i}] = k{i};")
     return _function("template <bool Two, class V> void solve(const V* lu, const V* a, const V* b, V* k)", lines)
 
@@ -126,11 +126,11 @@ def _entry(
     name: str,
     entry: tuple[int, int],
     terms: list[tuple[str, str]],
-    known: set[tuple[int, int]],
+    nonzeros: set[tuple[int, int]],
     place: dict[tuple[int, int], int],
 ) -> str:
     """Line that computes one entry of J plus the elimination's sum."""
-    text = f"jac[{place[entry]}]" if entry in known else ""
+    text = f"jac[{place[entry]}]" if entry in nonzeros else ""
     for m, u in terms:
         text = f"fma<V>({m}, {u}, {text})" if text else f"{m} * {u}"
     return f"const V {name} = {text};"

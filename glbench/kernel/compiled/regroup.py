@@ -37,25 +37,25 @@ def spell_out_logistic(graph: Graph, outputs: Sequence[int]) -> tuple[Graph, lis
     reading all of those back costs more than the multiplications saved.
     """
     new = Graph()
-    done: dict[int, int] = {}
+    numbers: dict[int, int] = {}
     for number in graph.needed(outputs):
         node = graph.nodes[number]
-        args = [done[a] for a in node.args]
+        args = [numbers[a] for a in node.args]
         if node.op == "const":
-            done[number] = new.constant(node.value)
+            numbers[number] = new.constant(node.value)
         elif node.op == "input":
-            done[number] = new.source(node.source, node.index)
+            numbers[number] = new.source(node.source, node.index)
         elif node.op == "exp":
-            done[number] = new.make("exp16", _scaled(new, args[0], _SIXTEEN_LOG2_E))
+            numbers[number] = new.make("exp16", _scaled(new, args[0], _SIXTEEN_LOG2_E))
         elif node.op == "logistic":
             limited = new.make("min", new.constant(LOGISTIC_LIMIT), new.make("neg", args[0]))
             exponential = new.make("exp16", _scaled(new, limited, _SIXTEEN_LOG2_E))
-            done[number] = new.make("inv", new.make("add", new.constant(1.0), exponential))
+            numbers[number] = new.make("inv", new.make("add", new.constant(1.0), exponential))
         elif node.op == "pow" and new.is_positive(args[0]) and _is_small_constant(new, args[1]):
-            done[number] = new.make("pow16", args[0], _scaled(new, args[1], 16.0))
+            numbers[number] = new.make("pow16", args[0], _scaled(new, args[1], 16.0))
         else:
-            done[number] = new.make(node.op, *args)
-    return new, [done[number] for number in outputs]
+            numbers[number] = new.make(node.op, *args)
+    return new, [numbers[number] for number in outputs]
 
 
 def _is_small_constant(graph: Graph, number: int) -> bool:
@@ -88,16 +88,15 @@ class _Regroup:
         self.old = graph
         self.new = Graph()
         self.uses = graph.uses(outputs)
-        self._done: dict[int, int] = {}
+        self._numbers: dict[int, int] = {}
         for number in graph.needed(outputs):  # arguments first: the recursion below stays shallow
             self.node(number)
 
     def node(self, number: int) -> int:
         """The node of the new graph that stands for ``number`` of the old one."""
-        found = self._done.get(number)
-        if found is None:
-            found = self._done[number] = self._translate(number)
-        return found
+        if number not in self._numbers:
+            self._numbers[number] = self._translate(number)
+        return self._numbers[number]
 
     def _translate(self, number: int) -> int:
         node = self.old.nodes[number]
@@ -157,16 +156,16 @@ class _Regroup:
         return make("pow", base, exponent)
 
     # -- sums ------------------------------------------------------------------------------------------------------
-    def _terms(self, number: int, sign: int, found: list[tuple[int, int]]) -> None:
+    def _terms(self, number: int, sign: int, parts: list[tuple[int, int]]) -> None:
         """Appends the terms (sign, old node) of a sum, looking into those parts that nobody else reads."""
         node = self.old.nodes[number]
         if node.op == "neg" and self.uses[number] == 1:
-            self._terms(node.args[0], -sign, found)
+            self._terms(node.args[0], -sign, parts)
         elif node.op in _SUM and self.uses[number] == 1:
-            self._terms(node.args[0], sign, found)
-            self._terms(node.args[1], sign if node.op == "add" else -sign, found)
+            self._terms(node.args[0], sign, parts)
+            self._terms(node.args[1], sign if node.op == "add" else -sign, parts)
         else:
-            found.append((sign, number))
+            parts.append((sign, number))
 
     def _sum(self, number: int) -> int:
         node = self.old.nodes[number]
@@ -177,18 +176,21 @@ class _Regroup:
         logistic = self._one_plus_tanh(terms)
         if logistic is not None:
             return logistic
-        # Constants, inputs, states; products last within a level, so that each can be fused with the addition.
-        ordered = sorted(terms, key=lambda term: (self.new.levels[term[1]], self._is_product(term[1]), term[0] < 0))
+
+        def rank(term: tuple[int, int]) -> tuple[Level, bool, bool]:
+            """Constants, inputs, states; products last within a level, so that each can be fused with the addition."""
+            sign, number = term
+            node = self.new.nodes[number]
+            product = node.op == "mul" or (node.op == "neg" and self.new.nodes[node.args[0]].op == "mul")
+            return self.new.levels[number], product, sign < 0
+
+        ordered = sorted(terms, key=rank)
         sign, total = ordered[0]
         if sign < 0:
             total = self.new.make("neg", total)
         for sign, term in ordered[1:]:
             total = self.new.make("add" if sign > 0 else "sub", total, term)
         return total
-
-    def _is_product(self, number: int) -> bool:
-        node = self.new.nodes[number]
-        return node.op == "mul" or (node.op == "neg" and self.new.nodes[node.args[0]].op == "mul")
 
     def _one_plus_tanh(self, terms: list[tuple[int, int]]) -> int | None:
         """``1 + tanh(y)`` is ``2*logistic(2 y)``: cheaper, and accurate in the tail where the sum cancels."""
@@ -206,18 +208,18 @@ class _Regroup:
         return None
 
     # -- products --------------------------------------------------------------------------------------------------
-    def _factors(self, number: int, power: int, found: list[tuple[int, int]]) -> int:
+    def _factors(self, number: int, power: int, parts: list[tuple[int, int]]) -> int:
         """Appends the factors (power +1 or -1, old node) of a product; returns its sign."""
         node = self.old.nodes[number]
         alone = self.uses[number] == 1
         if node.op == "neg":
-            return -self._factors(node.args[0], power, found)
+            return -self._factors(node.args[0], power, parts)
         if node.op == "inv":
-            return self._factors(node.args[0], -power, found)
+            return self._factors(node.args[0], -power, parts)
         # Reciprocals of the factors of a denominator can be shared, whoever else reads the product.
         if node.op == "mul" and (alone or power < 0):
-            return self._factors(node.args[0], power, found) * self._factors(node.args[1], power, found)
-        found.append((power, number))
+            return self._factors(node.args[0], power, parts) * self._factors(node.args[1], power, parts)
+        parts.append((power, number))
         return 1
 
     def _product(self, number: int) -> int:

@@ -28,7 +28,8 @@ from glbench.kernel.compiled.regroup import spell_out_logistic
 
 def substitution_text(plan: Elimination, entries: Sequence[tuple[int, int]]) -> str:
     """All of them, for a Jacobian with those structural nonzeros."""
-    place = {entry: k for k, entry in enumerate(_stored(plan))}
+    factors = [(i, j) for i in plan.order for j in (*plan.lower[i], *plan.upper[i], i)]
+    place = {entry: k for k, entry in enumerate(factors)}
     return "".join(
         [
             f"constexpr int OWN_FACTORS = {len(place)};\n",
@@ -39,16 +40,12 @@ def substitution_text(plan: Elimination, entries: Sequence[tuple[int, int]]) -> 
     )
 
 
-def _stored(plan: Elimination) -> list[tuple[int, int]]:
-    return [(i, j) for i in plan.order for j in (*plan.lower[i], *plan.upper[i], i)]
-
-
-def _factors_text(plan: Elimination, place: dict[tuple[int, int], int], known: dict[tuple[int, int], int]) -> str:
+def _factors_text(plan: Elimination, place: dict[tuple[int, int], int], entries: dict[tuple[int, int], int]) -> str:
     """``own_factors(jac, s, lu)`` of W = s I - J: the negated multipliers, the upper triangle of -W, the reciprocal pivots of W."""
     lines = []
     for i in plan.order:
         for j in (*plan.lower[i], *plan.upper[i], i):
-            text = f"jac[{known[i, j]} * Stride]" if (i, j) in known else "0.0"
+            text = f"jac[{entries[i, j]} * Stride]" if (i, j) in entries else "0.0"
             for k in plan.lower[i]:
                 if j in plan.upper[k]:
                     text = f"__builtin_fma(lu[{place[i, k]}], lu[{place[k, j]}], {text})"
@@ -146,11 +143,11 @@ def _rates_text(model: Structure, slopes: list[int], inputs: list[int]) -> str:
         return graph.source("k", node.index) if node.source == "x" else None
 
     bends = derivative.directional(graph, state_nodes + input_nodes, along)
-    bent = [k for k in range(len(state_nodes)) if not graph.is_constant(bends[k], 0.0)]
-    wanted = state_nodes + input_nodes + [bends[k] for k in bent] + bends[len(state_nodes) :]
-    graph, wanted = spell_out_logistic(graph, wanted)
-    first, second = wanted[: len(bends)], wanted[len(bends) :]
-    place = {number: k for k, number in enumerate(stored_inputs(graph, wanted))}
+    curved = [k for k in range(len(state_nodes)) if not graph.is_constant(bends[k], 0.0)]
+    results = state_nodes + input_nodes + [bends[k] for k in curved] + bends[len(state_nodes) :]
+    graph, results = spell_out_logistic(graph, results)
+    first, second = results[: len(bends)], results[len(bends) :]
+    place = {number: k for k, number in enumerate(stored_inputs(graph, results))}
 
     def name(number: int) -> str | None:
         node = graph.nodes[number]
@@ -160,8 +157,8 @@ def _rates_text(model: Structure, slopes: list[int], inputs: list[int]) -> str:
 
     states, count = len(state_nodes), len(input_nodes)
     derivatives = _targets("by_state", first[:states]) | _targets("by_input", first[states:])
-    curvature = _targets("bend", second[: len(bent)])
-    curvature |= {f"by_input[{k}] = by_input[{k}] +": node for k, node in enumerate(second[len(bent) :])}
+    curvature = _targets("bend", second[: len(curved)])
+    curvature |= {f"by_input[{k}] = by_input[{k}] +": node for k, node in enumerate(second[len(curved) :])}
     heads = (
         "void stored_inputs(const V* c, V* s)",
         "void derivatives(const V* x, const V* s, V* by_state, V* by_input)",
@@ -169,12 +166,12 @@ def _rates_text(model: Structure, slopes: list[int], inputs: list[int]) -> str:
     )
     parts = [
         f"constexpr int STORED_INPUTS = {len(place)};\nconstexpr int STATE_ENTRIES = {states};\n",
-        f"constexpr int INPUT_ENTRIES = {count};\nconstexpr int BEND_ENTRIES = {len(bent)};\n",
+        f"constexpr int INPUT_ENTRIES = {count};\nconstexpr int BEND_ENTRIES = {len(curved)};\n",
         _function_text(heads[0], graph, _named("c", graph), _targets("s", list(place))),
         _function_text(heads[1], graph, name, derivatives),
         _function_text(heads[2], graph, name, curvature),
     ]
-    patterns = {"state": state_entries, "input": input_entries, "bend": [state_entries[k] for k in bent]}
+    patterns = {"state": state_entries, "input": input_entries, "bend": [state_entries[k] for k in curved]}
     for label, entries in patterns.items():
         parts += [_product_text(label, entries), _product_text(f"{label}_transposed", [(j, i) for i, j in entries])]
     parts += [_products_text(label, patterns[label]) for label in ("bend", "input")]
@@ -185,18 +182,18 @@ def _rates_text(model: Structure, slopes: list[int], inputs: list[int]) -> str:
 def _cut(graph: Graph, outputs: list[int], inputs: Sequence[int]) -> tuple[Graph, list[int]]:
     """A new graph in which ``inputs`` are the elements of the input "c"."""
     new = Graph()
-    done = {number: new.source("c", k) for k, number in enumerate(inputs)}
+    numbers = {number: new.source("c", k) for k, number in enumerate(inputs)}
     for number in graph.needed(outputs):
         node = graph.nodes[number]
-        if number in done:
+        if number in numbers:
             continue
         if node.op == "const":
-            done[number] = new.constant(node.value)
+            numbers[number] = new.constant(node.value)
         elif node.op == "input":
-            done[number] = new.source(node.source, node.index)
-        elif all(a in done for a in node.args):  # else it only leads to one of the inputs
-            done[number] = new.make(node.op, *(done[a] for a in node.args))
-    return new, [done[number] for number in outputs]
+            numbers[number] = new.source(node.source, node.index)
+        elif all(a in numbers for a in node.args):  # else it only leads to one of the inputs
+            numbers[number] = new.make(node.op, *(numbers[a] for a in node.args))
+    return new, [numbers[number] for number in outputs]
 
 
 def _product_text(label: str, entries: Entries) -> str:

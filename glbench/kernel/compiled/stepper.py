@@ -393,13 +393,13 @@ class CompiledStepper:
         return _Batch(n, x, u, d, p, out, status, substeps, reached, pointers, ctypes.byref(pointers), *shapes)
 
     def _wrong_arrays(self, *arrays: Array) -> ShapeError:
-        found = ", ".join(
+        got = ", ".join(
             f"{name} {a.dtype}{a.shape}" for name, a in zip(("x", "u", "d", "p", "out"), arrays, strict=True)
         )
         x, u, d, p = self._sizes.values()
         msg = (
             f"step_rows wants C-contiguous float64 arrays x (n, {x}), u (n, {u}), d (n, {d}), p (n, {p}) or ({p},), "
-            f"out (n, {x}), not {found}."
+            f"out (n, {x}), not {got}."
         )
         return ShapeError(msg)
 
@@ -457,14 +457,11 @@ class CompiledBoundStep:
         StepError
             When a row could not be integrated, or an input is not finite; the other rows have been stepped.
         """
-        if self._call():
-            self._step_again()
-
-    def _step_again(self) -> None:
-        """Rows that need the library of the full model, and failures."""
-        rows = np.flatnonzero(self.status)
+        if not self._call():
+            return
+        rows = np.flatnonzero(self.status)  # those that need the library of the full model, and failures
         stepped = np.empty((rows.size, self._out.shape[1]))
-        status = self._stepper.step_rows(*self._rows.chosen(rows), stepped)
+        status = self._stepper.step_rows(*self._rows.take(rows), stepped)
         self._out[rows], self.status[rows] = stepped, status
         self.substeps[rows], self.reached[rows] = self._stepper.substeps, self._stepper.reached
         failed = np.flatnonzero(status)
