@@ -315,7 +315,7 @@ class Simulation:
             When all runs have ended, or none was started.
         """
         self._check_running()
-        self._write("given", actions)
+        self._write("actions", actions)
         self._finish_step("given", self._environments.step())
         return self._step_result()
 
@@ -341,7 +341,7 @@ class Simulation:
             values[:] = action
         else:
             numbers = real_numbers(action)
-            self._write("given", action if numbers is None else numbers[None])
+            self._write("actions", action if numbers is None else numbers[None])
         self._finish_step("given", environments.step())
         return observation.copy(), table.tolist(), self.over == 1
 
@@ -351,7 +351,7 @@ class Simulation:
         For privileged controllers and for replaying. Raises as ``step`` does.
         """
         self._check_running()
-        self._write("given_controls", controls)
+        self._write("direct_controls", controls)
         self._finish_step("given_controls", self._environments.step_controls())
         return self._step_result()
 
