@@ -45,6 +45,13 @@ def real_numbers(value: object) -> NDArray[Any] | None:
     return None if array is None or array.dtype.kind not in "fiu" else array
 
 
+def packed(**arrays: Any) -> bytes:
+    """Arrays, numbers, texts and tuples of texts as the bytes of an ``.npz`` file; equal ones give equal bytes."""
+    file = io.BytesIO()
+    np.savez_compressed(file, allow_pickle=False, **{name: np.asarray(value) for name, value in arrays.items()})
+    return file.getvalue()
+
+
 class ArrayFile:
     """The arrays of a file. Its methods raise a ``ValueError`` that names the entry if it is missing or has another type."""
 
@@ -95,6 +102,12 @@ class ArrayFile:
     def count(self, beginning: str) -> int:
         """Number of arrays whose names begin with ``prefix``."""
         return sum(name.startswith(beginning) for name in self._arrays)
+
+    def check_format(self, number: int) -> None:
+        """Refuse a file whose entry ``format`` is another number."""
+        if self.integer("format") != number:
+            msg = f"it has format {self.integer('format')}; this version of glbench reads format {number}"
+            raise ValueError(msg)
 
     def text(self, name: str) -> str:
         """A text."""

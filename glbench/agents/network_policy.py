@@ -9,7 +9,6 @@ moves the control there as fast as the task allows.
 
 from __future__ import annotations
 
-import io
 import itertools
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 from glbench.agents import deterministic_math
 from glbench.agents.controllers import controller
 from glbench.agents.protocol import check_runs
-from glbench.arrays import ArrayFile, checked_facts
+from glbench.arrays import ArrayFile, checked_facts, packed
 from glbench.errors import ShapeError, SubmissionError
 from glbench.untrusted import MIB, quoted, read_regular, reason_of
 
@@ -195,28 +194,24 @@ class NetworkPolicy:
 
     def to_bytes(self) -> bytes:
         """The policy as the bytes of its file; equal policies give equal bytes."""
-        file = io.BytesIO()
         layers = {f"weight_{i}": matrix for i, matrix in enumerate(self.weights)}
         layers |= {f"bias_{i}": bias for i, bias in enumerate(self.biases)}
-        np.savez_compressed(
-            file,
-            allow_pickle=False,
+        return packed(
             format=np.int64(FORMAT),
-            task_id=np.array(self.task_id),
+            task_id=self.task_id,
             delta=np.float64(self.delta),
-            observation_names=np.array(self.observation_names),
-            action_names=np.array(self.action_names),
+            observation_names=self.observation_names,
+            action_names=self.action_names,
             low=self.low,
             high=self.high,
             mean=self.mean,
             scale=self.scale,
             clip=np.float64(self.clip),
-            activation=np.array(self.activation),
-            output=np.array(self.output),
-            about=np.array(json.dumps(self.about, sort_keys=True)),
+            activation=self.activation,
+            output=self.output,
+            about=json.dumps(self.about, sort_keys=True),
             **layers,
         )
-        return file.getvalue()
 
 
 @dataclass(frozen=True, eq=False)
@@ -343,12 +338,10 @@ class Actor:
         """The policy as the bytes of its file; equal policies give equal bytes."""
         if self.plain:
             return self.network.to_bytes()
-        file = io.BytesIO()
         own = {name: getattr(self, name) for name in _OWN}
         if self.gru is not None:
             own |= {f"gru_{name}": getattr(self.gru, name) for name in _GRU}
-        np.savez_compressed(file, allow_pickle=False, network=np.frombuffer(self.network.to_bytes(), np.uint8), **own)
-        return file.getvalue()
+        return packed(network=np.frombuffer(self.network.to_bytes(), np.uint8), **own)
 
 
 _OWN = ("traced", "shares", "max_change", "low", "high")
@@ -372,8 +365,8 @@ def read_actor(file: Path) -> Actor:
     try:
         arrays = ArrayFile.of(data)
         if "network" not in arrays:
-            return Actor.of(_network(arrays, file))
-        network = _network(ArrayFile.of(arrays.integers("network", 1, np.uint8).tobytes()), file)
+            return Actor.of(_network(arrays))
+        network = _network(ArrayFile.of(arrays.integers("network", 1, np.uint8).tobytes()))
         traced, *numbers = _OWN
         own: dict[str, Any] = {name: arrays.floats(name, 1) for name in numbers}
         gru = None
@@ -498,10 +491,8 @@ def policy_for(task: TaskCard, policies: Sequence[Actor]) -> Actor:
     return min(fitting, key=lambda policy: policy.preference(task))
 
 
-def _network(file: ArrayFile, place: Path) -> NetworkPolicy:
-    if file.integer("format") != FORMAT:
-        msg = f"The policy {place} has format {file.integer('format')}; this version of glbench reads format {FORMAT}."
-        raise SubmissionError(msg)
+def _network(file: ArrayFile) -> NetworkPolicy:
+    file.check_format(FORMAT)
     layers = range(file.count("weight_"))
     columns: dict[str, Any] = {name: file.floats(name, 1) for name in ("low", "high", "mean", "scale")}
     output: Any = file.text("output")

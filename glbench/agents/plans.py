@@ -10,7 +10,6 @@ in a task. ``glbench episodes recording`` makes one of any agent that acts throu
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glbench.agents.controllers import controller
 from glbench.agents.protocol import check_runs
-from glbench.arrays import ArrayFile, checked_facts
+from glbench.arrays import ArrayFile, checked_facts, packed
 from glbench.errors import ShapeError, SubmissionError
 from glbench.resources import write_atomically
 from glbench.untrusted import reason_of
@@ -189,20 +188,16 @@ class PlanBook:
             "about": [dict(about) for about in self.about],
         }
         seeds = self.seeds
-        file = io.BytesIO()
-        np.savez_compressed(
-            file,
-            allow_pickle=False,
+        return packed(
             format=np.int64(FORMAT),
-            facts=np.array(json.dumps(facts, sort_keys=True)),
-            names=np.array(self.names),
-            low=np.array(self.low),
-            high=np.array(self.high),
+            facts=json.dumps(facts, sort_keys=True),
+            names=self.names,
+            low=self.low,
+            high=self.high,
             seeds=np.array(seeds, dtype=np.uint64),
             places=np.array([self.runs[seed] for seed in seeds], dtype=np.int64),
             actions=self.actions.astype("<u2"),
         )
-        return file.getvalue()
 
     def save(self, file: Path) -> None:
         """Write the book.
@@ -225,9 +220,7 @@ def read_book(file: Path) -> PlanBook:
     """
     try:
         arrays = ArrayFile.at(file, _LARGEST)
-        if arrays.integer("format") != FORMAT:
-            msg = f"The book of plans {file} has format {arrays.integer('format')}; this version of glbench reads format {FORMAT}."
-            raise SubmissionError(msg)
+        arrays.check_format(FORMAT)
         facts = arrays.table("facts")
         about = facts.pop("about", None)
         seeds, places = arrays.integers("seeds", 1, np.uint64).tolist(), arrays.integers("places", 1, np.int64).tolist()
@@ -392,19 +385,15 @@ class Recording:
 
     def to_bytes(self) -> bytes:
         """The recording as the bytes of its file; equal recordings give equal bytes."""
-        file = io.BytesIO()
-        np.savez_compressed(
-            file,
-            allow_pickle=False,
+        return packed(
             format=np.int64(FORMAT),
             actions=self.actions,
-            names=np.array(self.names),
-            low=np.array(self.low),
-            high=np.array(self.high),
-            actuation=np.array(self.actuation),
-            about=np.array(json.dumps(self.about, sort_keys=True)),
+            names=self.names,
+            low=self.low,
+            high=self.high,
+            actuation=self.actuation,
+            about=json.dumps(self.about, sort_keys=True),
         )
-        return file.getvalue()
 
 
 def read_recording(file: Path) -> Recording:
@@ -418,9 +407,7 @@ def read_recording(file: Path) -> Recording:
     advice = "`glbench episodes recording` writes one."
     try:
         arrays = ArrayFile.at(file, _LARGEST)
-        if arrays.integer("format") != FORMAT:
-            msg = f"The recording {file} has format {arrays.integer('format')}; this version of glbench reads format {FORMAT}."
-            raise SubmissionError(msg)
+        arrays.check_format(FORMAT)
         return Recording(
             actions=arrays.floats("actions", 2, np.float32),
             names=arrays.texts("names"),
