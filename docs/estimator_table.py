@@ -20,7 +20,7 @@ from docs.tables import with_tables
 from glbench.agents import load_agent
 from glbench.control import Climatology, Outlook, StateEstimator, air_of
 from glbench.env import Simulation, run_weather
-from glbench.env.climate import AIR
+from glbench.env.air import AIR
 from glbench.kernel import Kernel
 from glbench.tasks import get_task, task_card
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.env.climate import AIR, air_quantities
+from glbench.env.air import AIR, air_quantities
 from glbench.errors import GlbenchError, ShapeError
 from glbench.kernel.tape import Recorder, TapeDerivatives
 from glbench.model import Model

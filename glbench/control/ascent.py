@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.control.air import air_of
-from glbench.env.climate import AIR
+from glbench.env.air import AIR
 
 if TYPE_CHECKING:
     from glbench.control.stage import StageReward

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.control.sun import clear_sky
-from glbench.env.climate import read_air
+from glbench.env.air import read_air
 from glbench.env.forecast import HOUR, ForecastTable
 from glbench.env.generated import CO2_PERSISTENCE
 from glbench.env.spaces import the_task

@@ -9,7 +9,7 @@ The filter estimates, for every run,
 - the relative deviation of every parameter that the task draws for the episode, and of those that it draws daily, which are forgotten
   within a day;
 - how far an unseen column of the weather is off (``UNSEEN``), which is forgotten within hours;
-- bias and drift of every sensor: a reading is truth + noise + bias + drift k / N in step k of N, as ``glbench.env.sensors`` makes it.
+- bias and drift of every sensor: a reading is truth + noise + bias + drift k / N in step k of N, as ``glbench.env.air`` makes it.
 
 Parameters redrawn in each step are noise on the states along the derivatives of the step. A reading that is exactly the last one
 comes from a sensor that hangs, and is left out; so is one that is missing (NaN). Measured columns are taken one after the other in
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.control.observation_model import ObservationModel, ShownControls, checked_observations, refuse_missing
-from glbench.env.sensors import Sensors
+from glbench.env.air import Sensors
 from glbench.env.spaces import the_task
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters
 from glbench.errors import ShapeError, StepError, TaskError, whole_number

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from glbench.control.ascent import LENGTHS, feasible, improvement, shares_of_reach
 from glbench.control.end_value import EndValue
 from glbench.control.stage import StageReward, judged_at_the_end, with_constraints
-from glbench.env.climate import AIR
+from glbench.env.air import AIR
 from glbench.env.spaces import the_task
 from glbench.errors import ShapeError, StepError, TaskError, UnknownNameError, did_you_mean, whole_number
 from glbench.kernel import Kernel

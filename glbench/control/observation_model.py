@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.accounts import ByName
-from glbench.env.climate import AIR, air_quantities
-from glbench.env.sensors import Sensors
+from glbench.env.air import AIR, Sensors, air_quantities
 from glbench.errors import TaskError
 from glbench.kernel.tape import Recorder, TapeDerivatives
 

@@ -299,7 +299,15 @@ class ActionReader:
             actions[ended] = bounds.low
         inside = (actions >= bounds.lowest) & (actions <= bounds.highest)  # False for NaN as well
         if not inside.all():
-            raise ActionError(self._complaint(actions, inside))
+            row, column = (int(index) for index in np.argwhere(~inside)[0])
+            value = float(actions[row, column])
+            msg = f"The {self.what} {column} ('{self.names[column]}') of row {row} is {value!r}"
+            if np.isfinite(value):
+                msg += f", outside its bounds {bounds.low[column]:g} to {bounds.high[column]:g}. "
+                msg += "Limit it before the step; nothing was simulated."
+            else:
+                msg += ", which is not a finite number. Check what computes it; nothing was simulated."
+            raise ActionError(msg)
         actions += 0.0  # -0.0 becomes 0.0: which of two zeros is the larger depends on the place in the batch
         np.maximum(actions, bounds.low, out=actions)
         np.minimum(actions, bounds.high, out=actions)
@@ -328,12 +336,3 @@ class ActionReader:
 
     def _expected(self, n: int) -> str:
         return f"Expected shape ({n}, {len(self.names)}): one row a run, in each {', '.join(self.names)}."
-
-    def _complaint(self, actions: Floats, inside: NDArray[np.bool_]) -> str:
-        row, column = (int(index) for index in np.argwhere(~inside)[0])
-        value = float(actions[row, column])
-        where = f"{self.what} {column} ('{self.names[column]}') of row {row} is {value!r}"
-        if not np.isfinite(value):
-            return f"The {where}, which is not a finite number. Check what computes it; nothing was simulated."
-        bounds = f"{self.bounds.low[column]:g} to {self.bounds.high[column]:g}"
-        return f"The {where}, outside its bounds {bounds}. Limit it before the step; nothing was simulated."

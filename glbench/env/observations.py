@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.climate import AIR
+from glbench.env.air import AIR
 from glbench.env.forecast import HOUR
 from glbench.env.numpy_environments import ObservationInputs
 from glbench.env.weather_pool import CLOCK, WeatherTables

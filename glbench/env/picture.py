@@ -25,7 +25,7 @@ from matplotlib.transforms import Affine2D, IdentityTransform
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from glbench.env.climate import AIR
+from glbench.env.air import AIR
 from glbench.env.history import HOURS_SHOWN, MONEY, DailyLightSums, RecentHistory, time_words
 from glbench.model import Air
 from glbench.quantities import pretty_unit
@@ -154,7 +154,16 @@ class Picture:
         hours = np.arange(1 - len(points), 1).astype(np.float64) * (self._task.step_seconds / 3600.0)
         time = simulation.time[row]
         self._title.set_text(f"{self._task.short_id}   {time_words(time, float(simulation.hour_of_day[row]))}")
-        self._subtitle.set_text("    ".join(self._values(simulation.air[:, row].tolist(), history)))
+        air = simulation.air[:, row].tolist()
+        amounts = [(column, float(column.of_air(Air(*air)))) for column in self._deficits if column.of_air is not None]
+        if history.light is not None:
+            amounts += [pair for pair in zip(self._light, history.light.sums, strict=True) if math.isfinite(pair[1])]
+        self._subtitle.set_text(
+            "    ".join(
+                f"{_name(column.name)} {value:.{0 if value >= 100.0 else 1 if value >= 10.0 else 2}f} {_unit(column.unit)}"
+                for column, value in amounts
+            )
+        )
         self._place.set_text(f"step {simulation.k[row]} of {self._task.steps}")
         self._seed.set_text(f"seed {simulation.seeds[row]}")
         changed = [
@@ -190,16 +199,6 @@ class Picture:
         room.set_figure(self._figure)
         self._figure.draw_artist(room)
         self._figure.draw_artist(axes)
-
-    def _values(self, air: list[float], history: RecentHistory) -> list[str]:
-        """What growers read besides: deficits of the air, light of the day so far."""
-        pairs = [(column, float(column.of_air(Air(*air)))) for column in self._deficits if column.of_air is not None]
-        if history.light is not None:
-            pairs += [pair for pair in zip(self._light, history.light.sums, strict=True) if math.isfinite(pair[1])]
-        return [
-            f"{_name(column.name)} {value:.{0 if value >= 100.0 else 1 if value >= 10.0 else 2}f} {_unit(column.unit)}"
-            for column, value in pairs
-        ]
 
     def _axes(self, column: tuple[float, float], bottom: float, height: float, *, labelled: bool) -> Axes:
         """Axes over the hours shown, in a column of the figure."""

@@ -24,7 +24,7 @@ from glbench.env.actuation import (
     make_actuation,
     recorded_actuation,
 )
-from glbench.env.climate import AIR, air_quantities
+from glbench.env.air import AIR, air_quantities
 from glbench.env.daily_sums import DAILY_SUMS, daily_sum
 from glbench.env.numpy_environments import NO_PARTS, PythonParts
 from glbench.env.observations import Locked, Numbers, checked_part, column_sources, python_part
@@ -165,30 +165,24 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
 def _actuation(task: TaskSpec, kind: RecordedActuation, scenarios: RunScenarios) -> Tape:
     names, places = task.model_value.control_names, scenarios.memory_layout.of(ACTUATION)
     with Recorder() as recorder:
-        inputs = ActuationInputs(
-            actions={action.name: recorder.input("given", place) for place, action in enumerate(task.actions)},
-            controls={name: recorder.input("controls", names.index(name)) for name in task.actuation.controls},
-            memory={name: recorder.input("memory", place) for name, place in places.items()},
-            measured=_measured(task, recorder, scenarios),
-        )
-        controls, memory = kind.work(task, inputs)
+        actions = {action.name: recorder.input("given", place) for place, action in enumerate(task.actions)}
+        controls = {name: recorder.input("controls", names.index(name)) for name in task.actuation.controls}
+        memory = {name: recorder.input("memory", place) for name, place in places.items()}
+        measured, air = None, _true_air(task, recorder, "before")
+        if air:  # as the sensors show it
+            temperature, co2, humidity = scenarios.sensors.readings(recorder, air, scenarios.memory_layout)
+            radiation, outside, wind = (
+                recorder.input("weather", COLUMNS.index(name)) for name in ("iGlob", "tOut", "wind")
+            )
+            hour = recorder.input("calendar", CLOCK.index("hour_of_day"))
+            deficit = with_simplification(humidity_deficit, temperature, humidity)
+            measured = Measured(temperature, co2, deficit, radiation, outside, wind, hour)
+        next_controls, next_memory = kind.work(task, ActuationInputs(actions, controls, memory, measured))
         for index, name in enumerate(names):
-            recorder.output("controls", index, controls.get(name, 0.0))
-        for name, value in memory.items():
+            recorder.output("controls", index, next_controls.get(name, 0.0))
+        for name, value in next_memory.items():
             recorder.output("memory", places[name], value)
     return recorder.tape()
-
-
-def _measured(task: TaskSpec, recorder: Recorder, scenarios: RunScenarios) -> Measured | None:
-    """What a process computer measures before a step: the air as the sensors show it, and the weather and clock of the step."""
-    air = _true_air(task, recorder, "before")
-    if not air:
-        return None
-    temperature, co2, humidity = scenarios.sensors.readings(recorder, air, scenarios.memory_layout)
-    radiation, outside, wind = (recorder.input("weather", COLUMNS.index(name)) for name in ("iGlob", "tOut", "wind"))
-    hour = recorder.input("calendar", CLOCK.index("hour_of_day"))
-    deficit = with_simplification(humidity_deficit, temperature, humidity)
-    return Measured(temperature, co2, deficit, radiation, outside, wind, hour)
 
 
 def _true_air(task: TaskSpec, recorder: Recorder, moment: Literal["before", "after"] = "after") -> list[Any]:

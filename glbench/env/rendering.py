@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.accounts import EPI
-from glbench.env.climate import AIR
+from glbench.env.air import AIR
 from glbench.env.history import DailyLightSums, RecentHistory, time_words
 from glbench.env.program import air_columns, info_columns
 from glbench.errors import GlbenchError, UnknownNameError

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from glbench.env.actuation import PART as ACTUATION
 from glbench.env.actuation import actuation_memory
+from glbench.env.air import PART as SENSORS
+from glbench.env.air import STREAM as SENSOR_STREAM
+from glbench.env.air import Sensors
 from glbench.env.daily_sums import DAILY_SUMS, initial_memory
 from glbench.env.generated import SeasonMaker
 from glbench.env.memory_layout import allocate
 from glbench.env.random import uniforms
-from glbench.env.sensors import PART as SENSORS
-from glbench.env.sensors import STREAM as SENSOR_STREAM
-from glbench.env.sensors import Sensors
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters, stream_key
 from glbench.env.weather_pool import CLOCK, WeatherPool
 

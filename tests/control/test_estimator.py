@@ -9,7 +9,7 @@ import pytest
 
 from glbench.control import Outlook, StateEstimator, air_of, estimator
 from glbench.env import Simulation, scenario, weather_pool
-from glbench.env.climate import AIR
+from glbench.env.air import AIR
 from glbench.errors import ShapeError, StepError, TaskError
 from glbench.kernel import Kernel, available
 from glbench.model import paper, register_model

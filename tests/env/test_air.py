@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from glbench.env.climate import read_air
+from glbench.env.air import read_air
 from glbench.model import co2_ppm, relative_humidity
 
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from glbench.env import Simulation, run_weather
-from glbench.env.climate import read_air
+from glbench.env.air import read_air
 from glbench.env.forecast import LEVELS, PERSISTENCE, SPREAD, ForecastTable
 from glbench.env.random import ar1_paths, key_of, uniforms
 from glbench.env.weather_pool import WeatherPool

@@ -12,7 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from glbench.env import GreenhouseEnv, Simulation
-from glbench.env.climate import AIR
+from glbench.env.air import AIR
 from glbench.env.daily_sums import daily_sum, daily_sums
 from glbench.env.observations import column_sources
 from glbench.env.weather_pool import WeatherTables

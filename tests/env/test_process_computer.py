@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation, Snapshot
 from glbench.env.actuation import ActuationInputs, make_actuation, recorded_actuation
-from glbench.env.climate import read_air
+from glbench.env.air import read_air
 from glbench.env.process_computer import MEMORY, Measured, work
 from glbench.env.program import make_program
 from glbench.episodes.signals import signals_of

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from glbench.env.climate import read_air
+from glbench.env.air import read_air
 from glbench.env.program import make_program
 from glbench.tasks import get_task
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from glbench import quantities
 from glbench.env.accounts import flow_amounts
-from glbench.env.climate import read_air
+from glbench.env.air import read_air
 from glbench.env.scenario import RunScenarios
 from glbench.episodes import ActionLog, Replay, Trace, chosen_rows
 from glbench.episodes.definition import definition_json, task_of

@@ -1,4 +1,4 @@
-"""Sensors of the air inside that err: what is observed, while the truth is judged.
+"""The air inside as growers know it, and sensors of it that err: what is observed, while the truth is judged.
 
 The reading of a quantity q in step k of a run of N steps is
 
@@ -16,27 +16,69 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
+import casadi
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.climate import AIR
 from glbench.env.memory_layout import MemoryLayout
 from glbench.env.random import UNIFORMS_PER_NORMAL, approx_normal
 from glbench.errors import TaskError
-from glbench.kernel.tape import Recorder
+from glbench.kernel.tape import Recorder, Tape, with_simplification
+from glbench.model import co2_ppm, relative_humidity
+from glbench.quantities import AIR as _AIR
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 
+AIR = {name: entry.unit for name, entry in _AIR.items()}
+"""What is known of the air, with units."""
+
 STREAM = "sensors"
 """Name of the stream of their noise."""
 
 PART = "sensors"
 """Under which they ask for memory."""
+
+
+def read_air(
+    temperature: NDArray[np.float64], co2_density: NDArray[np.float64], vapour_pressure: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Air temperature [degC], CO2 [ppm], relative humidity [%, 0 to 100], shape ``(3, n)``.
+
+    Parameters
+    ----------
+    temperature, co2_density, vapour_pressure
+        In degC, mg m-3 and Pa, each of shape ``(n,)``.
+    """
+    values = (temperature, co2_density, vapour_pressure)
+    outputs = _tape().play(lambda source, index: values[index])
+    return np.stack([temperature, *(values for _, _, values in outputs)])
+
+
+def air_quantities(temperature: Any, co2_density: Any, vapour_pressure: Any) -> tuple[Any, Any, Any]:
+    """The same of one parcel, as expressions of a recorded formula."""
+    return (temperature, *with_simplification(_co2_and_humidity, temperature, co2_density, vapour_pressure))
+
+
+def _co2_and_humidity(temperature: Any, density: Any, pressure: Any) -> tuple[Any, Any]:
+    # The benchmark caps relative humidity: air can be supersaturated for a moment, a hygrometer shows 100 %, also when it shows no number.
+    humidity = relative_humidity(temperature, pressure)
+    capped = casadi.fmax(casadi.if_else(humidity < 100.0, humidity, 100.0), 0.0)
+    return co2_ppm(temperature, density), capped
+
+
+@lru_cache(maxsize=1)
+def _tape() -> Tape:
+    with Recorder() as recorder:
+        values = air_quantities(*(recorder.input("after", index) for index in range(3)))
+        for index, value in enumerate(values[1:]):
+            recorder.output("table", index, value)
+    return recorder.tape()
 
 
 @dataclass(frozen=True)
