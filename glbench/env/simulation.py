@@ -154,7 +154,7 @@ class Simulation:
         self.seeds = read_only(np.zeros(n, dtype=np.uint64))
         self.over = 0
         self._kernel_choice, self._may_fuse = kernel, fused
-        self._readers = {"given": ActionReader.of_task(task), "given_controls": ActionReader.of_controls(task)}
+        self._readers = {"actions": ActionReader.of_task(task), "direct_controls": ActionReader.of_controls(task)}
         self._air, self._info = air_columns(task), info_columns(task)
         self._ready = False  # whether reset or restore was called
         self._has_result = False
@@ -316,7 +316,7 @@ class Simulation:
         """
         self._check_running()
         self._write("actions", actions)
-        self._finish_step("given", self._environments.step())
+        self._finish_step("actions", self._environments.step())
         return self._step_result()
 
     def step_single(self, action: ArrayLike) -> tuple[NDArray[np.float32], list[float], bool]:
@@ -342,7 +342,7 @@ class Simulation:
         else:
             numbers = real_numbers(action)
             self._write("actions", action if numbers is None else numbers[None])
-        self._finish_step("given", environments.step())
+        self._finish_step("actions", environments.step())
         return observation.copy(), table.tolist(), self.over == 1
 
     def step_controls(self, controls: ArrayLike) -> StepResult:
@@ -352,7 +352,7 @@ class Simulation:
         """
         self._check_running()
         self._write("direct_controls", controls)
-        self._finish_step("given_controls", self._environments.step_controls())
+        self._finish_step("direct_controls", self._environments.step_controls())
         return self._step_result()
 
     def end(self, rows: ArrayLike) -> None:
