@@ -172,7 +172,7 @@ def _plans(search: Search, engine: options.EngineName, remaining: int) -> Iterat
 
 
 def plan_parts(search: Search, results: Sequence[PlanOutcome]) -> Iterator[console.Part]:
-    """The plans beside the best known ones, and what to do with them."""
+    """Plans compared with the best known ones, and the next command."""
     from glbench.bounds import best_known
 
     book = best_known().book(search.task)
@@ -273,7 +273,7 @@ def dispatch(
 
 
 def cost_parts(name: str, costs: Sequence[Costs], mean: Costs, buffer: float | None) -> Iterator[console.Part]:
-    """What runs paid for energy and CO2, the least they could have paid, and what buffer and engine earn."""
+    """Energy and CO2 costs of runs: as recorded, the lower bound, and the value of buffer and engine."""
 
     def money(value: float | None) -> str:
         return "-" if value is None else f"{value:.3f}"

@@ -264,13 +264,13 @@ def say(console: Console, text: str | Text, style: str | None = None) -> None:
     console.print(text, style=style, soft_wrap=not console.is_terminal or longest > console.width)
 
 
-def put(text: object) -> None:
+def write(text: object) -> None:
     """Print a line of a result as it is: no markup, and long lines are left to the terminal, so that paths can be copied."""
     _put_line(Line(str(text)))
 
 
 def tell(text: str) -> None:
-    """As ``put``, on standard error."""
+    """As ``write``, on standard error."""
     _put_line(Line(text, aside=True))
 
 
@@ -306,8 +306,8 @@ def _fitting(view: Table) -> tuple[list[Column], int]:
     while True:
         narrow = min(longest, _NARROW if any(column.gives_way for column in columns) else _NARROWEST)
         narrow = max(narrow, cell_len(view.columns[place].heading))
-        drawn = _rich(view, columns, narrow)
-        room = console.width - Measurement.get(console, console.options.update(max_width=10_000), drawn).minimum
+        grid = _rich(view, columns, narrow)
+        room = console.width - Measurement.get(console, console.options.update(max_width=10_000), grid).minimum
         first = max(columns, key=lambda column: column.gives_way)
         if room >= 0 or first.gives_way == 0:
             return columns, min(max(longest, narrow), narrow + max(room, 0))
@@ -320,9 +320,9 @@ def _rich(view: Table, columns: Sequence[Column], width: int | None) -> rich.tab
 
     look: dict[str, Any] = {"title_justify": "left", "title_style": "bold", "box": box.SIMPLE_HEAD}
     title, caption = (None if text is None else cell(text) for text in (view.title, view.caption))
-    drawn = rich.table.Table(title=title, caption=caption, **(look | dict(view.look)))
+    grid = rich.table.Table(title=title, caption=caption, **(look | dict(view.look)))
     for column in columns:
-        drawn.add_column(
+        grid.add_column(
             cell(column.heading),
             justify="right" if column.number else "left",
             no_wrap=not column.fold,
@@ -334,8 +334,8 @@ def _rich(view: Table, columns: Sequence[Column], width: int | None) -> rich.tab
     places = [place for place, column in enumerate(view.columns) if column in columns]
     for row in view.rows:
         cells = [cell(row.cells[place]) for place in places if place < len(row.cells)]
-        drawn.add_row(*cells, style=row.style, end_section=row.ends_section)
-    return drawn
+        grid.add_row(*cells, style=row.style, end_section=row.ends_section)
+    return grid
 
 
 # How a command ends
@@ -346,7 +346,7 @@ _interruptions: list[str] = []
 
 
 def tell_interrupted(consequence: str = "") -> None:
-    """Say that work was interrupted, and what that means for it."""
+    """Print that work was interrupted, and the consequence."""
     _interruptions.append(consequence)
     messages().print(f"\n[bold yellow]Interrupted.[/bold yellow] {consequence}".rstrip(), soft_wrap=True)
 
@@ -368,14 +368,14 @@ def interruption(consequence: str | Callable[[], str]) -> Iterator[None]:
 
 
 class Interruption:
-    """While it is entered, the signals TERM and HUP interrupt as Ctrl-C does; ``exit_code`` tells which one it was."""
+    """Raises ``KeyboardInterrupt`` for the signals TERM and HUP, too; ``exit_code`` depends on the last signal."""
 
     def __init__(self) -> None:
         self._number = int(signal.SIGINT)
         self._reports_before = len(_interruptions)
 
     def tell(self) -> None:
-        """Say that it was interrupted, unless the command has said so."""
+        """Print that the command was interrupted, unless it has printed that itself."""
         if len(_interruptions) == self._reports_before:
             tell_interrupted()
 

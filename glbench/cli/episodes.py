@@ -211,7 +211,7 @@ def make(
     with console.messages().status("replaying"):
         files = make_episodes(parse_selection(episodes), loaded, result, task_of_result(loaded, result, sealed), to)
     for file in files:
-        console.put(file)
+        console.write(file)
 
 
 @app.command()
@@ -220,11 +220,11 @@ def recording(
     run: Annotated[int, typer.Option("--run", help="Seed of the run whose actions are taken.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write, which glbench evaluate runs.")],
 ) -> None:
-    """Make an agent of the recorded actions of one run. It replays them without looking: what feedback is worth is what it loses."""
+    """Make an agent that replays the recorded actions of one run, open loop: what it loses is the value of feedback."""
     from glbench.evaluation.recordings import write_recording
 
     actions = write_recording(result, run, out)
-    console.put(out)
+    console.write(out)
     console.tell(f"{len(actions.actions)} steps of {actions.about['agent']}. Next: glbench evaluate {out}")
 
 

@@ -1,4 +1,4 @@
-"""``glbench evaluate``: run agents on tasks, show what they earned, save it. Of several, one that fails does not stop the others."""
+"""``glbench evaluate``: run agents on tasks, print and save the results. An agent that fails does not stop the others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options that several commands share, and what their values mean: tasks, rounds, stored results.
+"""Options shared by several commands, and look-ups of the tasks, rounds and stored results that they name.
 
 The choices are repeated here so that ``--help`` need not load the evaluation.
 """

@@ -124,7 +124,7 @@ class Bar:
 
 @contextlib.contextmanager
 def status_bar(description: str, total: int | None, *columns: bars.ProgressColumn) -> Iterator[Callable[..., None]]:
-    """A bar with ``columns`` and the time since its beginning; call what it gives with the fields that change."""
+    """A bar with ``columns`` and the elapsed time; yields a function that updates its fields."""
     words = bars.TextColumn("{task.description}")
     look = (bars.SpinnerColumn(), words, bars.BarColumn(), *columns, bars.TimeElapsedColumn())
     with bars.Progress(*look, console=messages(), transient=True) as bar:
@@ -211,7 +211,7 @@ class EvaluationBar(Bar):
 
 
 class TrainingBar(Bar):
-    """Steps, speed and time left on standard error; each evaluation leaves a line, after one that says what it evaluates."""
+    """Steps, speed and time left on standard error; each evaluation leaves a line. The first line explains what is evaluated."""
 
     def __init__(self, total_steps: int, task: TaskSpec, evaluation: EvaluationPlan) -> None:
         columns = ("{task.completed:,.0f} of {task.total:,.0f} steps", "{task.fields[speed]}")

@@ -51,7 +51,7 @@ def report(
         path, page = write_report(out)
     warn_of(page.left_out)
     size = path.stat().st_size / 1e6
-    console.put(f"{path} ({page.results} results, {size:.1f} MB)")
+    console.write(f"{path} ({page.results} results, {size:.1f} MB)")
     package = data_package()
     elsewhere = package is not None and package.folder is None
     if elsewhere:

@@ -1,4 +1,4 @@
-"""``glbench show`` and ``glbench compare``: what agents earned and where, and whether a difference is more than luck."""
+"""``glbench show``, one result, and ``glbench compare``, two agents on the same runs."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _score(stored: StoredResult, words: Catalogue) -> Metric:
 
 
 def result_parts(stored: StoredResult, origin: Sequence[str]) -> Iterator[console.Part]:
-    """A result: its metrics, its money, its runs, and what is known of its making."""
+    """A result: metrics, money, runs, and how it was made."""
     from glbench.leaderboard.catalogue import catalogue
     from glbench.leaderboard.fresh_draws import fresh_words
     from glbench.leaderboard.tables import SEEN_MARK
@@ -114,12 +114,12 @@ def result_parts(stored: StoredResult, origin: Sequence[str]) -> Iterator[consol
     if score.name in result.runs[0].metrics:
         yield from _run_lines(stored, words, score)
     yield from failure_lines(result)
-    kernel, seen = result.evaluation.kernel, training_data_of(result)
-    unfair = contamination_warning(result, seen)
+    kernel, training_data = result.evaluation.kernel, training_data_of(result)
+    unfair = contamination_warning(result, training_data)
     unchecked = [
         f"decision {result.evaluation.decision_milliseconds:.3f} ms",
         f"sandbox {result.evaluation.sandbox or 'unknown'}",
-        f"trained on: {seen.words}",
+        f"trained on: {training_data.words}",
         f"made {result.created} with glbench {result.versions.glbench}",
         *([f"git {result.git.commit[:12]}{' with changes' if result.git.dirty else ''}"] if result.git else []),
         *([f"card by {', '.join(result.agent.card.authors)}"] if result.agent.card else []),
@@ -168,7 +168,7 @@ def _run_lines(stored: StoredResult, words: Catalogue, score: Metric) -> Iterato
 
 
 def _best_known_lines(stored: StoredResult, score: Metric) -> list[str]:
-    """Whose the best known runs are, and what to do with better ones."""
+    """Owner of the best known runs, and how to submit better ones."""
     from glbench.leaderboard.regret import best_known_means, can_be_best_known, regret_of
     from glbench.leaderboard.tables import better_note
     from glbench.tasks.references import SEVERAL
@@ -246,7 +246,7 @@ def unit_of(metric: Metric) -> str:
 
 
 def money_lines(result: Result, words: Catalogue) -> list[str]:
-    """What was earned and paid as bars of one scale, and what is left."""
+    """Revenue and costs as bars of one scale, and the profit."""
 
     def signed(value: float) -> str:
         return f"{value:+.3f}" if abs(value) >= 0.0005 else "0.000"
@@ -474,7 +474,7 @@ def _tasks_table(tests: Sequence[tuple[Pair, float]]) -> console.Table:
 
 
 def _sentence(pair: Pair, p_value: float) -> str:
-    """Who has the higher score and whether that is sure, then who earns more, and from what; as markup."""
+    """Difference of the scores with its test, and difference of the profits by item; as markup."""
     verdict, epi = _verdict(pair, p_value), pair.gap(pair.words.profit.name)
     if epi is None:
         return verdict
@@ -488,7 +488,7 @@ def _sentence(pair: Pair, p_value: float) -> str:
 
 
 def _verdict(pair: Pair, p_value: float) -> str:
-    """Who has the higher score, by how much, and whether the test can tell the two apart; as markup."""
+    """Difference of the scores, and whether it is significant; as markup."""
     better, worse = (styled(name, "bold") for name in (pair.first, pair.second)[:: 1 if pair.headline >= 0 else -1])
     metric, words = pair.words.metrics[pair.ranks_by], _p_words(pair, p_value)
     test = "nothing is drawn here" if words == _NONE else f"p < {words[1:]}" if words[0] == "<" else f"p = {words}"
@@ -518,7 +518,7 @@ def _p_words(pair: Pair, p_value: float) -> str:
 
 
 def _counts(tests: Sequence[tuple[Pair, float]]) -> Markup:
-    """On how many tasks who is ahead."""
+    """Number of tasks that each of the two wins."""
     pair = tests[0][0]
     clear = [one for one, p_value in tests if one.told_apart(p_value)]
     ahead = sum(one.headline > 0.0 for one in clear)

@@ -170,7 +170,7 @@ def validate(
 
 
 def comparison_parts(comparison: Comparison) -> Iterator[console.Part]:
-    """Sums of the season, months, and what limits the comparison."""
+    """Sums of the season, bias by month, and limits of the comparison."""
     for note in (*comparison.notes, *_unused_capacity(comparison)):
         yield console.warning(note)
     yield _season(comparison)

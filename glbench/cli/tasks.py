@@ -146,7 +146,7 @@ def lock_command(as_json: AsJson = False) -> None:
 
 
 def check_all() -> dict[str, TaskSpec | str]:
-    """Every shipped task, and every entry of the lock whose file is gone; a text says what is wrong."""
+    """Every shipped task, and every entry of the lock whose file is gone; a problem is a text instead of a task."""
     from glbench.registration import task_files
     from glbench.tasks import read_lock
 
@@ -165,7 +165,7 @@ def check_all() -> dict[str, TaskSpec | str]:
 
 
 def _check(name: str, *, published: bool = False) -> TaskSpec | str:
-    """The task, or what is wrong with it. ``published``: it also has to be locked and its file called after it."""
+    """The task, or a text that says what is wrong with it. ``published``: it also has to be locked, and its file named after it."""
     from glbench.env.accounts import make_accounts
     from glbench.env.behaviour import check_behaviour
     from glbench.env.rewards import make_reward
@@ -387,7 +387,7 @@ def new_round(
     closing = None if closes is None else closing_time(closes)
     sealed = Round.new(None if weather is None else round_weather(weather, year or ()), closing)
     write_round(sealed, file)
-    console.put(sealed.commitment)
+    console.write(sealed.commitment)
     console.tell(f"{file} is secret until the round is over: keep it, and a copy of it. Publish the commitment above.")
     if closing is None:
         console.print_warning("This round never closes, so no result can be late. --closes gives it a closing time.")
@@ -409,7 +409,7 @@ def check_round(
     if commitment is not None and commitment.strip().lower() != sealed.commitment:
         msg = f"{file} opens the commitment {sealed.commitment}, and not {commitment}. It is not the secret of that round."
         raise GlbenchError(msg)
-    console.put(sealed.commitment)
+    console.write(sealed.commitment)
     weather = sealed.weather
     own = "" if weather is None else f" Weather {weather.digest}, years {', '.join(map(str, weather.years))}."
     state = "closed" if sealed.is_late(dt.datetime.now(dt.UTC)) else "open"

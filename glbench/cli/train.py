@@ -278,7 +278,7 @@ def export(
             normalization = None
         export_model(model, algorithm or "ppo", normalization, options.task_or_default(task), folder)
     size = (folder / POLICY).stat().st_size
-    console.put(f"{folder / POLICY}: {size / 1000:,.0f} kB")
+    console.write(f"{folder / POLICY}: {size / 1000:,.0f} kB")
     console.tell(f"Next: glbench evaluate {folder}")
 
 
@@ -436,7 +436,7 @@ def train_with_seeds(
         view.add(str(seed), score.number(one.best_reward), *steps, score.number(one.last_reward), remark)
     console.put_parts([view])
     if policies:
-        console.put(f"Next: glbench evaluate {place}/{name}-seed*")
+        console.write(f"Next: glbench evaluate {place}/{name}-seed*")
     if failures or any(not one.learnt for one in policies.values()):
         raise typer.Exit(1 if failures else console.NOTHING_LEARNT)
 
@@ -565,7 +565,7 @@ def _put_outcome(
             )
         )
         raise typer.Exit(console.NOTHING_LEARNT)
-    console.put(
+    console.write(
         f"Best {what}: {score.said(trained.best_reward)} after {trained.best_steps:,} of {trained.steps:,} steps; "
         f"the last one: {score.number(trained.last_reward)}. Means of {seasons_in_words(spec, evaluation)}; "
         "the score is that of glbench evaluate."

@@ -22,7 +22,7 @@ _HEADINGS = {
     "reproduced": "[bold green]reproduced[/]",
     "refuted": "[bold red]refuted[/]",
     "unknown": "[bold yellow]cannot tell[/]",
-    "sealed": "[bold yellow]sealed: cannot be told before the round is over[/]",
+    "sealed": "[bold yellow]sealed: cannot be verified before the round is over[/]",
 }
 
 
@@ -55,8 +55,8 @@ def verify(
 ) -> None:
     """Simulate every run again from task, seed and recorded actions, and compare it with what the result says.
 
-    Exits with 0 when all are reproduced, 1 when one is refuted, 2 when (none is refuted and) one cannot be told, 3 when one cannot
-    be told before its round is over.
+    Exit code 0: all are reproduced; 1: one is refuted; 2: none is refuted, but one cannot be verified here; 3: one cannot be verified
+    before its round is over.
     """
     from glbench.evaluation import load_result
     from glbench.resources import is_released

@@ -1,4 +1,4 @@
-"""``glbench weather``: which weather there is, what it is like, and how to bring in more."""
+"""``glbench weather``: list, show, import, fetch and generate weather records."""
 
 from __future__ import annotations
 
@@ -204,14 +204,14 @@ def generate(
     season = generator.season(_date(start), days, np.random.default_rng(seed).random(generator.numbers(days)))
     record = dataclasses.replace(season.record, notes=(*season.record.notes, f"seed {seed}, {days} days from {start}"))
     write_record(record, out)
-    console.put(
+    console.write(
         f"Season of {days} days from {start}, seed {seed}: {record.period}, SHA-256 {record.digest[:12]}, in {out}"
     )
-    console.put(f"Its source: {record.source}")
-    console.put(f"Keep it under a name: glbench weather import {out} --name NAME")
+    console.write(f"Its source: {record.source}")
+    console.write(f"Keep it under a name: glbench weather import {out} --name NAME")
     if picture is not None:
         write_picture(generator, season, picture)
-        console.put(f"Picture in {picture}")
+        console.write(f"Picture in {picture}")
 
 
 @app.command("statistics")
@@ -333,11 +333,13 @@ def _moment(moment: dt.datetime) -> str:
 def _report_saved(record: WeatherRecord, path: Path) -> None:
     from glbench.weather.summary import doubts, in_figures
 
-    console.put(f"Weather '{path.stem}': {record.period}, {record.hours:,} h, SHA-256 {record.digest[:12]}, in {path}")
+    console.write(
+        f"Weather '{path.stem}': {record.period}, {record.hours:,} h, SHA-256 {record.digest[:12]}, in {path}"
+    )
     for note in record.notes:
-        console.put(f"Note: {note}")
+        console.write(f"Note: {note}")
     for figures in in_figures(record):
-        console.put(f"  {figures}")
+        console.write(f"  {figures}")
     console.put_parts(console.paragraph(f"Warning: {doubt}", "yellow", aside=True) for doubt in doubts(record))
 
 

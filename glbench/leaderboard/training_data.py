@@ -9,6 +9,7 @@ that of the page for the task's reward. Where a task has no splits, training and
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import timedelta
 from functools import cache
@@ -27,7 +28,7 @@ from glbench.evaluation import Result
 from glbench.leaderboard.collect import StoredResult
 from glbench.leaderboard.statistics import FrozenModel
 from glbench.resources import data_folder, left_out
-from glbench.tasks import list_tasks, published_task
+from glbench.tasks import TaskSpec, list_tasks, published_task
 
 
 @dataclass(frozen=True)
@@ -56,12 +57,12 @@ def budget_of(result: Result) -> Budget:
         return UNKNOWN
     settings, name = _settings(agent.name), agent.name
     if isinstance(settings, RulePages) and settings.kind is TunedRuleSettings:
-        rewards = {task.id: tuple(task.reward.modules) for task in list_tasks()}
-        page = settings.page_for(rewards[task_id], task_id) if task_id in rewards else None
+        task = _published_tasks().get(task_id)
+        page = None if task is None else settings.page_for(tuple(task.reward.modules), task_id)
         return UNKNOWN if page is None else _budget_in(page.parent.parent / "training" / f"{page.stem}.toml")[1]
     if isinstance(settings, Recording):
         name = str(settings.about["agent"])  # whose training made the recording what it is
-    deltas = {task.id: task.uncertainty.delta for task in list_tasks()}
+    deltas = {one: task.uncertainty.delta for one, task in _published_tasks().items()}
     files = sorted((data_folder("baselines") / name / "training").glob("*.toml"))
     budgets = {task: budget for task, budget in map(_budget_in, files) if task in deltas}
     if not budgets:
@@ -71,6 +72,11 @@ def budget_of(result: Result) -> Budget:
         return UNKNOWN
     delta = deltas[task_id]
     return budgets[min(alike, key=lambda one: (one != task_id, abs(deltas[one] - delta), deltas[one]))]
+
+
+@cache
+def _published_tasks() -> Mapping[str, TaskSpec]:
+    return {task.id: task for task in list_tasks()}
 
 
 @cache

@@ -83,12 +83,12 @@ class Verdict:
     path
         The result's file.
     outcome
-        ``"reproduced"``, ``"refuted"``, ``"unknown"`` when it cannot be told, or ``"sealed"`` when it cannot be told before the
+        ``"reproduced"``, ``"refuted"``, ``"unknown"`` when it cannot be verified here, or ``"sealed"`` when it cannot be before the
         host of the round publishes its secret.
     cause
         A short name of the reason why it is not reproduced, such as ``"reward"`` or ``"dropped_run"``; empty when it is.
     reason
-        In words: how closely it was reproduced, or what differs where, or why it cannot be told.
+        In words: how closely it was reproduced, or what differs where, or what is missing to verify it.
     exactness
         Whether it was reproduced to the last bit or within the tolerance; ``None`` when it was not.
     largest_difference
@@ -118,7 +118,7 @@ class Verdict:
 
     @property
     def exit_code(self) -> int:
-        """0 reproduced, 1 refuted, 2 cannot tell, 3 cannot be told before the round is over."""
+        """0 reproduced, 1 refuted, 2 cannot be verified here, 3 cannot be verified before the round is over."""
         return EXIT_CODES[self.outcome]
 
 

@@ -83,7 +83,7 @@ def verify(
     Returns
     -------
     Verdict
-        It says what was reproduced, or what differs, or why it cannot be told.
+        What was reproduced, what differs, or what is missing to verify it.
     """
     path = Path(path)
     try:

@@ -250,7 +250,7 @@ def test_exit_codes(
 ) -> None:
     closed = glbench("verify", sealed)
     assert closed.code == 3
-    assert "sealed: cannot be told before the round is over" in closed.out
+    assert "sealed: cannot be verified before the round is over" in closed.out
     assert "reproduced" not in closed.out
     assert not proof_path(sealed).exists()
     assert glbench("verify", sealed, "--round", opened(SECRET)).code == 0

@@ -74,7 +74,7 @@ def test_a_host_and_a_reader_run_a_round_as_the_page_says(run: object, tmp_path:
 
     (before,) = run(blocks("reader, before")[0], **filled)
     assert before.code == 3
-    assert before.out.count("sealed: cannot be told") == 2
+    assert before.out.count("sealed: cannot be verified") == 2
     assert "reproduced" not in before.out
 
     (tmp_path / "secret" / "round.toml").rename(tmp_path / "checkout" / "round.toml")  # published
