@@ -20,18 +20,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from glbench.agents.identity import (
-    EXPECTED,
-    FORMS,
-    OBSERVATIONS_ONLY,
-    Identity,
-    Training,
-    baseline_names,
-    is_built_in,
-    name_of,
-    path_of,
-    read_identity,
-)
+from glbench.agents import identity
 from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, ScenarioController, Sight, SingleRunAgent
 from glbench.errors import GlbenchError, SubmissionError, did_you_mean, last_line
 from glbench.resources import data_folder, with_unix_line_ends, write_atomically
@@ -144,7 +133,7 @@ def _hint_about_neighbours(error: BaseException, file: Path, folder: Path | None
     return f" Install '{top}' into this environment, or do without it."
 
 
-def python_maker(submission: Identity) -> Callable[[TaskCard], Agent]:
+def python_maker(submission: identity.Identity) -> Callable[[TaskCard], Agent]:
     """Run the submission's file and return what makes its agent for a task.
 
     Raises
@@ -198,7 +187,7 @@ def _as_single(agent: object, file: Path) -> SingleRunAgent:
 
 def _check_agent(agent: object, file: Path, reset_arguments: int, reset: str, act: str) -> None:
     if getattr(agent, "privileged", False):
-        msg = f"The agent of {file.name} says 'privileged': submissions see {OBSERVATIONS_ONLY} only. Remove the attribute."
+        msg = f"The agent of {file.name} says 'privileged': submissions see {identity.OBSERVATIONS_ONLY} only. Remove the attribute."
         raise SubmissionError(msg)
     missing = [form for form in (reset, act) if not callable(getattr(agent, form.partition("(")[0], None))]
     if isinstance(agent, type) or missing:
@@ -248,9 +237,9 @@ class LoadedAgent:
     """What it sees, in words."""
     make: Callable[[TaskCard], Agent | PrivilegedController | ScenarioController] = field(repr=False)
     """Makes the agent for a task; raises ``SubmissionError`` when that fails."""
-    submission: Identity | None = None
+    submission: identity.Identity | None = None
     """Its files, form and card; ``None`` for a controller of glbench."""
-    training: Training | None = None
+    training: identity.Training | None = None
     """Recipe and seed from its card; ``None`` without a recipe, and for shipped baselines, whose recipes glbench knows."""
 
     @property
@@ -278,12 +267,12 @@ def load_agent(ref: str | Path) -> LoadedAgent:
     SubmissionError
         When there is no such thing, or it cannot be loaded; the message says what to do.
     """
-    if isinstance(ref, str) and ref in baseline_names():
+    if isinstance(ref, str) and ref in identity.baseline_names():
         return _baseline(ref, ref, "baseline")
     path = find_submission(ref)
-    if is_built_in(path):
-        return _baseline(path, name_of(path), "submission")
-    submission = read_identity(path)
+    if identity.is_built_in(path):
+        return _baseline(path, identity.name_of(path), "submission")
+    submission = identity.read_identity(path)
     if submission.form == "python":
         make = python_maker(submission)
     else:
@@ -301,7 +290,7 @@ def load_agent(ref: str | Path) -> LoadedAgent:
         "submission",
         submission.digest,
         "observations",
-        OBSERVATIONS_ONLY,
+        identity.OBSERVATIONS_ONLY,
         make,
         submission,
         submission.training,
@@ -316,20 +305,24 @@ def find_submission(ref: str | Path) -> Path:
     SubmissionError
         When there is no such thing.
     """
-    path = path_of(ref)
+    path = identity.path_of(ref)
     if path.is_dir() or path.is_file():
         return path
-    if path.suffix in FORMS or len(path.parts) > 1:
-        beside = [item.name for item in path.parent.iterdir() if item.suffix in FORMS] if path.parent.is_dir() else []
+    if path.suffix in identity.FORMS or len(path.parts) > 1:
+        beside = (
+            [item.name for item in path.parent.iterdir() if item.suffix in identity.FORMS]
+            if path.parent.is_dir()
+            else []
+        )
         near = did_you_mean(path.name, beside, list_few=False)
-        msg = f"There is no file or folder {path}.{near} {EXPECTED}."
+        msg = f"There is no file or folder {path}.{near} {identity.EXPECTED}."
         if (data_folder("submissions") / path.name).is_file():
             msg = (
                 f"There is no file {path}. An example of that name comes with glbench: "
                 f"`glbench submit new {path.parent} --kind example` writes it, and the other examples."
             )
         raise SubmissionError(msg)
-    names = baseline_names()
+    names = identity.baseline_names()
     msg = (
         f"'{ref}' is neither a file or folder here nor a baseline.{did_you_mean(str(ref), names, list_few=False)} "
         f"Baselines: {', '.join(names)}. A submission is named by its path, such as submissions/my_agent.py."
@@ -370,7 +363,7 @@ def new_submission(folder: Path, kind: Kind) -> tuple[Path, ...]:
     if folder.exists():
         msg = f"{folder} is there already, and nothing is overwritten. Choose another name, or move it away."
         raise SubmissionError(msg)
-    name = name_of(folder)
+    name = identity.name_of(folder)
     source = data_folder("submissions") / "templates" / kind
     files = []
     try:

@@ -22,14 +22,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.agents.saved_policies import (
-    EvenRows,
-    Normalise,
-    PolicyAgent,
-    Rows,
-    normaliser,
-    without_warnings,
-)
+from glbench.agents.saved_policies import EvenRows, PolicyAgent, Rows, normaliser, without_warnings
 from glbench.errors import SubmissionError, last_line
 from glbench.extras import need
 from glbench.untrusted import opened_archive
@@ -259,7 +252,7 @@ def sb3_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
     need(archive.algorithm.module, what)
     torch.set_num_threads(1)
     columns = len(task.observations)
-    normalise: Normalise = normaliser(submission, columns)
+    normalise = normaliser(submission, columns)
     policy = _load(archive.algorithm, file)
     low, high = (np.asarray(bound, dtype=float) for bound in (policy.action_space.low, policy.action_space.high))
     if not all(map(np.array_equal, (low, high), task.action_bounds)):
