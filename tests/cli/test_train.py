@@ -79,6 +79,7 @@ default:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.train
 @pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled()))
 def test_a_folder_of_the_compiled_learner_is_an_agent(glbench: Command, settings: Path) -> None:

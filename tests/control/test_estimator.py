@@ -98,6 +98,7 @@ def replayed(given: Watched, past: Floats) -> Floats:
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("task_id", "share"), [("Spring-v1", 0.5), ("Lettuce-v1", 0.8)])
 def test_where_sensors_err_it_is_better_than_replay_and_readings(task_id: str, share: float) -> None:
     given = watched(task_id)
@@ -111,6 +112,7 @@ def test_where_sensors_err_it_is_better_than_replay_and_readings(task_id: str, s
     assert (ours < share * replay).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task_id", ["SpringMismatch-v1", "Schiphol2010-Delta10-v1"])
 def test_where_readings_are_right_it_finds_what_is_not_shown(task_id: str) -> None:
     given = watched(task_id)
@@ -262,6 +264,7 @@ def test_what_does_not_fit_is_refused() -> None:
     assert np.isfinite(known.update(seen, given.d[:1, 0], np.zeros((1, 6)))).all()
 
 
+@pytest.mark.slow
 def test_what_it_finds_of_the_sky_improves_the_outlook() -> None:
     """The temperature of the sky is seen by nobody. The error fades from hour to hour, and columns that are seen are left alone."""
     task = short("Schiphol2010-Delta10-v1")

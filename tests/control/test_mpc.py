@@ -105,6 +105,7 @@ def test_derivatives_are_kept_for_some_decisions_and_made_anew_in_turn(monkeypat
     assert max(steps) < 20
 
 
+@pytest.mark.slow
 def test_with_a_long_horizon_it_comes_close_to_a_plan() -> None:
     task = short(days=3)
     scenario = Scenario.of(task, SEED)
@@ -116,6 +117,7 @@ def test_with_a_long_horizon_it_comes_close_to_a_plan() -> None:
     assert rewards[0] > begun.reward + 0.9 * (planned.reward - begun.reward)
 
 
+@pytest.mark.slow
 def test_an_end_value_serves_a_short_horizon() -> None:
     """Over three days, of which six hours at a time are planned."""
     task = short(days=3)

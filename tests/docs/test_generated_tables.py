@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
+
 from docs import (
     accuracy_table,
     estimator_table,
@@ -39,6 +41,7 @@ def test_the_page_of_speed_holds_the_measurements() -> None:
     assert speed_figure.picture(record) == (DOCS / "images" / "speed.svg").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_study_holds_the_released_results() -> None:
     study, page = study_figures.Study.read(), (DOCS / "study.md").read_text(encoding="utf-8")
     assert study_figures.filled(page, study) == page
@@ -124,6 +127,7 @@ def test_the_page_of_uncertainty_holds_the_sizes_of_its_task() -> None:
         assert f"(images/{picture.name})" in page
 
 
+@pytest.mark.slow
 def test_the_page_of_the_best_plan_tells_what_the_plans_do() -> None:
     page = (DOCS / "what-the-best-does.md").read_text(encoding="utf-8")
     assert what_the_best_does.filled(page, what_the_best_does.all_seasons()) == page

@@ -76,6 +76,7 @@ def phrases_in(text: str) -> list[tuple[int, str, str]]:
     )
 
 
+@pytest.mark.slow
 def test_no_phrase_reads_as_translated() -> None:
     problems = [
         f'{file.relative_to(ROOT).as_posix()}:{line}: "{phrase}". Write: {instead}.'

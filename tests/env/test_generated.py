@@ -77,6 +77,7 @@ def test_a_season_does_not_depend_on_the_order_in_which_it_is_asked_for(
     assert {number: everything(chosen, number) for number in seasons} == one_by_one
 
 
+@pytest.mark.slow
 def test_another_process_makes_the_same_seasons(task: TaskSpec) -> None:
     script = (
         "import hashlib; from glbench.tasks import get_task; from tests.env.spring import everything; "

@@ -156,6 +156,7 @@ def test_rendering_changes_no_bit(day: TaskSpec, mode: str) -> None:
     assert plain.reset()[1] == shown.reset()[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_every_row_has_a_picture_that_is_the_single_environments(day: TaskSpec, mode: str) -> None:
     still = StillKernel()
@@ -193,6 +194,7 @@ def test_a_picture_does_not_depend_on_matplotlibs_global_state(day: TaskSpec) ->
     assert (mpl.get_backend(), dict(mpl.rcParams)) == before
 
 
+@pytest.mark.slow
 def test_what_is_kept_between_pictures_is_not_seen(day: TaskSpec) -> None:
     environment = GreenhouseEnv(day, render_mode="rgb_array")
     environment.reset(seed=1)

@@ -54,6 +54,7 @@ def test_after_restore_the_same_actions_give_the_same_bits(
     assert other.seeds.tolist() == [7, 8, 2**64 - 1]
 
 
+@pytest.mark.slow
 def test_another_process_continues_with_the_same_bits(
     day: TaskSpec, half_way: tuple[Simulation, Snapshot], tmp_path: Path
 ) -> None:

@@ -137,6 +137,7 @@ def test_any_derived_parameter_follows_what_it_is_derived_from(make_task: MakeTa
     assert changed == {"hAir", "sla", "capAir", "capTop", "capCo2Air", "capCo2Top", "cLeafMax"}
 
 
+@pytest.mark.slow
 def test_the_draws_are_those_of_the_golden_file() -> None:
     golden = json.loads((GOLDEN / "env_draws.json").read_text())
     task = get_task(golden["task"])

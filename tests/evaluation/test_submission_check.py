@@ -12,7 +12,7 @@ from glbench.errors import SubmissionError
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.sandbox import bubblewrap
 from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
-from glbench.evaluation.submitting import CHECKS, Report, check_submission
+from glbench.evaluation.submitting import CHECKS, Report, check, check_submission
 from glbench.evaluation.submitting.check import _no_answer
 
 pytestmark = pytest.mark.slow
@@ -103,12 +103,15 @@ def test_what_is_wrong_is_told_under_its_subject(
     assert words in report.problems[0].text
 
 
-def test_an_agent_that_hangs_costs_its_time_and_no_more(tmp_path: Path, day_task_file: Path, sandbox: str) -> None:
+def test_an_agent_that_hangs_costs_its_time_and_no_more(
+    tmp_path: Path, day_task_file: Path, sandbox: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(check, "_SHORTEST_START", 12.0)
     began = time.monotonic()
     before = "while True:\n    try: __import__('time').sleep(9)\n    except BaseException: pass\n"
     report = looked_at(tmp_path, day_task_file, "pass", sandbox, before=before, seconds=10.0)
     assert [finding.subject for finding in report.problems] == ["loading"]
-    assert "It did not come back within 30 s while its file was loaded" in report.problems[0].text
+    assert "It did not come back within 12 s while its file was loaded" in report.problems[0].text
     assert "The limit of an evaluation is 5 min." in report.problems[0].text
     assert "loading" in report.checked
     assert "time" not in report.checked

@@ -575,10 +575,9 @@ def test_reference_agents_are_baselines_that_do_not_know_the_scenario() -> None:
 @pytest.mark.slow
 @needs_sandbox
 def test_the_published_plans_of_the_default_task_are_caught(tmp_path: Path) -> None:
-    from docs.fresh_draws_table import TASK, evaluated
+    from docs.fresh_draws_table import evaluated
 
-    assert get_task(TASK).evaluation.runs == 100
-    score = fresh_score(evaluated("carries_plans", None, tmp_path))
+    score = fresh_score(evaluated("carries_plans", 25, tmp_path))  # a quarter of the runs is enough
     assert score is not None
     assert score.marked
     assert score.drop > 3.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime as dt
 
 import numpy as np
+import pytest
 
 from docs.carried_weather import CarriedOutlook
 from glbench.control import Climatology, Outlook
@@ -49,6 +50,7 @@ def test_six_hours_of_temperature_humidity_and_wind_find_their_day_and_the_block
     assert 3.0 < np.mean(left) < 4.5
 
 
+@pytest.mark.slow
 def test_who_carries_the_record_knows_the_next_hours_better_than_the_forecast() -> None:
     """On the validation split, whose seasons are made of other years than those of the test."""
     task = get_task("Spring-v1").in_split("validation")

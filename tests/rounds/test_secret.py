@@ -205,6 +205,7 @@ def test_new_and_check_say_until_when_a_round_is_open(glbench: Command, tmp_path
     assert "It has no closing time." in glbench("round", "check", old).err
 
 
+@pytest.mark.slow
 def test_after_it_closed_an_entry_is_refused_or_named_as_late(
     glbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

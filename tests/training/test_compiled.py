@@ -22,6 +22,7 @@ from tests.training.watching import PowerCutError, Watching
 
 jax = pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.train,
     pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled())),
 ]

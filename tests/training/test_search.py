@@ -93,6 +93,7 @@ def base(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.slow
 @pytest.mark.train
 def test_a_continued_search_tries_something_new(day_file: Path, tmp_path: Path, base: Path) -> None:
     search = Search.model_validate(

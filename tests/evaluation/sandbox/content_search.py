@@ -46,10 +46,12 @@ _LARGE_ARRAY, _LARGEST_ARRAY = 1 << 22, 1 << 26
 """Numbers of an array that is searched along its last axis only, and of one that is not searched."""
 _SKIPPED = {
     b"\x7fELF": "program", b"BC\xc0\xde": "program", b"JM\x01\x00": "program", b"!<arch>\n": "program", b"\xca\xfe\xba\xbe": "program",
+    b"\xda\xda\xfe\xca": "program", b"\xa2\xab\x0b\xf0": "program",
     b"\x89PNG": "picture", b"GIF8": "picture", b"\xff\xd8\xff": "picture", b"OTTO": "font", b"\x00\x01\x00\x00\x00": "font",
     b"wOF2": "font", b"wOFF": "font", b"ttcf": "font",
 }  # fmt: skip
-"""Beginnings of files of machine code, pictures and fonts; Python's compiled modules are told by the rest of their magic number."""
+"""Beginnings of files of machine code (the last two: Java's modules and its archive of loaded classes), pictures and fonts; Python's
+compiled modules are told by the rest of their magic number."""
 _BINARY = ("<f8", "<f4", "<i8", "<i4", "<i2")
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _PAIR = re.compile(rb'"([^"\n]{1,80})"\s*:\s*([-+]?\d+\.?\d*(?:[eE][-+]?\d+)?)')
