@@ -19,7 +19,7 @@ from glbench.errors import EpisodeError
 
 if TYPE_CHECKING:
     from glbench.episodes import Episode
-    from glbench.episodes.rerun_live import LiveView
+    from glbench.episodes.rerun_viewer import LiveView
     from glbench.evaluation import Evaluation
 
 EPISODE_SUFFIX, ACTIONS_SUFFIX = ".mcap", ".actions.mcap"
@@ -60,8 +60,7 @@ def view(
     Several controllers are laid over each other, one colour each. The viewer listens on this machine only.
     """
     from glbench.episodes import parse_selection, rerun_viewer
-    from glbench.episodes.rerun_course import provenance_words, shown_of
-    from glbench.episodes.rerun_recording import save_recording
+    from glbench.episodes.rerun_recording import provenance_words, save_recording, shown_of
 
     rerun_viewer.viewer_program()
     if not (web or save or picture):
@@ -116,7 +115,7 @@ def live_view(viewer: str | None, evaluation: Evaluation) -> Iterator[LiveView |
     if viewer is None:
         yield None
         return
-    from glbench.episodes.rerun_live import LiveView
+    from glbench.episodes.rerun_viewer import LiveView
 
     with LiveView(evaluation.task, evaluation.agent.name, evaluation.seeds[0], viewer) as live:
         yield live

@@ -5,12 +5,29 @@
 
 from __future__ import annotations
 
-from glbench.episodes.accounts import by_week
 from glbench.episodes.action_log import ActionLog, is_action_log, log_bytes, read_log
-from glbench.episodes.episode import Episode, EpisodeWriter, episode_bytes, read, read_episode, recover, write_episode
+from glbench.episodes.episode import (
+    Episode,
+    EpisodeWriter,
+    by_week,
+    episode_bytes,
+    read,
+    read_episode,
+    recover,
+    write_episode,
+)
 from glbench.episodes.header import AgentFacts, Provenance, RunFacts, TaskFacts, provenance_of
-from glbench.episodes.recorder import Recorder, Replay, Trace, replayed_episodes
-from glbench.episodes.selection import actions_path, chosen_rows, episode_path, episodes_folder, parse_selection
+from glbench.episodes.recorder import (
+    Recorder,
+    Replay,
+    Trace,
+    actions_path,
+    chosen_rows,
+    episode_path,
+    episodes_folder,
+    parse_selection,
+    replayed_episodes,
+)
 from glbench.episodes.signals import Column, Group
 
 __all__ = [

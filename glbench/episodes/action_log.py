@@ -23,9 +23,8 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 from pydantic import FailFast, Field, ValidationError
 
-from glbench.episodes.definition import task_of
 from glbench.episodes.episode import PROVENANCE, TASK
-from glbench.episodes.header import Facts, Provenance, RunFacts, as_words, canonical
+from glbench.episodes.header import Facts, Provenance, RunFacts, as_words, canonical, task_of
 from glbench.episodes.mcap_file import FRAME, McapWriter, Scan, scan
 from glbench.errors import EpisodeError
 from glbench.untrusted import refuse_crowd, visible
@@ -164,56 +163,54 @@ def read_log(path: Path | str) -> ActionLog:
         When the file is missing, cut, damaged, or of another kind.
     """
     path = Path(path)
-    found = scan(path)
-    words = found.metadata.get(_TITLE)
+    content = scan(path)
+    words = content.metadata.get(_TITLE)
     if words is None or words.get("format") != LOG_FORMAT:
-        msg = (
-            f"{path} is not a file of recorded actions of this glbench{f' ({found.problem})' if found.problem else ''}."
-        )
+        msg = f"{path} is not a file of recorded actions of this glbench{f' ({content.problem})' if content.problem else ''}."
         raise EpisodeError(msg)
-    if found.problem is not None:
-        msg = f"{path}: {found.problem}. Evaluate again with `glbench evaluate ... --fresh`."
+    if content.problem is not None:
+        msg = f"{path}: {content.problem}. Evaluate again with `glbench evaluate ... --fresh`."
         raise EpisodeError(msg)
     try:
         for name in (PROVENANCE, _RUNS):
-            refuse_crowd(found.attachments[name])
-        provenance = Provenance.model_validate_json(found.attachments[PROVENANCE])
-        runs = RunTable.model_validate_json(found.attachments[_RUNS]).runs
-        return _log(found, provenance, runs, words["actions_as"])
+            refuse_crowd(content.attachments[name])
+        provenance = Provenance.model_validate_json(content.attachments[PROVENANCE])
+        runs = RunTable.model_validate_json(content.attachments[_RUNS]).runs
+        return _log(content, provenance, runs, words["actions_as"])
     except (KeyError, ValueError, IndexError, OverflowError, struct.error, DecodeError, ValidationError) as error:
         msg = f"{path} is not a whole file of recorded actions ({visible(' '.join(str(error).split())[:200])})."
         raise EpisodeError(msg) from error
 
 
-def _log(found: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], number: str) -> ActionLog:
+def _log(content: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], number: str) -> ActionLog:
     steps, width = provenance.task.steps, len(provenance.agent.columns)
     if number not in _NUMBERS:
         msg = f"actions are kept as {' or '.join(_NUMBERS)}"
         raise ValueError(msg)
     kind = np.dtype(number)
-    if steps * len(runs) * (width * kind.itemsize + 8) > found.largest_content:
+    if steps * len(runs) * (width * kind.itemsize + 8) > content.largest_content:
         msg = f"it announces {len(runs)} runs of {steps} steps, far more than it can hold"
         raise ValueError(msg)
     actions = np.zeros((steps, len(runs), width), kind)
     rewards = np.zeros((steps, len(runs)))
-    final = np.zeros((len(runs), len(task_of(found.attachments[TASK]).model_value.states)))
+    final = np.zeros((len(runs), len(task_of(content.attachments[TASK]).model_value.states)))
     places = {f"/runs/{run.seed}": row for row, run in enumerate(runs)}
-    rows = {topic.id: places[topic.topic] for topic in found.channels.values()}
+    rows = {topic.id: places[topic.topic] for topic in content.channels.values()}
     counted = np.zeros((2, len(runs)), dtype=np.int64)
     part = _part_class()
-    begun: set[int] = set()
+    started: set[int] = set()
     ended: set[int] = set()
-    for chunk in found.chunks:
+    for chunk in content.chunks:
         for channel, data in _unframed(chunk):
             row, message = rows[channel], part.FromString(data)
             first = message.first_step - 1
             table = np.frombuffer(message.actions, kind).reshape(width, -1).T
             gained = np.frombuffer(message.rewards, np.float64)
             follows = first == counted[0, row] and (first == counted[1, row] or not len(gained))
-            if not follows or (not len(table) and row in begun):
+            if not follows or (not len(table) and row in started):
                 msg = f"the parts of the run with seed {runs[row].seed} do not follow each other"
                 raise ValueError(msg)
-            begun.add(row)
+            started.add(row)
             actions[first : first + len(table), row] = table
             rewards[first : first + len(gained), row] = gained
             counted[:, row] += len(table), len(gained)
@@ -234,7 +231,7 @@ def _log(found: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], number
                 f"and {counted[1, row]} of {run.steps} rewards"
             )
             raise ValueError(msg)
-    return ActionLog(provenance, found.attachments[TASK], runs, actions, rewards, final)
+    return ActionLog(provenance, content.attachments[TASK], runs, actions, rewards, final)
 
 
 def _framed(channel: int, sequence: int, time: int, data: bytes) -> bytes:

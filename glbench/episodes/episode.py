@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, TYPE_CHECKING, Any, Literal, Self, TypeVar
+from typing import IO, TYPE_CHECKING, Any, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 from google.protobuf.message import DecodeError
@@ -21,7 +21,19 @@ from pydantic import BaseModel, ValidationError
 from glbench.env.weather_pool import CLOCK
 from glbench.episodes.header import Provenance, RunFacts, as_words, canonical
 from glbench.episodes.mcap_file import PACKAGE, Layout, McapWriter, Part, Scan, layout_from, scan
-from glbench.episodes.signals import ACTION, MESSAGES, TOPICS, Column, Group, Moment
+from glbench.episodes.signals import (
+    ACTION,
+    MESSAGES,
+    TOPICS,
+    Column,
+    Floats,
+    Group,
+    Line,
+    Moment,
+    Signals,
+    Source,
+    signals_of,
+)
 from glbench.errors import EpisodeError, did_you_mean
 from glbench.resources import write_atomically
 from glbench.settings import first_problems
@@ -103,7 +115,7 @@ class Episode:
     def states(self) -> Table:
         """The model's states at the start and at the end of every step, ``(steps + 1, states)``, in the model's order and units."""
         names = self.task().model_value.state_names
-        return np.stack([np.concatenate([[self._begun(name)], self[name]]) for name in names], axis=1)
+        return np.stack([np.concatenate([[self._start_value(name)], self[name]]) for name in names], axis=1)
 
     @property
     def local_times(self) -> NDArray[np.datetime64]:
@@ -114,10 +126,10 @@ class Episode:
         EpisodeError
             When the record has no clock.
         """
-        hours = np.concatenate([[self._begun(CLOCK[0])], self[CLOCK[0]]])
+        hours = np.concatenate([[self._start_value(CLOCK[0])], self[CLOCK[0]]])
         return local_times(self.times, hours)
 
-    def _begun(self, name: str) -> float:
+    def _start_value(self, name: str) -> float:
         for group in self.groups:
             if group.name in self.start and name in group.names:
                 return float(self.start[group.name][group.names.index(name)])
@@ -142,7 +154,7 @@ class Episode:
 
     def task(self) -> TaskSpec:
         """The task, from the definition in the record."""
-        from glbench.episodes.definition import task_of
+        from glbench.episodes.header import task_of
 
         return task_of(self.definition)
 
@@ -176,7 +188,7 @@ class Episode:
             columns, index=index if by == "step" else pd.DatetimeIndex(self.times[1:], tz="UTC", name="time")
         )
         listed = [column for group in self.groups for column in group.columns]
-        begun = {
+        starting = {
             group.name: dict(zip(group.names, self.start[group.name].tolist(), strict=True))
             for group in self.groups
             if group.name in self.start
@@ -188,7 +200,7 @@ class Episode:
             status=self.run.status,
             units={column.name: column.unit for column in listed},
             meanings={column.name: column.meaning for column in listed},
-            start=begun,
+            start=starting,
         )
         return frame
 
@@ -248,10 +260,10 @@ class EpisodeWriter:
 
     def begin(self, time: np.datetime64, start: Mapping[str, Table]) -> None:
         """Write step 0: the values ``(columns,)`` of the groups that have some, at ``time`` (UTC)."""
-        begun = [group for group in self._groups if group.at_start]
-        (topic,) = {group.topic for group in begun}
+        starting = [group for group in self._groups if group.at_start]
+        (topic,) = {group.topic for group in starting}
         channel, layout = self._layouts[topic]
-        tables = {group.field: start[group.name][np.newaxis] for group in begun}
+        tables = {group.field: start[group.name][np.newaxis] for group in starting}
         times = _nanoseconds(np.array([time]))
         messages = layout.some(list(tables)).messages(channel, np.zeros(1, np.uint32), times, tables)
         self._chunk({topic: (messages, times)})
@@ -366,11 +378,11 @@ def read_episode(path: Path | str, *, partial: bool = False) -> Episode:
         When the file is missing or no episode; without ``partial`` also when it is cut or damaged.
     """
     path = Path(path)
-    found = scan(path)
-    if found.problem is not None and not partial:
-        msg = f"{path}: {found.problem}. `glbench episodes recover {path}` makes a file of what is left."
+    content = scan(path)
+    if content.problem is not None and not partial:
+        msg = f"{path}: {content.problem}. `glbench episodes recover {path}` makes a file of what is left."
         raise EpisodeError(msg)
-    words = found.metadata.get(_WORDS)
+    words = content.metadata.get(_WORDS)
     if words is None or words.get("format") != FORMAT:
         kind = (
             "is not a glbench episode"
@@ -378,23 +390,23 @@ def read_episode(path: Path | str, *, partial: bool = False) -> Episode:
             else f"has the episode format {words.get('format')!r}, not {FORMAT!r}. Make it again from the recorded actions "
             "(`glbench episodes make RESULT`), or read it with the glbench that wrote it"
         )
-        msg = f"{path} {kind}{f' ({found.problem})' if found.problem else ''}."
+        msg = f"{path} {kind}{f' ({content.problem})' if content.problem else ''}."
         raise EpisodeError(msg)
-    provenance = _attached(path, found, PROVENANCE, Provenance)
-    run = _attached(path, found, RUN, RunFacts)
-    if TASK not in found.attachments:
-        raise EpisodeError(_too_short(path, TASK, found))
+    provenance = _attached(path, content, PROVENANCE, Provenance)
+    run = _attached(path, content, RUN, RunFacts)
+    if TASK not in content.attachments:
+        raise EpisodeError(_too_short(path, TASK, content))
     try:
-        return _episode(path, found, provenance, run)
+        return _episode(path, content, provenance, run)
     except (ValueError, KeyError, IndexError, TypeError, OverflowError, StopIteration, DecodeError) as error:
         msg = f"{path} does not hold an episode as glbench writes it ({visible(' '.join(str(error).split())[:200])})."
         raise EpisodeError(msg) from error
 
 
-def _attached(path: Path, found: Scan, name: str, kind: type[Record]) -> Record:
-    data = found.attachments.get(name)
+def _attached(path: Path, content: Scan, name: str, kind: type[Record]) -> Record:
+    data = content.attachments.get(name)
     if data is None:
-        raise EpisodeError(_too_short(path, name, found))
+        raise EpisodeError(_too_short(path, name, content))
     try:
         refuse_crowd(data)
         return kind.model_validate_json(data)
@@ -406,27 +418,27 @@ def _attached(path: Path, found: Scan, name: str, kind: type[Record]) -> Record:
         raise EpisodeError(msg) from error
 
 
-def _too_short(path: Path, name: str, found: Scan) -> str:
-    return f"{path} lacks the attachment {name}{f': {found.problem}' if found.problem else ''}. Nothing can be read from it."
+def _too_short(path: Path, name: str, content: Scan) -> str:
+    return f"{path} lacks the attachment {name}{f': {content.problem}' if content.problem else ''}. Nothing can be read from it."
 
 
-def _episode(path: Path, found: Scan, provenance: Provenance, run: RunFacts) -> Episode:
-    topics = [(channel, _layout(path, found, channel)) for channel in found.channels.values()]
+def _episode(path: Path, content: Scan, provenance: Provenance, run: RunFacts) -> Episode:
+    topics = [(channel, _layout(path, content, channel)) for channel in content.channels.values()]
     groups = {group.name: (channel, layout, group) for channel, layout in topics for group in _groups(channel, layout)}
     if ACTION not in groups:
         msg = f"{path} holds no actions. It was not written by glbench."
         raise EpisodeError(msg)
-    begun = {name: row for name, row in groups.items() if row[2].at_start}
-    if not found.chunks or not begun:
-        msg = f"{path} holds no steps{f': {found.problem}' if found.problem else ''}."
+    starting = {name: row for name, row in groups.items() if row[2].at_start}
+    if not content.chunks or not starting:
+        msg = f"{path} holds no steps{f': {content.problem}' if content.problem else ''}."
         raise EpisodeError(msg)
-    channel, layout, _ = next(iter(begun.values()))
-    first_layout = layout.some([group.field for _, _, group in begun.values()])
-    first = _rows(path, found.chunks[:1], [(channel, first_layout)])[channel.id]
+    channel, layout, _ = next(iter(starting.values()))
+    first_layout = layout.some([group.field for _, _, group in starting.values()])
+    first = _rows(path, content.chunks[:1], [(channel, first_layout)])[channel.id]
     if not len(first):
-        msg = f"{path} holds no steps: {found.problem}."
+        msg = f"{path} holds no steps: {content.problem}."
         raise EpisodeError(msg)
-    rows = _rows(path, found.chunks[1:], topics)
+    rows = _rows(path, content.chunks[1:], topics)
     steps = len(rows[channel.id])
     tops = {channel.id: layout.table(rows[channel.id]) for channel, layout in topics}
     if any((messages["sequence"] != np.arange(1, steps + 1)).any() for messages in tops.values()):
@@ -435,14 +447,14 @@ def _episode(path: Path, found: Scan, provenance: Provenance, run: RunFacts) -> 
     tables: dict[str, Table] = {
         name: layout.values(rows[channel.id], group.field) for name, (channel, layout, group) in groups.items()
     }
-    start = {name: first_layout.values(first, group.field)[0] for name, (_, _, group) in begun.items()}
+    start = {name: first_layout.values(first, group.field)[0] for name, (_, _, group) in starting.items()}
     utc = np.concatenate([first_layout.table(first)["log_time"], tops[channel.id]["log_time"]]).astype("datetime64[ns]")
     listed = tuple(group for _, _, group in groups.values())
-    return Episode(provenance, run, found.attachments[TASK], listed, tables, start, utc, found.problem)
+    return Episode(provenance, run, content.attachments[TASK], listed, tables, start, utc, content.problem)
 
 
-def _layout(path: Path, found: Scan, channel: Channel) -> Layout:
-    schema = found.schemas.get(channel.schema_id)
+def _layout(path: Path, content: Scan, channel: Channel) -> Layout:
+    schema = content.schemas.get(channel.schema_id)
     if schema is None or schema.encoding != "protobuf":
         msg = f"{path}: the topic {channel.topic} is not described as protobuf. It was not written by glbench."
         raise EpisodeError(msg)
@@ -501,3 +513,100 @@ def recover(path: Path | str, out: Path | str) -> Episode:
     write_into(buffer, episode, {_RECOVERY: words})
     write_atomically(Path(out), buffer.getvalue())
     return episode
+
+
+Places = NDArray[np.integer[Any]]
+_DAYS = 7
+ACTING: tuple[Source, ...] = ("control", "disturbance")
+"""Sources of what light follows from."""
+
+
+class Recorded(Protocol):
+    """Columns of a run by name, ``(steps,)`` each: an episode, or a dictionary of them."""
+
+    def __getitem__(self, name: str, /) -> NDArray[np.floating[Any]]: ...
+
+
+def sums_by(run: Recorded, signals: Signals, places: Places, count: int) -> Floats:
+    """Sums of the accounts of ``signals`` over the steps of each place, ``(count, lines)``.
+
+    ``places`` ``(steps,)`` says to which of ``count`` groups each step belongs.
+    """
+    return np.stack([np.bincount(places, line_values(run, signals, one), count) for one in signals.accounts], axis=1)
+
+
+def line_values(run: Recorded, signals: Signals, line: Line) -> Floats:
+    """What a line of the accounts has in each step, ``(steps,)``."""
+    if line.formula is None:
+        return np.asarray(run[line.column], dtype=np.float64) * line.factor
+    vectors = {of: np.stack([run[one.name] for one in signals.vector(of)], axis=1) for of in ACTING}
+    return line.formula({of: np.asarray(values, dtype=np.float64) for of, values in vectors.items()})
+
+
+def local_days(local: NDArray[np.datetime64]) -> Places:
+    """On which day of the run each step begins, ``(steps,)``; the first day is 0.
+
+    ``local`` are the moments on the clock of the greenhouse, ``(steps + 1,)``. The hour by which a run ends after midnight because summer
+    time has begun belongs to its last day.
+    """
+    days = (local[:-1].astype("datetime64[D]") - local[0].astype("datetime64[D]")).astype(np.int64)
+    most = max(1, round(float((local[-1] - local[0]) / np.timedelta64(1, "D"))))
+    content: Places = np.minimum(days, most - 1)
+    return content
+
+
+@dataclass(frozen=True, eq=False)
+class Weeks:
+    """The accounts of a run by week.
+
+    Attributes
+    ----------
+    first
+        First day of each week on the clock of the greenhouse, ``(weeks,)`` datetime64[D].
+    days
+        Days that each week has, ``(weeks,)``; of the last one perhaps fewer than seven.
+    sums
+        ``(weeks, lines)``; of light the mean of a day.
+    """
+
+    first: NDArray[np.datetime64]
+    days: Places
+    sums: Floats
+
+
+def weeks_of(run: Recorded, signals: Signals, local: NDArray[np.datetime64]) -> Weeks:
+    """The accounts of a run by week; ``local`` as for ``local_days``."""
+    days = local_days(local)
+    weeks = days // _DAYS
+    count = int(weeks[-1]) + 1
+    lengths = np.bincount(np.unique(days) // _DAYS, minlength=count)
+    sums = sums_by(run, signals, weeks, count)
+    sums[:, [line.kind == "light" for line in signals.accounts]] /= lengths[:, None]
+    return Weeks(local[0].astype("datetime64[D]") + np.arange(count) * np.timedelta64(_DAYS, "D"), lengths, sums)
+
+
+def by_week(episode: Episode) -> pd.DataFrame:
+    """The accounts of a run, one row a week, indexed by its first day on the clock of the greenhouse.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``days`` that the week has, and a column for each line of the accounts: light is the mean of a day [mol m-2 d-1], all else the sum
+        of the week, which for a last week of fewer days is not scaled up. ``frame.attrs`` holds ``units`` and ``titles`` by column. Heat is
+        also given as natural gas: 31.65 MJ m-3, its lower heating value.
+
+    Raises
+    ------
+    EpisodeError
+        When the record lacks a column that it needs.
+    """
+    import pandas as pd
+
+    signals = signals_of(episode.task())
+    weeks = weeks_of(episode, signals, episode.local_times)
+    index = pd.DatetimeIndex(weeks.first, name="week")
+    frame = pd.DataFrame(weeks.sums, columns=[line.name for line in signals.accounts], index=index)
+    frame.insert(0, "days", weeks.days)
+    frame.attrs["units"] = {one.name: one.unit + (" d-1" if one.kind == "light" else "") for one in signals.accounts}
+    frame.attrs["titles"] = {one.name: one.title for one in signals.accounts}
+    return frame

@@ -16,15 +16,16 @@ from pydantic import (
     FailFast,
     Field,
     SerializerFunctionWrapHandler,
+    ValidationError,
     model_serializer,
     model_validator,
 )
 
 from glbench import __version__
 from glbench.canonical import canonical_json
-from glbench.errors import TaskError
+from glbench.errors import EpisodeError, TaskError
 from glbench.fields import MOST_ENTRIES, Count, Text, Word, only_if_sealed
-from glbench.untrusted import is_agent_name, steers
+from glbench.untrusted import is_agent_name, parse_json, steers, visible
 
 if TYPE_CHECKING:
     from glbench.agents import LoadedAgent
@@ -198,3 +199,25 @@ def as_words(provenance: Provenance, run: RunFacts | None = None) -> dict[str, s
         words |= {"seed": str(run.seed), "status": run.status, "steps": str(run.steps)}
         words |= {} if run.reason is None else {"reason": run.reason}
     return words
+
+
+def definition_json(task: TaskSpec) -> bytes:
+    """The definition of ``task``, prose included, as JSON for people and programs."""
+    return (json.dumps(task.attachment(), indent=2, ensure_ascii=False) + "\n").encode()
+
+
+def task_of(definition: bytes) -> TaskSpec:
+    """The task that a record's attached definition defines. Whether it is the right one, its digest tells.
+
+    Raises
+    ------
+    EpisodeError
+        When the attachment defines no task.
+    """
+    from glbench.tasks import TaskSpec
+
+    try:
+        return TaskSpec.of_attachment(parse_json(definition))
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, ValidationError) as error:
+        msg = f"The task definition in the record cannot be read ({visible(' '.join(str(error).split())[:200])}). Evaluate again."
+        raise EpisodeError(msg) from error

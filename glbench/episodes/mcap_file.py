@@ -146,11 +146,16 @@ class Layout:
     ) -> NDArray[np.uint8]:
         """Messages with ``tables[field]`` ``(n, columns)``, step numbers and times [ns] ``(n,)``: their bytes, ``(n, size)``."""
         rows = np.tile(self._blank, (len(sequence), 1))
-        seen = self.table(rows)
-        seen["channel"], seen["sequence"], seen["log_time"], seen["publish_time"] = channel, sequence, time, time
+        numbers = self.table(rows)
+        numbers["channel"], numbers["sequence"], numbers["log_time"], numbers["publish_time"] = (
+            channel,
+            sequence,
+            time,
+            time,
+        )
         for part in self.parts:
             for index in range(len(part.names)):
-                seen[part.place(index)] = tables[part.field][:, index]
+                numbers[part.place(index)] = tables[part.field][:, index]
         return rows
 
     def table(self, rows: NDArray[np.uint8]) -> NDArray[np.void]:
@@ -160,18 +165,18 @@ class Layout:
     def fits(self, rows: NDArray[np.uint8], channel: int) -> bool:
         """Whether ``rows`` ``(n, size)`` are messages of this layout on ``channel``: without their numbers, they are all blank."""
         bare = rows.copy()
-        seen = self.table(bare)
-        here = bool((seen["channel"] == channel).all())
+        numbers = self.table(bare)
+        here = bool((numbers["channel"] == channel).all())
         for name in self._numbers.names or ():
-            seen[name] = 0
+            numbers[name] = 0
         return here and bool((bare == self._blank).all())
 
     def values(self, rows: NDArray[np.uint8], field: str) -> NDArray[np.floating]:
         """The numbers ``(n, columns)`` of one part of the messages ``(n, size)``."""
         part = next(part for part in self.parts if part.field == field)
-        seen, table = self.table(rows), np.empty((len(rows), len(part.names)), dtype=part.number)
+        numbers, table = self.table(rows), np.empty((len(rows), len(part.names)), dtype=part.number)
         for index in range(len(part.names)):
-            table[:, index] = seen[part.place(index)]
+            table[:, index] = numbers[part.place(index)]
         return table
 
     def descriptor(self) -> bytes:
@@ -259,7 +264,7 @@ class McapWriter:
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
         self._counts: dict[int, int] = {}
-        self._put(MCAP0_MAGIC)
+        self._append(MCAP0_MAGIC)
         self._write(Header(PACKAGE, PACKAGE))
 
     def schema(self, name: str, data: bytes) -> int:
@@ -302,7 +307,7 @@ class McapWriter:
             entries = np.empty(len(times), dtype=_INDEX_ENTRY)
             entries["time"], entries["offset"] = times, offsets
             head = _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, entries.nbytes + 6, channel, entries.nbytes)
-            self._put(head + entries.tobytes())
+            self._append(head + entries.tobytes())
             self._counts[channel] += len(times)
         index_length = self._position - offset - length
         self._chunks.append(
@@ -324,7 +329,7 @@ class McapWriter:
             offset.write(summary)
         text: bytes = summary.end()  # type: ignore[no-untyped-call]
         footer = _bytes_of(Footer(start, offset_start, 0))[:-4]
-        self._put(text + footer + zlib.crc32(footer, zlib.crc32(text)).to_bytes(4, "little") + MCAP0_MAGIC)
+        self._append(text + footer + zlib.crc32(footer, zlib.crc32(text)).to_bytes(4, "little") + MCAP0_MAGIC)
         self._file.flush()
 
     def _summary(self) -> list[tuple[int, Sequence[McapRecord]]]:
@@ -349,9 +354,9 @@ class McapWriter:
         ]
 
     def _write(self, record: McapRecord) -> int:
-        return self._put(_bytes_of(record))
+        return self._append(_bytes_of(record))
 
-    def _put(self, data: bytes) -> int:
+    def _append(self, data: bytes) -> int:
         self._file.write(data)
         self._checksum = zlib.crc32(data, self._checksum)
         self._position += len(data)
@@ -414,50 +419,50 @@ def scan(path: Path) -> Scan:
 
 def scan_bytes(data: bytes) -> Scan:
     """Read the bytes of a file that begins with MCAP's magic bytes; see ``scan``."""
-    found, position, closed = Scan(len(data)), len(MCAP0_MAGIC), False
+    content, position, closed = Scan(len(data)), len(MCAP0_MAGIC), False
     while position + FRAME.size <= len(data):
         opcode, length = FRAME.unpack_from(data, position)
         end = position + FRAME.size + length
         if closed and opcode in _CONTENT:
-            found.problem = f"content follows the end of the content, at byte {position}"
+            content.problem = f"content follows the end of the content, at byte {position}"
         elif end > len(data) and opcode != Opcode.CHUNK:
             break
         else:
             try:
-                found.problem = _take(found, data, position, opcode, length)
+                content.problem = _take(content, data, position, opcode, length)
             except (McapError, struct.error, ValueError, OverflowError):
-                found.problem = f"the record at byte {position} is damaged"
+                content.problem = f"the record at byte {position} is damaged"
         if end > len(data):
             break
-        if opcode == Opcode.FOOTER and found.problem is None and data[end:] != MCAP0_MAGIC:
-            found.problem = f"the file is cut off, or continues behind its footer at byte {end}"
-        if found.problem is not None or opcode == Opcode.FOOTER:
-            return found
+        if opcode == Opcode.FOOTER and content.problem is None and data[end:] != MCAP0_MAGIC:
+            content.problem = f"the file is cut off, or continues behind its footer at byte {end}"
+        if content.problem is not None or opcode == Opcode.FOOTER:
+            return content
         closed, position = closed or opcode == Opcode.DATA_END, end
-    found.problem = f"the file is cut off after {len(data)} bytes"
-    return found
+    content.problem = f"the file is cut off after {len(data)} bytes"
+    return content
 
 
-def _take(found: Scan, data: bytes, position: int, opcode: int, length: int) -> str | None:
+def _take(content: Scan, data: bytes, position: int, opcode: int, length: int) -> str | None:
     """Take one record into ``found``; a sentence when it is damaged."""
     body = data[position + FRAME.size : position + FRAME.size + length]
     stream = ReadDataStream(io.BytesIO(body))
     if opcode == Opcode.SCHEMA:
         schema = Schema.read(stream)
-        found.schemas[schema.id] = schema
+        content.schemas[schema.id] = schema
     elif opcode == Opcode.CHANNEL:
         channel = Channel.read(stream)
-        found.channels[channel.id] = channel
+        content.channels[channel.id] = channel
     elif opcode == Opcode.METADATA:
         metadata = Metadata.read(stream)
-        found.metadata[metadata.name] = metadata.metadata
+        content.metadata[metadata.name] = metadata.metadata
     elif opcode == Opcode.ATTACHMENT:
         if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
             return f"an attachment at byte {position} does not match its checksum"
         attachment = Attachment.read(stream)
-        found.attachments[attachment.name] = attachment.data
+        content.attachments[attachment.name] = attachment.data
     elif opcode == Opcode.CHUNK:
-        return _take_chunk(found, Chunk.read(stream), position, torn=len(body) < length)
+        return _take_chunk(content, Chunk.read(stream), position, torn=len(body) < length)
     elif opcode == Opcode.DATA_END and zlib.crc32(data[:position]) != DataEnd.read(stream).data_section_crc:
         return "the content does not match its checksum"
     elif opcode == Opcode.FOOTER:
@@ -467,16 +472,16 @@ def _take(found: Scan, data: bytes, position: int, opcode: int, length: int) -> 
     return None
 
 
-def _take_chunk(found: Scan, chunk: Chunk, position: int, *, torn: bool) -> str | None:
+def _take_chunk(content: Scan, chunk: Chunk, position: int, *, torn: bool) -> str | None:
     """Take the messages of a chunk; of a torn one, as many as its compression gives back."""
-    room = found.largest_content - sum(map(len, found.chunks))
+    room = content.largest_content - sum(map(len, content.chunks))
     if chunk.uncompressed_size > room:
         return f"the chunk at byte {position} expands to more than a record of this size can hold"
     # The size that is stated is not believed.
     messages = _expanded(chunk.data, chunk.uncompressed_size + 1)
     if not torn and (len(messages) != chunk.uncompressed_size or zlib.crc32(messages) != chunk.uncompressed_crc):
         return f"the chunk at byte {position} does not match its checksum"
-    found.chunks.append(messages)
+    content.chunks.append(messages)
     return None
 
 

@@ -46,9 +46,9 @@ class Drawing(Figure):
         FigureCanvasAgg(self)
 
     def _repr_png_(self) -> bytes:
-        drawn = io.BytesIO()
-        self.savefig(drawn, format="png", metadata={"Software": None})
-        return drawn.getvalue()
+        png = io.BytesIO()
+        self.savefig(png, format="png", metadata={"Software": None})
+        return png.getvalue()
 
 
 def climate(*episodes: Episode, days: Days | None = None) -> Drawing:
@@ -130,11 +130,11 @@ def typical_day(*episodes: Episode) -> Drawing:
         for episode, colour, name in zip(episodes, _colours(episodes), _names(episodes), strict=True):
             hours = _clock(episode, signals, curve)
             values = _values(episode, curve)
-            found = np.unique(hours)
-            each = [values[hours == hour] for hour in found]
+            clock_hours = np.unique(hours)
+            each = [values[hours == hour] for hour in clock_hours]
             low, high = np.array([np.quantile(one, (0.1, 0.9)) for one in each]).T
-            axes.plot(found, [one.mean() for one in each], color=colour, lw=1.5, label=name)
-            axes.fill_between(found, low, high, color=colour, alpha=0.15, lw=0.0)
+            axes.plot(clock_hours, [one.mean() for one in each], color=colour, lw=1.5, label=name)
+            axes.fill_between(clock_hours, low, high, color=colour, alpha=0.15, lw=0.0)
         axes.set_title(curve.heading, fontsize=9)
         axes.set_xlim(0.0, 24.0)
         axes.set_xticks(range(0, 25, 6))
@@ -152,8 +152,8 @@ def _over_time(
 ) -> Drawing:
     """A panel for each curve, one below the other; ``mark`` draws behind it."""
     first, last = days or (0.0, np.inf)
-    shown = [(first <= _days(one)[:-1]) & (_days(one)[1:] <= last) for one in episodes]
-    if not any(one.any() for one in shown):
+    windows = [(first <= _days(one)[:-1]) & (_days(one)[1:] <= last) for one in episodes]
+    if not any(one.any() for one in windows):
         msg = f"The runs have no step between day {first:g} and day {last:g}; the first has {_days(episodes[0])[-1]:g} days."
         raise EpisodeError(msg)
     figure = Drawing(figsize=(_WIDTH, _ROW * len(curves) + 0.6))
@@ -161,11 +161,11 @@ def _over_time(
     same = all(np.array_equal(one.times, episodes[0].times) for one in episodes)  # else their seasons differ
     for axes, curve in zip(panels, curves, strict=True):
         mark(axes, curve)
-        for episode, kept, colour, name in zip(episodes, shown, _colours(episodes), _names(episodes), strict=True):
+        for episode, window, colour, name in zip(episodes, windows, _colours(episodes), _names(episodes), strict=True):
             moments: NDArray[Any] = episode.local_times if same else _days(episode)
             at = moments[:-1] if curve.moment == "start" else moments[1:]
             style = "steps-post" if curve.moment == "start" else "default"
-            axes.plot(at[kept], _values(episode, curve)[kept], color=colour, lw=1.2, drawstyle=style, label=name)
+            axes.plot(at[window], _values(episode, curve)[window], color=colour, lw=1.2, drawstyle=style, label=name)
         axes.set_ylabel(f"{curve.title}\n[{curve.unit}]", fontsize=8)
         _tidy(axes)
     _name(figure, panels[0])

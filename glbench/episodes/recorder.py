@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,11 +11,10 @@ from numpy.typing import NDArray
 
 from glbench.env import Simulation, StepResult, run_weather
 from glbench.episodes.action_log import ActionLog, exactly
-from glbench.episodes.definition import definition_json
 from glbench.episodes.episode import Episode
-from glbench.episodes.header import Provenance, RunFacts
+from glbench.episodes.header import Provenance, RunFacts, definition_json
 from glbench.episodes.signals import ACTION, Source, signals_of
-from glbench.errors import EpisodeError
+from glbench.errors import EpisodeError, did_you_mean
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
@@ -39,7 +39,7 @@ class Trace:
 
     def __init__(self, simulation: Simulation, rows: Sequence[int] | None = None) -> None:
         steps, self.rows = simulation.task.steps, tuple(range(simulation.n) if rows is None else rows)
-        n, self._chosen = len(self.rows), None if rows is None else list(rows)
+        n, self._subset = len(self.rows), None if rows is None else list(rows)
         self._steps = 0
         self._signals = signals_of(simulation.task)
         self.x = np.empty((steps + 1, n, simulation.x.shape[1]))
@@ -57,7 +57,7 @@ class Trace:
 
     def _of(self, table: Floats, axis: int) -> Floats:
         """The chosen runs of a table, which lie along ``axis``."""
-        return table if self._chosen is None else table.take(self._chosen, axis=axis)
+        return table if self._subset is None else table.take(self._subset, axis=axis)
 
     def episode(
         self, task: TaskSpec, row: int, provenance: Provenance, run: RunFacts, actions: NDArray[np.floating]
@@ -66,23 +66,23 @@ class Trace:
         place, steps = self.rows.index(row), run.steps
         weather = run_weather(task, run.seed)
         acting: dict[Source, Floats] = {"control": self.u[:steps, place], "disturbance": weather.values[:steps]}
-        seen: dict[Source, Floats] = {
+        measured: dict[Source, Floats] = {
             "air": self.air[: steps + 1, :, place],
             "state": self.x[: steps + 1, place],
             "clock": weather.hour_of_day[: steps + 1, None],
         }
-        seen["derived"] = self._signals.derived({**acting, **seen})
-        begun = self._signals.tables(seen)
+        measured["derived"] = self._signals.derived({**acting, **measured})
+        from_start = self._signals.tables(measured)
         during = self._signals.tables({**acting, "quantity": self.quantities[:steps, :, place]})
         agent = provenance.agent
-        asked = self._signals.asked(actions[:steps], agent.columns)
+        agent_actions = self._signals.in_units(actions[:steps], agent.columns)
         return Episode(
             provenance=provenance,
             run=run,
             definition=definition_json(task),
             groups=self._signals.groups(agent.columns, controls=agent.acts == "controls"),
-            tables={ACTION: asked, **during, **{name: values[1:] for name, values in begun.items()}},
-            start={name: values[0] for name, values in begun.items()},
+            tables={ACTION: agent_actions, **during, **{name: values[1:] for name, values in from_start.items()}},
+            start={name: values[0] for name, values in from_start.items()},
             times=weather.times[: steps + 1].astype("datetime64[ns]"),
         )
 
@@ -99,12 +99,12 @@ class Recorder:
         self.actions = np.zeros((steps, n, columns))
         self.rewards = np.zeros((steps, n))
         self._steps = 0
-        self._wanted = traced and steps * n * bytes_a_step(simulation.task) <= LARGEST_TRACE
+        self._traces = traced and steps * n * bytes_a_step(simulation.task) <= LARGEST_TRACE
         self.trace: Trace | None = None
 
     def begin(self, simulation: Simulation) -> None:
         """Begin at the start of all runs."""
-        if self._wanted:
+        if self._traces:
             self.trace = Trace(simulation)
 
     def add(self, actions: NDArray[np.float64], simulation: Simulation, outcome: StepResult) -> None:
@@ -142,18 +142,18 @@ def check_round(task: TaskSpec, provenance: Provenance) -> None:
     EpisodeError
         When the task is not given the secret of the record's round.
     """
-    recorded, given = provenance.task.salt_commitment, task.salt_commitment
-    if recorded == given:
+    recorded, available = provenance.task.salt_commitment, task.salt_commitment
+    if recorded == available:
         return
     if recorded is None:
-        msg = f"The record has public draws of {task.id}, and not those of the round {given}. Leave --round out."
-    elif given is None:
+        msg = f"The record has public draws of {task.id}, and not those of the round {available}. Leave --round out."
+    elif available is None:
         msg = (
             f"The record belongs to the sealed round {recorded} of {task.id}: only with the secret of the round can its runs be "
             "simulated again. Once it is published: glbench episodes make RESULT --round FILE."
         )
     else:
-        msg = f"The record belongs to the round {recorded}, and the secret is that of {given}. Give the file of the right round."
+        msg = f"The record belongs to the round {recorded}, and the secret is that of {available}. Give the file of the right round."
     raise EpisodeError(msg)
 
 
@@ -210,3 +210,77 @@ def replayed_episodes(
     for place, row in enumerate(rows):
         run = log.runs[row]
         yield trace.episode(task, place, log.provenance, run, log.actions[: run.steps, row])
+
+
+WORDS = ("all", "none", "best", "worst", "median")
+DEFAULT = "best,worst,median"
+ACTIONS_SUFFIX = ".actions.mcap"
+
+
+def parse_selection(text: str) -> tuple[str, ...]:
+    """The words of ``all``, ``none``, or a list such as ``best,worst,median`` or ``best,670`` (a seed).
+
+    Raises
+    ------
+    EpisodeError
+        For what is no text, for another word, and for ``all`` or ``none`` in a list.
+    """
+    if not isinstance(text, str):
+        msg = f"Episodes are chosen by a text such as '{DEFAULT}'; got {text!r}."
+        raise EpisodeError(msg)
+    words = tuple(dict.fromkeys(word.strip() for word in text.split(",")))
+    for word in words:
+        if word not in WORDS and not word.isdecimal():
+            msg = f"'{word}' chooses no episode.{did_you_mean(word, WORDS)} A run's seed does, too."
+            raise EpisodeError(msg)
+    if len(words) > 1 and {"all", "none"} & set(words):
+        msg = f"'{text}': all and none stand alone."
+        raise EpisodeError(msg)
+    return words
+
+
+def chosen_rows(words: Sequence[str], seeds: Sequence[int], values: Sequence[float]) -> tuple[int, ...]:
+    """Places of the chosen runs, in the order of the runs, by their ``values`` (higher is better; of equals the smaller seed).
+
+    Of an even number of runs the median is the lower of the two in the middle.
+
+    Raises
+    ------
+    EpisodeError
+        For a seed that is none of the runs'.
+    """
+    ranked = sorted(range(len(seeds)), key=lambda row: (values[row], -seeds[row]))
+    named = {"best": ranked[-1], "worst": ranked[0], "median": ranked[(len(ranked) - 1) // 2]}
+    rows: set[int] = set()
+    for word in words:
+        if word == "all":
+            rows.update(range(len(seeds)))
+        elif word in named:
+            rows.add(named[word])
+        elif word != "none":
+            if int(word) not in seeds:
+                msg = f"No run has the seed {word}; they have {min(seeds)} to {max(seeds)}."
+                raise EpisodeError(msg)
+            rows.add(list(seeds).index(int(word)))
+    return tuple(sorted(rows))
+
+
+def actions_path(result: Path) -> Path:
+    """``<agent>.actions.mcap`` beside ``<agent>.json``."""
+    return result.with_name(result.name.removesuffix(".json") + ACTIONS_SUFFIX)
+
+
+def episodes_folder(result: Path) -> Path:
+    """Folder of the full episodes of a result.
+
+    ``<out>/episodes/<task>/<agent>`` for a result ``<out>/results/<task>/<agent>.json``; for a result elsewhere a folder beside it.
+    """
+    name = result.name.removesuffix(".json")
+    if result.parent.parent.name == "results":
+        return result.parent.parent.parent / "episodes" / result.parent.name / name
+    return result.with_name(f"{name}.episodes")
+
+
+def episode_path(folder: Path, seed: int) -> Path:
+    """``<folder>/seed-<seed>.mcap``."""
+    return folder / f"seed-{seed}.mcap"

@@ -1,8 +1,12 @@
-"""The viewer's program: a window, a page for the browser, a picture without a screen. It listens on this machine only."""
+"""The viewer's program: a window, a page for the browser, a picture without a screen, and one run of an evaluation while it is simulated.
+
+It listens on this machine only.
+"""
 
 from __future__ import annotations
 
 import importlib
+import logging
 import os
 import re
 import socket
@@ -10,15 +14,38 @@ import subprocess
 import sys
 import tempfile
 import time
+import uuid
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import TracebackType
 from typing import Any, Self
 from urllib.parse import quote
 
+import numpy as np
+
 from glbench.children import Child
+from glbench.env import Simulation, StepResult, run_weather
+from glbench.episodes.rerun_recording import (
+    APPLICATION,
+    RunSet,
+    Trajectory,
+    load_rerun,
+    send_card,
+    send_frame,
+    send_layout,
+    send_limits,
+    send_trajectories,
+)
+from glbench.episodes.signals import Floats, Source, signals_of
 from glbench.errors import GlbenchError
 from glbench.resources import write_atomically
+from glbench.tasks import TaskSpec
+
+logger = logging.getLogger(__name__)
+
+_SEND_SECONDS = 0.2
+_FLUSH_SECONDS = 5.0
 
 LOOPBACK = "127.0.0.1"
 """Without being told, the viewer's server listens on all interfaces: anybody in the network could send to it."""
@@ -30,30 +57,6 @@ _SAME_PICTURES = 2
 _TERMINAL_CODES = re.compile(r"\x1b\[[0-9;]*m")
 _CANNOT_DRAW = ("render context", "graphics adapter", "NoSuitableAdapter")
 _RENDERER = "Pictures and windows need Vulkan or OpenGL; without a graphics card: `apt-get install mesa-vulkan-drivers` (Debian, Ubuntu)."
-
-
-def load_rerun() -> Any:
-    """The module ``rerun``.
-
-    Raises
-    ------
-    GlbenchError
-        When it is not installed; it says how to install it.
-    """
-    try:
-        return importlib.import_module("rerun")
-    except ImportError as error:
-        msg = (
-            "The viewer is not installed: it needs the package rerun-sdk. "
-            'Install it with `pip install "glbench[view]"`, or in a checkout with `uv sync --inexact --extra view`.'
-        )
-        raise GlbenchError(msg) from error
-
-
-def load_blueprint() -> Any:
-    """The module ``rerun.blueprint``; raises as ``load_rerun`` does."""
-    load_rerun()
-    return importlib.import_module("rerun.blueprint")
 
 
 def viewer_program() -> Path:
@@ -223,11 +226,11 @@ class Viewer:
     """The viewer's process, with what it says kept in a file: a pipe that nobody reads would stop it."""
 
     def __init__(self, program: Path, arguments: Sequence[str]) -> None:
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115  closed on leaving
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115  closed on leaving
         # A window that outlives this process belongs to no one: its program starts another process and ends.
         start: type[subprocess.Popen[Any]] = subprocess.Popen if "--detach-process" in arguments else Child
         self._process = start(
-            [str(program), *arguments], stdin=subprocess.DEVNULL, stdout=self._said, stderr=self._said
+            [str(program), *arguments], stdin=subprocess.DEVNULL, stdout=self._output, stderr=self._output
         )
 
     def wait(self) -> None:
@@ -253,11 +256,11 @@ class Viewer:
 
     def failure(self, what: str) -> GlbenchError:
         """An error with the reason, as far as the viewer gave one."""
-        self._said.seek(0)
-        said = _TERMINAL_CODES.sub("", self._said.read().decode(errors="replace"))
-        if any(words in said for words in _CANNOT_DRAW):
+        self._output.seek(0)
+        output = _TERMINAL_CODES.sub("", self._output.read().decode(errors="replace"))
+        if any(words in output for words in _CANNOT_DRAW):
             return GlbenchError(f"{what}: nothing on this machine can draw. {_RENDERER}")
-        lines = [line.strip() for line in said.splitlines() if "rror" in line or "panic" in line]
+        lines = [line.strip() for line in output.splitlines() if "rror" in line or "panic" in line]
         reason = f": {lines[-1][:300]}" if lines else ", and does not say why"
         return GlbenchError(f"{what}{reason}. {_RENDERER}")
 
@@ -273,4 +276,100 @@ class Viewer:
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
-        self._said.close()
+        self._output.close()
+
+
+class LiveView:
+    """Streams one run of an evaluation to a viewer, several times a second.
+
+    Closing the viewer does not disturb the evaluation. After an interruption it shows the steps from there on, and its sums count from
+    there.
+
+    Parameters
+    ----------
+    task, controller, seed
+        What is run.
+    row
+        The run that is shown, among those of the simulation.
+    address
+        Where the viewer takes streams (see ``rerun_viewer``).
+    """
+
+    def __init__(self, task: TaskSpec, controller: str, seed: int, address: str, row: int = 0) -> None:
+        rerun = load_rerun()
+        self._task, self._controller, self._seed, self._row = task, controller, seed, row
+        weather = run_weather(task, seed)
+        self._times = weather.times[: task.steps + 1].astype("datetime64[ns]")
+        self._signals = signals = signals_of(task)
+        self._tables: dict[Source, Floats] = {
+            source: np.zeros((task.steps, len(signals.vector(source))))
+            for source in ("state", "derived", "control", "air", "quantity")
+        }
+        self._weather = weather.values[: task.steps]
+        self._clock = weather.hour_of_day[: task.steps + 1, None]
+        sources = {**self._tables, "disturbance": self._weather, "clock": self._clock[1:]}
+        self._columns = {
+            one.name: sources[one.source][:, one.index]
+            for one in signals.recorded
+            if one.name in (*signals.needed, signals.clock)
+        }
+        self._started = False
+        self._steps = self._sent = 0
+        self._sent_at = time.monotonic()
+        # A name of its own: evaluations of one process would else be mixed into one recording.
+        self._stream = rerun.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
+        self._stream.connect_grpc(address)
+        runs = self._run_set(0)
+        send_frame(self._stream, runs)
+        send_layout(self._stream, runs, live=True)
+
+    def add(self, simulation: Simulation, outcome: StepResult) -> None:
+        """Keep the step that was just simulated, and send the new steps several times a second."""
+        step = int(simulation.k[self._row]) - 1
+        if step < self._steps or step < 0:
+            return  # this run has ended, others go on
+        if not self._started:
+            self._started, self._sent = True, step
+            send_limits(self._stream, self._run_set(0), [step])
+        row, tables = self._row, self._tables
+        tables["state"][step], tables["control"][step] = simulation.x[row], simulation.u[row]
+        tables["air"][step], tables["quantity"][step] = simulation.air[:, row], outcome.table[:, row]
+        self._steps = step + 1
+        if time.monotonic() - self._sent_at >= _SEND_SECONDS or self._steps == self._task.steps:
+            self._send()
+
+    def close(self) -> None:
+        """Send the rest and disconnect."""
+        if self._steps > self._sent:
+            self._send()
+        send_card(self._stream, self._run_set(self._steps))
+        try:
+            self._stream.flush(timeout_sec=_FLUSH_SECONDS)
+        except RuntimeError as error:
+            logger.warning("The viewer was closed before the end (%s). The evaluation does not depend on it.", error)
+        self._stream.disconnect()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, place: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _send(self) -> None:
+        steps, tables = self._steps, self._tables
+        vectors: dict[Source, Floats] = {source: tables[source][:steps] for source in ("state", "air", "control")}
+        vectors |= {"disturbance": self._weather[:steps], "clock": self._clock[: steps + 1]}
+        tables["derived"][:steps] = self._signals.derived(vectors)
+        runs = self._run_set(steps)
+        send_trajectories(self._stream, runs, self._sent)
+        # Sent as far as the curves reach, and no further: the viewer follows the latest time that it knows of.
+        send_limits(self._stream, runs, [self._steps])
+        self._sent, self._sent_at = self._steps, time.monotonic()
+
+    def _run_set(self, steps: int) -> RunSet:
+        """The run so far."""
+        columns = {name: column[:steps] for name, column in self._columns.items()}
+        trajectory = Trajectory(self._controller, self._seed, self._times[: steps + 1], columns)
+        return RunSet(self._task, (trajectory,), (self._controller,), self._signals)

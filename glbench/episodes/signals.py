@@ -24,7 +24,7 @@ from glbench.tasks.ledger import FLOW, LedgerItem
 
 if TYPE_CHECKING:
     from glbench.model import Model
-    from glbench.model import Signal as Drawn
+    from glbench.model import Signal as ModelSignal
     from glbench.tasks import Action, TaskSpec
 
 Floats = NDArray[np.float64]
@@ -39,7 +39,7 @@ Vectors = Mapping[Source, Floats]
 Formula = Callable[[Vectors], Floats]
 _ACTS: frozenset[Source] = frozenset({"control", "disturbance"})
 """Sources of what acts during a step; all others are measured at its end."""
-_BEGUN: frozenset[Source] = frozenset({"air", "state", "clock", "derived"})
+_AT_START: frozenset[Source] = frozenset({"air", "state", "clock", "derived"})
 """Sources that also have values at step 0, before anything was done."""
 
 KWH_A_CUBIC_METRE = 31.65 / 3.6
@@ -177,16 +177,16 @@ class Curve:
 
     def values(self, columns: Columns) -> Floats:
         """The curve ``(steps,)`` from the columns of a record, in ``unit``."""
-        found = [columns[name] for name in self.columns]
+        arrays = [columns[name] for name in self.columns]
         if self.form == "beyond":
-            return found[1] - found[0]
+            return arrays[1] - arrays[0]
         if self.form == "any":
-            return np.cumsum(np.max(found, axis=0))
-        curve: Floats = found[0] * self.factor
+            return np.cumsum(np.max(arrays, axis=0))
+        curve: Floats = arrays[0] * self.factor
         if self.form == "value":
             return curve
         summed: Floats = np.cumsum(curve)
-        for other in found[1:]:
+        for other in arrays[1:]:
             summed = summed + np.cumsum(other * self.factor)
         return summed
 
@@ -293,9 +293,9 @@ class Signals:
     @property
     def needed(self) -> tuple[str, ...]:
         """Columns that a record must have to be shown."""
-        shown = (name for curve in self.curves for name in curve.columns)
-        told = (self.worst, self.total, *self.income, *self.costs, *(amount.column for amount in self.harvest))
-        return tuple(dict.fromkeys((*shown, *told, self.reward)))
+        of_curves = (name for curve in self.curves for name in curve.columns)
+        of_card = (self.worst, self.total, *self.income, *self.costs, *(amount.column for amount in self.harvest))
+        return tuple(dict.fromkeys((*of_curves, *of_card, self.reward)))
 
     def vector(self, source: Source) -> tuple[Signal, ...]:
         """The signals of a source, in the order of its vector."""
@@ -318,11 +318,11 @@ class Signals:
 
     def lacking(self, columns: Iterable[str]) -> Signals:
         """What can be shown without ``columns``: the curves that need none of them."""
-        gone = set(columns)
+        missing = set(columns)
         pages = tuple(
-            Page(page.title, kept)
+            Page(page.title, curves)
             for page in self.pages
-            if (kept := tuple(curve for curve in page.curves if gone.isdisjoint(curve.columns)))
+            if (curves := tuple(curve for curve in page.curves if missing.isdisjoint(curve.columns)))
         )
         paths = {curve.path for page in pages for curve in page.curves}
         overview = tuple(tuple(path for path in column if path in paths) for column in self.overview)
@@ -340,9 +340,9 @@ class Signals:
         the controls themselves.
         """
         what = "control asked for" if controls else "action"
-        told = {signal.name: ("-", f"{what}: {signal.meaning}") for signal in self.vector("control")}
-        told |= {one.name: (one.unit, f"set point: {one.meaning}") for one in self.set_points}
-        actions = (Column(f"action_{name}", *told[name]) for name in agent_columns)
+        words = {signal.name: ("-", f"{what}: {signal.meaning}") for signal in self.vector("control")}
+        words |= {one.name: (one.unit, f"set point: {one.meaning}") for one in self.set_points}
+        actions = (Column(f"action_{name}", *words[name]) for name in agent_columns)
         members: dict[str, list[Signal]] = {}
         for signal in self.recorded:
             members.setdefault(signal.group, []).append(signal)
@@ -353,22 +353,22 @@ class Signals:
                     name,
                     (Column(one.name, one.unit, one.meaning) for one in listed),
                     "start" if listed[0].source in _ACTS else "end",
-                    at_start=listed[0].source in _BEGUN,
+                    at_start=listed[0].source in _AT_START,
                 )
                 for name, listed in members.items()
             ),
         )
 
-    def asked(self, given: NDArray[np.floating], agent_columns: Sequence[str]) -> NDArray[np.floating]:
-        """What an agent asked for by ``given`` ``(steps, columns)``, as a record shows it: set points in their units, all else as it is."""
+    def in_units(self, actions: NDArray[np.floating], agent_columns: Sequence[str]) -> NDArray[np.floating]:
+        """Actions ``(steps, columns)`` as a record shows them: set points in their units, all else as it is."""
         scaled = {one.name: one for one in self.set_points if one.stands_for is not None}
         if scaled.keys().isdisjoint(agent_columns):
-            return given
-        found = given.astype(np.float64)
+            return actions
+        values = actions.astype(np.float64)
         for column, name in enumerate(agent_columns):
             if name in scaled:
-                found[:, column] = scaled[name].value(found[:, column])
-        return found
+                values[:, column] = scaled[name].value(values[:, column])
+        return values
 
     def tables(self, vectors: Vectors) -> dict[str, Floats]:
         """Values ``(rows, columns)`` by group, of the sources ``(rows, entries)`` that are given."""
@@ -376,7 +376,7 @@ class Signals:
         for signal in self.recorded:
             if signal.source in vectors:
                 places.setdefault(signal.group, (signal.source, []))[1].append(signal.index)
-        return {name: vectors[source][:, chosen] for name, (source, chosen) in places.items()}
+        return {name: vectors[source][:, columns] for name, (source, columns) in places.items()}
 
 
 @lru_cache(maxsize=32)
@@ -411,7 +411,11 @@ def signals_of(task: TaskSpec) -> Signals:
         income=tuple(item.name for item in ledger.earned),
         costs=tuple(item.name for item in ledger.paid),
         harvest=tuple(
-            Amount(item.amount, _harvest(item)) for item in _by_amount(ledger.earned) if not _is_energy(item)
+            Amount(item.amount, f"{unit}/m² of {what}" if unit else f"{what} per m²")
+            for item in _by_amount(ledger.earned)
+            if not _is_energy(item)
+            for unit in [quantities.unit_sold(item.amount_unit)]
+            for what in [quantities.in_sentence(_amount_title(item).partition(",")[0])]
         ),
         reward="reward",
         formulas=tuple(formula for _, formula in _derived(task)),
@@ -450,8 +454,9 @@ def _recorded(task: TaskSpec) -> tuple[Signal, ...]:
         for i, s in enumerate(model.states)
     ]
     amounts = [
-        Signal(q.name, q.unit, q.meaning, "violations" if _judges(q.name) else "economics", "quantity", i)
+        Signal(q.name, q.unit, q.meaning, "violations" if beyond else "economics", "quantity", i)
         for i, q in enumerate(task.quantities)
+        for beyond in [q.name == "penalty" or q.name.startswith((quantities.VIOLATION, quantities.OUTSIDE))]
     ]
     return (
         *(Signal(c.name, "-", c.meaning, "controls", "control", i) for i, c in enumerate(model.controls)),
@@ -471,10 +476,6 @@ def _recorded(task: TaskSpec) -> tuple[Signal, ...]:
         *(one for one in amounts if one.group == "economics"),
         *(one for one in amounts if one.group == "violations"),
     )
-
-
-def _judges(quantity: str) -> bool:
-    return quantity == "penalty" or quantity.startswith((quantities.VIOLATION, quantities.OUTSIDE))
 
 
 def _derived(task: TaskSpec) -> list[tuple[Column, Formula]]:
@@ -497,19 +498,19 @@ def _derived(task: TaskSpec) -> list[tuple[Column, Formula]]:
 
         return sums
 
-    found: list[tuple[Column, Formula]] = []
-    for drawn in model.signals():
-        column = Column(drawn.path.rpartition("/")[2], quantities.plain_unit(drawn.unit), drawn.label)
-        if drawn.of is not None:
-            found.append((column, of_states(drawn.of)))
-        elif drawn.today is not None:
-            found.append((column, of_day(drawn.today)))
+    columns: list[tuple[Column, Formula]] = []
+    for series in model.signals():
+        column = Column(series.path.rpartition("/")[2], quantities.plain_unit(series.unit), series.label)
+        if series.of is not None:
+            columns.append((column, of_states(series.of)))
+        elif series.today is not None:
+            columns.append((column, of_day(series.today)))
     if model.air is not None:
-        found += [
+        columns += [
             (Column(name, entry.unit, entry.label), of_air(_DEFICITS[name]))
             for name, entry in quantities.DEFICITS.items()
         ]
-    return found
+    return columns
 
 
 def _pages(task: TaskSpec) -> tuple[Page, ...]:
@@ -529,12 +530,18 @@ def _pages(task: TaskSpec) -> tuple[Page, ...]:
             for name, entry in quantities.DEFICITS.items()
         )
     earned = [item for item in _by_amount(task.ledger.earned) if not _is_energy(item)]
-    curves["crop"] += _whole_harvest(earned)
+    if (
+        len(earned) > 1 and len({item.amount_unit for item in earned}) == 1
+    ):  # such as fruit on the plants and fruit picked
+        first, *others = (_amount_title(item) for item in earned)
+        title = f"{' and '.join([first, *map(quantities.in_sentence, others)])}, summed"
+        unit = quantities.raised_unit(earned[0].amount_unit)
+        curves["crop"].append(Curve("crop/harvest", title, unit, tuple(item.amount for item in earned), "sum"))
     curves["crop"] += (
         _summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued == FLOW
     )
-    for drawn in model.signals():
-        curves.setdefault(drawn.path.partition("/")[0], []).append(_curve(model, drawn))
+    for series in model.signals():
+        curves.setdefault(series.path.partition("/")[0], []).append(_curve(model, series))
     curves["crop"] += (
         _summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued != FLOW
     )
@@ -549,20 +556,6 @@ def _pages(task: TaskSpec) -> tuple[Page, ...]:
         if listed
     ]
     return (*pages, Page("Money", _money(task)), Page("Violations", _violations(task, limited)))
-
-
-def _whole_harvest(earned: Sequence[LedgerItem]) -> Iterable[Curve]:
-    """All that is paid for of a harvest that is sold in several ways, such as fruit on the plants and fruit picked."""
-    if len(earned) > 1 and len({item.amount_unit for item in earned}) == 1:
-        first, *others = (_amount_title(item) for item in earned)
-        title = " and ".join([first, *map(quantities.in_sentence, others)])
-        yield Curve(
-            "crop/harvest",
-            f"{title}, summed",
-            quantities.raised_unit(earned[0].amount_unit),
-            tuple(i.amount for i in earned),
-            "sum",
-        )
 
 
 def _energy(task: TaskSpec) -> Iterable[Curve]:
@@ -629,30 +622,30 @@ def _light(task: TaskSpec) -> Iterable[Line]:
 
         return amounts
 
-    for drawn in model.signals():
-        name = drawn.path.rpartition("/")[2]
-        if drawn.today is not None and name in quantities.LIGHT:
+    for series in model.signals():
+        name = series.path.rpartition("/")[2]
+        if series.today is not None and name in quantities.LIGHT:
             words = quantities.LIGHT[name]
-            formula = of(drawn.today, words.day_factor)
+            formula = of(series.today, words.day_factor)
             yield Line(name, words.day, words.day_unit or words.unit, "light", formula=formula)
 
 
-def _curve(model: Model, drawn: Drawn) -> Curve:
+def _curve(model: Model, series: ModelSignal) -> Curve:
     """A series of the model."""
-    group, _, name = drawn.path.rpartition("/")
-    if drawn.of is not None or drawn.today is not None:
-        return Curve(drawn.path, drawn.label, drawn.unit, (name,), shared=group == "weather", slow=group == "crop")
-    control, weather = drawn.source in model.control_names, drawn.source in model.disturbance_names
+    group, _, name = series.path.rpartition("/")
+    if series.of is not None or series.today is not None:
+        return Curve(series.path, series.label, series.unit, (name,), shared=group == "weather", slow=group == "crop")
+    control, weather = series.source in model.control_names, series.source in model.disturbance_names
     return Curve(
-        drawn.path,
-        drawn.label,
-        drawn.unit,
-        (drawn.source,),
-        factor=drawn.factor,
+        series.path,
+        series.label,
+        series.unit,
+        (series.source,),
+        factor=series.factor,
         moment="start" if control or weather else "end",
         shared=weather,
         slow=group == "crop",
-        span=_SHUT_TO_OPEN if control and drawn.unit == _PERCENT else None,
+        span=_SHUT_TO_OPEN if control and series.unit == _PERCENT else None,
     )
 
 
@@ -664,17 +657,12 @@ def _by_amount(items: Iterable[LedgerItem]) -> tuple[LedgerItem, ...]:
 def _label(item: LedgerItem) -> str:
     """What an item is called."""
     entry = quantities.known_flow(item.flow, item.label)
-    return (entry and entry.label) or _lowered(item.label) or quantities.capitalised(item.name)
+    return (entry and entry.label) or item.label.replace("CO2", "CO₂") or quantities.capitalised(item.name)
 
 
 def _amount_title(item: LedgerItem) -> str:
-    known = item.amount_label or (quantities.FLOWS[item.flow].amount_label if item.flow in quantities.FLOWS else "")
-    return known or (_label(item) if item.label else quantities.capitalised(item.amount))
-
-
-def _lowered(label: str) -> str:
-    """``CO₂ bought`` for ``CO2 bought``."""
-    return label.replace("CO2", "CO₂")
+    label = item.amount_label or (quantities.FLOWS[item.flow].amount_label if item.flow in quantities.FLOWS else "")
+    return label or (_label(item) if item.label else quantities.capitalised(item.amount))
 
 
 def _summed(path: str, title: str, item: LedgerItem) -> Curve:
@@ -741,23 +729,12 @@ def _overview(task: TaskSpec, paths: list[str]) -> tuple[tuple[str, ...], ...]:
 
     outcome = ["money/epi", *of("crop", 1), *([f"money/{cost.name}"] if cost else []), "violations/hours"]
     columns = (outcome, [*of("climate", len(_AIR)), *of("weather", 1)], of("controls", _COLUMNS_OF_CONTROLS))
-    return tuple(kept for column in columns if (kept := tuple(path for path in column if path in paths)))
+    return tuple(there for column in columns if (there := tuple(path for path in column if path in paths)))
 
 
 def _price(task: TaskSpec, item: LedgerItem) -> str:
     """As in ``heat 0.09 EUR/kWh``; a price that changes with the calendar from its lowest to its highest."""
     unit = quantities.unit_sold(item.amount_unit)
-    price = f"{item.price:g}" if not isinstance(item.price, str) else _range(task.price_tables[item.price].limits)
+    prices = task.price_tables[item.price].limits if isinstance(item.price, str) else (item.price,)
+    price = " to ".join(f"{value:g}" for value in sorted({min(prices), max(prices)}))
     return f"{item.goods or quantities.in_sentence(_label(item))} {price} EUR{f'/{unit}' if unit else ' each'}"
-
-
-def _range(values: tuple[float, ...]) -> str:
-    low, high = min(values), max(values)
-    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
-
-
-def _harvest(item: LedgerItem) -> str:
-    """As in ``kg/m² of fruit grown``."""
-    unit = quantities.unit_sold(item.amount_unit)
-    what = quantities.in_sentence(_amount_title(item).partition(",")[0])
-    return f"{unit}/m² of {what}" if unit else f"{what} per m²"

@@ -16,7 +16,7 @@ from glbench import __version__
 from glbench.agents.identity import baseline_names, files_of_folder, identify
 from glbench.control.stage import judged_at_the_end
 from glbench.env.kernels import shared_kernel
-from glbench.episodes.definition import definition_json, task_of
+from glbench.episodes.header import definition_json, task_of
 from glbench.errors import GlbenchError, SubmissionError
 from glbench.execution import write_files
 from glbench.kernel import built_libraries, why_not_compiled

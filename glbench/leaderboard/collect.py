@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from glbench.agents.baselines import shipped_digest, shipped_sight
 from glbench.agents.identity import baseline_names, skeleton, skeletons
-from glbench.episodes.definition import task_of
+from glbench.episodes.header import task_of
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import Result, load_result, result_path
 from glbench.evaluation.episodes import recorded_actions

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.episodes import ActionLog, Episode, replayed_episodes
-from glbench.episodes.accounts import local_days, sums_by
+from glbench.episodes.episode import local_days, sums_by
 from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
 from glbench.episodes.signals import Curve, Line, signals_of
 from glbench.errors import ResultError

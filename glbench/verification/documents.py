@@ -9,8 +9,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from glbench.episodes import ActionLog, Episode, read_episode, read_log
-from glbench.episodes.definition import task_of
-from glbench.episodes.header import PARTS
+from glbench.episodes.header import PARTS, task_of
 from glbench.errors import EpisodeError, GlbenchError, ResultError
 from glbench.evaluation import Result, load_result, result_path
 from glbench.evaluation.episodes import run_facts

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glbench.episodes import by_week, read_episode
-from glbench.episodes.accounts import line_values, local_days, weeks_of
+from glbench.episodes.episode import line_values, local_days, weeks_of
 from glbench.episodes.signals import KWH_A_CUBIC_METRE, signals_of
 from glbench.tasks import get_task
 

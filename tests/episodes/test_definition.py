@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from glbench.episodes.definition import definition_json, task_of
+from glbench.episodes.header import definition_json, task_of
 from glbench.errors import EpisodeError
 from glbench.tasks import list_tasks
 

@@ -18,7 +18,7 @@ from glbench.episodes import (
     read_log,
     replayed_episodes,
 )
-from glbench.episodes.rerun_course import card, shown_of
+from glbench.episodes.rerun_recording import card, shown_of
 from glbench.evaluation import evaluate, result_path
 from glbench.tasks import TaskSpec
 from glbench.verification import verify

@@ -17,9 +17,8 @@ from typer.testing import CliRunner
 from glbench.cli.app import app
 from glbench.episodes import action_log, read_episode, read_log, recover
 from glbench.episodes.action_log import RunTable
-from glbench.episodes.definition import task_of
 from glbench.episodes.episode import PROVENANCE, TASK, _groups, episode_bytes
-from glbench.episodes.header import as_words, canonical
+from glbench.episodes.header import as_words, canonical, task_of
 from glbench.episodes.mcap_file import Layout, McapWriter, Part, scan, scan_bytes
 from glbench.errors import EpisodeError
 from glbench.untrusted import MIB

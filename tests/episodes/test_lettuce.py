@@ -23,8 +23,7 @@ from glbench.episodes import (
     replayed_episodes,
 )
 from glbench.episodes.recorder import Trace, bytes_a_step
-from glbench.episodes.rerun_course import card, local, show_together, shown_of
-from glbench.episodes.rerun_recording import save_recording
+from glbench.episodes.rerun_recording import card, local, save_recording, show_together, shown_of
 from glbench.episodes.signals import signals_of
 from glbench.errors import GlbenchError, TaskError
 from glbench.evaluation import evaluate, result_path

@@ -12,17 +12,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glbench.episodes.rerun_course import (
+from glbench.episodes.rerun_recording import (
     PALETTE,
     Trajectory,
+    _Layout,
     card,
     provenance_words,
+    save_recording,
     show_together,
     shown_of,
     trajectory_of,
     weeks_card,
+    with_two_ticks,
 )
-from glbench.episodes.rerun_recording import _Layout, save_recording, with_two_ticks
 from glbench.episodes.rerun_viewer import load_rerun
 from glbench.episodes.signals import signals_of
 from glbench.errors import GlbenchError

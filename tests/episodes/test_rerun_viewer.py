@@ -18,9 +18,8 @@ import pytest
 
 from glbench.env import Simulation
 from glbench.episodes import rerun_viewer
-from glbench.episodes.rerun_course import PALETTE, show_together, shown_of, trajectory_of
-from glbench.episodes.rerun_live import LiveView
-from glbench.episodes.rerun_recording import save_recording
+from glbench.episodes.rerun_recording import PALETTE, save_recording, show_together, shown_of, trajectory_of
+from glbench.episodes.rerun_viewer import LiveView
 from glbench.episodes.signals import signals_of
 from glbench.errors import GlbenchError
 from glbench.tasks import get_task

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glbench.episodes import read_episode
-from glbench.episodes.rerun_course import shown_of
+from glbench.episodes.rerun_recording import shown_of
 from glbench.evaluation import evaluate, result_path
 from glbench.kernel import Kernel
 from glbench.leaderboard.collect import collect_results

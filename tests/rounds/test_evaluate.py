@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from glbench.episodes import read_episode, read_log
-from glbench.episodes.definition import definition_json
+from glbench.episodes.header import definition_json
 from glbench.episodes.mcap_file import scan
 from glbench.errors import EpisodeError, ResultError, SandboxError
 from glbench.evaluation import evaluate, load_result, prepare, protect, result_path

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from glbench.cli.tasks import app
-from glbench.episodes.definition import definition_json, task_of
+from glbench.episodes.header import definition_json, task_of
 from glbench.errors import TaskError, UnknownNameError
 from glbench.tasks import get_task
 from tests.tasks.names import FILE, SHORT_ID

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation
-from glbench.episodes.definition import definition_json, task_of
+from glbench.episodes.header import definition_json, task_of
 from glbench.errors import TaskError
 from glbench.evaluation import evaluate, result_path
 from glbench.tasks import TaskSpec, get_task

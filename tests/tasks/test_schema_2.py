@@ -13,7 +13,7 @@ import pytest
 
 from glbench.env import Simulation, make_accounts
 from glbench.env.rewards import make_reward
-from glbench.episodes.definition import definition_json, task_of
+from glbench.episodes.header import definition_json, task_of
 from glbench.errors import TaskError
 from glbench.model import paper
 from glbench.tasks import ParameterGroup, PriceTable, Season, StartGroup, TaskSpec, get_task, library, task_card

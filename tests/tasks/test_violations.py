@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from glbench.env import GreenhouseVectorEnv, Simulation, make_accounts
-from glbench.episodes.definition import definition_json, task_of
+from glbench.episodes.header import definition_json, task_of
 from glbench.episodes.signals import signals_of
 from glbench.errors import TaskError
 from glbench.evaluation.metrics import metrics_of, units_of

@@ -22,7 +22,7 @@ from glbench.env.accounts import flow_amounts
 from glbench.env.air import read_air
 from glbench.env.scenario import RunScenarios
 from glbench.episodes import ActionLog, Replay, Trace, chosen_rows
-from glbench.episodes.definition import definition_json, task_of
+from glbench.episodes.header import definition_json, task_of
 from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation.profiles import tables
