@@ -2,7 +2,7 @@
 
 ``base = "glbench/Schiphol2010-Delta10-v1"`` (a shipped task) or ``base = "winter.toml"`` (a file beside it) at the top of a task file
 inherits all of that task but id, title, description and suites. What the file itself says replaces the base's, key by key. The
-result is checked, digested and recorded like a file that is written out: nobody needs the base to check a result. A base of
+result is checked, digested and recorded like a complete file: a result can be checked without the base. A base of
 schema 1 under a file of schema 2 is converted first. ``without = ["sensors", "splits.training"]`` leaves tables and keys of the base
 out. ``[splits]`` with years takes the place of the base's as a whole: the years that are stated are all there are. Prices in a file
 beside the task (``file = "gas.csv"``) are taken over as a series.
@@ -27,9 +27,9 @@ from glbench.untrusted import MIB, read_regular, real_path, reason_of
 
 BASE, WITHOUT = "base", "without"
 NOT_INHERITED = ("id", "title", "description", "suites")
-"""Keys that every task says for itself."""
+"""Keys that are not inherited."""
 SPLITS = "splits"
-"""The table that takes the place of the base's as soon as it states years; all others are put together key by key."""
+"""The table that takes the place of the base's as soon as it states years; all others are merged key by key."""
 LONGEST_CHAIN = 8
 """Files that a task may be made of."""
 
@@ -78,7 +78,7 @@ class TaskTables:
 
 
 def read_tables(path: Path, above: tuple[Path, ...] = ()) -> TaskTables:
-    """The tables of the task file ``path`` and of its bases, put together.
+    """The tables of the task file ``path`` and of its bases, merged.
 
     ``above`` are the files that led here.
 
@@ -207,7 +207,7 @@ def _without(table: Mapping[str, Any], path: Sequence[str], refusal: str) -> dic
 
 
 def as_schema_2(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables of a task of schema 1, as schema 2 says the same. What is missing or no table stays for the reader to refuse."""
+    """The tables of a task of schema 1, converted to schema 2; what is missing or wrong is left for the check of the tables."""
     others = {key: value for key, value in content.items() if key not in ("prices", "uncertainty")}
     model, prices, noise = (
         table if isinstance(table := content.get(key), dict) else {} for key in ("model", "prices", "uncertainty")
@@ -395,7 +395,7 @@ def _missing(base: Mapping[str, Any], merged: Mapping[str, Any], prefix: str = "
 
 
 def _whole(value: object) -> str:
-    """A value that a task changes: read to the end, for it may be a price of every hour; text that nobody reads so is still cut."""
+    """A value that a task changes, up to the length of 24 hourly prices and more."""
     return as_written(value, _LONGEST_CHANGE)
 
 

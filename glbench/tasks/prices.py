@@ -270,7 +270,7 @@ def day_ahead(
 ) -> Floats:
     """What a day-ahead market lets know of coming prices, ``(rows, hours)``: those until midnight.
 
-    For an hour after midnight the price 24 h before it stands in: that of the same hour today, unless the clock changes.
+    An hour after midnight has the price of 24 h before: that of the same hour today, unless the clock changes.
 
     Parameters
     ----------

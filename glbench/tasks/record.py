@@ -1,4 +1,4 @@
-"""What a task's file says, in one of its splits, without the model and the weather."""
+"""The record of a task: the tables of its file, in one of its splits. Needs neither model nor weather."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _OF_ALL_SPLITS = frozenset(
 
 
 class TaskRecord:
-    """What the file of a task says, and in which of its splits the task is. Equal files make equal records."""
+    """The tables of a task's file, and the split that the task is in. Equal files make equal records."""
 
     schema_version: int
     id: str
@@ -76,7 +76,7 @@ class TaskRecord:
     evaluation: EvaluationTable
 
     file: TaskFile2
-    """What the file says, as pure data."""
+    """The tables of the file, as pure data."""
     source: str
     """The file the task was read from, as error messages name it."""
     base: str | None

@@ -1,13 +1,13 @@
-"""What is known of published tasks and is no part of them: best known runs, zero and one of scores, deprecations.
+"""Files about published tasks that are not part of their definition: best known runs, zero and one of scores, deprecations.
 
 - ``tasks/best_known/<Task>.json`` holds, for each seed that a published task is scored by, the highest reward that any released result
-  has there: what a score's regret is measured by. A best known run is no bound. Nobody has shown that nothing better exists.
+  has there: what a score's regret is measured by. A best known run is not a bound: better ones may exist.
 - ``tasks/references.toml`` holds zero and one of normalised scores for every published task: the reward of doing nothing, and the mean
   over the best known runs.
-- ``tasks/deprecated.toml`` says which published tasks nobody should begin with any more, why, and what to use. Such a task stays as it
-  is, digest included: it runs, its results load and can be reproduced. A warning says so, once a process.
+- ``tasks/deprecated.toml`` lists published tasks that new work should not use, with the reason and a replacement. Such a task still runs,
+  and its results load and can be reproduced. A warning is logged, once a process.
 
-The files stand beside the locked definitions. The first two change when somebody does better, the task does not.
+The first two files change when a better run is released; the tasks do not.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def read_best_known(task_id: str) -> BestKnown | None:
 
 @lru_cache(maxsize=256)
 def _read(path: Path, _changed: int, _size: int) -> BestKnown:
-    """What stands in a file that was changed then and has that size: read once."""
+    """The content of a file, read once for each time of change and size."""
     try:
         return BestKnown.model_validate_json(path.read_bytes())
     except (OSError, ValidationError) as error:
@@ -168,7 +168,7 @@ def references_path() -> Path:
 
 @cache
 def read_references() -> Mapping[str, References]:
-    """References by task id; a task that nobody has evaluated yet is missing.
+    """References by task id; a task without results is missing.
 
     Raises
     ------

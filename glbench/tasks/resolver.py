@@ -1,6 +1,6 @@
-"""What follows from a task's file: model, parameters, start, weather, actions, observed columns, ledger and scenario.
+"""Resolves a task's file: model, parameters, start, weather, actions, observed columns, ledger and scenario.
 
-All of it is computed on demand and remembered. Errors of the model and the weather name the task's file and the table that caused them.
+Everything is computed on demand and cached. Errors of the model and the weather name the task's file and the table that caused them.
 
 A scenario says what a run draws: its season, its start, its parameters; ``glbench.env`` does the drawing. All numbers come from
 counter-based streams (docs/adr/0006, 0014): a number depends on its address alone. Tasks with the same ``family`` and ``salt`` share
@@ -371,7 +371,7 @@ class ResolvedTask(TaskRecord):
     def ledger(self) -> Ledger:
         """What a control step earns and pays.
 
-        Items of a task of schema 2 stand by side and name, so that no order of keys in a file changes a sum.
+        Items of schema 2 are sorted by side and name, so that the order of keys in a file does not change a sum.
 
         Raises
         ------

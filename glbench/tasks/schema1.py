@@ -54,7 +54,7 @@ class PaperModelTable(Table):
 
 
 class PaperInitialStateTable(Table):
-    """``[initial_state]``: what stands in the greenhouse when the period starts."""
+    """``[initial_state]``: the state of the greenhouse when the period starts."""
 
     kind: Annotated[str, one_of(words.INITIAL_STATES)] = Field(description="a start")
     air_temperature: Annotated[float, in_unit("degC")] = Field(

@@ -1,4 +1,4 @@
-"""Sealed rounds: a host evaluates with draws of the test split that nobody can know before the round is over.
+"""Sealed rounds (held-out draws, commit and reveal): a host evaluates with draws of the test split that are secret until the round is over.
 
 The draws are keyed by a secret: a salt of 256 random bits and, where the round has weather of its own, what identifies that weather. Its
 SHA-256, the commitment, is published first and the secret last, so that everybody can see that the host changed nothing in between.

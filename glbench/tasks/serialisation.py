@@ -253,7 +253,7 @@ def _nested(changes: Mapping[str, Any], names_to_drop: list[str], prefix: str) -
 
 
 def _add(table: dict[str, Any], key: str, value: Any, prefix: str) -> None:
-    """``value`` at ``key`` of ``table``; two tables are put together."""
+    """Put ``value`` at ``key`` of ``table``; tables are merged."""
     there = table.get(key)
     if isinstance(there, dict) and isinstance(value, dict):
         for inner, entry in value.items():

@@ -19,7 +19,7 @@ from glbench.tasks.serialisation import changed_tables, file_of, file_of_attachm
 
 
 class TaskSpec(ResolvedTask):
-    """A task as ``get_task`` returns it: what its file says, and what follows from it.
+    """A task as ``get_task`` returns it: the tables of its file, and what follows from them.
 
     The tables of the file are attributes of the same name; ``[initial_state]`` is ``initial`` and ``schema`` is ``schema_version``. Numbers
     written with a unit in the file are plain floats in that unit here. What follows from them is computed on demand and remembered.
@@ -75,10 +75,10 @@ class TaskSpec(ResolvedTask):
         return cls(file_of_attachment(plain))
 
     def replace(self, changes: Mapping[str, Any] | None = None, /, **tables: Any) -> TaskSpec:
-        """The task with ``changes``: what a task file means that names this task as its base and says what differs.
+        """The task with ``changes``, as a task file makes it that names this task as its base.
 
         ``task.replace({"weather.days": 30, "prices.heat.value": 0.12})`` and ``task.replace(weather={"days": 30})`` name keys as a file
-        does, with dots or table in table, and both may be given. What is given replaces what the task says, key by key; ``None`` leaves
+        does, with dots or table in table, and both may be used. Changes replace the task's values, key by key; ``None`` leaves
         a table or a key out. Quantities are written as in a file: ``{"value": 0.12, "unit": "EUR kWh-1"}``. Days and moments may be
         text (``"2011-03-01"``).
 
@@ -123,7 +123,7 @@ class TaskSpec(ResolvedTask):
 
     @property
     def locked(self) -> bool:
-        """Whether this very task is published: its id stands in tasks/lock.toml with this digest."""
+        """Whether this task is published: tasks/lock.toml has its id with this digest."""
         entry = read_lock().get(self.id)
         return entry is not None and entry.digest == self.digest
 

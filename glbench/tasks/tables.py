@@ -259,7 +259,7 @@ SWITCHING = ("rate", "set_point")
 
 
 def _setting(default: float, unit: str, about: str, *, above: float | None = None) -> Any:
-    """A setting of the process computer: 0 or more, or more than ``above``; its meaning stands in docs/process-computer.md."""
+    """A setting of the process computer: 0 or more, or more than ``above``; docs/process-computer.md explains it."""
     about = f'{about}: {{ value = {default:g}, unit = "{unit}" }}'
     return Field(default=default, ge=0.0 if above is None else None, gt=above, description=about)
 
@@ -930,7 +930,7 @@ class TaskFile2(TaskFile):
         return self
 
     @model_validator(mode="after")
-    def _seasons_are_told_once(self) -> Self:
+    def _seasons_are_stated_once(self) -> Self:
         scenario, splits = self.scenario, self.splits
         if splits is not None and (scenario.seasons or scenario.years):
             msg = "[scenario] has seasons or years, and [splits] has years too. Keep those of [splits]."
