@@ -265,7 +265,7 @@ class _Step:
 
 
 # Conditions are 1.0 or 0.0, also on arrays, and are combined by products. They are made of arithmetic because that keeps NaN: what follows
-# from a reading that is not a number is not one. A difference of two numbers is 0 only when they are equal. ``select`` needs finite numbers.
+# from a reading that is NaN is NaN. A difference of two numbers is 0 only when they are equal. ``select`` needs finite numbers.
 
 
 def below(a: Any, b: Any) -> Any:
