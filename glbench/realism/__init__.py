@@ -6,12 +6,18 @@ and tells how heat and harvest differ.
 
 from __future__ import annotations
 
-from glbench.realism.comparison import Comparison, HouseComparison, compare, read_comparison, save_comparison
-from glbench.realism.houses import HOUSES, House, choose_houses
-from glbench.realism.picture import check_pictures, write_picture
+from glbench.realism.comparison import (
+    Comparison,
+    HouseComparison,
+    check_pictures,
+    compare,
+    read_comparison,
+    save_comparison,
+    write_picture,
+)
+from glbench.realism.houses import HOUSES, SHIPPED, House, Settings, choose_houses, read_settings
 from glbench.realism.published import Archive, Compartment, Weather, read_archive
 from glbench.realism.season import Season, simulate
-from glbench.realism.settings import SHIPPED, Settings, read_settings
 
 __all__ = [
     "HOUSES",

@@ -11,11 +11,9 @@ import numpy as np
 from glbench.env.process_computer import MEMORY, Measured, work
 from glbench.kernel import Kernel
 from glbench.model import co2_ppm, humidity_deficit, relative_humidity
-from glbench.realism.houses import House, model, parameters
-from glbench.realism.outdoors import STEP_SECONDS, Outdoors
+from glbench.realism.houses import House, Settings, model, parameters
+from glbench.realism.inputs import STEP_SECONDS, Outdoors, schedule
 from glbench.realism.published import Archive
-from glbench.realism.schedule import schedule
-from glbench.realism.settings import Settings
 from glbench.tasks import get_task
 from glbench.tasks import set_points as names
 from glbench.weather.record import FloatArray

@@ -25,7 +25,7 @@ from glbench.realism import (
     simulate,
 )
 from glbench.realism.houses import model, parameters
-from glbench.realism.outdoors import outdoors
+from glbench.realism.inputs import outdoors
 from tests.realism.made import FIRST, Made
 
 SETTINGS = read_settings()

@@ -10,8 +10,18 @@ import pytest
 from numpy.typing import NDArray
 
 from glbench.realism import Archive, read_archive, read_settings
-from glbench.realism.outdoors import Outdoors, outdoors
-from glbench.realism.schedule import DAY, NIGHT, PRE_NIGHT, co2_dose, lamp_shares, last_hour, periods, schedule
+from glbench.realism.inputs import (
+    DAY,
+    NIGHT,
+    PRE_NIGHT,
+    Outdoors,
+    co2_dose,
+    lamp_shares,
+    last_hour,
+    outdoors,
+    periods,
+    schedule,
+)
 from tests.realism.made import Made
 
 SETTINGS = read_settings()

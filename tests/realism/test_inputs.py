@@ -10,7 +10,7 @@ import pytest
 
 from glbench.errors import ArchiveError
 from glbench.realism import Archive, read_archive
-from glbench.realism.outdoors import outdoors
+from glbench.realism.inputs import outdoors
 from tests.realism.made import Made
 
 CLOCK = "Europe/Amsterdam"
