@@ -117,7 +117,6 @@ def evaluate(
     if engine is options.EngineName.RAY:
         require("--engine ray", "ray", "ray")
     with console.leaving_at_once():
-        from glbench.evaluation.fresh_draws import check_fresh_draws
         from glbench.evaluation.jobs import Job, Options
         from glbench.evaluation.sandbox.choosing import keep_out_of_sight
         from glbench.kernel import why_not_compiled, will_compile
@@ -144,8 +143,11 @@ def evaluate(
             status.update("building the kernel, once on this machine: some seconds")
         settings = Options(out, runs, seed, workers, fresh, episodes)
         jobs = [Job(task, ref, agent, settings) for task in tasks for ref, agent in usable.items()]
-        for job in jobs if fresh_draws else ():
-            check_fresh_draws(job)
+        if fresh_draws:
+            from glbench.evaluation.fresh_draws import check_fresh_draws
+
+            for job in jobs:
+                check_fresh_draws(job)
         single = jobs[0].prepare() if len(jobs) == 1 and not unusable and engine is options.EngineName.LOCAL else None
     reason = None if as_json else why_not_compiled()
     if reason is not None:
@@ -264,7 +266,6 @@ def _evaluate(evaluation: Evaluation, printer: console.Printer, *, viewer: str |
     ``again`` is its job if fresh draws are to follow, else ``None``.
     """
     from glbench.evaluation import SavingError
-    from glbench.leaderboard.fresh_draws import fresh_words
 
     printer.say(announcement(evaluation))
     result = evaluation.stored
@@ -279,6 +280,8 @@ def _evaluate(evaluation: Evaluation, printer: console.Printer, *, viewer: str |
         printer.say(console.Line(words, aside=True, wrap="always"))
         evaluation.complete_episodes(result)
     if again is not None and printer.as_json:
+        from glbench.leaderboard.fresh_draws import fresh_words
+
         result = _with_fresh_draws(again, printer)
     printer.show(result_view(result, evaluation.task))
     if again is not None and not printer.as_json:

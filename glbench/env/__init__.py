@@ -6,10 +6,10 @@ See docs/environment.md.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from glbench.env.accounts import QUANTITIES, Accounts, make_accounts
 from glbench.env.actuation import ACTUATIONS, register_actuation
-from glbench.env.greenhouse import GreenhouseEnv
-from glbench.env.info import info_quantities
 from glbench.env.numpy_environments import ObservationInputs
 from glbench.env.observations import register_observation
 from glbench.env.rewards import REWARDS, StepOutcome, register_reward
@@ -17,9 +17,19 @@ from glbench.env.scenario import RunWeather, run_weather, run_years, season_name
 from glbench.env.simulation import Simulation, StepResult
 from glbench.env.snapshot import Snapshot
 from glbench.env.uncertainty import DISTRIBUTIONS, register_distribution
-from glbench.env.vector import GreenhouseVectorEnv
 from glbench.env.weather_pool import WeatherTables
+from glbench.lazy import lazy_names
 from glbench.tasks.ledger import StepQuantity
+
+if TYPE_CHECKING:
+    from glbench.env.greenhouse import GreenhouseEnv
+    from glbench.env.info import info_quantities
+    from glbench.env.vector import GreenhouseVectorEnv
+else:
+    __getattr__ = lazy_names(
+        __name__,
+        {"greenhouse": ("GreenhouseEnv",), "info": ("info_quantities",), "vector": ("GreenhouseVectorEnv",)},
+    )
 
 __all__ = [
     "ACTUATIONS",

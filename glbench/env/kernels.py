@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import GlbenchError, UnknownNameError, did_you_mean
-from glbench.kernel.cvodes import PRESETS
 
 if TYPE_CHECKING:
     from glbench.kernel import Kernel, StepFailure
@@ -56,12 +55,14 @@ def check_kernel(kernel: object, task: TaskSpec) -> None:
     """
     if kernel is None:
         return
-    if isinstance(kernel, str):
-        if kernel not in PRESETS:
+    if isinstance(kernel, str | type) or not callable(getattr(kernel, "try_step", None)):
+        from glbench.kernel.cvodes import PRESETS
+
+        if isinstance(kernel, str):
+            if kernel in PRESETS:
+                return
             msg = f"There is no kernel preset '{kernel}'.{did_you_mean(kernel, PRESETS)}"
             raise UnknownNameError(msg)
-        return
-    if isinstance(kernel, type) or not callable(getattr(kernel, "try_step", None)):
         presets = ", ".join(f"'{name}'" for name in PRESETS)
         example = f"Kernel(task.model_value, {task.step_seconds:g})"
         msg = f"The kernel is the name of a preset ({presets}) or a Kernel, such as {example}; got {kernel!r}."

@@ -14,7 +14,6 @@ from pathlib import Path
 
 from glbench import __version__
 from glbench.agents.identity import baseline_names, files_of_folder, identify
-from glbench.control.stage import judged_at_the_end
 from glbench.env.kernels import shared_kernel
 from glbench.episodes.header import definition_json, task_of
 from glbench.errors import GlbenchError, SubmissionError
@@ -142,6 +141,8 @@ class Payload:
         GlbenchError
             When a file cannot be read, or a task's weather is not there.
         """
+        from glbench.control.stage import judged_at_the_end  # not at the top: it brings the optimisers
+
         weather, kernels = dict[str, Path](), dict[str, Path]()
         for task in tasks:
             for name in {task.record().name, task.season_record().name}:

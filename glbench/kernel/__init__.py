@@ -6,7 +6,8 @@ on four cores, with the same bits. Method, accuracy and speed: docs/kernel.md.
 
 from __future__ import annotations
 
-from glbench.kernel.cvodes import state_scale
+from typing import TYPE_CHECKING
+
 from glbench.kernel.kernel import (
     BACKENDS,
     Backend,
@@ -20,6 +21,12 @@ from glbench.kernel.kernel import (
 from glbench.kernel.records import BoundStep, Rows, StepFailure
 from glbench.kernel.sensitivities import Adjoint, Linearisation
 from glbench.kernel.trajectories import RolloutError, Trajectory, TrajectoryGradient
+from glbench.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from glbench.kernel.cvodes import state_scale
+else:
+    __getattr__ = lazy_names(__name__, {"cvodes": ("state_scale",)})
 
 __all__ = [
     "BACKENDS",

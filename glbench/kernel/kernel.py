@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean, whole_number
-from glbench.kernel.cvodes import CvodesBackend
 from glbench.kernel.environment import Environments, Program
 from glbench.kernel.records import BoundStep, Description, FloatArray, Rows, StepFailure, as_rows, bound_rows
 from glbench.kernel.sensitivities import Differentiator
@@ -97,6 +96,8 @@ def make_backend(name: str, model: Model, *, step_seconds: float, preset: str, t
         from glbench.kernel.compiled.stepper import CompiledStepper
 
         return CompiledStepper(model, step_seconds, preset=preset, threads=threads)
+    from glbench.kernel.cvodes import CvodesBackend
+
     return CvodesBackend(name, model, step_seconds=step_seconds, preset=preset)
 
 

@@ -10,17 +10,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field
 
-from glbench.agents.baselines import shipped_sight
 from glbench.errors import SubmissionError
 from glbench.evaluation import Result
 from glbench.evaluation.records import RANKING_METRIC, AgentRecord, RunResult
-from glbench.leaderboard.collect import Expectation, StoredResult
 from glbench.leaderboard.statistics import Array, Estimate, FrozenModel, estimate_over_trainings
 from glbench.tasks.references import BestKnown, KnownRun, read_best_known
+
+if TYPE_CHECKING:
+    from glbench.leaderboard.collect import Expectation, StoredResult
 
 PROFIT, PENALTY = "epi", "penalty"
 PARTS = ("total", "profit", "violations")
@@ -137,6 +139,8 @@ def can_be_best_known(agent: AgentRecord) -> bool:
 
 @lru_cache(maxsize=64)
 def _acts_through_actuation(name: str) -> bool:
+    from glbench.agents.baselines import shipped_sight
+
     try:
         return shipped_sight(name) != "state"
     except SubmissionError:

@@ -230,7 +230,7 @@ def test_a_privileged_controller_of_glbench_counts_where_it_acts_through_the_act
     from glbench.leaderboard import regret
 
     sights = {"seer": "scenario", "rule_based": "state"}
-    monkeypatch.setattr(regret, "shipped_sight", lambda name: sights[name])
+    monkeypatch.setattr("glbench.agents.baselines.shipped_sight", lambda name: sights[name])
     regret._acts_through_actuation.cache_clear()
     assert can_be_best_known(ours)
     assert not can_be_best_known(record), "a submission cannot be one"

@@ -33,7 +33,6 @@ from filelock import FileLock, Timeout
 from glbench.errors import GlbenchError
 from glbench.kernel.compiled.compiler import CompiledUnavailable, find_compiler, machine_digest
 from glbench.kernel.compiled.generate import Traits, generate
-from glbench.kernel.compiled.sensitivity_code import generate_sensitivities
 from glbench.model import Model
 from glbench.resources import cache_folder, data_folder, with_unix_line_ends, write_atomically
 
@@ -277,6 +276,8 @@ def write_source(
     function = model.rhs_function()
     (folder / "model.hpp").write_text(generate(function, traits).text, encoding="utf-8")
     if sensitivities:
+        from glbench.kernel.compiled.sensitivity_code import generate_sensitivities
+
         (folder / "sensitivity_model.hpp").write_text(generate_sensitivities(function, traits), encoding="utf-8")
     source = folder / "kernel.cpp"
     source.write_text(_SENSITIVITY_SOURCE if sensitivities else _SOURCE, encoding="utf-8")
