@@ -27,7 +27,7 @@ from glbench.evaluation.fresh_draws import add_fresh_draws
 from glbench.evaluation.jobs import Job as EvaluationJob
 from glbench.evaluation.jobs import Options
 from glbench.evaluation.profiles import profile_path
-from glbench.evaluation.provenance import git_state
+from glbench.evaluation.records import git_state
 from glbench.leaderboard.collect import read_folder
 from glbench.resources import write_atomically
 from glbench.tasks import get_task

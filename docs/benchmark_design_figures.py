@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 from docs.tables import with_tables
 from glbench.env.scenario import run_weather
 from glbench.evaluation import Result, evaluate
+from glbench.evaluation.evaluation import TRIALS
 from glbench.evaluation.files import result_path
-from glbench.evaluation.preparing import TRIALS
-from glbench.evaluation.recordings import write_recording
+from glbench.evaluation.saving import write_recording
 from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec, get_task
 

@@ -13,8 +13,8 @@ from glbench.bounds.dispatch import MJ_PER_KWH, Asked, cost, dispatch, equipment
 from glbench.episodes import replayed_episodes
 from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
 from glbench.errors import GlbenchError
-from glbench.evaluation.episodes import recorded_actions, task_of_result
 from glbench.evaluation.files import load_result
+from glbench.evaluation.saving import recorded_actions, task_of_result
 
 if TYPE_CHECKING:
     from glbench.model.equipment import Equipment

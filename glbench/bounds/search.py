@@ -23,7 +23,7 @@ from glbench.control import Iteration, Scenario, plan_season
 from glbench.env import Simulation, StepResult
 from glbench.errors import EpisodeError, GlbenchError
 from glbench.evaluation import prepare
-from glbench.evaluation.payload import PackedTask, Payload
+from glbench.evaluation.jobs import PackedTask, Payload
 from glbench.execution import Executor, JobContext, RayExecutor, local_executor
 from glbench.resources import write_atomically
 

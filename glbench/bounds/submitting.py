@@ -13,7 +13,7 @@ from glbench.agents.plans import PlanBook, PlanFolder, read_book
 from glbench.bounds.search import PlanValue, replay_plans
 from glbench.errors import GlbenchError, SubmissionError, UnknownNameError
 from glbench.evaluation import load_result
-from glbench.evaluation.episodes import recorded_actions, task_of_result
+from glbench.evaluation.saving import recorded_actions, task_of_result
 from glbench.resources import data_folder
 from glbench.tasks import get_task
 

@@ -127,7 +127,7 @@ def make_search(
     """The search that the options of ``glbench bound`` describe."""
     from glbench.bounds import Search, best_known
     from glbench.evaluation import protect
-    from glbench.evaluation.provenance import usable_cores
+    from glbench.evaluation.records import usable_cores
     from glbench.resources import data_folder
     from glbench.tasks import get_task
 

@@ -140,8 +140,7 @@ def write_dataset_of(
     with options.needs_the_extra("minari"):
         import minari  # noqa: F401
     from glbench.evaluation import protect
-    from glbench.evaluation.minari_dataset import write_dataset
-    from glbench.evaluation.trajectories import FIRST_SEED
+    from glbench.evaluation.minari_dataset import FIRST_SEED, write_dataset
 
     spec = options.task_or_default(task)
     protected = [protect(agent, sandbox.value) for agent in agents]
@@ -205,7 +204,7 @@ def make(
     """Make full episodes of a stored result by replaying its recorded actions. The agent is not needed."""
     from glbench.episodes import parse_selection
     from glbench.evaluation import load_result
-    from glbench.evaluation.episodes import make_episodes, task_of_result
+    from glbench.evaluation.saving import make_episodes, task_of_result
 
     loaded, sealed = load_result(result), options.round_of(round_file)
     with console.messages().status("replaying"):
@@ -221,7 +220,7 @@ def recording(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write, which glbench evaluate runs.")],
 ) -> None:
     """Make an agent that replays the recorded actions of one run, open loop: what it loses is the value of feedback."""
-    from glbench.evaluation.recordings import write_recording
+    from glbench.evaluation.saving import write_recording
 
     actions = write_recording(result, run, out)
     console.write(out)

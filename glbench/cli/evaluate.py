@@ -173,7 +173,7 @@ def evaluate(
             place = _WithFreshDraws(place)
         succeeded = _evaluate_many(jobs, place, unusable, printer, prints=show_prints)
     if not as_json and (succeeded or single is not None):
-        from glbench.evaluation.preparing import results_folder
+        from glbench.evaluation.evaluation import results_folder
 
         folder = results_folder(out, tasks[0])
         board = f"leaderboard{'' if folder == REPORTS else f' --out {folder}'}"

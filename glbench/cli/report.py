@@ -159,8 +159,8 @@ def _other(path: Path, result: Result, against: str | None) -> Path:
     ResultError
         When there is none, with the command that makes it.
     """
-    from glbench.evaluation.episodes import task_of_result
-    from glbench.evaluation.preparing import TRIALS, VALIDATION
+    from glbench.evaluation.evaluation import TRIALS, VALIDATION
+    from glbench.evaluation.saving import task_of_result
     from glbench.model.equipment import lacks_energy
 
     if against is not None and is_file(against):

@@ -375,14 +375,14 @@ def executor_of(where: Where, task: TaskSpec) -> Iterator[Executor]:
     from glbench.execution import ProcessExecutor, RayExecutor
 
     if where.on_ray:
-        from glbench.evaluation.payload import Payload
+        from glbench.evaluation.jobs import Payload
 
         with contextlib.ExitStack() as stack:
             with console.messages().status("reaching the cluster"):
                 executor = stack.enter_context(RayExecutor(where.address, where.workers, Payload.of([task]).unpack))
             yield executor
     else:
-        from glbench.evaluation.provenance import usable_cores
+        from glbench.evaluation.records import usable_cores
 
         with ProcessExecutor(where.workers or usable_cores()) as processes:
             yield processes

@@ -132,7 +132,7 @@ def _episode(path: Path, run: str) -> Episode:
     """The episode in a file, or a run of a result: its recorded episode, else the run simulated again from its recorded actions."""
     from glbench.episodes import chosen_rows, episode_path, episodes_folder, read_episode, replayed_episodes
     from glbench.evaluation import load_result
-    from glbench.evaluation.episodes import recorded_actions
+    from glbench.evaluation.saving import recorded_actions
 
     if path.name.endswith(ACTIONS_SUFFIX):
         owner = path.with_name(path.name.removesuffix(ACTIONS_SUFFIX) + ".json")

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from glbench.lazy import lazy_names
 
 if TYPE_CHECKING:
+    from glbench.evaluation.evaluation import Evaluation, evaluate, prepare
     from glbench.evaluation.files import SavingError, load_result, result_path, save_result
     from glbench.evaluation.limits import TimeLimits
     from glbench.evaluation.metrics import METRIC_NAMES, METRICS, UNITS, Metric
-    from glbench.evaluation.preparing import Evaluation, evaluate, prepare
     from glbench.evaluation.records import Result, RunResult, Summary
     from glbench.evaluation.rollout import Progress
     from glbench.evaluation.sandbox.choosing import Protected, SandboxChoice, protect
@@ -25,7 +25,7 @@ else:
             "limits": ("TimeLimits",),
             "rollout": ("Progress",),
             "metrics": ("METRIC_NAMES", "METRICS", "UNITS", "Metric"),
-            "preparing": ("Evaluation", "evaluate", "prepare"),
+            "evaluation": ("Evaluation", "evaluate", "prepare"),
             "records": ("Result", "RunResult", "Summary"),
             "sandbox.choosing": ("Protected", "SandboxChoice", "protect"),
         },

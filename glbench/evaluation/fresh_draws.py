@@ -16,9 +16,9 @@ from typing import Final
 
 from glbench.episodes import actions_path
 from glbench.errors import ResultError, SandboxError, SubmissionError, TaskError
+from glbench.evaluation.evaluation import results_folder
 from glbench.evaluation.files import result_path, save_result
 from glbench.evaluation.jobs import Job, Options
-from glbench.evaluation.preparing import results_folder
 from glbench.evaluation.records import FreshDraws, RecordReference, ReferenceRuns, Result
 from glbench.evaluation.sandbox.choosing import keep_out_of_sight, protect
 from glbench.evaluation.saving import result_lock

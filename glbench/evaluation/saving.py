@@ -1,28 +1,45 @@
-"""Writing what an evaluation computed, so that no crash and no full disk leaves half of it or loses what was there.
+"""Writing what an evaluation computed, and reading it again: results, recorded actions, profiles, full episodes, recordings.
 
-The record (large) is written under another name first, then the result (small) that names its digest, then the record gets its name.
-A full disk stops this before anything of an earlier evaluation was touched. After a kill between the last two steps the next
-evaluation finds the record under its other name and finishes the renaming.
+No crash and no full disk leaves half of it or loses an earlier result. The record (large) is written under another name first, then the
+result (small) that names its digest, then the record gets its name. A full disk stops this before anything of an earlier evaluation was
+touched. After a kill between the last two steps the next evaluation finds the record under its other name and finishes the renaming.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import filelock
+import numpy as np
 
-from glbench.episodes import ActionLog, Trace, actions_path, episodes_folder, log_bytes, read_log
+from glbench.agents.identity import CARD_FILE
+from glbench.agents.plans import Recording
+from glbench.episodes import (
+    ActionLog,
+    Episode,
+    RunFacts,
+    Trace,
+    actions_path,
+    chosen_rows,
+    episode_path,
+    episodes_folder,
+    log_bytes,
+    read_log,
+    replayed_episodes,
+    write_episode,
+)
 from glbench.errors import EpisodeError, GlbenchError, ResultError
 from glbench.evaluation.checkpoint import discard
-from glbench.evaluation.episodes import forget_episodes, write_episodes
 from glbench.evaluation.files import SavingError, ensure_writable, load_result, result_path, save_result, short_task_id
 from glbench.evaluation.profiles import profile_path, profiled
-from glbench.evaluation.records import RecordReference, Result
+from glbench.evaluation.records import RecordReference, Result, RunResult
+from glbench.registration import task_ids
 from glbench.resources import write_atomically
-from glbench.tasks import TaskSpec
+from glbench.tasks import Round, TaskSpec, get_task, task_card
 
 
 @dataclass(frozen=True)
@@ -170,3 +187,178 @@ def _leftovers(path: Path, checkpoints: Path) -> Iterator[Path]:
     yield from path.parent.glob(".can-write-*.partial")
     yield from episodes_folder(path).glob(".seed-*.partial")
     yield from checkpoints.glob("*/.*.partial")
+
+
+def run_facts(runs: Iterable[RunResult]) -> tuple[RunFacts, ...]:
+    """The runs as records of episodes name them."""
+    return tuple(
+        RunFacts(
+            seed=run.seed,
+            status=run.status,
+            reason=run.reason,
+            steps=run.steps,
+            # The step that could not be simulated belongs to the record: without its action nobody could see that it fails.
+            actions=run.steps + (1 if run.status == "simulation_failed" else 0),
+        )
+        for run in runs
+    )
+
+
+def write_episodes(
+    selection: Sequence[str], result: Result, path: Path, task: TaskSpec, log: ActionLog, trace: Trace | None
+) -> tuple[Path, ...]:
+    """Write the chosen runs of ``result``, which is at ``path``, as full episodes, and return the files.
+
+    Without a trace of the evaluation they are made by replaying the actions, with the same bytes.
+    """
+    rows = chosen_rows(selection, log.seeds, result.values(task.evaluation.metric))
+    return _write(_episodes(task, log, rows, trace), episodes_folder(path))
+
+
+def make_episodes(
+    selection: Sequence[str], result: Result, path: Path, task: TaskSpec, folder: Path | None = None
+) -> tuple[Path, ...]:
+    """Make the chosen full episodes of a stored result by replaying; those that are there already stay as they are.
+
+    Raises
+    ------
+    EpisodeError
+        When the recorded actions are missing, damaged, or of another result.
+    """
+    rows = chosen_rows(selection, [run.seed for run in result.runs], result.values(task.evaluation.metric))
+    folder = folder or episodes_folder(path)
+    files = {row: episode_path(folder, result.runs[row].seed) for row in rows}
+    missing = [row for row, file in files.items() if not file.exists()]
+    if missing:
+        _write(replayed_episodes(task, recorded_actions(result, path), missing), folder)
+    return tuple(files.values())
+
+
+def task_of_result(result: Result, path: Path, sealed: Round | None = None) -> TaskSpec:
+    """The task of ``result``: the published one, or a user's own as the record holds it.
+
+    With the secret of a ``sealed`` round it has the draws of that round; without one, the public draws, with which the runs of a sealed
+    round cannot be simulated again.
+
+    Raises
+    ------
+    EpisodeError
+        When the result is of another version of the task, or its recorded actions cannot be used.
+    """
+    task = (
+        get_task(result.task.id) if result.task.id in task_ids() else recorded_actions(result, path).task()
+    ).scored_in(result.task.split)
+    if task.digest != result.task.digest:
+        msg = (
+            f"{path} is of another version of {task.id} (digest {result.task.digest[:12]}..., here {task.digest[:12]}...): "
+            "its actions would lead elsewhere. Evaluate again with --fresh."
+        )
+        raise EpisodeError(msg)
+    return task if sealed is None else task.in_split("test", sealed.secret)
+
+
+def recorded_actions(result: Result, path: Path) -> ActionLog:
+    """The recorded actions that belong to ``result``, which is at ``path``.
+
+    Raises
+    ------
+    EpisodeError
+        When they are missing, damaged, or of another result.
+    """
+    if result.record is None:
+        msg = f"{path} has no recorded actions: it was made by an earlier glbench. Evaluate again with --fresh."
+        raise EpisodeError(msg)
+    log = read_log(path.with_name(result.record.file))
+    if log.digest != result.record.digest:
+        msg = (
+            f"{result.record.file} does not hold the actions of {path} (digest {log.digest[:12]}..., "
+            f"the result names {result.record.digest[:12]}...)."
+        )
+        raise EpisodeError(msg)
+    return log
+
+
+def forget_episodes(path: Path) -> None:
+    """Remove full episodes of an earlier result at ``path``; they would be taken for those of the new one."""
+    for file in episodes_folder(path).glob("seed-*.mcap"):
+        file.unlink()
+
+
+def _episodes(task: TaskSpec, log: ActionLog, rows: Sequence[int], trace: Trace | None) -> Iterator[Episode]:
+    if trace is None:
+        yield from replayed_episodes(task, log, rows) if rows else ()
+        return
+    for row in rows:
+        yield trace.episode(task, row, log.provenance, log.runs[row], log.actions[:, row])
+
+
+def _write(episodes: Iterable[Episode], folder: Path) -> tuple[Path, ...]:
+    paths = []
+    for episode in episodes:
+        path = episode_path(folder, episode.run.seed)
+        write_episode(path, episode)
+        paths.append(path)
+    return tuple(paths)
+
+
+ACTIONS_FILE = "actions.npz"
+
+
+def write_recording(result: Path, seed: int, folder: Path) -> Recording:
+    """Write the actions of the run with ``seed`` of the stored ``result`` as an agent into the new folder ``folder``.
+
+    Raises
+    ------
+    EpisodeError
+        When there is no such run, it failed, its record is missing or damaged, the agent set controls directly, or the folder is not empty.
+    """
+    loaded = load_result(result)
+    log = recorded_actions(loaded, result)
+    agent, card = log.provenance.agent, task_card(task_of_result(loaded, result))
+    if agent.acts != "actions":
+        msg = f"{agent.name} sets controls directly and takes no actions that another agent could replay. Record an agent that acts."
+        raise EpisodeError(msg)
+    if seed not in log.seeds:
+        msg = f"{result} has no run with seed {seed}. Its seeds: {', '.join(str(one) for one in log.seeds)}."
+        raise EpisodeError(msg)
+    row = log.seeds.index(seed)
+    run = log.runs[row]
+    if run.status != "ok":
+        msg = f"The run with seed {seed} of {result} failed ({run.reason}). Record one that did not."
+        raise EpisodeError(msg)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        msg = f"{folder} is there already. Choose another folder with --out."
+        raise EpisodeError(msg)
+    recording = Recording(
+        actions=log.actions[: run.actions, row].astype(np.float32),
+        names=card.action_names,
+        low=tuple(action.low for action in card.actions),
+        high=tuple(action.high for action in card.actions),
+        actuation=card.actuation,
+        about={
+            "agent": agent.name,
+            "agent_digest": agent.digest,
+            "task": loaded.task.id,
+            "task_digest": loaded.task.digest,
+            "seed": seed,
+        },
+    )
+    write_atomically(folder / ACTIONS_FILE, recording.to_bytes())
+    write_atomically(folder / CARD_FILE, _card(agent.name, loaded.task.id, seed))
+    return recording
+
+
+def _card(agent: str, task: str, seed: int) -> str:
+    """The text of the folder's card."""
+    card = {
+        "title": f"Recording of {agent}, seed {seed}",
+        "controller": "recording",
+        "settings": ACTIONS_FILE,
+        "description": f"The actions that {agent} took in the run with seed {seed} of {task}, replayed without looking at any observation. "
+        f"What it earns beside {agent} tells what feedback is worth there.",
+        "made": f"glbench evaluate {agent} --task {task} --seed {seed} --runs 1, then glbench episodes recording RESULT --run {seed}",
+    }
+    # A string of JSON is one of TOML; names come from a result, which may be a stranger's.
+    return (
+        "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in card.items()) + "sources = []\n"
+    )

@@ -13,10 +13,10 @@ from glbench.agents.identity import baseline_names, skeleton, skeletons
 from glbench.episodes.header import task_of
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import Result, load_result, result_path
-from glbench.evaluation.episodes import recorded_actions
-from glbench.evaluation.preparing import TRIALS, VALIDATION
+from glbench.evaluation.evaluation import TRIALS, VALIDATION
 from glbench.evaluation.profiles import profile_path, read_profile
 from glbench.evaluation.records import AgentRecord
+from glbench.evaluation.saving import recorded_actions
 from glbench.leaderboard.catalogue import Metric, catalogue
 from glbench.resources import data_folder, is_released
 from glbench.tasks import list_tasks, published_task, read_lock

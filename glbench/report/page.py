@@ -17,9 +17,9 @@ from glbench import __version__
 from glbench.episodes.recorder import check_round
 from glbench.episodes.signals import KWH_A_CUBIC_METRE
 from glbench.errors import EpisodeError, ResultError
-from glbench.evaluation.episodes import recorded_actions, task_of_result
 from glbench.evaluation.files import ensure_writable
 from glbench.evaluation.profiles import Profile, load_profile, make_profile, profile_path
+from glbench.evaluation.saving import recorded_actions, task_of_result
 from glbench.extras import require
 from glbench.kernel import make_kernel
 from glbench.leaderboard import StoredResult, TaskTable, rank

@@ -20,7 +20,7 @@ from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
 from glbench.episodes.signals import Curve, Line, signals_of
 from glbench.errors import ResultError
 from glbench.evaluation import Result, load_result
-from glbench.evaluation.episodes import recorded_actions, task_of_result
+from glbench.evaluation.saving import recorded_actions, task_of_result
 from glbench.kernel import make_kernel
 from glbench.leaderboard.pairs import failures
 from glbench.report.task_words import clock_of

@@ -25,7 +25,7 @@ import numpy as np
 
 from glbench import children
 from glbench.errors import GlbenchError
-from glbench.evaluation.provenance import machine, versions
+from glbench.evaluation.records import current_versions, this_machine
 from glbench.kernel import Kernel
 from glbench.kernel.cvodes import paper_cvodes
 from glbench.model import TOMATO
@@ -196,8 +196,8 @@ def measure(
         tell("first use and memory", len(subjects), len(subjects))
     return SpeedRecord(
         created=dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
-        machine=machine(),
-        versions=versions(TOMATO.version),
+        machine=this_machine(),
+        versions=current_versions(TOMATO.version),
         kernel=Kernel(TOMATO, STEP_SECONDS, preset="standard").describe(),
         reference=f"CasADi CVODES, tolerances 1e-6, {'compiled with -O3' if compiled else 'not compiled: no gcc here'}",
         rounds=rounds,

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from glbench import __version__
 from glbench.errors import TrainingError
-from glbench.evaluation.provenance import git_state, machine
+from glbench.evaluation.records import git_state, this_machine
 from glbench.resources import write_atomically
 from glbench.training.probe import History
 from glbench.untrusted import reason_of
@@ -120,7 +120,7 @@ def write_card(
     spent = history.time
     shares = {name: round(seconds / spent.training, 4) for name, seconds in asdict(spent).items() if name in _SHARED}
     learnt = history.best_steps > 0
-    where = machine()
+    where = this_machine()
     git = git_state()
     content: dict[str, Any] = {
         "title": making.title,

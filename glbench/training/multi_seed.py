@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from glbench.errors import GlbenchError, TrainingError
-from glbench.evaluation.payload import PackedTask
+from glbench.evaluation.jobs import PackedTask
 from glbench.execution import (
     Executor,
     Files,

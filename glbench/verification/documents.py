@@ -12,8 +12,8 @@ from glbench.episodes import ActionLog, Episode, read_episode, read_log
 from glbench.episodes.header import PARTS, task_of
 from glbench.errors import EpisodeError, GlbenchError, ResultError
 from glbench.evaluation import Result, load_result, result_path
-from glbench.evaluation.episodes import run_facts
 from glbench.evaluation.metrics import with_missing_steps
+from glbench.evaluation.saving import run_facts
 from glbench.registration import task_ids
 from glbench.resources import data_folder, is_released
 from glbench.tasks import Round, TaskSpec, get_task

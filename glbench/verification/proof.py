@@ -24,9 +24,9 @@ from pydantic import AliasChoices, ConfigDict, FailFast, Field, ValidationError
 
 from glbench import __version__
 from glbench.errors import GlbenchError
-from glbench.evaluation import Result, load_result, provenance
+from glbench.evaluation import Result, load_result
 from glbench.evaluation.files import LARGEST_RESULT
-from glbench.evaluation.records import Digest, Machine, Record
+from glbench.evaluation.records import Digest, Machine, Record, this_machine
 from glbench.fields import Count, Word
 from glbench.resources import is_released, user_data_folder, with_unix_line_ends, write_atomically
 from glbench.untrusted import MIB, read_regular
@@ -326,7 +326,7 @@ def save_proof(verdict: Verdict) -> Path | None:
         reproduced=verdict.reproduced,
         stated=verdict.stated,
         glbench=__version__,
-        machine=provenance.machine(),
+        machine=this_machine(),
     )
     proof = proof.model_copy(update={"seal": _seal(proof, create=True)})
     write_atomically(path, proof.model_dump_json(by_alias=True, indent=2) + "\n")

@@ -15,13 +15,12 @@ from glbench.episodes import ActionLog, Replay, Trace, episodes_folder
 from glbench.episodes.header import versions as recorded_versions
 from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
 from glbench.errors import ActionError, GlbenchError, ResultError
-from glbench.evaluation import Result, evaluate, provenance
+from glbench.evaluation import Result, evaluate
 from glbench.evaluation.fresh_draws import REFERENCES
 from glbench.evaluation.limits import Failure
 from glbench.evaluation.metrics import units_of
 from glbench.evaluation.profiles import load_profile, make_profile
-from glbench.evaluation.provenance import usable_cores
-from glbench.evaluation.records import FreshDraws, RunResult
+from glbench.evaluation.records import FreshDraws, RunResult, current_versions, this_machine, usable_cores
 from glbench.evaluation.rollout import RunTotals
 from glbench.kernel import Kernel, available
 from glbench.tasks import Round, TaskSpec
@@ -327,8 +326,8 @@ def _kernel(result: Result, task: TaskSpec, workers: int | None) -> Kernel:
 
 def _origin(result: Result, task: TaskSpec, kernel: Kernel) -> str:
     """What the result states of its machine, beside this one: an explanation of differences for people, and evidence of nothing."""
-    here, there = provenance.machine(), result.machine
-    versions = provenance.versions(recorded_versions(task)["model"]).model_dump()
+    here, there = this_machine(), result.machine
+    versions = current_versions(recorded_versions(task)["model"]).model_dump()
     others = [
         name
         for name, number in result.versions.model_dump().items()

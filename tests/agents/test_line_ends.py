@@ -14,7 +14,6 @@ from glbench.agents import load_agent
 from glbench.agents.baselines import read_baseline
 from glbench.agents.identity import digest_of, read_identity
 from glbench.agents.loading import copy_examples
-from glbench.evaluation.sandbox import choosing
 from glbench.evaluation.sandbox.choosing import EXAMPLES, protect
 from glbench.resources import LARGEST_TEXT, data_folder, sha256_of_files, with_unix_line_ends
 from glbench.verification.proof import was_reproduced
@@ -100,7 +99,7 @@ def test_examples_with_crlf_run_where_there_is_no_sandbox(
 ) -> None:
     file = tmp_path / f"{name}.py"
     file.write_bytes(with_crlf((data_folder("submissions") / f"{name}.py").read_bytes()))
-    monkeypatch.setattr(choosing, "why_no_sandbox", lambda: "there is no bubblewrap")
+    monkeypatch.setattr("glbench.evaluation.sandbox.bubblewrap.why_no_sandbox", lambda: "there is no bubblewrap")
     protected = protect(file, "auto")
     assert (protected.protection, protected.agent.digest) == ("unsandboxed", EXAMPLES[name])
 

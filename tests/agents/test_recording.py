@@ -14,8 +14,8 @@ from glbench.agents.baselines import read_baseline
 from glbench.agents.plans import Recording, RecordingAgent, read_recording
 from glbench.errors import ShapeError, SubmissionError
 from glbench.evaluation import evaluate, load_result, result_path
-from glbench.evaluation.preparing import TRIALS
-from glbench.evaluation.recordings import write_recording
+from glbench.evaluation.evaluation import TRIALS
+from glbench.evaluation.saving import write_recording
 from glbench.resources import data_folder
 from glbench.tasks import get_task, task_card
 

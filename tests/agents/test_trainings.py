@@ -22,7 +22,7 @@ from glbench.agents.identity import (
     without_seed,
 )
 from glbench.errors import SubmissionError
-from glbench.evaluation.preparing import agent_record
+from glbench.evaluation.evaluation import agent_record
 from glbench.evaluation.records import AgentRecord
 from glbench.resources import data_folder
 

@@ -16,7 +16,7 @@ from glbench.bounds.energy_costs import costs, costs_of_result, mean_costs
 from glbench.episodes import Episode, replayed_episodes
 from glbench.errors import EpisodeError, GlbenchError
 from glbench.evaluation import evaluate, load_result
-from glbench.evaluation.episodes import recorded_actions, task_of_result
+from glbench.evaluation.saving import recorded_actions, task_of_result
 from glbench.model.equipment import Equipment
 from glbench.tasks import PAPER_TASK, TaskSpec, get_task
 from tests.cli.conftest import glbench

@@ -53,7 +53,7 @@ default:
 TRAIN = """
 import sys
 from pathlib import Path
-from glbench.evaluation.payload import Payload
+from glbench.evaluation.jobs import Payload
 from glbench.execution import RayExecutor
 from glbench.tasks import get_task
 from glbench.training import read_settings, train

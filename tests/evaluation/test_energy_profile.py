@@ -10,9 +10,9 @@ import pytest
 
 from glbench.errors import ResultError
 from glbench.evaluation import Result, evaluate, load_result
-from glbench.evaluation.episodes import recorded_actions
 from glbench.evaluation.profiles import Profile, load_profile, make_profile, profile_path
-from glbench.evaluation.profiles.tables import unpack
+from glbench.evaluation.profiles.record import unpack
+from glbench.evaluation.saving import recorded_actions
 from glbench.model.equipment import ENERGY_FLOWS
 from tests.energy import energy_task, write_rules
 

@@ -12,7 +12,7 @@ from glbench.agents import Agent, load_agent
 from glbench.env import Simulation
 from glbench.errors import EpisodeError, GlbenchError, ResultError, SubmissionError
 from glbench.evaluation import Progress, Result, evaluate, load_result, prepare
-from glbench.evaluation.provenance import usable_cores
+from glbench.evaluation.records import usable_cores
 from glbench.leaderboard.collect import own_and_released_results
 from glbench.tasks import TaskSpec, get_task, task_card
 from tests.evaluation.agent_files import AgentWriter
@@ -218,7 +218,7 @@ def test_a_result_of_another_version_is_made_again(
     evaluate(day_task, write_agent(), runs=1, out=tmp_path)
 
     assert prepare(day_task, write_agent(), runs=1, out=tmp_path).stored is not None
-    monkeypatch.setattr("glbench.evaluation.preparing.__version__", "99.0")
+    monkeypatch.setattr("glbench.evaluation.evaluation.__version__", "99.0")
     assert prepare(day_task, write_agent(), runs=1, out=tmp_path).stored is None
 
 

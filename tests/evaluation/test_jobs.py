@@ -13,11 +13,15 @@ from glbench.env import Simulation
 from glbench.errors import GlbenchError
 from glbench.evaluation import prepare, protect
 from glbench.evaluation.checkpoint import take_over
+from glbench.evaluation.evaluation import Evaluation, JointAgentError
 from glbench.evaluation.jobs import (
     Job,
     LocalEngine,
     Options,
     Outcome,
+    PackedAgent,
+    PackedTask,
+    Payload,
     RunsJob,
     compute_runs,
     divide_jobs,
@@ -25,8 +29,6 @@ from glbench.evaluation.jobs import (
     may_be_divided,
     split_seeds,
 )
-from glbench.evaluation.payload import PackedAgent, PackedTask, Payload
-from glbench.evaluation.preparing import Evaluation, JointAgentError
 from glbench.evaluation.saving import Computed
 from glbench.execution import JobContext, ProcessExecutor, read_files
 from glbench.kernel import built_libraries, why_not_compiled

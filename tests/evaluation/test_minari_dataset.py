@@ -14,8 +14,7 @@ from glbench.env import Simulation
 from glbench.errors import EpisodeError, GlbenchError, SubmissionError, TaskError
 from glbench.evaluation import minari_dataset as exporting
 from glbench.evaluation import protect
-from glbench.evaluation.minari_dataset import WrittenDataset, write_dataset
-from glbench.evaluation.trajectories import FIRST_SEED, check_learnable, trajectories
+from glbench.evaluation.minari_dataset import FIRST_SEED, WrittenDataset, check_learnable, trajectories, write_dataset
 from glbench.tasks import TaskSpec, get_task
 from glbench.training.settings import FIRST_TRAINING_SEED
 from tests.episodes.day import RANDOM
@@ -103,7 +102,7 @@ def test_a_season_does_not_depend_on_those_beside_it(
 ) -> None:
     agent = protect(agent_writer(tmp_path)(GOOD), "none")
     together = list(trajectories(day, agent, range(FIRST_SEED, FIRST_SEED + 3), noise=0.2))
-    monkeypatch.setattr("glbench.evaluation.trajectories._TOGETHER", 1)
+    monkeypatch.setattr("glbench.evaluation.minari_dataset._TOGETHER", 1)
     for one, alone in zip(
         together, trajectories(day, agent, range(FIRST_SEED, FIRST_SEED + 3), noise=0.2), strict=True
     ):

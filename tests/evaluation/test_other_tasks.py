@@ -12,10 +12,10 @@ from glbench.agents import LoadedAgent
 from glbench.env import Simulation
 from glbench.errors import SubmissionError
 from glbench.evaluation import Progress, evaluate, load_result, result_path
-from glbench.evaluation.episodes import recorded_actions, task_of_result
 from glbench.evaluation.metrics import units_of
 from glbench.evaluation.profiles import load_profile, make_profile
-from glbench.evaluation.profiles.tables import unpack
+from glbench.evaluation.profiles.record import unpack
+from glbench.evaluation.saving import recorded_actions, task_of_result
 from glbench.tasks import TaskCard, TaskSpec
 from tests.evaluation.agent_files import AgentWriter
 from tests.support import lettuce_task

@@ -14,10 +14,10 @@ import pytest
 
 from glbench.errors import ResultError
 from glbench.evaluation import Result, evaluate, load_result
-from glbench.evaluation.episodes import recorded_actions
 from glbench.evaluation.files import result_path
 from glbench.evaluation.profiles import Profile, load_profile, make_profile, profile_path
-from glbench.evaluation.profiles.tables import unpack
+from glbench.evaluation.profiles.record import unpack
+from glbench.evaluation.saving import recorded_actions
 from glbench.tasks import TaskSpec
 from tests.evaluation.agent_files import AgentWriter, agent_writer
 from tests.evaluation.test_resume import interrupted_at

@@ -6,7 +6,7 @@ import pytest
 
 from glbench.errors import EpisodeError
 from glbench.evaluation import evaluate, result_path
-from glbench.evaluation.recordings import write_recording
+from glbench.evaluation.saving import write_recording
 from tests.episodes.day import FAILING
 from tests.evaluation.agent_files import agent_writer
 

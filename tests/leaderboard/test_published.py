@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from glbench.evaluation import Result, load_result
+from glbench.evaluation.evaluation import TRIALS
 from glbench.evaluation.files import result_path, save_result
-from glbench.evaluation.preparing import TRIALS
 from glbench.evaluation.records import results_digest, summarise
 from glbench.leaderboard import StoredResult, rank
 from glbench.leaderboard.collect import own_and_released_results, published_expectations

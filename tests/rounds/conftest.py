@@ -9,7 +9,7 @@ import pytest
 
 from glbench.cli.app import main
 from glbench.evaluation import evaluate, result_path
-from glbench.evaluation.preparing import results_folder
+from glbench.evaluation.evaluation import results_folder
 from glbench.tasks import Round, TaskSpec
 from tests.cli.command_line import Answer, Command
 from tests.evaluation.agent_files import AgentWriter, agent_writer

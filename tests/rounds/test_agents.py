@@ -16,7 +16,7 @@ from glbench.agents import identify
 from glbench.env.scenario import RunScenarios
 from glbench.evaluation import prepare
 from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
-from glbench.evaluation.sandbox.process import Prints
+from glbench.evaluation.sandbox.frames import Prints
 from glbench.evaluation.sandbox.visible import is_visible
 from glbench.resources import data_folder, user_data_folder
 from glbench.tasks import Round, TaskSpec

@@ -13,7 +13,7 @@ import pytest
 
 from glbench.episodes import ActionLog, log_bytes, read_log
 from glbench.evaluation import evaluate, result_path
-from glbench.evaluation.preparing import results_folder
+from glbench.evaluation.evaluation import results_folder
 from glbench.evaluation.records import AgentRecord, RunResult, results_digest
 from glbench.tasks import Round, TaskSpec
 from glbench.verification import Verdict, proof_path, save_proof, verify

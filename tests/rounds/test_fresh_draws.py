@@ -24,7 +24,7 @@ from glbench.evaluation.jobs import Job, Options
 from glbench.evaluation.records import RunResult, summarise
 from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
 from glbench.evaluation.sandbox.choosing import Protected, keep_out_of_sight
-from glbench.evaluation.sandbox.process import Prints
+from glbench.evaluation.sandbox.frames import Prints
 from glbench.leaderboard import StoredResult, rank, to_frame, to_markdown
 from glbench.leaderboard.catalogue import catalogue
 from glbench.leaderboard.fresh_draws import (

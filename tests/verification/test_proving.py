@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from glbench.episodes import episodes_folder, read_log
-from glbench.evaluation import Result, evaluate, load_result, provenance, result_path
-from glbench.evaluation.preparing import TRIALS
+from glbench.evaluation import Result, evaluate, load_result, result_path
+from glbench.evaluation.evaluation import TRIALS
 from glbench.evaluation.profiles import load_profile, profile_path
-from glbench.evaluation.records import AgentRecord, EvaluationRecord, RunResult, TaskRecord
+from glbench.evaluation.records import AgentRecord, EvaluationRecord, RunResult, TaskRecord, this_machine
 from glbench.tasks import get_task
 from glbench.verification import documents, proof_path, read_proof, save_proof, verify
 from glbench.verification.proof import TOLERANCE, Agreement
@@ -222,8 +222,9 @@ def test_named_episodes_are_found_below_the_folder_of_all_episodes(wavy, reports
 @pytest.fixture
 def elsewhere(monkeypatch):
     """This machine has another processor than the one that made the results."""
-    here = provenance.machine()
-    monkeypatch.setattr(provenance, "machine", lambda: here.model_copy(update={"processor": "Abacus 9"}))
+    other = this_machine().model_copy(update={"processor": "Abacus 9"})
+    for module in ("proof", "proving"):
+        monkeypatch.setattr(f"glbench.verification.{module}.this_machine", lambda: other)
 
 
 @pytest.mark.parametrize("here", ["the machine of the result", "another one"])

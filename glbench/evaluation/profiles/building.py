@@ -25,7 +25,7 @@ from glbench.episodes import ActionLog, Replay, Trace, chosen_rows
 from glbench.episodes.header import definition_json, task_of
 from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
 from glbench.errors import GlbenchError, ResultError
-from glbench.evaluation.profiles import tables
+from glbench.evaluation.profiles import record
 from glbench.evaluation.profiles.record import SCHEMA, VERSION, Profile, profile_path, read_profile
 from glbench.evaluation.records import RecordReference, Result
 from glbench.model import Air, Horizon
@@ -244,7 +244,7 @@ def _energy(task: TaskSpec, trace: Trace) -> dict[str, Floats]:
     }
     level = trace.x[..., task.model_value.state_index(BUFFER)] * _KWH["MJ m-2"]
     equipment = Equipment.of(task.model_value, task.parameters_by_name())
-    days = task.step_seconds / tables.SECONDS_A_DAY
+    days = task.step_seconds / record.SECONDS_A_DAY
     rows = {quantity.name: row for row, quantity in enumerate(task.quantities)}
     money = {item.name: trace.quantities[:, rows[item.name]] for item in _changing(task)}
     return {
@@ -383,15 +383,15 @@ def _misfit(result: Result, profile: Profile) -> str:
         return str(error).rstrip(".")
     if len(seeds.get("starts", seeds["all"])) != len(seeds["all"]):
         return "its first days are not those of the runs"
-    if (task.steps * task.step_seconds) % tables.SECONDS_A_DAY or tables.SECONDS_A_DAY % task.step_seconds:
+    if (task.steps * task.step_seconds) % record.SECONDS_A_DAY or record.SECONDS_A_DAY % task.step_seconds:
         return "the result's steps do not fill days"
-    a_day = round(tables.SECONDS_A_DAY / task.step_seconds)
-    slots, days = a_day // tables.steps_a_slot(task.step_seconds), task.steps // a_day
-    of_day, hours = tables.hours(a_day, task.step_seconds), tables.hours(task.steps, task.step_seconds)
+    a_day = round(record.SECONDS_A_DAY / task.step_seconds)
+    slots, days = a_day // record.steps_a_slot(task.step_seconds), task.steps // a_day
+    of_day, hours = record.hours(a_day, task.step_seconds), record.hours(task.steps, task.step_seconds)
     every, weather = {c.name for c in columns.all}, {c.name for c in WEATHER_COLUMNS}
     day, season, outside = document["day"], document["season"], document["weather"]
     parts = {
-        "day": (day["columns"], every, (len(tables.QUANTILES), slots)),
+        "day": (day["columns"], every, (len(record.QUANTILES), slots)),
         "season": (season["columns"], every, (3, days)),
         "calendar": (
             document["calendar"],
@@ -400,7 +400,7 @@ def _misfit(result: Result, profile: Profile) -> str:
         ),
         "worst": (document["worst"], {c.name for c in columns.worst}, (hours,)),
         "hours": (document["hours"], set(columns.by_hour), (of_day, len(result.runs))),
-        "weather of the day": (outside["day"], weather, (len(tables.QUANTILES), slots)),
+        "weather of the day": (outside["day"], weather, (len(record.QUANTILES), slots)),
         "weather of the season": (outside["season"]["columns"], weather, (3, days)),
         "weather by hour": (outside["hours"], weather, (hours,)),
     }
@@ -424,18 +424,18 @@ class _Made:
     def __init__(self, task: TaskSpec, course: RunSeries) -> None:
         self.columns, self.starts = columns_of(task), course.starts
         self._course, self._lengths, self._seconds = course, course.lengths, task.step_seconds
-        self._a_day, self._a_slot = round(tables.SECONDS_A_DAY / self._seconds), tables.steps_a_slot(self._seconds)
+        self._a_day, self._a_slot = round(record.SECONDS_A_DAY / self._seconds), record.steps_a_slot(self._seconds)
 
     def day(self) -> dict[str, Any]:
         """By time of day: levels as they are, amounts an hour."""
         scale = {"level": 1.0, "amount": 3600.0 / self._seconds}
         columns = {
-            c.name: tables.pack(self._typical(self._course.columns[c.name], self._lengths) * scale[c.kind], _DAY_DIGITS)
+            c.name: record.pack(self._typical(self._course.columns[c.name], self._lengths) * scale[c.kind], _DAY_DIGITS)
             for c in self.columns.all
         }
         return {
             "slot_seconds": self._a_slot * self._seconds,
-            "quantiles": list(tables.QUANTILES),
+            "quantiles": list(record.QUANTILES),
             "columns": columns,
         }
 
@@ -443,16 +443,16 @@ class _Made:
         """By day: means of levels, totals of amounts; the median over the runs, the best and the worst run."""
         columns = {}
         for c in self.columns.all:
-            days = tables.by_day(self._course.columns[c.name], self._lengths, self._a_day, add=c.kind == "amount")
-            lines = np.stack([tables.middle_run(days), days[:, best], days[:, worst]])
-            columns[c.name] = tables.pack(lines, _SEASON_DIGITS)
+            days = record.by_day(self._course.columns[c.name], self._lengths, self._a_day, add=c.kind == "amount")
+            lines = np.stack([record.middle_run(days), days[:, best], days[:, worst]])
+            columns[c.name] = record.pack(lines, _SEASON_DIGITS)
         return {"lines": ["median", "best", "worst"], "columns": columns}
 
     def calendar(self) -> dict[str, Any]:
         """By day and hour of day: minutes outside each limit, mean over the runs, in tenths."""
         return {
-            name.removeprefix(quantities.OUTSIDE): tables.pack(
-                tables.calendar(outside, self._lengths, self._a_day, self._seconds), 2
+            name.removeprefix(quantities.OUTSIDE): record.pack(
+                record.calendar(outside, self._lengths, self._a_day, self._seconds), 2
             )
             for name, outside in self._course.outside.items()
         }
@@ -468,10 +468,10 @@ class _Made:
     def hours(self) -> dict[str, Any]:
         """By hour of day and run: sums over the whole season."""
         sums = {
-            name: tables.by_hour_of_day(self._course.columns[name], self._a_day, self._seconds)
+            name: record.by_hour_of_day(self._course.columns[name], self._a_day, self._seconds)
             for name in self.columns.by_hour
         }
-        return {name: tables.pack(values, _HOUR_DIGITS) for name, values in sums.items()}
+        return {name: record.pack(values, _HOUR_DIGITS) for name, values in sums.items()}
 
     def energy(self, task: TaskSpec) -> dict[str, Any]:
         """Of an energy system by hour of day, mean over days and runs: amounts, and prices that change, null where nothing flowed."""
@@ -492,24 +492,24 @@ class _Made:
             prices[item.name] = self._of_day(columns[item.name]) / np.where(amount == 0.0, np.nan, amount)
         return {
             "energy": {
-                "columns": {name: tables.pack(values, _HOUR_DIGITS) for name, values in flows.items()},
-                "prices": {name: tables.pack(values, _HOUR_DIGITS) for name, values in prices.items()},
+                "columns": {name: record.pack(values, _HOUR_DIGITS) for name, values in flows.items()},
+                "prices": {name: record.pack(values, _HOUR_DIGITS) for name, values in prices.items()},
             }
         }
 
     def _of_day(self, values: Floats) -> Floats:
         """Sums by hour of day over all days and runs ``(hours,)``."""
-        return np.asarray(tables.by_hour_of_day(values, self._a_day, self._seconds).sum(axis=1))
+        return np.asarray(record.by_hour_of_day(values, self._a_day, self._seconds).sum(axis=1))
 
     def weather(self, run: int) -> dict[str, Any]:
         """Weather by time of day and by day (mean, lowest, highest) of all runs, and by hour of one ``run``."""
         day, season, hours = {}, {}, {}
         for name, series in self._course.weather.items():
             steps, n = series.shape
-            day[name] = tables.pack(self._typical(series, np.full(n, steps)), _DAY_DIGITS)
+            day[name] = record.pack(self._typical(series, np.full(n, steps)), _DAY_DIGITS)
             days = series.T.reshape(n, -1, self._a_day).swapaxes(0, 1).reshape(-1, n * self._a_day)
             lines = np.stack([days.mean(axis=1, dtype=np.float64), days.min(axis=1), days.max(axis=1)])
-            season[name] = tables.pack(lines, _SEASON_DIGITS)
+            season[name] = record.pack(lines, _SEASON_DIGITS)
             hours[name] = self._hourly(np.ascontiguousarray(series[:, run if n > 1 else 0]), steps, add=False)
         return {
             "columns": {c.name: {"unit": c.unit, "meaning": c.meaning} for c in WEATHER_COLUMNS},
@@ -519,7 +519,7 @@ class _Made:
         }
 
     def _typical(self, values: Floats, lengths: NDArray[np.int64]) -> Floats:
-        return tables.typical_day(values, lengths, self._a_day, self._a_slot)
+        return record.typical_day(values, lengths, self._a_day, self._a_slot)
 
-    def _hourly(self, values: Floats, length: int, *, add: bool) -> tables.Packed:
-        return tables.pack(tables.by_hour(values, length, self._seconds, add=add), _COURSE_DIGITS)
+    def _hourly(self, values: Floats, length: int, *, add: bool) -> record.Packed:
+        return record.pack(record.by_hour(values, length, self._seconds, add=add), _COURSE_DIGITS)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
+import math
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, ValidationError
 
 from glbench.errors import ResultError
@@ -172,3 +175,109 @@ def read_profile(path: Path) -> Profile:
         msg = f"{path} is no profile as glbench writes it ({first_problems(error)}). Delete it and run `glbench report --complete`."
         raise ResultError(msg) from error
     return Profile(document)
+
+
+Floats = NDArray[np.floating]
+Cells: TypeAlias = "list[int | None] | list[Cells]"
+Packed = dict[str, "float | Cells"]
+
+QUANTILES = (0.05, 0.25, 0.50, 0.75, 0.95)
+SHORTEST_SLOT = 900.0
+"""Time of day is cut into slots of at least this length [s]."""
+SECONDS_A_DAY = 86400
+_MISSING = math.inf
+
+
+def steps_a_slot(step_seconds: float) -> int:
+    """Control steps that make up one slot of the day: the smallest number that divides the day and lasts long enough."""
+    a_day = round(SECONDS_A_DAY / step_seconds)
+    return next(k for k in range(1, a_day + 1) if a_day % k == 0 and k * step_seconds >= SHORTEST_SLOT)
+
+
+def typical_day(values: Floats, lengths: NDArray[np.int64], a_day: int, a_slot: int) -> Floats:
+    """Quantiles ``(quantiles, slots)`` over all days and runs, from ``values`` ``(steps, n)``; infinite where nothing is known."""
+    steps, n = values.shape
+    known = np.where(np.arange(steps)[:, None] < lengths, values, np.float32(_MISSING))
+    slots = known.reshape(steps // a_day, a_day // a_slot, a_slot, n).swapaxes(0, 1).reshape(a_day // a_slot, -1)
+    slots.sort(axis=1)
+    counts = np.isfinite(slots).sum(axis=1)
+    places = np.array([np.maximum(np.ceil(q * counts).astype(int) - 1, 0) for q in QUANTILES])
+    return np.take_along_axis(slots, places.T, axis=1).T
+
+
+def by_day(values: Floats, lengths: NDArray[np.int64], a_day: int, *, add: bool) -> Floats:
+    """Sums or means ``(days, n)`` of every day; infinite for days that a run did not end."""
+    steps, n = values.shape
+    days = values.reshape(steps // a_day, a_day, n).sum(axis=1, dtype=np.float64)
+    whole = np.arange(1, steps // a_day + 1)[:, None] * a_day <= lengths
+    return np.where(whole, days if add else days / a_day, _MISSING)
+
+
+def middle_run(days: Floats) -> Floats:
+    """Lower median over the runs ``(days,)`` of what they did on each day; infinite where no run ended the day."""
+    ordered = np.sort(days, axis=1)
+    counts = np.isfinite(ordered).sum(axis=1)
+    places = np.maximum(counts - 1, 0) // 2
+    return np.asarray(np.take_along_axis(ordered, places[:, None], axis=1)[:, 0])
+
+
+def by_hour(values: Floats, length: int, step_seconds: float, *, add: bool) -> Floats:
+    """Sums or means ``(hours,)`` of one run's ``values`` ``(steps,)``; infinite for hours that did not end."""
+    starts = _hour_starts(len(values), step_seconds)
+    counts = np.diff(np.append(starts, len(values)))
+    sums = np.add.reduceat(values.astype(np.float64), starts)
+    return np.where(starts + counts <= length, sums if add else sums / counts, _MISSING)
+
+
+def by_hour_of_day(values: Floats, a_day: int, step_seconds: float) -> Floats:
+    """What every run ``(24, n)`` summed up in each hour of the day, over all days."""
+    steps, n = values.shape
+    of_day = values.reshape(steps // a_day, a_day, n).sum(axis=0, dtype=np.float64)
+    return np.asarray(np.add.reduceat(of_day, _hour_starts(a_day, step_seconds), axis=0))
+
+
+def calendar(outside: NDArray[np.bool_], lengths: NDArray[np.int64], a_day: int, step_seconds: float) -> Floats:
+    """Mean over the runs of the minutes outside a limit ``(days, 24)``; infinite where no run was."""
+    steps, _ = outside.shape
+    running = np.arange(steps)[:, None] < lengths
+    counts = running.sum(axis=1)
+    share = (outside & running).sum(axis=1) / np.maximum(counts, 1)
+    minutes = np.where(counts > 0, share * step_seconds / 60.0, _MISSING)
+    return np.add.reduceat(minutes.reshape(steps // a_day, a_day), _hour_starts(a_day, step_seconds), axis=1)
+
+
+def pack(values: Floats, digits: int) -> Packed:
+    """Whole numbers times a ``resolution``: as many decimals as the largest value needs for ``digits`` after its first digit."""
+    known = np.isfinite(values)
+    largest = float(np.abs(values[known]).max(initial=0.0))
+    power = math.floor(math.log10(largest)) - digits if largest > 0 else 0
+    whole = np.rint(np.where(known, values, 0.0).astype(np.float64) * 10.0**-power).astype(np.int64)
+    return {"resolution": 10.0**power, "values": _cells(whole, known)}
+
+
+def _cells(whole: NDArray[np.int64], known: NDArray[np.bool_]) -> Cells:
+    if known.all():
+        cells: Cells = whole.tolist()
+        return cells
+    if whole.ndim == 1:
+        return [value if there else None for value, there in zip(whole.tolist(), known.tolist(), strict=True)]
+    return [_cells(row, there) for row, there in zip(whole, known, strict=True)]
+
+
+def unpack(packed: Packed) -> NDArray[np.float64]:
+    """The numbers of ``pack``, not a number where nothing is known."""
+    values = np.array(packed["values"], dtype=np.float64)
+    resolution = packed["resolution"]
+    assert isinstance(resolution, float)
+    return values * resolution
+
+
+def hours(steps: int, step_seconds: float) -> int:
+    """Hours that a step begins in."""
+    return len(_hour_starts(steps, step_seconds))
+
+
+def _hour_starts(steps: int, step_seconds: float) -> NDArray[np.intp]:
+    """First step of each hour that a step begins in."""
+    hours = np.floor_divide(np.arange(steps) * step_seconds, 3600.0)
+    return np.flatnonzero(np.diff(hours, prepend=-1.0))

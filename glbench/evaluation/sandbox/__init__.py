@@ -12,5 +12,5 @@ Outside (the evaluation):
 
 ``glbench.evaluation.runners`` puts the process behind the evaluation's ``AgentRunner``, as an agent in this process would be.
 
-Inside: ``guest``, which loads the agent and answers. Both sides share ``frames``: kinds of questions and answers, and the limits.
+Inside: ``worker``, which loads the agent and answers. Both sides share ``frames``: kinds of questions and answers, and the limits.
 """

@@ -114,8 +114,8 @@ def command(
         *visible_files(submission, staging, kernels),
         "--remount-ro", "/dev", "--remount-ro", "/proc", "--remount-ro", "/", "--chdir", "/tmp",
     ]  # fmt: skip
-    guest = in_package(Path(__file__).with_name("guest.py"))
-    python = [str(interpreter()), "-S", "-s", "-P", "-X", "faulthandler", str(guest), str(sock), __version__]
+    worker = in_package(Path(__file__).with_name("worker.py"))
+    python = [str(interpreter()), "-S", "-s", "-P", "-X", "faulthandler", str(worker), str(sock), __version__]
     return [*_becoming_another_user(mode), *python], arguments
 
 

@@ -9,8 +9,6 @@ from typing import Final, Literal, NoReturn
 
 from glbench.agents import Baseline, Identity, LoadedAgent, identify, load_agent
 from glbench.errors import GlbenchError, SandboxError, SubmissionError, did_you_mean
-from glbench.evaluation.sandbox.bubblewrap import usable_mode, why_no_sandbox
-from glbench.evaluation.sandbox.visible import is_visible
 from glbench.tasks import TaskCard
 
 SandboxChoice = Literal["auto", "bubblewrap", "none"]
@@ -82,6 +80,8 @@ def protection_of(submission: Identity, choice: SandboxChoice) -> Protection:
     _check_choice(choice)
     if choice == "none":
         return "unsandboxed"
+    from glbench.evaluation.sandbox.bubblewrap import usable_mode, why_no_sandbox
+
     if choice == "auto" and why_no_sandbox() is not None and EXAMPLES.get(submission.name) == submission.digest:
         return "unsandboxed"
     try:
@@ -100,6 +100,8 @@ def keep_out_of_sight(round_file: Path, agents: Iterable[Protected]) -> None:
     SandboxError
         When the file is in a folder that the sandbox shows.
     """
+    from glbench.evaluation.sandbox.visible import is_visible
+
     for agent in agents:
         if agent.submission is not None and is_visible(round_file, agent.submission):
             msg = f"'{agent.agent.name}' would see {round_file} in its sandbox. Keep the file of a round in a separate folder."

@@ -1,9 +1,9 @@
-"""The language between an evaluation and the process of its agent: frames of a 16-byte header and a body; and the limits both sides know.
+"""The language between an evaluation and the process of its agent: frames, the limits that both sides know, and what the agent prints.
 
-The header holds the kind, the number of the question that a frame asks or answers, and the length of the body. Numbers are in the
-machine's own byte order, both ends being on one machine. Questions come from the trusted side, and the first holds a pickle. Answers
-come from a process that may have been taken over: they are numbers of known length and short texts, and nothing in them is ever
-executed.
+A frame is a 16-byte header and a body. The header holds the kind, the number of the question that a frame asks or answers, and the
+length of the body. Numbers are in the machine's own byte order, both ends being on one machine. Questions come from the trusted side, and
+the first holds a pickle. Answers come from a process that may have been taken over: they are numbers of known length and short texts, and
+nothing in them is ever executed.
 """
 
 from __future__ import annotations
@@ -134,3 +134,40 @@ class SandboxLimits:
     """Files and folders in /tmp and /dev/shm."""
     printed: int = 64 * 1024
     """What is kept of its output: the first half and the last."""
+
+
+class Prints:
+    """The output of an agent's processes: the first half of ``size`` bytes, and the last."""
+
+    def __init__(self, size: int = 64 * 1024) -> None:
+        self._half = size // 2
+        self._head = b""
+        self._tail = b""
+        self._total = 0
+
+    def add(self, said: bytes) -> None:
+        """Take in more output."""
+        self._total += len(said)
+        room = self._half - len(self._head)
+        self._head += said[:room]
+        self._tail = (self._tail + said[room:])[-self._half :] if len(said) > room else self._tail
+
+    @property
+    def size(self) -> int:
+        """Bytes of all that was printed, kept or not."""
+        return self._total
+
+    def text(self) -> str:
+        """The output with a note where some of it was left out; free of control characters, which could forge what a terminal shows."""
+        left_out = self._total - len(self._head) - len(self._tail)
+        note = f"\n[... {left_out:,} bytes left out ...]\n".encode() if left_out else b""
+        return plain((self._head + note + self._tail).decode("utf-8", errors="replace"))
+
+    def last_lines(self, number: int) -> list[str]:
+        """The last lines that are not empty."""
+        return [line for line in self.text().splitlines() if line.strip()][-number:]
+
+
+def plain(text: str) -> str:
+    """``text`` without control characters other than ends of lines and tabulators."""
+    return "".join(letter for letter in text if letter.isprintable() or letter in "\n\t")

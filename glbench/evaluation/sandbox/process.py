@@ -2,7 +2,7 @@
 
 Whatever it does, the evaluation gets an answer of the right form or a ``LostError`` with the reason, in bounded time. Nothing waits for the
 process without a deadline, its output is read while it is waited for, and it is gone when ``close`` returns. The kernel limits each
-process by itself (``guest.limit_this_process``); what many of them take together is found out by looking. So is what stands in nobody's
+process by itself (``worker.limit_this_process``); what many of them take together is found out by looking. So is what stands in nobody's
 account: the kernel's own memory behind sockets and empty files.
 """
 
@@ -33,7 +33,7 @@ from glbench.evaluation.sandbox.bubblewrap import (
     program,
     system_call_filter,
 )
-from glbench.evaluation.sandbox.frames import GIB, HEADER, LONGEST_TEXT, Kind, SandboxLimits
+from glbench.evaluation.sandbox.frames import GIB, HEADER, LONGEST_TEXT, Kind, Prints, SandboxLimits
 from glbench.resources import Scratch
 
 _LOOK_SECONDS = 0.2
@@ -46,43 +46,6 @@ _END_SECONDS: Final = 5.0
 _GULP: Final = 1 << 16
 _EAGER_SECONDS: Final = 0.5e-3
 """An answer that comes so soon is not slept for: waking up takes as long as a small agent's decision, on a colder processor."""
-
-
-class Prints:
-    """The output of an agent's processes: the first half of ``size`` bytes, and the last."""
-
-    def __init__(self, size: int = 64 * 1024) -> None:
-        self._half = size // 2
-        self._head = b""
-        self._tail = b""
-        self._total = 0
-
-    def add(self, said: bytes) -> None:
-        """Take in more output."""
-        self._total += len(said)
-        room = self._half - len(self._head)
-        self._head += said[:room]
-        self._tail = (self._tail + said[room:])[-self._half :] if len(said) > room else self._tail
-
-    @property
-    def size(self) -> int:
-        """Bytes of all that was printed, kept or not."""
-        return self._total
-
-    def text(self) -> str:
-        """The output with a note where some of it was left out; free of control characters, which could forge what a terminal shows."""
-        left_out = self._total - len(self._head) - len(self._tail)
-        note = f"\n[... {left_out:,} bytes left out ...]\n".encode() if left_out else b""
-        return plain((self._head + note + self._tail).decode("utf-8", errors="replace"))
-
-    def last_lines(self, number: int) -> list[str]:
-        """The last lines that are not empty."""
-        return [line for line in self.text().splitlines() if line.strip()][-number:]
-
-
-def plain(text: str) -> str:
-    """``text`` without control characters other than ends of lines and tabulators."""
-    return "".join(letter for letter in text if letter.isprintable() or letter in "\n\t")
 
 
 class Watch:
@@ -328,7 +291,7 @@ class AgentProcess:
             undo.callback(os.close, self._facts)
             stack.callback(os.close, facts_writing)
             inherited, environment = [theirs.fileno()], {**os.environ, **dict.fromkeys(THREAD_VARIABLES, "1")}
-            line = [sys.executable, "-m", "glbench.evaluation.sandbox.guest", str(theirs.fileno())]
+            line = [sys.executable, "-m", "glbench.evaluation.sandbox.worker", str(theirs.fileno())]
             if self._walls:
                 call_filter, environment = system_call_filter(), ENVIRONMENT_OF_BUBBLEWRAP
                 filter_file = _readable(call_filter, stack) if call_filter is not None else None

@@ -21,10 +21,11 @@ from glbench.agents.protocol import Agent
 from glbench.env import Simulation
 from glbench.errors import GlbenchError, SandboxError, SubmissionError
 from glbench.evaluation.limits import Failure, TimeLimits
-from glbench.evaluation.runners import AgentRunner, Decision, SandboxedAgent, in_process
+from glbench.evaluation.runners import AgentRunner, Decision
 from glbench.evaluation.sandbox.choosing import Protection, SandboxChoice, protection_of
-from glbench.evaluation.sandbox.frames import GIB, MIB, Kind, SandboxLimits
-from glbench.evaluation.sandbox.process import LostError, Prints
+from glbench.evaluation.sandbox.frames import GIB, MIB, Kind, Prints, SandboxLimits
+from glbench.evaluation.sandbox.process import LostError
+from glbench.evaluation.sandbox.runners import SandboxedAgent, in_process
 from glbench.evaluation.submitting import findings
 from glbench.evaluation.submitting.findings import Finding, Report, Subject, note, problem
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from glbench.evaluation.runners import told_failure, words
 from glbench.evaluation.sandbox.bubblewrap import system_call_filter
-from glbench.evaluation.sandbox.frames import HEADER, SandboxLimits, packed_problems, unpacked_problems
-from glbench.evaluation.sandbox.process import Prints, Watch
+from glbench.evaluation.sandbox.frames import HEADER, Prints, SandboxLimits, packed_problems, unpacked_problems
+from glbench.evaluation.sandbox.process import Watch
+from glbench.evaluation.sandbox.runners import told_failure, words
 
 
 def test_a_header_has_16_bytes() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from glbench.control import Climatology
 from glbench.evaluation import TimeLimits, prepare
-from glbench.evaluation.sandbox.process import Prints
+from glbench.evaluation.sandbox.frames import Prints
 from glbench.kernel import Kernel, available
 from glbench.tasks import get_task
 from tests.evaluation.agent_files import AgentWriter

@@ -9,7 +9,7 @@ import pytest
 
 from glbench.evaluation import TimeLimits, evaluate, prepare
 from glbench.evaluation.sandbox import visible
-from glbench.evaluation.sandbox.process import Prints
+from glbench.evaluation.sandbox.frames import Prints
 from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task
 from tests.evaluation.agent_files import AgentWriter

@@ -18,8 +18,8 @@ from glbench.agents import identify, read_baseline
 from glbench.errors import SubmissionError
 from glbench.evaluation import TimeLimits
 from glbench.evaluation.sandbox import bubblewrap, visible
-from glbench.evaluation.sandbox.frames import Kind
-from glbench.evaluation.sandbox.process import AgentProcess, Prints
+from glbench.evaluation.sandbox.frames import Kind, Prints
+from glbench.evaluation.sandbox.process import AgentProcess
 from glbench.evaluation.sandbox.visible import libraries
 from glbench.resources import data_folder
 from glbench.tasks import list_tasks, task_card

@@ -18,13 +18,10 @@ from glbench.env.kernels import shared_kernel
 from glbench.episodes import Recorder, chosen_rows, parse_selection, provenance_of
 from glbench.episodes.header import versions as recorded_versions
 from glbench.errors import GlbenchError, ResultError, SandboxError, SubmissionError, whole_number
-from glbench.evaluation import provenance
 from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, holds_checkpoint, read_checkpoint
-from glbench.evaluation.episodes import make_episodes, run_facts
 from glbench.evaluation.files import ensure_writable, load_result, result_path
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.metrics import units_of
-from glbench.evaluation.provenance import usable_cores
 from glbench.evaluation.records import (
     AgentRecord,
     EvaluationRecord,
@@ -32,22 +29,18 @@ from glbench.evaluation.records import (
     RunResult,
     TaskRecord,
     TrainingRecord,
+    current_versions,
+    git_state,
     results_digest,
     summarise,
+    this_machine,
+    usable_cores,
 )
 from glbench.evaluation.rollout import Progress, ProgressCallback, RolloutLoop, RunTotals, StepCallback
-from glbench.evaluation.runners import (
-    AgentRunner,
-    PerRunRunner,
-    SandboxedAgent,
-    SandboxedRuns,
-    make_runner,
-    sandboxed_runner,
-)
+from glbench.evaluation.runners import AgentRunner, make_runner
 from glbench.evaluation.sandbox.choosing import Protected, Protection, SandboxChoice, protect
-from glbench.evaluation.sandbox.frames import SandboxLimits
-from glbench.evaluation.sandbox.process import Prints
-from glbench.evaluation.saving import Computed, agent_folder, result_lock, save, settle, tidy
+from glbench.evaluation.sandbox.frames import Prints, SandboxLimits
+from glbench.evaluation.saving import Computed, agent_folder, make_episodes, result_lock, run_facts, save, settle, tidy
 from glbench.kernel import Kernel, make_kernel
 from glbench.tasks import TaskSpec, get_task, task_card
 from glbench.untrusted import real_path
@@ -472,14 +465,16 @@ class Evaluation:
 
     def _runner(self) -> AgentRunner:
         """The agent in its harness, made and not yet reset."""
-        card, n = task_card(self.task), len(self.seeds)
+        n = len(self.seeds)
         if self.submission is None:
-            runner = make_runner(self.agent, self.task, card, self.seeds, self.limits)
+            runner = make_runner(self.agent, self.task, task_card(self.task), self.seeds, self.limits)
         else:
+            from glbench.evaluation.sandbox.runners import SandboxedAgent, sandboxed_runner
+
             runner = sandboxed_runner(
                 SandboxedAgent.of(self.submission, self.task, n, self.limits, self.sizes, self.prints)
             )
-        if self.is_part and not isinstance(runner, PerRunRunner | SandboxedRuns):
+        if self.is_part and not runner.one_by_one:
             runner.close()
             msg = f"'{self.agent.name}' decides for all runs at once: they cannot be computed apart."
             raise JointAgentError(msg)
@@ -522,9 +517,9 @@ class Evaluation:
                 kernel=self.kernel,
                 sandbox=self.protection,
             ),
-            versions=provenance.versions(recorded_versions(task)["model"]),
-            machine=provenance.machine(),
-            git=provenance.git_state(),
+            versions=current_versions(recorded_versions(task)["model"]),
+            machine=this_machine(),
+            git=git_state(),
             created=dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
             units=units_of(task),
             runs=runs,

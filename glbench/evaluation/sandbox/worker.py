@@ -61,7 +61,7 @@ _LETTING_GO_SECONDS = 0.25
 
 
 class Line:
-    """The guest's end of the socket; one question at a time."""
+    """The worker's end of the socket; one question at a time."""
 
     def __init__(self, sock: socket.socket) -> None:
         self._sock = sock
