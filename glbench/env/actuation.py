@@ -40,7 +40,7 @@ MakeActuation = Callable[["TaskSpec"], Actuation]
 ACTUATIONS: PartRegistry[MakeActuation] = PartRegistry("kind of actuation", ACTUATION_KINDS)
 
 PART = "actuation"
-"""Under which it asks for memory."""
+"""The actuation's part of a run's memory."""
 
 ROUNDING = 1e-6
 """How far an action may lie outside its bounds: what float32 arithmetic and scaling lose. Taken as the bound itself."""
@@ -121,7 +121,7 @@ class ActuationInputs:
     actions, controls
         Entries of the action, and controls in force that the task grants, by name.
     memory
-        What the kind wrote in the step before, by the names that it asked for.
+        What the kind wrote in the previous step, by the names in ``RecordedActuation.memory``.
     measured
         Climate and clock as the process computer reads them; ``None`` in a model without an air.
     """
@@ -139,9 +139,9 @@ class RecordedActuation:
     Attributes
     ----------
     work
-        From a task and the inputs to the controls that the task grants, and what is remembered.
+        From a task and the inputs to the granted controls, and the memory for the next step.
     memory
-        Names and start values of what is remembered (``glbench.env.memory_layout``), besides the clocks of machines that are switched.
+        Names and start values of the memory (``glbench.env.memory_layout``), without the clocks of machines that are switched.
     """
 
     work: Callable[[TaskSpec, ActuationInputs], tuple[Mapping[str, Any], Mapping[str, Any]]]
@@ -245,7 +245,7 @@ ACTUATIONS.provide("process_computer", _only_recorded, recorded=RecordedActuatio
 
 
 def recorded_actuation(task: TaskSpec) -> RecordedActuation | None:
-    """How the controls of a task move; ``None`` for a kind that somebody registered, which is Python.
+    """How the controls of a task move; ``None`` for a registered kind, which is Python.
 
     Raises
     ------
@@ -257,7 +257,7 @@ def recorded_actuation(task: TaskSpec) -> RecordedActuation | None:
 
 
 def actuation_memory(task: TaskSpec) -> Mapping[str, float]:
-    """What the actuation of a task remembers from step to step, with start values (``glbench.env.memory_layout``)."""
+    """Memory of the actuation of a task from step to step, with start values (``glbench.env.memory_layout``)."""
     recorded = recorded_actuation(task)
     return {} if recorded is None else {**recorded.memory, **{hold_clock(name): LONG_AGO for name in task.on_off}}
 

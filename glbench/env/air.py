@@ -1,4 +1,4 @@
-"""The air inside as growers know it, and sensors of it that err: what is observed, while the truth is judged.
+"""Air temperature, CO2 and relative humidity inside, and sensors of them that err; violations are judged by the true values.
 
 The reading of a quantity q in step k of a run of N steps is
 
@@ -36,13 +36,13 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 AIR = {name: entry.unit for name, entry in _AIR.items()}
-"""What is known of the air, with units."""
+"""Quantities of the air inside, with units."""
 
 STREAM = "sensors"
 """Name of the stream of their noise."""
 
 PART = "sensors"
-"""Under which they ask for memory."""
+"""The sensors' part of a run's memory."""
 
 
 def read_air(
@@ -62,14 +62,14 @@ def read_air(
 
 def air_quantities(temperature: Any, co2_density: Any, vapour_pressure: Any) -> tuple[Any, Any, Any]:
     """The same of one parcel, as expressions of a recorded formula."""
-    return (temperature, *with_simplification(_co2_and_humidity, temperature, co2_density, vapour_pressure))
 
+    def co2_and_humidity(temperature: Any, density: Any, pressure: Any) -> tuple[Any, Any]:
+        # The benchmark caps relative humidity: air can be supersaturated for a moment, a hygrometer shows 100 %, also for NaN.
+        humidity = relative_humidity(temperature, pressure)
+        capped = casadi.fmax(casadi.if_else(humidity < 100.0, humidity, 100.0), 0.0)
+        return co2_ppm(temperature, density), capped
 
-def _co2_and_humidity(temperature: Any, density: Any, pressure: Any) -> tuple[Any, Any]:
-    # The benchmark caps relative humidity: air can be supersaturated for a moment, a hygrometer shows 100 %, also when it shows no number.
-    humidity = relative_humidity(temperature, pressure)
-    capped = casadi.fmax(casadi.if_else(humidity < 100.0, humidity, 100.0), 0.0)
-    return co2_ppm(temperature, density), capped
+    return (temperature, *with_simplification(co2_and_humidity, temperature, co2_density, vapour_pressure))
 
 
 @lru_cache(maxsize=1)
@@ -158,12 +158,12 @@ class Sensors:
 
     @property
     def numbers(self) -> int:
-        """Random numbers that they need in a step."""
+        """Random numbers needed in a step."""
         return self._each * len(self.sensors)
 
     @property
     def trait_numbers(self) -> int:
-        """Random numbers that they need once a run."""
+        """Random numbers needed once a run."""
         return (UNIFORMS_PER_NORMAL + 1) * len(self.sensors)
 
     def traits(self, numbers: Floats) -> Floats:
@@ -180,7 +180,7 @@ class Sensors:
         return np.stack(traits, axis=1) if traits else np.zeros((len(numbers), 0))
 
     def initial_memory(self) -> dict[str, float]:
-        """Numbers that they keep from step to step: whether each hangs, and its last reading."""
+        """Numbers kept from step to step, with start values: whether each sensor has dropped out, and its last reading."""
         if self.out == 0.0:
             return {}
         return {f"{what} {sensor.name}": 0.0 for sensor in self.sensors for what in ("out", "held")}
@@ -198,7 +198,7 @@ class Sensors:
         return readings
 
     def update(self, recorder: Recorder, air: Sequence[Any], layout: MemoryLayout) -> None:
-        """Record which sensors hang after a step, and at which reading."""
+        """Record which sensors have dropped out after a step, and their last reading."""
         memory = layout.of(PART)
         steps: Any = recorder.input("counter", 0) if memory else 0.0
         not_first = np.minimum(steps - 1.0, 1.0)
@@ -206,12 +206,12 @@ class Sensors:
             out_place, last_place = (memory[f"{what} {sensor.name}"] for what in ("out", "held"))
             was_out, last = recorder.input("memory", out_place), recorder.input("memory", last_place)
             number = recorder.input("noise", place * self._each + UNIFORMS_PER_NORMAL)
-            # Before the first step nothing was shown that a sensor could hang at.
+            # Before the first step there is no last reading.
             chance = (was_out * (self.stays_out - self.out) + self.out) * not_first
             out = np.maximum(np.sign(chance - number), 0.0)
             reading = self._reading(recorder, sensor, place, air[sensor.place])
             recorder.output("memory", out_place, out)
-            # A sensor that hangs keeps what it last showed, which is also what it showed in the step before it hung.
+            # A sensor that has dropped out keeps its last reading, also that of the step before it dropped out.
             recorder.output("memory", last_place, out * last + (1.0 - out) * reading)
 
     def _reading(self, recorder: Recorder, sensor: Sensor, place: int, true: Any) -> Any:

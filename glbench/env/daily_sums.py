@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
 DAILY_SUMS = "light of the day"
-"""The part of a task that asks for a memory of these sums (``glbench.env.memory_layout``)."""
+"""Part of a run's memory that holds these sums (``glbench.env.memory_layout``)."""
 
 HOURS_BACK = 12.0
 """The clock falls back by more than this at midnight, and by an hour at most when summer time ends."""

@@ -62,7 +62,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Action space
 
     ``Box(-1, 1, (m,), float32)`` for the actuation kind ``rate``: the share of the largest change allowed in a step, for each
-    control of the task. ``Box(0, 1, (m,), float32)`` for ``set_point``: the controls asked for. ``Box(-1, 1, (m,), float32)``
+    control of the task. ``Box(0, 1, (m,), float32)`` for ``set_point``: the target of each control. ``Box(-1, 1, (m,), float32)``
     for ``process_computer``: set points, from the lowest at -1 to the highest at 1; ``env.unwrapped.task.actions`` has their ranges and
     units, and converts (``Action.of``, ``Action.value``). An action that is not finite,
     or outside its bounds by more than 1e-6, raises ``ActionError``: nothing is clipped on the way in.

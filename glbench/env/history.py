@@ -49,7 +49,7 @@ class DailyLightSums:
     Attributes
     ----------
     columns
-        What is summed up, as the task's model observes it.
+        The summed columns, as the task's model observes them.
     """
 
     def __init__(self, task: TaskSpec) -> None:

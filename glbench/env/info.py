@@ -1,4 +1,4 @@
-"""What ``info`` holds after a reset and a step: flat names, plain numbers, one unit each."""
+"""Contents of ``info`` after a reset and a step: flat names, plain numbers, one unit each."""
 
 from __future__ import annotations
 

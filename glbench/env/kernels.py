@@ -1,4 +1,4 @@
-"""What steps the model for an environment: a preset's name, a custom kernel, or the kernel that environments share."""
+"""Kernels of environments: one of a preset, which the environments of a thread share, or a custom kernel."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
 SCORING_PRESET = "reference"
-"""What scores are made with, and the default."""
+"""The preset of scores, and the default."""
 
 
 class Stepper(Protocol):
-    """What a simulation needs of a kernel; ``glbench.kernel.Kernel`` has it."""
+    """The method of a kernel that a simulation calls; ``glbench.kernel.Kernel`` has it."""
 
     def try_step(
         self, x: NDArray[np.float64], u: NDArray[np.float64], d: NDArray[np.float64], p: NDArray[np.float64]
@@ -29,7 +29,7 @@ class Stepper(Protocol):
 
 
 _shared = threading.local()
-"""A kernel has working memory of its own, so that each thread gets another one."""
+"""One kernel a thread, because a kernel has working memory."""
 
 
 def shared_kernel(model: Model, step_seconds: float, preset: str = SCORING_PRESET) -> Kernel:
@@ -51,7 +51,7 @@ def check_kernel(kernel: object, task: TaskSpec) -> None:
     UnknownNameError
         For a name that is no preset, with the nearest one.
     GlbenchError
-        For a kernel of another step length or model than the task's, and for what is no kernel at all.
+        For a kernel of another step length or model than the task's, or an object that is no kernel.
     """
     if kernel is None:
         return

@@ -26,7 +26,7 @@ class MemoryLayout:
     Attributes
     ----------
     parts
-        For each part of the task, the place of every number that it asked for.
+        For each part of the task, the place of each of its numbers.
     start
         Value of every place when a run starts, ``(m,)``, read-only.
     """
@@ -40,7 +40,7 @@ class MemoryLayout:
         return len(self.start)
 
     def of(self, part: str) -> Mapping[str, int]:
-        """Places by name of what ``part`` asked for; none where it asked for nothing."""
+        """Places of the numbers of ``part`` by name; empty where it has none."""
         return self.parts.get(part, {})
 
     def rows(self, n: int) -> NDArray[np.float64]:

@@ -81,7 +81,7 @@ def register_observation(module: ObservationModule, make: MakeObservation) -> No
 
 
 def python_part(name: str) -> MakeObservation | None:
-    """What makes the module ``name`` when somebody registered it; ``None`` for one that is data."""
+    """The maker of a registered module; ``None`` for one that is data."""
     return _MAKERS.get(name)
 
 
@@ -117,7 +117,7 @@ def column_sources(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Co
     Raises
     ------
     UnknownNameError
-        When nobody computes it.
+        For an unknown module.
     TaskError
         When the model shows something that neither its states nor its air have.
     """

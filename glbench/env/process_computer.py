@@ -1,8 +1,7 @@
 """The process computer: set points in physical units, and the rules by which it works boiler, vents, CO2, lamps and screens.
 
 The rules are written once, as arithmetic on arrays or CasADi's expressions; ``glbench.env.program`` records them. Formulae, units and
-defaults of the settings: docs/process-computer.md. What the computer measures it is given, so that sensors may stand between the
-air and what is read of it.
+defaults of the settings: docs/process-computer.md. The measurements are arguments, so that they can be those of sensors that err.
 """
 
 from __future__ import annotations
@@ -101,12 +100,12 @@ def work(
     measured
         What the computer measures.
     memory
-        What it remembers, by the names of ``MEMORY``.
+        Its memory, by the names of ``MEMORY``.
 
     Returns
     -------
     controls, memory
-        New controls of those that the task grants, and what is remembered.
+        New values of the granted controls, and the memory for the next step.
     """
     return _Step(task, task.actuation.process_computer, set_points, controls, measured, memory).run()
 
@@ -142,7 +141,7 @@ class _Step:
             self.too_humid = share(set_points[HUMIDITY] - measured.humidity_deficit, 0.0, settings.humidity_band)
 
     def run(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """All granted controls, and what is remembered; a rule that steers nothing granted is left out."""
+        """All granted controls, and the memory for the next step; rules of controls that are not granted are left out."""
         moved: dict[str, Any] = {}
         for name, rule in (
             (BOILER, self._boiler), (VENTS, self._vents), (LAMPS, self._lamps), (SCREEN, self._screen),
@@ -206,7 +205,7 @@ class _Step:
         return np.maximum(heat, least * self.too_humid * dim)
 
     def _vents(self) -> Any:
-        """Open for temperature or humidity, whichever asks for more, and slowly: a little vent cools much more than a little."""
+        """The larger of the openings for temperature and humidity, approached slowly: a small opening cools a lot."""
         s, air_temperature = self.s, self.measured.air_temperature
         warm = share(air_temperature, self.heating - s.vent_gap_cold, self.heating)
         cold = np.maximum(s.ventilation_band_below - self.measured.outdoor_temperature, 0.0)

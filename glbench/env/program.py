@@ -95,7 +95,7 @@ def calendar_columns(task: TaskSpec) -> int:
 
 @lru_cache(maxsize=8)
 def _shipped(task: TaskSpec) -> tuple[tuple[Program, PythonParts], WeatherPool]:
-    """With the pool that the program reads: as long as the program is remembered, nobody makes another one for the task."""
+    """With the pool that the program reads: as long as the program is cached, the task has no other pool."""
     scenarios = RunScenarios(task)
     return _program(task, scenarios), scenarios.pool
 
@@ -196,7 +196,7 @@ def _true_air(task: TaskSpec, recorder: Recorder, moment: Literal["before", "aft
 def _outcome(
     task: TaskSpec, scenarios: RunScenarios, update: Recorder
 ) -> tuple[Tape, tuple[Lookup, ...], int, Any, Any]:
-    """The tape after the step, what is looked up besides, how many columns are observed; reward and observations that are Python.
+    """The tape after the step, the lookups, the number of observed columns, and the reward and observations that are Python.
 
     What the observation keeps for the next step is recorded in ``update``.
     """

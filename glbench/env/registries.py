@@ -1,4 +1,4 @@
-"""Registries of the parts an environment is composed of: a name in a task file and what makes the part."""
+"""Registries of the parts of an environment: their names in task files, and functions that make them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rewards: small named parts that a task adds up.
+"""Rewards: the sum of named parts.
 
 A part is made once for a task and then called in every step with a ``StepOutcome``. The reward of a step is the sum of the
 task's parts, in the task's order. To add one, write a function that makes it and register it under a name:
@@ -94,7 +94,7 @@ def make_reward(task: TaskSpec, accounts: Accounts) -> RewardPart:
 
 
 def _part(task: TaskSpec, name: str, accounts: Accounts) -> RewardPart:
-    """A part of the reward; one that somebody registered refuses to return what is not a reward of each run."""
+    """A part of the reward; the result of a registered one must have one number a run."""
     part = REWARDS[name](task, accounts)
     if REWARDS.recorded(name):
         return part

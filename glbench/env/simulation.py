@@ -1,4 +1,4 @@
-"""``n`` runs of one task in lockstep: the one implementation behind environment, vector environment and evaluation."""
+"""``n`` runs of one task in lockstep: behind the environment, the vector environment and the evaluation."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class StepResult:
 
 
 def check_runs(n: int) -> None:
-    """Refuse what is not a number of runs.
+    """Refuse an impossible number of runs.
 
     Raises
     ------
@@ -149,7 +149,7 @@ class Simulation:
         self.n = n
         self.p_nominal = task.parameters()
         self.accounts = make_accounts(task)
-        make_program(task)  # raises for a part that the task names and nobody made, or that does not fit it
+        make_program(task)  # raises for an unknown part, or one that does not fit the task
         self.scenarios = RunScenarios(task)
         self.seeds = read_only(np.zeros(n, dtype=np.uint64))
         self.over = 0
@@ -505,7 +505,7 @@ class Simulation:
 
 
 def _split(task: TaskSpec) -> str:
-    """What of a task decides, besides its digest and a seed, which scenario a run is in."""
+    """What determines the scenario of a run besides the digest of the task and the seed."""
     if not task.sealed:
         return task.split or ""
     return f"{task.split}, secret salt {hashlib.sha256(task.sealed.encode('utf-8')).hexdigest()[:16]}"

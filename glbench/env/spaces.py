@@ -150,7 +150,7 @@ def checked_seed(seed: object) -> int:
         When it is not a whole number from 0 to 2**64 - 1.
     """
     try:
-        number = -1 if isinstance(seed, bool) else index(seed)  # type: ignore[arg-type]  # raises for what is no integer
+        number = -1 if isinstance(seed, bool) else index(seed)  # type: ignore[arg-type]  # raises if it is no integer
     except TypeError:
         number = -1
     if not 0 <= number <= LARGEST_SEED:
@@ -160,12 +160,12 @@ def checked_seed(seed: object) -> int:
 
 
 def draw_seed(generator: np.random.Generator) -> int:
-    """The seed of an episode that was not given one."""
+    """A random seed for an episode."""
     return int(generator.integers(DRAWN_BELOW))
 
 
 def no_generators() -> NDArray[np.uint64]:
-    """What a snapshot holds where no environment draws seeds: ``(0, 6)``."""
+    """Generators of a snapshot whose seeds no environment draws: ``(0, 6)``."""
     return np.empty((0, GENERATOR_WORDS), dtype=np.uint64)
 
 

@@ -210,8 +210,16 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         if self._camera is not None:
             self._camera.follow(result, np.flatnonzero(~over).tolist())
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self.simulation.over:
-            observations, info = self._reset_at_once(result)
-            terminated = result.terminated.copy()
+            ended = result.terminated  # new episodes in these rows, the end of the old ones in the info
+            final = self._info.masked(self._info.columns(self.simulation, result), ended, ended)
+            add_failures(final, result)
+            last = {row: self._normalise(result.observations[row]) for row in np.flatnonzero(ended).tolist()}
+            observations = self._start(np.flatnonzero(ended))
+            everywhere = np.ones(self.num_envs, dtype=np.bool_)
+            info = self._info.masked(self._info.columns(self.simulation, result), everywhere, ~ended)
+            add_objects(info, "final_obs", last, self.num_envs)
+            info["final_info"], info["_final_info"] = final, ended.copy()
+            terminated = ended.copy()
         else:
             terminated = result.terminated & ~over if any_over else result.terminated.copy()
             observations = self._start(np.flatnonzero(over)) if any_over else result.observations
@@ -293,16 +301,3 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
     def _reset_info(self, rows: NDArray[np.bool_]) -> dict[str, Any]:
         """Info of ``rows``, which begin an episode."""
         return self._info.masked(self._info.columns(self.simulation, None), rows, rows)
-
-    def _reset_at_once(self, result: StepResult) -> tuple[Observations, dict[str, Any]]:
-        """Mode ``SAME_STEP``: new episodes in the rows that ended, the end of the old ones in the info."""
-        ended = result.terminated
-        final = self._info.masked(self._info.columns(self.simulation, result), ended, ended)
-        add_failures(final, result)
-        last = {row: self._normalise(result.observations[row]) for row in np.flatnonzero(ended).tolist()}
-        observations = self._start(np.flatnonzero(ended))
-        everywhere = np.ones(self.num_envs, dtype=np.bool_)
-        info = self._info.masked(self._info.columns(self.simulation, result), everywhere, ~ended)
-        add_objects(info, "final_obs", last, self.num_envs)
-        info["final_info"], info["_final_info"] = final, ended.copy()
-        return observations, info

@@ -53,7 +53,7 @@ class WeatherTables:
     ``published``: the same with vapour pressure [Pa] and CO2 density [mg m-3].
     ``clock``: sine and cosine of the hour of day, then of the day of year, by row of the calendar.
     ``forecast``: the forecast by the hour, a row for each hour of the pool; without columns where a task has none.
-    ``prices``, ``day_ahead``: prices of now and of coming hours, by row of the calendar; without rows where nobody sees them.
+    ``prices``, ``day_ahead``: prices of now and of coming hours, by row of the calendar; without rows if they are not observed.
     """
 
     measured: NDArray[np.float32]
@@ -82,7 +82,7 @@ class SeasonPrices:
     every
         Steps an hour.
     widths
-        Width of the table of prices of now, and of that of coming hours: 0 for what nobody sees.
+        Width of the table of prices of now, and of that of coming hours: 0 if it is not observed.
     by_season
         Whether each season has prices of its own.
     """
@@ -160,7 +160,7 @@ class SeasonPrices:
         times: NDArray[np.datetime64],
         hour_of_day: Floats,
     ) -> None:
-        """Write what is seen of a season's prices into the rows ``at`` of the tables that ``room`` gave."""
+        """Write the observed prices of a season into the rows ``at`` of the tables of ``room``."""
         now, coming = tables
         if len(now):
             now[at] = prices
@@ -196,7 +196,7 @@ class WeatherPool:
     days
         Days of a run's sequence: those of the episode, and those that the observation at its end and a forecast reach.
     tables
-        What is observed of the weather.
+        Observed columns.
     """
 
     values: Floats
@@ -246,7 +246,7 @@ class WeatherPool:
 
 
 _ALIVE: WeakValueDictionary[TaskSpec, WeatherPool] = WeakValueDictionary()
-"""Every pool that somebody holds: a season that is made must be seen by all programs and runs of the task."""
+"""Pools in use: a generated season must be visible to all programs and runs of the task."""
 _LOCK = Lock()
 
 
@@ -276,7 +276,7 @@ def _make_pool(task: TaskSpec) -> WeatherPool:
     of_seasons = priced if generated is not None and priced.by_season else None
     if generated is not None:
         rows = generated.seasons * days * day
-        values = np.zeros((rows, len(COLUMNS)))  # the operating system gives memory to what is written
+        values = np.zeros((rows, len(COLUMNS)))  # takes no memory until it is written
         measured, published = (np.zeros((rows, 5), np.float32) for _ in range(2))
         maker = SeasonMaker(task, times[0])
         if of_seasons is not None:  # a calendar for each season, whose prices come with its weather
@@ -339,7 +339,7 @@ def _room(forecast: ForecastTable | None, rows: int) -> NDArray[np.float32]:
 
 
 def _measured(values: Floats) -> Floats:
-    """What is measured of some rows of weather ``(rows, 5)``."""
+    """Measured columns of some rows of weather ``(rows, 5)``."""
     air = read_air(values[:, _TEMPERATURE], values[:, _CO2], values[:, _PRESSURE])
     return np.stack([values[:, _RADIATION], air[0], air[2], air[1], values[:, _WIND]], axis=1)
 
