@@ -162,16 +162,18 @@ def step_quantities(
     )
     sides = (("low", "below"), ("high", "above"))
 
-    def known(name: str, **words: str) -> StepQuantity:
+    def of_catalogue(name: str, **words: str) -> StepQuantity:
         return StepQuantity(name, words.get("unit", STEP[name].unit), words.get("meaning", STEP[name].meaning))
 
     return (
-        known("reward", unit=reward_unit),
+        of_catalogue("reward", unit=reward_unit),
         StepQuantity("epi", MONEY, profit),
         *(StepQuantity(item.name, item.unit, _money_words(item)) for item in (*earned, *paid)),
-        known("penalty", **({key: STEP["penalty"].priced[key] for key in ("unit", "meaning")} if priced else {})),
+        of_catalogue(
+            "penalty", **({key: STEP["penalty"].priced[key] for key in ("unit", "meaning")} if priced else {})
+        ),
         *(StepQuantity(name, item.amount_unit, item.amount_meaning or item.label) for name, item in amounts.items()),
-        *([known(TRAVEL)] if travel else []),
+        *([of_catalogue(TRAVEL)] if travel else []),
         *(
             StepQuantity(
                 f"{VIOLATION}{name}_{side}",

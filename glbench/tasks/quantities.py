@@ -224,11 +224,13 @@ def of_model(module: str) -> QuantityTable:
 
     def columns(context: ObservationContext) -> tuple[Quantity, ...]:
         model = context.model
-        seen = model.observed(module, context.horizon)
-        if seen is None:
+        shown_columns = model.observed(module, context.horizon)
+        if shown_columns is None:
             msg = f"{model.id} has no observation module '{module}'.{did_you_mean(module, model.observation_modules)}"
             raise UnknownNameError(msg)
-        return tuple(Quantity(column.name, column.unit, column.low, column.high, column.meaning) for column in seen)
+        return tuple(
+            Quantity(column.name, column.unit, column.low, column.high, column.meaning) for column in shown_columns
+        )
 
     return columns
 
@@ -285,17 +287,17 @@ def switches(context: ObservationContext) -> tuple[Quantity, ...]:
             "hold_minutes."
         )
         raise UnknownNameError(msg)
-    known = {c.name: c for c in capacities(context.model, context.parameters)}
+    by_name = {c.name: c for c in capacities(context.model, context.parameters)}
     return tuple(
         Quantity(
-            f"{known[name].quantity}_locked",
+            f"{by_name[name].quantity}_locked",
             "min",
             0.0,
             minutes,
-            f"time until it may be switched: {known[name].meaning}",
+            f"time until it may be switched: {by_name[name].meaning}",
         )
         for name, minutes in context.holds
-        if name in known  # else the task says that there is no such control
+        if name in by_name  # else the task says that there is no such control
     )
 
 
@@ -311,11 +313,11 @@ def prices(context: ObservationContext) -> tuple[Quantity, ...]:
 
 def day_ahead_prices(context: ObservationContext) -> tuple[Quantity, ...]:
     """Prices of coming hours, each table for all hours ahead: until midnight as they will be, then as 24 h before."""
-    known = {name: (unit, low, high) for name, unit, low, high in context.prices}
+    tables = {name: (unit, low, high) for name, unit, low, high in context.prices}
     return tuple(
         Quantity(
             f"price_{name}_in_{hour}h",
-            *known[name],
+            *tables[name],
             f"price '{name}' {hour} h ahead; after midnight that of 24 h before",
         )
         for name in context.day_ahead
