@@ -24,17 +24,7 @@ from glbench.evaluation.records import FreshDraws, RunResult, current_versions, 
 from glbench.evaluation.rollout import RunTotals
 from glbench.kernel import Kernel, available
 from glbench.tasks import Round, TaskSpec
-from glbench.verification.documents import (
-    check_seeds,
-    check_setting,
-    check_sums,
-    compare_episode,
-    find_task,
-    read_episodes,
-    read_record,
-    read_result,
-    with_its_draws,
-)
+from glbench.verification import documents
 from glbench.verification.proof import (
     CHAOS,
     TOLERANCE,
@@ -86,7 +76,7 @@ def verify(
     """
     path = Path(path)
     try:
-        result = read_result(path)
+        result = documents.read_result(path)
         folder = (episodes or episodes_folder(path), episodes is not None)
         runs = _reproduced(path, result, task, sealed, folder, workers, progress)
         if result.fresh_draws is not None:
@@ -148,10 +138,10 @@ def _reproduced(
 
     ``episodes``: a folder, and whether it must contain episodes.
     """
-    log = read_record(path, result)
-    spec = with_its_draws(result, find_task(result, log, file), sealed)
-    notes = check_seeds(result, spec)
-    check_setting(result, log, spec)
+    log = documents.read_record(path, result)
+    spec = documents.with_its_draws(result, documents.find_task(result, log, file), sealed)
+    notes = documents.check_seeds(result, spec)
+    documents.check_setting(result, log, spec)
     units = units_of(spec)
     unknown = sorted(set(result.units) - set(units))
     if unknown:
@@ -172,7 +162,7 @@ def _reproduced(
     whole, complaint = [], None
     if episodes is not None:
         try:
-            whole = read_episodes(episodes[0], log, required=episodes[1])
+            whole = documents.read_episodes(episodes[0], log, required=episodes[1])
         except Refused as refused:
             complaint = refused  # counts only when the result itself is right
     profiled = _profile_is_there(path, result, spec)
@@ -183,7 +173,7 @@ def _reproduced(
     agreement = _agreement(result, spec, log, again)
     same = agreement.exact or again.has_same_arithmetic(log)
     _refuse(agreement, same_arithmetic=same, origin=origin)
-    check_sums(result, log, spec)
+    documents.check_sums(result, log, spec)
     for claimed, run in zip(result.runs, again.runs, strict=True):
         differs = (claimed.status, claimed.steps) != (run.status, run.steps)
         if differs or (agreement.exact and claimed.reason != run.reason):
@@ -197,7 +187,7 @@ def _reproduced(
     for row, episode in whole:
         assert again.trace is not None
         replayed = again.trace.episode(spec, row, log.provenance, log.runs[row], log.actions[:, row])
-        agreement = compare_episode(agreement, episode, replayed)
+        agreement = documents.compare_episode(agreement, episode, replayed)
     _refuse(agreement, same_arithmetic=same, origin=origin)
     profiled = profiled and agreement.exact
     if profiled and result.profile is not None:
@@ -275,7 +265,7 @@ def _stay_sealed(
     path: Path, result: Result, log: ActionLog, spec: TaskSpec, workers: int | None, progress: Progress | None
 ) -> NoReturn:
     """End the verification of a result whose draws are secret; ``spec`` has the public ones, with which it must not be reproduced."""
-    check_sums(result, log, spec)
+    documents.check_sums(result, log, spec)
     _profile_is_there(path, result, spec)
     scenario = spec.scenario
     # Whether runs draw numbers, which another salt changes, rather than one of a few seasons and days.

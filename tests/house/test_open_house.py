@@ -12,17 +12,13 @@ import glbench
 from glbench.model import registered_models
 
 PACKAGE = Path(glbench.__file__).parent
-# The rule-based controller of the paper reads the true state; its file is covered by the agent's digest and never changes.
-PINNED = {PACKAGE / "agents" / "rule_based.py"}
-ABOVE = [
-    path
-    for path in sorted(PACKAGE.rglob("*.py"))
-    if "model" not in path.relative_to(PACKAGE).parts[:1] and path not in PINNED
-]
+ABOVE = [path for path in sorted(PACKAGE.rglob("*.py")) if "model" not in path.relative_to(PACKAGE).parts[:1]]
 # Names that are words as well.
 WORDS = {"time", "g", "L", "R", "S", "H", "eps", "alpha", "theta", "sigma", "pressure"}
 # Examples in what a message says is allowed.
 EXAMPLES = {"tasks/tables.py": {"uVent", "cFruit"}}
+# The rule-based controller of the paper reads the true state and the disturbances.
+PRIVILEGED = {"agents/rules.py": {"tAir", "vpAir", "co2Air"}}
 # `glbench validate` sets one model against measurements: its lamps, the crop that was planted, the air, the pipes and the harvest.
 MEASURED = {
     "realism/houses.py": {"thetaLampMax", "etaLampCool", "etaLampPar", "zetaLampPar", "cFruitMax"},
@@ -55,7 +51,8 @@ def test_no_file_above_the_model_names_or_counts_its_variables(path: Path) -> No
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     }
 
-    named = (EXAMPLES | MEASURED).get(path.relative_to(PACKAGE).as_posix(), set())
+    named = (EXAMPLES | PRIVILEGED | MEASURED).get(path.relative_to(PACKAGE).as_posix(), set())
     assert literals & names_of_models() <= named
-    assert not GLOBALS.search(text)
-    assert not COUNTS.search(text)
+    if path.relative_to(PACKAGE).as_posix() not in PRIVILEGED:
+        assert not GLOBALS.search(text)
+        assert not COUNTS.search(text)
