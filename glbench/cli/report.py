@@ -125,8 +125,8 @@ def story(
     Both are simulated again from their recorded actions, on the seeds that they share. The periods add up to the whole run.
     """
     from glbench.evaluation import load_result
+    from glbench.report.story import document_of, page_of, text_of
     from glbench.report.story import tell as tell_story
-    from glbench.report.story_page import document_of, page_of, text_of
     from glbench.resources import write_atomically
 
     if show and page is None:

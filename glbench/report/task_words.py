@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from statistics import fmean
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from zoneinfo import ZoneInfo
 
 from glbench.errors import GlbenchError
@@ -23,21 +23,15 @@ from glbench.tasks import (
     PREPROCESSINGS,
     REWARD_MODULES,
     Capacity,
-    LedgerItem,
     PriceTable,
     Registry,
-    Scenario,
     TaskCard,
     TaskSpec,
     task_card,
 )
-from glbench.tasks.inheritance import Change
 from glbench.tasks.ledger import FLOW, LIMITED, VIOLATION_PRICES
-from glbench.tasks.tables import ForecastTable, SensorsTable, SplitsTable, SplitTable
+from glbench.tasks.tables import ForecastTable, SplitsTable, SplitTable
 from glbench.tasks.vocabulary import FORECAST_ERRORS
-
-if TYPE_CHECKING:
-    from glbench.env.accounts import Accounts
 
 _MOST_ROWS, _FIRST_ROWS = 64, 40
 
@@ -60,27 +54,21 @@ def definition_in_words(task: TaskSpec) -> Iterator[Section]:
     except GlbenchError:
         card = None
     if task.base is not None:
-        yield Section(f"Based on {task.base}, changed:", [_change(one) for one in task.changes])
+        changes = [
+            f"{one.key} is left out (there {one.before})"
+            if one.value is None
+            else f"{one.key} = {one.value} ({f'there {one.before}' if one.before else 'not there'})"
+            for one in task.changes
+        ]
+        yield Section(f"Based on {task.base}, changed:", changes)
     yield Section("Period and place", _period(task, card))
     if task.splits is not None:
         yield Section("Seasons", list(_splits(task, task.splits)))
-    yield Section("Greenhouse and crop", _greenhouse(task))
-    if task.sensors is not None:
-        yield Section("Sensors inside; what is judged is the truth", list(_sensors(task.sensors)))
+    yield from _greenhouse(task)
     if card is not None:
-        yield _observations(card, _forecast(task))
-        yield _actions(task, card)
-        if card.constraints:
-            yield _constraints(task, card, catalogue(task).limits)
-    yield _prices(task)
-    yield Section("Reward of a step", _reward(task))
-    yield Section("Evaluation", _evaluation(task))
-
-
-def _change(change: Change) -> str:
-    if change.value is None:
-        return f"{change.key} is left out (there {change.before})"
-    return f"{change.key} = {change.value} ({f'there {change.before}' if change.before else 'not there'})"
+        yield from _interface(task, card)
+    yield from _money(task, card)
+    yield from _scoring(task)
 
 
 def figures(task: TaskSpec) -> dict[str, Any]:
@@ -91,8 +79,16 @@ def figures(task: TaskSpec) -> dict[str, Any]:
     """
     from glbench.env.accounts import make_accounts
 
-    accounts, labels = make_accounts(task), catalogue(task).limits
-    scale = task.penalty_scales
+    accounts, labels, scale = make_accounts(task), catalogue(task).limits, task.penalty_scales
+    scaled: dict[str, Any] = {}  # what ``scaled_epi`` is made of at other prices
+    if "scaled_epi" in task.reward.modules and accounts.stated_bounds is not None:
+        scaled = {"stated_scale": list(accounts.stated_bounds)}
+    elif "scaled_epi" in task.reward.modules:
+        paid, earned = ([item.name for item in side] for side in (accounts.ledger.paid, accounts.ledger.earned))
+        scaled = {
+            "full_use": dict(zip(paid, accounts.full_use.tolist(), strict=True)),
+            "full_growth": dict(zip(earned, accounts.full_growth.tolist(), strict=True)),
+        }
     return {
         "limits": [
             {
@@ -112,23 +108,9 @@ def figures(task: TaskSpec) -> dict[str, Any]:
         },
         "beyond": {item.name: [item.beyond.amount, item.beyond.price] for item in task.ledger.items if item.beyond},
         "reward_modules": list(task.reward.modules),
-        **_scaled(task, accounts),
+        **scaled,
         "failed_step": task.evaluation.failed_step.model_dump(),
     }  # fmt: skip
-
-
-def _scaled(task: TaskSpec, accounts: Accounts) -> dict[str, Any]:
-    """What ``scaled_epi`` is made of at other prices, in tasks that have it."""
-    if "scaled_epi" not in task.reward.modules:
-        return {}
-    if accounts.stated_bounds is not None:
-        return {"stated_scale": list(accounts.stated_bounds)}
-    paid = [item.name for item in accounts.ledger.paid]
-    earned = [item.name for item in accounts.ledger.earned]
-    return {
-        "full_use": dict(zip(paid, accounts.full_use.tolist(), strict=True)),
-        "full_growth": dict(zip(earned, accounts.full_growth.tolist(), strict=True)),
-    }
 
 
 def clock_of(task: TaskSpec) -> str:
@@ -178,25 +160,26 @@ def _or(others: Sequence[str], last: str) -> str:
     return f"{', '.join(others)} or {last}" if others else last
 
 
-def _drawn_period(task: TaskSpec) -> bool:
-    return task.splits is not None or len(task.scenario.seasons) > 1 or task.scenario.start_within_days > 0
-
-
 def _period(task: TaskSpec, card: TaskCard | None) -> list[str]:
     weather, end = task.weather, task.weather.start + dt.timedelta(days=task.weather.days)
-    clock = "" if card is None else f", clock {card.clock}{_local(card, end)}"
-    place = "not installed here"
+    scenario, clock, place = task.scenario, "", "not installed here"
     if card is not None:
-        at = card.place
+        at, clock = card.place, f", clock {card.clock}"
+        if card.clock == "UTC" != at.timezone:  # how far the grower's own clock is ahead
+            zone = ZoneInfo(at.timezone)
+            moments = (dt.datetime.combine(date, dt.time(), dt.UTC) for date in (card.start, end))
+            shifts = dict.fromkeys(
+                (moment.astimezone(zone).utcoffset() or dt.timedelta()) / dt.timedelta(hours=1) for moment in moments
+            )
+            clock += f" ({at.timezone} is UTC{' and later UTC'.join(f'{hours:+g} h' for hours in shifts)})"
         north, east = ("N" if at.latitude >= 0 else "S"), ("E" if at.longitude >= 0 else "W")
         place = f"{at.station}, {abs(at.latitude):g} {north}, {abs(at.longitude):g} {east}, {at.altitude:g} m"
     when = f"{weather.days} days, from {day(weather.start)} 00:00 to {day(end)} 00:00"
-    if _drawn_period(task):
-        scenario = task.scenario
-        varies = len(scenario.seasons) > 1 or scenario.start_within_days > 0
-        drawn = "another for every season" if scenario.generated else "drawn evenly" if varies else "the same"
-        when = f"{period(task)}, {drawn}{'' if scenario.generated else ' for every run'}"
-    between = task.scenario.generated.co2_range if task.scenario.generated is not None else None
+    varies = len(scenario.seasons) > 1 or scenario.start_within_days > 0
+    if varies or task.splits is not None:
+        choice = "another for every season" if scenario.generated else "drawn evenly" if varies else "the same"
+        when = f"{period(task)}, {choice}{'' if scenario.generated else ' for every run'}"
+    between = scenario.generated.co2_range if scenario.generated is not None else None
     co2 = f"{weather.co2_ppm:g} ppm" if between is None else f"wanders between {between[0]:g} and {between[1]:g} ppm"
     return [
         f"{when}{clock}; one decision every {minutes(task.step_seconds)}, {task.steps} in all.",
@@ -212,74 +195,29 @@ _FOR: Mapping[str, str] = MappingProxyType(
 
 def _splits(task: TaskSpec, splits: SplitsTable) -> Iterator[str]:
     """What each split is for, of which years it is made, and how many seasons it has."""
-    seen: set[tuple[int, ...]] = set()
+    listed: set[tuple[int, ...]] = set()
     for name in splits.names:
         split: SplitTable = getattr(splits, name)
         *others, last = [str(year) for year in split.years]
         years = f"{', '.join(others)} and {last}" if others else last
         if task.scenario.generated is None:
-            made = f"the seasons of {years}"
+            seasons = f"the seasons of {years}"
         else:
-            other = "other " if split.years in seen else ""
-            made = (
+            other = "other " if split.years in listed else ""
+            seasons = (
                 f"{split.seasons} {other}season{'s' if split.seasons != 1 else ''}, put together from days of {years}"
             )
-        seen.add(split.years)
-        yield f"{_FOR[name]}: {made}."
+        listed.add(split.years)
+        yield f"{_FOR[name]}: {seasons}."
     if task.scenario.generated is not None:
         yield "Weather, first day, CO2 outside and forecast errors belong to the season; all else that is drawn belongs to the run."
     if splits.training is None:
         yield f"Nothing can be learned here: agents come from {task.base or 'another task'}."
 
 
-def _sensors(sensors: SensorsTable) -> Iterator[str]:
-    """What each sensor is off by."""
-    for name, sensor in sensors.items():
-        unit, label = LIMITED[name], f"{name.replace('_', ' ')}:".capitalize().replace("Co2", "CO2")
-        errors = [
-            f"{word} {value:g} {unit}{more}"
-            for word, value, more in (
-                ("noise", sensor.noise, " at every step"),
-                (
-                    "bias",
-                    sensor.bias,
-                    " for a run (both standard deviations)" if sensor.noise else " for a run (standard deviation)",
-                ),
-                ("drift of up to", sensor.drift, " by the end"),
-            )
-            if value
-        ]
-        yield f"{label} {', '.join(errors) or 'no error'}."
-    if sensors.dropouts is not None:
-        out = sensors.dropouts
-        yield f"Each hangs at its last value every {out.days_between:g} days for {out.hours:g} h, both on average."
-
-
-def _forecast(task: TaskSpec) -> list[str]:
-    """The forecast that is shown."""
-    hours, table = task.observation.forecast_hours, task.observation.forecast
-    if not hours or not isinstance(table, ForecastTable):
-        return []
-    error = table.error
-    return [
-        f"Forecast by the hour, {', '.join(map(str, hours))} h ahead; errors '{error}': {FORECAST_ERRORS[error].meaning}."
-    ]
-
-
-def _local(card: TaskCard, end: dt.date) -> str:
-    """How far the grower's own clock is ahead where the task's is UTC."""
-    if card.clock != "UTC" or card.place.timezone == "UTC":
-        return ""
-    zone = ZoneInfo(card.place.timezone)
-    moments = (dt.datetime.combine(date, dt.time(), dt.UTC) for date in (card.start, end))
-    shifts = dict.fromkeys(
-        (moment.astimezone(zone).utcoffset() or dt.timedelta()) / dt.timedelta(hours=1) for moment in moments
-    )
-    return f" ({card.place.timezone} is UTC{' and later UTC'.join(f'{hours:+g} h' for hours in shifts)})"
-
-
-def _greenhouse(task: TaskSpec) -> list[str]:
-    names, uncertainty = task.uncertain_parameters(), task.uncertainty
+def _greenhouse(task: TaskSpec) -> Iterator[Section]:
+    """The model with its parameters and start, what of it a run draws, and what each sensor is off by."""
+    names, uncertainty, scenario = task.uncertain_parameters(), task.uncertainty, task.scenario
     lines = [
         *([f"Model {task.model_id}."] if task.conventions.names_model else []),
         f"Parameter set '{task.model.parameters}'; {_meaning(MODEL_VARIANTS, task.model.variant)}.",
@@ -287,16 +225,45 @@ def _greenhouse(task: TaskSpec) -> list[str]:
         f"Start: {_meaning(INITIAL_STATES, task.initial.kind)} ({task.initial.air_temperature:g} degC), all controls at 0.",
     ]
     if not task.conventions.shows_delta:
-        return [*lines, *_scenario(task.scenario)]
-    if uncertainty.half_width == 0.0:
-        return [*lines, "Nothing is uncertain: the parameters keep their nominal values."]
-    moment = "at every step" if uncertainty.redraw == "step" else "once an episode"
-    return [
-        *lines,
-        f"Uncertain: {moment} each of {len(names)} parameters is its nominal value times 1 + e, e {uncertainty.distribution} "
-        f"within ±{100 * uncertainty.half_width:g} % and different for each.",
-        f"These are {', '.join(names)}.",
-    ]
+        lines.append(f"Random numbers of the family '{scenario.family}'.")
+        if len({season.source for season in scenario.seasons}) > 1:
+            days = ", ".join(f"{season.start} ({season.source})" for season in scenario.seasons)
+            lines.append(f"A run's season is one of {len(scenario.seasons)}, drawn evenly: {days}.")
+        lines += [
+            f"Uncertain, drawn {_WHEN[group.redraw]}, '{group.name}' ({group.distribution}, ±{100 * group.half_width:g} %): "
+            f"{', '.join(group.parameters)}."
+            for group in scenario.groups
+        ]
+        lines += [
+            f"Drawn at the start, '{start.name}' ({start.distribution}, ±{100 * start.half_width:g} %): {', '.join(start.states)}."
+            for start in scenario.start_groups
+        ]
+    elif uncertainty.half_width == 0.0:
+        lines.append("Nothing is uncertain: the parameters keep their nominal values.")
+    else:
+        moment = "at every step" if uncertainty.redraw == "step" else "once an episode"
+        lines += [
+            f"Uncertain: {moment} each of {len(names)} parameters is its nominal value times 1 + e, e {uncertainty.distribution} "
+            f"within ±{100 * uncertainty.half_width:g} % and different for each.",
+            f"These are {', '.join(names)}.",
+        ]
+    yield Section("Greenhouse and crop", lines)
+    if task.sensors is not None:
+        lines = []
+        for name, sensor in task.sensors.items():
+            label = f"{name.replace('_', ' ')}:".capitalize().replace("Co2", "CO2")
+            for_a_run = "both standard deviations" if sensor.noise else "standard deviation"
+            parts = (
+                ("noise", sensor.noise, " at every step"),
+                ("bias", sensor.bias, f" for a run ({for_a_run})"),
+                ("drift of up to", sensor.drift, " by the end"),
+            )
+            errors = [f"{word} {value:g} {LIMITED[name]}{more}" for word, value, more in parts if value]
+            lines.append(f"{label} {', '.join(errors) or 'no error'}.")
+        if (out := task.sensors.dropouts) is not None:
+            every = f"every {out.days_between:g} days for {out.hours:g} h"
+            lines.append(f"Each hangs at its last value {every}, both on average.")
+        yield Section("Sensors inside; what is judged is the truth", lines)
 
 
 def _meaning(words: Registry[Any], name: str) -> str:
@@ -307,134 +274,92 @@ def _meaning(words: Registry[Any], name: str) -> str:
 _WHEN: Mapping[str, str] = MappingProxyType({"step": "at every step", "day": "every day", "episode": "once a run"})
 
 
-def _scenario(scenario: Scenario) -> list[str]:
-    """What a run draws, in words."""
-    lines = [f"Random numbers of the family '{scenario.family}'."]
-    if len({season.source for season in scenario.seasons}) > 1:
-        days = ", ".join(f"{season.start} ({season.source})" for season in scenario.seasons)
-        lines.append(f"A run's season is one of {len(scenario.seasons)}, drawn evenly: {days}.")
-    lines += [
-        f"Uncertain, drawn {_WHEN[group.redraw]}, '{group.name}' ({group.distribution}, ±{100 * group.half_width:g} %): "
-        f"{', '.join(group.parameters)}."
-        for group in scenario.groups
-    ]
-    return lines + [
-        f"Drawn at the start, '{start.name}' ({start.distribution}, ±{100 * start.half_width:g} %): {', '.join(start.states)}."
-        for start in scenario.start_groups
-    ]
-
-
-def _observations(card: TaskCard, lines: Sequence[str]) -> Section:
+def _interface(task: TaskSpec, card: TaskCard) -> Iterator[Section]:
+    """What the agent sees, and what it does."""
     count = len(card.observations)
-    shown = card.observations if count <= _MOST_ROWS else card.observations[:_FIRST_ROWS]
+    first = card.observations if count <= _MOST_ROWS else card.observations[:_FIRST_ROWS]
     rows = [
-        (
-            str(i),
-            one.name,
-            one.unit,
-            f"{one.low:g}",
-            f"{one.high:g}" if one.high < 1e6 else f"{one.high:.2g}",
-            one.meaning,
-        )
-        for i, one in enumerate(shown)
+        (str(i), one.name, one.unit, f"{one.low:g}", f"{one.high:{'g' if one.high < 1e6 else '.2g'}}", one.meaning)
+        for i, one in enumerate(first)
     ]
-    if len(shown) < count:
-        rows.append(("...", f"and {count - len(shown)} more; --json lists all", "", "", "", ""))
+    if len(first) < count:
+        rows.append(("...", f"and {count - len(first)} more; --json lists all", "", "", "", ""))
+    hours, forecast, lines = task.observation.forecast_hours, task.observation.forecast, []
+    if hours and isinstance(forecast, ForecastTable):
+        ahead, error = ", ".join(map(str, hours)), forecast.error
+        lines = [f"Forecast by the hour, {ahead} h ahead; errors '{error}': {FORECAST_ERRORS[error].meaning}."]
     heading = f"What the agent sees: {count} values after every step, float32, in this order"
-    return Section(
-        heading, lines, ("", "Name", "Unit", "Lowest", "Highest", "Meaning"), ("", "Lowest", "Highest"), rows
-    )
-
-
-def _actions(task: TaskSpec, card: TaskCard) -> Section:
-    by_name = {capacity.name: capacity for capacity in card.controls}
+    bounds = ("", "Name", "Unit", "Lowest", "Highest", "Meaning")
+    yield Section(heading, lines, bounds, ("", "Lowest", "Highest"), rows)
+    by_name, heading = {capacity.name: capacity for capacity in card.controls}, "What the agent does"
     words = f"{len(card.actions)} numbers a step, in this order: {ACTUATION_KINDS[card.actuation].meaning}."
-    heading = "What the agent does"
     if any(action.name not in by_name for action in card.actions):
         rows = [
             (str(i), action.name, action.unit, f"{action.lowest:g}", f"{action.highest:g}", action.meaning)
             for i, action in enumerate(card.actions)
         ]
-        return Section(
-            heading, (words,), ("", "Name", "Unit", "Lowest", "Highest", "Meaning"), ("", "Lowest", "Highest"), rows
-        )
-    driven = [action.name for action in card.actions]
+        yield Section(heading, (words,), bounds, ("", "Lowest", "Highest"), rows)
+        return
     rows = []
     for i, action in enumerate(card.actions):
         one = by_name[action.name]
         at_one, most = _delivers(one, 1.0), _delivers(one, card.max_change)
         rows.append((str(i), one.name, one.meaning, f"{action.low:g} to {action.high:g}", at_one, most))
-    rows += [("", name, by_name[name].meaning, "stays at 0", "", "") for name in sorted(by_name.keys() - set(driven))]
-    columns = ("", "Control", "Drives", "Action", "At 1", "Most a step")
-    return Section(heading, (words, *_switched(task)), columns, ("", "At 1", "Most a step"), rows)
-
-
-def _switched(task: TaskSpec) -> list[str]:
-    """Machines that are off or on, one line each."""
-    return [
+    others = by_name.keys() - {action.name for action in card.actions}
+    rows += [("", name, by_name[name].meaning, "stays at 0", "", "") for name in sorted(others)]
+    machines = [
         f"{name} is 0 or {one.lowest:g} to 1"
         + (f", and stays on or off for at least {one.hold_minutes:g} minutes." if one.hold_minutes else ".")
         for name, one in task.on_off.items()
     ]
+    columns = ("", "Control", "Drives", "Action", "At 1", "Most a step")
+    yield Section(heading, (words, *machines), columns, ("", "At 1", "Most a step"), rows)
 
 
 def _delivers(capacity: Capacity, fraction: float) -> str:
     return f"{capacity.at_one * fraction:g}" + (f" {capacity.unit}" if capacity.unit != "-" else "")
 
 
-def _constraints(task: TaskSpec, card: TaskCard, labels: Mapping[str, str]) -> Section:
-    rows = [
-        (
-            labels[one.name],
-            *(f"{value:g} {one.unit}" for value in (one.low, one.high)),
-            f"{one.scale:g} {one.unit}" if one.price is None else f"{one.price:g} {VIOLATION_PRICES[one.name]}",
-        )
-        for one in card.constraints
-    ]
-    cost = "Price of a violation" if task.violation_prices else "Violation that costs 1 a step"
-    judged = "judged by the mean distance in every step" if task.judges_means else "checked after every step"
-    return Section(
-        f"Limits of the climate, {judged}", (), ("Quantity", "Lowest", "Highest", cost), ("Lowest", "Highest"), rows
-    )
-
-
-def _prices(task: TaskSpec) -> Section:
-    labels = {item.money: item.label for item in catalogue(task).items}
-    rows = [
-        (
-            labels[item.name],
-            "earned" if item.sign > 0 else "paid",
-            _price_span(task, item.price)
-            if isinstance(item.price, str)
-            else f"{item.price:g} {_price_of(item)}"
-            + (f", {item.beyond.price:g} beyond {item.beyond.amount:g} {item.amount_unit}" if item.beyond else ""),
-            item.amount_meaning or item.label,
-        )
-        for item in task.ledger.items
-    ]
-    lines = [f"Price '{name}' [{table.unit}]: {_price_words(table)}." for name, table in task.price_tables.items()]
-    return Section("Prices", lines, ("Item", "", "Price", "Amount"), (), rows)
-
-
-def _price_of(item: LedgerItem) -> str:
-    """The unit of a price in words: ``EUR per kg``; ``EUR per m2 and h`` for hourly costs; ``EUR per piece``."""
-    return (
-        f"EUR per {unit_sold(item.amount_unit) or 'piece'}"
-        if "m-2" in item.amount_unit
-        else f"EUR per m2 and {item.amount_unit}"
-    )
+def _money(task: TaskSpec, card: TaskCard | None) -> Iterator[Section]:
+    """Limits of the climate with what their violations cost, and what is earned and paid."""
+    words = catalogue(task)
+    if card is not None and card.constraints:
+        rows: list[tuple[str, ...]] = [
+            (
+                words.limits[one.name],
+                *(f"{value:g} {one.unit}" for value in (one.low, one.high)),
+                f"{one.scale:g} {one.unit}" if one.price is None else f"{one.price:g} {VIOLATION_PRICES[one.name]}",
+            )
+            for one in card.constraints
+        ]
+        cost = "Price of a violation" if task.violation_prices else "Violation that costs 1 a step"
+        how = "judged by the mean distance in every step" if task.judges_means else "checked after every step"
+        columns = ("Quantity", "Lowest", "Highest", cost)
+        yield Section(f"Limits of the climate, {how}", (), columns, ("Lowest", "Highest"), rows)
+    labels, rows = {item.money: item.label for item in words.items}, []
+    for item in task.ledger.items:
+        if isinstance(item.price, str):
+            table = task.price_tables[item.price]
+            by = "hour of the day" if table.hourly else "date" if table.market is None else "hour, with sun and wind"
+            low, high = table.limits
+            price = f"'{item.price}', {low:g} to {high:g} {table.unit} by {by}"
+        else:
+            per = unit_sold(item.amount_unit) or "piece" if "m-2" in item.amount_unit else f"m2 and {item.amount_unit}"
+            beyond = item.beyond and f", {item.beyond.price:g} beyond {item.beyond.amount:g} {item.amount_unit}"
+            price = f"{item.price:g} EUR per {per}{beyond or ''}"
+        side = "earned" if item.sign > 0 else "paid"
+        rows.append((labels[item.name], side, price, item.amount_meaning or item.label))
+    lines = []
+    for name, table in task.price_tables.items():
+        times = f"{table.times:g} times " if table.times != 1.0 else ""
+        plus = f", {'plus' if table.plus > 0 else 'minus'} {abs(table.plus):g}" if table.plus else ""
+        what = f"that of '{table.source}'" if table.source else _entries_of_prices(table)
+        lines.append(f"Price '{name}' [{table.unit}]: {times}{what}{plus}.")
+    yield Section("Prices", lines, ("Item", "", "Price", "Amount"), (), rows)
 
 
 _MOST_POINTS = 12
 """Moments of a series that are listed one by one."""
-
-
-def _price_words(table: PriceTable) -> str:
-    """A price that changes with time, and what is done with it."""
-    times = f"{table.times:g} times " if table.times != 1.0 else ""
-    plus = f", {'plus' if table.plus > 0 else 'minus'} {abs(table.plus):g}" if table.plus else ""
-    what = f"that of '{table.source}'" if table.source else _entries_of_prices(table)
-    return f"{times}{what}{plus}"
 
 
 def _entries_of_prices(table: PriceTable) -> str:
@@ -464,19 +389,12 @@ def _entries_of_prices(table: PriceTable) -> str:
     )
 
 
-def _price_span(task: TaskSpec, name: str) -> str:
-    """From where to where a price of the calendar goes, and by what it changes."""
-    table = task.price_tables[name]
-    when = "hour of the day" if table.hourly else "hour, with sun and wind" if table.market is not None else "date"
-    low, high = table.limits
-    return f"'{name}', {low:g} to {high:g} {table.unit} by {when}"
-
-
 _PRICED_PENALTY = "minus what the violations of the limits cost, each at its price [EUR m-2]"
 
 
-def _reward(task: TaskSpec) -> list[str]:
-    modules = task.reward.modules
+def _scoring(task: TaskSpec) -> Iterator[Section]:
+    """The reward of a step, and how runs are evaluated."""
+    modules, evaluation, words = task.reward.modules, task.evaluation, catalogue(task)
     meanings = {name: REWARD_MODULES[name].meaning for name in modules}
     if task.violation_prices:
         meanings |= {name: _PRICED_PENALTY for name in modules if name == "scaled_penalty"}
@@ -487,29 +405,23 @@ def _reward(task: TaskSpec) -> list[str]:
     if "scaled_epi" in modules:
         from glbench.env.accounts import make_accounts
 
-        accounts, paper = make_accounts(task), task.conventions.paper_words
-        lowest, highest = (
-            (": all that is paid for at its most, no growth", ": growth at the potential rate at 20 degC, nothing used")
-            if paper
-            else ("", "")
-        )
+        accounts, lowest, highest = make_accounts(task), "", ""
+        if task.conventions.paper_words:
+            lowest = ": all that is paid for at its most, no growth"
+            highest = ": growth at the potential rate at 20 degC, nothing used"
         lines += [
             "Scaled EPI = (EPI - lowest) / (highest - lowest), not clipped;",
             f"  lowest {accounts.lowest_epi:.6f} EUR m-2{lowest};",
             f"  highest {accounts.highest_epi:.8f} EUR m-2{highest}.",
         ]
-    return lines
-
-
-def _evaluation(task: TaskSpec) -> list[str]:
-    evaluation, failed, words = task.evaluation, task.evaluation.failed_step, catalogue(task)
-    charged = [
-        f"{words.metrics[name].words} {value:g} {unit}".rstrip(" -")
-        for name, value in (("reward", failed.reward), ("epi", failed.epi), ("penalty", failed.penalty))
-        for unit in [words.metrics[name].unit]
+    yield Section("Reward of a step", lines)
+    charges = [
+        f"{words.metrics[name].words} {getattr(evaluation.failed_step, name):g} {words.metrics[name].unit}".rstrip(" -")
+        for name in ("reward", "epi", "penalty")
     ]
-    return [
+    lines = [
         f"{evaluation.runs} runs with the seeds {evaluation.seeds[0]} to {evaluation.seeds[-1]}. "
         f"Ranked by {evaluation.metric}: {METRICS[evaluation.metric].meaning}.",
-        f"Each missing step of a run that fails counts as {', '.join(charged)}.",
+        f"Each missing step of a run that fails counts as {', '.join(charges)}.",
     ]
+    yield Section("Evaluation", lines)

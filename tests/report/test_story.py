@@ -12,8 +12,20 @@ from typer.testing import CliRunner
 from glbench.cli.app import app
 from glbench.errors import ResultError
 from glbench.evaluation import evaluate, load_result
-from glbench.report.story import BRIGHT_DAYS, DULL_DAYS, parts_of, periods_of, tell
-from glbench.report.story_page import document_of, headline, ledger_table, page_of, paragraphs, text_of, week_table
+from glbench.report.story import (
+    BRIGHT_DAYS,
+    DULL_DAYS,
+    document_of,
+    headline,
+    ledger_table,
+    page_of,
+    paragraphs,
+    parts_of,
+    periods_of,
+    tell,
+    text_of,
+    week_table,
+)
 from tests.report.conftest import OTHER_PRICES, small_task, write_agent
 
 
