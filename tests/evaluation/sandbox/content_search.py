@@ -54,6 +54,8 @@ _SKIPPED = {
 compiled modules are told by the rest of their magic number."""
 _BINARY = ("<f8", "<f4", "<i8", "<i4", "<i2")
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_FIRST = frozenset(bytes([letter]) for letter in b"+-.0123456789")
+"""What a number begins with."""
 _PAIR = re.compile(rb'"([^"\n]{1,80})"\s*:\s*([-+]?\d+\.?\d*(?:[eE][-+]?\d+)?)')
 _DIGEST = re.compile(rb"[0-9a-f]{64,}")
 _HEX = np.zeros(256, dtype=np.bool_)
@@ -238,6 +240,8 @@ class Search:
                 number = (part[places + look].astype(np.float64) - low) / scale
                 # The lowest, the highest and this one may all be away from the window's.
                 fits = np.abs(number - self._windows[rows, look]) < 5.0 * _TOLERANCE
+                if not fits.any():
+                    return
                 places, rows = places[fits], rows[fits]
             numbers = np.lib.stride_tricks.sliding_window_view(part, WINDOW)[places].astype(np.float64)
             away = np.abs(_on_one_scale(numbers) - self._windows[rows]).max(axis=1)
@@ -429,9 +433,10 @@ def _as_floats(texts: NDArray[Any]) -> Floats:
             return texts.astype(np.float64)
     except ValueError:
         numbers = np.full(len(texts), np.nan)
-        for row, text in enumerate(texts):
-            if _NUMBER.fullmatch(text.strip().strip(b'"')):
-                numbers[row] = float(text.strip().strip(b'"'))
+        for row, text in enumerate(texts.tolist()):
+            word = text.strip().strip(b'"')
+            if word[:1] in _FIRST and _NUMBER.fullmatch(word):
+                numbers[row] = float(word)
         return numbers
 
 
