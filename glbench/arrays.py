@@ -170,8 +170,8 @@ class ArrayFile:
             msg = f"it has no '{name}'"
             raise ValueError(msg)
         if array.ndim != dimensions or (array.dtype.kind == "U") != text:
-            wanted = f"{'text' if text else 'numbers'} with {dimensions} dimensions"
-            msg = f"'{name}' is an array of {array.dtype} with shape {quoted(array.shape)}; expected {wanted}"
+            expected = f"{'text' if text else 'numbers'} with {dimensions} dimensions"
+            msg = f"'{name}' is an array of {array.dtype} with shape {quoted(array.shape)}; expected {expected}"
             raise ValueError(msg)
         return array
 
@@ -202,8 +202,8 @@ def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
         version = npy.read_magic(content)
         read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
         shape, by_columns, dtype = read_header(content)
-        left = len(content.getbuffer()) - content.tell()
-        fits = dtype.itemsize > 0 and math.prod(shape) * dtype.itemsize == left and min(shape, default=0) >= 0
+        rest = len(content.getbuffer()) - content.tell()
+        fits = dtype.itemsize > 0 and math.prod(shape) * dtype.itemsize == rest and min(shape, default=0) >= 0
     except _NUMPY_ERRORS as error:
         msg = f"its entry {quoted(entry.filename)} is not an array of plain numbers or text"
         raise ValueError(msg) from error

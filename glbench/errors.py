@@ -89,15 +89,15 @@ def whole_number(value: object, what: str) -> int:
     return operator.index(value)  # type: ignore[arg-type]
 
 
-def did_you_mean(name: str, known: Iterable[str], *, list_few: bool = True) -> str:
-    """Sentence that points to the known names nearest to ``name``; without one, and with ``list_few``, lists all if they are few.
+def did_you_mean(name: str, choices: Iterable[str], *, list_few: bool = True) -> str:
+    """Sentence that points to the names of ``choices`` nearest to ``name``; without one, and with ``list_few``, lists all if they are few.
 
     Returns
     -------
     str
-        ``" Did you mean 'tAir'?"`` style text with a leading space, or the list of known names, or an empty string.
+        ``" Did you mean 'tAir'?"`` style text with a leading space, or the list of all names, or an empty string.
     """
-    names = [str(k) for k in known]
+    names = [str(k) for k in choices]
     by_lower = {k.lower(): k for k in names}
     near = [by_lower[m] for m in difflib.get_close_matches(str(name).lower(), list(by_lower), n=3, cutoff=0.6)]
     if near:

@@ -92,18 +92,18 @@ def data_package() -> DataPackage | None:
 @cache
 def _data_package(manifest: Path) -> DataPackage | None:
     try:
-        stated = DataPackage(**json.loads(manifest.read_bytes()))
+        package = DataPackage(**json.loads(manifest.read_bytes()))
     except FileNotFoundError:
         return None
-    found = importlib.util.find_spec("glbench_data")
-    if found is None or found.origin is None:
-        return stated
-    folder = Path(found.origin).parent
+    spec = importlib.util.find_spec("glbench_data")
+    if spec is None or spec.origin is None:
+        return package
+    folder = Path(spec.origin).parent
     try:
         its_sha256 = json.loads((folder / "manifest.json").read_bytes())["sha256"]
     except (OSError, ValueError, KeyError):
-        return stated
-    return replace(stated, folder=folder) if its_sha256 == stated.sha256 else stated
+        return package
+    return replace(package, folder=folder) if its_sha256 == package.sha256 else package
 
 
 def left_out() -> Mapping[str, str]:

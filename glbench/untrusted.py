@@ -1,4 +1,4 @@
-"""Reading what strangers made: regular files only, no larger than they may be, expanded no further than is allowed.
+"""Reading and showing what strangers made: regular files only, no larger than they may be, expanded no further than is allowed.
 
 Everything here is for files that may be hostile: results, records, profiles and cards from elsewhere.
 """
@@ -13,8 +13,9 @@ import re
 import stat
 import unicodedata
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from html import escape
 from pathlib import Path
 from typing import IO, Any, Final
 from zipfile import ZipFile
@@ -130,10 +131,10 @@ def gunzip(data: bytes, largest: int) -> bytes:
 
 def read_pieces(read: Callable[[int], bytes], most: int) -> bytes:
     """What ``read(size)`` gives until it gives nothing, ``most`` bytes of it; a promise of many bytes takes no memory."""
-    pieces, left = [], most
-    while left > 0 and (piece := read(min(MIB, left))):
+    pieces, remaining = [], most
+    while remaining > 0 and (piece := read(min(MIB, remaining))):
         pieces.append(piece)
-        left -= len(piece)
+        remaining -= len(piece)
     return b"".join(pieces)
 
 
@@ -206,6 +207,38 @@ def quoted(value: object) -> str:
 def visible(text: str, keep: str = "") -> str:
     """``text`` as it may be displayed: a question mark for every character that is not printable and not in ``keep``."""
     return "".join(letter if letter.isprintable() or letter in keep else "?" for letter in text)
+
+
+def html_of(
+    heading: str,
+    facts: Iterable[tuple[str, object]],
+    columns: Sequence[str] = (),
+    rows: Iterable[Sequence[object]] = (),
+) -> str:
+    """HTML for notebooks (``_repr_html_``): a heading, a table of facts, and below it a table with ``columns``.
+
+    Texts are escaped; numbers are aligned to the right.
+    """
+    fact_rows = "".join(
+        f'<tr><th style="text-align:left">{escaped(name)}</th>{_cell(value, "left")}</tr>' for name, value in facts
+    )
+    parts = [f"<p><strong>{escaped(heading)}</strong></p>", f"<table>{fact_rows}</table>"]
+    if columns:
+        head = "".join(f"<th>{escaped(column)}</th>" for column in columns)
+        body = "".join(f"<tr>{''.join(_cell(value) for value in row)}</tr>" for row in rows)
+        parts.append(f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>")
+    return f"<div>{''.join(parts)}</div>"
+
+
+def _cell(value: object, side: str | None = None) -> str:
+    side = side or ("right" if isinstance(value, int | float) else "left")
+    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f'<td style="text-align:{side}">{escaped(text)}</td>'
+
+
+def escaped(text: str) -> str:
+    """``text`` for HTML: printable characters only, with markup escaped."""
+    return escape(visible(text))
 
 
 def is_agent_name(name: str) -> bool:

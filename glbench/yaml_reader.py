@@ -146,16 +146,14 @@ class _Loader(yaml.SafeLoader):
         return table
 
     def _scalar(self, node: yaml.ScalarNode) -> Any:
-        kind, written = node.tag.removeprefix(_TAG), node.value
+        kind, text = node.tag.removeprefix(_TAG), node.value
         if kind == "merge":
-            return written
-        if kind in ("int", "float") and ":" in written:  # 6:30 is 390 to YAML 1.1
-            return written
+            return text
+        if kind in ("int", "float") and ":" in text:  # 6:30 is 390 to YAML 1.1
+            return text
         try:
             value = (
-                self.yaml_constructors[node.tag](self, node)
-                if len(written) <= _MOST_DIGITS or kind == "str"
-                else math.nan
+                self.yaml_constructors[node.tag](self, node) if len(text) <= _MOST_DIGITS or kind == "str" else math.nan
             )
         except (ValueError, OverflowError):  # such as 0x_
             value = math.nan
@@ -163,6 +161,6 @@ class _Loader(yaml.SafeLoader):
             msg = "it has half a character (\\ud800 to \\udfff). Write the whole character."
             raise _RefusedError(msg, node.start_mark)
         if isinstance(value, float) and not math.isfinite(value):
-            msg = f"{quoted(written)} is not a finite number with at most {_MOST_DIGITS} characters."
+            msg = f"{quoted(text)} is not a finite number with at most {_MOST_DIGITS} characters."
             raise _RefusedError(msg, node.start_mark)
         return value

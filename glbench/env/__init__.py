@@ -18,7 +18,7 @@ from glbench.env.simulation import Simulation, StepResult
 from glbench.env.snapshot import Snapshot
 from glbench.env.uncertainty import DISTRIBUTIONS, register_distribution
 from glbench.env.weather_pool import WeatherTables
-from glbench.lazy import lazy_names
+from glbench.extras import lazy_names
 from glbench.tasks.ledger import StepQuantity
 
 if TYPE_CHECKING:

@@ -37,9 +37,8 @@ from glbench.episodes.signals import (
 from glbench.errors import EpisodeError, did_you_mean
 from glbench.resources import write_atomically
 from glbench.settings import first_problems
-from glbench.showing import html_of
 from glbench.tasks.prices import local_times
-from glbench.untrusted import one_line, quoted, refuse_crowd, visible
+from glbench.untrusted import html_of, one_line, quoted, refuse_crowd, visible
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -33,9 +33,8 @@ from glbench.canonical import canonical_sha256
 from glbench.errors import ResultError
 from glbench.evaluation.metrics import COMMON_UNITS, MONEY_TOO, PAPER_ONLY, UNITS
 from glbench.fields import MOST_ENTRIES, Count, Text, Word
-from glbench.showing import html_of
 from glbench.tasks.sealed import Round
-from glbench.untrusted import AGENT_NAME_RULE, is_agent_name
+from glbench.untrusted import AGENT_NAME_RULE, html_of, is_agent_name
 
 if TYPE_CHECKING:
     import pandas as pd

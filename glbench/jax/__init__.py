@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from glbench.errors import GlbenchError
-from glbench.lazy import lazy_names
+from glbench.extras import lazy_names
 
 if TYPE_CHECKING:
     from glbench.jax.gymnax import GymnaxEnvironment as GymnaxEnvironment

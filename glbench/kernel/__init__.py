@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from glbench.extras import lazy_names
 from glbench.kernel.kernel import (
     BACKENDS,
     Backend,
@@ -21,7 +22,6 @@ from glbench.kernel.kernel import (
 from glbench.kernel.records import BoundStep, Rows, StepFailure
 from glbench.kernel.sensitivities import Adjoint, Linearisation
 from glbench.kernel.trajectories import RolloutError, Trajectory, TrajectoryGradient
-from glbench.lazy import lazy_names
 
 if TYPE_CHECKING:
     from glbench.kernel.cvodes import state_scale

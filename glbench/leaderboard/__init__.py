@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from glbench.lazy import lazy_names
+from glbench.extras import lazy_names
 
 if TYPE_CHECKING:
     from glbench.leaderboard.collect import Expectation, StoredResult, collect_readable, collect_results

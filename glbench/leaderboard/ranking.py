@@ -31,8 +31,8 @@ from glbench.leaderboard.training_data import (
     training_data_of,
     years_of_runs,
 )
-from glbench.showing import html_of
 from glbench.tasks import Round
+from glbench.untrusted import html_of
 
 Sandbox = Literal["bubblewrap", "unsandboxed", "built-in"]
 SANDBOXES = ("unknown", "unsandboxed", "bubblewrap", "built-in")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from glbench.lazy import lazy_names
+from glbench.extras import lazy_names
 
 if TYPE_CHECKING:
     from glbench.report.page import Completion, Report, build_report, complete_profiles, write_report

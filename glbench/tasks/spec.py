@@ -10,12 +10,12 @@ from collections.abc import Mapping
 from functools import cached_property, lru_cache
 from typing import Any, Self
 
-from glbench.showing import html_of
 from glbench.tasks.digest import Fingerprint, definition_of, fingerprint_of, read_lock
 from glbench.tasks.inheritance import TaskTables
 from glbench.tasks.ledger import LIMITED
 from glbench.tasks.resolver import ResolvedTask
 from glbench.tasks.serialisation import changed_tables, file_of, file_of_attachment, record_of, with_dates
+from glbench.untrusted import html_of
 
 
 class TaskSpec(ResolvedTask):

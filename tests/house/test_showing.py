@@ -10,8 +10,8 @@ import pytest
 from glbench.evaluation import load_result
 from glbench.leaderboard import collect_results, rank
 from glbench.resources import data_folder
-from glbench.showing import html_of
 from glbench.tasks import get_task, list_tasks
+from glbench.untrusted import html_of
 
 
 class Balanced(HTMLParser):
