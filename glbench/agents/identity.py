@@ -19,9 +19,7 @@ The card is ``submission.toml`` in a folder, or ``anna.toml`` beside ``anna.py``
 from __future__ import annotations
 
 import os
-import re
 import struct
-import unicodedata
 import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import nullcontext
@@ -31,6 +29,7 @@ from itertools import islice
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Literal
 
+from glbench.agents.naming import skeleton, skeletons
 from glbench.errors import SubmissionError
 from glbench.resources import LARGEST_TEXT, data_folder, is_text, with_unix_line_ends
 from glbench.untrusted import (
@@ -72,16 +71,6 @@ FORM_WORDS: dict[Form, str] = {
     "onnx": "ONNX policy",
 }
 _LONGEST_QUOTE = 40
-_SEED = re.compile(r"(?<=.)[\W_]*s[e3][e3]d[\W_]*[0-9]{1,10}$", re.IGNORECASE)
-_SEED_IN_SKELETON = re.compile(r"(?<=.)seed[0-9oleastb]*$")
-_LOOKALIKES = str.maketrans(
-    "\u0430\u0432\u0441\u0501\u0435\u043d\u04bb\u0456\u0458\u043a\u04cf\u043c\u043e\u0440\u051b\u0455\u0442\u0443\u04af\u0475\u051d\u0445"
-    "\u03b1\u03b2\u03b5\u03b7\u03b9\u03ba\u03bd\u03bf\u03c1\u03c4\u03c5\u03c7\u03b3\u03c9\u03bc\u0131\u0142\u00f8\u0111\u0127\u0261\u0251\u0585\u057d\u0570",
-    "abcdehhijklmopqstyyvwxabenikvoptuxywuilodhgaouh",
-)
-"""Cyrillic, Greek, Armenian and extended Latin letters, and the Latin letters that they look like."""
-_DIGITS = str.maketrans("0134578i", "oleastbl")
-"""Digits and the letter i, and the letters that they can replace: p0licy1 and policyi become policyl."""
 EXPECTED = (
     f"A submission is a .py file with make_agent(task), a saved policy (.zip of Stable-Baselines3, .pt or .ts of TorchScript, .onnx), "
     f"or a folder with {AGENT_FILE} or a saved policy"
@@ -397,28 +386,6 @@ def read_identity(path: Path) -> Identity:
         msg = f"The submission {name} cannot be read: {reason_of(error)}. Check that its files exist and may be read."
         raise SubmissionError(msg) from error
     return Identity(name, place, own, digest, OBSERVATIONS_ONLY, form, entry, statistics, card)
-
-
-def skeleton(name: str) -> str:
-    """A name reduced to what readers notice: without capitals, accents and punctuation, with look-alike digits and letters replaced."""
-    letters = unicodedata.normalize("NFKD", unicodedata.normalize("NFKC", name).casefold()).translate(_LOOKALIKES)
-    plain = "".join(letter for letter in letters if letter.isalnum())
-    return plain.translate(_DIGITS).replace("rn", "m").replace("vv", "w")
-
-
-def without_seed(name: str) -> str:
-    """``NAME`` for ``NAME_seed3`` or ``NAME-seed3``; other names unchanged."""
-    return _SEED.sub("", name)
-
-
-def skeletons(name: str) -> frozenset[str]:
-    """Skeletons of a name with and without seed endings, also those in letters: names that share a skeleton look alike."""
-    rest = skeleton(name)
-    forms = {rest}
-    while (shorter := _SEED_IN_SKELETON.sub("", rest)) != rest:
-        rest = shorter
-        forms.add(rest)
-    return frozenset(forms)
 
 
 def baseline_names() -> tuple[str, ...]:

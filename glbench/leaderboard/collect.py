@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from glbench.agents.baselines import shipped_digest, shipped_sight
-from glbench.agents.identity import baseline_names, skeleton, skeletons
+from glbench.agents.identity import baseline_names
+from glbench.agents.naming import skeleton, skeletons
 from glbench.episodes.header import task_of
 from glbench.errors import GlbenchError, ResultError
 from glbench.evaluation import Result, load_result, result_path

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from glbench.agents.baselines import shipped_training
-from glbench.agents.identity import without_seed
+from glbench.agents.naming import without_seed
 from glbench.errors import ResultError, did_you_mean
 from glbench.evaluation import Result
 from glbench.evaluation.records import RANKING_METRIC

@@ -17,10 +17,8 @@ from glbench.agents.identity import (
     baseline_names,
     policy_digest,
     read_identity,
-    skeleton,
-    skeletons,
-    without_seed,
 )
+from glbench.agents.naming import skeleton, skeletons, without_seed
 from glbench.errors import SubmissionError
 from glbench.evaluation.evaluation import agent_record
 from glbench.evaluation.records import AgentRecord

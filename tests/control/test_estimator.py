@@ -149,7 +149,7 @@ def test_it_never_looks_at_weather_or_draws(monkeypatch: pytest.MonkeyPatch) -> 
         pytest.fail("the truth was asked for")
 
     monkeypatch.setattr(scenario.RunScenarios, "__init__", hidden)
-    monkeypatch.setattr(weather_pool, "_pool", hidden)
+    monkeypatch.setattr(weather_pool, "_make_pool", hidden)
     monkeypatch.setattr(weather_pool, "_shared_pool", hidden)
     monkeypatch.setattr(Simulation, "__init__", hidden)
     monkeypatch.setattr(TaskSpec, "record", hidden)
