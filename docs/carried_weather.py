@@ -22,7 +22,7 @@ from docs import fresh_draws_table
 from glbench.agents import LoadedAgent
 from glbench.agents.predictive import PredictiveAgent, PredictiveSettings, read_predictive_settings
 from glbench.control import Climatology, Outlook
-from glbench.control.outlook import Ahead
+from glbench.control.disturbance_forecast import Ahead
 from glbench.evaluation import load_result, prepare, result_path
 from glbench.resources import data_folder
 from glbench.tasks import Round, TaskCard, TaskSpec, get_task
@@ -78,7 +78,7 @@ class CarriedOutlook(Outlook):
     def update(self, observations: Any) -> None:
         """Take in what is observed, and look for the place of each run in the record."""
         super().update(observations)
-        shown = self._seen[:, self._weather]  # radiation, temperature, humidity, CO2, wind
+        shown = self._observed[:, self._weather]  # radiation, temperature, humidity, CO2, wind
         self._course = [*self._course[-WINDOW + 1 :], shown]
         self.places = np.where(self.places >= 0, self.places + 1, -1)
         if self._k % 4 == 0 and len(self._course) == WINDOW:
@@ -130,7 +130,7 @@ class CarriedOutlook(Outlook):
     def _agreed(self, run: int, temperature: Floats) -> int:
         """How many coming rows the forecast of the temperature does not contradict."""
         hours = self.task.observation.forecast_hours
-        told = self._seen[run, self._forecast[1]]
+        told = self._observed[run, self._forecast[1]]
         until = 0
         for hour, value in zip(hours, told.tolist(), strict=True):
             row = hour * 3600 // STEP

@@ -7,17 +7,14 @@ The steps themselves and their derivatives are in ``glbench.kernel``.
 
 from __future__ import annotations
 
-from glbench.control.acting import actions_of
-from glbench.control.air import AirAlong, air_of
-from glbench.control.ascent import feasible
 from glbench.control.climatology import Climatology
-from glbench.control.end_value import EndValue
+from glbench.control.disturbance_forecast import Ahead, Outlook
 from glbench.control.estimator import StateEstimator
 from glbench.control.mpc import PredictiveController
-from glbench.control.outlook import Ahead, Outlook
-from glbench.control.scenario import Scenario
-from glbench.control.season import Iteration, SeasonPlan, plan_season
-from glbench.control.stage import StageGradient, StageReward, StageValues
+from glbench.control.scenario import Scenario, actions_of
+from glbench.control.season import EndValue, Iteration, SeasonPlan, plan_season
+from glbench.control.stage import AirAlong, StageGradient, StageReward, StageValues, air_of
+from glbench.control.trust_region import feasible
 
 __all__ = [
     "Ahead",

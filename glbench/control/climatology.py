@@ -6,6 +6,8 @@ tell, are regressed on what came 1 to 24 hours later. All of it is made from the
 
 A task without a training split is scored in years of which nothing may be known: its climatology is made of the years of its record
 before them, or, where there are none, of the others.
+
+The sun and a clear sky follow from formulas that need nothing but NumPy.
 """
 
 from __future__ import annotations
@@ -20,7 +22,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.control.sun import clear_sky
 from glbench.env.air import read_air
 from glbench.env.forecast import HOUR, ForecastTable
 from glbench.env.generated import CO2_PERSISTENCE
@@ -33,6 +34,7 @@ from glbench.untrusted import reason_of
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
     from glbench.weather import WeatherRecord
+
 
 Floats = NDArray[np.float64]
 
@@ -84,8 +86,8 @@ class Climatology:
     means
         ``(days, 24, quantities)`` in the order of ``QUANTITIES``, for the hours of the day in UTC.
     weights
-        ``(leads, quantities, 3)``: shares that are expected so many hours ahead of the deviation now, of that of late (``Seen``), and of
-        the one that the forecast tells.
+        ``(leads, quantities, 3)``: shares that are expected so many hours ahead of the deviation now, of that of late
+        (``WeatherObservation``), and of the one that the forecast tells.
     sky
         Change of the sky's depression with the relative deviation of clearness of late, and the deviations of temperature and humidity
         ``(3,)``.
@@ -126,10 +128,15 @@ class Climatology:
         """
         task = the_task(task)
         record = task.record()
-        years = _years(task, record) if years is None else tuple(years)
-        made = {year: _Season.of(task, record, year) for year in years}
-        seasons = [season for season in made.values() if season is not None]
-        years = tuple(year for year, season in made.items() if season is not None)
+        if years is None and task.splits is not None and task.splits.training is not None:
+            years = task.splits.training.years
+        elif years is None:
+            scored = _scored(task)
+            others = [year for year in range(record.first.year, record.last.year + 1) if year not in scored]
+            years = tuple(year for year in others if year < min(scored)) or tuple(others)
+        by_year = {year: _Season.of(task, record, year) for year in years}
+        seasons = [season for season in by_year.values() if season is not None]
+        years = tuple(year for year, season in by_year.items() if season is not None)
         if not seasons:
             msg = (
                 f"The weather record of {task.id} has no year that a climatology could be made of. Name some: years=..."
@@ -143,7 +150,16 @@ class Climatology:
         )  # fmt: skip
         mean = bare._with(**_means(bare, task, seasons))
         deviations = _Deviations.of(mean, task, seasons)
-        return mean._with(sky=_sky(deviations), weights=_weights(mean, task, seasons, deviations))
+        # How the sky's depression follows from recent clearness, temperature and humidity: least squares.
+        causes = np.concatenate(
+            [
+                np.stack([one.lately[:, CLEARNESS], one.now[:, TEMPERATURE], one.now[:, HUMIDITY]], axis=1)
+                for one in deviations
+            ]
+        )
+        depression = np.concatenate([one.true[:, SKY] for one in deviations])
+        sky = np.linalg.solve(causes.T @ causes + _RIDGE * np.eye(3), causes.T @ depression)
+        return mean._with(sky=np.round(sky, _DIGITS), weights=_weights(mean, task, seasons, deviations))
 
     @classmethod
     def of_settings(cls, settings: Mapping[str, Any]) -> Climatology:
@@ -159,16 +175,16 @@ class Climatology:
             for name in ("days", "means", "weights", "sky"):
                 values[name] = np.array(values[name], dtype=np.float64)
             values |= {name: tuple(values[name]) for name in ("years", "forecast_hours")}
-            made = cls(**values)
+            climatology = cls(**values)
         except (KeyError, TypeError, ValueError) as error:
             msg = f"These settings are no climatology: {error}. `Climatology.of(task).write(...)` makes one."
             raise TaskError(msg) from error
-        shapes = made.means.shape[1:], made.weights.shape, made.sky.shape
-        wanted = (24, len(QUANTITIES)), (LEADS, len(QUANTITIES), 3), (3,)
-        if shapes != wanted or len(made.means) != len(made.days):
-            msg = f"These settings are no climatology: its tables have the shapes {shapes} for {len(made.days)} days."
+        shapes = climatology.means.shape[1:], climatology.weights.shape, climatology.sky.shape
+        expected = (24, len(QUANTITIES)), (LEADS, len(QUANTITIES), 3), (3,)
+        if shapes != expected or len(climatology.means) != len(climatology.days):
+            msg = f"These settings are no climatology: its tables have the shapes {shapes} for {len(climatology.days)} days."
             raise TaskError(msg)
-        return made
+        return climatology
 
     def check_for(self, task: TaskSpec) -> None:
         """Refuse a task of other weather. It needs no weather to find out.
@@ -192,8 +208,13 @@ class Climatology:
         elif _middle(task) != self.middle:
             reasons.append(f"its steps are {2.0 * self.middle:g} s long, and those of the task {task.step_seconds:g} s")
         if not (self.days[0] - REACH <= begin and end <= self.days[-1] + REACH):
+            new_year = dt.date(2001, 1, 1)
             own, needed = (
-                " to ".join(_date(self.first + day) for day in days) for days in (self.days[[0, -1]], (begin, end))
+                " to ".join(
+                    f"{date.day} {date:%B}"
+                    for date in (new_year + dt.timedelta(days=int(self.first + day)) for day in days)
+                )
+                for days in (self.days[[0, -1]], (begin, end))
             )
             reasons.append(f"it has the days from {own}, and the task needs {needed}")
         if scored and self.task != task.id:
@@ -242,37 +263,37 @@ class Climatology:
         place = np.clip((day - self.days[0]) / APART, 0.0, len(self.days) - 1.0)
         early = np.minimum(place.astype(np.int64), max(len(self.days) - 2, 0))
         late = np.minimum(early + 1, len(self.days) - 1)
-        left = np.floor(hour).astype(np.int64)
-        share, of_day = (hour - left)[..., None], (place - early)[..., None]
-        left, right = left % 24, (left + 1) % 24
+        whole = np.floor(hour).astype(np.int64)
+        share, of_day = (hour - whole)[..., None], (place - early)[..., None]
+        whole, following = whole % 24, (whole + 1) % 24
 
         def at(days: NDArray[np.int64]) -> Floats:
-            return (1.0 - share) * self.means[days, left] + share * self.means[days, right]
+            return (1.0 - share) * self.means[days, whole] + share * self.means[days, following]
 
-        found: Floats = (1.0 - of_day) * at(early) + of_day * at(late)
-        return found
+        means: Floats = (1.0 - of_day) * at(early) + of_day * at(late)
+        return means
 
     def weight(self, hours: Floats) -> Floats:
         """Weights ``(..., quantities, 3)`` so many hours ahead; 0 from two days on."""
         place = np.clip(hours, 0.0, LEADS - 1.0)
-        left = np.minimum(place.astype(np.int64), LEADS - 2)
-        share = (place - left)[..., None, None]
+        whole = np.minimum(place.astype(np.int64), LEADS - 2)
+        share = (place - whole)[..., None, None]
         fading = np.clip(2.0 - hours / (LEADS - 1.0), 0.0, 1.0)[..., None, None]
-        found: Floats = ((1.0 - share) * self.weights[left] + share * self.weights[left + 1]) * fading
-        return found
+        weights: Floats = ((1.0 - share) * self.weights[whole] + share * self.weights[whole + 1]) * fading
+        return weights
 
     def depression(self, mean: Floats, deviations: Floats) -> Floats:
         """How much colder than the air the sky is [K], from means and deviations ``(..., quantities)``."""
         by = self.sky
-        found: Floats = (
+        depression: Floats = (
             mean[..., SKY]
             + by[0] * deviations[..., CLEARNESS]
             + by[1] * deviations[..., TEMPERATURE]
             + by[2] * deviations[..., HUMIDITY]
         )
-        return found
+        return depression
 
-    def told(self, forecast: Floats, issued: Floats, times: Floats, otherwise: Floats) -> Floats:
+    def forecast_deviations(self, forecast: Floats, issued: Floats, times: Floats, otherwise: Floats) -> Floats:
         """Deviations that a forecast tells of ``times``.
 
         Parameters
@@ -292,7 +313,7 @@ class Climatology:
             ``(n, T, quantities)``; between the middles of the forecast hours linear.
         """
         n, rows = times.shape
-        found = np.repeat(otherwise[:, None], rows, axis=1)
+        deviations = np.repeat(otherwise[:, None], rows, axis=1)
         hours = np.array(self.forecast_hours, dtype=np.float64)
         middles = issued[:, None] + HOUR * (hours - 0.5)
         mean = self.mean(middles - self.middle)
@@ -303,26 +324,32 @@ class Climatology:
         for row, quantity in enumerate(_FORECAST):
             if quantity == CLEARNESS:
                 says = bright > BRIGHT
-                told = forecast[:, row] / np.maximum(bright * mean[..., CLEARNESS], 1.0) - 1.0
+                forecast_values = forecast[:, row] / np.maximum(bright * mean[..., CLEARNESS], 1.0) - 1.0
             else:
                 says = np.ones_like(middles, dtype=bool)
-                told = forecast[:, row] - mean[..., quantity]
-            says = says & ~np.isnan(told)
-            left_at, left = np.full((n, rows), -np.inf), np.zeros((n, rows))
-            right_at, right = np.full((n, rows), np.inf), np.zeros((n, rows))
+                forecast_values = forecast[:, row] - mean[..., quantity]
+            says = says & ~np.isnan(forecast_values)
+            earlier_at, earlier = np.full((n, rows), -np.inf), np.zeros((n, rows))
+            later_at, later = np.full((n, rows), np.inf), np.zeros((n, rows))
             for place in range(len(hours)):
                 here, there = says[:, place, None] & (middles[:, place, None] <= at), middles[:, place, None]
-                left_at, left = np.where(here, there, left_at), np.where(here, told[:, place, None], left)
+                earlier_at, earlier = (
+                    np.where(here, there, earlier_at),
+                    np.where(here, forecast_values[:, place, None], earlier),
+                )
             for place in reversed(range(len(hours))):
                 here, there = says[:, place, None] & (middles[:, place, None] > at), middles[:, place, None]
-                right_at, right = np.where(here, there, right_at), np.where(here, told[:, place, None], right)
-            has_left, has_right = np.isfinite(left_at), np.isfinite(right_at)
-            between = has_left & has_right
-            share = np.where(between, at - left_at, 0.0) / np.where(between, right_at - left_at, 1.0)
-            linear = left + share * (right - left)
-            value = np.where(between, linear, np.where(has_left, left, right))
-            found[..., quantity] = np.where(has_left | has_right, value, found[..., quantity])
-        return found
+                later_at, later = (
+                    np.where(here, there, later_at),
+                    np.where(here, forecast_values[:, place, None], later),
+                )
+            has_earlier, has_later = np.isfinite(earlier_at), np.isfinite(later_at)
+            between = has_earlier & has_later
+            share = np.where(between, at - earlier_at, 0.0) / np.where(between, later_at - earlier_at, 1.0)
+            linear = earlier + share * (later - earlier)
+            value = np.where(between, linear, np.where(has_earlier, earlier, later))
+            deviations[..., quantity] = np.where(has_earlier | has_later, value, deviations[..., quantity])
+        return deviations
 
     def _with(self, **changes: Any) -> Climatology:
         return Climatology(**({field.name: getattr(self, field.name) for field in fields(self)} | changes))
@@ -337,12 +364,12 @@ def day_of_year(seconds: Floats) -> Floats:
     """Days since the start of the year, UTC, at ``seconds`` since 1970."""
     moments = np.floor(seconds).astype(np.int64).astype("datetime64[s]")
     begin = moments.astype("datetime64[Y]").astype("datetime64[s]").astype(np.int64)
-    found: Floats = (seconds - begin) / 86400.0
-    return found
+    days: Floats = (seconds - begin) / 86400.0
+    return days
 
 
-class Seen:
-    """Deviations from the mean of what is seen, row after row.
+class WeatherObservation:
+    """Deviations of the observed weather from the mean, row after row.
 
     Attributes
     ----------
@@ -354,25 +381,25 @@ class Seen:
 
     def __init__(self, climatology: Climatology, n: int, step_seconds: float) -> None:
         self._climatology, self._hours = climatology, step_seconds / HOUR
-        # An hour or so of the usual sky before anything was seen.
+        # An hour or so of the usual sky before anything was observed.
         self._energy, self._usual = np.full(n, 300.0 / self._hours), np.full(n, 300.0 / self._hours)
         self._count = 0.0
         self.now = self.lately = np.zeros((n, len(QUANTITIES)))
 
-    def add(self, times: Floats, shown: Floats) -> None:
+    def add(self, times: Floats, weather: Floats) -> None:
         """Take in the rows that begin at ``times`` ``(n,)``: radiation, temperature, humidity, CO2, wind ``(n, 5)``."""
         mean, clear = self._climatology.mean(times), self._climatology.clear(times)
         usual, day = clear * mean[:, CLEARNESS], clear > BRIGHT
-        left = float(np.exp(-self._hours / RECENT))
-        self._energy = np.where(day, left * self._energy + shown[:, 0], self._energy)
-        self._usual = np.where(day, left * self._usual + usual, self._usual)
+        memory = float(np.exp(-self._hours / RECENT))
+        self._energy = np.where(day, memory * self._energy + weather[:, 0], self._energy)
+        self._usual = np.where(day, memory * self._usual + usual, self._usual)
         self.now, lately = np.zeros_like(mean), self.lately.copy()
-        self.now[:, TEMPERATURE:SKY] = shown[:, 1:] - mean[:, TEMPERATURE:SKY]
+        self.now[:, TEMPERATURE:SKY] = weather[:, 1:] - mean[:, TEMPERATURE:SKY]
         faded = float(np.exp(-self._hours / LATELY)) * self._count
         self._count = faded + 1.0
         lately[:, TEMPERATURE:SKY] = (faded * lately[:, TEMPERATURE:SKY] + self.now[:, TEMPERATURE:SKY]) / self._count
         lately[:, CLEARNESS] = self._energy / self._usual - 1.0
-        self.now[:, CLEARNESS] = np.where(day, shown[:, 0] / np.maximum(usual, 1.0) - 1.0, lately[:, CLEARNESS])
+        self.now[:, CLEARNESS] = np.where(day, weather[:, 0] / np.maximum(usual, 1.0) - 1.0, lately[:, CLEARNESS])
         self.lately = lately
 
 
@@ -398,23 +425,23 @@ class _Season:
             return None
         rows = (end - begin).days * task.steps_per_day
         try:
-            made = disturbances(
+            prepared = disturbances(
                 record, start=begin, steps=rows, step_seconds=task.step_seconds, preprocessing=weather.preprocessing,
                 co2_ppm=weather.co2_ppm,
             )  # fmt: skip
         except WeatherError:
             return None
-        values = made.values
+        values = prepared.values
         air = read_air(*(np.ascontiguousarray(values[:, place]) for place in (1, 3, 2)))
         quantities = np.stack([values[:, 0], air[0], air[2], air[1], values[:, 4], values[:, 1] - values[:, 5]], axis=1)
         table: Floats | None = None
         if forecast is not None:
-            kept = rows - forecast.reach
-            filled = np.zeros((kept // forecast.every, forecast.columns), np.float32)
+            covered = rows - forecast.reach
+            table_rows = np.zeros((covered // forecast.every, forecast.columns), np.float32)
             measured = np.stack([values[:, 0], air[0], air[2], air[1], values[:, 4]], axis=1)
-            forecast.fill(filled, 0, kept, measured, made.times, year)
-            table = filled.astype(np.float64).reshape(len(filled), len(FORECAST), len(forecast.hours))
-        return _Season(made.times.astype("datetime64[s]").astype(np.float64), quantities, table)
+            forecast.fill(table_rows, 0, covered, measured, prepared.times, year)
+            table = table_rows.astype(np.float64).reshape(len(table_rows), len(FORECAST), len(forecast.hours))
+        return _Season(prepared.times.astype("datetime64[s]").astype(np.float64), quantities, table)
 
 
 def _conserving(task: TaskSpec) -> bool:
@@ -432,21 +459,8 @@ def _scored(task: TaskSpec) -> set[int]:
     return {season.start.year for season in task.scenario.seasons}
 
 
-def _years(task: TaskSpec, record: WeatherRecord) -> tuple[int, ...]:
-    if task.splits is not None and task.splits.training is not None:
-        return tuple(task.splits.training.years)
-    scored = _scored(task)
-    others = [year for year in range(record.first.year, record.last.year + 1) if year not in scored]
-    return tuple(year for year in others if year < min(scored)) or tuple(others)
-
-
 def _day_of_year(day: dt.date) -> int:
     return day.timetuple().tm_yday - 1
-
-
-def _date(day_of_year: float) -> str:
-    day = dt.date(2001, 1, 1) + dt.timedelta(days=int(day_of_year))
-    return f"{day.day} {day:%B}"
 
 
 def _means(bare: Climatology, task: TaskSpec, seasons: list[_Season]) -> dict[str, Floats]:
@@ -487,66 +501,86 @@ class _Deviations:
     lately: Floats
 
     @staticmethod
-    def of(made: Climatology, task: TaskSpec, seasons: list[_Season]) -> list[_Deviations]:
+    def of(climatology: Climatology, task: TaskSpec, seasons: list[_Season]) -> list[_Deviations]:
         lengths = [len(season.times) for season in seasons]
-        seen, now, lately = Seen(made, len(seasons), task.step_seconds), [], []
-        for row in range(max(lengths)):  # a season that is over is shown its last row again, which is cut off below
+        observed, now, lately = WeatherObservation(climatology, len(seasons), task.step_seconds), [], []
+        for row in range(max(lengths)):  # a season that is over repeats its last row, which is cut off below
             rows = [min(row, length - 1) for length in lengths]
             times = np.array([season.times[at] for season, at in zip(seasons, rows, strict=True)])
-            shown = np.array([season.quantities[at, :SKY] for season, at in zip(seasons, rows, strict=True)])
-            seen.add(times, shown)
-            now.append(seen.now)
-            lately.append(seen.lately)
-        found = []
+            weather = np.array([season.quantities[at, :SKY] for season, at in zip(seasons, rows, strict=True)])
+            observed.add(times, weather)
+            now.append(observed.now)
+            lately.append(observed.lately)
+        deviations = []
         for place, season in enumerate(seasons):
-            clear, mean = made.clear(season.times), made.mean(season.times)
+            clear, mean = climatology.clear(season.times), climatology.mean(season.times)
             usual, true = clear * mean[:, CLEARNESS], season.quantities - mean
             relative = season.quantities[:, 0] / np.maximum(usual, 1.0) - 1.0
             true[:, CLEARNESS] = np.where(clear > BRIGHT, relative, 0.0)
-            known = (np.array([row[place] for row in part[: len(season.times)]]) for part in (now, lately))
-            found.append(_Deviations(usual, true, *known))
-        return found
+            parts = (np.array([row[place] for row in part[: len(season.times)]]) for part in (now, lately))
+            deviations.append(_Deviations(usual, true, *parts))
+        return deviations
 
 
-def _sky(of: list[_Deviations]) -> Floats:
-    """How the sky's depression follows from recent clearness, temperature and humidity: least squares."""
-    known = np.concatenate(
-        [np.stack([one.lately[:, CLEARNESS], one.now[:, TEMPERATURE], one.now[:, HUMIDITY]], axis=1) for one in of]
-    )
-    wanted = np.concatenate([one.true[:, SKY] for one in of])
-    found: Floats = np.linalg.solve(known.T @ known + _RIDGE * np.eye(3), known.T @ wanted)
-    return np.asarray(np.round(found, _DIGITS), np.float64)
-
-
-def _weights(made: Climatology, task: TaskSpec, seasons: list[_Season], of: list[_Deviations]) -> Floats:
+def _weights(climatology: Climatology, task: TaskSpec, seasons: list[_Season], of: list[_Deviations]) -> Floats:
     """Least squares of what came on what was known, by hours ahead."""
     weights = np.zeros((LEADS, len(QUANTITIES), 3))
     weights[0, :, 0] = 1.0
     every = max(int(HOUR // task.step_seconds), 1)
     ahead = (LEADS - 1) * every
     begins, forecasts = [], []
-    for season, known in zip(seasons, of, strict=True):
+    for season, one in zip(seasons, of, strict=True):
         begin = np.arange(0, len(season.times) - ahead, every)
-        told = np.zeros((len(begin), LEADS, len(QUANTITIES)))
+        forecast = np.zeros((len(begin), LEADS, len(QUANTITIES)))
         if season.forecast is not None:
             begin = begin[: len(season.forecast)]
             times = season.times[begin, None] + HOUR * np.arange(LEADS)
-            told = made.told(season.forecast[: len(begin)], season.times[begin], times, known.lately[begin])
+            forecast = climatology.forecast_deviations(
+                season.forecast[: len(begin)], season.times[begin], times, one.lately[begin]
+            )
         begins.append(begin)
-        forecasts.append(told)
+        forecasts.append(forecast)
     for quantity in range(SKY):
         for lead in range(1, LEADS):
             normal, right = _RIDGE * np.eye(3), np.zeros(3)
-            for begin, told, known in zip(begins, forecasts, of, strict=True):
+            for begin, forecast, one in zip(begins, forecasts, of, strict=True):
                 then = begin + lead * every
-                says = told[:, lead, quantity] if quantity in _FORECAST else np.zeros(len(begin))
+                says = forecast[:, lead, quantity] if quantity in _FORECAST else np.zeros(len(begin))
                 # An error of clearness counts as one of radiation.
-                size = known.usual[then] if quantity == CLEARNESS else np.ones(len(begin))
-                given = (
-                    np.stack([known.now[begin, quantity], known.lately[begin, quantity], says], axis=1) * size[:, None]
-                )
-                normal, right = normal + given.T @ given, right + given.T @ (known.true[then, quantity] * size)
+                size = one.usual[then] if quantity == CLEARNESS else np.ones(len(begin))
+                causes = np.stack([one.now[begin, quantity], one.lately[begin, quantity], says], axis=1) * size[:, None]
+                normal, right = normal + causes.T @ causes, right + causes.T @ (one.true[then, quantity] * size)
             weights[lead, quantity] = np.linalg.solve(normal, right)
     weights[1:, CO2] = 0.0
     weights[1:, CO2, 0] = CO2_PERSISTENCE ** np.arange(1, LEADS)
     return np.round(weights, _DIGITS)
+
+
+YEAR_DAYS = 365.2425
+
+
+def sine_of_elevation(seconds: Floats, latitude: float, longitude: float) -> Floats:
+    """Sine of the sun's elevation at ``seconds`` since 1970 UTC, at a place [degrees north and east].
+
+    Declination and equation of time by Spencer (1971), to some tenths of a degree.
+    """
+    moments = np.floor(seconds).astype(np.int64).astype("datetime64[s]")
+    begin = moments.astype("datetime64[Y]").astype("datetime64[s]").astype(np.int64)
+    a = 2.0 * np.pi * (seconds - begin) / (86400.0 * YEAR_DAYS)
+    declination = (
+        0.006918 - 0.399912 * np.cos(a) + 0.070257 * np.sin(a) - 0.006758 * np.cos(2 * a) + 0.000907 * np.sin(2 * a)
+        - 0.002697 * np.cos(3 * a) + 0.00148 * np.sin(3 * a)
+    )  # fmt: skip
+    minutes = 229.18 * (
+        0.000075 + 0.001868 * np.cos(a) - 0.032077 * np.sin(a) - 0.014615 * np.cos(2 * a) - 0.04089 * np.sin(2 * a)
+    )
+    solar_hour = seconds % 86400.0 / 3600.0 + longitude / 15.0 + minutes / 60.0
+    angle, north = np.radians(15.0 * (solar_hour - 12.0)), np.radians(latitude)
+    sine: Floats = np.sin(north) * np.sin(declination) + np.cos(north) * np.cos(declination) * np.cos(angle)
+    return sine
+
+
+def clear_sky(seconds: Floats, latitude: float, longitude: float) -> Floats:
+    """Global radiation under a clear sky [W m-2] at ``seconds`` since 1970 UTC: Haurwitz (1945)."""
+    sine = sine_of_elevation(seconds, latitude, longitude)
+    return np.where(sine > 0.0, 1098.0 * sine * np.exp(-0.057 / np.maximum(sine, 1e-3)), 0.0)

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.control.observation_model import ObservationModel, ShownControls, checked_observations, refuse_missing
+from glbench.control.observation_model import ObservationModel, checked_observations, refuse_missing
 from glbench.env.air import Sensors
 from glbench.env.spaces import the_task
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters
@@ -91,8 +91,8 @@ class StateEstimator:
 
     def __init__(self, task: TaskSpec | str, *, preset: str = "fast", parameters: bool = True) -> None:
         self.task = task = the_task(task)
-        self._shown, self._controls = ObservationModel(task), ShownControls.of_task(task)
-        if not self._shown.names:
+        self._model = ObservationModel(task)
+        if not self._model.names:
             msg = f"{task.id} shows nothing of the states of its model: there is nothing to estimate them from."
             raise TaskError(msg)
         model = task.model_value
@@ -100,8 +100,10 @@ class StateEstimator:
         self._s, self._names = len(model.states), [column.name for column in task.observed()]
         self._nominal = task.parameters()
         groups = [group for group in task.scenario.groups if group.half_width > 0.0]
-        self._kept = _Drawn(task, [group for group in groups if parameters and group.redraw != "step"])
-        self._fresh = _Drawn(task, [group for group in groups if not parameters or group.redraw == "step"])
+        self._episode = _UncertainParameters(task, [group for group in groups if parameters and group.redraw != "step"])
+        self._by_step = _UncertainParameters(
+            task, [group for group in groups if not parameters or group.redraw == "step"]
+        )
         unseen = {name: UNSEEN[name] for name in model.disturbance_names if name in UNSEEN}
         self._unseen = [model.disturbance_names.index(name) for name in unseen]
         self._sensors = Sensors.of(task)
@@ -110,16 +112,18 @@ class StateEstimator:
         # Of everything but the states: standard deviation at the start, and what is left of it after a step.
         self._first = np.array(
             [
-                *self._kept.spread,
+                *self._episode.spread,
                 *(spread for spread, _ in unseen.values()),
                 *(size for pair in offsets for size in pair),
             ]
         )
         self._fading = np.exp(
             -hours
-            / np.array([*self._kept.hours, *(hours_left for _, hours_left in unseen.values()), *([np.inf] * 2 * count)])
+            / np.array(
+                [*self._episode.hours, *(hours_left for _, hours_left in unseen.values()), *([np.inf] * 2 * count)]
+            )
         )
-        self._places = np.cumsum([self._s, len(self._kept.spread), len(self._unseen), 2 * count])
+        self._places = np.cumsum([self._s, len(self._episode.spread), len(self._unseen), 2 * count])
         self._start_spread = _start_spread(task)
         self.reset(1)
 
@@ -128,7 +132,7 @@ class StateEstimator:
         self._n, self._step = whole_number(n, "The number of runs"), 0
         self._z = np.zeros((self._n, int(self._places[-1])))
         self._covariance = np.zeros((self._n, 0, 0))
-        self._last = np.full((self._n, len(self._shown.names)), np.nan)
+        self._last = np.full((self._n, len(self._model.names)), np.nan)
 
     @property
     def states(self) -> Floats:
@@ -139,13 +143,13 @@ class StateEstimator:
     def deviations(self) -> Floats:
         """Standard deviations of the states by the filter's own account ``(n, s)``."""
         spread: Floats = np.sqrt(np.maximum(np.diagonal(self._covariance, axis1=1, axis2=2)[:, : self._s], 0.0))
-        found: Floats = spread * self._scale[:, : self._s]
-        return found
+        deviations: Floats = spread * self._scale[:, : self._s]
+        return deviations
 
     @property
     def parameters(self) -> Floats:
         """Parameters as estimated ``(n, p)``: nominal where the task draws none, derived ones made to fit."""
-        return self._kept.complete(self._z[:, self._s : self._places[1]])
+        return self._episode.complete(self._z[:, self._s : self._places[1]])
 
     def weather_errors(self, steps: int) -> Floats:
         """How far the weather of the coming steps is expected to be off ``(n, steps, d)``; to be added to ``Outlook.ahead(steps).d``.
@@ -153,11 +157,11 @@ class StateEstimator:
         Only columns that nobody sees are (``UNSEEN``): by as much as is estimated now, and less with every hour.
         """
         count = whole_number(steps, "The number of steps ahead")
-        kept, unseen = int(self._places[1]), int(self._places[2])
-        found = np.zeros((self._n, count, len(self.task.model_value.disturbances)))
-        left = self._fading[kept - self._s : unseen - self._s] ** np.arange(count)[:, None]
-        found[:, :, self._unseen] = self._z[:, None, kept:unseen] * left
-        return found
+        start, end = int(self._places[1]), int(self._places[2])
+        errors = np.zeros((self._n, count, len(self.task.model_value.disturbances)))
+        fading = self._fading[start - self._s : end - self._s] ** np.arange(count)[:, None]
+        errors[:, :, self._unseen] = self._z[:, None, start:end] * fading
+        return errors
 
     def update(self, observations: ArrayLike, d: ArrayLike, controls: ArrayLike | None = None) -> Floats:
         """Take in what is observed now; once at the start, before the first action, and once after every step.
@@ -185,30 +189,28 @@ class StateEstimator:
             When the disturbances have the wrong shape, as ``Outlook.past`` has before its first update.
         """
         task, n = self.task, self._n
-        seen = checked_observations(task, observations, n, self._names)
-        d, wanted = np.array(d, dtype=np.float64), (n, len(task.model_value.disturbance_names))
-        if d.shape != wanted:
+        readings = checked_observations(task, observations, n, self._names)
+        d, expected = np.array(d, dtype=np.float64), (n, len(task.model_value.disturbance_names))
+        if d.shape != expected:
             first = "call outlook.update(observations) first" if d.size == 0 else "a row for each run"
-            msg = f"Wrong shape of the disturbances of {task.id}: expected {wanted}, got {d.shape}; {first}."
+            msg = f"Wrong shape of the disturbances of {task.id}: expected {expected}, got {d.shape}; {first}."
             raise ShapeError(msg)
         if self._covariance.shape[1] == 0:
             self._start(d)
         else:
-            self._predict(d, self._in_force(seen, controls))
+            if controls is not None:
+                u = np.array(controls, dtype=np.float64)
+            elif self._model.control_columns is None:
+                msg = f"{task.id} does not show its controls: say which were in force, controls=..."
+                raise TaskError(msg)
+            else:
+                why = "Say which controls were in force: controls=..."
+                refuse_missing(readings, self._model.control_columns, task, self._names, why)
+                u = self._model.controls(readings)
+            self._predict(d, u)
             self._step += 1
-        self._correct(seen[:, self._shown.columns])
+        self._correct(readings[:, self._model.columns])
         return self.states
-
-    def _in_force(self, seen: Floats, controls: ArrayLike | None) -> Floats:
-        if controls is not None:
-            return np.array(controls, dtype=np.float64)
-        if self._controls is None:
-            msg = f"{self.task.id} does not show its controls: say which were in force, controls=..."
-            raise TaskError(msg)
-        refuse_missing(
-            seen, self._controls.columns, self.task, self._names, "Say which controls were in force: controls=..."
-        )
-        return self._controls.of(seen)
 
     def _start(self, d: Floats) -> None:
         """The nominal start, and how far a run may be from it."""
@@ -226,14 +228,14 @@ class StateEstimator:
 
     def _predict(self, d: Floats, u: Floats) -> None:
         """A step of the model, and of the covariance along its derivatives; in units of ``self._scale``."""
-        s, (_, kept, unseen, _) = self._s, self._places.tolist()
+        s, (_, of_weather, of_sensors, _) = self._s, self._places.tolist()
         p = self.parameters
-        d[:, self._unseen] += self._z[:, kept:unseen]
-        x_next, dx, dd, dp = self._linearised(self._z[:, :s], u, d, p)
+        d[:, self._unseen] += self._z[:, of_weather:of_sensors]
+        x_next, dx, dd, dp = self._linearise(self._z[:, :s], u, d, p)
         forward = np.zeros((self._n, s, self._z.shape[1]))
         forward[:, :, :s] = dx
-        forward[:, :, s:kept] = dp[:, :, : len(self._kept.names)] @ self._kept.chain
-        forward[:, :, kept:unseen] = dd[:, :, self._unseen]
+        forward[:, :, s:of_weather] = dp[:, :, : len(self._episode.names)] @ self._episode.chain
+        forward[:, :, of_weather:of_sensors] = dd[:, :, self._unseen]
         forward *= self._scale[:, None, :] / self._scale[:, :s, None]
         self._z[:, :s] = x_next
         self._z[:, s:] *= self._fading
@@ -245,8 +247,8 @@ class StateEstimator:
         new[:, :s, s:] = upper[:, :, s:] * self._fading
         new[:, s:, :s] = new[:, :s, s:].transpose(0, 2, 1)
         new[:, s:, s:] = old[:, s:, s:] * (self._fading[:, None] * self._fading)
-        if self._fresh.names:
-            gusts = dp[:, :, len(self._kept.names) :] @ (self._fresh.chain * self._fresh.spread)
+        if self._by_step.names:
+            gusts = dp[:, :, len(self._episode.names) :] @ (self._by_step.chain * self._by_step.spread)
             gusts /= self._scale[:, :s, None]
             new[:, :s, :s] += gusts @ gusts.transpose(0, 2, 1)
         places = np.arange(new.shape[1])
@@ -254,28 +256,28 @@ class StateEstimator:
         new[:, places[s:], places[s:]] += (self._first > 0.0) * (1.0 - self._fading**2)
         self._covariance = new
 
-    def _linearised(self, x: Floats, u: Floats, d: Floats, p: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    def _linearise(self, x: Floats, u: Floats, d: Floats, p: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """States after a step and their derivatives; a run whose step fails stays where it is."""
-        names = (*self._kept.names, *self._fresh.names)
+        names = (*self._episode.names, *self._by_step.names)
         inputs = ("x", "d") if self._unseen else ("x",)
         try:
-            lines = self.kernel.linearise(x, u, d, p, inputs=inputs, parameters=names)
+            step = self.kernel.linearise(x, u, d, p, inputs=inputs, parameters=names)
         except StepError:
             if len(x) > 1:
-                rows = [self._linearised(*(given[row : row + 1] for given in (x, u, d, p))) for row in range(len(x))]
+                rows = [self._linearise(*(values[row : row + 1] for values in (x, u, d, p))) for row in range(len(x))]
                 x_next, dx, dd, dp = (np.concatenate(parts) for parts in zip(*rows, strict=True))
                 return x_next, dx, dd, dp
             flat = np.zeros((1, self._s, d.shape[1] if self._unseen else 0)), np.zeros((1, self._s, len(names)))
             return x.copy(), np.eye(self._s)[None], *flat
-        return lines.x_next, lines.dx, lines.dd, lines.dp
+        return step.x_next, step.dx, step.dd, step.dp
 
     def _correct(self, readings: Floats) -> None:
         """Take in the readings one after the other, as functions of the states linearised around the prediction."""
         around = z = self._z
         cov, s, first = self._covariance, self._s, int(self._places[2])
-        values, slopes = self._shown.of(around[:, :s])
-        gone, gaps = self._step / self.task.steps, np.isnan(readings)
-        for place, sensor in enumerate(self._shown.sensor.tolist()):
+        values, slopes = self._model.of(around[:, :s])
+        elapsed, gaps = self._step / self.task.steps, np.isnan(readings)
+        for place, sensor in enumerate(self._model.sensor.tolist()):
             reading, expected, missing = readings[:, place], values[:, place], gaps[:, place]
             row = np.zeros_like(z)
             row[:, :s] = slopes[:, place]
@@ -285,8 +287,8 @@ class StateEstimator:
             if sensor >= 0:
                 noise = noise + self._sensors.sensors[sensor].noise ** 2
                 at = first + 2 * sensor
-                row[:, at], row[:, at + 1] = 1.0, gone
-                expected = expected + around[:, at] + gone * around[:, at + 1]
+                row[:, at], row[:, at + 1] = 1.0, elapsed
+                expected = expected + around[:, at] + elapsed * around[:, at + 1]
                 if self._sensors.out > 0.0:  # what hangs shows its last reading, to the bit
                     use *= reading != self._last[:, place]
             surprise = reading - expected - (row * (z - around)).sum(axis=1)
@@ -299,12 +301,12 @@ class StateEstimator:
             after = (cov * row[:, None, :]).sum(axis=2)
             cov = cov - after[:, :, None] * gain[:, None, :] + (noise[:, None] * gain)[:, :, None] * gain[:, None, :]
         self._covariance = 0.5 * (cov + cov.transpose(0, 2, 1))
-        kept = slice(s, int(self._places[1]))
-        z[:, kept] = np.clip(z[:, kept], -self._kept.most, self._kept.most)
+        of_parameters = slice(s, int(self._places[1]))
+        z[:, of_parameters] = np.clip(z[:, of_parameters], -self._episode.most, self._episode.most)
         self._z, self._last = z, np.where(gaps, self._last, readings)
 
 
-class _Drawn:
+class _UncertainParameters:
     """Parameters that a task draws, as relative deviations with a spread.
 
     Attributes
@@ -319,26 +321,26 @@ class _Drawn:
 
     def __init__(self, task: TaskSpec, groups: list[ParameterGroup]) -> None:
         model, self._nominal = task.model_value, task.parameters()
-        drawn = [(name, group) for group in groups for name in group.parameters]
-        self._places = [model.parameter_names.index(name) for name, _ in drawn]
+        uncertain = [(name, group) for group in groups for name in group.parameters]
+        self._places = [model.parameter_names.index(name) for name, _ in uncertain]
         self._derived = DerivedParameters(model, self._nominal, tuple(self._places))
         spreads = {group.name: DISTRIBUTIONS[group.distribution](_GRID, group.half_width) for group in groups}
-        self.spread = np.array([np.std(spreads[group.name]) for _, group in drawn])
-        self.most = np.array([np.max(np.abs(spreads[group.name])) for _, group in drawn])
-        self.hours = [_EVER if group.redraw == "episode" else _A_DAY for _, group in drawn]
+        self.spread = np.array([np.std(spreads[group.name]) for _, group in uncertain])
+        self.most = np.array([np.max(np.abs(spreads[group.name])) for _, group in uncertain])
+        self.hours = [_EVER if group.redraw == "episode" else _A_DAY for _, group in uncertain]
         changed = sorted({*self._places, *self._derived.followers})
         self.names = tuple(model.parameter_names[place] for place in changed)
-        steps = _SMALL * np.eye(len(drawn))
+        steps = _SMALL * np.eye(len(uncertain))
         ahead, behind = self.complete(steps), self.complete(-steps)
         self.chain: Floats = np.ascontiguousarray(((ahead - behind) / (2.0 * _SMALL))[:, changed].T)
 
     def complete(self, deviations: Floats) -> Floats:
         """All parameters ``(n, p)`` with ``deviations`` ``(n, deviations)``."""
-        found = np.tile(self._nominal, (len(deviations), 1))
+        parameters = np.tile(self._nominal, (len(deviations), 1))
         if self._places:
-            found[:, self._places] *= 1.0 + deviations
-            self._derived.complete(found)
-        return found
+            parameters[:, self._places] *= 1.0 + deviations
+            self._derived.complete(parameters)
+        return parameters
 
 
 def _start_spread(task: TaskSpec) -> Floats:

@@ -1,8 +1,8 @@
 """Predictive control: in every step a plan for the hours ahead, of which the first step is taken.
 
-A plan is made from the one before, a step later, by the iterations that plan a season (``glbench.control.ascent``): linearise, improve
-within a trust region, simulate several lengths of the improvement, keep the best. What the state at the end of the horizon is worth is
-given by an ``EndValue``. Reasons and figures: docs/adr/0020-predictive-control.md.
+A plan is made from the one before, a step later, by the iterations that plan a season (``glbench.control.trust_region``): linearise,
+improve within a trust region, simulate several lengths of the improvement, keep the best. What the state at the end of the horizon is
+worth is given by an ``EndValue``. Reasons and figures: docs/adr/0020-predictive-control.md.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.control.ascent import LENGTHS, feasible, improvement, shares_of_reach
-from glbench.control.end_value import EndValue
+from glbench.control.season import EndValue
 from glbench.control.stage import StageReward, judged_at_the_end, with_constraints
+from glbench.control.trust_region import LENGTHS, feasible, radius_shares, trust_region_step
 from glbench.env.air import AIR
 from glbench.env.spaces import the_task
 from glbench.errors import ShapeError, StepError, TaskError, UnknownNameError, did_you_mean, whole_number
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
-_Found = TypeVar("_Found")
+_Result = TypeVar("_Result")
 
 _FIRST_RADIUS, _LEAST_RADIUS, _LARGEST_RADIUS = 0.1, 0.02, 0.3
 """Trust region of a run: how far a control may move in an iteration."""
@@ -143,19 +143,19 @@ class PredictiveController:
         """
         self._runs = _at_least_one(runs, "The number of runs")
         self._radius = np.full(self._runs, _FIRST_RADIUS)
-        self._at, self._taken, self._decisions = 0, 0, 0
+        self._at, self._steps_done, self._decisions = 0, 0, 0
         self._jacobians, self._renewed = np.zeros((self._runs, 0)), np.zeros(self._runs, dtype=np.bool_)
         self._plan = np.zeros((self._runs, 0, len(self._high)))
         if controls is not None:
-            given = np.asarray(controls, dtype=np.float64)
+            first = np.asarray(controls, dtype=np.float64)
             if (
-                given.ndim not in (2, 3)
-                or given.shape[-1] != len(self._high)
-                or given.shape[:-2] not in ((), (self._runs,))
+                first.ndim not in (2, 3)
+                or first.shape[-1] != len(self._high)
+                or first.shape[:-2] not in ((), (self._runs,))
             ):
-                msg = f"The first controls are (steps, {len(self._high)}), for each run or for all {self._runs}; got {given.shape}."
+                msg = f"The first controls are (steps, {len(self._high)}), for each run or for all {self._runs}; got {first.shape}."
                 raise ShapeError(msg)
-            self._plan = np.array(np.broadcast_to(given, (self._runs, *given.shape[-2:])))
+            self._plan = np.array(np.broadcast_to(first, (self._runs, *first.shape[-2:])))
 
     @property
     def plan(self) -> Floats:
@@ -210,16 +210,26 @@ class PredictiveController:
             )
             raise ShapeError(msg)
         states, before, weather, parameters, dates = self._checked(x, u_before, d, p, calendar)
-        steps = weather.shape[1]
-        plan = self._within_reach(self._warm(steps, before), before)
-        end = self._worth(dates[:, -1, 0], days_left, steps)
-        count = self._iterations if self._decisions else self._first_iterations
-        self._shift(steps)
-        known = np.isfinite(states).all(axis=1) & np.isfinite(before).all(axis=1)
-        rows = np.flatnonzero(known)
+        steps, day = weather.shape[1], self.task.steps_per_day
+        # The search begins with what is left of the plan, and behind it with what was planned a day before.
+        start = np.repeat(before[:, None], steps, axis=1)
+        for step in range(steps if self._plan.shape[1] else 0):
+            place = self._at + step
+            while place >= self._plan.shape[1] and place >= day:
+                place -= day
+            start[:, step] = self._plan[:, min(place, self._plan.shape[1] - 1)]
+        plan = self._feasible(start, before)
+        end = np.zeros((self._runs, self._states))
+        if self._end_value is not None and days_left is not None:
+            after = days_left - steps * self.task.step_seconds / 86400.0
+            if after > 1e-9:  # nothing comes after horizons that end with the season
+                end = self._end_value(self._near, dates[:, -1, 0], after)
+        self._shift_derivatives(steps)
+        usable = np.isfinite(states).all(axis=1) & np.isfinite(before).all(axis=1)
+        rows = np.flatnonzero(usable)
         for first in range(0, len(rows), _TOGETHER):
             some = rows[first : first + _TOGETHER]
-            for _ in range(count):
+            for _ in range(self._iterations if self._decisions else self._first_iterations):
                 some = self._improve(plan, some, states, before, weather, parameters, dates, end)
             self._renewed[some] = True
         self._plan, self._at, self._decisions = plan, 0, self._decisions + 1
@@ -236,7 +246,7 @@ class PredictiveController:
         if self._at >= self._plan.shape[1]:
             msg = f"The plan has {self._plan.shape[1]} steps, and all are taken: decide makes another one."
             raise ShapeError(msg)
-        self._at, self._taken = self._at + 1, self._taken + 1
+        self._at, self._steps_done = self._at + 1, self._steps_done + 1
         return self._plan[:, self._at - 1].copy()
 
     def _improve(
@@ -252,109 +262,90 @@ class PredictiveController:
     ) -> Rows:
         """One iteration on some rows of ``plan``, in place; gives those that can be improved further."""
 
-        def linearised(some: Rows) -> Trajectory:
-            return self._lines(some, x[some], plan[some], d[some], _of(p, some))
+        def linearise(some: Rows) -> Trajectory:
+            return self._linearise(some, x[some], plan[some], d[some], _of(p, some))
 
-        lines, rows = _of_those_that_can(linearised, rows)
-        if lines is None:
+        linearisation, rows = _of_those_that_can(linearise, rows)
+        if linearisation is None:
             return rows
         u, u0, dates, worth = plan[rows], before[rows], calendar[rows], end[rows]
-        reach = self._radius[rows, None, None] * shares_of_reach(self._smooth, lines)
-        move = improvement(
+        region = self._radius[rows, None, None] * radius_shares(self._smooth, linearisation)
+        move = trust_region_step(
             self._smooth,
-            lines,
+            linearisation,
             u,
             dates,
-            reach,
-            lambda wanted: self._within_reach(wanted, u0),
+            region,
+            lambda controls: self._feasible(controls, u0),
             steps=self._ascent_steps,
             end=worth,
         )
-        tried = np.stack([self._within_reach(u + share * move, u0) for share in LENGTHS], axis=1)
-        ends = self._rolled(tried, x[rows], d[rows], _of(p, rows))
-        earned = self._stage(ends, tried, np.repeat(dates[:, None], len(LENGTHS), axis=1)).reward.sum(axis=-1)
+        candidates = np.stack([self._feasible(u + share * move, u0) for share in LENGTHS], axis=1)
+        ends = self._rollouts(candidates, x[rows], d[rows], _of(p, rows))
+        earned = self._stage(ends, candidates, np.repeat(dates[:, None], len(LENGTHS), axis=1)).reward.sum(axis=-1)
         # Relative to where the plan leads, so that what the whole plants are worth does not hide what differs.
         last = ends[:, :, -1, : self._states]
-        ahead = ((last - lines.x[:, None, -1]) * worth[:, None]).sum(axis=-1)
+        ahead = ((last - linearisation.x[:, None, -1]) * worth[:, None]).sum(axis=-1)
         best = np.where(np.isfinite(earned + ahead), earned + ahead, -np.inf).argmax(axis=1)
-        plan[rows] = tried[np.arange(len(rows)), best]
+        plan[rows] = candidates[np.arange(len(rows)), best]
         radius = self._radius[rows]
         radius = np.where(best <= _SHORT, np.maximum(radius * _SHRINK, _LEAST_RADIUS), radius)
         self._radius[rows] = np.where(best >= _LONG, np.minimum(radius * _GROW, _LARGEST_RADIUS), radius)
         return rows
 
-    def _shift(self, steps: int) -> None:
+    def _shift_derivatives(self, steps: int) -> None:
         """Shift the derivatives of the last decision to the current horizon, and mark those to recompute."""
         old = self._jacobians[:, self._at :][:, :steps]
         self._jacobians = np.zeros((self._runs, steps, *old.shape[2:]))
         self._jacobians[:, : old.shape[1]] = old
-        turn = (self._taken + np.arange(steps) - self._decisions) % self._renew_every == 0
+        turn = (self._steps_done + np.arange(steps) - self._decisions) % self._renew_every == 0
         self._outdated = np.tile(turn, (self._runs, 1))
         self._outdated[:, :_NEXT] = self._outdated[:, old.shape[1] :] = True
         self._outdated[~self._renewed] = True
         self._renewed[:] = False
 
-    def _lines(self, rows: Rows, x: Floats, u: Floats, d: Floats, p: Floats) -> Trajectory:
+    def _linearise(self, rows: Rows, x: Floats, u: Floats, d: Floats, p: Floats) -> Trajectory:
         """The plans of ``rows``, simulated, with stored and recomputed derivatives."""
         kernel, outdated = self._kernel, self._outdated[rows]
         if outdated.all():
-            lines = kernel.linearise_trajectory(x, u, d, p)
+            linearisation = kernel.linearise_trajectory(x, u, d, p)
             if self._renew_every > 1:
                 if self._jacobians.ndim == 2:
-                    self._jacobians = np.zeros((*self._jacobians.shape, *lines.jacobians.shape[2:]))
-                self._jacobians[rows] = lines.jacobians
-            return lines
+                    self._jacobians = np.zeros((*self._jacobians.shape, *linearisation.jacobians.shape[2:]))
+                self._jacobians[rows] = linearisation.jacobians
+            return linearisation
         states = kernel.rollout(x, u, d, p)
         run, step = np.nonzero(outdated)
-        made = kernel.linearise(
+        renewed = kernel.linearise(
             states[run, step],
             u[run, step],
             d[run, step],
             p[run, step] if p.ndim == 3 else _of(p, run),
             inputs=("x", "u"),
         )
-        self._jacobians[rows[run], step] = np.concatenate([made.du, made.dx], axis=2).swapaxes(1, 2)
+        self._jacobians[rows[run], step] = np.concatenate([renewed.du, renewed.dx], axis=2).swapaxes(1, 2)
         return Trajectory(states, ("x", "u"), self._jacobians[rows], kernel)
 
-    def _rolled(self, tried: Floats, x: Floats, d: Floats, p: Floats) -> Floats:
+    def _rollouts(self, candidates: Floats, x: Floats, d: Floats, p: Floats) -> Floats:
         """States ``(rows, lengths, T + 1, s)``, with meters where there are some; NaN where a step fails."""
-        n, lengths, steps, _ = tried.shape
+        n, lengths, steps, _ = candidates.shape
         start = np.concatenate([x, np.zeros((n, self._meters))], axis=1)
         limits = np.broadcast_to(self._limits, (*p.shape[:-1], len(self._limits)))
-        known = np.concatenate([p, limits], axis=-1)
-        found = np.full((n, lengths, steps + 1, start.shape[1]), np.nan)
+        judged_p = np.concatenate([p, limits], axis=-1)
+        states = np.full((n, lengths, steps + 1, start.shape[1]), np.nan)
         row, length = (part.ravel() for part in np.meshgrid(np.arange(n), np.arange(lengths), indexing="ij"))
         while len(row):
             try:
-                found[row, length] = self._judge.rollout(start[row], tried[row, length], d[row], _of(known, row))
+                states[row, length] = self._judge.rollout(
+                    start[row], candidates[row, length], d[row], _of(judged_p, row)
+                )
                 break
             except RolloutError as failed:
                 row, length = np.delete(row, failed.horizon), np.delete(length, failed.horizon)
-        return found
+        return states
 
-    def _warm(self, steps: int, before: Floats) -> Floats:
-        """Where the search begins ``(runs, steps, c)``: what is left of the plan, and behind it what was planned a day before."""
-        plan, at, day = self._plan, self._at, self.task.steps_per_day
-        found = np.repeat(before[:, None], steps, axis=1)
-        for step in range(steps):
-            place = at + step
-            while place >= plan.shape[1] and place >= day:
-                place -= day
-            if plan.shape[1]:
-                found[:, step] = plan[:, min(place, plan.shape[1] - 1)]
-        return found
-
-    def _within_reach(self, wanted: Floats, before: Floats) -> Floats:
-        return feasible(wanted, before, self._high, self.task.actuation.max_change)
-
-    def _worth(self, hour: Floats, days_left: float | None, steps: int) -> Floats:
-        """What a unit of each state is worth at the end of horizons of ``steps`` ``(runs, s)``."""
-        # Horizons that end with the season end without a value: nothing comes after them.
-        if self._end_value is not None and days_left is not None:
-            after = days_left - steps * self.task.step_seconds / 86400.0
-            if after > 1e-9:
-                return self._end_value(self._near, hour, after)
-        return np.zeros((self._runs, self._states))
+    def _feasible(self, controls: Floats, before: Floats) -> Floats:
+        return feasible(controls, before, self._high, self.task.actuation.max_change)
 
     def _checked(
         self, x: ArrayLike, u_before: ArrayLike, d: ArrayLike, p: ArrayLike, calendar: ArrayLike
@@ -364,9 +355,9 @@ class PredictiveController:
         states, before, weather, parameters, dates = (
             np.asarray(a, dtype=np.float64) for a in (x, u_before, d, p, calendar)
         )
-        wanted = len(self.task.model_value.states)
-        if states.shape not in ((n, wanted), (n, self._states)):
-            raise ShapeError(_wrong("states", states, f"({n}, {wanted})"))
+        count = len(self.task.model_value.states)
+        if states.shape not in ((n, count), (n, self._states)):
+            raise ShapeError(_wrong("states", states, f"({n}, {count})"))
         if before.shape != (n, len(self._high)):
             raise ShapeError(_wrong("controls in force", before, f"({n}, {len(self._high)})"))
         if (
@@ -387,7 +378,7 @@ class PredictiveController:
         return states[:, : self._states], before, weather, parameters[..., : self._parameters], dates
 
 
-def _of_those_that_can(make: Callable[[Rows], _Found], rows: Rows) -> tuple[_Found | None, Rows]:
+def _of_those_that_can(make: Callable[[Rows], _Result], rows: Rows) -> tuple[_Result | None, Rows]:
     """What ``make`` gives for those rows for which it does not fail, and these rows."""
     try:
         return (make(rows) if len(rows) else None), rows
@@ -432,5 +423,5 @@ def _at_least_one(value: int, what: str) -> int:
     return number
 
 
-def _wrong(what: str, found: Floats, wanted: str) -> str:
-    return f"Wrong shape of the {what}: got {found.shape}, expected {wanted}."
+def _wrong(what: str, values: Floats, expected: str) -> str:
+    return f"Wrong shape of the {what}: got {values.shape}, expected {expected}."

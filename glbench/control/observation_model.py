@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,6 +31,8 @@ class ObservationModel:
         Their places in the observation.
     names
         Their names.
+    control_columns
+        Places of the controls in force in the observation; ``None`` where the task does not show them.
     sensor
         For each, the place among the task's erring sensors of the one that shows it; -1 where it is observed as it is.
     """
@@ -55,11 +56,11 @@ class ObservationModel:
                 )
             for module in task.observation.modules:
                 observed = task.observed_by(module)
-                known = model.observed(module, task.observation_context().horizon)
+                of_model = model.observed(module, task.observation_context().horizon)
                 sources: list[tuple[Any, int]] = [(None, -1)] * len(observed)
-                if known is None and module == "full_state":
+                if of_model is None and module == "full_state":
                     sources = [(state, -1) for state in states]
-                for place, column in enumerate(known or ()):
+                for place, column in enumerate(of_model or ()):
                     if column.of is not None:
                         sources[place] = column.of(by_name, nominal), -1
                     elif column.source in air:
@@ -80,6 +81,20 @@ class ObservationModel:
             recorder.tape(), [("observation", place) for place in range(len(columns))], ("after",)
         )
 
+        observed_names, capacities = [column.name for column in task.observed()], task.capacities()
+        self.control_columns: NDArray[np.intp] | None = None
+        self._control_at_one = np.ones(len(capacities))
+        for ending, at_one in (("_fraction", [1.0] * len(capacities)), ("", [one.at_one for one in capacities])):
+            controls = [f"{one.quantity}{ending}" for one in capacities]
+            if all(name in observed_names for name in controls):
+                self.control_columns = np.array([observed_names.index(name) for name in controls], np.intp)
+                self._control_at_one = np.where(np.array(at_one) > 0.0, at_one, 1.0)
+
+    def controls(self, observations: Floats) -> Floats:
+        """Controls in force ``(n, c)``, fractions, of a task that shows them."""
+        assert self.control_columns is not None
+        return np.clip(observations[:, self.control_columns] / self._control_at_one, 0.0, 1.0)
+
     def of(self, states: Floats) -> tuple[Floats, Floats]:
         """Values ``(n, columns)`` in ``states`` ``(n, s)``, and their gradients ``(n, columns, s)``."""
         values = np.empty((len(states), len(self.columns)))
@@ -87,28 +102,6 @@ class ObservationModel:
         for place, column in enumerate(self._derivatives(lambda source, index: states[:, index], {"after": slopes})):
             values[:, place] = column
         return values, slopes
-
-
-@dataclass(frozen=True, eq=False)
-class ShownControls:
-    """Where the controls in force stand in an observation, and what 1 of each is there."""
-
-    columns: NDArray[np.intp]
-    at_one: Floats
-
-    @staticmethod
-    def of_task(task: TaskSpec) -> ShownControls | None:
-        """Of a task that shows its controls; ``None`` of others."""
-        names, capacities = [column.name for column in task.observed()], task.capacities()
-        for ending, at_one in (("", [one.at_one for one in capacities]), ("_fraction", [1.0] * len(capacities))):
-            wanted = [f"{one.quantity}{ending}" for one in capacities]
-            if all(name in names for name in wanted):
-                return ShownControls(np.array([names.index(name) for name in wanted], np.intp), np.array(at_one))
-        return None
-
-    def of(self, observations: Floats) -> Floats:
-        """Controls in force ``(n, c)``, fractions."""
-        return np.clip(observations[:, self.columns] / np.where(self.at_one > 0.0, self.at_one, 1.0), 0.0, 1.0)
 
 
 def checked_observations(task: TaskSpec, observations: Any, n: int, names: Sequence[str]) -> Floats:
@@ -119,13 +112,13 @@ def checked_observations(task: TaskSpec, observations: Any, n: int, names: Seque
     TaskError
         When they have another shape, or a reading is infinite.
     """
-    found = np.array(observations, dtype=np.float64)
-    wanted = (n, len(names))
-    if found.shape != wanted:
-        msg = f"Wrong shape of the observations of {task.id}: expected {wanted}, a row for each run; got {found.shape}."
+    values = np.array(observations, dtype=np.float64)
+    expected = (n, len(names))
+    if values.shape != expected:
+        msg = f"Wrong shape of the observations of {task.id}: expected {expected}, a row for each run; got {values.shape}."
         raise TaskError(msg)
-    _refuse(np.isinf(found), task, names, "is infinite. If it is missing, pass NaN.")
-    return found
+    _refuse(np.isinf(values), task, names, "is infinite. If it is missing, pass NaN.")
+    return values
 
 
 def refuse_missing(

@@ -1,4 +1,4 @@
-"""Everything that is given in a run: start, weather, parameters, calendar, and how far controls may go."""
+"""Everything that is given in a run: start, weather, parameters, calendar, how far controls may go; and actions for planned controls."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env import run_weather
+from glbench.env.actuation import off_position
 from glbench.env.scenario import RunScenarios
 from glbench.env.simulation import read_only, run_parameters
 from glbench.env.spaces import checked_seed, the_task
+from glbench.errors import TaskError
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
+
 
 Floats = NDArray[np.float64]
 
@@ -70,7 +73,7 @@ class Scenario:
         task, seed = the_task(task), checked_seed(seed)
         scenarios = RunScenarios(task)
         scene = scenarios.draw([seed])
-        names, granted = task.model_value.control_names, task.actuation.controls
+        names, controls = task.model_value.control_names, task.actuation.controls
         return cls(
             task=task,
             seed=seed,
@@ -80,6 +83,36 @@ class Scenario:
             p=read_only(run_parameters(task, seed)),
             calendar=read_only(scenarios.pool.calendar[scene.first[0] + np.arange(task.steps + 1)]),
             low=read_only(np.zeros(len(names))),
-            high=read_only(np.array([float(name in granted) for name in names])),
+            high=read_only(np.array([float(name in controls) for name in names])),
             max_change=task.actuation.max_change,
         )
+
+
+def actions_of(task: TaskSpec, before: Floats, controls: Floats) -> Floats:
+    """What an agent has to do to get from the controls in force ``(..., c)`` to ``controls`` ``(..., c)``; ``(..., actions)``.
+
+    A control that is off or on is asked for the nearest that it can do; whether it may be switched is not looked at.
+
+    Raises
+    ------
+    TaskError
+        When the task's actions are not about single controls: set points of a process computer.
+    """
+    names = task.model_value.control_names
+    columns = [names.index(name) for name in task.actuation.controls]
+    if task.actuation.kind == "set_point":
+        return controls[..., columns]
+    if task.actuation.kind != "rate":
+        msg = f"A plan gives controls, and the actions of {task.id} are of the kind '{task.actuation.kind}'."
+        raise TaskError(msg)
+    change = controls[..., columns] - before[..., columns]
+    for place, name in enumerate(task.actuation.controls):
+        if name in task.on_off:
+            machine, column = task.on_off[name], names.index(name)
+            off = off_position(task, machine)
+            there, here = (
+                np.where(u >= 0.5 * machine.lowest, np.maximum(u, machine.lowest), off)
+                for u in (controls[..., column], before[..., column])
+            )
+            change[..., place] = there - here
+    return np.clip(change / task.actuation.max_change, -1.0, 1.0)

@@ -1,30 +1,33 @@
-"""Perfect-information plans for a whole season: sequential convex programming along the trajectory.
+"""Perfect-information plans for a whole season, and what they say of the worth of states at the end of a short horizon.
 
-Each iteration linearises the season's steps around the plan, improves the rewards of the linearised season within a trust region of
-each day, corrects the improvement by what the linearised season got wrong about it, and simulates eight step lengths. Each day keeps the
-length that serves it best, judged by what it earns itself and by what the rest of the season makes of the state that it leaves (the
-costates). A plan is never worse than the one that it was made from. Why it is done like this:
-docs/adr/0019-plans-by-sequential-convex-programming.md.
+Plans are made by sequential convex programming along the trajectory. Each iteration linearises the season's steps around the plan, improves
+the rewards of the linearised season within a trust region of each day, corrects the improvement by what the linearised season got wrong
+about it, and simulates eight step lengths. Each day keeps the length that serves it best, judged by what it earns itself and by what the
+rest of the season makes of the state that it leaves (the costates). A plan is never worse than the one that it was made from. Why it is
+done like this: docs/adr/0019-plans-by-sequential-convex-programming.md.
+
+An end value is made of the costates of such plans. Why a short horizon needs one: docs/adr/0020-predictive-control.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.control.acting import actions_of
-from glbench.control.ascent import LENGTHS, feasible, improvement, shares_of_reach
+from glbench.control.scenario import Scenario, actions_of
 from glbench.control.stage import StageReward, StageValues, judged_at_the_end
-from glbench.errors import ShapeError, whole_number
+from glbench.control.trust_region import LENGTHS, feasible, radius_shares, trust_region_step
+from glbench.env.spaces import the_task
+from glbench.errors import GlbenchError, ShapeError, TaskError, whole_number
 from glbench.kernel import Kernel
 
 if TYPE_CHECKING:
-    from glbench.control.scenario import Scenario
-    from glbench.kernel.trajectories import Trajectory
+    from glbench.tasks import TaskSpec
+
 
 Floats = NDArray[np.float64]
 
@@ -171,64 +174,239 @@ class _Search:
 
     def improve(self, smoothing: float) -> float:
         """One iteration; gives what it gained."""
-        plan, stage = self.plan, StageReward(self.near, smoothing=smoothing)
-        lines = self.plain.linearise_trajectory(plan.states[0, : self.s], plan.controls, self.scenario.d, self.p)
-        _, slopes = stage.gradient(lines.x, plan.controls, self.scenario.calendar)
+        plan, stage, calendar = self.plan, StageReward(self.near, smoothing=smoothing), self.scenario.calendar
+        linearisation = self.plain.linearise_trajectory(
+            plan.states[0, : self.s], plan.controls, self.scenario.d, self.p
+        )
+        _, slopes = stage.gradient(linearisation.x, plan.controls, calendar)
         # What the rest of the season makes of a state: without the end of the step that led there.
-        worth = lines.pull(slopes.states).costates
+        worth = linearisation.pull(slopes.states).costates
         worth[1:] -= slopes.after
-        reach = self.radius[self.days, None] * shares_of_reach(stage, lines)
-        move = improvement(stage, lines, plan.controls, self.scenario.calendar, reach, self._feasible, steps=_INNER)
-        bend = self._corrected(stage, lines, reach, move) - move
+        radius = self.radius[self.days, None] * radius_shares(stage, linearisation)
+        move = trust_region_step(stage, linearisation, plan.controls, calendar, radius, self._feasible, steps=_INNER)
+        # Second-order correction: the move is improved again where the states are that it really leads to.
+        p = self.p if self.p.ndim == 1 else self.p[None]
+        there = self.plain.rollout(linearisation.x[:1], (plan.controls + move)[None], self.scenario.d, p)[0]
+        bend = -move + trust_region_step(
+            stage, linearisation, plan.controls, calendar, radius, self._feasible, steps=_CORRECTING, rate=_CORRECTING_RATE,
+            start=move, x=there - linearisation.push(move),
+        )  # fmt: skip
 
         def at(length: float | Floats) -> Floats:
             return self._feasible(plan.controls + length * move + length**2 * bend)
 
-        tried = self._simulated(np.array([at(length) for length in LENGTHS]))
-        best = self._best_by_day(tried, worth)
+        candidates = self._simulated(np.array([at(length) for length in LENGTHS]))
+        # The length that serves each day best, by what it earns and what its last state is worth to the days after.
+        scores = np.empty((len(candidates), len(self.starts)))
+        for place, candidate in enumerate(candidates):
+            ahead = ((candidate.states - plan.states)[:, : self.s] * worth).sum(axis=1)
+            earned = np.add.reduceat(candidate.values.reward, self.starts)
+            scores[place] = earned + ahead[self.ends] - ahead[self.starts]
+        best = scores.argmax(axis=0)
         merged = self._simulated(at(LENGTHS[best][self.days, None])[None])
-        self.plan = max([plan, *tried, *merged], key=lambda one: one.reward)
+        self.plan = max([plan, *candidates, *merged], key=lambda one: one.reward)
         self.radius = np.where(best <= _SHORT, self.radius * _SHRINK, self.radius)
         self.radius = np.where(best >= _LONG, np.minimum(self.radius * _GROW, _LARGEST_RADIUS), self.radius)
         return self.plan.reward - plan.reward
 
-    def _corrected(self, stage: StageReward, lines: Trajectory, reach: Floats, move: Floats) -> Floats:
-        """``move``, improved again where the states are that it really leads to (second-order correction)."""
-        u = self.plan.controls
-        there = self.plain.rollout(
-            lines.x[:1], (u + move)[None], self.scenario.d, self.p if self.p.ndim == 1 else self.p[None]
-        )[0]
-        return improvement(
-            stage,
-            lines,
-            u,
-            self.scenario.calendar,
-            reach,
-            self._feasible,
-            steps=_CORRECTING,
-            rate=_CORRECTING_RATE,
-            start=move,
-            x=there - lines.push(move),
-        )
-
-    def _best_by_day(self, tried: list[SeasonPlan], worth: Floats) -> NDArray[np.intp]:
-        """Place of the length that serves each day best, by what it earns and what its last state is worth to the days after."""
-        scores = np.empty((len(tried), len(self.starts)))
-        for place, one in enumerate(tried):
-            ahead = ((one.states - self.plan.states)[:, : self.s] * worth).sum(axis=1)
-            earned = np.add.reduceat(one.values.reward, self.starts)
-            scores[place] = earned + ahead[self.ends] - ahead[self.starts]
-        best: NDArray[np.intp] = scores.argmax(axis=0)
-        return best
-
     def _simulated(self, controls: Floats) -> list[SeasonPlan]:
         """Plans of controls ``(n, T, c)``."""
-        given, n = self.scenario, len(controls)
-        p = given.p if given.p.ndim == 1 else given.p[None]
-        states = self.kernel.rollout(np.tile(given.x0, (n, 1)), controls, given.d, p)
+        scenario, n = self.scenario, len(controls)
+        p = scenario.p if scenario.p.ndim == 1 else scenario.p[None]
+        states = self.kernel.rollout(np.tile(scenario.x0, (n, 1)), controls, scenario.d, p)
         return [
-            SeasonPlan(given, u, x, self.reward(x, u, given.calendar)) for u, x in zip(controls, states, strict=True)
+            SeasonPlan(scenario, u, x, self.reward(x, u, scenario.calendar))
+            for u, x in zip(controls, states, strict=True)
         ]
 
     def _feasible(self, controls: Floats) -> Floats:
         return feasible(controls, self.scenario.u_before, self.scenario.high, self.scenario.max_change)
+
+
+_DAYS = 10.0
+"""Costates are averaged over so many days,"""
+_HOURS = 3.0
+"""and over so many hours of the day."""
+_LEAST = 1e-4
+"""What a state has to be worth as it changes from day to day, to be kept [EUR m-2]."""
+_SMOOTHING = 0.15
+"""Width within which violations count quadratically, as a share of the distance between the limits: a plan runs along a limit, where the
+derivative of a violation is all or nothing, and a controller that comes there again gives way."""
+_DIGITS = 3
+"""Significant digits of what is kept: more than plans of two seasons agree on."""
+
+
+@dataclass(frozen=True, eq=False)
+class EndValue:
+    """What a unit of each state is worth [EUR m-2], by the days left and by the hour of day: the product of two profiles.
+
+    The value of states is linear in them, and 0 at the end of the season. Between its points it is interpolated.
+
+    Attributes
+    ----------
+    states
+        Names of those that are worth something.
+    days_left
+        Days to the end of the season, rising, the first 0 ``(k,)``.
+    by_days_left
+        Mean over the hours of a day ``(k, states)``; the first row is 0.
+    by_hour
+        Factors for hours of the day, their mean 1 ``(8, states)``: the first for 0:00 to 3:00, in the middle of these hours.
+    """
+
+    states: tuple[str, ...]
+    days_left: Floats
+    by_days_left: Floats
+    by_hour: Floats
+
+    @classmethod
+    def of_plans(cls, plans: Sequence[SeasonPlan], *, preset: str = "fast") -> EndValue:
+        """The mean over plans for seasons of tasks with one model and one length, from scenarios that may be trained on.
+
+        States that are worth less than a hundredth of a cent, as they change from day to day, are days_left out.
+
+        Raises
+        ------
+        GlbenchError
+            When there is no plan, or plans differ in model or length.
+        """
+        kinds = {
+            (plan.scenario.task.model_id, plan.scenario.task.steps, plan.scenario.task.step_seconds) for plan in plans
+        }
+        if len(kinds) != 1:
+            msg = f"An end value is the mean over plans of one model and one length; got {len(plans)} plans of {len(kinds)} kinds."
+            raise GlbenchError(msg)
+        task = plans[0].scenario.task
+        model = judged_at_the_end(task).model_value
+        money = _money(task)
+        worth, days, hours = [], [], []
+        changes = np.zeros(len(model.states))
+        for plan in plans:
+            worth.append(_worth(plan, preset) / money)
+            days.append(np.arange(task.steps, 0, -1) / task.steps_per_day)
+            hours.append(plan.scenario.calendar[:-1, 0])
+            daily = plan.states[:: task.steps_per_day, : len(changes)]
+            changes += np.abs(np.diff(daily, axis=0)).mean(axis=0) / len(plans)
+        values, days_left, hour = np.concatenate(worth), np.concatenate(days), np.concatenate(hours)
+        blocks = np.arange(0.0, task.steps / task.steps_per_day, _DAYS)
+        by_days = np.array(
+            [values[(days_left > start) & (days_left <= start + _DAYS)].mean(axis=0) for start in blocks]
+        )
+        ends = np.minimum(blocks + _DAYS, days_left.max())
+        starts = np.arange(0.0, 24.0, _HOURS)
+        of_hours = np.array([values[(hour >= start) & (hour < start + _HOURS)].mean(axis=0) for start in starts])
+        mean = of_hours.mean(axis=0)
+        counts = np.abs(mean) * changes > _LEAST
+        factors = of_hours[:, counts] / mean[counts]
+        return cls(
+            tuple(name for name, own in zip(model.state_names, counts, strict=True) if own),
+            np.concatenate([[0.0], (blocks + ends) / 2.0]),
+            _rounded(np.vstack([np.zeros(counts.sum()), by_days[:, counts]])),
+            _rounded(factors),
+        )
+
+    @classmethod
+    def read(cls, content: Mapping[str, Any]) -> EndValue:
+        """The end value that ``written`` gave.
+
+        Raises
+        ------
+        GlbenchError
+            When ``content`` is none.
+        """
+        try:
+            states = content["states"]
+            value = cls(
+                tuple(map(str, states)),
+                np.array(content["days_left"], dtype=np.float64),
+                np.array([entry["by_days_left"] for entry in states.values()], dtype=np.float64).T,
+                np.array([entry["by_hour"] for entry in states.values()], dtype=np.float64).T,
+            )
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+            msg = (
+                "This is no end value. Expected days_left, a list of numbers, and states with by_days_left and by_hour."
+            )
+            raise GlbenchError(msg) from error
+        days, count = value.days_left, len(value.states)
+        rising = days.ndim == 1 and days.size > 0 and days[0] == 0.0 and bool((np.diff(days) > 0.0).all())
+        shapes = value.by_days_left.shape == (days.size, count) and value.by_hour.shape == (int(24.0 / _HOURS), count)
+        if not (rising and shapes and all(np.isfinite(a).all() for a in (days, value.by_days_left, value.by_hour))):
+            msg = "This is no end value: days_left rise from 0, each state has a number for each of them and 8 for the hours, all finite."
+            raise GlbenchError(msg)
+        return value
+
+    def written(self) -> dict[str, Any]:
+        """The end value as plain values, for a file."""
+        return {
+            "days_left": self.days_left.tolist(),
+            "states": {
+                name: {"by_days_left": self.by_days_left[:, i].tolist(), "by_hour": self.by_hour[:, i].tolist()}
+                for i, name in enumerate(self.states)
+            },
+        }
+
+    def __call__(self, task: TaskSpec | str, hour_of_day: ArrayLike, days_left: ArrayLike) -> Floats:
+        """What a unit of each state of the task's model is worth ``(n, s)``, in the unit of the task's reward.
+
+        Parameters
+        ----------
+        task
+            Whose model has the states. Meters of violations are worth nothing.
+        hour_of_day, days_left
+            Where horizons end, ``(n,)`` or numbers.
+
+        Raises
+        ------
+        TaskError
+            When the model lacks a state, or the reward does not count money.
+        """
+        task = the_task(task)
+        names = task.model_value.state_names
+        missing = [name for name in self.states if name not in names]
+        if missing:
+            msg = f"This end value is not for {task.id}: its model {task.model_id} has no {', '.join(missing)}."
+            raise TaskError(msg)
+        hour, days = (np.atleast_1d(np.asarray(moment, dtype=np.float64)) for moment in (hour_of_day, days_left))
+        middles = np.arange(-_HOURS / 2.0, 24.0 + _HOURS, _HOURS)
+        around = np.vstack([self.by_hour[-1:], self.by_hour, self.by_hour[:1]])
+        worth = np.zeros((max(len(hour), len(days)), len(names)))
+        for i, name in enumerate(self.states):
+            level = np.interp(days, self.days_left, self.by_days_left[:, i])
+            worth[:, names.index(name)] = level * np.interp(hour, middles, around[:, i])
+        worth *= _money(task)
+        return worth
+
+
+def _worth(plan: SeasonPlan, preset: str, smoothing: float = _SMOOTHING) -> Floats:
+    """What a unit of each state is worth to the steps after it ``(T, s)``, in the unit of the reward."""
+    scenario, near = plan.scenario, judged_at_the_end(plan.scenario.task)
+    model = near.model_value
+    kernel = Kernel(model, near.step_seconds, preset=preset)
+    p = scenario.p[..., : len(model.parameter_names)]
+    linearisation = kernel.linearise_trajectory(scenario.x0[: len(model.states)], plan.controls, scenario.d, p)
+    _, slopes = StageReward(near, smoothing=smoothing).gradient(linearisation.x, plan.controls, scenario.calendar)
+    costates = linearisation.pull(slopes.states).costates
+    costates[1:] -= slopes.after  # what the step before earned by leading there is no matter of the days after
+    return costates[:-1]
+
+
+def _money(task: TaskSpec) -> float:
+    """What 1 EUR m-2 is worth in the task's reward."""
+    # The same step with all controls off and on: what that costs, and what it does to the reward. Its states do not matter.
+    states, controls = (
+        np.full((2, 2, len(task.model_value.states)), 10.0),
+        np.zeros((2, 1, len(task.model_value.controls))),
+    )
+    controls[1] = 1.0
+    calendar = np.ones((2, 2, 2 + len(task.price_tables)))
+    stage = StageReward(task)(states, controls, calendar)
+    earned, reward = (float(a[1, 0] - a[0, 0]) for a in (stage.epi, stage.reward))
+    if earned == 0.0 or reward == 0.0:
+        msg = f"An end value counts money, which does not count in the reward of {task.id}."
+        raise TaskError(msg)
+    return reward / earned
+
+
+def _rounded(values: Floats) -> Floats:
+    """Significant digits only."""
+    return np.array([float(f"{value:.{_DIGITS}g}") for value in values.ravel().tolist()]).reshape(values.shape)

@@ -1,25 +1,29 @@
-"""The reward of every step of a trajectory, with its gradient, from the formulas of the task's own program.
+"""The reward of every step of a trajectory and the air along it, with their gradients, from the formulas of the task's own program.
 
-It needs no weather.
+Neither needs weather.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.env import REWARDS
+from glbench.env.air import AIR, air_quantities
 from glbench.env.program import calendar_columns, info_columns, record_quantities
 from glbench.env.spaces import the_task
-from glbench.errors import ShapeError, TaskError
-from glbench.kernel.tape import Read, Source, TapeDerivatives, Target
+from glbench.errors import GlbenchError, ShapeError, TaskError
+from glbench.kernel.tape import Read, Recorder, Source, TapeDerivatives, Target
+from glbench.model import Model
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
+
 
 Floats = NDArray[np.float64]
 
@@ -66,10 +70,10 @@ class StageGradient:
     def states(self) -> Floats:
         """Derivatives of the sum of all rewards with respect to the trajectory's states ``(T + 1, s)``."""
         shape = (*self.after.shape[:-2], self.after.shape[-2] + 1, self.after.shape[-1])
-        found = np.zeros(shape)
-        found[..., :-1, :] = self.before
-        found[..., 1:, :] += self.after
-        return found
+        states = np.zeros(shape)
+        states[..., :-1, :] = self.before
+        states[..., 1:, :] += self.after
+        return states
 
 
 class StageReward:
@@ -120,8 +124,18 @@ class StageReward:
             for side in ("low", "high")
         }
         self._names = ("reward", "epi", "penalty", *widths)
+
+        def count_quadratically(width: float) -> Callable[[Any], Any]:
+            """Makes a violation count quadratically up to ``width``."""
+
+            def count(violation: Any) -> Any:
+                near = np.minimum(violation, width)
+                return near * near / (2.0 * width) + (violation - near)
+
+            return count
+
         rounded: dict[tuple[Target, int], Callable[[Any], Any]] = {
-            ("table", columns[name]): _rounded(width) for name, width in widths.items() if width > 0.0
+            ("table", columns[name]): count_quadratically(width) for name, width in widths.items() if width > 0.0
         }
         self._derivatives = TapeDerivatives(
             tape, [("table", columns[name]) for name in self._names], ("before", "after", "controls"), count=1, changes=rounded
@@ -172,7 +186,7 @@ class StageReward:
 
     def _inputs(self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None) -> tuple[Read, tuple[int, ...]]:
         """What the formulas read in the steps of a trajectory, and the shape of these."""
-        states, controls = (np.asarray(given, dtype=np.float64) for given in (x, u))
+        states, controls = (np.asarray(values, dtype=np.float64) for values in (x, u))
         shape, (s, c) = controls.shape[:-1], self._sizes
         if not shape or controls.shape != (*shape, c) or states.shape != (*shape[:-1], shape[-1] + 1, s):
             msg = (
@@ -182,35 +196,21 @@ class StageReward:
             raise ShapeError(msg)
         read: dict[Source, Floats] = {"before": states[..., :-1, :], "after": states[..., 1:, :], "controls": controls}
         if self._derivatives.reads("calendar") or self._derivatives.reads("calendar_before"):
-            rows = self._calendar(calendar, shape[-1] + 1)
+            expected = (shape[-1] + 1, self._calendar_columns)
+            rows = np.asarray(() if calendar is None else calendar, dtype=np.float64)
+            if rows.shape[-2:] != expected:
+                got = "none" if calendar is None else f"one of shape {rows.shape}"
+                msg = (
+                    f"Prices of {self.task.id} change: its reward needs the calendar of the steps, of shape {expected}, and got {got}. "
+                    "Take it from a Scenario, from step k on: calendar=scenario.calendar[k : k + T + 1]."
+                )
+                raise ShapeError(msg)
             read |= {"calendar_before": rows[..., :-1, :], "calendar": rows[..., 1:, :]}
         return (lambda source, index: read[source][..., index]), shape
-
-    def _calendar(self, given: ArrayLike | None, rows: int) -> Floats:
-        wanted = (rows, self._calendar_columns)
-        calendar = np.asarray(() if given is None else given, dtype=np.float64)
-        if calendar.shape[-2:] != wanted:
-            got = "none" if given is None else f"one of shape {calendar.shape}"
-            msg = (
-                f"Prices of {self.task.id} change: its reward needs the calendar of the steps, of shape {wanted}, and got {got}. "
-                "Take it from a Scenario, from step k on: calendar=scenario.calendar[k : k + T + 1]."
-            )
-            raise ShapeError(msg)
-        return calendar
 
     def _stages(self, values: list[Any], shape: tuple[int, ...]) -> StageValues:
         reward, epi, penalty, *violations = (np.broadcast_to(column, shape).copy() for column in values)
         return StageValues(reward, epi, penalty, dict(zip(self._names[3:], violations, strict=True)))
-
-
-def _rounded(width: float) -> Callable[[Any], Any]:
-    """Makes a violation count quadratically up to ``width``."""
-
-    def count(violation: Any) -> Any:
-        near = np.minimum(violation, width)
-        return near * near / (2.0 * width) + (violation - near)
-
-    return count
 
 
 def judged_at_the_end(task: TaskSpec) -> TaskSpec:
@@ -221,3 +221,54 @@ def judged_at_the_end(task: TaskSpec) -> TaskSpec:
 def with_constraints(task: TaskSpec, changes: Mapping[str, Any]) -> TaskSpec:
     """The task with other entries of its table of constraints, for planning; unlike ``task.replace`` this needs no weather."""
     return task.model_copy({"constraints": task.constraints.model_copy(update=dict(changes))})
+
+
+@dataclass(frozen=True, eq=False)
+class AirAlong:
+    """Air temperature [degC], CO2 [ppm] and relative humidity [%] of some states.
+
+    Attributes
+    ----------
+    values
+        ``(..., 3)``.
+    gradient
+        Derivative of each with respect to the states ``(..., 3, s)``. Relative humidity is cut off at 0 and 100 %, as a hygrometer
+        shows it; beyond, its derivative is 0.
+    """
+
+    values: Floats
+    gradient: Floats
+
+
+def air_of(model: Model, states: ArrayLike) -> AirAlong:
+    """The air in ``states`` ``(..., s)`` of ``model``, with the bits of ``Simulation.air``.
+
+    Raises
+    ------
+    GlbenchError
+        When the model has no air.
+    ShapeError
+        When the states are not those of the model.
+    """
+    x = np.asarray(states, dtype=np.float64)
+    if model.air is None:
+        msg = f"{model.id} has no air: its `air` is None."
+        raise GlbenchError(msg)
+    if x.shape[-1:] != (len(model.states),):
+        msg = f"The states have shape {x.shape}; the last axis must have the {len(model.states)} states of {model.id}."
+        raise ShapeError(msg)
+    values, gradient = np.empty((*x.shape[:-1], len(AIR))), np.zeros((*x.shape[:-1], len(AIR), x.shape[-1]))
+    for place, column in enumerate(_air(model)(lambda source, index: x[..., index], {"after": gradient})):
+        values[..., place] = column
+    return AirAlong(values, gradient)
+
+
+@lru_cache(maxsize=8)
+def _air(model: Model) -> TapeDerivatives:
+    assert model.air is not None
+    with Recorder() as recorder:
+        for place, value in enumerate(
+            air_quantities(*(recorder.input("after", model.state_index(name)) for name in model.air))
+        ):
+            recorder.output("table", place, value)
+    return TapeDerivatives(recorder.tape(), [("table", place) for place in range(len(AIR))], ("after",))

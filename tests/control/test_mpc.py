@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from glbench.agents.baselines import read_baseline
 from glbench.agents.predictive import PredictiveAgent, PredictiveSettings, TrueStateController
 from glbench.control import EndValue, PredictiveController, Scenario, StageReward, plan_season
-from glbench.control.end_value import _worth
+from glbench.control.season import _worth
 from glbench.env import Simulation
 from glbench.errors import GlbenchError, ShapeError, StepError, SubmissionError, TaskError, UnknownNameError
 from glbench.kernel import Kernel

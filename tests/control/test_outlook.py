@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from glbench.control import Climatology, Outlook, Scenario
-from glbench.control.sun import sine_of_elevation
+from glbench.control.climatology import sine_of_elevation
 from glbench.errors import TaskError
 from glbench.tasks import get_task
 from glbench.weather import conserving, load_weather

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from glbench.control import Scenario, StageReward
-from glbench.control.acting import actions_of
+from glbench.control.scenario import actions_of
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation
 from glbench.env.actuation import make_actuation
 from glbench.env.snapshot import Snapshot

@@ -1,8 +1,8 @@
 """Predicts the disturbances of the next steps from past observations.
 
 What is observed now acts in the next step. From there on the outlook is the mean day of the time of the year (``Climatology``), plus a
-share of the deviation from it that is seen now, plus a share of the one that the forecast tells where the task shows one; the shares are
-those that served best in the training years, by quantity and hours ahead. Rows of coming weather that a task shows as they are
+share of the deviation from it that is observed now, plus a share of the one that the forecast tells where the task shows one; the
+shares are those that served best in the training years, by quantity and hours ahead. Rows of coming weather that a task shows as they are
 (``forecast``) are taken as they are. Radiation deviates as a share of what a clear sky gives.
 
 Nobody observes the temperature of the sky. It follows from the means, the clearness of the recent daylight, temperature and humidity. The
@@ -28,7 +28,7 @@ from glbench.control.climatology import (
     TEMPERATURE,
     WIND,
     Climatology,
-    Seen,
+    WeatherObservation,
 )
 from glbench.control.observation_model import checked_observations, refuse_missing
 from glbench.env.forecast import HOUR
@@ -51,8 +51,8 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_SHOWN = ("global_radiation", *QUANTITIES[TEMPERATURE : WIND + 1])
-_UNREAD = ("dayRadSum", "isDay", "isDaySmooth")
+_OBSERVED = ("global_radiation", *QUANTITIES[TEMPERATURE : WIND + 1])
+_UNUSED = ("dayRadSum", "isDay", "isDaySmooth")
 _BRIGHTEST = 1.1
 """Radiation is at most so much of that under a clear sky."""
 _DRIEST = 5.0
@@ -110,12 +110,20 @@ class Outlook:
             )
             raise TaskError(msg)
         self._names = names = [column.name for column in task.observed()]
-        missing = [name for name in _SHOWN if name not in names]
+        missing = [name for name in _OBSERVED if name not in names]
         if missing:
             msg = f"{task.id} does not show {', '.join(missing)}: an outlook needs the weather of now."
             raise TaskError(msg)
-        self._weather = [names.index(name) for name in _SHOWN]
-        self._clock = _Clock(task, names)
+        self._weather = [names.index(name) for name in _OBSERVED]
+        by_module = (
+            ("hour_of_day", "day_of_year"),
+            ("sin_hour_of_day", "cos_hour_of_day", "sin_day_of_year", "cos_day_of_year"),
+        )
+        clock = next((columns for columns in by_module if all(name in names for name in columns)), None)
+        if clock is None:
+            msg = f"{task.id} shows neither the hour of day nor the day of year: an outlook needs them. Add the module 'time'."
+            raise TaskError(msg)
+        self._clock_columns = [names.index(name) for name in clock]
         climatology.check_for(task)
         hours = task.observation.forecast_hours
         if hours and hours != climatology.forecast_hours:
@@ -127,14 +135,14 @@ class Outlook:
         self._forecast = np.array(
             [[names.index(f"{one.name}_in_{hour}h") for hour in hours] for one in FORECAST] if hours else [], np.intp
         )
-        self._given = [
+        self._rows_ahead = [
             (ahead, quantity, names.index(f"{name}_ahead_{ahead}"))
             for ahead in range(1, task.observation.forecast_steps + 1)
-            for quantity, name in enumerate(_SHOWN)
+            for quantity, name in enumerate(_OBSERVED)
             if f"{name}_ahead_{ahead}" in names
         ]
-        known = ("iGlob", "tOut", "vpOut", "co2Out", "wind", "tSky", "tSoOut", *_UNREAD)
-        odd = [name for name in task.model_value.disturbance_names if name not in known]
+        predictable = ("iGlob", "tOut", "vpOut", "co2Out", "wind", "tSky", "tSoOut", *_UNUSED)
+        odd = [name for name in task.model_value.disturbance_names if name not in predictable]
         if odd:
             msg = f"The outlook knows nothing of {', '.join(odd)}, which acts on {task.model_id}."
             raise TaskError(msg)
@@ -146,10 +154,10 @@ class Outlook:
         """Begin with ``n`` new runs."""
         self._n = whole_number(n, "The number of runs")
         self._k, self._lag = -1, 0
-        self._seen = np.zeros((self._n, 0))
+        self._observed = np.zeros((self._n, 0))
         self._now = np.zeros((self._n, 0))
         self._begin = np.zeros(self._n)
-        self._deviations = Seen(self.climatology, self._n, self._step)
+        self._deviations = WeatherObservation(self.climatology, self._n, self._step)
         self.past = np.zeros((self._n, 0))
 
     def update(self, observations: ArrayLike) -> None:
@@ -163,20 +171,21 @@ class Outlook:
         TaskError
             When the observations have the wrong shape, a reading is infinite, or the first ones lack the time.
         """
-        seen = checked_observations(self.task, observations, self._n, self._names)
+        observed = checked_observations(self.task, observations, self._n, self._names)
         first = self._k < 0
         if first:
-            self._begin = _begin(self.task, self.climatology.clock, *self._clock(seen))
-            self._k, self._seen = 0, seen
+            self._begin = self._start_times(observed)
+            self._k, self._observed = 0, observed
         # With the timing "published" the weather shown is that of the step just past.
         lag = 1 if self._late and not first else 0
-        if np.isnan(seen[:, self._weather]).any():
+        if np.isnan(observed[:, self._weather]).any():
             since = 0 if first else 1 + self._lag - lag
-            seen[:, self._weather] = _known(seen[:, self._weather], self._values(np.array([since]))[0][:, 0])
-        self._k, self._lag, self._seen = self._k + (not first), lag, seen
-        shown = self._begin + (self._k - self._lag) * self._step
+            observed[:, self._weather] = _with_expected(
+                observed[:, self._weather], self._values(np.array([since]))[0][:, 0]
+            )
+        self._k, self._lag, self._observed = self._k + (not first), lag, observed
         if not (self._late and self._k == 1):  # with "published" the first row is shown twice
-            self._deviations.add(shown, seen[:, self._weather])
+            self._deviations.add(self._begin + (self._k - self._lag) * self._step, observed[:, self._weather])
         before = self._now
         self._now = self._rows(1 - self._lag)[:, 0]
         self.past = self._now if self._late or self._k == 0 else before
@@ -193,8 +202,15 @@ class Outlook:
         if self._k < 0:
             msg = "Nothing was observed yet: call update(observations) first."
             raise TaskError(msg)
-        times = self._begin[:, None] + (self._k + np.arange(steps + 1)) * self._step
-        return Ahead(self._rows(steps), self._calendar(times))
+        utc = (self._begin[:, None] + (self._k + np.arange(steps + 1)) * self._step).astype(np.int64)
+        clock = self.climatology.clock
+        local = utc if clock == "UTC" else utc + utc_offsets(utc, clock)
+        hour = (local % 86400) / 3600.0
+        begin = local.astype("datetime64[s]").astype("datetime64[Y]").astype("datetime64[s]").astype(np.int64)
+        moments = utc.astype("datetime64[s]").ravel()
+        tables = self.task.price_tables.values()
+        prices = [table.values(moments, hour.ravel()).reshape(hour.shape) for table in tables]
+        return Ahead(self._rows(steps), np.stack([hour, (local - begin) / 86400.0, *prices], axis=-1))
 
     def _rows(self, steps: int) -> Floats:
         """Disturbances of ``steps`` steps from now on, with the row shown where that is one of them, or of that row if there are none."""
@@ -210,11 +226,11 @@ class Outlook:
             "tSky": temperature - sky,
             "tSoOut": soil_temperature(seconds_into_year(times + self._step / 2.0)),
         }
-        found = np.zeros((self._n, len(lags), len(self.task.model_value.disturbance_names)))
+        d = np.zeros((self._n, len(lags), len(self.task.model_value.disturbance_names)))
         for place, name in enumerate(self.task.model_value.disturbance_names):
             if name in columns:
-                found[..., place] = columns[name]
-        return found
+                d[..., place] = columns[name]
+        return d
 
     def _values(self, lags: NDArray[np.int64]) -> tuple[Floats, Floats, Floats]:
         """Weather in the columns that are shown, so many steps after the last row shown; its times, and the sky's depression.
@@ -222,80 +238,49 @@ class Outlook:
         Shapes are ``(n, lags, columns)`` and ``(n, lags)``.
         """
         climate, n = self.climatology, self._n
-        shown = self._begin + (self._k - self._lag) * self._step
-        times = shown[:, None] + lags * self._step
+        last_row = self._begin + (self._k - self._lag) * self._step
+        times = last_row[:, None] + lags * self._step
         mean, weights = climate.mean(times), climate.weight(lags * self._step / HOUR)
         now, lately = self._deviations.now[:, None], self._deviations.lately[:, None]
         deviations = weights[..., 0] * now + weights[..., 1] * lately
         if self._forecast.size and lags[-1] > 0:
-            issued = np.floor(shown / HOUR) * HOUR
-            told = climate.told(self._seen[:, self._forecast], issued, times, lately[:, 0])
-            deviations = deviations + weights[..., 2] * told
+            issued = np.floor(last_row / HOUR) * HOUR
+            forecast = climate.forecast_deviations(self._observed[:, self._forecast], issued, times, lately[:, 0])
+            deviations = deviations + weights[..., 2] * forecast
         clear = climate.clear(times)
-        values = np.empty((n, len(lags), len(_SHOWN)))
+        values = np.empty((n, len(lags), len(_OBSERVED)))
         share = np.maximum(1.0 + deviations[..., CLEARNESS], 0.0) * mean[..., CLEARNESS]
         values[..., 0] = np.minimum(clear * share, _BRIGHTEST * clear)
         values[..., 1:] = mean[..., TEMPERATURE : WIND + 1] + deviations[..., TEMPERATURE : WIND + 1]
         values[..., HUMIDITY] = np.clip(values[..., HUMIDITY], _DRIEST, 100.0)
         values[..., CO2:] = np.maximum(values[..., CO2:], 0.0)
         if lags[0] == 0:
-            values[:, 0] = _known(self._seen[:, self._weather], values[:, 0])
-        for ahead, quantity, column in self._given:
+            values[:, 0] = _with_expected(self._observed[:, self._weather], values[:, 0])
+        for ahead, quantity, column in self._rows_ahead:
             if lags[0] <= ahead <= lags[-1]:
                 at = ahead - lags[0]
-                values[:, at, quantity] = _known(self._seen[:, column], values[:, at, quantity])
+                values[:, at, quantity] = _with_expected(self._observed[:, column], values[:, at, quantity])
         return values, times, climate.depression(mean, deviations)
 
-    def _calendar(self, times: Floats) -> Floats:
-        """Rows of the calendar that begin at ``times`` ``(n, rows)``."""
-        utc = times.astype(np.int64)
-        clock = self.climatology.clock
-        local = utc if clock == "UTC" else utc + utc_offsets(utc, clock)
-        hour = (local % 86400) / 3600.0
-        begin = local.astype("datetime64[s]").astype("datetime64[Y]").astype("datetime64[s]").astype(np.int64)
-        moments = utc.astype("datetime64[s]").ravel()
-        tables = self.task.price_tables.values()
-        prices = [table.values(moments, hour.ravel()).reshape(hour.shape) for table in tables]
-        return np.stack([hour, (local - begin) / 86400.0, *prices], axis=-1)
+    def _start_times(self, observations: Floats) -> Floats:
+        """When the runs begin, seconds since 1970 UTC ``(n,)``, in the year that names the task's dates."""
+        why = "An outlook needs the time in the first observation of each run: fill it in."
+        refuse_missing(observations, self._clock_columns, self.task, self._names, why)
+        clock = observations[:, self._clock_columns].T
+        if len(clock) == 4:  # sines and cosines
+            shares = np.arctan2(clock[::2], clock[1::2]) / (2.0 * np.pi) % 1.0
+            clock = np.stack([shares[0] * HOURS_A_DAY, shares[1] * DAYS_A_YEAR])
+        hours, days = clock
+        step, begin = int(self.task.step_seconds), dt.datetime(self.task.weather.start.year, 1, 1)
+        times = []
+        for hour, day in zip(hours.tolist(), days.tolist(), strict=True):
+            seconds = round(hour * 3600.0 / step) * step
+            # The day of year may be rounded down from its beginning.
+            moment = begin + dt.timedelta(days=round(day - seconds / 86400.0), seconds=seconds)
+            times.append(float(to_utc_seconds(moment, self.climatology.clock)))
+        return np.array(times)
 
 
-def _known(readings: Floats, expected: Floats) -> Floats:
+def _with_expected(readings: Floats, expected: Floats) -> Floats:
     """Readings, and what is expected where they are missing."""
     return np.where(np.isnan(readings), expected, readings)
-
-
-class _Clock:
-    """Hour of day [h] and day of year [day] of observations, where the task shows them."""
-
-    def __init__(self, task: TaskSpec, names: list[str]) -> None:
-        self._task, self._names = task, names
-        plain = [("hour_of_day", "day_of_year")]
-        turned = [("sin_hour_of_day", "cos_hour_of_day", "sin_day_of_year", "cos_day_of_year")]
-        for wanted in (*plain, *turned):
-            if all(name in names for name in wanted):
-                self._columns = [names.index(name) for name in wanted]
-                return
-        msg = f"{task.id} shows neither the hour of day nor the day of year: an outlook needs them. Add the module 'time'."
-        raise TaskError(msg)
-
-    def __call__(self, seen: Floats) -> tuple[Floats, Floats]:
-        why = "An outlook needs the time in the first observation of each run: fill it in."
-        refuse_missing(seen, self._columns, self._task, self._names, why)
-        given = seen[:, self._columns].T
-        if len(given) == 2:
-            return given[0], given[1]
-        sines, cosines = given[::2], given[1::2]
-        shares = np.arctan2(sines, cosines) / (2.0 * np.pi) % 1.0
-        return shares[0] * HOURS_A_DAY, shares[1] * DAYS_A_YEAR
-
-
-def _begin(task: TaskSpec, clock: str, hour_of_day: Floats, day_of_year: Floats) -> Floats:
-    """When the runs begin, seconds since 1970 UTC ``(n,)``, in the year that names the task's dates."""
-    step, found = int(task.step_seconds), []
-    for hour, day in zip(hour_of_day.tolist(), day_of_year.tolist(), strict=True):
-        seconds = round(hour * 3600.0 / step) * step
-        # The day of year may be rounded down from its beginning.
-        whole = round(day - seconds / 86400.0)
-        moment = dt.datetime(task.weather.start.year, 1, 1) + dt.timedelta(days=whole, seconds=seconds)
-        found.append(float(to_utc_seconds(moment, clock)))
-    return np.array(found)

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.control.air import air_of
+from glbench.control.stage import StageReward, air_of
 from glbench.env.air import AIR
 
 if TYPE_CHECKING:
-    from glbench.control.stage import StageReward
     from glbench.kernel.trajectories import Trajectory
 
 Floats = NDArray[np.float64]
@@ -31,39 +30,39 @@ _FLAT = 1e-3
 
 
 def feasible(controls: ArrayLike, before: Floats, high: Floats, max_change: float) -> Floats:
-    """The controls nearest to those wanted, in the middle of what is possible, that keep bounds and change little enough.
+    """The controls nearest to ``controls``, in the middle of what is possible, that keep bounds and change little enough.
 
     Parameters
     ----------
     controls
-        Wanted ``(..., T, c)``.
+        ``(..., T, c)``.
     before, high
         In force before the first step ``(..., c)``, and upper bounds ``(c,)``; the lower ones are 0.
     max_change
         The largest change in a step.
     """
-    wanted = np.clip(np.asarray(controls, dtype=np.float64), 0.0, high)
+    bounded = np.clip(np.asarray(controls, dtype=np.float64), 0.0, high)
     reach = int(np.ceil(1.0 / max_change))
-    padded = np.pad(wanted, [*[(0, 0)] * (wanted.ndim - 2), (reach, reach), (0, 0)], mode="edge")
-    steps = wanted.shape[-2]
-    lowest, highest = wanted.copy(), wanted.copy()
+    padded = np.pad(bounded, [*[(0, 0)] * (bounded.ndim - 2), (reach, reach), (0, 0)], mode="edge")
+    steps = bounded.shape[-2]
+    lowest, highest = bounded.copy(), bounded.copy()
     for shift in range(-reach, reach + 1):
         there, change = padded[..., reach + shift : reach + shift + steps, :], max_change * abs(shift)
         np.minimum(highest, there + change, out=highest)
         np.maximum(lowest, there - change, out=lowest)
-    moved: Floats = 0.5 * (lowest + highest)
+    nearest: Floats = 0.5 * (lowest + highest)
     first = max_change * np.arange(1, min(steps, reach) + 1)[:, None]
-    start, near = before[..., None, :], moved[..., : len(first), :]
+    start, near = before[..., None, :], nearest[..., : len(first), :]
     near[...] = np.clip(near, start - first, start + first)
-    return np.clip(moved, 0.0, high)
+    return np.clip(nearest, 0.0, high)
 
 
-def improvement(
+def trust_region_step(
     stage: StageReward,
-    lines: Trajectory,
+    linearisation: Trajectory,
     controls: Floats,
     calendar: Floats,
-    reach: Floats,
+    radius: Floats,
     within: Callable[[Floats], Floats],
     *,
     steps: int,
@@ -78,31 +77,31 @@ def improvement(
     ----------
     stage
         The reward.
-    lines
+    linearisation
         The trajectories, linearised in states and controls.
     controls, calendar
         Along them.
-    reach
+    radius
         How far each control may move ``(..., T, c)``.
     within
         Brings controls within bounds and the largest change.
     steps
         How many gradient steps; the best controls of all of them count.
     rate
-        Length of the first gradient step, in ``reach``.
+        Length of the first gradient step, in ``radius``.
     start
         The change to begin with ``(..., T, c)``; none by default.
     x
-        States where nothing changes ``(..., T + 1, s)``, in place of those of ``lines``.
+        States where nothing changes ``(..., T + 1, s)``, in place of those of ``linearisation``.
     end
         What a unit of each state is worth at the end ``(..., s)``, in the unit of the reward.
     """
-    still = lines.x if x is None else x
+    still = linearisation.x if x is None else x
     move = best = np.zeros_like(controls) if start is None else start
     most = np.full(controls.shape[:-2], -np.inf)
     mean, square, flat = np.zeros_like(controls), np.zeros_like(controls), np.zeros(())
     for number in range(1, steps + 1):
-        changes = lines.push(move)
+        changes = linearisation.push(move)
         values, slopes = stage.gradient(still + changes, controls + move, calendar)
         total, cotangents = values.reward.sum(axis=-1), slopes.states
         if end is not None:
@@ -110,7 +109,7 @@ def improvement(
             cotangents[..., -1, :] += end
         better = total > most
         best, most = np.where(better[..., None, None], move, best), np.maximum(most, total)
-        gradient = slopes.controls + lines.pull(cotangents).u
+        gradient = slopes.controls + linearisation.pull(cotangents).u
         if number == 1:
             size = np.sqrt(np.mean((gradient**2).reshape(*gradient.shape[:-2], -1), axis=-1))
             flat = np.where(size > 0.0, _FLAT * size, 1.0)[..., None, None]
@@ -118,24 +117,24 @@ def improvement(
         square = _MEMORY * square + (1.0 - _MEMORY) * gradient**2
         direction = mean / (1.0 - _MOMENTUM**number) / (np.sqrt(square / (1.0 - _MEMORY**number)) + flat)
         length = rate * (1.0 - number / steps) ** 2 + _LAST_RATE
-        move = np.clip(move + length * reach * direction, -reach, reach)
+        move = np.clip(move + length * radius * direction, -radius, radius)
         move = within(controls + move) - controls
     return best
 
 
-def shares_of_reach(stage: StageReward, lines: Trajectory) -> Floats:
+def radius_shares(stage: StageReward, linearisation: Trajectory) -> Floats:
     """Shares of a trust region ``(..., T, c)``, so small that no control alone moves the air by more than from one limit to the other."""
-    task, du = stage.task, lines.du
+    task, du = stage.task, linearisation.du
     limits = dict(task.constraints.items())
     model = task.model_value
     if model.air is None or not limits:
         return np.ones((*du.shape[:-2], du.shape[-1]))
-    gradient, moved = air_of(model, lines.x[..., 1:, :]).gradient, np.zeros((*du.shape[:-2], du.shape[-1]))
+    gradient, effect = air_of(model, linearisation.x[..., 1:, :]).gradient, np.zeros((*du.shape[:-2], du.shape[-1]))
     places = [model.state_index(name) for name in model.air]
     for quantity, name in enumerate(AIR):
         if name in limits:
             # State by state, not as a product of matrices: the libraries for those differ in their last bits.
             slope = sum(gradient[..., quantity, place, None] * du[..., place, :] for place in places)
-            moved += np.abs(slope) / (limits[name].high - limits[name].low)
-    shares: Floats = np.minimum(1.0, 1.0 / (moved + 1e-9))
+            effect += np.abs(slope) / (limits[name].high - limits[name].low)
+    shares: Floats = np.minimum(1.0, 1.0 / (effect + 1e-9))
     return shares
