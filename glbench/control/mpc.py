@@ -224,7 +224,15 @@ class PredictiveController:
             after = days_left - steps * self.task.step_seconds / 86400.0
             if after > 1e-9:  # nothing comes after horizons that end with the season
                 end = self._end_value(self._near, dates[:, -1, 0], after)
-        self._shift_derivatives(steps)
+        # The derivatives of the last decision are shifted to the current horizon, and those to recompute are marked.
+        old = self._jacobians[:, self._at :][:, :steps]
+        self._jacobians = np.zeros((self._runs, steps, *old.shape[2:]))
+        self._jacobians[:, : old.shape[1]] = old
+        turn = (self._steps_done + np.arange(steps) - self._decisions) % self._renew_every == 0
+        self._outdated = np.tile(turn, (self._runs, 1))
+        self._outdated[:, :_NEXT] = self._outdated[:, old.shape[1] :] = True
+        self._outdated[~self._renewed] = True
+        self._renewed[:] = False
         usable = np.isfinite(states).all(axis=1) & np.isfinite(before).all(axis=1)
         rows = np.flatnonzero(usable)
         for first in range(0, len(rows), _TOGETHER):
@@ -292,17 +300,6 @@ class PredictiveController:
         radius = np.where(best <= _SHORT, np.maximum(radius * _SHRINK, _LEAST_RADIUS), radius)
         self._radius[rows] = np.where(best >= _LONG, np.minimum(radius * _GROW, _LARGEST_RADIUS), radius)
         return rows
-
-    def _shift_derivatives(self, steps: int) -> None:
-        """Shift the derivatives of the last decision to the current horizon, and mark those to recompute."""
-        old = self._jacobians[:, self._at :][:, :steps]
-        self._jacobians = np.zeros((self._runs, steps, *old.shape[2:]))
-        self._jacobians[:, : old.shape[1]] = old
-        turn = (self._steps_done + np.arange(steps) - self._decisions) % self._renew_every == 0
-        self._outdated = np.tile(turn, (self._runs, 1))
-        self._outdated[:, :_NEXT] = self._outdated[:, old.shape[1] :] = True
-        self._outdated[~self._renewed] = True
-        self._renewed[:] = False
 
     def _linearise(self, rows: Rows, x: Floats, u: Floats, d: Floats, p: Floats) -> Trajectory:
         """The plans of ``rows``, simulated, with stored and recomputed derivatives."""

@@ -308,7 +308,7 @@ def played(
         action = agent.act(simulation.x) if isinstance(agent, TrueStateController) else agent.act(observations)
         found.append(action)
         observations = simulation.step(action).observations
-        assert simulation.u == pytest.approx(agent._actor.controls, abs=1e-15)
+        assert simulation.u == pytest.approx(agent._steering.controls, abs=1e-15)
     return np.array(found), simulation
 
 
