@@ -8,17 +8,25 @@ with the hour h of the task's clock, W = 1 on Saturday and Sunday, the means ove
 [m s-1] of the run's own weather, and an autocorrelated hourly path a with mean 0 and standard deviation 1
 (``glbench.env.random``). It is kept within ``lowest`` and ``highest``. This is a generator of plausible prices and no model of a
 market: its form and its defaults are chosen, docs/prices.md shows what comes out.
+
+``PriceTableTable`` and ``MarketTable`` are the tables of a task file; their ``value`` is a ``PriceTable`` or a ``Market``.
 """
 
 from __future__ import annotations
 
 import datetime as dt
+import re
+from calendar import monthrange
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import pairwise
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from glbench.tasks.fields import Table, as_tuple
 
 Floats = NDArray[np.float64]
 
@@ -289,3 +297,127 @@ def day_ahead(
         until_midnight = (now + ahead < len(day)) & (day[then] == day)
         columns.append(hourly[np.where(until_midnight, then, np.maximum(now + ahead - HOURS_A_DAY, 0))])
     return np.repeat(np.stack(columns, axis=1), every, axis=0)[: len(prices)]
+
+
+class SeriesPoint(Table):
+    """A price from a moment on."""
+
+    time: dt.datetime = Field(description="a moment")
+    price: float = Field(description="a number")
+
+
+_DAY = re.compile(r"(\d\d)-(\d\d)")
+
+
+def _hours_of_a_day(shares: tuple[float, ...]) -> tuple[float, ...]:
+    if len(shares) != HOURS_A_DAY:
+        msg = f"There must be {HOURS_A_DAY} numbers, one an hour; there are {len(shares)}."
+        raise ValueError(msg)
+    return shares
+
+
+class MarketTable(Table):
+    """``[price_tables.<name>.market]``: prices by the hour like those of a power market; ``glbench.tasks.prices`` has the formula."""
+
+    level: float = Field(gt=0.0, description="a price above 0, in the unit of the table")
+    shape: Annotated[tuple[float, ...], BeforeValidator(as_tuple), AfterValidator(_hours_of_a_day)] | None = Field(
+        default=None, description="24 shares of the level, one an hour"
+    )
+    weekend: float = Field(ge=-1.0, le=1.0, description="a share of the level, -1 to 1")
+    sun: float = Field(ge=0.0, le=10.0, description="a share of the level, 0 to 10")
+    wind: float = Field(ge=0.0, le=10.0, description="a share of the level, 0 to 10")
+    spread: float = Field(ge=0.0, le=10.0, description="a share of the level, 0 to 10")
+    persistence: float = Field(ge=0.0, lt=1.0, description="a fraction from 0 to below 1")
+    lowest: float = Field(description="a price, in the unit of the table")
+    highest: float = Field(description="a price, in the unit of the table")
+
+    @model_validator(mode="after")
+    def _limits_are_in_order(self) -> Self:
+        if self.lowest >= self.highest:
+            msg = f"lowest = {self.lowest:g} must be below highest = {self.highest:g}."
+            raise ValueError(msg)
+        return self
+
+    def value(self) -> Market:
+        """The market."""
+        return Market(**{**self.model_dump(), "shape": self.shape or SHAPE})
+
+
+class PriceTableTable(Table):
+    """``[price_tables.<name>]``: a price that changes with time, in one of several ways."""
+
+    unit: str = Field(min_length=1, description='the unit in quotes, such as "EUR kWh-1"')
+    hourly: tuple[float, ...] | None = Field(default=None, description="24 numbers, one an hour")
+    from_day: dict[str, float] | None = Field(default=None, description='prices by day, such as { "01-15" = 3.5 }')
+    series: tuple[SeriesPoint, ...] | None = Field(default=None, description="a list of { time = ..., price = ... }")
+    yearly: bool = Field(default=False, description="true or false")
+    market: MarketTable | None = Field(default=None, description="a table [price_tables.<name>.market]")
+    of: str | None = Field(default=None, min_length=1, description="the name of another price table, in quotes")
+    times: float = Field(default=1.0, description="a factor")
+    plus: float = Field(default=0.0, description="a price, in the unit of the table")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _lists(cls, table: object) -> object:
+        return {key: as_tuple(value) for key, value in table.items()} if isinstance(table, Mapping) else table
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        ways = (self.hourly, self.from_day, self.series, self.market, self.of)
+        if sum(way is not None for way in ways) != 1:
+            msg = (
+                "It must have exactly one of hourly (24 prices), from_day (prices by day), series (or file), market (prices by "
+                "sun and wind) and of (another table)."
+            )
+            raise ValueError(msg)
+        if self.yearly and self.series is None:
+            msg = "yearly = true belongs to a series, which then holds for every year. Leave it out."
+            raise ValueError(msg)
+        if self.hourly is not None and len(self.hourly) != 24:
+            msg = f"hourly must have 24 prices, one an hour; it has {len(self.hourly)}."
+            raise ValueError(msg)
+        for day in self.from_day or ():
+            _month_and_day(day)
+        if self.from_day is not None and not self.from_day:
+            msg = 'from_day must have a price: from_day = { "01-15" = 3.5 }.'
+            raise ValueError(msg)
+        if self.series is not None:
+            moments = [point.time for point in self.series]
+            if not moments or any(later <= earlier for earlier, later in pairwise(moments)):
+                msg = "series must have moments, each later than the one before."
+                raise ValueError(msg)
+            if self.yearly and _utc(moments[0]).year != _utc(moments[-1]).year:
+                msg = (
+                    f"With yearly = true the series must be in one calendar year (UTC); it goes from {moments[0]:%Y-%m-%d} to "
+                    f"{moments[-1]:%Y-%m-%d}. Keep one year of it."
+                )
+                raise ValueError(msg)
+        return self
+
+    def value(self, others: Mapping[str, PriceTableTable]) -> PriceTable:
+        """The prices; ``others`` are the tables that this one may follow."""
+        if self.of is not None:
+            return others[self.of].value(others).following(self.of, unit=self.unit, times=self.times, plus=self.plus)
+        return PriceTable(
+            self.unit,
+            self.hourly or (),
+            tuple((*_month_and_day(day), price) for day, price in sorted((self.from_day or {}).items())),
+            tuple((_utc(point.time), point.price) for point in self.series or ()),
+            self.yearly,
+            None if self.market is None else self.market.value(),
+            times=self.times,
+            plus=self.plus,
+        )
+
+
+def _utc(moment: dt.datetime) -> dt.datetime:
+    return moment if moment.tzinfo is None else moment.astimezone(dt.UTC)
+
+
+def _month_and_day(text: str) -> tuple[int, int]:
+    match = _DAY.fullmatch(text)
+    month, day = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not 1 <= month <= 12 or not 1 <= day <= monthrange(2000, month)[1]:
+        msg = f"'{text}' is not a day of the year. Write month and day with two digits each, such as \"01-15\"."
+        raise ValueError(msg)
+    return month, day

@@ -11,30 +11,11 @@ from typing import Any, ClassVar, Self
 
 from glbench.errors import GlbenchError, TaskError, did_you_mean
 from glbench.registration import task_ids
+from glbench.tasks import tables
 from glbench.tasks.inheritance import Change, read_tables, shown_path
 from glbench.tasks.prices import PriceTable
 from glbench.tasks.sealed import commitment_of
 from glbench.tasks.serialisation import record_of
-from glbench.tasks.tables import (
-    ActuationTable,
-    ConstraintsTable,
-    Conventions,
-    DayAheadTable,
-    EvaluationTable,
-    InitialStateTable,
-    ModelTable,
-    ObservationTable,
-    OnOffTable,
-    PricesTable,
-    RewardTable,
-    SensorsTable,
-    SplitsTable,
-    SplitTable,
-    TaskFile2,
-    UncertaintyTable,
-    WeatherTable,
-    as_json,
-)
 
 PREVIEW = "preview"
 """Split of a task that has only a test split: seasons to look at, none of them scored."""
@@ -62,20 +43,20 @@ class TaskRecord:
     title: str
     description: str
     suites: tuple[str, ...]
-    weather: WeatherTable
-    model: ModelTable
-    initial: InitialStateTable
-    observation: ObservationTable
-    actuation: ActuationTable
-    constraints: ConstraintsTable
-    splits: SplitsTable | None
+    weather: tables.WeatherTable
+    model: tables.ModelTable
+    initial: tables.InitialStateTable
+    observation: tables.ObservationTable
+    actuation: tables.ActuationTable
+    constraints: tables.ConstraintsTable
+    splits: tables.SplitsTable | None
     """The years of training, validation and test; ``None`` where all runs share their seasons."""
-    sensors: SensorsTable | None
+    sensors: tables.SensorsTable | None
     """Sensors that err; ``None`` where the air is observed as it is."""
-    reward: RewardTable
-    evaluation: EvaluationTable
+    reward: tables.RewardTable
+    evaluation: tables.EvaluationTable
 
-    file: TaskFile2
+    file: tables.TaskFile2
     """The tables of the file, as pure data."""
     source: str
     """The file the task was read from, as error messages name it."""
@@ -91,11 +72,11 @@ class TaskRecord:
     sealed: str
     """The secret part of the salt, of which a host of a round publishes the digest first; "" in the public test."""
 
-    _FORWARDED: ClassVar = frozenset(TaskFile2.model_fields) - {"ledger", "price_tables", "scenario"}
+    _FORWARDED: ClassVar = frozenset(tables.TaskFile2.model_fields) - {"ledger", "price_tables", "scenario"}
 
     def __init__(
         self,
-        file: TaskFile2,
+        file: tables.TaskFile2,
         source: str = "the task",
         base: str | None = None,
         changes: tuple[Change, ...] = (),
@@ -108,7 +89,7 @@ class TaskRecord:
         vars(self).update(file=file, source=source, base=base, changes=changes, split=split, sealed=sealed)
 
     @property
-    def conventions(self) -> Conventions:
+    def conventions(self) -> tables.Conventions:
         """What the schema of the file fixes outside its tables."""
         return self.file.conventions
 
@@ -147,14 +128,14 @@ class TaskRecord:
         return None if table is None else table.years
 
     @property
-    def split_table(self) -> SplitTable | None:
+    def split_table(self) -> tables.SplitTable | None:
         """Years and number of seasons of the split that the task is in."""
         if self.split == PREVIEW:
             return self.preview
         return getattr(self.splits, self.split) if self.split is not None else None
 
     @cached_property
-    def preview(self) -> SplitTable | None:
+    def preview(self) -> tables.SplitTable | None:
         """Years and number of seasons of the preview; ``None`` if there is a training split, or only scored real years."""
         if self.splits is None or self.splits.training is not None:
             return None
@@ -162,7 +143,7 @@ class TaskRecord:
         base = None if path is None else record_of(read_tables(path), shown_path(path))
         training = base.splits.training if base is not None and base.splits is not None else None
         if base is not None and training is not None and base.weather.source == self.weather.source:
-            return training if test.seasons is not None else SplitTable(years=training.years)
+            return training if test.seasons is not None else tables.SplitTable(years=training.years)
         return test if test.seasons is not None else None
 
     @property
@@ -226,7 +207,7 @@ class TaskRecord:
         return self.model.id
 
     @property
-    def prices(self) -> PricesTable:
+    def prices(self) -> tables.PricesTable:
         """The prices of a task of schema 1.
 
         Raises
@@ -240,15 +221,15 @@ class TaskRecord:
         return self.file.prices
 
     @cached_property
-    def uncertainty(self) -> UncertaintyTable:
+    def uncertainty(self) -> tables.UncertaintyTable:
         """Which parameters are redrawn; of a task of schema 2, the widest group of its scenario."""
         return self.file.uncertainty
 
     @cached_property
     def price_tables(self) -> Mapping[str, PriceTable]:
         """Prices that change with the calendar, by name."""
-        tables = self.file.price_tables
-        return MappingProxyType({name: table.value(tables) for name, table in tables.items()})
+        by_name = self.file.price_tables
+        return MappingProxyType({name: table.value(by_name) for name, table in by_name.items()})
 
     @property
     def judges_means(self) -> bool:
@@ -273,13 +254,13 @@ class TaskRecord:
         return MappingProxyType({**dict(self.reward.penalty_scale.items()), **prices})
 
     @property
-    def on_off(self) -> Mapping[str, OnOffTable]:
+    def on_off(self) -> Mapping[str, tables.OnOffTable]:
         """Controls that are off or run between a lowest load and 1, in the order of the task's controls."""
         table = self.actuation
         return {name: table.on_off[name] for name in table.controls if name in table.on_off}
 
     @property
-    def day_ahead(self) -> DayAheadTable | None:
+    def day_ahead(self) -> tables.DayAheadTable | None:
         """Of which prices the coming hours are shown; ``None`` where none are."""
         return self.observation.day_ahead
 
@@ -296,7 +277,7 @@ class TaskRecord:
         TaskError
             When there is no such file: a copy of schema 2 that was changed without a check.
         """
-        return as_json(self.file.content(self.source))
+        return tables.as_json(self.file.content(self.source))
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
         """What the file says as plain values, as ``pydantic.BaseModel.model_dump`` gives them."""

@@ -17,12 +17,12 @@ from glbench.cli.app import app
 from glbench.env import GreenhouseEnv
 from glbench.errors import TaskError
 from glbench.tasks import TaskFile1, get_task, list_drafts, list_tasks
+from glbench.tasks.prices import PriceTableTable
 from glbench.tasks.tables import (
     DropoutsTable,
     ForecastTable,
     ItemTable,
     ParameterGroupTable,
-    PriceTableTable,
     RewardTable,
     ScenarioTable,
     SensorTable,
