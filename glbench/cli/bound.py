@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,8 +15,6 @@ from glbench.cli.progress import Bar
 from glbench.errors import GlbenchError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
     from glbench.bounds import PlanComparison, PlanOutcome, Search
     from glbench.bounds.energy_costs import Costs
     from glbench.control import Iteration

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -18,8 +19,6 @@ from glbench.errors import ResultError, did_you_mean
 from glbench.untrusted import visible
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
     from glbench.leaderboard import Row, StoredResult, TaskTable
     from glbench.leaderboard.suites import SuiteRow, SuiteTable
     from glbench.leaderboard.tables import TableColumn

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,8 +19,6 @@ from glbench.cli.options import REPORTS
 from glbench.errors import ResultError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-
     from glbench.evaluation import Result, RunResult
     from glbench.leaderboard import StoredResult
     from glbench.leaderboard.catalogue import Catalogue, Metric

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,8 +16,6 @@ from glbench.cli.options import AsJson
 from glbench.cli.progress import Bar, status_bar
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from glbench.realism import Comparison, House
     from glbench.speed import SpeedRecord
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,8 +16,6 @@ from glbench.cli.console import Markup, count, plain, styled
 from glbench.cli.options import AsJson, OneTask, Sandbox, SandboxChoice, task_or_default
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from glbench.evaluation.submitting import Report
 
 app = typer.Typer(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime as dt
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,23 +17,13 @@ from glbench.cli.options import AsJson, Out
 from glbench.errors import GlbenchError, TaskError, UnknownNameError, did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
     from glbench.tasks import TaskSpec
 
 _DRAFT = "draft"
 """Shown instead of the digest of a shipped task that may still change."""
 
-app = typer.Typer(
-    help="List, explain, check and lock the tasks.",
-    no_args_is_help=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-round_app = typer.Typer(
-    help="Make and check the secret of a sealed round (docs/maintain.md).",
-    no_args_is_help=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+app = typer.Typer(help="List, explain, check and lock the tasks.", no_args_is_help=True)
+round_app = typer.Typer(help="Make and check the secret of a sealed round (docs/maintain.md).", no_args_is_help=True)
 
 
 @app.command("list")

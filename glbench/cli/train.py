@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,8 +20,6 @@ from glbench.extras import require
 from glbench.untrusted import real_path
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
     from glbench.execution import Executor
     from glbench.leaderboard.catalogue import Metric
     from glbench.tasks import TaskSpec
@@ -89,46 +88,98 @@ def train(
     spec = options.task_or_default(task)
     several = None if seeds is None else (seeds_of(seeds), Where(engine is options.EngineName.RAY, address, workers))
     if algorithm == "ppo" and is_compiled(config, spec):
-        _train_compiled(spec, config, steps, out, several, seed=seed, resume=resume, wandb=wandb, task=task)
+        plan = compiled_plan(spec, config, steps)
+    else:
+        plan = sb3_plan(spec, algorithm, config, steps, tensorboard=tensorboard)
+    settings, folder = plan.settings, out or Path("runs") / f"{plan.name}-seed{seed}"
+    which = f"seed {seed}, in {folder}" if several is None else f"seeds {', '.join(map(str, several[0]))}"
+    words = f"{plan.amount}, {settings.n_envs} greenhouses, {which}"
+    text = f"Training {styled(algorithm, 'bold')} on {styled(spec.id, 'bold')}: {words}"
+    console.put_parts([console.paragraph(Markup(text), aside=True)])
+    if several is not None:
+        train_with_seeds(plan.training, spec, settings, out, plan.name, several, **plan.extras)
         return
+
+    def consequence() -> str:
+        if plan.has_checkpoint(folder):
+            return "The same command with --resume continues from the last checkpoint."
+        return "Interrupted before the first checkpoint; the same command starts over."
+
+    with console.interruption(consequence), contextlib.ExitStack() as stack:
+        listeners: list[Listener] = [stack.enter_context(TrainingBar(plan.steps, spec, settings.evaluation))]
+        if wandb:
+            from glbench.training.wandb_log import WandbListener
+
+            logger = WandbListener(folder.name, settings.model_dump(mode="json"), folder)
+            stack.callback(logger.close)
+            listeners.append(logger)
+        trained = plan.training(spec, settings, folder, seed=seed, resume=resume, listeners=listeners, **plan.extras)
+    if trained.already_done:
+        console.tell(f"Already trained with these settings. {plan.advice}")
+    _put_outcome(trained, spec, settings.evaluation, task, how=plan.how)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A training: the function that does it with its settings, and what the command says of it.
+
+    ``name`` is that of its folder without the seed, ``amount`` its ``steps`` in words, ``advice`` and ``how`` what to do for more steps.
+    """
+
+    training: Training
+    settings: Any
+    name: str
+    steps: int
+    amount: str
+    has_checkpoint: Callable[[Path], bool]
+    extras: dict[str, Any]
+    advice: str
+    how: str
+
+
+def compiled_plan(task: TaskSpec, config: Path | None, steps: int | None) -> Plan:
+    """The compiled PPO."""
+    with options.needs_the_extra("jax"):
+        from glbench.training.compiled import train_compiled
+        from glbench.training.compiled_settings import read_compiled_settings
+        from glbench.training.folder import LEARNER
+
+    settings = read_compiled_settings(config, task, steps)
+    total, how = settings.updates * settings.rollout, "--steps N --out FOLDER"
+    amount = f"{total:,} steps in rollouts of {settings.rollout:,}"
+    advice = f"A different number of steps is a different training: {how}."
+    name = f"ppo-{task.short_id}"
+    return Plan(
+        train_compiled, settings, name, total, amount, lambda folder: (folder / LEARNER).is_file(), {}, advice, how
+    )
+
+
+def sb3_plan(task: TaskSpec, algorithm: str, config: Path | None, steps: int | None, *, tensorboard: bool) -> Plan:
+    """An algorithm of Stable-Baselines3."""
     with options.needs_the_extra("train"):
         from glbench.training import algorithms as a
         from glbench.training import read_settings, shipped_settings
-    from glbench.training import train as run_training
+    from glbench.training import train as training
     from glbench.training.folder import CHECKPOINT, find_checkpoint
 
     a.algorithm_class(algorithm)
-    settings = read_settings(config or shipped_settings(algorithm), algorithm, spec.id)
+    settings = read_settings(config or shipped_settings(algorithm), algorithm, task.id)
     if steps is not None:
         settings = settings.model_copy(update={"n_timesteps": steps})
-    name = f"{a.short_name(algorithm)}-{spec.short_id}"
-    folder = out or Path("runs") / f"{name}-seed{seed}"
     a.check_settings(settings)
-    total, rollout = a.steps_to_make(settings, spec.steps), a.rollout_steps(settings, spec.steps)
+    total, rollout = a.steps_to_make(settings, task.steps), a.rollout_steps(settings, task.steps)
     rounded = "" if total == settings.n_timesteps else f" ({settings.n_timesteps:,} in whole rollouts of {rollout:,})"
-    which = f"seed {seed}, in {folder}" if seeds is None else f"seeds {seeds}"
-    _announce(algorithm, spec, f"{total:,} steps{rounded}, {settings.n_envs} greenhouses, {which}")
-    if several is not None:
-        train_with_seeds(run_training, spec, settings, out, name, several, tensorboard=tensorboard)
-        return
-    trained = _watch(
-        lambda listeners: run_training(
-            spec, settings, folder, seed=seed, resume=resume, tensorboard=tensorboard, listeners=listeners
-        ),
-        TrainingBar(total, spec, settings.evaluation),
-        settings.model_dump(mode="json"),
-        folder,
-        wandb=wandb,
-        can_resume=lambda: find_checkpoint(folder / CHECKPOINT) is not None,
+    return Plan(
+        training,
+        settings,
+        f"{a.short_name(algorithm)}-{task.short_id}",
+        total,
+        f"{total:,} steps{rounded}",
+        lambda folder: find_checkpoint(folder / CHECKPOINT) is not None,
+        {"tensorboard": tensorboard},
+        "More steps: --steps N --resume.",
+        "--resume",
     )
-    if trained.already_done:
-        console.tell("Already trained with these settings. More steps: --steps N --resume.")
-    _put_outcome(trained, spec, settings.evaluation, task)
-
-
-def _announce(what: object, task: TaskSpec, words: str) -> None:
-    text = f"Training {styled(what, 'bold')} on {styled(task.id, 'bold')}: {words}"
-    console.put_parts([console.paragraph(Markup(text), aside=True)])
 
 
 class _PolicyUnlessNamed(TyperGroup):
@@ -145,7 +196,6 @@ tune = typer.Typer(
     cls=_PolicyUnlessNamed,
     help="Tune what is there on whole seasons (CMA-ES): the last layer of a policy (glbench tune POLICY), or the numbers of rules.",
     no_args_is_help=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
@@ -439,76 +489,6 @@ def train_with_seeds(
         console.write(f"Next: glbench evaluate {place}/{name}-seed*")
     if failures or any(not one.learnt for one in policies.values()):
         raise typer.Exit(1 if failures else console.NOTHING_LEARNT)
-
-
-def _train_compiled(
-    spec: TaskSpec,
-    config: Path | None,
-    steps: int | None,
-    out: Path | None,
-    several: tuple[list[int], Where] | None,
-    *,
-    seed: int,
-    resume: bool,
-    wandb: bool,
-    task: str | None,
-) -> None:
-    """Train with the compiled PPO; ``several`` seeds instead of ``seed``, and where."""
-    with options.needs_the_extra("jax"):
-        from glbench.training.compiled import train_compiled
-        from glbench.training.compiled_settings import read_compiled_settings
-        from glbench.training.folder import LEARNER
-
-    settings = read_compiled_settings(config, spec, steps)
-    name = f"ppo-{spec.short_id}"
-    folder = out or Path("runs") / f"{name}-seed{seed}"
-    total = settings.updates * settings.rollout
-    which = f"seed {seed}, in {folder}" if several is None else f"seeds {', '.join(map(str, several[0]))}"
-    words = f"{total:,} steps in rollouts of {settings.rollout:,}, {settings.n_envs} greenhouses, {which}"
-    _announce("ppo", spec, words)
-    if several is not None:
-        train_with_seeds(train_compiled, spec, settings, out, name, several)
-        return
-    trained = _watch(
-        lambda listeners: train_compiled(spec, settings, folder, seed=seed, resume=resume, listeners=listeners),
-        TrainingBar(total, spec, settings.evaluation),
-        settings.model_dump(mode="json"),
-        folder,
-        wandb=wandb,
-        can_resume=(folder / LEARNER).is_file,
-    )
-    if trained.already_done:
-        console.tell(
-            "Already trained with these settings. A different number of steps is a different training: --steps N --out FOLDER."
-        )
-    _put_outcome(trained, spec, settings.evaluation, task, how="--steps N --out FOLDER")
-
-
-def _watch(
-    run: Callable[[list[Listener]], Trained],
-    progress: TrainingBar,
-    settings: dict[str, Any],
-    folder: Path,
-    *,
-    wandb: bool,
-    can_resume: Callable[[], bool],
-) -> Trained:
-    """Run a training with a bar and, if wanted, a log; ``can_resume`` says whether there is something to continue."""
-
-    def consequence() -> str:
-        if can_resume():
-            return "The same command with --resume continues from the last checkpoint."
-        return "Interrupted before the first checkpoint; the same command starts over."
-
-    with console.interruption(consequence), contextlib.ExitStack() as stack:
-        listeners: list[Listener] = [stack.enter_context(progress)]
-        if wandb:
-            from glbench.training.wandb_log import WandbListener
-
-            logger = WandbListener(folder.name, settings, folder)
-            stack.callback(logger.close)
-            listeners.append(logger)
-        return run(listeners)
 
 
 def trial_in_words(trial: TrialReport, score: Metric) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,8 +14,6 @@ from glbench.cli.options import AsJson, RoundFile, Workers, round_of
 from glbench.errors import GlbenchError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from glbench.verification import Verdict
 
 _WORST_FIRST = (1, 2, 3, 0)

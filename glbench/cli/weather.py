@@ -6,6 +6,7 @@ import dataclasses
 import datetime as dt
 import json
 import re
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,8 +20,6 @@ from glbench.cli.progress import status_bar
 from glbench.extras import require
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from glbench.weather import WeatherInfo, WeatherRecord
 
 _MONTHLY = (
@@ -37,11 +36,7 @@ _MONTHLY = (
 _OF_INFO = ("hours", "source", "licence", "digest", "origin", "typical_year")
 _OF_RECORD = ("source", "licence", "digest", "typical_year")
 
-app = typer.Typer(
-    help="List, show, import, fetch and generate weather records.",
-    no_args_is_help=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+app = typer.Typer(help="List, show, import, fetch and generate weather records.", no_args_is_help=True)
 
 Source = Annotated[str, typer.Option("--source", help="Name of a record, as in `glbench weather list`.")]
 Years = Annotated[str, typer.Option("--years", help="Years to draw from: 2008-2010, or 2008,2010.")]
