@@ -11,31 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.arrays import real_numbers
+from glbench.env import rendering, spaces
 from glbench.env.actuation import TO_NUMBERS
 from glbench.env.info import FAILURE, STEP_REWARD, InfoWriter
-from glbench.env.rendering import (
-    FRAMES_PER_SECOND,
-    PICTURES,
-    RENDER_MODES,
-    Camera,
-    checked_render_mode,
-    drawable_modes,
-    panel,
-)
 from glbench.env.simulation import Simulation
-from glbench.env.spaces import (
-    STATE,
-    action_space,
-    check_names,
-    checked_seed,
-    draw_seed,
-    observation_space,
-    pack_generator,
-    state_option,
-    task_of_environment,
-    unpack_generator,
-    with_horizon,
-)
 from glbench.errors import ActionError
 from glbench.tasks import Normalisation
 
@@ -115,7 +94,10 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     * v1: first version (glbench 0.1.0). The version at the end of an id is the task's: a published task never changes.
     """
 
-    metadata: dict[str, Any] = {"render_modes": list(drawable_modes()), "render_fps": FRAMES_PER_SECOND}  # noqa: RUF012  # as Gymnasium declares it
+    metadata: dict[str, Any] = {  # noqa: RUF012  # as Gymnasium declares it
+        "render_modes": list(rendering.drawable_modes()),
+        "render_fps": rendering.FRAMES_PER_SECOND,
+    }
     _spec: EnvSpec | None = None
 
     def __init__(
@@ -127,16 +109,18 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         overrides: Mapping[str, Any] | None = None,
         normalise: bool = False,
     ) -> None:
-        self.task = task_of_environment(task, split, overrides)
+        self.task = spaces.task_of_environment(task, split, overrides)
         self._normalisation = Normalisation.of(self.task.observed()) if normalise else None
-        self.render_mode = checked_render_mode(render_mode)
-        if render_mode == PICTURES:  # Gymnasium would refuse to render, before ``render`` can say what to install
-            self.metadata = {**self.metadata, "render_modes": list(RENDER_MODES)}
-        self.observation_space = observation_space(self.task, self._normalisation)
-        self.action_space = action_space(self.task)
+        self.render_mode = rendering.checked_render_mode(render_mode)
+        if (
+            render_mode == rendering.PICTURES
+        ):  # Gymnasium would refuse to render, before ``render`` can say what to install
+            self.metadata = {**self.metadata, "render_modes": list(rendering.RENDER_MODES)}
+        self.observation_space = spaces.observation_space(self.task, self._normalisation)
+        self.action_space = spaces.action_space(self.task)
         self.simulation = Simulation(self.task, 1, kernel)
         self._info = InfoWriter(self.task)
-        self._camera = Camera(self.simulation) if render_mode == PICTURES else None
+        self._camera = rendering.Camera(self.simulation) if render_mode == rendering.PICTURES else None
 
     @property
     def spec(self) -> EnvSpec | None:  # Gymnasium declares an attribute, which ``make`` sets
@@ -145,7 +129,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = with_horizon(spec, self.task)
+        self._spec = spaces.with_horizon(spec, self.task)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -169,12 +153,12 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         GlbenchError
             For an impossible seed or option, or a snapshot of another task.
         """
-        snapshot = state_option(check_names(options, (STATE,)), seed)
+        snapshot = spaces.state_option(spaces.check_names(options, (spaces.STATE,)), seed)
         if snapshot is not None:
             return self.restore(snapshot)
-        number = None if seed is None else checked_seed(seed)
+        number = None if seed is None else spaces.checked_seed(seed)
         super().reset(seed=number)
-        observation = self.simulation.reset([draw_seed(self.np_random) if number is None else number])[0]
+        observation = self.simulation.reset([spaces.draw_seed(self.np_random) if number is None else number])[0]
         if self._camera is not None:
             self._camera.begin()
         return self._normalise(observation), self._info.standing(self.simulation)
@@ -229,11 +213,11 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         if self._camera is not None:
             return self._camera.picture(0)
-        return None if self.render_mode is None else panel(self.simulation, 0, self.simulation.result)
+        return None if self.render_mode is None else rendering.panel(self.simulation, 0, self.simulation.result)
 
     def snapshot(self) -> Snapshot:
         """Everything needed to continue this episode, and draw the same seeds for the next, with the same bits."""
-        return replace(self.simulation.snapshot(), generators=pack_generator(self.np_random)[None])
+        return replace(self.simulation.snapshot(), generators=spaces.pack_generator(self.np_random)[None])
 
     def restore(self, snapshot: Snapshot) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Continue from ``snapshot`` (of one row); observation and info as after a reset.
@@ -245,7 +229,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         observation = self.simulation.restore(snapshot)[0]
         if len(snapshot.generators):
-            self.np_random = unpack_generator(snapshot.generators[0])
+            self.np_random = spaces.unpack_generator(snapshot.generators[0])
         if self._camera is not None:
             self._camera.begin()
         return self._normalise(observation), self._info.standing(self.simulation)

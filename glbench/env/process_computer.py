@@ -12,23 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from glbench.tasks.set_points import (
-    BLACKOUT,
-    BOILER,
-    CO2,
-    DOSING,
-    HEATING,
-    HUMIDITY,
-    LAMP_RADIATION,
-    LAMPS,
-    LAMPS_FROM,
-    LAMPS_UNTIL,
-    SCREEN,
-    SCREEN_OUTDOOR,
-    SCREEN_RADIATION,
-    VENTILATION,
-    VENTS,
-)
+from glbench.tasks import set_points as points
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -47,8 +31,8 @@ _NEAR = 0.02
 
 MEMORY: Mapping[str, float] = {
     "begun": 0.0,
-    HEATING: 0.0,
-    VENTILATION: 0.0,
+    points.HEATING: 0.0,
+    points.VENTILATION: 0.0,
     "bright": 0.0,
     "bright_steps": _LONG_AGO,
     "screen": 0.0,
@@ -131,31 +115,31 @@ class _Step:
         )
         self.max_change = task.actuation.max_change
         self.steps_an_hour = _SECONDS_AN_HOUR / task.step_seconds
-        self.heat_installed = {capacity.name: capacity.at_one for capacity in task.capacities()}.get(BOILER, 0.0)
+        self.heat_installed = {capacity.name: capacity.at_one for capacity in task.capacities()}.get(points.BOILER, 0.0)
         self.next_memory: dict[str, Any] = {"begun": 1.0}
         self.heating, self.ventilation = self._temperatures()
         self.too_humid: Any = (
             0.0  # how far the air is below the humidity deficit of the set point, as a share of the band
         )
-        if HUMIDITY in set_points:
-            self.too_humid = share(set_points[HUMIDITY] - measured.humidity_deficit, 0.0, settings.humidity_band)
+        if points.HUMIDITY in set_points:
+            self.too_humid = share(set_points[points.HUMIDITY] - measured.humidity_deficit, 0.0, settings.humidity_band)
 
     def run(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """All granted controls, and the memory for the next step; rules of controls that are not granted are left out."""
         moved: dict[str, Any] = {}
         for name, rule in (
-            (BOILER, self._boiler), (VENTS, self._vents), (LAMPS, self._lamps), (SCREEN, self._screen),
+            (points.BOILER, self._boiler), (points.VENTS, self._vents), (points.LAMPS, self._lamps), (points.SCREEN, self._screen),
         ):  # fmt: skip
             if name in self.controls:
                 moved[name] = self._approached(name, rule())
-        if DOSING in self.controls:
-            moved[DOSING] = self._approached(DOSING, self._dosing(moved))
-        if BLACKOUT in self.controls:
+        if points.DOSING in self.controls:
+            moved[points.DOSING] = self._approached(points.DOSING, self._dosing(moved))
+        if points.BLACKOUT in self.controls:
             position: Any = 0.0
-            if LAMPS in moved:  # closed while lamps burn in the dark
+            if points.LAMPS in moved:  # closed while lamps burn in the dark
                 dark = below(self.measured.radiation, self.s.blackout_radiation)
                 position = self.lit * dark * (1.0 - self._gap())
-            moved[BLACKOUT] = self._approached(BLACKOUT, position)
+            moved[points.BLACKOUT] = self._approached(points.BLACKOUT, position)
         return moved, self.next_memory
 
     def _approached(self, name: str, position: Any) -> Any:
@@ -171,16 +155,16 @@ class _Step:
         Without a boiler, or without vents, the one temperature follows from the other; ``None`` where there are neither.
         """
         apart, heating, ventilation = self.s.dead_zone, None, None
-        if HEATING in self.set_points:
-            heating = self._ramped(HEATING, self.set_points[HEATING])
-        if VENTILATION in self.set_points:
-            target = self.set_points[VENTILATION]
+        if points.HEATING in self.set_points:
+            heating = self._ramped(points.HEATING, self.set_points[points.HEATING])
+        if points.VENTILATION in self.set_points:
+            target = self.set_points[points.VENTILATION]
             if heating is not None:
-                target = np.maximum(target, self.set_points[HEATING] + apart)
-            ventilation = self._ramped(VENTILATION, target)
+                target = np.maximum(target, self.set_points[points.HEATING] + apart)
+            ventilation = self._ramped(points.VENTILATION, target)
             if heating is not None:
                 ventilation = np.maximum(ventilation, heating + apart)
-                self.next_memory[VENTILATION] = ventilation
+                self.next_memory[points.VENTILATION] = ventilation
         if heating is None and ventilation is not None:
             heating = ventilation - apart
         if ventilation is None and heating is not None:
@@ -213,27 +197,27 @@ class _Step:
         band = np.minimum(band, s.ventilation_band_most)  # it widens with cold and wind
         too_hot = share(air_temperature, self.ventilation, self.ventilation + band)
         position = np.maximum(too_hot, s.vent_gap * self.too_humid * warm)
-        now, weight = self.controls[VENTS], 1.0 / (1.0 + s.vent_time * self.steps_an_hour)
+        now, weight = self.controls[points.VENTS], 1.0 / (1.0 + s.vent_time * self.steps_an_hour)
         near = below((position - now) * (position - now), _NEAR * _NEAR)
         return select(near, position, now + weight * (position - now))
 
     def _dosing(self, moved: Mapping[str, Any]) -> Any:
         s = self.s
-        short = share(self.measured.co2, self.set_points[CO2], self.set_points[CO2] - s.co2_band)
+        short = share(self.measured.co2, self.set_points[points.CO2], self.set_points[points.CO2] - s.co2_band)
         light = share(self.measured.radiation, 0.0, s.co2_radiation)
-        if LAMPS in moved:
-            light = np.maximum(light, moved[LAMPS])
-        shut = share(moved[VENTS], s.co2_vents_off, s.co2_vents) if VENTS in moved else 1.0
+        if points.LAMPS in moved:
+            light = np.maximum(light, moved[points.LAMPS])
+        shut = share(moved[points.VENTS], s.co2_vents_off, s.co2_vents) if points.VENTS in moved else 1.0
         return short * light * shut
 
     def _lamps(self) -> Any:
         """On within the hours and while it is not too bright; the clock does not wait for the minimum time."""
-        s, limit, hour = self.s, self.set_points[LAMP_RADIATION], self.measured.hour_of_day + _TIE
+        s, limit, hour = self.s, self.set_points[points.LAMP_RADIATION], self.measured.hour_of_day + _TIE
         dimmer = limit - np.minimum(s.lamp_hysteresis, 0.5 * limit)
         radiation = self.measured.radiation + _TIE
         bright_now, dim_now = at_least(radiation, limit), below(radiation, dimmer)
         bright = self._timed_switch("bright", switch(self.memory["bright"], bright_now, dim_now), s.lamp_minimum_time)
-        in_hours = at_least(hour, self.set_points[LAMPS_FROM]) * below(hour, self.set_points[LAMPS_UNTIL])
+        in_hours = at_least(hour, self.set_points[points.LAMPS_FROM]) * below(hour, self.set_points[points.LAMPS_UNTIL])
         self.lit = in_hours * (1.0 - bright)
         return self.lit
 
@@ -245,7 +229,7 @@ class _Step:
         return now
 
     def _screen(self) -> Any:
-        s, dark, cold = self.s, self.set_points[SCREEN_RADIATION], self.set_points[SCREEN_OUTDOOR]
+        s, dark, cold = self.s, self.set_points[points.SCREEN_RADIATION], self.set_points[points.SCREEN_OUTDOOR]
         radiation, outside = self.measured.radiation + _TIE, self.measured.outdoor_temperature + _TIE
         close = below(radiation, dark) * below(outside, cold)
         brighter = at_least(radiation, dark + np.minimum(s.screen_radiation_hysteresis, dark))

@@ -13,17 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env import actuation
 from glbench.env.accounts import REWARD, ByName, make_accounts
-from glbench.env.actuation import PART as ACTUATION
-from glbench.env.actuation import (
-    ActionReader,
-    ActuationInputs,
-    RecordedActuation,
-    hold_clock,
-    hold_steps,
-    make_actuation,
-    recorded_actuation,
-)
 from glbench.env.air import AIR, air_quantities
 from glbench.env.daily_sums import DAILY_SUMS, daily_sum
 from glbench.env.numpy_environments import NO_PARTS, PythonParts
@@ -63,7 +54,7 @@ def info_columns(task: TaskSpec) -> int:
 def make_program(task: TaskSpec) -> tuple[Program, PythonParts]:
     """The program of a task, and what fills the gaps in it: ``NO_PARTS`` when there are none."""
     recorded = (
-        recorded_actuation(task) is not None
+        actuation.recorded_actuation(task) is not None
         and all(REWARDS.recorded(name) for name in task.reward.modules)
         and all(python_part(name) is None for name in task.observation.modules)
         and all(group.distribution == UNIFORM for group in task.scenario.groups)
@@ -114,13 +105,13 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
             followers = derived.tape(others=scenarios.places(scenarios.in_episode))
         except RecordingError:  # a formula needs more than arithmetic
             python_followers = derived
-    kind = recorded_actuation(task)
+    kind = actuation.recorded_actuation(task)
     distributions = [group.distribution for group in scenarios.in_step]
     program = Program(
         actuation=EMPTY if kind is None else _actuation(task, kind, scenarios),
         outcome=outcome,
-        actions=ActionReader.of_task(task).bounds,
-        controls=ActionReader.of_controls(task).bounds,
+        actions=actuation.ActionReader.of_task(task).bounds,
+        controls=actuation.ActionReader.of_controls(task).bounds,
         steps=task.steps,
         weather=scenarios.pool.values,
         day=scenarios.pool.day,
@@ -153,7 +144,7 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
         return program, NO_PARTS
     parts = PythonParts(
         air_columns(task),
-        make_actuation(task) if kind is None else None,
+        actuation.make_actuation(task) if kind is None else None,
         reward,
         observation,
         tuple(DISTRIBUTIONS[name] for name in distributions),
@@ -162,8 +153,8 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
     return program, parts
 
 
-def _actuation(task: TaskSpec, kind: RecordedActuation, scenarios: RunScenarios) -> Tape:
-    names, places = task.model_value.control_names, scenarios.memory_layout.of(ACTUATION)
+def _actuation(task: TaskSpec, kind: actuation.RecordedActuation, scenarios: RunScenarios) -> Tape:
+    names, places = task.model_value.control_names, scenarios.memory_layout.of(actuation.PART)
     with Recorder() as recorder:
         actions = {action.name: recorder.input("given", place) for place, action in enumerate(task.actions)}
         controls = {name: recorder.input("controls", names.index(name)) for name in task.actuation.controls}
@@ -177,7 +168,7 @@ def _actuation(task: TaskSpec, kind: RecordedActuation, scenarios: RunScenarios)
             hour = recorder.input("calendar", CLOCK.index("hour_of_day"))
             deficit = with_simplification(humidity_deficit, temperature, humidity)
             measured = Measured(temperature, co2, deficit, radiation, outside, wind, hour)
-        next_controls, next_memory = kind.work(task, ActuationInputs(actions, controls, memory, measured))
+        next_controls, next_memory = kind.work(task, actuation.ActuationInputs(actions, controls, memory, measured))
         for index, name in enumerate(names):
             recorder.output("controls", index, next_controls.get(name, 0.0))
         for name, value in next_memory.items():
@@ -276,8 +267,8 @@ def _observation(
             if isinstance(column, Numbers):
                 values = _numbers(column, recorder, controls, air)
             elif isinstance(column, Locked):  # for how many minutes a control still stays on or off
-                steps = recorder.input("memory", layout.of(ACTUATION)[hold_clock(column.control)])
-                rest: Any = hold_steps(task, task.on_off[column.control]) - steps
+                steps = recorder.input("memory", layout.of(actuation.PART)[actuation.hold_clock(column.control)])
+                rest: Any = actuation.hold_steps(task, task.on_off[column.control]) - steps
                 values = [np.maximum(rest, 0.0) * (task.step_seconds / 60.0)]
             elif column.of is not None:
                 states = [recorder.input("after", place) for place in range(len(model.states))]

@@ -14,11 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.actuation import PART as ACTUATION
-from glbench.env.actuation import actuation_memory
-from glbench.env.air import PART as SENSORS
-from glbench.env.air import STREAM as SENSOR_STREAM
-from glbench.env.air import Sensors
+from glbench.env import actuation, air
 from glbench.env.daily_sums import DAILY_SUMS, initial_memory
 from glbench.env.generated import SeasonMaker
 from glbench.env.memory_layout import allocate
@@ -72,11 +68,11 @@ class RunScenarios:
         self.in_episode = tuple(group for group in uncertain if group.redraw == "episode")
         self._model = task.model_value
         self._derived = DerivedParameters(self._model, self.nominal, self.places(self.in_episode))
-        self.sensors = Sensors.of(task)
+        self.sensors = air.Sensors.of(task)
         self.memory_layout = allocate(
             **{
-                ACTUATION: actuation_memory(task),
-                SENSORS: self.sensors.initial_memory(),
+                actuation.PART: actuation.actuation_memory(task),
+                air.PART: self.sensors.initial_memory(),
                 DAILY_SUMS: initial_memory(task),
             }
         )
@@ -103,7 +99,7 @@ class RunScenarios:
             weather = first
         names = [parameter_stream(group) for group in self.in_step]
         if self.sensors.numbers:
-            names.append(SENSOR_STREAM)
+            names.append(air.STREAM)
         keys = np.array([[stream_key(scenario, seed, name) for name in names] for seed in seeds], np.uint64)
         return Scenes(
             self.start_states(seeds, weather),

@@ -12,26 +12,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from glbench.env import spaces
 from glbench.env.greenhouse import GreenhouseEnv
 from glbench.env.info import InfoWriter, add_failures, add_objects
 from glbench.env.kernels import SCORING_PRESET, check_kernel
 from glbench.env.rendering import PICTURES, Camera, checked_render_mode, panel
 from glbench.env.simulation import Simulation, check_runs
-from glbench.env.spaces import (
-    RESET_MASK,
-    STATE,
-    action_space,
-    check_names,
-    checked_seed,
-    draw_seed,
-    mask_option,
-    observation_space,
-    pack_generator,
-    state_option,
-    task_of_environment,
-    unpack_generator,
-    with_horizon,
-)
 from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean, whole_number
 from glbench.kernel import make_kernel
 from glbench.tasks import Normalisation
@@ -99,7 +85,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         normalise: bool = False,
     ) -> None:
         check_runs(num_envs)
-        self.task = task_of_environment(task, split, overrides)
+        self.task = spaces.task_of_environment(task, split, overrides)
         self._normalisation = Normalisation.of(self.task.observed()) if normalise else None
         check_kernel(kernel, self.task)
         if whole_number(workers, "The number of workers") != 1 and not isinstance(kernel, str | None):
@@ -115,8 +101,8 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
             autoreset_mode = modes[autoreset_mode]
         self.autoreset_mode = autoreset_mode
         self.metadata = {**GreenhouseEnv.metadata, "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space = observation_space(self.task, self._normalisation)
-        self.single_action_space = action_space(self.task)
+        self.single_observation_space = spaces.observation_space(self.task, self._normalisation)
+        self.single_action_space = spaces.action_space(self.task)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         if workers != 1:
@@ -136,7 +122,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = with_horizon(spec, self.task)
+        self._spec = spaces.with_horizon(spec, self.task)
 
     @property  # type: ignore[misc]  # read-only, one for each row, as in SyncVectorEnv
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
@@ -160,20 +146,20 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         GlbenchError
             For impossible seeds or options.
         """
-        options = dict(check_names(options, (STATE, RESET_MASK)))
-        snapshot = state_option(options, seed)
+        options = dict(spaces.check_names(options, (spaces.STATE, spaces.RESET_MASK)))
+        snapshot = spaces.state_option(options, seed)
         if snapshot is not None:
             return self.restore(snapshot)
-        mask = mask_option(options, self.num_envs)
+        mask = spaces.mask_option(options, self.num_envs)
         seeds: list[int | None] = [None] * self.num_envs
         if isinstance(seed, Sequence | np.ndarray):
             if len(seed) != self.num_envs:
                 msg = f"reset got {len(seed)} seeds for {self.num_envs} environments. Give one seed an environment."
                 raise ShapeError(msg)
-            seeds = [None if one is None else checked_seed(one) for one in seed]
+            seeds = [None if one is None else spaces.checked_seed(one) for one in seed]
         elif seed is not None:
-            first = checked_seed(seed)
-            seeds = [checked_seed(first + row) for row in range(self.num_envs)]
+            first = spaces.checked_seed(seed)
+            seeds = [spaces.checked_seed(first + row) for row in range(self.num_envs)]
         self._start(np.flatnonzero(mask), seeds)
         self._result = None
         return self._normalise(self.simulation.observe()), self._reset_info(mask)
@@ -253,7 +239,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
 
     def snapshot(self) -> Snapshot:
         """Everything needed to continue all rows, and draw the same seeds for their next episodes, with the same bits."""
-        generators = np.stack([pack_generator(generator) for generator in self.np_random])
+        generators = np.stack([spaces.pack_generator(generator) for generator in self.np_random])
         return replace(self.simulation.snapshot(), generators=generators)
 
     def restore(self, snapshot: Snapshot) -> tuple[Observations, dict[str, Any]]:
@@ -266,7 +252,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         """
         observations = self.simulation.restore(snapshot)
         if len(snapshot.generators):
-            self._generators = [unpack_generator(words) for words in snapshot.generators]
+            self._generators = [spaces.unpack_generator(words) for words in snapshot.generators]
             self._generator_seeds = [-1] * self.num_envs
         self._result = None
         if self._camera is not None:
@@ -289,7 +275,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         for row in rows.tolist():
             seed = None if seeds is None else seeds[row]
             if seed is None:
-                seed = draw_seed(self._generators[row])
+                seed = spaces.draw_seed(self._generators[row])
             else:
                 self._generators[row], self._generator_seeds[row] = seeding.np_random(seed)
             numbers.append(seed)
