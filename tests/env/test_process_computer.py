@@ -718,10 +718,10 @@ def test_records_and_pages_tell_set_points_by_name_and_unit(task: TaskSpec) -> N
 def test_a_record_shows_set_points_in_their_units_and_other_actions_as_they_were_given(task: TaskSpec) -> None:
     names, signals = [action.name for action in task.actions], signals_of(task)
     given = random_set_points(task, 12, 1)[:, 0]
-    asked = signals.asked(given, names)
+    asked = signals.in_units(given, names)
     assert asked.dtype == np.float64
     for column, action in enumerate(task.actions):
         assert asked[:, column].tobytes() == action.value(given[:, column].astype(np.float64)).tobytes()
     assert np.ptp(asked[:, 0]) > 5.0  # degC
     controls = np.zeros((12, 6), dtype=np.float32)
-    assert signals.asked(controls, task.actuation.controls) is controls
+    assert signals.in_units(controls, task.actuation.controls) is controls
