@@ -132,7 +132,7 @@ def test_a_sandboxed_agent_finds_no_salt_in_files_environment_arguments_processe
 @needs_sandbox
 def test_the_search_finds_what_is_there(tiny: TaskSpec, write_agent: AgentWriter) -> None:
     """The test above can fail: a fragment that stands in a file of glbench is found."""
-    agent = write_agent(SEARCH.replace("[WANTED]", "['Sealed rounds: a host evaluates']"))
+    agent = write_agent(SEARCH.replace("[WANTED]", "['Sealed rounds (held-out draws']"))
     evaluation = prepare(tiny, agent, runs=1, sandbox="bubblewrap")
     evaluation = dataclasses.replace(evaluation, prints=Prints(2**20))
     result = evaluation.run()
