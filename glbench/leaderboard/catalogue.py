@@ -183,7 +183,10 @@ def _of_task(task: TaskSpec) -> Catalogue:
 
     limits, usual = [name for name, _ in task.constraints.items()], _is_usual(task)
     coverage = _layout()["coverage"]["several" if has_several_seasons(task) else "one"]
-    ledger_items = _known_first(task.ledger.items)
+    # What is known comes first: a stored task has its tables in another order than the file that it came from.
+    items, flows = task.ledger.items, list(quantities.FLOWS)
+    places = {item.name: flows.index(item.flow) - len(flows) if _known(item) else items.index(item) for item in items}
+    ledger_items = sorted(items, key=lambda item: (-item.sign, places[item.name]))
     earned, paid = (
         sentence([in_sentence(_label(item)) for item in ledger_items if item.sign == sign]) for sign in (1, -1)
     )
@@ -201,8 +204,8 @@ def _of_task(task: TaskSpec) -> Catalogue:
                 one.name, profit, usual=usual, money=bool(one.unit == MONEY and task.violation_prices)
             )
         metrics.append(Metric(one.name, one.unit, **words) if words else unknown_metric(one.name, one.unit))
-    items = [_item(item, place, amounts.get(item.amount, item.amount)) for place, item in enumerate(ledger_items)]
-    places = {name: place for place, item in enumerate(items) for name in (item.money, item.amount)}
+    known_items = [_item(item, place, amounts.get(item.amount, item.amount)) for place, item in enumerate(ledger_items)]
+    places = {name: place for place, item in enumerate(known_items) for name in (item.money, item.amount)}
     metrics.sort(key=lambda metric: (_ORDER.index(metric.kind), places.get(metric.name, 0)))
     lead = (
         f"{coverage['run']}: they earn with {earned or 'nothing'} and pay for {paid or 'nothing'}"
@@ -210,7 +213,7 @@ def _of_task(task: TaskSpec) -> Catalogue:
     )
     return Catalogue(
         metrics={metric.name: metric for metric in metrics},
-        items=tuple(items),
+        items=tuple(known_items),
         limits={name: quantities.AIR[name].label for name in limits},
         lead=_layout()["usual"]["lead"].format(run=coverage["run"]) if usual else lead,
         draws=coverage["draws"],
@@ -237,13 +240,6 @@ def _known(item: LedgerItem) -> quantities.Entry | None:
 def _label(item: LedgerItem) -> str:
     entry = _known(item)
     return entry.label if entry else item.label or item.name
-
-
-def _known_first(items: Sequence[LedgerItem]) -> list[LedgerItem]:
-    """What is earned, then what is paid; first what is known: a stored task has its tables in another order than the file it came from."""
-    flows = list(quantities.FLOWS)
-    places = {item.name: flows.index(item.flow) - len(flows) if _known(item) else items.index(item) for item in items}
-    return sorted(items, key=lambda item: (-item.sign, places[item.name]))
 
 
 def _counted_words(name: str, profit: str, *, usual: bool, money: bool) -> dict[str, Any]:

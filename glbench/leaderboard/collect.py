@@ -18,7 +18,7 @@ from glbench.evaluation.evaluation import TRIALS, VALIDATION
 from glbench.evaluation.profiles import profile_path, read_profile
 from glbench.evaluation.records import AgentRecord
 from glbench.evaluation.saving import recorded_actions
-from glbench.leaderboard.catalogue import Metric, catalogue
+from glbench.leaderboard.catalogue import catalogue
 from glbench.resources import data_folder, is_released
 from glbench.tasks import list_tasks, published_task, read_lock
 from glbench.untrusted import real_path
@@ -217,23 +217,15 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
             own.append(replace(item, trial=is_trial))
         single, doubles = _one_each(own, folder.parent)
         problems += doubles
-        chosen = {**single, **chosen, **_confirmed(single, chosen)}
+        for key, item in single.items():
+            place = chosen.setdefault(key, item)
+            if place.released and place.result.results_digest == item.result.results_digest:
+                chosen[key] = replace(place, confirmed=True)
     mine = {key: item for key, item in chosen.items() if not item.released}
     if mine and all(item.result.task.salt_commitment for item in mine.values()):
         chosen = mine
     kept, strangers = _one_version_each([chosen[key] for key in sorted(chosen)])
     return kept, (*problems, *strangers)
-
-
-def _confirmed(
-    own: Mapping[tuple[str, str], StoredResult], chosen: Mapping[tuple[str, str], StoredResult]
-) -> dict[tuple[str, str], StoredResult]:
-    """Those released results of which the user's own evaluation has the same runs."""
-    return {
-        key: replace(chosen[key], confirmed=True)
-        for key, item in own.items()
-        if key in chosen and chosen[key].released and chosen[key].result.results_digest == item.result.results_digest
-    }
 
 
 class _Names:
@@ -301,7 +293,11 @@ def _one_version_each(stored: list[StoredResult]) -> tuple[tuple[StoredResult, .
         by_digest.setdefault((item.result.task.id, item.result.task.digest), []).append(item)
     best: dict[str, list[StoredResult]] = {}
     for (task_id, _), items in by_digest.items():
-        best[task_id] = max(best.get(task_id, []), items, key=_weight)
+        best[task_id] = max(
+            best.get(task_id, []),
+            items,
+            key=lambda some: (len(some), max((item.result.created for item in some), default="")),
+        )
     kept, problems = [], []
     for item in stored:
         task = item.result.task
@@ -315,11 +311,6 @@ def _one_version_each(stored: list[StoredResult]) -> tuple[tuple[StoredResult, .
         )
         problems.append(ResultError(msg))
     return tuple(kept), problems
-
-
-def _weight(stored: list[StoredResult]) -> tuple[int, str]:
-    """How many results, and when the latest was made."""
-    return len(stored), max((item.result.created for item in stored), default="")
 
 
 def _problem_of_task(item: StoredResult, published: Expectation | None) -> str | None:
@@ -341,16 +332,12 @@ def _problem_beside(item: StoredResult, released: StoredResult | None) -> str | 
         return None
     words = catalogue(item.task)
     metric = words.score if item.task is None else words.metrics[item.task.evaluation.metric]
-    name, own, theirs = item.result.agent.name, *(_mean(one.result, metric) for one in (item, released))
+    name, means = item.result.agent.name, (one.result.summary.mean.get(metric.name) for one in (item, released))
+    own, theirs = ("not stated" if mean is None else metric.number(mean) for mean in means)
     return (
         f"{item.path} differs from the released result of '{name}', which keeps its row: {metric.words} {own}, released {theirs}. "
         f"{_what_differs(item.result, released.result)} See both with `glbench compare {name} {item.path}`."
     )
-
-
-def _mean(result: Result, metric: Metric) -> str:
-    mean = result.summary.mean.get(metric.name)
-    return "not stated" if mean is None else metric.number(mean)
 
 
 def _what_differs(own: Result, released: Result) -> str:

@@ -156,10 +156,11 @@ def _joined(
     for item in sorted(items, key=lambda one: (_seed(one), one.result.agent.name)):
         recipe = _recipe(item, seeds)
         if recipe is not None:
-            key = recipe, item.result.evaluation.seeds
+            key, agent = (recipe, item.result.evaluation.seeds), item.result.agent
+            weights = None if agent.kind == "baseline" or agent.training is None else agent.training.policy
             same = {
-                (key, item.result.agent.digest),
-                (key, _policy(item)),
+                (key, agent.digest),
+                (key, weights or agent.digest),
                 (key, tuple(item.result.values(RANKING_METRIC))),
             }
             if not same & policies:
@@ -259,14 +260,6 @@ def _recipe(item: StoredResult, seeds: tuple[int, ...]) -> _Recipe | None:
     # Folders of settings state no authors, so their names must be the same except for the seed.
     owner = without_seed(agent.name) if agent.card is None else tuple(sorted(agent.card.authors))
     return agent.training.recipe, agent.training.form, owner, agent.information, *where
-
-
-def _policy(item: StoredResult) -> str:
-    """Identity of a policy: a baseline's digest, or that of the weights, or that of the submission."""
-    agent = item.result.agent
-    if agent.kind == "baseline":
-        return agent.digest
-    return agent.digest if agent.training is None or agent.training.policy is None else agent.training.policy
 
 
 def _with_names_of_their_own(entries: list[Entry]) -> tuple[Entry, ...]:

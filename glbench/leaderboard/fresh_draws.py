@@ -57,7 +57,11 @@ def fresh_score(result: Result) -> FreshScore | None:
     references = [(np.array(one.published), np.array(one.fresh)) for one in fresh.references]
     first = drop_beside(*references[0])[0]
     margin = max(abs(drop_beside(*one)[0] - first) for one in references)
-    drops = [_above(margin, published - before, again - after) for before, after in references]
+    drops = []
+    for before, after in references:
+        drop, low = drop_beside(published - before, again - after)
+        by_ranks = shift_by_ranks(published - before, again - after)
+        drops.append((drop, by_ranks if low <= margin < by_ranks else low))
     place = min(range(len(drops)), key=lambda place: drops[place][1])
     drop, low = drops[place]
     too_few_runs = len(published) < FEWEST
@@ -94,13 +98,6 @@ def drop_beside(published: Array, fresh: Array, error: float = ERROR) -> tuple[f
         part**2 / (len(values) - 1) for part, values in zip(parts, (published, fresh), strict=True)
     )
     return drop, drop - float(special.stdtrit(freedom, 1.0 - error)) * math.sqrt(sum(parts))
-
-
-def _above(margin: float, published: Array, fresh: Array) -> tuple[float, float]:
-    """As ``drop_beside``, with the lower end by ranks where only that one is above the margin."""
-    drop, low = drop_beside(published, fresh)
-    by_ranks = shift_by_ranks(published, fresh)
-    return drop, by_ranks if low <= margin < by_ranks else low
 
 
 def shift_by_ranks(published: Array, fresh: Array, error: float = RANK_ERROR) -> float:

@@ -127,7 +127,10 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
     years = years_of_runs(one.trainings[0]) or ()
     metrics = {}
     for name in words.known_first([*first.runs[0].metrics, *second.runs[0].metrics]):
-        ours, theirs = (_values(entry, name, place) for entry, place in zip((one, other), places, strict=True))
+        ours, theirs = (
+            entry.by_training(name)[:, place] if entry.states(name) else None
+            for entry, place in zip((one, other), places, strict=True)
+        )
         metrics[name] = _metric(words.metric(name, units).unit, ours, theirs, (one.is_fixed, other.is_fixed))
     runs = [entry.by_training(ranks_by)[:, place] for entry, place in zip((one, other), places, strict=True)]
     resolution = resolution_of(ranks_by, task)
@@ -181,11 +184,6 @@ def failures(name: str, runs: Iterable[RunResult]) -> str:
 def corrected_p_values(pairs: list[Pair]) -> list[float]:
     """P-values of several tasks, corrected for their number, see ``statistics.corrected``."""
     return corrected([pair.p_value for pair in pairs])
-
-
-def _values(entry: Entry, metric: str, place: list[int]) -> Array | None:
-    """Values ``(trainings, runs)``."""
-    return entry.by_training(metric)[:, place] if entry.states(metric) else None
 
 
 def _metric(unit: str, first: Array | None, second: Array | None, fixed: tuple[bool, bool]) -> MetricPair:

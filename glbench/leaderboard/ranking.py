@@ -288,6 +288,7 @@ def _row(entry: Entry, rank_: int | None, remark: str, metric: str) -> Row:
         return rows[0].model_copy(update={"agent": entry.name})
     known = [name for name in rows[0].estimates if all(name in row.estimates for row in rows)]
     sandbox = combined(rows)["sandbox"]
+    data = [row.trained_on.model_copy(update={"seeds": ()}) for row in rows]  # seeds are those of one training
     return rows[0].model_copy(
         update={
             **combined(rows),
@@ -297,7 +298,7 @@ def _row(entry: Entry, rank_: int | None, remark: str, metric: str) -> Row:
             "regret": regret_of([item.result for item in entry.trainings]),
             "by_year": means_by_year(entry.trainings, metric) if entry.states(metric) else (),
             "fresh_draws": fresh_score_over([row.fresh_draws for row in rows]),
-            "trained_on": _seen_together([row.trained_on for row in rows]),
+            "trained_on": data[0] if all(one == data[0] for one in data) else TrainingData(),
             "saw_scored": next((row.saw_scored for row in rows if row.saw_scored), ""),
             "unsandboxed": any(row.unsandboxed for row in rows),
             "training_hours": _longest([row.training_hours for row in rows]),
@@ -314,12 +315,6 @@ def means_by_year(trainings: Sequence[StoredResult], metric: str) -> tuple[OfYea
     values = np.mean([item.result.values(metric) for item in trainings], axis=0)
     of_year = {year: values[[one == year for one in years]] for year in sorted(set(years))}
     return tuple(OfYear(year=year, runs=runs.size, mean=float(runs.mean())) for year, runs in of_year.items())
-
-
-def _seen_together(trainings: Sequence[TrainingData]) -> TrainingData:
-    """What all trainings state alike; seeds are those of one training, so of several none are stated."""
-    same = trainings[0].model_copy(update={"seeds": ()})
-    return same if all(one.model_copy(update={"seeds": ()}) == same for one in trainings) else TrainingData()
 
 
 def combined(rows: Sequence[Row]) -> dict[str, Any]:

@@ -99,17 +99,14 @@ def regrets_of(trainings: Sequence[Result], seeds: Sequence[int] | None = None) 
     if not best:
         return None
     places = [first.evaluation.seeds.index(seed) for seed in wanted]
-    total, profit, penalty = (_gaps(trainings, name, best, places) for name in (RANKING_METRIC, PROFIT, PENALTY))
+    gaps: list[Array | None] = []  # the best known minus the runs ``(trainings, n)``
+    for name in (RANKING_METRIC, PROFIT, PENALTY):
+        complete = all(name in run.metrics for one in trainings for run in one.runs)
+        values = np.array([one.values(name) for one in trainings])[:, places] if complete else None
+        gaps.append(None if values is None else np.array([getattr(run, name) for run in best]) - values)
+    total, profit, penalty = gaps
     assert total is not None  # every result has a reward
     return Regrets(total, profit, None if penalty is None else -penalty)
-
-
-def _gaps(trainings: Sequence[Result], metric: str, best: Sequence[KnownRun], places: Sequence[int]) -> Array | None:
-    """The best known minus the runs ``(trainings, n)`` of one metric; ``None`` where a run does not state it."""
-    if any(metric not in run.metrics for one in trainings for run in one.runs):
-        return None
-    values = np.array([one.values(metric) for one in trainings], dtype=np.float64)[:, places]
-    return np.asarray(np.array([getattr(run, metric) for run in best], dtype=np.float64) - values)
 
 
 def regret_of(trainings: Sequence[Result]) -> Regret | None:

@@ -372,17 +372,15 @@ def _over_trainings(tasks: Sequence[Array]) -> _OverTrainings | None:
         of_one, of_mean = float(each.sum()), float((each / counts).sum())
         degrees = of_mean**2 / float(((each / counts) ** 2 / (counts - 1.0)).sum()) if of_mean > 0.0 else 1.0
     alone = (len(tasks) - len(several)) * float(each.mean())
-    residuals = np.array([_residual(one) / one.shape[1] for one in several]) / len(tasks) ** 2
+    unexplained = []  # variance that neither the training nor the run explains
+    for one in several:
+        rest = one - one.mean(axis=1, keepdims=True) - one.mean(axis=0) + one.mean()
+        count, size = one.shape
+        unexplained.append(float(np.square(rest).sum() / max((count - 1) * (size - 1), 1)) / size)
+    residuals = np.array(unexplained) / len(tasks) ** 2
     return _OverTrainings(
         of_mean + alone, of_one + alone, degrees, float((residuals / counts).sum()), float(residuals.sum())
     )
-
-
-def _residual(values: Array) -> float:
-    """Variance of ``(trainings, n)`` that neither the training nor the run explains."""
-    count, size = values.shape
-    rest = values - values.mean(axis=1, keepdims=True) - values.mean(axis=0) + values.mean()
-    return float(np.square(rest).sum() / max((count - 1) * (size - 1), 1))
 
 
 def _checked(values: Values) -> Array:
@@ -527,7 +525,13 @@ def performance_profile(
         msg = "A performance profile needs at least one task, and runs in each of them."
         raise ResultError(msg)
     above = [(runs[:, None] > thresholds).astype(np.float64) for runs in tasks]
-    again = [(_times_drawn(one.shape[0], resamples, seed + i) @ one) / one.shape[0] for i, one in enumerate(above)]
+    again = []
+    for i, one in enumerate(above):
+        size = one.shape[0]
+        # How often each run is in each resample: pairs of resampled runs are then counted, not gone through.
+        indices = resampling_indices(size, resamples, seed + i) + size * np.arange(resamples)[:, None]
+        times = np.bincount(indices.ravel(), minlength=resamples * size).reshape(resamples, size).astype(np.float64)
+        again.append((times @ one) / size)
     low, high = _ends(np.asarray(np.mean(again, axis=0)))
     lines = (thresholds, np.mean([one.mean(axis=0) for one in above], axis=0), low, high)
     x, share, lower, upper = (tuple(map(float, line)) for line in lines)
@@ -576,12 +580,6 @@ def probability_of_improvement(
     middle = (p + square / 2.0) / (1.0 + square)
     half = math.sqrt(square * (p * (1.0 - p) + square / 4.0)) / (1.0 + square)
     return Interval(value=p, low=max(0.0, min(p, middle - half)), high=min(1.0, max(p, middle + half)))
-
-
-def _times_drawn(size: int, resamples: int, seed: int) -> Array:
-    """How often each run is in each resample ``(resamples, size)``: pairs of resampled runs are then counted, not gone through."""
-    indices = resampling_indices(size, resamples, seed) + size * np.arange(resamples)[:, None]
-    return np.bincount(indices.ravel(), minlength=resamples * size).reshape(resamples, size).astype(np.float64)
 
 
 class Estimate(FrozenModel):

@@ -161,7 +161,9 @@ def suite_table(
     known = {table.task_id: resolution_of(table.metric, table.task) for table in tables}
     resolutions = [known.get(task, RESOLUTION) / (references[task].best - references[task].nothing) for task in usable]
     names = None if scenarios is None else [scenarios[task] for task in usable]
-    shown = _rows_of_agents(usable, tables)
+    shown: dict[str, list[Row]] = {}
+    for row in (row for table in tables if table.task_id in usable for row in table.rows if row.rank is not None):
+        shown.setdefault(row.agent, []).append(row)
     fixed = {agent for agent, rows in shown.items() if not any(row.training_steps for row in rows)}
     values = {agent: [by_task[task] for task in usable] for agent, by_task in whole.items()}
     order = tiers(values, resolutions, names, fixed)
@@ -177,11 +179,18 @@ def suite_table(
         _row(agent, None, normalised[agent], usable, shown.get(agent, ()), scenarios)
         for agent in sorted(set(normalised) - set(whole))
     ]
+    improvements = []
+    for one, other in combinations([agent for tier in order for agent in tier], 2):
+        p = probability_of_improvement(whole[one], whole[other], scenarios)
+        # What one has above the other is what the other has below it.
+        back = Interval(value=1.0 - p.value, low=1.0 - p.high, high=1.0 - p.low)
+        improvements.append(Improvement(first=one, second=other, probability=p))
+        improvements.append(Improvement(first=other, second=one, probability=back))
     return SuiteTable(
         suite=suite,
         tasks=usable,
         rows=tuple(rows),
-        improvements=_improvements(whole, order, scenarios),
+        improvements=tuple(improvements),
         profiles=_profiles(whole, usable),
     )
 
@@ -212,17 +221,6 @@ def scenario_names(task_id: str, seeds: Sequence[int]) -> list[tuple[Hashable, .
     return [(*family, seed) for seed in seeds]
 
 
-def _rows_of_agents(tasks: Sequence[str], tables: Sequence[TaskTable]) -> dict[str, list[Row]]:
-    """Complete rows of the tasks by agent."""
-    found: dict[str, list[Row]] = {}
-    for table in tables:
-        if table.task_id in tasks:
-            for row in table.rows:
-                if row.rank is not None:
-                    found.setdefault(row.agent, []).append(row)
-    return found
-
-
 def _row(
     agent: str,
     rank: int | None,
@@ -236,6 +234,8 @@ def _row(
     names = None if scenarios is None else [scenarios[task] for task in tasks if task in scores]
     counts = [len(np.atleast_2d(runs)) for runs in arrays]
     rows = [row for row in shown if row.task_id in scores]
+    names_of_all = [name for name in rows[0].means if all(name in row.means for row in rows)] if rows else []
+    means = {name: float(np.mean([row.means[name] for row in rows])) for name in names_of_all}
     return SuiteRow(
         rank=rank,
         agent=agent,
@@ -243,7 +243,7 @@ def _row(
         **in_money,
         trainings=(min(counts), max(counts)),
         missing=tuple(task for task in tasks if task not in scores),
-        figures=SuiteFigures(metrics=_means(rows), **combined(rows)) if rows else None,
+        figures=SuiteFigures(metrics=means, **combined(rows)) if rows else None,
         tasks=len(arrays),
         runs=sum(runs.size for runs in arrays),
     )
@@ -272,27 +272,6 @@ def _in_money(
                 own, rules, scenarios, (agent in fixed, RULES in fixed)
             ).interval()
     return intervals
-
-
-def _means(rows: Sequence[Row]) -> dict[str, float]:
-    """Means over the tasks of the metrics that all of them have."""
-    known = [name for name in rows[0].means if all(name in row.means for row in rows)]
-    return {name: float(np.mean([row.means[name] for row in rows])) for name in known}
-
-
-def _improvements(
-    whole: Mapping[str, Mapping[str, Array]],
-    order: Sequence[Sequence[str]],
-    scenarios: Mapping[str, Sequence[Hashable]] | None,
-) -> tuple[Improvement, ...]:
-    """Both directions of every pair: what one has above the other is what the other has below it."""
-    found = []
-    for one, other in combinations([agent for tier in order for agent in tier], 2):
-        p = probability_of_improvement(whole[one], whole[other], scenarios)
-        back = Interval(value=1.0 - p.value, low=1.0 - p.high, high=1.0 - p.low)
-        found.append(Improvement(first=one, second=other, probability=p))
-        found.append(Improvement(first=other, second=one, probability=back))
-    return tuple(found)
 
 
 def _profiles(whole: Mapping[str, Mapping[str, Array]], tasks: Sequence[str]) -> tuple[Profile, ...]:

@@ -383,19 +383,6 @@ def money_columns(
     ]
 
 
-def _figure_columns(words: Catalogue) -> list[TableColumn]:
-    """What was earned, grown and used over a suite; of the figures of a row."""
-
-    def agent(row: SuiteRow) -> str:
-        return suite_label(row) + (f" {PRIVILEGED_MARK}" if row.figures and row.figures.privileged else "")
-
-    metrics = [of_metric(metric) for metric in resources(words)]
-    return [
-        TableColumn("Agent", agent, words=True, free=True),
-        *map(of_figures, (*metrics, DECISION, TRAINING, *WORDS, _CHECKED)),
-    ]
-
-
 def of_figures(column: TableColumn) -> TableColumn:
     """The same column for the figures of a row of a suite."""
     return replace(column, cell=lambda row: column.cell(row.figures))
@@ -487,6 +474,16 @@ def shown_rows(table: TaskTable, *, members: bool) -> list[Row]:
 
 def suite_markdown(table: SuiteTable) -> list[str]:
     """Normalised scores, means of what was earned and used, and who improves on whom."""
+    metrics = [of_metric(metric) for metric in resources(of_published(table.tasks))]
+    figures = [
+        TableColumn(
+            "Agent",
+            lambda row: suite_label(row) + (f" {PRIVILEGED_MARK}" if row.figures and row.figures.privileged else ""),
+            words=True,
+            free=True,
+        ),
+        *map(of_figures, (*metrics, DECISION, TRAINING, *WORDS, _CHECKED)),
+    ]
     lines = [
         f"Normalised score over the {len(table.tasks)} tasks: 0 is doing nothing, 1 the best known result of each task. "
         f"Ranks go by the mean.{AGAINST_NOTE * any(row.against_rules for row in table.rows)}",
@@ -497,7 +494,7 @@ def suite_markdown(table: SuiteTable) -> list[str]:
         "",
         "Means over the tasks:",
         "",
-        *markdown(_figure_columns(of_published(table.tasks)), [row for row in table.rows if row.figures is not None]),
+        *markdown(figures, [row for row in table.rows if row.figures is not None]),
         "",
     ]
     agents = [row.agent for row in table.rows if row.rank is not None]

@@ -89,7 +89,22 @@ def profile_blocks(
         with_profile, key=lambda pair: not pair[0].stored.released
     ):  # what came with glbench knows the weather best
         outside.setdefault(item.row.task_id, one)
-    weather = blocks.add("weather", (_embedded_weather(one.document) for one in outside.values()))
+    levels = LEVELS["weather"]
+    embedded = (
+        {
+            "slot_seconds": one.document["day"]["slot_seconds"],
+            "day": {name: _coarse(column, levels) for name, column in one.document["weather"]["day"].items()},
+            "season": {
+                "columns": {
+                    name: _coarse(column, levels)
+                    for name, column in one.document["weather"]["season"]["columns"].items()
+                }
+            },
+            "hours": {name: _coarse(column, levels) for name, column in one.document["weather"]["hours"].items()},
+        }
+        for one in outside.values()
+    )
+    weather = blocks.add("weather", embedded)
     return profiles, dict(zip(outside, weather, strict=True))
 
 
@@ -111,16 +126,6 @@ def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
         "calendar": {name: _coarse(one, LEVELS["calendar"]) for name, one in document["calendar"].items()},
         "worst": _columns("worst", drawn_of, document["worst"]),
         "hours": _columns("hours", drawn_of, document["hours"]),
-    }
-
-
-def _embedded_weather(document: Mapping[str, Any]) -> dict[str, Any]:
-    weather, levels = document["weather"], LEVELS["weather"]
-    return {
-        "slot_seconds": document["day"]["slot_seconds"],
-        "day": {name: _coarse(one, levels) for name, one in weather["day"].items()},
-        "season": {"columns": {name: _coarse(one, levels) for name, one in weather["season"]["columns"].items()}},
-        "hours": {name: _coarse(one, levels) for name, one in weather["hours"].items()},
     }
 
 
