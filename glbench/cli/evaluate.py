@@ -531,7 +531,7 @@ def score_in_words(result: Result, metric: Metric) -> str:
 
     one = estimate(result.values(metric.name))
     spread = len(result.runs) > 1 and one.low < one.high
-    return metric.said(one.mean) + (f" ({metric.number(one.low)} to {metric.number(one.high)})" if spread else "")
+    return metric.phrase(one.mean) + (f" ({metric.number(one.low)} to {metric.number(one.high)})" if spread else "")
 
 
 def print_lines(

@@ -237,7 +237,7 @@ class TrainingBar(Bar):
         if progress.seconds_left is not None:
             words.append(f"{_duration(progress.seconds_left)} left")
         if progress.season_reward is not None:
-            words.append(f"season {self._score.said(progress.season_reward)}")
+            words.append(f"season {self._score.phrase(progress.season_reward)}")
         self.move(progress.steps, total=progress.total_steps, speed=", ".join(words))
 
     def on_evaluation(self, point: CurvePoint) -> None:
@@ -245,7 +245,7 @@ class TrainingBar(Bar):
         if self._announced is not None:
             tell(self._announced)
             self._announced = None
-        sums = "  ".join(one.said(point.result.sums[name]) for name, one in self._metrics.items())
+        sums = "  ".join(one.phrase(point.result.sums[name]) for name, one in self._metrics.items())
         best = "  [green]best[/green]" if point.is_best else ""
         tell(Markup(f"{point.steps:>9,} steps {_duration(point.seconds):>6}  {sums}{best}"))
 
@@ -278,7 +278,7 @@ class TrainingLines:
     def on_evaluation(self, point: Any) -> None:
         """What the policy earns."""
         best = "  best" if point.is_best else ""
-        tell(f"seed {self._seed}: {point.steps:>9,} steps  {self._score.said(point.result.reward)}{best}")
+        tell(f"seed {self._seed}: {point.steps:>9,} steps  {self._score.phrase(point.result.reward)}{best}")
 
     def on_saved(self, steps: int) -> None:
         """Show nothing."""

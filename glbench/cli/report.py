@@ -81,7 +81,7 @@ def _complete(out: Path, workers: int) -> None:
     with console.messages().status("looking for missing profiles") as status:
         stored = collect_results([out / "results"])
         completion = complete_profiles(stored, workers, lambda path: status.update(f"replaying {path}"))
-    for path in completion.made:
+    for path in completion.profiles:
         console.tell(f"Made: {path}")
     if completion.impossible:
         console.print_warning(

@@ -87,7 +87,7 @@ def _origin(stored: StoredResult, out: Path) -> list[str]:
         if not entry.is_range or mean is None:
             return [source]
         others = ", ".join(one.agent for one in entry.results if one is not row)
-        family = f"One of {entry_label(entry)}: {metric.said(mean.mean)}, {metric.number(mean.low)} to {metric.number(mean.high)}."
+        family = f"One of {entry_label(entry)}: {metric.phrase(mean.mean)}, {metric.number(mean.low)} to {metric.number(mean.high)}."
         return [source, f"{family} The others: {others}."]
     return []
 
@@ -158,12 +158,14 @@ def _run_lines(stored: StoredResult, words: Catalogue, score: Metric) -> Iterato
             f"By year (the year of most days of a season): {', '.join(years)}. Intervals do not cover other years."
         )
     yield console.Line(
-        f"Mean of the worst tenth (CVaR10): {score.said(float(worst_tenth(np.array(scores))))}", wrap="always"
+        f"Mean of the worst tenth (CVaR10): {score.phrase(float(worst_tenth(np.array(scores))))}", wrap="always"
     )
     worst = min(result.runs, key=lambda run: run.metrics[score.name])
     profit = worst.metrics.get(words.profit.name)
-    earned = "" if profit is None or score is words.profit else f", {words.profit.said(profit)}"
-    yield console.Line(f"Worst run: seed {worst.seed}, {score.said(worst.metrics[score.name])}{earned}", wrap="always")
+    earned = "" if profit is None or score is words.profit else f", {words.profit.phrase(profit)}"
+    yield console.Line(
+        f"Worst run: seed {worst.seed}, {score.phrase(worst.metrics[score.name])}{earned}", wrap="always"
+    )
 
 
 def _best_known_lines(stored: StoredResult, score: Metric) -> list[str]:
@@ -177,7 +179,7 @@ def _best_known_lines(stored: StoredResult, score: Metric) -> list[str]:
     if best is None or regret is None:
         return []
     whose = "several agents" if best.agent == SEVERAL else best.agent
-    lines = [f"Best known runs of the task: by {whose}, {score.said(best.reward)}; no bound, a better one may exist"]
+    lines = [f"Best known runs of the task: by {whose}, {score.phrase(best.reward)}; no bound, a better one may exist"]
     if regret.runs_ahead and not stored.released and can_be_best_known(result.agent):
         lines.append(better_note(result.agent.name, regret.runs_ahead, len(result.runs), str(stored.path)))
     return lines

@@ -477,7 +477,7 @@ def train_with_seeds(
             else:
                 policies[seed] = trained
                 state = "already trained" if trained.already_done else "done"
-                console.tell(f"seed {seed}: {state}, best {score.said(trained.best_reward)}")
+                console.tell(f"seed {seed}: {state}, best {score.phrase(trained.best_reward)}")
     numbers = ("Best", "after", "of", "Last")
     view = console.table(f"Trainings by {score.words}", "Seed", *numbers, "", numbers=("Seed", *numbers))
     for seed, one in sorted(policies.items()):
@@ -540,13 +540,13 @@ def _put_outcome(
         console.tell(
             Markup(
                 f"[bold yellow]Nothing was learnt.[/bold yellow] The training never beat the {what} that it began with: "
-                f"{score.said(trained.best_reward)} at step 0, {score.number(trained.last_reward)} after {trained.steps:,} steps. "
+                f"{score.phrase(trained.best_reward)} at step 0, {score.number(trained.last_reward)} after {trained.steps:,} steps. "
                 f"Train for {more}, or with other settings. {plain(trained.folder)} holds the {what} of step 0."
             )
         )
         raise typer.Exit(console.NOTHING_LEARNT)
     console.write(
-        f"Best {what}: {score.said(trained.best_reward)} after {trained.best_steps:,} of {trained.steps:,} steps; "
+        f"Best {what}: {score.phrase(trained.best_reward)} after {trained.best_steps:,} of {trained.steps:,} steps; "
         f"the last one: {score.number(trained.last_reward)}. Means of {seasons_in_words(spec, evaluation)}; "
         "the score is that of glbench evaluate."
     )

@@ -444,7 +444,7 @@ def scan_bytes(data: bytes) -> Scan:
 
 
 def _take(content: Scan, data: bytes, position: int, opcode: int, length: int) -> str | None:
-    """Take one record into ``found``; a sentence when it is damaged."""
+    """Take one record into ``content``; a sentence when it is damaged."""
     body = data[position + FRAME.size : position + FRAME.size + length]
     stream = ReadDataStream(io.BytesIO(body))
     if opcode == Opcode.SCHEMA:

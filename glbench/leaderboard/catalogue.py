@@ -67,7 +67,7 @@ class Metric:
         """A value with the decimals of its column."""
         return f"{value:,.{self.digits}f}"
 
-    def said(self, value: float) -> str:
+    def phrase(self, value: float) -> str:
         """A value inside a sentence: ``reward 3,751.9``, ``score 4.321 EUR/m²``."""
         return " ".join(part for part in (self.words, self.number(value), pretty_unit(self.unit)) if part)
 
@@ -145,7 +145,7 @@ class Catalogue:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class Charts:
     """What the report draws of a task: controls, columns of profiles as series, and which of them stand where."""
 
     controls: tuple[str, ...]
@@ -156,8 +156,8 @@ class Drawn:
 
 def catalogue(*tasks: TaskSpec | None) -> Catalogue:
     """The catalogue of some tasks together; ``None``, or none at all, means a task that is not known: it is taken for the default one."""
-    found = [_of_task(task or published_task(PAPER_TASK)) for task in dict.fromkeys(tasks or (None,))]
-    return together(found)
+    catalogues = [_of_task(task or published_task(PAPER_TASK)) for task in dict.fromkeys(tasks or (None,))]
+    return together(catalogues)
 
 
 def of_published(task_ids_: Iterable[str]) -> Catalogue:
@@ -185,7 +185,7 @@ def _of_task(task: TaskSpec) -> Catalogue:
     coverage = _layout()["coverage"]["several" if has_several_seasons(task) else "one"]
     # What is known comes first: a stored task has its tables in another order than the file that it came from.
     items, flows = task.ledger.items, list(quantities.FLOWS)
-    places = {item.name: flows.index(item.flow) - len(flows) if _known(item) else items.index(item) for item in items}
+    places = {item.name: flows.index(item.flow) - len(flows) if _entry(item) else items.index(item) for item in items}
     ledger_items = sorted(items, key=lambda item: (-item.sign, places[item.name]))
     earned, paid = (
         sentence([in_sentence(_label(item)) for item in ledger_items if item.sign == sign]) for sign in (1, -1)
@@ -225,20 +225,20 @@ def _of_task(task: TaskSpec) -> Catalogue:
 def _is_usual(task: TaskSpec) -> bool:
     """Whether a task has the items, the limits and the reward of the paper."""
     return (
-        {item.flow for item in task.ledger.items if _known(item)} == set(_layout()["usual"]["flows"])
+        {item.flow for item in task.ledger.items if _entry(item)} == set(_layout()["usual"]["flows"])
         and {name for name, _ in task.constraints.items()} == quantities.AIR.keys()
         and "scaled_epi" in task.reward.modules
     )
 
 
-def _known(item: LedgerItem) -> quantities.Entry | None:
+def _entry(item: LedgerItem) -> quantities.Entry | None:
     """The entry of what a ledger prices; none where the task calls it differently or values it otherwise."""
     entry = quantities.known_flow(item.flow, item.label) if item.valued == FLOW else None
     return entry if entry and entry.label else None
 
 
 def _label(item: LedgerItem) -> str:
-    entry = _known(item)
+    entry = _entry(item)
     return entry.label if entry else item.label or item.name
 
 
@@ -260,7 +260,7 @@ def _counted_words(name: str, profit: str, *, usual: bool, money: bool) -> dict[
 
 
 def _money_words(item: LedgerItem) -> dict[str, Any]:
-    sold, label, entry = item.sign > 0, _label(item), _known(item)
+    sold, label, entry = item.sign > 0, _label(item), _entry(item)
     return {
         "kind": "earned" if sold else "paid",
         "label": label,
@@ -273,7 +273,7 @@ def _money_words(item: LedgerItem) -> dict[str, Any]:
 
 
 def _amount_words(item: LedgerItem) -> dict[str, Any]:
-    label, entry = _label(item), _known(item)
+    label, entry = _label(item), _entry(item)
     meaning = item.amount_meaning or label
     return {
         "kind": "amount",
@@ -289,7 +289,7 @@ def _amount_words(item: LedgerItem) -> dict[str, Any]:
 
 
 def _item(item: LedgerItem, place: int, amount: str) -> Item:
-    label, entry, sold = _label(item), _known(item) or quantities.Entry(item.flow), unit_sold(item.amount_unit)
+    label, entry, sold = _label(item), _entry(item) or quantities.Entry(item.flow), unit_sold(item.amount_unit)
     return Item(
         money=item.name,
         amount=amount,
@@ -305,31 +305,33 @@ def _item(item: LedgerItem, place: int, amount: str) -> Item:
     )
 
 
-def together(found: Sequence[Catalogue]) -> Catalogue:
+def together(catalogues: Sequence[Catalogue]) -> Catalogue:
     """Everything that is in one of them; where two explain one metric differently, both."""
-    if len(found) == 1:
-        return found[0]
+    if len(catalogues) == 1:
+        return catalogues[0]
     metrics: dict[str, Metric] = {}
-    for metric in (metric for one in found for metric in one.metrics.values()):
+    for metric in (metric for one in catalogues for metric in one.metrics.values()):
         other = metrics.setdefault(metric.name, metric)
         if metric.explanation not in other.explanation:
             metrics[metric.name] = replace(other, explanation=f"{other.explanation} Or: {metric.explanation}")
     ordered = sorted(metrics.values(), key=lambda metric: _ORDER.index(metric.kind))
-    alike = len({one.draws for one in found}) == 1
-    coverage = {"draws": found[0].draws, "beyond": found[0].beyond} if alike else _layout()["coverage"]["both"]
+    alike = len({one.draws for one in catalogues}) == 1
+    coverage = (
+        {"draws": catalogues[0].draws, "beyond": catalogues[0].beyond} if alike else _layout()["coverage"]["both"]
+    )
     return Catalogue(
         metrics={metric.name: metric for metric in ordered},
-        items=tuple({item.money: item for one in reversed(found) for item in one.items}.values()),
-        limits={name: label for one in found for name, label in one.limits.items()},
-        lead=found[0].lead,
+        items=tuple({item.money: item for one in reversed(catalogues) for item in one.items}.values()),
+        limits={name: label for one in catalogues for name, label in one.limits.items()},
+        lead=catalogues[0].lead,
         draws=coverage["draws"],
         beyond=coverage["beyond"],
-        caution=" ".join(dict.fromkeys(one.caution for one in found if one.caution)),
+        caution=" ".join(dict.fromkeys(one.caution for one in catalogues if one.caution)),
     )
 
 
 @cache
-def drawn(task: TaskSpec | None) -> Drawn:
+def charts_of(task: TaskSpec | None) -> Charts:
     """What the report draws of a task, or of one that is not known."""
     task = task or published_task(PAPER_TASK)
     layout, ledger = _layout(), task.ledger
@@ -340,7 +342,7 @@ def drawn(task: TaskSpec | None) -> Drawn:
     for item in ledger.items:
         if item.amount not in series:
             series[item.amount] = _series(item)
-        elif item.flow in quantities.FLOWS and not _known(item):  # the ledger has a label of its own
+        elif item.flow in quantities.FLOWS and not _entry(item):  # the ledger has a label of its own
             series[item.amount] = series[item.amount] | {"label": _label(item)}
     series |= {name: {"name": name, "label": labels[name], **share} for name in controls}
     sides = {
@@ -351,7 +353,7 @@ def drawn(task: TaskSpec | None) -> Drawn:
         chart: tuple(dict.fromkeys(name for column in columns for name in sides.get(column, (column,))))
         for chart, columns in layout["charts"].items()
     }
-    return Drawn(controls, series, charts, tuple(_panels(task, controls, labels)))
+    return Charts(controls, series, charts, tuple(_panels(task, controls, labels)))
 
 
 def _panels(task: TaskSpec, controls: Sequence[str], labels: Mapping[str, str]) -> Iterator[Mapping[str, Any]]:

@@ -76,12 +76,12 @@ class StoredResult:
             return published_task(self.result.task.id)
         try:
             if profile_path(self.path).exists():
-                found = task_of(read_profile(profile_path(self.path)).text_of_task)
+                task = task_of(read_profile(profile_path(self.path)).text_of_task)
             else:
-                found = recorded_actions(self.result, self.path).task()
+                task = recorded_actions(self.result, self.path).task()
         except GlbenchError:
             return None
-        return found if found.id == self.result.task.id else None
+        return task if task.id == self.result.task.id else None
 
 
 def task_of_board(board: str) -> str:
@@ -114,26 +114,26 @@ def collect_results(folders: Iterable[Path]) -> tuple[StoredResult, ...]:
 
 def collect_readable(folders: Iterable[Path]) -> tuple[tuple[StoredResult, ...], tuple[ResultError, ...]]:
     """As ``collect_results``, but files that are no valid result are left out, and the errors that say why returned beside the rest."""
-    chosen: dict[tuple[str, str], StoredResult] = {}
+    results: dict[tuple[str, str], StoredResult] = {}
     problems: list[ResultError] = []
     for folder in {folder.resolve(): folder for folder in folders if folder.is_dir()}.values():
         here, unreadable = read_folder(folder)
         problems += unreadable
-        chosen = {**_single(here), **chosen}
-    return tuple(chosen[key] for key in sorted(chosen)), tuple(problems)
+        results = {**_single(here), **results}
+    return tuple(results[key] for key in sorted(results)), tuple(problems)
 
 
 def read_folder(folder: Path) -> tuple[list[StoredResult], list[ResultError]]:
     """Every result below ``folder``, and an error for every ``*.json`` that is none; both are empty where there is no folder."""
-    found, problems = [], []
+    results, problems = [], []
     for path in sorted(folder.rglob("*.json")):
         if path.name.endswith(SUFFIX):
             continue
         try:
-            found.append(StoredResult(path, load_result(path), reproduced=was_reproduced(path)))
+            results.append(StoredResult(path, load_result(path), reproduced=was_reproduced(path)))
         except ResultError as error:
             problems.append(error)
-    return found, problems
+    return results, problems
 
 
 def refuse_mixed_digests(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> None:
@@ -152,10 +152,10 @@ def refuse_mixed_digests(stored: Iterable[StoredResult], expected: Mapping[str, 
 
 
 def _single(stored: Iterable[StoredResult]) -> dict[tuple[str, str], StoredResult]:
-    found, doubles = _one_each(stored)
+    results, doubles = _one_each(stored)
     if doubles:
         raise doubles[0]
-    return found
+    return results
 
 
 def published_expectations() -> dict[str, Expectation]:
@@ -191,22 +191,22 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
     """
     home = data_folder("reports/released/results")
     released, problems = read_folder(home)
-    chosen = _single(released)
+    results = _single(released)
     names = _Names(released)
     expected = published_expectations()
     for folder in (out / "results", *(out / trials / "results" for trials in (TRIALS, VALIDATION))):
         if real_path(folder) == real_path(home):
             continue
-        found, unreadable = read_folder(folder)
+        items, unreadable = read_folder(folder)
         problems += unreadable
         own = []
-        for item in found:
+        for item in items:
             result = item.result
             published = expected.get(result.task.id)
             problem = (
                 names.problem(item)
                 or _problem_of_task(item, published)
-                or _problem_beside(item, chosen.get((item.board, result.agent.name)))
+                or _problem_beside(item, results.get((item.board, result.agent.name)))
             )
             if problem is not None:
                 problems.append(ResultError(problem))
@@ -218,14 +218,14 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
         single, doubles = _one_each(own, folder.parent)
         problems += doubles
         for key, item in single.items():
-            place = chosen.setdefault(key, item)
+            place = results.setdefault(key, item)
             if place.released and place.result.results_digest == item.result.results_digest:
-                chosen[key] = replace(place, confirmed=True)
-    mine = {key: item for key, item in chosen.items() if not item.released}
+                results[key] = replace(place, confirmed=True)
+    mine = {key: item for key, item in results.items() if not item.released}
     if mine and all(item.result.task.salt_commitment for item in mine.values()):
-        chosen = mine
-    kept, strangers = _one_version_each([chosen[key] for key in sorted(chosen)])
-    return kept, (*problems, *strangers)
+        results = mine
+    ranked, strangers = _one_version_each([results[key] for key in sorted(results)])
+    return ranked, (*problems, *strangers)
 
 
 class _Names:
@@ -234,40 +234,40 @@ class _Names:
     def __init__(self, released: Iterable[StoredResult]) -> None:
         self._agents = {item.result.agent.name: item.result.agent for item in released}
         self._baselines = baseline_names()
-        self._known = {skeleton(name): name for name in (*self._agents, *self._baselines)}
+        self._namesakes = {skeleton(name): name for name in (*self._agents, *self._baselines)}
 
     def problem(self, item: StoredResult) -> str | None:
         """Why a result cannot stand under its agent's name; ``None`` where it can."""
         agent = item.result.agent
-        alike = [self._known[one] for one in skeletons(agent.name) if one in self._known]
-        known = agent.name if agent.name in alike else min(alike, default=None)
-        if known is None:
+        alike = [self._namesakes[one] for one in skeletons(agent.name) if one in self._namesakes]
+        namesake = agent.name if agent.name in alike else min(alike, default=None)
+        if namesake is None:
             if agent.kind != "baseline":
                 return None
             return f"{item.path} calls '{agent.name}' a baseline, and glbench has none of that name."
-        if agent.name == known and self._is_genuine(agent):
+        if agent.name == namesake and self._is_genuine(agent):
             return None
-        same = "is the name" if agent.name == known else f"looks like '{known}', the name"
+        same = "is the name" if agent.name == namesake else f"looks like '{namesake}', the name"
         return (
             f"{item.path} is of another agent than the one that came with glbench: '{agent.name}' {same} of that one, and the digest, "
             f"kind or privileges differ. Give the agent another name and evaluate it again."
         )
 
     def _is_genuine(self, agent: AgentRecord) -> bool:
-        stated = (agent.digest, agent.kind, agent.privileged)
+        identity = (agent.digest, agent.kind, agent.privileged)
         released = self._agents.get(agent.name)
-        if released is not None and stated == (released.digest, released.kind, released.privileged):
+        if released is not None and identity == (released.digest, released.kind, released.privileged):
             return True
         if agent.name not in self._baselines or agent.kind != "baseline":
             return False
-        return stated == (shipped_digest(agent.name), "baseline", shipped_sight(agent.name) != "observations")
+        return identity == (shipped_digest(agent.name), "baseline", shipped_sight(agent.name) != "observations")
 
 
 def _one_each(
     stored: Iterable[StoredResult], out: Path | None = None
 ) -> tuple[dict[tuple[str, str], StoredResult], list[ResultError]]:
     """One result an agent and task, the one in its place below ``out`` before all others; and an error for each other."""
-    found: dict[tuple[str, str], StoredResult] = {}
+    results: dict[tuple[str, str], StoredResult] = {}
     problems = []
 
     def elsewhere(item: StoredResult) -> bool:
@@ -275,15 +275,15 @@ def _one_each(
 
     for item in sorted(stored, key=elsewhere):
         key = task_id, name = item.board, item.result.agent.name
-        if key in found:
+        if key in results:
             msg = (
-                f"{item.path} is a second result of '{name}' on '{task_id}', beside {found[key].path}. "
+                f"{item.path} is a second result of '{name}' on '{task_id}', beside {results[key].path}. "
                 "Remove one, or give one of the agents another name."
             )
             problems.append(ResultError(msg))
         else:
-            found[key] = item
-    return found, problems
+            results[key] = item
+    return results, problems
 
 
 def _one_version_each(stored: list[StoredResult]) -> tuple[tuple[StoredResult, ...], list[ResultError]]:
@@ -298,19 +298,19 @@ def _one_version_each(stored: list[StoredResult]) -> tuple[tuple[StoredResult, .
             items,
             key=lambda some: (len(some), max((item.result.created for item in some), default="")),
         )
-    kept, problems = [], []
+    current, problems = [], []
     for item in stored:
         task = item.result.task
-        wanted = best[task.id][0].result.task.digest
-        if task.digest == wanted:
-            kept.append(item)
+        digest = best[task.id][0].result.task.digest
+        if task.digest == digest:
+            current.append(item)
             continue
         msg = (
             f"{item.path} is of another version of '{task.id}' (digest {task.digest[:12]}...) than most results of it "
-            f"({wanted[:12]}...). Evaluate the agent again, or give the changed task another id."
+            f"({digest[:12]}...). Evaluate the agent again, or give the changed task another id."
         )
         problems.append(ResultError(msg))
-    return tuple(kept), problems
+    return tuple(current), problems
 
 
 def _problem_of_task(item: StoredResult, published: Expectation | None) -> str | None:

@@ -67,8 +67,8 @@ class Entry:
     @property
     def clusters(self) -> tuple[str, ...] | None:
         """The group of each run; ``None`` where runs name none, or the trainings do not name the same."""
-        found = {item.result.clusters for item in self.trainings}
-        return found.pop() if len(found) == 1 else None
+        groups = {item.result.clusters for item in self.trainings}
+        return groups.pop() if len(groups) == 1 else None
 
     @property
     def is_fixed(self) -> bool:
@@ -112,15 +112,15 @@ def entries_by_task(
         for (recipe, _), group in groups.items():
             recipes.setdefault(recipe, set()).update(item.result.agent.name for item in group)
     names = _names_of_recipes(recipes, {item.result.agent.name for items in by_task.values() for item in items})
-    found = {}
+    by_board = {}
     for task_id in sorted(by_task):
         # One training on this task is one of several where there are others on other tasks.
         several = [(names[key[0]], group) for key, group in joined[task_id].items() if len(recipes[key[0]]) > 1]
         members = {id(item) for _, group in several for item in group}
         entries = [_entry(group, seeds[task_id], name=name) for name, group in several]
         entries += [_entry([item], seeds[task_id]) for item in by_task[task_id] if id(item) not in members]
-        found[task_id] = _with_names_of_their_own(entries)
-    return found
+        by_board[task_id] = _with_names_of_their_own(entries)
+    return by_board
 
 
 def of_one_version(by_task: Mapping[str, Iterable[Entry]]) -> dict[str, tuple[Entry, ...]]:
@@ -169,13 +169,13 @@ def _joined(
     return {key: group for key, group in groups.items() if len({_seed(item) for item in group}) == len(group)}
 
 
-def _names_of_recipes(recipes: Mapping[_Recipe, set[str]], taken: set[str]) -> dict[_Recipe, str]:
+def _names_of_recipes(recipes: Mapping[_Recipe, set[str]], agent_names: set[str]) -> dict[_Recipe, str]:
     """Names of entries: the trainings' common name without the seed or, if it differs or another agent has it, the first training's."""
     entry_names: dict[_Recipe, str] = {}
     owners: dict[str, _Recipe] = {}
     for recipe, names in recipes.items():
         shared = min(without_seed(name) for name in names)
-        same = {without_seed(name) for name in names} == {shared} and shared not in taken - names
+        same = {without_seed(name) for name in names} == {shared} and shared not in agent_names - names
         entry_names[recipe] = shared if same and owners.setdefault(shared, recipe[:-1]) == recipe[:-1] else min(names)
     return entry_names
 
@@ -207,9 +207,9 @@ def expected_seeds(task_id: str, items: Iterable[StoredResult], expected: Mappin
     task_id = task_of_board(task_id)
     if task_id in expected:
         return expected[task_id].seeds
-    given = list(items)
-    full = [item for item in given if not item.trial]
-    return max((item.result.evaluation.seeds for item in full or given), key=lambda seeds: (len(seeds), seeds))
+    results = list(items)
+    full = [item for item in results if not item.trial]
+    return max((item.result.evaluation.seeds for item in full or results), key=lambda seeds: (len(seeds), seeds))
 
 
 def metric_of(task_id: str, expected: Mapping[str, Expectation], task: TaskSpec | None = None) -> str:
@@ -243,8 +243,8 @@ def resolution_of(metric: str, task: TaskSpec | None) -> float:
 def _seed(item: StoredResult) -> int:
     """The seed of a training, as its card states it; 0 of any other agent."""
     agent = item.result.agent
-    stated = shipped_training(agent.name) if agent.kind == "baseline" else agent.training
-    return 0 if stated is None else stated.seed
+    training = shipped_training(agent.name) if agent.kind == "baseline" else agent.training
+    return 0 if training is None else training.seed
 
 
 def _recipe(item: StoredResult, seeds: tuple[int, ...]) -> _Recipe | None:
@@ -264,13 +264,13 @@ def _recipe(item: StoredResult, seeds: tuple[int, ...]) -> _Recipe | None:
 
 def _with_names_of_their_own(entries: list[Entry]) -> tuple[Entry, ...]:
     """Of several entries with one name (a trial beside a full result) the released one keeps it; the others say what they are."""
-    taken: set[str] = set()
+    names: set[str] = set()
     named = []
     for entry in sorted(entries, key=lambda one: (ORIGINS.index(one.origin), one.name, str(one.trainings[0].path))):
         name, number = entry.name, 1
-        while name in taken:
+        while name in names:
             number += 1
             name = f"{entry.name} ({entry.origin}{'' if number == 2 else f' {number - 1}'})"
-        taken.add(name)
+        names.add(name)
         named.append(replace(entry, name=name))
     return tuple(sorted(named, key=lambda one: one.name))

@@ -118,11 +118,11 @@ def fresh_score_over(trainings: Sequence[FreshScore | None]) -> FreshScore | Non
 
     ``None`` if one has no fresh draws and no other is marked: a training without fresh draws must not hide a mark.
     """
-    known = [one for one in trainings if one is not None]
-    if not known or (len(known) < len(trainings) and not any(one.marked for one in known)):
+    scores = [one for one in trainings if one is not None]
+    if not scores or (len(scores) < len(trainings) and not any(one.marked for one in scores)):
         return None
-    worst = max(known, key=lambda one: (one.marked, one.drop))
-    return worst.model_copy(update={"mean": float(np.mean([one.mean for one in known]))})
+    worst = max(scores, key=lambda one: (one.marked, one.drop))
+    return worst.model_copy(update={"mean": float(np.mean([one.mean for one in scores]))})
 
 
 def fresh_note(agent: str, score: FreshScore, metric: Metric) -> str:
@@ -143,7 +143,7 @@ def fresh_words(result: Result, metric: Metric) -> str:
     """Sentences on the mean of ``metric`` with fresh draws, and on whether the agent is marked."""
     score = fresh_score(result)
     assert score is not None
-    words = f"{metric.said(score.mean)}, published {metric.number(result.summary.mean[metric.name])}."
+    words = f"{metric.phrase(score.mean)}, published {metric.number(result.summary.mean[metric.name])}."
     if score.failed and not score.marked:
         words += f" {score.failed} runs with fresh draws failed."
     if score.marked:

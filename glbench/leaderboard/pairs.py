@@ -160,12 +160,12 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
 def _regret(one: Entry, other: Entry, seeds: list[int]) -> dict[str, MetricPair]:
     """Regrets of both, of what each states, in the common runs."""
     ours, theirs = (regrets_of([item.result for item in entry.trainings], seeds) for entry in (one, other))
-    known = best_known_of(one.first)
-    if ours is None or theirs is None or known is None:
+    best = best_known_of(one.first)
+    if ours is None or theirs is None or best is None:
         return {}
     return {
         part: _metric(
-            known.units[METRICS[part]], getattr(ours, part), getattr(theirs, part), (one.is_fixed, other.is_fixed)
+            best.units[METRICS[part]], getattr(ours, part), getattr(theirs, part), (one.is_fixed, other.is_fixed)
         )
         for part in PARTS
     }

@@ -186,12 +186,12 @@ class TaskTable(FrozenModel):
     @property
     def kernels(self) -> dict[tuple[str, str], tuple[str, ...]]:
         """Agents by the label and the build of the kernel that stepped the model for them; that of most agents first."""
-        found: dict[tuple[str, str], list[str]] = {}
+        agents_of: dict[tuple[str, str], list[str]] = {}
         for entry in self.rows:
             alike = len({(row.kernel, row.build) for row in entry.results}) == 1
             for row in (entry,) if alike else entry.results:
-                found.setdefault((row.kernel, row.build), []).append(row.agent)
-        ordered = sorted(found.items(), key=lambda item: (-len(item[1]), item[0]))
+                agents_of.setdefault((row.kernel, row.build), []).append(row.agent)
+        ordered = sorted(agents_of.items(), key=lambda item: (-len(item[1]), item[0]))
         return {kernel: tuple(agents) for kernel, agents in ordered}
 
 
@@ -286,14 +286,14 @@ def _row(entry: Entry, rank_: int | None, remark: str, metric: str) -> Row:
     )
     if not entry.training_seeds:
         return rows[0].model_copy(update={"agent": entry.name})
-    known = [name for name in rows[0].estimates if all(name in row.estimates for row in rows)]
+    shared_metrics = [name for name in rows[0].estimates if all(name in row.estimates for row in rows)]
     sandbox = combined(rows)["sandbox"]
     data = [row.trained_on.model_copy(update={"seeds": ()}) for row in rows]  # seeds are those of one training
     return rows[0].model_copy(
         update={
             **combined(rows),
             "agent": entry.name,
-            "estimates": {name: estimate_over_trainings(entry.by_training(name)) for name in known},
+            "estimates": {name: estimate_over_trainings(entry.by_training(name)) for name in shared_metrics},
             "worst_tenth": worst_of(entry.by_training(metric)) if entry.states(metric) else None,
             "regret": regret_of([item.result for item in entry.trainings]),
             "by_year": means_by_year(entry.trainings, metric) if entry.states(metric) else (),
@@ -334,12 +334,12 @@ def combined(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _longest(trainings: Sequence[Number | None]) -> Number | None:
-    known = [one for one in trainings if one is not None]
-    return max(known) if len(known) == len(trainings) else None
+    numbers = [one for one in trainings if one is not None]
+    return max(numbers) if len(numbers) == len(trainings) else None
 
 
 def _row_of_result(item: StoredResult, origin: Origin, metric: str, **place: Any) -> Row:
-    result, seen = item.result, training_data_of(item.result)
+    result, training_data = item.result, training_data_of(item.result)
     budget = budget_of(result)
     kernel, evaluation = result.evaluation.kernel, result.evaluation
     everything = hashlib.sha256(json.dumps(kernel, sort_keys=True).encode()).hexdigest()
@@ -370,7 +370,7 @@ def _row_of_result(item: StoredResult, origin: Origin, metric: str, **place: Any
         fresh_draws=fresh_score(result),
         path=str(item.path),
         plan_counts=can_be_best_known(result.agent),
-        trained_on=seen,
-        saw_scored=contamination_warning(result, seen),
+        trained_on=training_data,
+        saw_scored=contamination_warning(result, training_data),
         **place,
     )

@@ -76,29 +76,29 @@ def best_known_of(result: Result) -> BestKnown | None:
     task = result.task
     if task.split not in (None, "test") or task.salt_commitment is not None:
         return None
-    known = read_best_known(task.id)
-    return known if known is not None and known.task_digest == task.digest else None
+    best = read_best_known(task.id)
+    return best if best is not None and best.task_digest == task.digest else None
 
 
 def best_known_means(result: Result) -> BestKnownMeans | None:
     """Means over all best known runs of the task of ``result``."""
-    known = best_known_of(result)
-    if known is None:
+    best = best_known_of(result)
+    if best is None:
         return None
     means = {
-        name: float(np.mean([getattr(run, name) for run in known.runs])) for name in (RANKING_METRIC, PROFIT, PENALTY)
+        name: float(np.mean([getattr(run, name) for run in best.runs])) for name in (RANKING_METRIC, PROFIT, PENALTY)
     }
-    return BestKnownMeans(agent=known.agent, **means)
+    return BestKnownMeans(agent=best.agent, **means)
 
 
 def regrets_of(trainings: Sequence[Result], seeds: Sequence[int] | None = None) -> Regrets | None:
     """Regrets of the runs of trainings that met the same runs, or of those with ``seeds``; ``None`` where one has no best known run."""
     first = trainings[0]
-    known, wanted = best_known_of(first), tuple(first.evaluation.seeds if seeds is None else seeds)
-    best = known and known.of(wanted)
+    best_known, run_seeds = best_known_of(first), tuple(first.evaluation.seeds if seeds is None else seeds)
+    best = best_known and best_known.of(run_seeds)
     if not best:
         return None
-    places = [first.evaluation.seeds.index(seed) for seed in wanted]
+    places = [first.evaluation.seeds.index(seed) for seed in run_seeds]
     gaps: list[Array | None] = []  # the best known minus the runs ``(trainings, n)``
     for name in (RANKING_METRIC, PROFIT, PENALTY):
         complete = all(name in run.metrics for one in trainings for run in one.runs)
@@ -114,11 +114,11 @@ def regret_of(trainings: Sequence[Result]) -> Regret | None:
 
     ``None`` if a run has no best known run.
     """
-    regrets, known = regrets_of(trainings), best_known_of(trainings[0])
-    if regrets is None or known is None:
+    regrets, best = regrets_of(trainings), best_known_of(trainings[0])
+    if regrets is None or best is None:
         return None
     return Regret(
-        unit=known.units["reward"],
+        unit=best.units["reward"],
         total=estimate_over_trainings(regrets.total),
         profit=None if regrets.profit is None else estimate_over_trainings(regrets.profit),
         violations=None if regrets.violations is None else estimate_over_trainings(regrets.violations),
@@ -153,12 +153,15 @@ def best_runs(
     """
     by_task: dict[str, list[Result]] = {}
     for item in stored:
-        result, asked = item.result, expected.get(item.board)
-        if asked is None or (result.task.digest, result.evaluation.seeds) != (asked.digest, asked.seeds):
+        result, expectation = item.result, expected.get(item.board)
+        if expectation is None or (result.task.digest, result.evaluation.seeds) != (
+            expectation.digest,
+            expectation.seeds,
+        ):
             continue
-        if can_be_best_known(result.agent) and all(asked.metric in run.metrics for run in result.runs):
+        if can_be_best_known(result.agent) and all(expectation.metric in run.metrics for run in result.runs):
             by_task.setdefault(item.board, []).append(result)
-    found = {}
+    best = {}
     for task_id, results in by_task.items():
         metric = expected[task_id].metric
 
@@ -166,19 +169,19 @@ def best_runs(
             return pair[1].metrics[metric], pair[0].agent.name
 
         runs = zip(*([(one, run) for run in one.runs] for one in results), strict=True)
-        found[task_id] = [max(of_seed, key=place) for of_seed in runs]
-    return found
+        best[task_id] = [max(of_seed, key=place) for of_seed in runs]
+    return best
 
 
 def best_known_from(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, BestKnown]:
     """The best known runs of every published task that is ranked by its reward, from results."""
-    found = {}
+    of_tasks = {}
     for task_id, best in best_runs(stored, expected).items():
-        stated = all({PROFIT, PENALTY} <= run.metrics.keys() for _, run in best)
-        if expected[task_id].metric != RANKING_METRIC or not stated:
+        complete = all({PROFIT, PENALTY} <= run.metrics.keys() for _, run in best)
+        if expected[task_id].metric != RANKING_METRIC or not complete:
             continue
         owners = {one.agent.name: one.results_digest for one, _ in best}
-        found[task_id] = BestKnown(
+        of_tasks[task_id] = BestKnown(
             task=task_id,
             task_digest=expected[task_id].digest,
             units={name: best[0][0].units[name] for name in (RANKING_METRIC, PROFIT, PENALTY)},
@@ -191,4 +194,4 @@ def best_known_from(stored: Iterable[StoredResult], expected: Mapping[str, Expec
                 for one, run in best
             ),
         )  # fmt: skip
-    return found
+    return of_tasks

@@ -160,7 +160,7 @@ def bootstrap_interval(
         When there are no values, a value is not finite, or ``confidence`` is not between 0 and 1.
     """
     return stratified_interval(
-        [_checked(values)], lambda drawn: statistic(drawn[0]), confidence=confidence, resamples=resamples, seed=seed
+        [_checked(values)], lambda samples: statistic(samples[0]), confidence=confidence, resamples=resamples, seed=seed
     )
 
 
@@ -295,16 +295,16 @@ def _estimate(
     """Mean over tasks of ``runs`` ``(n,)``: means over trainings of the first of ``sides`` ``(trainings, n)`` minus the second, if any."""
     value = float(np.mean([one.mean() for one in runs]))
     scale = max(float(np.abs(one).max()) for side in sides for one in side)
-    drawn = [not draws_nothing(one, scale) for one in runs]
-    over_runs = _variance_over_runs(runs, drawn, scenarios)
+    random = [not draws_nothing(one, scale) for one in runs]
+    over_runs = _variance_over_runs(runs, random, scenarios)
     runs_degrees = min(
-        (one.size - 1.0 for one, by_chance in zip(runs, drawn, strict=True) if by_chance), default=math.inf
+        (one.size - 1.0 for one, by_chance in zip(runs, random, strict=True) if by_chance), default=math.inf
     )
-    known = [_over_trainings(side) for side in sides]
-    several = [one for one in known if one is not None]
+    between = [_over_trainings(side) for side in sides]
+    several = [one for one in between if one is not None]
     parts = [(one.of_mean, one.degrees) for one in several]
     both = sum(one.residual for one in several)
-    if len(several) == 1 and any(one is None and not alone for one, alone in zip(known, fixed, strict=False)):
+    if len(several) == 1 and any(one is None and not alone for one, alone in zip(between, fixed, strict=False)):
         parts = [(several[0].of_mean + several[0].of_one, several[0].degrees)]
         both += several[0].residual_of_one
     over_trainings = sum(part for part, _ in parts)
@@ -321,16 +321,18 @@ def _estimate(
 
 
 def _variance_over_runs(
-    runs: Sequence[Array], drawn: Sequence[bool], scenarios: Sequence[Sequence[Hashable]] | None
+    runs: Sequence[Array], random: Sequence[bool], scenarios: Sequence[Sequence[Hashable]] | None
 ) -> float:
     """Variance of the mean over tasks of the mean of runs; runs of different tasks with the same name vary together."""
     if scenarios is None:
         each = [
-            one.var(ddof=1) / one.size for one, by_chance in zip(runs, drawn, strict=True) if by_chance and one.size > 1
+            one.var(ddof=1) / one.size
+            for one, by_chance in zip(runs, random, strict=True)
+            if by_chance and one.size > 1
         ]
         return float(sum(each)) / len(runs) ** 2
     by_name: dict[Hashable, float] = {}
-    for task, (one, by_chance) in enumerate(zip(runs, drawn, strict=True)):
+    for task, (one, by_chance) in enumerate(zip(runs, random, strict=True)):
         if not by_chance or one.size < 2:
             continue
         names = scenarios[task]
@@ -427,10 +429,10 @@ def _check_settings(confidence: float, resamples: int = 1) -> None:
         raise ResultError(msg)
 
 
-def _ends(drawn: Array, confidence: float = CONFIDENCE) -> Array:
+def _ends(values: Array, confidence: float = CONFIDENCE) -> Array:
     """Lower and upper percentile of resampled statistics along the first axis."""
     tail = 100.0 * (1.0 - confidence) / 2.0
-    return np.asarray(np.percentile(drawn, [tail, 100.0 - tail], axis=0), dtype=np.float64)
+    return np.asarray(np.percentile(values, [tail, 100.0 - tail], axis=0), dtype=np.float64)
 
 
 def normalise(values: Array, nothing: float, best: float) -> Array:
@@ -634,11 +636,11 @@ def estimate_over_trainings(values: Array) -> Estimate:
 def worst_of(values: Array) -> Interval:
     """The worst tenth of the runs ``(n,)`` with its interval; of several trainings ``(trainings, n)`` as ``worst_tenth`` of a row."""
     trainings = np.atleast_2d(values)
-    found = worst_tenth(trainings)
+    worst = worst_tenth(trainings)
     if len(trainings) > 1:
-        return Interval(value=float(found.mean()), low=float(found.min()), high=float(found.max()))
+        return Interval(value=float(worst.mean()), low=float(worst.min()), high=float(worst.max()))
     low, high = bootstrap_interval(trainings[0], worst_tenth)
-    return Interval(value=float(found[0]), low=low, high=high)
+    return Interval(value=float(worst[0]), low=low, high=high)
 
 
 SIGNIFICANCE = 0.05
@@ -754,10 +756,10 @@ def tiers(
         return ()
     apart = pairs_apart(scores, resolutions, scenarios, fixed)
     means = {agent: float(np.mean([np.mean(one) for one in values])) for agent, values in scores.items()}
-    found: list[list[str]] = []
+    groups: list[list[str]] = []
     for agent in sorted(scores, key=lambda agent: (-means[agent], agent)):
-        if found and frozenset((found[-1][0], agent)) not in apart:
-            found[-1].append(agent)
+        if groups and frozenset((groups[-1][0], agent)) not in apart:
+            groups[-1].append(agent)
         else:
-            found.append([agent])
-    return tuple(tuple(tier) for tier in found)
+            groups.append([agent])
+    return tuple(tuple(tier) for tier in groups)

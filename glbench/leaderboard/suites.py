@@ -158,13 +158,15 @@ def suite_table(
         for agent, rewards in scores[task].items():
             normalised.setdefault(agent, {})[task] = normalise(rewards, reference.nothing, reference.best)
     whole = {agent: by_task for agent, by_task in normalised.items() if len(by_task) == len(usable)}
-    known = {table.task_id: resolution_of(table.metric, table.task) for table in tables}
-    resolutions = [known.get(task, RESOLUTION) / (references[task].best - references[task].nothing) for task in usable]
+    of_task = {table.task_id: resolution_of(table.metric, table.task) for table in tables}
+    resolutions = [
+        of_task.get(task, RESOLUTION) / (references[task].best - references[task].nothing) for task in usable
+    ]
     names = None if scenarios is None else [scenarios[task] for task in usable]
-    shown: dict[str, list[Row]] = {}
+    rows_of: dict[str, list[Row]] = {}
     for row in (row for table in tables if table.task_id in usable for row in table.rows if row.rank is not None):
-        shown.setdefault(row.agent, []).append(row)
-    fixed = {agent for agent, rows in shown.items() if not any(row.training_steps for row in rows)}
+        rows_of.setdefault(row.agent, []).append(row)
+    fixed = {agent for agent, rows in rows_of.items() if not any(row.training_steps for row in rows)}
     values = {agent: [by_task[task] for task in usable] for agent, by_task in whole.items()}
     order = tiers(values, resolutions, names, fixed)
     in_money = _in_money(usable, scores, best_known or {}, names, fixed)
@@ -172,11 +174,11 @@ def suite_table(
     for tier in order:
         shared = len(rows) + 1
         rows += [
-            _row(agent, shared, whole[agent], usable, shown.get(agent, ()), scenarios, **in_money.get(agent, {}))
+            _row(agent, shared, whole[agent], usable, rows_of.get(agent, ()), scenarios, **in_money.get(agent, {}))
             for agent in tier
         ]
     rows += [
-        _row(agent, None, normalised[agent], usable, shown.get(agent, ()), scenarios)
+        _row(agent, None, normalised[agent], usable, rows_of.get(agent, ()), scenarios)
         for agent in sorted(set(normalised) - set(whole))
     ]
     improvements = []
@@ -200,7 +202,7 @@ def suite_tables(
 ) -> tuple[SuiteTable, ...]:
     """Tables of all published suites that have results and references."""
     scores, references = scores_by_task(stored, expected), read_references()
-    known = {
+    best_known = {
         task_id: best
         for task_id in scores
         if (best := read_best_known(task_id)) is not None
@@ -208,10 +210,11 @@ def suite_tables(
         == (expected[task_id].digest, expected[task_id].seeds, expected[task_id].metric)
     }
     names = {task_id: scenario_names(task_id, expected[task_id].seeds) for task_id in scores}
-    found = [
-        suite_table(name, tuple(ids), scores, references, tables, known, names) for name, ids in list_suites().items()
+    suites = [
+        suite_table(name, tuple(ids), scores, references, tables, best_known, names)
+        for name, ids in list_suites().items()
     ]
-    return tuple(table for table in found if table is not None)
+    return tuple(table for table in suites if table is not None)
 
 
 def scenario_names(task_id: str, seeds: Sequence[int]) -> list[tuple[Hashable, ...]]:
@@ -226,14 +229,14 @@ def _row(
     rank: int | None,
     scores: Mapping[str, Array],
     tasks: Sequence[str],
-    shown: Sequence[Row],
+    table_rows: Sequence[Row],
     scenarios: Mapping[str, Sequence[Hashable]] | None,
     **in_money: Interval,
 ) -> SuiteRow:
     arrays = [scores[task] for task in tasks if task in scores]
     names = None if scenarios is None else [scenarios[task] for task in tasks if task in scores]
     counts = [len(np.atleast_2d(runs)) for runs in arrays]
-    rows = [row for row in shown if row.task_id in scores]
+    rows = [row for row in table_rows if row.task_id in scores]
     names_of_all = [name for name in rows[0].means if all(name in row.means for row in rows)] if rows else []
     means = {name: float(np.mean([row.means[name] for row in rows])) for name in names_of_all}
     return SuiteRow(
@@ -252,14 +255,14 @@ def _row(
 def _in_money(
     tasks: Sequence[str],
     scores: Mapping[str, Mapping[str, Array]],
-    known: Mapping[str, BestKnown],
+    best_known: Mapping[str, BestKnown],
     scenarios: Sequence[Sequence[Hashable]] | None,
     fixed: Collection[str],
 ) -> dict[str, dict[str, Interval]]:
     """For agents with all tasks, if all tasks score money: mean regret, and mean score minus that of the tuned rules."""
-    if any(task not in known or known[task].units["reward"] != MONEY for task in tasks):
+    if any(task not in best_known or best_known[task].units["reward"] != MONEY for task in tasks):
         return {}
-    best = [np.array([run.reward for run in known[task].runs]) for task in tasks]
+    best = [np.array([run.reward for run in best_known[task].runs]) for task in tasks]
     everywhere = set[str].intersection(*(set(scores[task]) for task in tasks))
     intervals: dict[str, dict[str, Interval]] = {}
     for agent in everywhere:
@@ -302,7 +305,7 @@ def references_from(stored: Iterable[StoredResult], expected: Mapping[str, Expec
         and item.result.agent.name == NOTHING
         and item.result.evaluation.seeds == expected[item.board].seeds
     }
-    found = {}
+    references = {}
     for task_id, runs in best_runs(items, expected).items():
         if task_id not in nothing:
             continue
@@ -311,11 +314,11 @@ def references_from(stored: Iterable[StoredResult], expected: Mapping[str, Expec
             nothing[task_id].values(metric), [run.metrics[metric] for _, run in runs]
         ))  # fmt: skip
         if best > zero:
-            found[task_id] = References(
+            references[task_id] = References(
                 nothing=zero,
                 nothing_results_digest=nothing[task_id].results_digest,
                 best=best,
                 best_agent=next(iter(owners)) if len(owners) == 1 else SEVERAL,
                 best_results_digest=" ".join(digest for _, digest in sorted(owners.items())),
             )
-    return found
+    return references

@@ -86,8 +86,8 @@ _PROFIT = "what is earned minus what is paid"
 def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     """What the figures of the tables mean."""
     tasks = [table.task for table in tables] or [None]
-    said = {(task or get_task(PAPER_TASK)).ledger.meaning.rpartition(": ")[2] for task in tasks}
-    profit = said.pop() if len(said) == 1 else ""
+    meanings = {(task or get_task(PAPER_TASK)).ledger.meaning.rpartition(": ")[2] for task in tasks}
+    profit = meanings.pop() if len(meanings) == 1 else ""
     priced = {bool(task is not None and task.violation_prices) for task in tasks}
     units = " ".join(words for words, is_priced in _UNITS if is_priced in priced)
     name = "Profit" if priced == {True} else "EPI"
@@ -205,8 +205,8 @@ def with_interval(metric: Metric) -> TableColumn:
         return of_metric(metric)
 
     def text(row: Row) -> str:
-        found = row.estimates.get(metric.name)
-        return NONE if found is None else format_estimate(found, metric.digits, is_range=row.is_range)
+        estimate = row.estimates.get(metric.name)
+        return NONE if estimate is None else format_estimate(estimate, metric.digits, is_range=row.is_range)
 
     return TableColumn(metric.headed, text)
 
@@ -225,10 +225,10 @@ _CHECKED_IN_WORDS = TableColumn("Reproduced", lambda row: "yes" if row.reproduce
 
 def ranked_columns(table: TaskTable) -> list[Metric]:
     """The metrics that are columns, that which ranks first."""
-    shown, ranks = table.words.columns, table.words.metrics[table.metric]
+    columns, ranks = table.words.columns, table.words.metrics[table.metric]
     if not ranks.column:
         ranks = replace(ranks, heading=ranks.label, digits=ranks.decimals)
-    return [ranks, *(metric for metric in shown if metric.name != table.metric)]
+    return [ranks, *(metric for metric in columns if metric.name != table.metric)]
 
 
 def _task_columns(table: TaskTable) -> list[TableColumn]:
@@ -282,12 +282,12 @@ def regret_columns(
 
     def column(part: str, metric: Metric, gives_way: int) -> TableColumn:
         def text(row: Row) -> str:
-            found: Estimate | None = None if row.regret is None else getattr(row.regret, part)
-            if found is None:
+            estimate: Estimate | None = None if row.regret is None else getattr(row.regret, part)
+            if estimate is None:
                 return NONE
             if not spans:
-                return signless(number_text(found.mean, metric.digits))
-            return format_estimate(found, metric.digits, is_range=row.is_range)
+                return signless(number_text(estimate.mean, metric.digits))
+            return format_estimate(estimate, metric.digits, is_range=row.is_range)
 
         name = "Regret" if part == "total" else f"Regret, {part}"
         return TableColumn(replace(metric, heading=name).headed, text, number=not spans, gives_way=gives_way)
@@ -304,10 +304,10 @@ def overall_column(metric: Metric, gives_way: int = 0) -> TableColumn:
     """The interval over trainings and runs."""
 
     def text(row: Row) -> str:
-        found = row.estimates.get(metric.name)
-        if found is None or found.overall is None:
+        estimate = row.estimates.get(metric.name)
+        if estimate is None or estimate.overall is None:
             return NONE
-        return " to ".join(number_text(end, metric.digits) for end in (found.overall.low, found.overall.high))
+        return " to ".join(number_text(end, metric.digits) for end in (estimate.overall.low, estimate.overall.high))
 
     return TableColumn("Overall 95 %", text, gives_way=gives_way)
 
@@ -328,8 +328,8 @@ def deviation_column(metric: Metric, gives_way: int = 0) -> TableColumn:
     """How far trainings of one recipe spread."""
 
     def text(row: Row) -> str:
-        found = row.estimates.get(metric.name)
-        return number_text(None if found is None else found.deviation, metric.digits)
+        estimate = row.estimates.get(metric.name)
+        return number_text(None if estimate is None else estimate.deviation, metric.digits)
 
     return TableColumn("SD of trainings", text, gives_way=gives_way)
 
@@ -500,10 +500,10 @@ def suite_markdown(table: SuiteTable) -> list[str]:
     agents = [row.agent for row in table.rows if row.rank is not None]
     if len(agents) < 2:
         return lines
-    known = {(one.first, one.second): one.probability for one in table.improvements}
+    chances = {(one.first, one.second): one.probability for one in table.improvements}
 
     def against(other: str) -> TableColumn:
-        return TableColumn(other, lambda agent: NONE if agent == other else probability_text(known[agent, other]))
+        return TableColumn(other, lambda agent: NONE if agent == other else probability_text(chances[agent, other]))
 
     return [
         *lines,
@@ -573,8 +573,8 @@ def _metrics(tables: Sequence[TaskTable]) -> list[Metric]:
     """Metrics of the tasks, and what else the rows hold."""
     rows = [row for table in tables for row in table.results]
     units = {name: unit for row in rows for name, unit in row.units.items()}
-    known = catalogue(*(table.task for table in tables))
-    return [known.metric(name, units) for name in known.known_first(name for row in rows for name in row.estimates)]
+    words = catalogue(*(table.task for table in tables))
+    return [words.metric(name, units) for name in words.known_first(name for row in rows for name in row.estimates)]
 
 
 def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *, fresh: bool) -> dict[str, object]:
@@ -635,10 +635,10 @@ def _regret_record(entry: Row, row: Row) -> dict[str, object]:
     own, of_all = row.regret, entry.regret
     record: dict[str, object] = {"regret_unit": own and own.unit}
     for part in PARTS:
-        found: Estimate | None = None if own is None else getattr(own, part)
+        estimate: Estimate | None = None if own is None else getattr(own, part)
         name, unit = "regret" if part == "total" else f"regret_{part}", " [EUR m-2]" if part == "profit" else ""
         for end in ("mean", "low", "high"):
-            record[f"{name}_{end}{unit}"] = None if found is None else getattr(found, end)
+            record[f"{name}_{end}{unit}"] = None if estimate is None else getattr(estimate, end)
     record["regret_runs_ahead"] = own and own.runs_ahead
     for name, end in (("mean", "mean"), ("lowest", "low"), ("highest", "high")):
         record[f"entry_regret_{name}"] = of_all and getattr(of_all.total, end if entry.is_range else "mean")
@@ -647,7 +647,7 @@ def _regret_record(entry: Row, row: Row) -> dict[str, object]:
 
 def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
     """One row an agent and suite: scores with intervals, and the mean over tasks of every metric with the unit in brackets."""
-    known = of_published(task for table in tables for task in table.tasks)
+    words = of_published(task for table in tables for task in table.tasks)
     records = []
     for table, row in [(one, row) for one in tables for row in one.rows]:
         figures = row.figures
@@ -667,7 +667,7 @@ def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
         for part in ("value", "low", "high"):
             heading = RULES if part == "value" else f"{RULES}_{part}"
             record[f"more_than_{heading} [EUR m-2]"] = row.against_rules and getattr(row.against_rules, part)
-        for metric in known.metrics.values():
+        for metric in words.metrics.values():
             record[f"{metric.name}_mean [{metric.unit}]"] = figures and figures.metrics.get(metric.name)
         records.append(record | {
             "failed_runs": figures and figures.failed,
@@ -800,8 +800,8 @@ def kernel_note(table: TaskTable) -> str:
 
 def seen_notes(table: TaskTable) -> list[str]:
     """Sentences that name agents trained on the test split or its years, and late results of a round."""
-    seen = [f"{SEEN_MARK} {row.agent} {row.saw_scored}, as its card states." for row in table.rows if row.saw_scored]
-    return [*seen, *table.late]
+    notes = [f"{SEEN_MARK} {row.agent} {row.saw_scored}, as its card states." for row in table.rows if row.saw_scored]
+    return [*notes, *table.late]
 
 
 def fresh_notes(table: TaskTable) -> list[str]:
@@ -948,7 +948,7 @@ def badge(table: TaskTable, agent: str) -> str:
     rank = f"rank {row.rank} of {ranked}" if row.rank is not None else "not ranked"
     mean, metric = row.means[table.metric], table.words.metrics[table.metric]
     score = f"{metric.words} {mean:,.0f}" if abs(mean) < 1e9 else f"{metric.words} {number_text(mean, 0)}"
-    parts = [rank, metric.said(mean) if metric.unit != "-" and abs(mean) < 1e9 else score]
+    parts = [rank, metric.phrase(mean) if metric.unit != "-" and abs(mean) < 1e9 else score]
     if row.is_range:
         parts.append(f"mean of {len(row.trainings)} trainings")
     if row.origin != "own":

@@ -25,7 +25,7 @@ from glbench.evaluation import Result
 from glbench.evaluation.files import short_task_id
 from glbench.evaluation.profiles import Profile
 from glbench.leaderboard import Row, StoredResult, TaskTable
-from glbench.leaderboard.catalogue import Catalogue, Drawn
+from glbench.leaderboard.catalogue import Catalogue, Charts
 from glbench.leaderboard.regret import PARTS
 from glbench.leaderboard.statistics import SCORES, Estimate, Interval
 from glbench.leaderboard.suites import SuiteTable
@@ -70,7 +70,7 @@ class LabelSets:
         self._numbers: dict[str, int] = {}
         self.all: list[dict[str, Any]] = []
 
-    def of(self, labels: Catalogue, task_ids: Sequence[str], charts: Drawn | None = None) -> int:
+    def of(self, labels: Catalogue, task_ids: Sequence[str], charts: Charts | None = None) -> int:
         """The number of the labels of some tasks; ``charts`` is what is drawn of a task."""
         rows = [row for row in self._rows if row.task_id in task_ids]
         units = {name: unit for row in rows for name, unit in row.units.items()}
@@ -449,8 +449,8 @@ def _training_facts(file: Path) -> dict[str, Any]:
         with learning_curve.open(encoding="utf-8", newline="") as lines:
             points = [(float(row["steps"]), float(row["reward"])) for row in csv.DictReader(lines)]
         each = max(1, -(-len(points) // _POINTS))  # thinned to what a chart shows
-        chosen = [row for place, row in enumerate(points) if place % each == 0 or place == len(points) - 1]
-        curve = [[steps, float(f"{reward:.5g}")] for steps, reward in chosen]
+        thinned = [row for place, row in enumerate(points) if place % each == 0 or place == len(points) - 1]
+        curve = [[steps, float(f"{reward:.5g}")] for steps, reward in thinned]
     return {
         "file": _path_in_baselines(file),
         "rows": [row for row in rows if row[1]],

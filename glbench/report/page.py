@@ -23,7 +23,7 @@ from glbench.evaluation.saving import recorded_actions, task_of_result
 from glbench.extras import require
 from glbench.kernel import make_kernel
 from glbench.leaderboard import StoredResult, TaskTable, rank
-from glbench.leaderboard.catalogue import drawn, of_published
+from glbench.leaderboard.catalogue import charts_of, of_published
 from glbench.leaderboard.collect import own_and_released_results, published_expectations
 from glbench.leaderboard.statistics import RESOLUTION
 from glbench.leaderboard.suites import SuiteTable, suite_tables
@@ -111,7 +111,7 @@ def page_data(
     tasks = [
         {
             **facts.task_facts(table, of_task[table.task_id].steps, of_task[table.task_id].step_seconds),
-            "words_of": labels.of(table.words, [table.task_id], drawn(table.task)),
+            "words_of": labels.of(table.words, [table.task_id], charts_of(table.task)),
             "weather": weather.get(table.task_id),
         }
         for table in tables
@@ -180,9 +180,9 @@ def script_names() -> list[str]:
 
 @dataclass(frozen=True)
 class Completion:
-    """Profiles that were ``made``, and results that cannot have one here, with the reason."""
+    """The new ``profiles``, and results that cannot have one here, with the reason."""
 
-    made: tuple[Path, ...]
+    profiles: tuple[Path, ...]
     impossible: tuple[tuple[Path, str], ...]
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.evaluation.profiles import Profile
-from glbench.leaderboard.catalogue import catalogue, drawn
+from glbench.leaderboard.catalogue import catalogue, charts_of
 from glbench.report.facts import ReportEntry
 from glbench.tasks import TaskSpec
 
@@ -39,7 +39,7 @@ LEVELS: Mapping[str, int] = {
 @cache
 def drawn_columns(task: TaskSpec | None) -> Mapping[str, frozenset[str]]:
     """Columns of each part of a profile that the page draws of a task; of the calendar all."""
-    labels, drawing = catalogue(task), drawn(task)
+    labels, drawing = catalogue(task), charts_of(task)
     charts = drawing.charts
     penalty = [metric.name for metric in labels.of_kind("penalty")]
     return {

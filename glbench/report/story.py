@@ -54,7 +54,7 @@ MEANINGS = (
 _RADIATION = "iGlob"
 _HOURS = 24
 _DAYS = 7
-_SHOWN = ("Climate", "Controls")
+_PAGES_OF_LEVELS = ("Climate", "Controls")
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,8 +187,8 @@ def _whose(result: Result) -> str:
 
 def levels_of(task: TaskSpec) -> tuple[Curve, ...]:
     """Climate and controls, without sums since midnight."""
-    today = {drawn.path for drawn in task.model_value.signals() if drawn.today is not None}
-    pages = (page for page in signals_of(task).pages if page.title in _SHOWN)
+    today = {series.path for series in task.model_value.signals() if series.today is not None}
+    pages = (page for page in signals_of(task).pages if page.title in _PAGES_OF_LEVELS)
     return tuple(curve for page in pages for curve in page.curves if not curve.summed and curve.path not in today)
 
 
@@ -460,9 +460,9 @@ def ledger_table(story: Story) -> TableOf:
     kinds = (_EARNED, _PAID, "profit", "violations", "score")
     used = np.abs(story.sums).max(axis=(0, 1, 2)) > 1e-9
     lines = [(place, line) for place, line in enumerate(story.lines) if used[place] or line.kind in kinds[2:]]
-    chosen = [(place, line) for kind in kinds for place, line in lines if line.kind == kind]
+    ordered = [(place, line) for kind in kinds for place, line in lines if line.kind == kind]
     rows = []
-    for place, line in chosen:
+    for place, line in ordered:
         worth = [_worth(line, value) for value in (*gaps[:, place], gaps[:, place].sum())]
         unit = _pretty(line.unit)
         places = 2 if line.kind in (_EARNED, _PAID, "profit") else decimals_of(line)
@@ -483,14 +483,14 @@ def week_table(story: Story, side: int) -> TableOf:
     kinds = ("light", "grown", "used", "profit", "violations", "score")
     largest = np.abs(story.weeks).max(axis=(0, 1))
     used = [most >= 0.5 * 10 ** -decimals_of(line) for most, line in zip(largest, story.lines, strict=True)]
-    chosen = [place for kind in kinds for place, line in enumerate(story.lines) if line.kind == kind and used[place]]
+    ordered = [place for kind in kinds for place, line in enumerate(story.lines) if line.kind == kind and used[place]]
     units = [_pretty(line.unit) + (" a day" if line.kind == "light" else "") for line in story.lines]
-    heads = [f"{story.lines[place].title}, {units[place]}".rstrip(", ") for place in chosen]
+    heads = [f"{story.lines[place].title}, {units[place]}".rstrip(", ") for place in ordered]
     rows = []
     for week, values in enumerate(story.weeks[side]):
         days = int(story.days[week])
         short = "" if days == story.days[0] else f" ({days} days)"
-        rows.append((f"{week + 1}{short}", *(number(values[p], decimals_of(story.lines[p])) for p in chosen)))
+        rows.append((f"{week + 1}{short}", *(number(values[p], decimals_of(story.lines[p])) for p in ordered)))
     return TableOf(f"{story.agents[side]} by week", ("Week", *heads), tuple(rows))
 
 

@@ -12,7 +12,7 @@ import pytest
 from glbench.agents.controllers import CONTROLLERS
 from glbench.env import Simulation
 from glbench.episodes.signals import signals_of
-from glbench.leaderboard.catalogue import catalogue, drawn
+from glbench.leaderboard.catalogue import catalogue, charts_of
 from glbench.model import get_model
 from glbench.tasks import get_task, task_card
 
@@ -63,7 +63,7 @@ def test_the_examples_run_and_say_what_the_page_says(
     assert {"Water"} <= {line.title for line in signals_of(task).accounts}
     words = catalogue(task)
     assert (words.metrics["water"].headed, words.metrics["cost_water"].label) == ("Water [kg/m²]", "Water")
-    assert drawn(task).series["water"]["label"] == "Water"
+    assert charts_of(task).series["water"]["label"] == "Water"
     assert not watered.fused  # a part in Python
     assert "canopy_above_air" in {column.name for column in task.observed()}
 

@@ -13,7 +13,7 @@ from glbench.episodes.signals import signals_of
 from glbench.evaluation import evaluate, load_result
 from glbench.evaluation.profiles import load_profile
 from glbench.leaderboard import collect_results, rank
-from glbench.leaderboard.catalogue import catalogue, drawn
+from glbench.leaderboard.catalogue import catalogue, charts_of
 from glbench.leaderboard.tables import to_json, to_markdown
 from glbench.tasks import get_task
 from tests.support import LETTUCE
@@ -72,8 +72,8 @@ def test_light_of_the_lamps_is_shown_everywhere(folder: Path) -> None:
     profile = load_profile(result, path)
     assert profile is not None
     assert "lamp_light" in profile.document["day"]["columns"]
-    assert drawn(task).series["lamp_light"]["unit"] == "mol/m² an hour"
-    assert "lamp_light" in drawn(task).charts["season"]
+    assert charts_of(task).series["lamp_light"]["unit"] == "mol/m² an hour"
+    assert "lamp_light" in charts_of(task).charts["season"]
     (item,) = (one for one in catalogue(task).items if one.column == "lamp_light")
     assert (item.label, item.short, item.unit, item.colour) == ("Light of the lamps", "light", "EUR/mol", 4)
 

@@ -17,7 +17,7 @@ from glbench.env.info import info_quantities
 from glbench.episodes.signals import signals_of
 from glbench.evaluation.metrics import metrics_of
 from glbench.evaluation.profiles.building import columns_of
-from glbench.leaderboard.catalogue import Metric, catalogue, drawn
+from glbench.leaderboard.catalogue import Metric, catalogue, charts_of
 from glbench.quantities import Entry
 from glbench.tasks import get_task
 
@@ -97,4 +97,4 @@ def test_viewer_board_and_report_call_known_items_alike() -> None:
         labels = {item.money: item.label for item in catalogue(task).items}
         lines = {line.name: line.title for line in signals_of(task).accounts if line.kind in ("earned", "paid")}
         assert {name: label.replace("CO2", "CO₂") for name, label in labels.items()} == lines
-        assert drawn(task).series["air_temperature"]["label"] == quantities.AIR["air_temperature"].label
+        assert charts_of(task).series["air_temperature"]["label"] == quantities.AIR["air_temperature"].label

@@ -179,14 +179,14 @@ def test_missing_profiles_are_made_from_recorded_actions_and_results_stay_as_the
     path = tmp_path / item.path.name
     profile_path(path).unlink()
     done = complete_profiles(collect_results([tmp_path]))
-    assert done.made == (profile_path(path),)
+    assert done.profiles == (profile_path(path),)
     assert {file.name: file.read_bytes() for file in tmp_path.iterdir()} == copies
 
 
 def test_a_result_without_recorded_actions_is_named_with_the_reason(made):
     released = [item for item in made.stored if item.result.agent.name == "rule_based"]
     done = complete_profiles(released)
-    assert done.made == ()
+    assert done.profiles == ()
     assert [path for path, _ in done.impossible] == [item.path for item in released]
 
 

@@ -11,7 +11,7 @@ import pytest
 from glbench.cli.results import money_lines, summary_table
 from glbench.evaluation import evaluate
 from glbench.leaderboard import collect_results, rank, to_markdown, write_leaderboard
-from glbench.leaderboard.catalogue import catalogue, drawn
+from glbench.leaderboard.catalogue import catalogue, charts_of
 from glbench.leaderboard.entries import entry_of
 from glbench.leaderboard.pairs import compare_entries
 from glbench.leaderboard.tables import to_json
@@ -46,14 +46,14 @@ def stored_of(made: Made, task_id: str) -> dict[str, Any]:
 
 
 def test_the_words_of_lettuce_come_from_its_ledger_and_its_model():
-    told, shown = catalogue(lettuce_task()), drawn(lettuce_task())
+    told, shown = catalogue(lettuce_task()), charts_of(lettuce_task())
     assert [item.label for item in told.items] == ["Heads", "Heat", "Lamp electricity", "CO₂"]
     assert [item.table for item in told.items] == [False, False, True, False]
     assert told.lead.startswith("Controllers run a greenhouse through the same seasons: they earn with heads and pay")
     assert "heads minus heat, lamp electricity and CO₂" in told.profit.explanation
     assert not OF_TOMATOES.search(repr(told))
     assert "heads_gained" in shown.charts["compared"]
-    assert shown.controls == drawn(None).controls
+    assert shown.controls == charts_of(None).controls
 
 
 def test_the_paper_s_tasks_keep_their_words():

@@ -15,7 +15,7 @@ from glbench.episodes.signals import signals_of
 from glbench.errors import TaskError
 from glbench.evaluation.metrics import metrics_of, units_of
 from glbench.kernel import Kernel
-from glbench.leaderboard.catalogue import catalogue, drawn
+from glbench.leaderboard.catalogue import catalogue, charts_of
 from glbench.model import NO_LIMIT, get_model, with_violation_meters
 from glbench.report.task_words import definition_in_words, figures
 from glbench.tasks import TaskSpec, get_task, task_card
@@ -141,8 +141,8 @@ def test_quantities_and_metrics_are_money(money: TaskSpec, plain: TaskSpec) -> N
     shown = catalogue(money)
     assert [metric.headed for metric in shown.headlines] == ["Score [EUR/m²]", "Profit [EUR/m²]", "Violations [EUR/m²]"]
     assert shown.metrics["actuator_travel"].headed == "Travel"
-    assert drawn(money).series["penalty"]["unit"] == "ct/m² an hour"
-    assert drawn(money).panels[-1]["title"] == "Violations, EUR/m² an hour"
+    assert charts_of(money).series["penalty"]["unit"] == "ct/m² an hour"
+    assert charts_of(money).panels[-1]["title"] == "Violations, EUR/m² an hour"
     curves = {curve.path: curve for page in signals_of(money).pages for curve in page.curves}
     assert (curves["money/reward"].title, curves["money/reward"].unit) == ("Score, summed", "EUR m⁻²")
     assert curves["violations/penalty"].title == "Violations, summed"
