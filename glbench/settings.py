@@ -171,8 +171,8 @@ def _in_words(problem: Problem, model: type[BaseModel]) -> str:
     if kind == "missing":
         return f"{name} is missing"
     if kind == "extra_forbidden":
-        known = [] if table is None else [field.alias or key for key, field in table.model_fields.items()]
-        return f"there is no setting {name}.{did_you_mean(str(place[-1]), known)}".rstrip(".")
+        names = [] if table is None else [field.alias or key for key, field in table.model_fields.items()]
+        return f"there is no setting {name}.{did_you_mean(str(place[-1]), names)}".rstrip(".")
     if kind in ("float_parsing", "float_type"):
         comma = _DECIMAL_COMMA.fullmatch(value) if isinstance(value, str) else None
         point = f"; write it with a point, {comma[1]}.{comma[2]}" if comma else ""
