@@ -1,4 +1,4 @@
-"""The measurement: reference and subject in turn, round by round; and what happens once, the first use and the memory it takes.
+"""Speed measurement: reference and subject in turn, round by round; besides, time and memory of the first use.
 
 The reference is the model as the benchmark's paper steps it: CasADi's interface to CVODES with absolute and relative tolerance 1e-6 on
 the states as they are, the right-hand side compiled by the C compiler at -O3. Without a compiler CasADi's virtual machine evaluates it,
@@ -35,18 +35,18 @@ from glbench.speed.subjects import STEP_SECONDS, Points, Season, Subject, Work, 
 ROUNDS = 7
 TOLERANCE = 1e-6
 SHORTEST_SECONDS = 0.05
-"""Work that is over sooner is repeated until it has taken that long."""
+"""Shorter work is repeated until it has taken that long."""
 MANY = 4096
 _STEPS = 96
 _TIMEOUT_SECONDS = 600.0
 
 ProgressCallback = Callable[[str, int, int], None]
-"""Called with what is being measured, how many subjects are done, and how many there are."""
+"""Called with the current subject in words, the number of subjects measured, and of all subjects."""
 
 
 @dataclass(frozen=True)
 class Timed:
-    """Work, how often it is done in one round, and the clock that judges it.
+    """Work, its repeats in one round, and the clock that times it.
 
     Processor time of this process and its threads, by default: what others do on the machine does not count.
     """
@@ -63,7 +63,7 @@ class Timed:
 
 
 def timed(work: Work) -> Timed:
-    """``work``, done once to warm up and often enough to be measured."""
+    """``work`` after one call to warm up, with enough repeats to be measured."""
     started = time.perf_counter()
     work()
     seconds = max(time.perf_counter() - started, 1e-9)
@@ -90,7 +90,7 @@ class Reference:
         return work
 
     def season(self, season: Season) -> Work:
-        """All steps of ``season``, each from where the one before ended."""
+        """All steps of ``season``, in sequence."""
         inputs = np.concatenate([season.controls, season.weather], axis=1)
 
         def work() -> int:
@@ -104,7 +104,7 @@ class Reference:
 
 @contextmanager
 def references(subjects: Iterable[Subject]) -> Iterator[dict[float, Reference]]:
-    """A reference for each step length [s] of ``subjects``. CasADi compiles in the working directory, which is elsewhere meanwhile."""
+    """A reference for each step length [s] of ``subjects``. CasADi compiles in the working directory: a temporary one here."""
     compiled = shutil.which("gcc") is not None
     lengths, before = sorted({one.step_seconds for one in subjects}), Path.cwd()
     with tempfile.TemporaryDirectory(prefix="glbench-bench-") as folder:
@@ -253,7 +253,7 @@ def measure_memory() -> Memory:
 
 
 def _run(code: str, *arguments: str, **environment: str) -> float:
-    """The number that ``code`` prints in a process of its own.
+    """Run ``code`` in another process and return the number that it prints.
 
     Raises
     ------

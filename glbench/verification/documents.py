@@ -1,4 +1,4 @@
-"""Whether result, record, task and full episodes belong together, before anything is simulated."""
+"""Checks before anything is simulated: result, record, task and full episodes have to belong together."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
     except EpisodeError as error:
         refute("definition", str(error))
     except GlbenchError as error:
-        cannot_tell("no_task", f"The task {result.task.id} cannot be had here: {error}")
+        cannot_tell("no_task", f"The task {result.task.id} is not available here: {error}")
     if task.id != result.task.id:
         cannot_tell("no_task", f"{file} defines the task {task.id}, the result is of {result.task.id}.")
     parts = {name: getattr(fingerprint, name) for name in PARTS}
@@ -202,7 +202,7 @@ def with_its_draws(result: Result, task: TaskSpec, secret_round: Round | None) -
         sealed = task.in_split("test", secret_round.secret)
         sealed.season_record()
     except GlbenchError as error:
-        cannot_tell("no_weather", f"The round's draws cannot be had here: {error}")
+        cannot_tell("no_weather", f"The round's draws cannot be made here: {error}")
     return sealed
 
 

@@ -228,7 +228,7 @@ class Agreement:
             return None
         if same_arithmetic:
             reason = (
-                f"{self.first.words}. The recorded actions do not lead there; and it is not the machine, because other numbers of "
+                f"{self.first.words}. The recorded actions do not lead there. The machine is not the cause, because other numbers of "
                 "whole runs are the same to the last bit."
             )
             return Refused("refuted", self.first.cause, reason)
@@ -241,9 +241,7 @@ class Agreement:
                 f"another machine can make it, and so can a change by hand. {origin} Verify on the machine that made the result."
             )
             return Refused("unknown", "other_machine", reason)
-        reason = (
-            f"{large.words}. The recorded actions do not lead there, and no difference between machines is as large."
-        )
+        reason = f"{large.words}. The recorded actions do not lead there, and differences between machines are smaller."
         return Refused("refuted", large.cause, reason)
 
 

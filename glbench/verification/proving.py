@@ -1,4 +1,4 @@
-"""The verification: every run again from task, seed and recorded actions, and everything that follows from them compared with it."""
+"""Verification: simulates every run again from task, seed and recorded actions, and compares all that follows with the result."""
 
 from __future__ import annotations
 
@@ -368,7 +368,7 @@ def _simulate(
         try:
             outcome = next(steps, None)
         except ActionError as error:
-            refute("invalid_action", f"A recorded action in step {step + 1} is none that the task allows: {error}")
+            refute("invalid_action", f"The task does not allow a recorded action of step {step + 1}: {error}")
         if outcome is None:
             break
         ended = totals.add(outcome)
