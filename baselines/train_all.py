@@ -27,7 +27,7 @@ from glbench.training import CurvePoint, Progress, read_settings, train
 from glbench.training.card import CARD, POLICY, read_card, settings_digest, to_toml
 from glbench.training.compiled import train_compiled
 from glbench.training.compiled_settings import read_compiled_settings
-from glbench.training.probe import CURVE
+from glbench.training.periodic_evaluation import CURVE
 from glbench.training.run import export_best
 from glbench.training.season_search import SearchSettings, read_season_search, search
 

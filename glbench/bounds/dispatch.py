@@ -44,7 +44,7 @@ _SECONDS_AN_HOUR = 3600.0
 _FINE = 1000.0
 """The solver counts in Wh and g: its tolerances are absolute."""
 _INFEASIBLE = 2
-_CHOSEN = ("boiler", "engine", "bought", "sold", "co2", "dumped", "stored")
+_VARIABLES = ("boiler", "engine", "bought", "sold", "co2", "dumped", "stored")
 """What a dispatch chooses in each step: heat of the boiler, electricity of the engine, electricity bought and sold [kWh m-2], CO2 bought
 [kg m-2], heat let off, and heat in the buffer at the end of the step [kWh m-2]."""
 
@@ -67,12 +67,12 @@ def equipment_of(task: TaskSpec) -> Equipment:
     return Equipment.of(task.model_value, task.parameters_by_name())
 
 
-_ASKED = ("electricity", "co2_dosed", "heat_to_pipes")
+_DEMANDS = ("electricity", "co2_dosed", "heat_to_pipes")
 """Flows that a run asks for, and no dispatch changes."""
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class EnergyDemand:
     """What a run asked for and paid.
 
     Attributes
@@ -106,22 +106,22 @@ class Asked:
         """
         equipment_of(task)  # or there is nothing to ask of
         x, u = episode.states, np.stack([episode[name] for name in task.model_value.control_names], axis=1)
-        flows = flow_amounts(task, (*_KNOWN, *_ASKED), x, u)
+        flows = flow_amounts(task, (*_OUTPUTS, *_DEMANDS), x, u)
         store = task.model_value.state_index(BUFFER)
-        asked = cls(task.step_seconds, flows, _prices(task, episode), float(x[0, store]), float(x[-1, store]))
+        demand = cls(task.step_seconds, flows, _prices(task, episode), float(x[0, store]), float(x[-1, store]))
         paid = -sum(
             item.sign * episode[item.name].sum()
             for item in task.ledger.items
             if item.valued == FLOW and item.flow in flows
         )
-        if not np.isclose(cost(asked.flows, asked.prices), paid, rtol=1e-6, atol=1e-9):
+        if not np.isclose(cost(demand.flows, demand.prices), paid, rtol=1e-6, atol=1e-9):
             msg = (
                 f"The run with seed {episode.run.seed} paid {paid:.6f} EUR m-2 for its energy and CO2; at the prices of {task.id} "
-                f"it would have paid {cost(asked.flows, asked.prices):.6f} EUR m-2. Give the task that it was evaluated on, with the "
+                f"it would have paid {cost(demand.flows, demand.prices):.6f} EUR m-2. Give the task that it was evaluated on, with the "
                 "same draws."
             )
             raise EpisodeError(msg)
-        return asked
+        return demand
 
     @property
     def heat(self) -> Floats:
@@ -140,9 +140,9 @@ class Asked:
 
     def worth(self, equipment: Equipment) -> float:
         """What heat in the buffer counts at [EUR kWh-1]: what the boiler pays for it, mean over the steps."""
-        made = equipment.makes()
+        outputs = equipment.makes()
         return sum(
-            float(self.prices[name].mean()) * made[name]["boiler"] for name in ("gas", "heat") if name in self.prices
+            float(self.prices[name].mean()) * outputs[name]["boiler"] for name in ("gas", "heat") if name in self.prices
         )
 
 
@@ -174,7 +174,7 @@ def cost(flows: Flows, prices: Flows) -> float:
     return sum(float(flows[name] @ price) for name, price in prices.items())
 
 
-def dispatch(equipment: Equipment, asked: Asked) -> Dispatch | None:
+def dispatch(equipment: Equipment, demand: EnergyDemand) -> Dispatch | None:
     """The cheapest way to give a run what it asked for; ``None`` where ``equipment`` cannot.
 
     A buffer starts with the heat that the run started with, and ends with what the run ended with at least; a smaller one is full then.
@@ -186,81 +186,81 @@ def dispatch(equipment: Equipment, asked: Asked) -> Dispatch | None:
     """
     from scipy.optimize import linprog
 
-    start, end = (min(heat, equipment.buffer) / MJ_PER_KWH for heat in (asked.start, asked.end))
-    found: Any = linprog(**_programme(equipment, asked, start, end), method="highs")
-    if found.status == _INFEASIBLE:
+    start, end = (min(heat, equipment.buffer) / MJ_PER_KWH for heat in (demand.start, demand.end))
+    solution: Any = linprog(**_programme(equipment, demand, start, end), method="highs")
+    if solution.status == _INFEASIBLE:
         return None
-    if found.status:
-        msg = f"The solver found no least cost for {len(asked.heat)} steps: {found.message}"
+    if solution.status:
+        msg = f"The solver found no least cost for {len(demand.heat)} steps: {solution.message}"
         raise GlbenchError(msg)
-    chosen = dict(zip(_CHOSEN, found.x.reshape(len(_CHOSEN), -1) / _FINE, strict=True))
-    dosed, nothing = asked.flows["co2_dosed"], np.zeros_like(asked.heat)
+    variables = dict(zip(_VARIABLES, solution.x.reshape(len(_VARIABLES), -1) / _FINE, strict=True))
+    dosed, nothing = demand.flows["co2_dosed"], np.zeros_like(demand.heat)
     fixed = {"co2_from_flue": dosed, "co2_vented": -dosed}
     flows = {
-        name: sum((per * chosen[choice] for choice, per in parts.items()), fixed.get(name, nothing))
+        name: sum((per * variables[choice] for choice, per in parts.items()), fixed.get(name, nothing))
         for name, parts in equipment.makes().items()
     }
-    flows |= {name: asked.flows[name] for name in _ASKED}
-    return Dispatch(flows, MJ_PER_KWH * chosen["stored"], asked.worth(equipment) * (start - end))
+    flows |= {name: demand.flows[name] for name in _DEMANDS}
+    return Dispatch(flows, MJ_PER_KWH * variables["stored"], demand.worth(equipment) * (start - end))
 
 
-def _programme(equipment: Equipment, asked: Asked, start: float, end: float) -> dict[str, Any]:
+def _programme(equipment: Equipment, demand: EnergyDemand, start: float, end: float) -> dict[str, Any]:
     """The linear programme; ``start`` and ``end`` are what is in the buffer then, at the end at least [kWh m-2]."""
     from scipy import sparse
 
-    steps, hours, made = len(asked.heat), asked.seconds / _SECONDS_AN_HOUR, equipment.makes()
+    steps, hours, outputs = len(demand.heat), demand.seconds / _SECONDS_AN_HOUR, equipment.makes()
     slow = _HOURS_A_DAY * equipment.tau / hours
-    kept = np.exp(-1 / slow)  # of the heat in the buffer, what is left after a step
-    taken = -np.expm1(-1 / slow) * slow  # of the heat that flows in during a step, likewise
-    used, dosed = asked.electricity, asked.flows["co2_dosed"]
+    share_kept = np.exp(-1 / slow)  # of the heat in the buffer, what is left after a step
+    share_stored = -np.expm1(-1 / slow) * slow  # of the heat that flows in during a step, likewise
+    used, dosed = demand.electricity, demand.flows["co2_dosed"]
     most = equipment.engine * hours / 1000.0
     one: Any = sparse.identity(steps)
 
     def rows(**parts: Any) -> Any:
         """A row for each step: the factor, or the matrix, of each thing that is chosen."""
-        blocks = (parts.get(name, 0.0) for name in _CHOSEN)
+        blocks = (parts.get(name, 0.0) for name in _VARIABLES)
         joined: list[Any] = [block if sparse.issparse(block) else block * one for block in blocks]
         return sparse.hstack(joined)
 
-    into = -taken * asked.heat
-    into[0] += kept * start
+    into = -share_stored * demand.heat
+    into[0] += share_kept * start
     balance = rows(
-        boiler=-taken,
-        engine=-taken * made["engine_heat"]["engine"],
-        dumped=taken,
-        stored=one - sparse.diags([kept], [-1], shape=(steps, steps)),
+        boiler=-share_stored,
+        engine=-share_stored * outputs["engine_heat"]["engine"],
+        dumped=share_stored,
+        stored=one - sparse.diags([share_kept], [-1], shape=(steps, steps)),
     )
-    flue = rows(co2=-1.0, **{name: -per for name, per in made["co2_made"].items()})
+    flue = rows(co2=-1.0, **{name: -per for name, per in outputs["co2_made"].items()})
     # No more is sold than on the line from nothing at no load to all that is left at full load: else, where selling pays more than buying
     # costs, what is bought would be sold on.
-    left = np.maximum(1.0 - used / most, 0.0) if most else np.zeros(steps)
+    room = np.maximum(1.0 - used / most, 0.0) if most else np.zeros(steps)
     at_most: dict[str, Any] = {
         "boiler": equipment.boiler * hours / 1000.0,
         "engine": most,
         "co2": dosed,
         "stored": equipment.buffer / MJ_PER_KWH,
     }
-    bounds = np.zeros((2, len(_CHOSEN), steps))
-    for place, name in enumerate(_CHOSEN):
+    bounds = np.zeros((2, len(_VARIABLES), steps))
+    for place, name in enumerate(_VARIABLES):
         bounds[1, place] = at_most.get(name, np.inf)
     bounds[0, -1, -1] = end
     return {
-        "c": np.concatenate([_marginal(name, asked.prices, made, steps) for name in _CHOSEN]),
+        "c": np.concatenate([_marginal(name, demand.prices, outputs, steps) for name in _VARIABLES]),
         "A_eq": sparse.vstack([balance, rows(engine=1.0, bought=1.0, sold=-1.0)]),
         "b_eq": _FINE * np.concatenate([into, used]),
-        "A_ub": sparse.vstack([flue, rows(sold=1.0, engine=-sparse.diags(left))]),
+        "A_ub": sparse.vstack([flue, rows(sold=1.0, engine=-sparse.diags(room))]),
         "b_ub": _FINE * np.concatenate([-dosed, np.zeros(steps)]),
         "bounds": _FINE * bounds.reshape(2, -1).T,
     }
 
 
-def _marginal(chosen: str, prices: Flows, made: Mapping[str, Mapping[str, float]], steps: int) -> Floats:
+def _marginal(variable: str, prices: Flows, outputs: Mapping[str, Mapping[str, float]], steps: int) -> Floats:
     """What one unit more of what is chosen costs in each step [EUR]."""
-    parts = [price * made[name][chosen] for name, price in prices.items() if chosen in made.get(name, {})]
+    parts = [price * outputs[name][variable] for name, price in prices.items() if variable in outputs.get(name, {})]
     return sum(parts, np.zeros(steps))
 
 
-_KNOWN = tuple(Equipment(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0).makes())
+_OUTPUTS = tuple(Equipment(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0).makes())
 """Flows that depend on a dispatch."""
 
 
@@ -269,7 +269,7 @@ def _prices(task: TaskSpec, episode: Episode) -> Flows:
     calendar = Scenario.of(task, episode.run.seed).calendar[: episode.steps]
     pool, prices = WeatherPool.of(task), dict[str, Floats]()
     for item in task.ledger.items:
-        if item.valued == FLOW and item.flow in {*_KNOWN, *_ASKED}:
+        if item.valued == FLOW and item.flow in {*_OUTPUTS, *_DEMANDS}:
             price = calendar[:, pool.price_column(item.price)] if isinstance(item.price, str) else item.price
             prices[item.flow] = prices.get(item.flow, np.zeros(episode.steps)) - item.sign * item.factor * price
     if not prices:

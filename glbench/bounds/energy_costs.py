@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from glbench.bounds.dispatch import MJ_PER_KWH, Asked, cost, dispatch, equipment_of
+from glbench.bounds.dispatch import MJ_PER_KWH, EnergyDemand, cost, dispatch, equipment_of
 from glbench.episodes import replayed_episodes
 from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
 from glbench.errors import GlbenchError
@@ -63,19 +63,19 @@ def _gap(more: float | None, less: float | None) -> float | None:
     return None if more is None or less is None else more - less
 
 
-def costs(equipment: Equipment, asked: Asked, buffer: float | None = None) -> Costs:
+def costs(equipment: Equipment, demand: EnergyDemand, buffer: float | None = None) -> Costs:
     """All costs of a run; ``buffer``: with one of another size [MJ m-2] in place of its own, but for ``run``."""
     other = equipment if buffer is None else replace(equipment, buffer=buffer)
 
     def least(one: Equipment) -> float | None:
-        found = dispatch(one, asked)
-        return None if found is None else found.cost(asked.prices)
+        optimum = dispatch(one, demand)
+        return None if optimum is None else optimum.cost(demand.prices)
 
-    planned = dispatch(other, asked.flat())
+    planned = dispatch(other, demand.flat())
     return Costs(
-        run=cost(asked.flows, asked.prices) + asked.worth(equipment) * (asked.start - asked.end) / MJ_PER_KWH,
+        run=cost(demand.flows, demand.prices) + demand.worth(equipment) * (demand.start - demand.end) / MJ_PER_KWH,
         least=least(other),
-        blind=None if planned is None else planned.cost(asked.prices),
+        blind=None if planned is None else planned.cost(demand.prices),
         without_buffer=least(replace(other, buffer=0.0)),
         without_engine=least(replace(other, engine=0.0)),
         boiler_alone=least(replace(other, engine=0.0, buffer=0.0)),
@@ -119,13 +119,13 @@ def costs_of_result(
     together = max(1, LARGEST_TRACE // (task.steps * bytes_a_step(task)))
     for first in range(0, len(rows), together):
         for episode in replayed_episodes(task, log, rows[first : first + together]):
-            yield episode.run.seed, costs(equipment, Asked.of(episode, task), buffer)
+            yield episode.run.seed, costs(equipment, EnergyDemand.of(episode, task), buffer)
 
 
-def mean_costs(found: Sequence[Costs]) -> Costs:
+def mean_costs(every: Sequence[Costs]) -> Costs:
     """Means over runs; ``None`` where one of them has no cost."""
     means = {}
     for field in fields(Costs):
-        values = [getattr(one, field.name) for one in found]
+        values = [getattr(one, field.name) for one in every]
         means[field.name] = None if None in values else float(np.mean(values))
     return Costs(**means)  # type: ignore[arg-type]  # the run itself always has a cost

@@ -151,11 +151,11 @@ def take_over(folder: Path, files: Mapping[str, bytes]) -> None:
 
 def _pieces(folder: Path) -> list[tuple[int, int, Path]]:
     """First step, step after the last, and path of every piece of the dialogue, in order."""
-    found = []
+    pieces = []
     for path in sorted(folder.glob("dialogue-*-*.npz")):
         _, start, stop = path.stem.split("-")
-        found.append((int(start), int(stop), path))
-    return found
+        pieces.append((int(start), int(stop), path))
+    return pieces
 
 
 def _packed(arrays: Mapping[str, NDArray[Any]]) -> bytes:

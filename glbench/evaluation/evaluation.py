@@ -373,12 +373,12 @@ class Evaluation:
         with _open_kernel(self.task, self.workers) as kernel:
             simulation = Simulation(self.task, len(self.seeds), kernel=kernel)
             saved = read_checkpoint(self.folder) if self.folder is not None else None
-            done = self._rolled_out(simulation, saved, progress, callback) if saved is not None else None
-            if done is None:
+            outcome = self._rolled_out(simulation, saved, progress, callback) if saved is not None else None
+            if outcome is None:
                 self.forget()
-                done = self._rolled_out(simulation, None, progress, callback)
-            assert done is not None  # from the start on there is nothing that the agent could do otherwise
-            result, recorder = done
+                outcome = self._rolled_out(simulation, None, progress, callback)
+            assert outcome is not None  # from the start on there is nothing that the agent could do otherwise
+            result, recorder = outcome
             provenance = provenance_of(self.task, self.agent, self.kernel)
             log = recorder.log(simulation, provenance, run_facts(result.runs))
         return Computed(result, log, recorder.trace, self.prints.text())

@@ -30,7 +30,7 @@ FOLDER: Final = "fresh-draws"
 """Folder below ``out`` for unfinished evaluations with fresh draws, their salts, and results of the reference agents."""
 REFERENCES: Final = ("rule_based_tuned", "rule_based_unlit", "rule_based_energy", "rule_based_fair", "rule_based")
 """Fast rule-based agents in the order in which they are tried: the first ``WANTED`` that fit the task are the reference agents."""
-WANTED: Final = 2
+REFERENCE_COUNT: Final = 2
 
 Run = Callable[[Job], Result]
 """Does a job, or loads its stored result."""
@@ -149,7 +149,7 @@ def _references(job: Job, task: TaskSpec, options: Options, run: Run) -> tuple[R
         values = [one.values(task.evaluation.metric) for one in (published, fresh)]
         if published.summary.ok:
             references.append(ReferenceRuns(name=name, digest=agent.agent.digest, published=values[0], fresh=values[1]))
-        if len(references) == WANTED:
+        if len(references) == REFERENCE_COUNT:
             break
     if not references:
         msg = f"Fresh draws need a reference agent, and none fits {task.id} ({', '.join(REFERENCES)}). Evaluate it without --fresh-draws."

@@ -170,12 +170,12 @@ def in_words(error: BaseException) -> str:
 
 
 def _in_words(error: BaseException) -> str:
-    said = "".join(traceback.format_exception_only(error)).strip()
-    said = _ADDRESS.sub("0x...", " ".join(said.split()))
-    if len(said) > _LONGEST_REASON:
-        said = said[: _LONGEST_REASON - 4] + " ..."
+    text = "".join(traceback.format_exception_only(error)).strip()
+    text = _ADDRESS.sub("0x...", " ".join(text.split()))
+    if len(text) > _LONGEST_REASON:
+        text = text[: _LONGEST_REASON - 4] + " ..."
     place = _place(error)
-    return f"{said} ({place})" if place else said
+    return f"{text} ({place})" if place else text
 
 
 def _place(error: BaseException) -> str:

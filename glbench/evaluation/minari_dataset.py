@@ -169,29 +169,29 @@ def _seasons(
     added = [noise * (high - low) / 2.0 * _standard_noise(seed, steps, m) for seed in seeds] if noise else None
     actions = np.zeros((n, steps, m), dtype=np.float32)
     rewards, ends, profits = np.zeros((n, steps)), np.zeros((n, steps), dtype=np.bool_), np.zeros(n)
-    taken = np.zeros(n, dtype=np.int64)
-    shown = simulation.reset(seeds)
-    observations = np.empty((n, steps + 1, shown.shape[1]), dtype=np.float32)
-    observations[:, 0] = shown
+    lengths = np.zeros(n, dtype=np.int64)
+    current = simulation.reset(seeds)
+    observations = np.empty((n, steps + 1, current.shape[1]), dtype=np.float32)
+    observations[:, 0] = current
     _refuse(runner.start(), name, seeds)
     for step in range(steps):
         alive = ~simulation.ended
-        inputs = runner.inputs(simulation, shown)
+        inputs = runner.inputs(simulation, current)
         runner.ask(step, inputs, alive)
         decision = runner.decide(step, inputs, alive)
         _refuse(decision.failures, name, seeds)
-        wanted = decision.actions if added is None else decision.actions + np.array([one[step] for one in added])
-        actions[:, step] = np.clip(wanted, low, high)
+        target = decision.actions if added is None else decision.actions + np.array([one[step] for one in added])
+        actions[:, step] = np.clip(target, low, high)
         result = simulation.step(actions[:, step])
-        shown = result.observations
-        observations[:, step + 1], rewards[:, step], ends[:, step] = shown, result.rewards, result.terminated
+        current = result.observations
+        observations[:, step + 1], rewards[:, step], ends[:, step] = current, result.rewards, result.terminated
         profits += np.where(alive, result.quantities["epi"], 0.0)
-        taken += alive
+        lengths += alive
         progress(int(alive.sum()))
         if simulation.ended.all():
             break
     for row, seed in enumerate(seeds):
-        until = int(taken[row])  # fewer than all where a step could not be simulated, which ends a season
+        until = int(lengths[row])  # fewer than all where a step could not be simulated, which ends a season
         yield Trajectory(
             name,
             seed,
@@ -300,8 +300,8 @@ def write_dataset(
         storage = _new_storage(temporary / "data", dataset_id, task, agents, noise, about or {})
         for place, agent in enumerate(agents):
             first = first_seed + place * runs
-            made = trajectories(task, agent, range(first, first + runs), noise=noise, progress=progress)
-            seasons += _store(storage, made, noise)
+            agent_seasons = trajectories(task, agent, range(first, first + runs), noise=noise, progress=progress)
+            seasons += _store(storage, agent_seasons, noise)
         umask = os.umask(0)
         os.umask(umask)
         temporary.chmod(0o777 & ~umask)
@@ -368,10 +368,10 @@ def _new_storage(
     return storage
 
 
-def _store(storage: MinariStorage, made: Iterable[Trajectory], noise: float) -> Iterable[Season]:
+def _store(storage: MinariStorage, new: Iterable[Trajectory], noise: float) -> Iterable[Season]:
     from minari.data_collector.episode_buffer import EpisodeBuffer
 
-    for one in made:
+    for one in new:
         season = Season(one.agent, one.seed, len(one.rewards), float(one.rewards.sum()), one.profit)
         place = storage.total_episodes
         buffer: Any = EpisodeBuffer(

@@ -75,8 +75,8 @@ class Sparse(Record):
 
     @model_serializer(mode="wrap")
     def _without_absent(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        written: dict[str, Any] = write(self)
-        return {name: value for name, value in written.items() if value is not None or name not in self.sparse}
+        content: dict[str, Any] = write(self)
+        return {name: value for name, value in content.items() if value is not None or name not in self.sparse}
 
 
 class RunResult(Sparse):

@@ -76,19 +76,19 @@ class RunTotals:
         """Every run as a record, missing steps at the task's price."""
         charge = self._task.evaluation.failed_step
         prices = {"reward": charge.reward, "epi": charge.epi, "penalty": charge.penalty}
-        found = []
+        failures = []
         for row, seed in enumerate(self.seeds):
             end: tuple[Status, str | None] = self._ends.get(row, ("ok", None))
             status, reason = end
             steps = int(self.steps[row])
             sums = dict(zip(self._metrics.names, self.totals[:, row].tolist(), strict=True))
             metrics = with_missing_steps(sums, self._task.steps - steps, prices)
-            found.append(
+            failures.append(
                 RunResult(
                     seed=seed, status=status, reason=reason, steps=steps, metrics=metrics, cluster=self._seasons[row]
                 )
             )
-        return tuple(found)
+        return tuple(failures)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The numbers, for a checkpoint."""
@@ -177,11 +177,11 @@ class RolloutLoop:
 
     def replay(self, saved: Saved) -> bool:
         """Bring a fresh agent to where ``saved`` left it, and everything else too; false when it decides differently this time."""
-        asked = saved.arrays["asked"]
-        if (self._totals.alive != (asked > 0)).any():
+        decisions = saved.arrays["asked"]
+        if (self._totals.alive != (decisions > 0)).any():
             return False
         for step in range(saved.step):
-            decision = self._runner.decide(step, saved.inputs[step], asked > step)
+            decision = self._runner.decide(step, saved.inputs[step], decisions > step)
             if decision.actions.tobytes() != saved.actions[step].tobytes():
                 return False
             self._report(step + 1, replaying=True)

@@ -104,9 +104,9 @@ def make_runner(
     SubmissionError
         When the agent cannot be made.
     """
-    first, n = _made(agent, card, limits), len(seeds)
+    first, n = _make_agent(agent, card, limits), len(seeds)
     if isinstance(first, PerRunAgent):
-        others = [_made(agent, card, limits) for _ in range(n - 1)]
+        others = [_make_agent(agent, card, limits) for _ in range(n - 1)]
         return PerRunRunner([first, *others], card, limits)  # type: ignore[list-item]
     # What the loader says counts, not what the object looks like: a submission is never privileged.
     runner: BatchRunner
@@ -121,7 +121,9 @@ def make_runner(
     return runner
 
 
-def _made(agent: LoadedAgent, card: TaskCard, limits: TimeLimits) -> Agent | PrivilegedController | ScenarioController:
+def _make_agent(
+    agent: LoadedAgent, card: TaskCard, limits: TimeLimits
+) -> Agent | PrivilegedController | ScenarioController:
     answer = guarded(lambda: agent.make(card), limits.start, "make_agent", through=(KeyboardInterrupt, SubmissionError))
     if answer.value is None:
         reason = answer.failure.reason if answer.failure else "make_agent returned nothing"
@@ -159,9 +161,9 @@ class BatchRunner(AgentRunner):
     def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
         deciding = int(np.count_nonzero(alive))
         # A copy: an agent that works in its observations must not change what is recorded or what the simulation holds.
-        shown = inputs.copy()
+        own = inputs.copy()
         answer = guarded(
-            lambda: read_actions(self._returned(step, shown), self.card, self.n),
+            lambda: read_actions(self._returned(step, own), self.card, self.n),
             self.limits.step * deciding,
             self._call,
         )
@@ -171,8 +173,8 @@ class BatchRunner(AgentRunner):
         actions, problems = answer.value
         return Decision(actions, invalid_actions(problems, alive), seconds)
 
-    def _returned(self, step: int, shown: Inputs) -> object:
-        return self._agent.act(shown.astype(np.float32, copy=False))
+    def _returned(self, step: int, inputs: Inputs) -> object:
+        return self._agent.act(inputs.astype(np.float32, copy=False))
 
 
 class PrivilegedRunner(BatchRunner):
@@ -190,8 +192,8 @@ class PrivilegedRunner(BatchRunner):
         super().__init__(cast(Agent, controller), replace(card, actions=controls), n, limits)
         self._task = card
         # A model with the paper's states and more, such as meters, is seen as the paper's; any other with all its states.
-        own, known = task.model_value.state_names, get_model(PAPER_MODEL).state_names
-        self._places = [own.index(name) for name in (known if set(known) <= set(own) else own)]
+        own, paper = task.model_value.state_names, get_model(PAPER_MODEL).state_names
+        self._places = [own.index(name) for name in (paper if set(paper) <= set(own) else own)]
         self._states = len(self._places)
         scenario = task.scenario
         one_season = len(scenario.seasons) == 1 and not scenario.start_within_days and scenario.generated is None
@@ -210,13 +212,13 @@ class PrivilegedRunner(BatchRunner):
         """Take a step with controls, past the actuation."""
         return simulation.step_controls(actions)
 
-    def _returned(self, step: int, shown: Inputs) -> object:
+    def _returned(self, step: int, inputs: Inputs) -> object:
         weather = self._weather
         if weather is None:
-            x, d, hours, days = np.split(shown, [self._states, shown.shape[1] - 2, shown.shape[1] - 1], axis=1)
+            x, d, hours, days = np.split(inputs, [self._states, inputs.shape[1] - 2, inputs.shape[1] - 1], axis=1)
             return self._agent.controls(x, d, hours[:, 0], days[:, 0])
         hour, day = float(weather.hour_of_day[step]), float(weather.day_of_year[step])
-        return self._agent.controls(shown, weather.values[step], hour, day)
+        return self._agent.controls(inputs, weather.values[step], hour, day)
 
 
 class ScenarioRunner(BatchRunner):
@@ -235,8 +237,8 @@ class ScenarioRunner(BatchRunner):
         """Show the states."""
         return np.array(simulation.x, dtype=np.float64)
 
-    def _returned(self, step: int, shown: Inputs) -> object:
-        return self._agent.act(shown)
+    def _returned(self, step: int, inputs: Inputs) -> object:
+        return self._agent.act(inputs)
 
 
 class PerRunRunner(AgentRunner):
@@ -260,8 +262,8 @@ class PerRunRunner(AgentRunner):
         rows: list[Array] = [np.zeros(self.shape[1])] * self.n
         seconds, failures = np.zeros(self.n), []
         for row in np.flatnonzero(alive).tolist():
-            agent, shown = self._agents[row], inputs[row : row + 1].astype(np.float32)
-            answer = guarded(lambda agent=agent, shown=shown: agent.act(shown)[0], self.limits.step, "act")  # type: ignore[misc]
+            agent, own = self._agents[row], inputs[row : row + 1].astype(np.float32)
+            answer = guarded(lambda agent=agent, own=own: agent.act(own)[0], self.limits.step, "act")  # type: ignore[misc]
             seconds[row] = answer.seconds
             if answer.value is not None:
                 rows[row] = answer.value

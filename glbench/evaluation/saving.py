@@ -152,9 +152,9 @@ def result_lock(out: Path, task_id: str, agent_name: str) -> Iterator[None]:
         # Removed while it is held, so that nobody else's is; folders that others use are not empty and stay.
         Path(lock.lock_file).unlink(missing_ok=True)
         lock.release()
-        for left in (folder.parent, folder.parent.parent):
+        for parent in (folder.parent, folder.parent.parent):
             with contextlib.suppress(OSError):
-                left.rmdir()
+                parent.rmdir()
 
 
 def agent_folder(out: Path, task_id: str, agent_name: str) -> Path:

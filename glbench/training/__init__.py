@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING
 from glbench.extras import lazy_names
 
 if TYPE_CHECKING:
-    from glbench.training.probe import CurvePoint, Listener, Progress
+    from glbench.training.folder import Trained
+    from glbench.training.periodic_evaluation import CurvePoint, Listener, Progress
     from glbench.training.run import train
     from glbench.training.settings import TrainingSettings, read_settings, shipped_settings
-    from glbench.training.trained import Trained
     from glbench.training.vec_env import make_vec_env
 else:
     __getattr__ = lazy_names(
         __name__,
         {
-            "probe": ("CurvePoint", "Listener", "Progress"),
+            "folder": ("Trained",),
+            "periodic_evaluation": ("CurvePoint", "Listener", "Progress"),
             "run": ("train",),
             "settings": ("TrainingSettings", "read_settings", "shipped_settings"),
-            "trained": ("Trained",),
             "vec_env": ("make_vec_env",),
         },
     )

@@ -1,9 +1,18 @@
-"""Algorithms by name or class path, and their arguments checked before anything is started."""
+"""Algorithms by name or class path, their arguments checked before anything starts, and checkpoints of trainings with Stable-Baselines3.
+
+A checkpoint is a folder in the training's own. A new one is written beside the old one and takes its place when it is complete, so that a
+kill at any moment leaves a whole one. It holds Stable-Baselines3's own files, which are pickles: read only your own.
+"""
 
 from __future__ import annotations
 
 import importlib
 import inspect
+import json
+import random
+from dataclasses import asdict
+from hashlib import file_digest, sha256
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,12 +24,16 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 
 from glbench.errors import TrainingError, UnknownNameError, did_you_mean
+from glbench.training.folder import DAMAGED, MODEL, STATE, altered, replaced
+from glbench.training.periodic_evaluation import History
 from glbench.training.settings import LINEAR, OWN
+from glbench.training.vec_env import Normalizer, TrainingVecEnv
 
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env import VecEnv
 
     from glbench.training.settings import TrainingSettings
+
 
 SHORT = {"ppo": "stable_baselines3.PPO", "sac": "stable_baselines3.SAC"}
 _SET_BY_GLBENCH = {
@@ -48,18 +61,18 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
     path = SHORT.get(name.lower(), name)
     module, _, attribute = path.rpartition(".")
     if not module:
-        known = [*SHORT, "sb3_contrib.RecurrentPPO", "stable_baselines3.TD3"]
-        msg = f"There is no algorithm '{name}'.{did_you_mean(name, known)} Others are given by class path, as sb3_contrib.TQC."
+        names = [*SHORT, "sb3_contrib.RecurrentPPO", "stable_baselines3.TD3"]
+        msg = f"There is no algorithm '{name}'.{did_you_mean(name, names)} Others are given by class path, as sb3_contrib.TQC."
         raise UnknownNameError(msg)
     try:
-        found = getattr(importlib.import_module(module), attribute)
+        kind = getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError) as error:
         msg = f"The algorithm '{name}' cannot be imported: {error}. Is its package installed, and the path written as package.Class?"
         raise UnknownNameError(msg) from error
-    if not (isinstance(found, type) and issubclass(found, BaseAlgorithm)):
+    if not (isinstance(kind, type) and issubclass(kind, BaseAlgorithm)):
         msg = f"'{name}' is not an algorithm of Stable-Baselines3's kind (a subclass of BaseAlgorithm)."
         raise TrainingError(msg)
-    return found
+    return kind
 
 
 def short_name(algorithm: str) -> str:
@@ -95,7 +108,7 @@ def make_model(settings: TrainingSettings, env: VecEnv, seed: int, tensorboard: 
         raise TrainingError(msg) from error
 
 
-def policy_arguments(given: dict[str, Any]) -> dict[str, Any]:
+def policy_arguments(settings: dict[str, Any]) -> dict[str, Any]:
     """Arguments of the policy with classes in the place of their names.
 
     Raises
@@ -103,7 +116,7 @@ def policy_arguments(given: dict[str, Any]) -> dict[str, Any]:
     UnknownNameError
         When PyTorch has no activation function or optimiser of that name.
     """
-    arguments = dict(given)
+    arguments = dict(settings)
     for key, home in (("activation_fn", torch.nn), ("optimizer_class", torch.optim)):
         name = arguments.get(key)
         if isinstance(name, str):
@@ -126,13 +139,13 @@ def check_settings(settings: TrainingSettings) -> None:
         When an argument is unknown to the algorithm, is set by glbench, or is no schedule.
     """
     kind = algorithm_class(settings.algorithm)
-    known = [name for name in inspect.signature(kind.__init__).parameters if name not in _NO_SETTINGS]
+    names = [name for name in inspect.signature(kind.__init__).parameters if name not in _NO_SETTINGS]
     for name in settings.hyperparameters:
         if name in _SET_BY_GLBENCH:
             msg = f"glbench sets '{name}' of {kind.__name__}: {_SET_BY_GLBENCH[name]}. Remove it from the settings."
             raise TrainingError(msg)
-        if name not in known:
-            msg = f"{kind.__name__} has no setting '{name}'.{did_you_mean(name, [*known, *sorted(OWN)])}"
+        if name not in names:
+            msg = f"{kind.__name__} has no setting '{name}'.{did_you_mean(name, [*names, *sorted(OWN)])}"
             raise TrainingError(msg)
     if settings.action_noise_std is not None and not issubclass(kind, OffPolicyAlgorithm):
         msg = f"{kind.__name__} takes no action noise; remove 'action_noise_std'."
@@ -191,3 +204,110 @@ def _schedule(value: Any) -> Any:
     except ValueError as error:
         msg = f"'{value}' is no schedule: write {LINEAR}3e-4 for one from 3e-4 linearly to 0."
         raise TrainingError(msg) from error
+
+
+NORMALIZATION, BUFFER = "vecnormalize.pkl", "replay_buffer.pkl"
+_ARRAYS = "state.npz"
+
+
+def save_checkpoint(
+    folder: Path,
+    model: BaseAlgorithm,
+    env: TrainingVecEnv,
+    normalization: Normalizer,
+    history: History,
+    identity: dict[str, Any],
+) -> None:
+    """Replace the checkpoint in ``folder`` by one of this moment, which must be the start of a rollout."""
+    with replaced(folder) as new:
+        model.save(new / MODEL)
+        normalization.save(str(new / NORMALIZATION))
+        if isinstance(model, OffPolicyAlgorithm):
+            model.save_replay_buffer(new / BUFFER)
+        name, keys, position, has_gauss, cached = np.random.get_state()  # noqa: NPY002 - Stable-Baselines3 draws from it
+        arrays: dict[str, Any] = {
+            **{f"env_{key}": value for key, value in env.state().items()},
+            **{f"memory_{i}": part.numpy() for i, part in enumerate(_memory(model))},
+            "returns": normalization.returns,
+            "torch": torch.get_rng_state().numpy(),
+            "numpy_keys": keys,
+        }
+        with (new / _ARRAYS).open("wb") as file:
+            np.savez(file, allow_pickle=False, **arrays)
+        version, internal, gauss = random.getstate()
+        state: dict[str, Any] = {
+            "identity": identity,
+            "history": asdict(history),
+            "numpy": [name, position, has_gauss, cached],
+            "python": [version, list(internal), gauss],
+            "random_actions": model.action_space.np_random.bit_generator.state,
+        }
+        state["digest"] = _digest(new, state)
+        (new / STATE).write_text(json.dumps(state), encoding="utf-8")
+
+
+def load_checkpoint(
+    folder: Path, algorithm: str, env: TrainingVecEnv, identity: dict[str, Any]
+) -> tuple[BaseAlgorithm, Normalizer, History]:
+    """Model, normalisation and history of a checkpoint, with environment and generators set back to its moment.
+
+    Raises
+    ------
+    TrainingError
+        When the checkpoint is of another training, cannot be read, or is not as it was written.
+    """
+    try:
+        state = json.loads((folder / STATE).read_text(encoding="utf-8"))
+        _same_training(folder, state["identity"], identity)
+        if state.pop("digest", None) != _digest(folder, state):
+            raise altered(folder)
+        with np.load(folder / _ARRAYS, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        normalization = Normalizer.load(str(folder / NORMALIZATION), env)
+        assert isinstance(normalization, Normalizer)
+        model = algorithm_class(algorithm).load(folder / MODEL, env=normalization, device="cpu", force_reset=False)
+        if isinstance(model, OffPolicyAlgorithm):
+            model.load_replay_buffer(folder / BUFFER, truncate_last_traj=False)
+        env.restore({name.removeprefix("env_"): value for name, value in arrays.items() if name.startswith("env_")})
+        _remember(model, [arrays[f"memory_{i}"] for i in range(len(_memory(model)))])
+        normalization.returns = arrays["returns"]
+        torch.set_rng_state(torch.from_numpy(arrays["torch"]))
+        name, position, has_gauss, cached = state["numpy"]
+        np.random.set_state((name, arrays["numpy_keys"], position, has_gauss, cached))  # noqa: NPY002
+        version, internal, gauss = state["python"]
+        random.setstate((version, tuple(internal), gauss))
+        model.action_space.np_random.bit_generator.state = state["random_actions"]
+        history = History.from_dict(state["history"])
+    except DAMAGED as error:
+        msg = f"The checkpoint {folder} cannot be read: {error}. Remove the folder to start the training over."
+        raise TrainingError(msg) from error
+    return model, normalization, history
+
+
+def _digest(folder: Path, state: dict[str, Any]) -> str:
+    """SHA-256 (hex) over the files of a checkpoint and its state, without the digest."""
+    digest = sha256(json.dumps(state, sort_keys=True).encode())
+    for file in (folder / name for name in (MODEL, NORMALIZATION, BUFFER, _ARRAYS)):
+        if file.exists():  # the replay buffer is there only for algorithms that have one
+            with file.open("rb") as opened:
+                digest.update(f"{file.name} {file_digest(opened, 'sha256').hexdigest()}\n".encode())
+    return digest.hexdigest()
+
+
+def _memory(model: BaseAlgorithm) -> list[torch.Tensor]:
+    """What a recurrent policy remembers between two rollouts; Stable-Baselines3 does not save it."""
+    states = getattr(model, "_last_lstm_states", None)
+    return [] if states is None else [*states.pi, *states.vf]
+
+
+def _remember(model: BaseAlgorithm, memory: list[Any]) -> None:
+    for place, values in zip(_memory(model), memory, strict=True):
+        place.copy_(torch.from_numpy(values))
+
+
+def _same_training(folder: Path, stored: dict[str, Any], identity: dict[str, Any]) -> None:
+    different = sorted(key for key in {*stored, *identity} if stored.get(key) != identity.get(key))
+    if different:
+        pairs = "; ".join(f"{key}: {stored.get(key)!r} there, {identity.get(key)!r} now" for key in different)
+        msg = f"{folder.parent} holds another training ({pairs}). Choose another folder with --out, or the settings it was begun with."
+        raise TrainingError(msg)

@@ -18,7 +18,7 @@ from glbench import __version__
 from glbench.errors import TrainingError
 from glbench.evaluation.records import git_state, this_machine
 from glbench.resources import write_atomically
-from glbench.training.probe import History
+from glbench.training.periodic_evaluation import History
 from glbench.untrusted import reason_of
 
 if TYPE_CHECKING:
@@ -44,8 +44,8 @@ def settings_digest(settings: TrainingSettings) -> str:
 
 
 @dataclass(frozen=True)
-class Making:
-    """How an agent was made, in words and in figures.
+class TrainingFacts:
+    """What a training's card says of it, in words and in figures.
 
     ``training`` is the card's table of that name: algorithm, seed, steps, settings and whatever else its kind of training has to tell.
     ``controller`` is what acts, with the settings in ``acts_with``.
@@ -53,7 +53,7 @@ class Making:
 
     title: str
     description: str
-    made: str
+    command: str
     sources: tuple[str, ...]
     training: Mapping[str, Any]
     controller: str = "network"
@@ -71,21 +71,21 @@ def note_session(history: History, task: TaskSpec, steps: int) -> None:
     """Note with which versions and commit a training on ``task`` continues from ``steps``, unless they are those of the session before."""
     git = git_state()
     commit = [] if git is None else [f"commit {git.commit}{' with changes' if git.dirty else ''}"]
-    words = ", ".join([*(f"{name} {found}" for name, found in _versions(task).items()), *commit])
+    words = ", ".join([*(f"{name} {number}" for name, number in _versions(task).items()), *commit])
     if not history.sessions or history.sessions[-1].partition(": ")[2] != words:
         history.sessions.append(f"from step {steps}: {words}")
 
 
-def making_of(
+def facts_of_training(
     task: TaskSpec, settings: TrainingSettings, digest: str, seed: int, steps: int, ends: Sequence[int]
-) -> Making:
+) -> TrainingFacts:
     """What the card of a training with Stable-Baselines3 says; ``digest`` is the settings', ``ends`` where it ended before it went on."""
     name = settings.algorithm.rpartition(".")[2]
     paid = "" if settings.accrual is None else f" {settings.accrual.in_words}"
-    return Making(
+    return TrainingFacts(
         title=f"{name.upper() if name == settings.algorithm else name} trained on {task.id}, seed {seed}",
         description=f"The best model of {steps:,} steps by evaluation return, without the noise of exploration.{paid}",
-        made="glbench train, with the settings in settings.yml; the tables below tell the rest.",
+        command="glbench train, with the settings in settings.yml; the tables below tell the rest.",
         sources=("Stable-Baselines3 (Raffin et al., 2021)",),
         training={
             "algorithm": settings.algorithm,
@@ -105,7 +105,7 @@ def making_of(
 def write_card(
     folder: Path,
     tasks: TaskSpec | Sequence[TaskSpec],
-    making: Making,
+    facts: TrainingFacts,
     evaluation: EvaluationPlan,
     history: History,
     start: Mapping[str, Any] | None = None,
@@ -114,25 +114,25 @@ def write_card(
 
     ``start`` tells of what it started from.
     """
-    seen = tasks if isinstance(tasks, Sequence) else (tasks,)
-    task = seen[0]
-    ids = {"id": task.id} if len(seen) == 1 else {"ids": [one.id for one in seen]}
+    all_tasks = tasks if isinstance(tasks, Sequence) else (tasks,)
+    task = all_tasks[0]
+    ids = {"id": task.id} if len(all_tasks) == 1 else {"ids": [one.id for one in all_tasks]}
     spent = history.time
     shares = {name: round(seconds / spent.training, 4) for name, seconds in asdict(spent).items() if name in _SHARED}
     learnt = history.best_steps > 0
     where = this_machine()
     git = git_state()
     content: dict[str, Any] = {
-        "title": making.title,
-        "controller": making.controller,
-        "settings": making.acts_with,
-        "description": making.description if learnt else _NOT_LEARNT.format(making.training["steps"]),
-        "made": making.made,
-        "sources": list(making.sources),
-        "task": {**ids, "digest": digest_of_tasks(seen), "model": task.model_id},
+        "title": facts.title,
+        "controller": facts.controller,
+        "settings": facts.acts_with,
+        "description": facts.description if learnt else _NOT_LEARNT.format(facts.training["steps"]),
+        "made": facts.command,
+        "sources": list(facts.sources),
+        "task": {**ids, "digest": digest_of_tasks(all_tasks), "model": task.model_id},
         "training": {
-            **making.training,
-            "recipe": _recipe(making, seen),
+            **facts.training,
+            "recipe": _recipe(facts, all_tasks),
             **_seasons_seen(task),
             **({"sessions": history.sessions} if len(history.sessions) > 1 else {}),
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -157,13 +157,13 @@ def write_card(
     return content
 
 
-def _recipe(making: Making, tasks: Sequence[TaskSpec]) -> str:
+def _recipe(facts: TrainingFacts, tasks: Sequence[TaskSpec]) -> str:
     """Digest over algorithm, settings, length and tasks, which trainings with other seeds share. Leaderboards join trainings by it."""
-    facts = making.training
-    length = facts.get("generations", facts["steps"])
-    stated = f"{facts['settings_digest']} {length} {digest_of_tasks(tasks)}"
-    name = re.sub(r"[^a-z0-9]+", "-", str(facts["algorithm"]).lower()).strip("-")
-    return f"{name or 'recipe'}-{sha256(stated.encode()).hexdigest()[:16]}"
+    training = facts.training
+    length = training.get("generations", training["steps"])
+    identity = f"{training['settings_digest']} {length} {digest_of_tasks(tasks)}"
+    name = re.sub(r"[^a-z0-9]+", "-", str(training["algorithm"]).lower()).strip("-")
+    return f"{name or 'recipe'}-{sha256(identity.encode()).hexdigest()[:16]}"
 
 
 def _seasons_seen(task: TaskSpec) -> dict[str, Any]:
@@ -218,8 +218,8 @@ def _value(value: Any) -> str:
 
 
 def _versions(task: TaskSpec) -> dict[str, str]:
-    found = {"glbench": __version__, "model": task.model_id, "python": platform.python_version()}
-    return found | {name: known for name in _PACKAGES if (known := _version(name))}
+    versions = {"glbench": __version__, "model": task.model_id, "python": platform.python_version()}
+    return versions | {name: number for name in _PACKAGES if (number := _version(name))}
 
 
 def _version(package: str) -> str | None:

@@ -21,20 +21,19 @@ from glbench.agents.network_policy import FAST, Actor, ActorAgent, Gru, NetworkP
 from glbench.errors import ShapeError, TrainingError
 from glbench.resources import write_atomically
 from glbench.tasks import task_card
-from glbench.training.card import POLICY, Making, note_session, write_card
+from glbench.training.card import POLICY, TrainingFacts, note_session, write_card
 from glbench.training.compiled_settings import NAME
-from glbench.training.folder import DAMAGED, LEARNER, SETTINGS, altered, claim, folder_lock, open_folder
+from glbench.training.constant_columns import without_constant_columns
+from glbench.training.folder import DAMAGED, LEARNER, SETTINGS, Trained, altered, claim, folder_lock, open_folder
 from glbench.training.learner import Learner, Learning
-from glbench.training.probe import CurvePoint, History, Listener, Pace, Probe, Progress
-from glbench.training.steady import without_steady_columns
-from glbench.training.trained import Trained
+from glbench.training.periodic_evaluation import CurvePoint, History, Listener, Pace, Probe, Progress
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
     from glbench.training.compiled_settings import CompiledSettings
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_STEADY = 1e-4
+_CONSTANT = 1e-4
 """A column whose spread is less than this share of its mean counts as constant."""
 
 
@@ -73,8 +72,8 @@ def train_compiled(
     with folder_lock(folder), jax.default_device(jax.devices("cpu")[0]):
         identity = {"task_digest": task.digest, "settings_digest": settings.digest, "seed": seed}
         state = folder / LEARNER if (folder / LEARNER).is_file() else None
-        wanted = {"steps": settings.updates * settings.rollout}
-        card = claim(folder, identity, state, start=None, wanted=wanted, resume=resume)
+        target = {"steps": settings.updates * settings.rollout}
+        card = claim(folder, identity, state, start=None, target=target, resume=resume)
         if card is not None:
             return Trained.of(folder, card, already_done=True)
         under_way = _Training(task, settings, seed, identity)
@@ -83,7 +82,7 @@ def train_compiled(
         note_session(under_way.history, task, under_way.steps)
         open_folder(folder, settings.model_dump(mode="json", exclude_none=True))
         _run(under_way, folder, listeners)
-        card = write_card(folder, task, _making(under_way), settings.evaluation, under_way.history)
+        card = write_card(folder, task, _facts(under_way), settings.evaluation, under_way.history)
     return Trained.of(folder, card, already_done=False)
 
 
@@ -125,7 +124,7 @@ class _Training:
         columns, layers, names = learning.columns, learning.weights["actor"], card.observation_names
         hours, steered = self.settings.memory.hours, learner.max_change > 0
         mean, spread = np.asarray(columns.mean, np.float64), np.sqrt(np.asarray(columns.variance, np.float64))
-        units, varying = self.settings.memory.gru, spread > _STEADY * np.abs(mean)
+        units, varying = self.settings.memory.gru, spread > _CONSTANT * np.abs(mean)
         low, high = card.action_bounds
         try:
             network = NetworkPolicy(
@@ -159,7 +158,7 @@ class _Training:
                 f"The training diverged within {self.steps:,} steps: {error} Lower the learning rate, or max_grad_norm."
             )
             raise TrainingError(msg) from error
-        network = without_steady_columns(network, np.append(varying, np.ones(units, np.bool_)))
+        network = without_constant_columns(network, np.append(varying, np.ones(units, np.bool_)))
         return Actor(network, learner.traced, learner.shares, learner.max_change, low, high, gru)
 
     def _gru(self, varying: NDArray[np.bool_]) -> Gru:
@@ -179,8 +178,8 @@ class _Training:
     def keep(self, file: Path) -> None:
         """Write what is needed to continue to ``file``."""
         leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(self._learning)]
-        known = {"identity": self.identity, "history": asdict(self.history), "updates": self.updates}
-        facts = json.dumps({**known, "digest": _digest(known, leaves)})
+        state = {"identity": self.identity, "history": asdict(self.history), "updates": self.updates}
+        facts = json.dumps({**state, "digest": _digest(state, leaves)})
         arrays = {f"leaf_{number}": leaf for number, leaf in enumerate(leaves)}
         content = io.BytesIO()
         np.savez(content, allow_pickle=False, facts=np.frombuffer(facts.encode(), np.uint8), **arrays)
@@ -194,11 +193,11 @@ class _Training:
         TrainingError
             When the file belongs to another training, cannot be read, or has been changed.
         """
-        begun, tree = jax.tree.flatten(self._learning)
+        first_leaves, tree = jax.tree.flatten(self._learning)
         try:
-            with np.load(file, allow_pickle=False) as kept:
-                facts = json.loads(kept["facts"].tobytes())
-                leaves = [kept[f"leaf_{number}"] for number in range(len(begun))]
+            with np.load(file, allow_pickle=False) as arrays:
+                facts = json.loads(arrays["facts"].tobytes())
+                leaves = [arrays[f"leaf_{number}"] for number in range(len(first_leaves))]
         except DAMAGED as error:
             msg = f"The state of the training {file} cannot be read: {error}. Remove it to start the training again."
             raise TrainingError(msg) from error
@@ -233,8 +232,8 @@ def _run(under_way: _Training, folder: Path, listeners: Sequence[Listener]) -> N
 def _signals_wait() -> Iterator[None]:
     """Ctrl-C and its like wait for the end of an update, a fraction of a second: a process that ends within one may crash."""
     mine = threading.current_thread() is threading.main_thread()  # no other thread may set handlers
-    found = {number: signal.getsignal(number) for number in _SIGNALS} if mine else {}
-    handlers = {number: handler for number, handler in found.items() if callable(handler)}
+    handlers = {number: signal.getsignal(number) for number in _SIGNALS} if mine else {}
+    handlers = {number: handler for number, handler in handlers.items() if callable(handler)}
     waiting: list[int] = []
     for number in handlers:
         signal.signal(number, lambda arrived, _frame: waiting.append(arrived))
@@ -274,7 +273,7 @@ def _digest(facts: dict[str, Any], leaves: Sequence[NDArray[Any]]) -> str:
     return digest.hexdigest()
 
 
-def _making(under_way: _Training) -> Making:
+def _facts(under_way: _Training) -> TrainingFacts:
     settings, steps, identity = under_way.settings, under_way.steps, under_way.identity
     accrual, memory = settings.accrual, settings.memory
     traces = (
@@ -285,10 +284,10 @@ def _making(under_way: _Training) -> Making:
     if memory.gru:
         traces += f" It remembers with a gated recurrent unit of {memory.gru} units."
     paid = "" if accrual is None else f" {accrual.in_words}"
-    return Making(
+    return TrainingFacts(
         title=f"Compiled PPO trained on {under_way.task.id}, seed {identity['seed']}",
         description=f"The best policy of {steps:,} steps by evaluation return, without the noise of exploration.{traces}{paid}",
-        made="glbench train ppo, with the settings in settings.yml; the tables below tell the rest.",
+        command="glbench train ppo, with the settings in settings.yml; the tables below tell the rest.",
         sources=("Schulman et al. (2017). Proximal policy optimization algorithms. arXiv:1707.06347",),
         controller="actor",
         training={

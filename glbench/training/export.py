@@ -23,8 +23,8 @@ from glbench.resources import write_atomically
 from glbench.tasks import task_card
 from glbench.training.algorithms import algorithm_class
 from glbench.training.card import CARD, POLICY, read_card, to_toml
+from glbench.training.constant_columns import without_constant_columns
 from glbench.training.folder import DAMAGED
-from glbench.training.steady import without_steady_columns
 from glbench.training.vec_env import Normalizer
 
 if TYPE_CHECKING:
@@ -49,14 +49,16 @@ def load_model(file: Path, algorithm: str, normalization: Path | None) -> tuple[
         if normalization is None:
             return model, None
         with normalization.open("rb") as opened:
-            found = pickle.load(opened)
+            content = pickle.load(opened)
     except DAMAGED as error:
         msg = f"Cannot read the model {file} ({algorithm}) and its normalisation {normalization}: {error}."
         raise TrainingError(msg) from error
-    if not isinstance(found, VecNormalize):
-        msg = f"{normalization} holds {type(found).__name__}, expected the VecNormalize that was saved with the model."
+    if not isinstance(content, VecNormalize):
+        msg = (
+            f"{normalization} holds {type(content).__name__}, expected the VecNormalize that was saved with the model."
+        )
         raise TrainingError(msg)
-    return model, found
+    return model, content
 
 
 def export_policy(
@@ -97,7 +99,7 @@ def export_policy(
         about=about,
     )
     if isinstance(normalization, Normalizer) and normalization.norm_obs:
-        return without_steady_columns(policy, normalization.columns.varying)
+        return without_constant_columns(policy, normalization.columns.varying)
     return policy
 
 
@@ -112,8 +114,8 @@ def export_model(file: Path, algorithm: str, normalization: Path | None, task: T
     if (folder / CARD).exists():
         msg = f"{folder} has a {CARD} already. Choose another folder with --out."
         raise TrainingError(msg)
-    model, found = load_model(file, algorithm, normalization)
-    policy = export_policy(model, found, task, {"algorithm": algorithm, "steps": model.num_timesteps})
+    model, statistics = load_model(file, algorithm, normalization)
+    policy = export_policy(model, statistics, task, {"algorithm": algorithm, "steps": model.num_timesteps})
     write_atomically(folder / POLICY, policy.to_bytes())
     card = {
         "title": f"{type(model).__name__} trained on {task.id}",
@@ -185,10 +187,10 @@ def begin_with(file: Path, model: BaseAlgorithm, normalization: Normalizer, task
     policy = policy_in(file, task)
     layers, activation, output = actor_of(model)
     shapes = [(layer.in_features, layer.out_features) for layer in layers]
-    found = [matrix.shape for matrix in policy.weights]
-    if (shapes, activation, output) != (found, policy.activation, policy.output):
+    policy_shapes = [matrix.shape for matrix in policy.weights]
+    if (policy_shapes, activation, output) != (shapes, policy.activation, policy.output):
         msg = (
-            f"The training cannot start from {file}: its actor has layers {_sizes(found)} with {policy.activation} and output "
+            f"The training cannot start from {file}: its actor has layers {_sizes(policy_shapes)} with {policy.activation} and output "
             f"'{policy.output}', the settings ask for {_sizes(shapes)} with {activation} and '{output}'. Change policy_kwargs."
         )
         raise TrainingError(msg)

@@ -8,6 +8,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -70,10 +71,10 @@ def claim(
     state: Path | None,
     *,
     start: Path | None,
-    wanted: Mapping[str, int],
+    target: Mapping[str, int],
     resume: bool,
 ) -> dict[str, Any] | None:
-    """The card of this very training if ``folder`` holds it, finished as far as is wanted; ``None`` when there is work to do.
+    """The card of this very training if ``folder`` holds it, finished as far as ``target``; ``None`` when there is work to do.
 
     Parameters
     ----------
@@ -83,7 +84,7 @@ def claim(
         What the training would resume from; ``None`` when there is nothing.
     start
         Policy to start from, if any.
-    wanted
+    target
         How far, in the card's terms, such as ``{"steps": 100_000}``.
     resume
         Whether it may resume from ``state``.
@@ -113,7 +114,7 @@ def claim(
     ):
         msg = f"{folder} holds another training. Choose another folder with --out."
         raise TrainingError(msg)
-    if card is not None and ours and all(card["training"][name] >= count for name, count in wanted.items()):
+    if card is not None and ours and all(card["training"][name] >= count for name, count in target.items()):
         return card
     if state is not None and not resume:
         msg = f"{folder} holds an unfinished training. Continue with --resume, or choose another folder with --out."
@@ -163,3 +164,35 @@ def altered(place: Path) -> TrainingError:
     """What to raise when the state in ``place`` is not as it was written."""
     msg = f"{place} is damaged or was changed: its content does not match its digest. Restore it from a copy, or remove it to start over."
     return TrainingError(msg)
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A finished training."""
+
+    folder: Path
+    steps: int
+    best_reward: float
+    best_steps: int
+    last_reward: float
+    """Evaluation return of the last policy."""
+    already_done: bool
+    """Whether it was already finished, so that nothing was done."""
+    not_exported: str | None = None
+    """Why its policy could not be exported to a file for numpy; ``None`` when it was."""
+
+    @classmethod
+    def of(cls, folder: Path, card: dict[str, Any], *, already_done: bool, not_exported: str | None = None) -> Trained:
+        """What ``folder`` holds, as its card says."""
+        steps, best = card["training"]["steps"], card["best"]
+        return cls(folder, steps, best["reward"], best["steps"], best["last_reward"], already_done, not_exported)
+
+    @property
+    def learnt(self) -> bool:
+        """Whether any evaluation was better than the first one, of the policy that the training began with."""
+        return self.best_steps > 0
+
+    @property
+    def model(self) -> Path:
+        """The best policy as Stable-Baselines3 saves it."""
+        return self.folder / BEST / MODEL

@@ -40,7 +40,7 @@ class Statistics(NamedTuple):
     count: Any
 
     @classmethod
-    def begun(cls, *shape: int) -> Statistics:
+    def empty(cls, *shape: int) -> Statistics:
         """Statistics of no rows."""
         return cls(jnp.zeros(shape), jnp.ones(shape), jnp.zeros(()))
 
@@ -65,14 +65,14 @@ class Greenhouses(NamedTuple):
     """The state of the greenhouses of a training; the first axis of each array is the greenhouse."""
 
     state: State
-    seen: Any
+    observations: Any
     """Observation and, after it, traces."""
     positions: Any
     """Of the controls, as ``ActorAgent`` keeps them."""
-    told: Any
+    info: Any
     """What ``info`` contained after the last step."""
-    begun: Any
-    """Whether an episode begins here, so that ``told`` belongs to an earlier one."""
+    is_first: Any
+    """Whether an episode begins here, so that ``info`` belongs to an earlier one."""
     discounted: Any
     """Rewards so far, discounted."""
     memory: Any
@@ -85,7 +85,7 @@ class Learning(NamedTuple):
     weights: Any
     moments: Moments
     columns: Statistics
-    told: Statistics
+    privileged: Statistics
     returns: Statistics
     now: Greenhouses
 
@@ -93,16 +93,16 @@ class Learning(NamedTuple):
 class Rollout(NamedTuple):
     """What a rollout leaves: arrays ``(steps, greenhouses, ...)``."""
 
-    seen: Any
-    told: Any
+    observations: Any
+    privileged: Any
     actor_input: Any
     critic_input: Any
-    given: Any
+    samples: Any
     likelihood: Any
     value: Any
     reward: Any
     paid: Any
-    done: Any
+    ended: Any
     discounted: Any
 
 
@@ -154,14 +154,14 @@ class Learner:
         traced = np.array([names.index(name) for name in columns], np.int64)
         shares = -np.expm1(-task.step_seconds / (3600.0 * np.array(hours, np.float64)))
         accrual = settings.accrual
-        told = settings.critic_sees if accrual is None else (accrual.state, *settings.critic_sees)
+        privileged = settings.critic_sees if accrual is None else (accrual.state, *settings.critic_sees)
         try:
             environment = Environment(
                 task,
                 settings.kernel_preset,
                 seeds=settings.seeds,
                 places=settings.places,
-                info=tuple(dict.fromkeys(told)),
+                info=tuple(dict.fromkeys(privileged)),
             )
         except UnknownNameError as error:
             msg = f"'accrual' or 'critic_sees': {error}"
@@ -207,9 +207,9 @@ class Learner:
         return Learning(
             weights,
             Moments(nothing, nothing, jnp.zeros((), jnp.int32)),
-            Statistics.begun(inputs),
-            Statistics.begun(len(s.critic_sees)),
-            Statistics.begun(),
+            Statistics.empty(inputs),
+            Statistics.empty(len(s.critic_sees)),
+            Statistics.empty(),
             now,
         )
 
@@ -230,27 +230,27 @@ class Learner:
         limit = s.normalize.clip_rewards
         scaled = jnp.clip(all_of.paid / jnp.sqrt(returns.variance + _TINY), -limit, limit)
         last = self._value(learning, now)[1]
-        gain = self._advantages(all_of.value, scaled, all_of.done, last)
-        of_batch = all_of.actor_input, all_of.critic_input, all_of.given, all_of.likelihood, gain, gain + all_of.value
+        gain = self._advantages(all_of.value, scaled, all_of.ended, last)
+        of_batch = all_of.actor_input, all_of.critic_input, all_of.samples, all_of.likelihood, gain, gain + all_of.value
         if s.memory.gru:  # a row is the sequence of a greenhouse
-            rows = jax.tree.map(lambda a: a.swapaxes(0, 1), (*of_batch, all_of.done)), learning.now.memory
+            rows = jax.tree.map(lambda a: a.swapaxes(0, 1), (*of_batch, all_of.ended)), learning.now.memory
         else:
             rows = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), of_batch)
         n_rows, n_batches = s.n_envs if s.memory.gru else s.rollout, s.rollout // s.batch_size
         rate = s.learning_rate + (s.last_learning_rate - s.learning_rate) * share
 
-        def batch(learner: Any, chosen: Any) -> Any:
+        def batch(learner: Any, places: Any) -> Any:
             weights, moments = learner
-            gradient = jax.grad(self._loss)(weights, jax.tree.map(lambda a: a[chosen], rows))
+            gradient = jax.grad(self._loss)(weights, jax.tree.map(lambda a: a[places], rows))
             return self._adam(weights, moments, gradient, rate), None
 
         def epoch(learner: Any, key: Any) -> Any:
             return jax.lax.scan(batch, learner, jax.random.permutation(key, n_rows).reshape(n_batches, -1))
 
         (weights, moments), _ = jax.lax.scan(epoch, (learning.weights, learning.moments), keys[s.n_steps :])
-        columns = learning.columns.with_rows(all_of.seen.reshape(s.rollout, -1))
-        told = learning.told.with_rows(all_of.told.reshape(s.rollout, -1))
-        return Learning(weights, moments, columns, told, returns, now), all_of.reward.mean()
+        columns = learning.columns.with_rows(all_of.observations.reshape(s.rollout, -1))
+        privileged = learning.privileged.with_rows(all_of.privileged.reshape(s.rollout, -1))
+        return Learning(weights, moments, columns, privileged, returns, now), all_of.reward.mean()
 
     def _first_traces(self, observation: Any) -> Any:
         return jnp.repeat(observation[:, None, self.traced], len(self.shares), 1)
@@ -258,22 +258,24 @@ class Learner:
     def _with_traces(self, observation: Any, traces: Any) -> Any:
         return jnp.concatenate([observation, traces.reshape(len(observation), -1)], 1)
 
-    def _seen(self, columns: Statistics, seen: Any) -> Any:
+    def _normalized(self, columns: Statistics, observations: Any) -> Any:
         limit = self.settings.normalize.clip_observations
-        return jnp.clip((seen - columns.mean) / self.scale(columns), -limit, limit)
+        return jnp.clip((observations - columns.mean) / self.scale(columns), -limit, limit)
 
-    def _told(self, now: Greenhouses) -> Any:
+    def _privileged_inputs(self, now: Greenhouses) -> Any:
         """What only the critic sees ``(greenhouses, quantities)``."""
         names = self.settings.critic_sees
-        return jnp.stack([now.told[name] for name in names], 1) if names else jnp.zeros((len(now.begun), 0))
+        return jnp.stack([now.info[name] for name in names], 1) if names else jnp.zeros((len(now.is_first), 0))
 
     def _value(self, learning: Learning, now: Greenhouses) -> tuple[Any, Any, Any, Any]:
         """Input of the critic and its output, input of the actor, and the memory that both see besides."""
-        actor_input, told = self._seen(learning.columns, now.seen), learning.told
+        actor_input, privileged = self._normalized(learning.columns, now.observations), learning.privileged
         limit = self.settings.normalize.clip_observations
-        floor = _LEAST * jnp.abs(told.mean) + _TINY
-        besides = jnp.clip((self._told(now) - told.mean) / jnp.sqrt(told.variance + floor**2), -limit, limit)
-        critic_input = jnp.concatenate([actor_input, jnp.where(now.begun[:, None], 0.0, besides)], 1)
+        floor = _LEAST * jnp.abs(privileged.mean) + _TINY
+        besides = jnp.clip(
+            (self._privileged_inputs(now) - privileged.mean) / jnp.sqrt(privileged.variance + floor**2), -limit, limit
+        )
+        critic_input = jnp.concatenate([actor_input, jnp.where(now.is_first[:, None], 0.0, besides)], 1)
         gru, memory = learning.weights.get("gru"), now.memory
         if memory is not None:
             memory = _remember(gru, _input_gates(gru, actor_input), memory)
@@ -285,50 +287,52 @@ class Learner:
         s, keys = self.settings, jax.random.split(key, self.settings.n_envs + 1)
         critic_input, value, actor_input, memory = self._value(learning, now)
         mean, spread = _apply(learning.weights["actor"], _beside(actor_input, memory)), learning.weights["spread"]
-        given = mean + jnp.exp(spread) * jax.random.normal(keys[0], mean.shape)
-        action, positions = self._act(given, now.positions)
-        observation, state, reward, done, info = jax.vmap(self.environment.step)(keys[1:], now.state, action)
+        sample = mean + jnp.exp(spread) * jax.random.normal(keys[0], mean.shape)
+        action, positions = self._act(sample, now.positions)
+        observation, state, reward, ended, info = jax.vmap(self.environment.step)(keys[1:], now.state, action)
         paid = reward
         if s.accrual is not None:  # the state before the first step is not known
-            grown = info[s.accrual.state] - now.told[s.accrual.state]
-            paid += jnp.where(now.begun, 0.0, s.accrual.price * grown)
+            grown = info[s.accrual.state] - now.info[s.accrual.state]
+            paid += jnp.where(now.is_first, 0.0, s.accrual.price * grown)
         discounted = now.discounted * s.gamma + paid
-        traces = now.seen[:, self.environment.obs_shape[0] :].reshape(s.n_envs, len(self.shares), len(self.traced))
+        traces = now.observations[:, self.environment.obs_shape[0] :].reshape(
+            s.n_envs, len(self.shares), len(self.traced)
+        )
         traces += self.shares[:, None].astype(np.float32) * (observation[:, None, self.traced] - traces)
-        traces = jnp.where(done[:, None, None], self._first_traces(observation), traces)
+        traces = jnp.where(ended[:, None, None], self._first_traces(observation), traces)
         after = Greenhouses(
             state,
             self._with_traces(observation, traces),
-            jnp.where(done[:, None], 0.0, positions),
-            {name: info[name] for name in now.told},
-            done,
-            jnp.where(done, 0.0, discounted),
-            None if memory is None else jnp.where(done[:, None], 0.0, memory),
+            jnp.where(ended[:, None], 0.0, positions),
+            {name: info[name] for name in now.info},
+            ended,
+            jnp.where(ended, 0.0, discounted),
+            None if memory is None else jnp.where(ended[:, None], 0.0, memory),
         )
-        likelihood = _log_likelihood(mean, spread, given)
+        likelihood = _log_likelihood(mean, spread, sample)
         return after, Rollout(
-            now.seen,
-            self._told(now),
+            now.observations,
+            self._privileged_inputs(now),
             actor_input,
             critic_input,
-            given,
+            sample,
             likelihood,
             value,
             reward,
             paid,
-            done,
+            ended,
             discounted,
         )
 
-    def _act(self, given: Any, positions: Any) -> tuple[Any, Any]:
+    def _act(self, sample: Any, positions: Any) -> tuple[Any, Any]:
         """Actions, and where controls stand after them."""
         steered, change = self.max_change > 0, np.where(self.max_change > 0, self.max_change, 1.0).astype(np.float32)
-        action = jnp.where(steered, (jnp.clip(given, 0.0, 1.0) - positions) / change, given)
+        action = jnp.where(steered, (jnp.clip(sample, 0.0, 1.0) - positions) / change, sample)
         box = self.environment.action_space()
         action = jnp.clip(action, box.low, box.high)
         return action, jnp.clip(positions + change * action, 0.0, 1.0)
 
-    def _advantages(self, value: Any, reward: Any, done: Any, last: Any) -> Any:
+    def _advantages(self, value: Any, reward: Any, ended: Any, last: Any) -> Any:
         """Generalised advantages ``(steps, envs)``; a season's end is terminal: no value follows."""
         s = self.settings
 
@@ -338,19 +342,19 @@ class Learner:
             advantage = reward + s.gamma * following * going - value + s.gamma * s.gae_lambda * going * advantage
             return (advantage, value), advantage
 
-        told = value, reward, 1.0 - done
-        return jax.lax.scan(back, (jnp.zeros_like(last), last), told, reverse=True)[1]
+        sequences = value, reward, 1.0 - ended
+        return jax.lax.scan(back, (jnp.zeros_like(last), last), sequences, reverse=True)[1]
 
     def _replayed(self, weights: Any, sequences: Any) -> Any:
         """The batch of the steps of sequences, with what the recurrent unit remembers at each: gradients go through all of them."""
-        (actor_input, critic_input, *others, done), memory = sequences
-        told = _input_gates(weights["gru"], actor_input).swapaxes(0, 1), done.swapaxes(0, 1)[..., None]
+        (actor_input, critic_input, *others, ended), memory = sequences
+        inputs = _input_gates(weights["gru"], actor_input).swapaxes(0, 1), ended.swapaxes(0, 1)[..., None]
 
         def step(memory: Any, now: Any) -> Any:
             after = _remember(weights["gru"], now[0], memory)
             return jnp.where(now[1], 0.0, after), after
 
-        memories = jax.lax.scan(step, memory, told)[1].swapaxes(0, 1)
+        memories = jax.lax.scan(step, memory, inputs)[1].swapaxes(0, 1)
         batch = _beside(actor_input, memories), _beside(critic_input, memories), *others
         return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), batch)
 
@@ -358,9 +362,9 @@ class Learner:
         s = self.settings
         if s.memory.gru:
             batch = self._replayed(weights, batch)
-        actor_input, critic_input, given, before, gain, target = batch
+        actor_input, critic_input, sample, before, gain, target = batch
         gain = (gain - gain.mean()) / (gain.std() + _TINY)
-        ratio = jnp.exp(_log_likelihood(_apply(weights["actor"], actor_input), weights["spread"], given) - before)
+        ratio = jnp.exp(_log_likelihood(_apply(weights["actor"], actor_input), weights["spread"], sample) - before)
         bounded = jnp.clip(ratio, 1.0 - s.clip_range, 1.0 + s.clip_range)
         wrong = ((_apply(weights["critic"], critic_input)[:, 0] - target) ** 2).mean()
         return (

@@ -28,9 +28,8 @@ from glbench.execution import (
 )
 from glbench.resources import Scratch, write_atomically
 from glbench.training.card import CARD, POLICY
-from glbench.training.folder import CHECKPOINT, LEARNER, SETTINGS, folder_lock, replaced
-from glbench.training.probe import CurvePoint, Listener, Progress
-from glbench.training.trained import Trained
+from glbench.training.folder import CHECKPOINT, LEARNER, SETTINGS, Trained, folder_lock, replaced
+from glbench.training.periodic_evaluation import CurvePoint, Listener, Progress
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec

@@ -34,13 +34,22 @@ from glbench.errors import TrainingError
 from glbench.kernel import make_kernel
 from glbench.resources import data_folder, write_atomically
 from glbench.tasks import task_card
-from glbench.training.card import CARD, Making, digest_of_tasks, note_session, write_card
+from glbench.training.card import CARD, TrainingFacts, digest_of_tasks, note_session, write_card
 from glbench.training.export import start_of
-from glbench.training.folder import SEARCH, SETTINGS, claim, folder_lock, open_folder
-from glbench.training.probe import Act, CurvePoint, History, Listener, Pace, Probe, ProbeResult, Progress, season_sums
+from glbench.training.folder import SEARCH, SETTINGS, Trained, claim, folder_lock, open_folder
+from glbench.training.periodic_evaluation import (
+    Act,
+    CurvePoint,
+    History,
+    Listener,
+    Pace,
+    Probe,
+    ProbeResult,
+    Progress,
+    season_sums,
+)
 from glbench.training.settings import FIRST_TRAINING_SEED, EvaluationPlan, FrozenSettings, TrainingSeed
 from glbench.training.strategy import Strategy
-from glbench.training.trained import Trained
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
@@ -140,8 +149,8 @@ def reward_of(tasks: Sequence[TaskSpec]) -> tuple[str, ...]:
         msg = f"A task is named twice: {', '.join(task.id for task in tasks)}. Name each once."
         raise TrainingError(msg)
     if len(set(rewards.values())) > 1:
-        known = "; ".join(f"{name}: {', '.join(modules)}" for name, modules in rewards.items())
-        msg = f"Tasks with different rewards cannot be added up ({known}). Tune rules for each kind of reward."
+        listed = "; ".join(f"{name}: {', '.join(modules)}" for name, modules in rewards.items())
+        msg = f"Tasks with different rewards cannot be added up ({listed}). Tune rules for each kind of reward."
         raise TrainingError(msg)
     return next(iter(rewards.values()))
 
@@ -155,8 +164,8 @@ class Candidates:
         self._names = kind.tuned_names()
         self._low, high = np.array([kind.bounds(name) for name in self._names]).T
         self._width = high - self._low
-        given = np.array([getattr(start.numbers, name) for name in self._names])
-        self.mean: Floats = (given - self._low) / self._width
+        numbers = np.array([getattr(start.numbers, name) for name in self._names])
+        self.mean: Floats = (numbers - self._low) / self._width
         self.bounds: Floats = np.tile([0.0, 1.0], (len(self._names), 1))
 
     def numbers(self, candidate: Floats) -> TunedRuleSettings:
@@ -225,13 +234,15 @@ class _Search:
         """Ask the strategy for numbers, reward each with a season of every task, and tell it the mean."""
         clock = self.history.time
         with clock.spend("learning"):
-            asked = self.strategy.ask()
-            numbers = [self.candidates.numbers(one) for one in asked]
+            candidates = self.strategy.ask()
+            numbers = [self.candidates.numbers(one) for one in candidates]
         with clock.spend("simulator"):
             seed = self.settings.first_seed + self.generations
-            rewards = sum((runs.rewards(numbers, seed) for runs in self.runs), np.zeros(len(asked))) / len(self.runs)
+            rewards = sum((runs.rewards(numbers, seed) for runs in self.runs), np.zeros(len(candidates))) / len(
+                self.runs
+            )
         with clock.spend("learning"):
-            self.strategy.tell(asked, rewards)
+            self.strategy.tell(candidates, rewards)
 
     def evaluate(self) -> tuple[CurvePoint, RulePage]:
         """A point of the learning curve, the mean over the tasks, and the page that it belongs to."""
@@ -279,16 +290,16 @@ def tune_rules(
         When the page cannot be read, or the rules do not fit a task.
     """
     _check(tasks)
-    begun = _first_page(start, tasks)
-    digest = settings.digest(begun)
+    page = _first_page(start, tasks)
+    digest = settings.digest(page)
     identity = {"task_digest": digest_of_tasks(tasks), "settings_digest": digest, "seed": seed}
     with folder_lock(folder):
         state = folder / SEARCH if (folder / SEARCH).is_file() else None
         generations = settings.generations(tasks)
-        card = claim(folder, identity, state, start=None, wanted={"generations": generations}, resume=True)
+        card = claim(folder, identity, state, start=None, target={"generations": generations}, resume=True)
         if card is not None:
             return Trained.of(folder, card, already_done=True)
-        candidates = Candidates(begun)
+        candidates = Candidates(page)
         strategy = Strategy(
             candidates.mean, settings.sigma, population=settings.population, seed=seed, bounds=candidates.bounds
         )
@@ -299,9 +310,9 @@ def tune_rules(
         note_session(search.history, tasks[0], search.steps)
         open_folder(folder, settings.model_dump(mode="json"))
         facts = start_of(start)  # before the folder's own rules may take the place of those that it starts from
-        write_atomically(folder / _START, settings_text(begun))
+        write_atomically(folder / _START, settings_text(page))
         _run(search, folder, generations, listeners, identity)
-        card = write_card(folder, tasks, _making(search, identity), settings.evaluation, search.history, facts)
+        card = write_card(folder, tasks, _facts(search, identity), settings.evaluation, search.history, facts)
     return Trained.of(folder, card, already_done=False)
 
 
@@ -353,17 +364,17 @@ def _mean(results: Sequence[ProbeResult]) -> ProbeResult:
     return ProbeResult({name: float(np.mean([result.sums[name] for result in results])) for name in names})
 
 
-def _making(search: _Search, identity: Mapping[str, Any]) -> Making:
+def _facts(search: _Search, identity: Mapping[str, Any]) -> TrainingFacts:
     settings, tasks = search.settings, search.tasks
     last = settings.first_seed + search.generations - 1
-    return Making(
+    return TrainingFacts(
         title=f"Rules tuned for {', '.join(task.id for task in tasks)} by CMA-ES, seed {identity['seed']}",
         description=(
             f"The best mean of {search.generations} generations of {settings.population} candidates, {search.steps:,} steps. "
             "Set points by the sun and by light, humidity just below its limit; it sees observations only and acts through the "
             "task's actuation."
         ),
-        made="glbench tune rules; the tables below tell the rest.",
+        command="glbench tune rules; the tables below tell the rest.",
         sources=("Hansen (2016). The CMA evolution strategy: a tutorial. arXiv:1604.00772",),
         training={
             "algorithm": "CMA-ES",

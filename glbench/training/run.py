@@ -14,14 +14,22 @@ from stable_baselines3.common.callbacks import BaseCallback
 from glbench.errors import TrainingError
 from glbench.resources import write_atomically
 from glbench.tasks import get_task
-from glbench.training.algorithms import make_model, steps_to_make
-from glbench.training.card import CARD, POLICY, making_of, note_session, read_card, settings_digest, write_card
-from glbench.training.checkpoint import NORMALIZATION, load_checkpoint, save_checkpoint
+from glbench.training.algorithms import NORMALIZATION, load_checkpoint, make_model, save_checkpoint, steps_to_make
+from glbench.training.card import CARD, POLICY, facts_of_training, note_session, read_card, settings_digest, write_card
 from glbench.training.compiled_settings import NAME as COMPILED_PPO
 from glbench.training.export import begin_with, export_policy, load_model, start_of
-from glbench.training.folder import BEST, CHECKPOINT, MODEL, claim, find_checkpoint, folder_lock, open_folder, replaced
-from glbench.training.probe import History, Listener, Pace, Probe, Progress
-from glbench.training.trained import Trained
+from glbench.training.folder import (
+    BEST,
+    CHECKPOINT,
+    MODEL,
+    Trained,
+    claim,
+    find_checkpoint,
+    folder_lock,
+    open_folder,
+    replaced,
+)
+from glbench.training.periodic_evaluation import History, Listener, Pace, Probe, Progress
 from glbench.training.vec_env import Normalizer, TrainingVecEnv
 
 if TYPE_CHECKING:
@@ -59,7 +67,7 @@ class TrainingCallback(BaseCallback):
         self._mark = time.perf_counter()
         self._simulator = env.simulator_seconds
         self._saved = time.perf_counter()
-        self._told = 0.0
+        self._last_report = 0.0
         self._pace: Pace | None = None
 
     def _on_rollout_start(self) -> None:
@@ -83,8 +91,8 @@ class TrainingCallback(BaseCallback):
 
     def _on_step(self) -> bool:
         now = time.perf_counter()
-        if now - self._told > _PROGRESS_SECONDS:
-            self._told = now
+        if now - self._last_report > _PROGRESS_SECONDS:
+            self._last_report = now
             self._tell()
         return True
 
@@ -191,7 +199,7 @@ def train(
             identity,
             state,
             start=settings.start_from,
-            wanted={"steps": settings.n_timesteps},
+            target={"steps": settings.n_timesteps},
             resume=resume,
         )
         if card is not None:  # its policy is exported if a kill came before that
@@ -227,8 +235,10 @@ def train(
         finally:
             env.close()
         reason = _export(folder, task, settings.algorithm, seed, history.best_steps)
-        making = making_of(task, settings, identity["settings_digest"], seed, model.num_timesteps, history.ends[:-1])
-        card = write_card(folder, task, making, settings.evaluation, history, start)
+        facts = facts_of_training(
+            task, settings, identity["settings_digest"], seed, model.num_timesteps, history.ends[:-1]
+        )
+        card = write_card(folder, task, facts, settings.evaluation, history, start)
     return Trained.of(folder, card, already_done=False, not_exported=reason)
 
 
@@ -276,9 +286,9 @@ def _export(folder: Path, task: TaskSpec, algorithm: str, seed: int, best_steps:
 
 
 def _learn(model: BaseAlgorithm, settings: TrainingSettings, callback: TrainingCallback) -> None:
-    left = max(settings.n_timesteps - model.num_timesteps, 0)  # 0: only the end is left to do
+    remaining = max(settings.n_timesteps - model.num_timesteps, 0)  # 0: only the end is left to do
     try:
-        model.learn(left, callback=callback, reset_num_timesteps=False, tb_log_name="run")
+        model.learn(remaining, callback=callback, reset_num_timesteps=False, tb_log_name="run")
     except (TypeError, ValueError, RuntimeError, AssertionError, ArithmeticError) as error:
         name = type(model).__name__
         msg = f"{name} failed at step {model.num_timesteps:,}: {error}. Check the values of its settings (a learning rate too high?)."

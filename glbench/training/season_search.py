@@ -29,10 +29,11 @@ from glbench.errors import TrainingError, did_you_mean
 from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
 from glbench.settings import validated
-from glbench.training.card import POLICY, Making, note_session, write_card
+from glbench.training.card import POLICY, TrainingFacts, note_session, write_card
+from glbench.training.constant_columns import varies, without_constant_columns
 from glbench.training.export import policy_in, start_of
-from glbench.training.folder import SEARCH, SETTINGS, claim, folder_lock, open_folder
-from glbench.training.probe import CurvePoint, History, Listener, Pace, Probe, Progress, season_sums
+from glbench.training.folder import SEARCH, SETTINGS, Trained, claim, folder_lock, open_folder
+from glbench.training.periodic_evaluation import CurvePoint, History, Listener, Pace, Probe, Progress, season_sums
 from glbench.training.settings import (
     FIRST_TRAINING_SEED,
     EvaluationPlan,
@@ -41,9 +42,7 @@ from glbench.training.settings import (
     TrainingSeed,
     section,
 )
-from glbench.training.steady import varies, without_steady_columns
 from glbench.training.strategy import Strategy
-from glbench.training.trained import Trained
 from glbench.untrusted import real_path
 
 if TYPE_CHECKING:
@@ -162,9 +161,9 @@ class Variations:
         self._policy = policy
         self._mean = hidden.mean(axis=0, dtype=np.float64)
         _, sizes, axes = np.linalg.svd(hidden - self._mean, full_matrices=False)
-        kept = min(directions, int(np.count_nonzero(sizes > 1e-6 * sizes[0])))
-        self._axes = axes[:kept] / (sizes[:kept, None] / np.sqrt(len(hidden)))
-        self.shape = (len(policy.action_names), kept + 2)
+        rank = min(directions, int(np.count_nonzero(sizes > 1e-6 * sizes[0])))
+        self._axes = axes[:rank] / (sizes[:rank, None] / np.sqrt(len(hidden)))
+        self.shape = (len(policy.action_names), rank + 2)
 
     @property
     def size(self) -> int:
@@ -182,8 +181,8 @@ class Variations:
     def policy(self, numbers: Floats, about: dict[str, str | int | float]) -> NetworkPolicy:
         """The policy of a variation."""
         weights, biases = self.layer(numbers)
-        kept = self._policy
-        return replace(kept, weights=(*kept.weights[:-1], weights), biases=(*kept.biases[:-1], biases), about=about)
+        base = self._policy
+        return replace(base, weights=(*base.weights[:-1], weights), biases=(*base.biases[:-1], biases), about=about)
 
 
 class _Search:
@@ -221,8 +220,8 @@ class _Search:
         """Ask the strategy for variations, reward each with a season, and tell it the rewards."""
         clock, batched = self.history.time, self._batched
         with clock.spend("learning"):
-            asked = self.strategy.ask()
-            batched.take([self.variations.layer(numbers) for numbers in asked])
+            candidates = self.strategy.ask()
+            batched.take([self.variations.layer(numbers) for numbers in candidates])
         before = batched.seconds
         with clock.spend("simulator"):
             seeds = [self.settings.first_seed + self.generations] * self.settings.population
@@ -230,7 +229,7 @@ class _Search:
         clock.policy += batched.seconds - before
         clock.simulator -= batched.seconds - before
         with clock.spend("learning"):
-            self.strategy.tell(asked, rewards)
+            self.strategy.tell(candidates, rewards)
 
     def evaluate(self) -> CurvePoint:
         """A point of the learning curve: the middle of the variations."""
@@ -245,14 +244,14 @@ class _Search:
         batched = BatchedPolicy(policy)
         layer = policy.weights[-1], policy.biases[-1]
         batched.take([layer] * len(self._probe.seeds))
-        seen: list[NDArray[np.float32]] = []
+        hidden: list[NDArray[np.float32]] = []
 
         def act(observations: NDArray[np.float32]) -> Floats:
-            seen.append(batched.hidden(observations))
+            hidden.append(batched.hidden(observations))
             return batched.act(observations)
 
         self._probe.of(act)
-        return np.concatenate(seen[::_LOOKED_AT])
+        return np.concatenate(hidden[::_LOOKED_AT])
 
 
 def search(
@@ -295,7 +294,7 @@ def search(
             identity,
             state,
             start=settings.start_from,
-            wanted={"generations": settings.generations},
+            target={"generations": settings.generations},
             resume=resume,
         )
         if card is not None:
@@ -307,8 +306,8 @@ def search(
         note_session(under_way.history, task, under_way.steps)
         open_folder(folder, settings.model_dump(mode="json"))
         _run(under_way, folder, listeners, identity)
-        history, making = under_way.history, _making(under_way, identity)
-        card = write_card(folder, task, making, settings.evaluation, history, start)
+        history, facts = under_way.history, _facts(under_way, identity)
+        card = write_card(folder, task, facts, settings.evaluation, history, start)
     return Trained.of(folder, card, already_done=False)
 
 
@@ -358,16 +357,16 @@ def _begun_anew(settings: SearchSettings, task: TaskSpec) -> NetworkPolicy:
             msg = f"'begin_anew: {name}: {value}': the output of this policy lies between -1 and 1."
             raise TrainingError(msg)
         weights[:, column], biases[column] = 0.0, value if policy.output == "clip" else np.arctanh(value)
-    begun = replace(policy, weights=(*policy.weights[:-1], weights), biases=(*policy.biases[:-1], biases))
-    return without_steady_columns(begun, varies(policy.mean - policy.scale, policy.mean + policy.scale))
+    start = replace(policy, weights=(*policy.weights[:-1], weights), biases=(*policy.biases[:-1], biases))
+    return without_constant_columns(start, varies(policy.mean - policy.scale, policy.mean + policy.scale))
 
 
-def _making(under_way: _Search, identity: dict[str, Any]) -> Making:
+def _facts(under_way: _Search, identity: dict[str, Any]) -> TrainingFacts:
     settings, steps = under_way.settings, under_way.steps
-    return Making(
+    return TrainingFacts(
         title=f"The last layer of {settings.start_from.name} adapted to {under_way.task.id} by CMA-ES, seed {identity['seed']}",
         description=f"The best mean of {under_way.generations} generations of {settings.population} runs, {steps:,} steps.",
-        made="glbench tune; the tables below tell the rest.",
+        command="glbench tune; the tables below tell the rest.",
         sources=("Hansen (2016). The CMA evolution strategy: a tutorial. arXiv:1604.00772",),
         training={
             "algorithm": "CMA-ES",

@@ -120,8 +120,10 @@ class EvaluationPlan(FrozenSettings):
 def _draws(task: TaskSpec) -> bool:
     """Whether runs of a task differ."""
     scenario = task.scenario
-    drawn = any(group.half_width for group in scenario.groups) or any(one.half_width for one in scenario.start_groups)
-    return drawn or len(scenario.seasons) > 1 or scenario.start_within_days > 0
+    is_drawn = any(group.half_width for group in scenario.groups) or any(
+        one.half_width for one in scenario.start_groups
+    )
+    return is_drawn or len(scenario.seasons) > 1 or scenario.start_within_days > 0
 
 
 class Accrual(FrozenSettings):
@@ -274,7 +276,7 @@ def _sections(file: Path) -> dict[str, dict[str, Any]]:
         msg = f"{file} is not a settings file: it needs a section 'default:' and may have sections named by task ids."
         raise TrainingError(msg)
     if "default" not in content:
-        found = ", ".join(f"'{name}'" for name in content)
-        msg = f"{file} has no section 'default:' (only {found}). Put the settings that hold for every task there."
+        names = ", ".join(f"'{name}'" for name in content)
+        msg = f"{file} has no section 'default:' (only {names}). Put the settings that hold for every task there."
         raise TrainingError(msg)
     return {name: part or {} for name, part in content.items()}

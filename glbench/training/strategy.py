@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from glbench.errors import TrainingError
 from glbench.resources import write_atomically
 from glbench.training.folder import DAMAGED, altered
-from glbench.training.probe import History
+from glbench.training.periodic_evaluation import History
 
 Floats = NDArray[np.float64]
 
@@ -59,21 +59,21 @@ class Strategy:
         """The candidates of the next generation."""
         return [self._cma.ask() for _ in range(self.population)]
 
-    def tell(self, asked: Sequence[Floats], rewards: Floats) -> None:
+    def tell(self, candidates: Sequence[Floats], rewards: Floats) -> None:
         """The rewards ``(population,)`` of the candidates that were asked."""
-        self._cma.tell([(numbers, -float(reward)) for numbers, reward in zip(asked, rewards, strict=True)])
+        self._cma.tell([(numbers, -float(reward)) for numbers, reward in zip(candidates, rewards, strict=True)])
         self.rewards.append(rewards)
 
     def repeat(self, rewards: Sequence[Floats]) -> None:
         """Go on after generations with these rewards."""
-        for given in rewards:
-            self.tell(self.ask(), given)
+        for reward in rewards:
+            self.tell(self.ask(), reward)
 
     def keep(self, file: Path, identity: dict[str, Any], history: History) -> None:
         """Write what it takes to go on to ``file``."""
         rewards = np.array(self.rewards).reshape(len(self.rewards), self.population)
-        known = {"identity": identity, "history": asdict(history)}
-        facts = json.dumps({**known, "digest": _digest(known, rewards)})
+        state = {"identity": identity, "history": asdict(history)}
+        facts = json.dumps({**state, "digest": _digest(state, rewards)})
         content = io.BytesIO()
         np.savez(content, allow_pickle=False, rewards=rewards, facts=np.frombuffer(facts.encode(), dtype=np.uint8))
         write_atomically(file, content.getvalue())
@@ -87,8 +87,8 @@ class Strategy:
             When the file is of another search, cannot be read, or is not as it was written.
         """
         try:
-            with np.load(file, allow_pickle=False) as kept:
-                rewards, facts = kept["rewards"], json.loads(kept["facts"].tobytes())
+            with np.load(file, allow_pickle=False) as arrays:
+                rewards, facts = arrays["rewards"], json.loads(arrays["facts"].tobytes())
         except DAMAGED as error:
             msg = f"The state of the search {file} cannot be read: {error}. Remove it to start the search over."
             raise TrainingError(msg) from error

@@ -27,7 +27,7 @@ from glbench.training.algorithms import check_settings
 from glbench.training.card import settings_digest
 from glbench.training.folder import CHECKPOINT
 from glbench.training.multi_seed import outcome_of, submit_training
-from glbench.training.probe import CurvePoint, Listener
+from glbench.training.periodic_evaluation import CurvePoint, Listener
 from glbench.training.run import train
 from glbench.training.settings import (
     FrozenSettings,
@@ -175,7 +175,7 @@ def with_choices(settings: TrainingSettings, choices: dict[str, Any], steps: int
     content: dict[str, Any] = settings.model_dump(mode="json")
     content["n_timesteps"] = steps
     for name, value in choices.items():
-        _put(content, name, value)
+        _set_choice(content, name, value)
     try:
         return TrainingSettings.model_validate(content)
     except ValidationError as error:
@@ -184,7 +184,7 @@ def with_choices(settings: TrainingSettings, choices: dict[str, Any], steps: int
         raise TrainingError(msg) from error
 
 
-def _put(content: dict[str, Any], name: str, value: Any) -> None:
+def _set_choice(content: dict[str, Any], name: str, value: Any) -> None:
     first, *rest = name.split(".")
     if not rest:
         home = content if first in content and first != "hyperparameters" else content["hyperparameters"]
@@ -194,8 +194,8 @@ def _put(content: dict[str, Any], name: str, value: Any) -> None:
     for key in rest[:-1]:
         part = part.setdefault(key, {}) if isinstance(part, dict) else None
     if not isinstance(part, dict):
-        known = [key for key, item in content.items() if isinstance(item, dict)]
-        msg = f"The search names '{name}', but '{first}' has no parts.{did_you_mean(first, known)}"
+        names = [key for key, item in content.items() if isinstance(item, dict)]
+        msg = f"The search names '{name}', but '{first}' has no parts.{did_you_mean(first, names)}"
         raise TrainingError(msg)
     part[rest[-1]] = value
 

@@ -22,8 +22,8 @@ from glbench.env.kernels import check_kernel
 from glbench.env.spaces import task_of_environment
 from glbench.errors import GlbenchError, TrainingError, did_you_mean, whole_number
 from glbench.kernel import make_kernel
+from glbench.training.constant_columns import Floats, Mask, varies
 from glbench.training.settings import FIRST_TRAINING_SEED
-from glbench.training.steady import Floats, Mask, varies
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -81,7 +81,7 @@ class TrainingVecEnv(VecEnv):
         self.first_seed = first_seed
         self.simulator_seconds = 0.0
         """Wall time [s] spent in the simulation so far."""
-        self._begun = np.zeros(n_envs, dtype=np.int64)  # episodes of each row
+        self._episodes = np.zeros(n_envs, dtype=np.int64)  # episodes of each row
         self._sums = np.zeros((3, n_envs))
         self._lengths = np.zeros(n_envs, dtype=np.int64)
         self._actions: NDArray[np.floating[Any]] = np.zeros(self.environment.action_space.shape or (), dtype=np.float32)
@@ -114,8 +114,8 @@ class TrainingVecEnv(VecEnv):
 
     def _begin(self, rows: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Begin an episode in ``rows``, a mask; observations of all rows."""
-        seeds = self.first_seed + self._begun * self.num_envs + np.arange(self.num_envs)
-        self._begun[rows] += 1
+        seeds = self.first_seed + self._episodes * self.num_envs + np.arange(self.num_envs)
+        self._episodes[rows] += 1
         self._sums[:, rows] = 0.0
         self._lengths[rows] = 0
         observations, _ = self.environment.reset(seed=seeds.tolist(), options={"reset_mask": rows})
@@ -130,7 +130,7 @@ class TrainingVecEnv(VecEnv):
         """Everything that the rest of the episodes depends on, as arrays."""
         packed = np.frombuffer(self.environment.snapshot().to_bytes(), dtype=np.uint8)
         return {
-            "snapshot": packed, "sums": self._sums.copy(), "lengths": self._lengths.copy(), "begun": self._begun.copy(),
+            "snapshot": packed, "sums": self._sums.copy(), "lengths": self._lengths.copy(), "begun": self._episodes.copy(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
@@ -138,7 +138,7 @@ class TrainingVecEnv(VecEnv):
         self.environment.restore(Snapshot.from_bytes(state["snapshot"].tobytes()))
         self._sums[:] = state["sums"]
         self._lengths[:] = state["lengths"]
-        self._begun[:] = state["begun"]
+        self._episodes[:] = state["begun"]
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Seeds of the first episodes. They come from ``first_seed``, whatever the algorithm asks for."""
@@ -221,12 +221,12 @@ def make_vec_env(
         msg = f"The seed must be a whole number from 0 to {_SEEDS - 1:,}; got {seed}."
         raise GlbenchError(msg)
     named = task.removeprefix("glbench:") if isinstance(task, str) else task
-    chosen = task_of_environment(named, split, overrides)
+    spec = task_of_environment(named, split, overrides)
     if split is None:
-        chosen.check_training()
-    check_kernel(kernel, chosen)
+        spec.check_training()
+    check_kernel(kernel, spec)
     first_seed = FIRST_TRAINING_SEED + _SEEDS_APART * seed
-    return TrainingVecEnv(chosen, n_envs, first_seed=first_seed, kernel_preset=kernel, workers=workers)
+    return TrainingVecEnv(spec, n_envs, first_seed=first_seed, kernel_preset=kernel, workers=workers)
 
 
 class ColumnStatistics(RunningMeanStd):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from glbench.errors import TrainingError
-from glbench.training.probe import CurvePoint, Listener, Progress
+from glbench.training.periodic_evaluation import CurvePoint, Listener, Progress
 
 if TYPE_CHECKING:
     from glbench.training.sweep import Search
@@ -104,10 +104,10 @@ def wandb_sweep(search: Search, folder: Path) -> None:
     def trial() -> None:
         listener = WandbListener(None, {}, folder)
         try:
-            chosen = with_choices(settings, dict(listener.choices), search.steps)
+            trial_settings = with_choices(settings, dict(listener.choices), search.steps)
             train(
                 task,
-                chosen,
+                trial_settings,
                 folder / listener.identifier,
                 seed=search.seed,
                 resume=True,

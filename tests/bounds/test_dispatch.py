@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glbench.bounds.dispatch import MJ_PER_KWH, Asked, Dispatch, cost, dispatch, equipment_of
+from glbench.bounds.dispatch import MJ_PER_KWH, Dispatch, EnergyDemand, cost, dispatch, equipment_of
 from glbench.bounds.energy_costs import costs, costs_of_result, mean_costs
 from glbench.episodes import Episode, replayed_episodes
 from glbench.errors import EpisodeError, GlbenchError
@@ -44,7 +44,7 @@ def asked_for(
     dosed: Sequence[float] | None = None,
     start: float = 0.0,
     end: float = 0.0,
-) -> Asked:
+) -> EnergyDemand:
     """Heat and electricity [kWh m-2] and CO2 [kg m-2] by the hour; heat in the buffer [MJ m-2]."""
     zero = np.zeros(len(heat))
     bought = zero if used is None else np.array(used)
@@ -56,10 +56,10 @@ def asked_for(
         "electricity_sold": zero,
         "co2_dosed": zero if dosed is None else np.array(dosed),
     }
-    return Asked(HOUR, flows, {name: np.array(price) for name, price in prices.items()}, start, end)
+    return EnergyDemand(HOUR, flows, {name: np.array(price) for name, price in prices.items()}, start, end)
 
 
-def of(equipment: Equipment, asked: Asked) -> Dispatch:
+def of(equipment: Equipment, asked: EnergyDemand) -> Dispatch:
     found = dispatch(equipment, asked)
     assert found is not None
     return found
@@ -144,7 +144,7 @@ def test_heat_taken_from_the_buffer_counts_at_the_boiler_s_gas():
     assert found.cost(asked.prices) == pytest.approx(0.02 * 0.04)
 
 
-def brute_force(equipment: Equipment, asked: Asked, grid: float) -> float:
+def brute_force(equipment: Equipment, asked: EnergyDemand, grid: float) -> float:
     """The least cost where heat of the boiler and electricity of the engine are multiples of ``grid`` [kWh m-2], tried one by one."""
     hours, heat, used, dosed = len(asked.heat), asked.heat, asked.electricity, asked.flows["co2_dosed"]
     boiler, engine = (np.arange(0.0, most / 1000 + grid / 2, grid) for most in (equipment.boiler, equipment.engine))
@@ -169,7 +169,7 @@ def brute_force(equipment: Equipment, asked: Asked, grid: float) -> float:
     return float(total.min()) + asked.worth(equipment) * (asked.start - asked.end) / MJ_PER_KWH
 
 
-def four_hours(seed: int, most_co2: int = 0, most_stored: int = 2) -> Asked:
+def four_hours(seed: int, most_co2: int = 0, most_stored: int = 2) -> EnergyDemand:
     """Demands in whole parts of 20 Wh, with prices at random; selling never pays more than buying."""
     rng = np.random.default_rng(seed)
     sold = rng.uniform(-0.02, 0.15, 4)
@@ -237,7 +237,7 @@ def test_a_recorded_run_costs_what_it_paid_and_never_less_than_the_least(results
     assert list(found) == [run.seed for run in loaded.runs]
     assert (sum(loaded.values("engine_starts")) > 0) == (name == "engine")
     for seed, episode in recorded(results[name]).items():
-        asked, one = Asked.of(episode, episode.task()), found[seed]
+        asked, one = EnergyDemand.of(episode, episode.task()), found[seed]
         paid = sum(episode[item].sum() for item in ENERGY_ITEMS) - episode["revenue_power"].sum()
         assert cost(asked.flows, asked.prices) == pytest.approx(paid, abs=1e-12)
         lent = (asked.start - asked.end) / MJ_PER_KWH / 0.95 * 0.0355
@@ -258,7 +258,7 @@ def recorded(result: Path) -> dict[int, Episode]:
 def test_the_run_itself_is_a_way_to_run_the_equipment(results):
     # What the run did, put into the relaxed equations: its levels follow from its flows, its demands are met, its limits are kept.
     episode = recorded(results["engine"])[1000]
-    asked, equipment = Asked.of(episode, episode.task()), equipment_of(episode.task())
+    asked, equipment = EnergyDemand.of(episode, episode.task()), equipment_of(episode.task())
     flows, hours = asked.flows, asked.seconds / HOUR
     made = flows["heat"] + flows["engine_heat"] - flows["heat_dumped"] / 3.6e6
     slow = 24 * equipment.tau / hours
@@ -298,7 +298,7 @@ def test_one_run_or_another_buffer_can_be_asked_for(results):
 def test_prices_by_day_are_those_of_the_run_s_days(tmp_path):
     evaluate(dated_task(tmp_path), write_rules(tmp_path, "engine", stores=True, engine=True), out=tmp_path)
     for episode in recorded(tmp_path / "results" / "Dated-v1" / "engine.json").values():
-        prices = Asked.of(episode, episode.task()).prices
+        prices = EnergyDemand.of(episode, episode.task()).prices
         assert prices["electricity_sold"].tolist() == [-0.05] * 96 + [-0.08] * 96
 
 
@@ -306,14 +306,14 @@ def test_other_prices_than_those_paid_are_refused(results):
     episode = recorded(results["engine"])[1000]
     dear = episode.task().replace({"price_tables.power.hourly": [0.2] * 24})
     with pytest.raises(EpisodeError, match=r"paid .* EUR m-2 for its energy and CO2; at the prices"):
-        Asked.of(episode, dear)
+        EnergyDemand.of(episode, dear)
 
 
 def test_a_ledger_that_prices_no_energy_has_no_cost_to_compare(results):
     episode = recorded(results["engine"])[1000]
     free = replace_ledger(episode.task())
     with pytest.raises(GlbenchError, match=r"prices neither energy nor CO2"):
-        Asked.of(episode, free)
+        EnergyDemand.of(episode, free)
 
 
 def replace_ledger(task: TaskSpec) -> TaskSpec:

@@ -12,7 +12,7 @@ from docs import benchmark_design_figures as design
 from glbench.agents import load_agent
 from glbench.env import Simulation
 from glbench.tasks import get_task, task_card
-from glbench.training.probe import season_sums
+from glbench.training.periodic_evaluation import season_sums
 
 
 @pytest.fixture(scope="module")

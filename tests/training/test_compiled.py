@@ -184,10 +184,10 @@ def test_a_policy_with_a_memory_acts_as_it_learnt_to(day: TaskSpec, tmp_path: Pa
     )
     agent = ActorAgent(replace(actor, network=network))
     agent.reset(task_card(day), 16)
-    for seen in np.asarray(rollout.seen):
+    for seen in np.asarray(rollout.observations):
         agent.act(seen[:, :columns])
     assert np.allclose(agent._positions, now.positions, atol=1e-5)
-    assert np.allclose(agent._traces.reshape(16, -1), np.asarray(rollout.seen)[-1, :, columns:], rtol=1e-5)
+    assert np.allclose(agent._traces.reshape(16, -1), np.asarray(rollout.observations)[-1, :, columns:], rtol=1e-5)
 
 
 def test_a_recurrent_unit_remembers_what_it_did_in_training(day: TaskSpec, tmp_path: Path) -> None:
@@ -206,14 +206,14 @@ def test_a_recurrent_unit_remembers_what_it_did_in_training(day: TaskSpec, tmp_p
     learner = Learner.of(day, tiny(day, tmp_path, GRU + "  places: 4\n"))
     begun = learner.begin(jax.random.key(0))
     weights = {**begun.weights, "spread": jax.numpy.full(6, -30.0)}
-    quiet = begun._replace(weights=weights, columns=begun.columns._replace(mean=begun.now.seen.mean(0)))
+    quiet = begun._replace(weights=weights, columns=begun.columns._replace(mean=begun.now.observations.mean(0)))
 
     def step(now: Greenhouses, key: object) -> object:
         return learner._step(quiet, now, key)
 
     now, rollout = jax.lax.scan(step, quiet.now, jax.random.split(jax.random.key(1), 40))
-    assert rollout.done.any(), "seasons begin in between"
-    told = rollout.actor_input, rollout.critic_input, rollout.given, rollout.done
+    assert rollout.ended.any(), "seasons begin in between"
+    told = rollout.actor_input, rollout.critic_input, rollout.samples, rollout.ended
     rows = jax.tree.map(lambda a: a.swapaxes(0, 1), told), quiet.now.memory
     actor_input, _, given = learner._replayed(weights, rows)
     assert np.allclose(_apply(weights["actor"], actor_input), given, atol=1e-5)
@@ -228,11 +228,11 @@ def test_a_recurrent_unit_remembers_what_it_did_in_training(day: TaskSpec, tmp_p
     )
     gru = Gru(*(np.asarray(weights["gru"][name]) for name in ("weights", "bias", "recurrent")))
     exact = replace(actor, network=network, gru=gru)
-    whole = ~np.asarray(rollout.done).any(0)
+    whole = ~np.asarray(rollout.ended).any(0)
     for policy in (exact, _fast(exact)):
         agent = ActorAgent(policy)
         agent.reset(task_card(day), 16)
-        for seen in np.asarray(rollout.seen):
+        for seen in np.asarray(rollout.observations):
             agent.act(seen[:, :columns])
         assert np.abs(agent._memory).max() > 0.1
         assert np.allclose(agent._memory[whole], now.memory[whole], atol=1e-4)
@@ -252,7 +252,7 @@ def test_the_critic_alone_sees_what_is_told(day: TaskSpec, tmp_path: Path) -> No
     inputs = len(day.observed()) + 6
     assert after.weights["actor"][0][0].shape[0] == inputs
     assert after.weights["critic"][0][0].shape[0] == inputs + 2
-    assert 5.0 < float(after.told.mean[0]) < 40.0, "tAir [degC]"
+    assert 5.0 < float(after.privileged.mean[0]) < 40.0, "tAir [degC]"
 
 
 def test_without_steering_the_network_gives_the_action(day: TaskSpec, tmp_path: Path) -> None:
@@ -270,7 +270,7 @@ def test_machines_that_are_off_or_on_are_not_steered() -> None:
 
 def test_statistics_of_parts_are_those_of_the_whole() -> None:
     rows = np.random.default_rng(0).normal(3.0, 2.0, (60, 4)).astype(np.float32)
-    found = Statistics.begun(4)
+    found = Statistics.empty(4)
     for part in np.split(rows, [7, 20, 55]):
         found = found.with_rows(jax.numpy.asarray(part))
     assert np.allclose(found.mean, rows.mean(0), atol=1e-5)

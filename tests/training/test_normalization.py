@@ -13,9 +13,9 @@ from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task, task_card
 from glbench.training import TrainingSettings, run, train
 from glbench.training.algorithms import make_model
+from glbench.training.constant_columns import varies
 from glbench.training.export import begin_with, export_policy, load_model
 from glbench.training.season_search import SearchSettings, search
-from glbench.training.steady import varies
 from glbench.training.vec_env import Normalizer, TrainingVecEnv
 from tests.training.conftest import torch_action
 

@@ -9,10 +9,10 @@ import pytest
 
 from glbench.agents.card import SubmissionCard
 from glbench.tasks import get_task
-from glbench.training.card import Making, _recipe
+from glbench.training.card import TrainingFacts, _recipe
 
 FACTS = {"algorithm": "sb3_contrib.TQC", "seed": 0, "steps": 100, "settings_digest": "0" * 64}
-MAKING = Making("title", "description", "made", (), FACTS)
+MAKING = TrainingFacts("title", "description", "made", (), FACTS)
 SPRING = get_task("Spring-v1")
 
 

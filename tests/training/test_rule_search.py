@@ -145,7 +145,9 @@ def test_candidates_of_a_generation_share_their_seasons_and_those_of_no_test(
         short.setattr(
             "glbench.training.rule_search.season_sums", lambda simulation, seeds, _: _begin(simulation, seeds)
         )
-        short.setattr("glbench.training.probe.season_sums", lambda simulation, seeds, _: _begin(simulation, seeds))
+        short.setattr(
+            "glbench.training.periodic_evaluation.season_sums", lambda simulation, seeds, _: _begin(simulation, seeds)
+        )
         tune_rules([spring], shipped_start([spring]), few, tmp_path / "spring")
     assert [split for split, _ in seen] == ["validation", "training", "validation"]
     assert min(seed for _, seeds in seen for seed in seeds) >= FIRST_TRAINING_SEED

@@ -15,10 +15,10 @@ from glbench.errors import TrainingError
 from glbench.execution import ProcessExecutor
 from glbench.leaderboard.catalogue import catalogue
 from glbench.tasks import PAPER_TASK, TaskSpec, get_task
-from glbench.training.probe import CurvePoint, ProbeResult
+from glbench.training.folder import Trained
+from glbench.training.periodic_evaluation import CurvePoint, ProbeResult
 from glbench.training.settings import TrainingSettings
 from glbench.training.sweep import Search, TrialReport, _Pruning, open_study, read_search, sweep, with_choices
-from glbench.training.trained import Trained
 
 BASE = TrainingSettings(algorithm="ppo", policy_kwargs={"activation_fn": "Tanh"}, hyperparameters={"gamma": 0.9})
 

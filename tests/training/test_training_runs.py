@@ -20,7 +20,7 @@ from glbench.tasks import TaskSpec, get_task, task_card
 from glbench.training import CurvePoint, Progress, TrainingSettings, train
 from glbench.training.algorithms import algorithm_class, rollout_steps
 from glbench.training.folder import find_checkpoint, replaced
-from glbench.training.probe import Probe, ProbeResult
+from glbench.training.periodic_evaluation import Probe, ProbeResult
 from tests.episodes.day import write_lettuce_task
 from tests.training.watching import PowerCutError
 

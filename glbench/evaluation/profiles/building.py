@@ -61,14 +61,14 @@ class ProfileColumn:
 class Columns:
     """The columns of a task's profiles.
 
-    ``controls``, ``climate`` (what the model shows of it, as ``seen``), ``light`` (what comes in a step, as ``rates``) and ``amounts`` make
-    up ``all``; ``limits`` are quantities that are hours outside a limit. ``worst`` are shown of the worst run, ``by_hour`` are names of
-    amounts that are summed by hour of day.
+    ``controls``, ``climate`` (what the model shows of it, as ``observed``), ``light`` (what comes in a step, as ``rates``) and ``amounts``
+    make up ``all``; ``limits`` are quantities that are hours outside a limit. ``worst`` are shown of the worst run, ``by_hour`` are names
+    of amounts that are summed by hour of day.
     """
 
     controls: tuple[ProfileColumn, ...]
     climate: tuple[ProfileColumn, ...]
-    seen: tuple[ObservedColumn, ...]
+    observed: tuple[ObservedColumn, ...]
     light: tuple[ProfileColumn, ...]
     rates: tuple[ObservedColumn, ...]
     amounts: tuple[ProfileColumn, ...]
@@ -88,14 +88,14 @@ def columns_of(task: TaskSpec) -> Columns:
     model, ledger = task.model_value, task.ledger
     controls = tuple(ProfileColumn(control.name, "-", control.meaning, "level") for control in model.controls)
     horizon = Horizon(task.steps, task.step_seconds, task.parameters_by_name())
-    seen, deficits, rates = (model.observed(module, horizon) or () for module in _SHOWN)
+    observed, deficits, rates = (model.observed(module, horizon) or () for module in _OBSERVATIONS)
     if not task.conventions.profiles_deficits:
         deficits, rates = (), ()
-    seen = (*seen, *deficits)
+    observed = (*observed, *deficits)
     meanings = {state.name: state.meaning for state in model.states}
     climate = tuple(
         ProfileColumn(one.name, one.unit, _AIR.get(one.source) or meanings.get(one.source, one.meaning), "level")
-        for one in seen
+        for one in observed
     )
     light = tuple(
         ProfileColumn(one.name.removesuffix(_TODAY), one.unit, one.meaning.partition(",")[0], "amount") for one in rates
@@ -110,7 +110,7 @@ def columns_of(task: TaskSpec) -> Columns:
     return Columns(
         controls,
         climate,
-        seen,
+        observed,
         light,
         rates,
         amounts,
@@ -120,7 +120,7 @@ def columns_of(task: TaskSpec) -> Columns:
     )
 
 
-_SHOWN = ("indoor_climate", "vapour_deficit", "light_today")
+_OBSERVATIONS = ("indoor_climate", "vapour_deficit", "light_today")
 """Observation modules that profiles show, whether the task's agents observe them or not."""
 _TODAY = "_today"
 """What the names of sums since midnight end with; a profile has the amount of each step."""
@@ -189,7 +189,7 @@ def _read(task: TaskSpec, trace: Trace, lengths: NDArray[np.int64], acting: Floa
     """Columns of a trace, float32, of runs on which ``acting`` ``(steps, n, d)`` acts; steps that a run did not take are 0."""
     columns, model = columns_of(task), task.model_value
     named: dict[str, Floats] = {column.name: trace.u[:, :, i] for i, column in enumerate(columns.controls)}
-    for one in columns.seen:
+    for one in columns.observed:
         if one.of is not None:
             states = model.State(*np.moveaxis(trace.x[1:], 2, 0))
             values = np.broadcast_to(one.of(states, _nominal(task)), trace.x.shape[1:2])
@@ -210,8 +210,8 @@ def _read(task: TaskSpec, trace: Trace, lengths: NDArray[np.int64], acting: Floa
     named |= {name: trace.quantities[:, rows[name]] for name in counted}
     if energy_columns(task):
         named |= {_ENERGY + name: values for name, values in _energy(task, trace).items()}
-    taken = np.arange(len(trace.u))[:, None] < lengths
-    return {name: np.where(taken, values, 0.0).astype(np.float32) for name, values in named.items()}
+    running = np.arange(len(trace.u))[:, None] < lengths
+    return {name: np.where(running, values, 0.0).astype(np.float32) for name, values in named.items()}
 
 
 _ENERGY = "energy/"
@@ -273,8 +273,8 @@ class _Seasons:
 
     def values(self, runs: Sequence[int]) -> Floats:
         """What acts on some of the runs ``(steps, n, d)``."""
-        chosen: Floats = self._values[:, list(runs)] if self.starts else self._values
-        return chosen
+        values: Floats = self._values[:, list(runs)] if self.starts else self._values
+        return values
 
     def weather(self) -> dict[str, Floats]:
         """The columns of the weather."""
@@ -306,26 +306,26 @@ def make_profile(
     kernel: Stepper | None = None,
 ) -> Profile:
     """The profile of ``result``, from the ``trace`` of its evaluation or by replaying its recorded actions, with the same bytes."""
-    made = _Made(task, series_of(task, log, trace, kernel))
+    builder = _Builder(task, series_of(task, log, trace, kernel))
     values = result.values(task.evaluation.metric)
     (best,), (worst,) = (chosen_rows((word,), log.seeds, values) for word in ("best", "worst"))
     seeds = {"all": list(log.seeds), "best": log.seeds[best], "worst": log.seeds[worst]}
-    starts = {"starts": list(made.starts)} if made.starts else {}
+    starts = {"starts": list(builder.starts)} if builder.starts else {}
     return Profile(
         {
             "schema": SCHEMA,
             "schema_version": VERSION,
             "results_digest": result.results_digest,
             "task": json.loads(definition_json(task)),
-            "columns": {c.name: {"unit": c.unit, "meaning": c.meaning, "kind": c.kind} for c in made.columns.all},
+            "columns": {c.name: {"unit": c.unit, "meaning": c.meaning, "kind": c.kind} for c in builder.columns.all},
             "seeds": {**seeds, **starts},
-            "weather": made.weather(worst),
-            "day": made.day(),
-            "season": made.season(best, worst),
-            "calendar": made.calendar(),
-            "worst": made.worst(worst),
-            "hours": made.hours(),
-            **made.energy(task),
+            "weather": builder.weather(worst),
+            "day": builder.day(),
+            "season": builder.season(best, worst),
+            "calendar": builder.calendar(),
+            "worst": builder.worst(worst),
+            "hours": builder.hours(),
+            **builder.energy(task),
         }
     )
 
@@ -405,11 +405,11 @@ def _misfit(result: Result, profile: Profile) -> str:
         "weather by hour": (outside["hours"], weather, (hours,)),
     }
     if "energy" in document:  # profiles of earlier versions have none
-        held = document["energy"]
-        parts["energy"] = (held["columns"], {*_AMOUNTS, _LEVEL} & {*energy_columns(spec)}, (of_day,))
-        parts["prices of the energy"] = (held["prices"], {item.name for item in _changing(spec)}, (of_day,))
-    for name, (held, names, shape) in parts.items():
-        if set(held) != names or any(not _has_shape(one["values"], shape) for one in held.values()):
+        content = document["energy"]
+        parts["energy"] = (content["columns"], {*_AMOUNTS, _LEVEL} & {*energy_columns(spec)}, (of_day,))
+        parts["prices of the energy"] = (content["prices"], {item.name for item in _changing(spec)}, (of_day,))
+    for name, (content, names, shape) in parts.items():
+        if set(content) != names or any(not _has_shape(one["values"], shape) for one in content.values()):
             return f"its '{name}' has other columns, days or hours"
     return ""
 
@@ -418,7 +418,7 @@ def _has_shape(values: list[Any], shape: tuple[int, ...]) -> bool:
     return len(values) == shape[0] and (len(shape) == 1 or all(len(row) == shape[1] for row in values))
 
 
-class _Made:
+class _Builder:
     """The parts of a profile, made from the course of all runs."""
 
     def __init__(self, task: TaskSpec, course: RunSeries) -> None:
@@ -479,8 +479,8 @@ class _Made:
         if not columns:
             return {}
         steps = next(iter(columns.values())).shape[0]
-        taken = (np.arange(steps)[:, None] < self._lengths).astype(np.float64)
-        counts = self._of_day(taken)
+        running = (np.arange(steps)[:, None] < self._lengths).astype(np.float64)
+        counts = self._of_day(running)
         an_hour = 3600.0 / self._seconds
         flows = {
             name: self._of_day(columns[name]) / counts * (1.0 if name == _LEVEL else an_hour)

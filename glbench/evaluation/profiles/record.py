@@ -197,8 +197,8 @@ def steps_a_slot(step_seconds: float) -> int:
 def typical_day(values: Floats, lengths: NDArray[np.int64], a_day: int, a_slot: int) -> Floats:
     """Quantiles ``(quantiles, slots)`` over all days and runs, from ``values`` ``(steps, n)``; infinite where nothing is known."""
     steps, n = values.shape
-    known = np.where(np.arange(steps)[:, None] < lengths, values, np.float32(_MISSING))
-    slots = known.reshape(steps // a_day, a_day // a_slot, a_slot, n).swapaxes(0, 1).reshape(a_day // a_slot, -1)
+    simulated = np.where(np.arange(steps)[:, None] < lengths, values, np.float32(_MISSING))
+    slots = simulated.reshape(steps // a_day, a_day // a_slot, a_slot, n).swapaxes(0, 1).reshape(a_day // a_slot, -1)
     slots.sort(axis=1)
     counts = np.isfinite(slots).sum(axis=1)
     places = np.array([np.maximum(np.ceil(q * counts).astype(int) - 1, 0) for q in QUANTILES])
@@ -248,20 +248,20 @@ def calendar(outside: NDArray[np.bool_], lengths: NDArray[np.int64], a_day: int,
 
 def pack(values: Floats, digits: int) -> Packed:
     """Whole numbers times a ``resolution``: as many decimals as the largest value needs for ``digits`` after its first digit."""
-    known = np.isfinite(values)
-    largest = float(np.abs(values[known]).max(initial=0.0))
+    finite = np.isfinite(values)
+    largest = float(np.abs(values[finite]).max(initial=0.0))
     power = math.floor(math.log10(largest)) - digits if largest > 0 else 0
-    whole = np.rint(np.where(known, values, 0.0).astype(np.float64) * 10.0**-power).astype(np.int64)
-    return {"resolution": 10.0**power, "values": _cells(whole, known)}
+    whole = np.rint(np.where(finite, values, 0.0).astype(np.float64) * 10.0**-power).astype(np.int64)
+    return {"resolution": 10.0**power, "values": _cells(whole, finite)}
 
 
-def _cells(whole: NDArray[np.int64], known: NDArray[np.bool_]) -> Cells:
-    if known.all():
+def _cells(whole: NDArray[np.int64], finite: NDArray[np.bool_]) -> Cells:
+    if finite.all():
         cells: Cells = whole.tolist()
         return cells
     if whole.ndim == 1:
-        return [value if there else None for value, there in zip(whole.tolist(), known.tolist(), strict=True)]
-    return [_cells(row, there) for row, there in zip(whole, known, strict=True)]
+        return [value if there else None for value, there in zip(whole.tolist(), finite.tolist(), strict=True)]
+    return [_cells(row, there) for row, there in zip(whole, finite, strict=True)]
 
 
 def unpack(packed: Packed) -> NDArray[np.float64]:

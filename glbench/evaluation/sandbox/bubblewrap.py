@@ -168,13 +168,13 @@ def _tried() -> tuple[str, Mode | None]:
     modes = [Mode.USER_NAMESPACE]
     if os.geteuid() == 0 and shutil.which("setpriv") is not None:
         modes.insert(0, Mode.OTHER_USER)
-    said = ""
+    complaint = ""
     for mode in modes:
-        said = _complaint(mode)
-        if not said:
+        complaint = _complaint(mode)
+        if not complaint:
             return "", mode
     return (
-        f"Code of others runs under bubblewrap, and bubblewrap cannot build a sandbox here: {said} Many containers and some systems "
+        f"Code of others runs under bubblewrap, and bubblewrap cannot build a sandbox here: {complaint} Many containers and some systems "
         f"(Ubuntu 24.04) forbid it until they are told otherwise; docs/threat-model.md has what to set. Do that, {_REMEDY}."
     ), None
 
@@ -196,19 +196,19 @@ def _complaint(mode: Mode) -> str:
         "/proc",
     ]
     try:
-        done = subprocess.run(
+        process = subprocess.run(
             [*bare, *_becoming_another_user(mode), "true"],
             stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", check=False,
             timeout=_PATIENCE_SECONDS, env=ENVIRONMENT_OF_BUBBLEWRAP,
         )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired) as error:
         return f"{error}."
-    if done.returncode == 0:
+    if process.returncode == 0:
         return ""
     return (
-        " ".join(done.stderr.split())[-300:].rstrip(".") + "."
-        if done.stderr.strip()
-        else f"exit code {done.returncode}."
+        " ".join(process.stderr.split())[-300:].rstrip(".") + "."
+        if process.stderr.strip()
+        else f"exit code {process.returncode}."
     )
 
 

@@ -145,12 +145,12 @@ class Prints:
         self._tail = b""
         self._total = 0
 
-    def add(self, said: bytes) -> None:
+    def add(self, output: bytes) -> None:
         """Take in more output."""
-        self._total += len(said)
+        self._total += len(output)
         room = self._half - len(self._head)
-        self._head += said[:room]
-        self._tail = (self._tail + said[room:])[-self._half :] if len(said) > room else self._tail
+        self._head += output[:room]
+        self._tail = (self._tail + output[room:])[-self._half :] if len(output) > room else self._tail
 
     @property
     def size(self) -> int:

@@ -66,48 +66,48 @@ class Watch:
 
     def memory(self) -> int:
         """Memory of all processes now [bytes]."""
-        return self._taken().memory
+        return self._resources().memory
 
     def _look(self) -> str | None:
-        taken, sizes = self._taken(), self._sizes
-        if taken.tasks > sizes.tasks + _SOME_MORE:
+        used, sizes = self._resources(), self._sizes
+        if used.tasks > sizes.tasks + _SOME_MORE:
             return f"the agent started more than {sizes.tasks} processes and threads, which is its limit"
-        if taken.memory > sizes.memory:
+        if used.memory > sizes.memory:
             return f"the agent's processes took more than {sizes.memory / GIB:.3g} GiB of memory together, which is their limit"
-        if taken.open_files > sizes.open_files:
+        if used.open_files > sizes.open_files:
             return f"the agent's processes opened more than {sizes.open_files:,} files, pipes and sockets together, which is their limit"
-        if sum(map(self._made, ("tmp", "dev/shm"))) > sizes.made:
+        if sum(map(self._count_files, ("tmp", "dev/shm"))) > sizes.made:
             return f"the agent made more than {sizes.made:,} files in /tmp and /dev/shm, which is its limit"
         return None
 
-    def _taken(self) -> _Taken:
+    def _resources(self) -> _Resources:
         """What all processes take; not counted on where there are too many already."""
-        waiting, taken = [self._root], _Taken()
-        while waiting and taken.tasks <= self._sizes.tasks + _SOME_MORE:
+        waiting, used = [self._root], _Resources()
+        while waiting and used.tasks <= self._sizes.tasks + _SOME_MORE:
             place = Path("/proc") / str(waiting.pop())
             threads: list[Path] = []
             try:
                 threads = list((place / "task").iterdir())
-                taken.memory += _memory(place)
+                used.memory += _memory(place)
                 waiting += [int(child) for thread in threads for child in _children(thread)]
-                taken.open_files += sum(1 for _ in (place / "fd").iterdir())
+                used.open_files += sum(1 for _ in (place / "fd").iterdir())
             except OSError:  # it ended while we looked
                 continue
             finally:
-                taken.tasks += len(threads)
-        return taken
+                used.tasks += len(threads)
+        return used
 
-    def _made(self, place: str) -> int:
+    def _count_files(self, place: str) -> int:
         """Files in a folder of the sandbox that is in memory: each takes some of it, which no size limits."""
         try:
-            told = os.statvfs(f"/proc/{self._root}/root/{place}")
+            statistics = os.statvfs(f"/proc/{self._root}/root/{place}")
         except OSError:  # it has ended
             return 0
-        return told.f_files - told.f_ffree
+        return statistics.f_files - statistics.f_ffree
 
 
 @dataclass
-class _Taken:
+class _Resources:
     """What the processes of a sandbox take together; ``memory`` in bytes."""
 
     tasks: int = 0
@@ -217,7 +217,7 @@ class AgentProcess:
             except BlockingIOError:
                 sent = 0
             except OSError:
-                self._gone()
+                self._raise_ended()
             question = question[sent:]
             if not question:
                 return
@@ -244,9 +244,11 @@ class AgentProcess:
         if self._from == self._to:
             self._from = self._to = 0
         self._have(HEADER.size, until, late)
-        kind, asked, length = HEADER.unpack_from(self._inbox, self._from)
-        if asked != number or kind < Kind.HELLO or length > self._longest:
-            self.refuse(f"an answer of kind {kind} to question {asked} with {length:,} bytes, when {number} was asked")
+        kind, number_in_frame, length = HEADER.unpack_from(self._inbox, self._from)
+        if number_in_frame != number or kind < Kind.HELLO or length > self._longest:
+            self.refuse(
+                f"an answer of kind {kind} to question {number_in_frame} with {length:,} bytes, when {number} was asked"
+            )
         self._have(HEADER.size + length, until, late)
         start = self._from + HEADER.size
         self._from = start + length
@@ -321,8 +323,8 @@ class AgentProcess:
         try:
             kind, _ = self.answer(0, time.monotonic() + _START_SECONDS, "Python does not come up")
         except LostError as lost:
-            said = " ".join(self._prints.last_lines(5))
-            msg = f"The {what} does not start: {lost.reason}. {said or 'It said nothing.'}"
+            output = " ".join(self._prints.last_lines(5))
+            msg = f"The {what} does not start: {lost.reason}. {output or 'It output nothing.'}"
             raise SandboxError(msg) from lost
         if kind != Kind.HELLO:
             msg = f"The {what} does not start: it began with a frame of kind {kind}."
@@ -339,9 +341,9 @@ class AgentProcess:
     def _have(self, size: int, until: float, late: str) -> None:
         """Receive until the inbox holds ``size`` bytes that were not taken out."""
         if self._from + size > len(self._inbox):
-            kept = bytes(self._inbox[self._from : self._to])
-            self._inbox[: len(kept)] = kept
-            self._from, self._to = 0, len(kept)
+            rest = bytes(self._inbox[self._from : self._to])
+            self._inbox[: len(rest)] = rest
+            self._from, self._to = 0, len(rest)
         eager = time.monotonic() + _EAGER_SECONDS
         while self._to - self._from < size:
             try:
@@ -355,7 +357,7 @@ class AgentProcess:
             except OSError:
                 got = 0
             if got == 0:
-                self._gone()
+                self._raise_ended()
             self._to += got
 
     def _wait(self, until: float, event: int, late: str) -> None:
@@ -364,11 +366,11 @@ class AgentProcess:
             self._poll.modify(self._sock, event)
         try:
             while True:
-                left = until - time.monotonic()
-                if left <= 0.0:
+                remaining = until - time.monotonic()
+                if remaining <= 0.0:
                     self._end("timed_out", late)
                 answered = False
-                for descriptor, _ in self._poll.poll(min(left, _LOOK_SECONDS) * 1e3):
+                for descriptor, _ in self._poll.poll(min(remaining, _LOOK_SECONDS) * 1e3):
                     if descriptor == self._output:
                         self._read_output(once=True)
                     else:
@@ -400,18 +402,18 @@ class AgentProcess:
     def _read_output(self, *, once: bool = False) -> None:
         while True:
             try:
-                said = os.read(self._output, _GULP)
+                output = os.read(self._output, _GULP)
             except BlockingIOError:
                 return
-            if not said:
+            if not output:
                 with contextlib.suppress(KeyError):
                     self._poll.unregister(self._output)
                 return
-            self._prints.add(said)
+            self._prints.add(output)
             if once:
                 return
 
-    def _gone(self) -> NoReturn:
+    def _raise_ended(self) -> NoReturn:
         """The other end is closed: find out how the process ended."""
         try:
             code = self._started.wait(1.0)

@@ -79,8 +79,8 @@ class SandboxedAgent:
         models = (task.model_value, judged_at_the_end(task).model_value) if walls else ()
         plans = any(_PLANNERS in file.read_bytes() for file in submission.all_files() if file.suffix == ".py")
         libraries = {name: file for model in models for name, file in built_libraries(model, for_plans=plans).items()}
-        told = public_definition(task)
-        return SandboxedAgent(submission, task_card(task), runs, time, sizes, prints, walls, told, libraries)
+        definition = public_definition(task)
+        return SandboxedAgent(submission, task_card(task), runs, time, sizes, prints, walls, definition, libraries)
 
     def started(self) -> tuple[AgentProcess, bool]:
         """A process with the agent made, and whether it is one agent a run.
@@ -137,9 +137,9 @@ class SandboxedAgent:
             if kind != Kind.MADE or len(body) != 1:
                 process.refuse(f"a frame of kind {kind} where an agent was to be made")
         except LostError as lost:
-            said = "".join(f"\n  {line}" for line in self.prints.last_lines(_MOST_LINES))
+            output = "".join(f"\n  {line}" for line in self.prints.last_lines(_MOST_LINES))
             msg = f"The agent '{self.submission.name}' cannot be made: {lost.reason}." + (
-                f" It printed:{said}" if said else ""
+                f" It printed:{output}" if output else ""
             )
             raise SubmissionError(msg) from lost
         return bool(body[0])
@@ -177,7 +177,7 @@ class SandboxedBatch(AgentRunner):
         limit = self.limits.start
         try:
             until = time.monotonic() + limit
-            self._put(Kind.RESET, (bytes([1]) * self.n,), limit)
+            self._send(Kind.RESET, (bytes([1]) * self.n,), limit)
             kind, body = self._answer(until, limit, "reset")
             if kind == Kind.FAILED:
                 return (self._failure(body),)
@@ -192,7 +192,7 @@ class SandboxedBatch(AgentRunner):
         parts = (alive.tobytes(), inputs.astype(np.float32, copy=False).tobytes())
         self._asked_at = time.monotonic()
         with contextlib.suppress(LostError):  # raised again when the answer is waited for
-            self._put(Kind.ACT, parts, self.limits.step * int(np.count_nonzero(alive)))
+            self._send(Kind.ACT, parts, self.limits.step * int(np.count_nonzero(alive)))
 
     def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
         if self._asked_at is None:
@@ -214,7 +214,7 @@ class SandboxedBatch(AgentRunner):
         """End the process."""
         self._process.close()
 
-    def _put(self, kind: Kind, parts: tuple[bytes, ...], seconds: float) -> None:
+    def _send(self, kind: Kind, parts: tuple[bytes, ...], seconds: float) -> None:
         self._number += 1
         self._process.ask(kind, self._number, *parts, seconds=seconds)
 
@@ -231,10 +231,10 @@ class SandboxedBatch(AgentRunner):
             self._process.refuse(f"a frame of kind {kind} with {len(body):,} bytes to a question for {n} x {m} actions")
         actions = np.frombuffer(body[:size], dtype=np.float64).reshape(n, m).copy()
         try:
-            told = {row: words(text, _LONGEST_REASON) for row, text in unpacked_problems(bytes(body[size:]))}
+            reasons = {row: words(text, _LONGEST_REASON) for row, text in unpacked_problems(bytes(body[size:]))}
         except ValueError:
             self._process.refuse("a list of problems that cannot be read")
-        problems = {row: reason for row, reason in told.items() if row < n}
+        problems = {row: reason for row, reason in reasons.items() if row < n}
         actions[list(problems)] = 0.0
         return actions, invalid_actions(problems, alive)
 
@@ -252,7 +252,7 @@ class _Exchange:
 
     kind: Kind
     inputs: Inputs | None
-    asked: Mask
+    rows_asked: Mask
     actions: Array
 
 
@@ -269,39 +269,39 @@ class SandboxedRuns(AgentRunner):
 
     def start(self) -> tuple[Failure, ...]:
         """Reset the agents."""
-        return self._told(Kind.RESET, None, np.ones(self.n, dtype=np.bool_)).failures
+        return self._ask_rows(Kind.RESET, None, np.ones(self.n, dtype=np.bool_)).failures
 
     def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
-        return self._told(Kind.ACT, inputs.astype(np.float32, copy=False), alive)
+        return self._ask_rows(Kind.ACT, inputs.astype(np.float32, copy=False), alive)
 
     def close(self) -> None:
         """End the process."""
         self._process.close()
 
-    def _told(self, kind: Kind, inputs: Inputs | None, alive: Mask) -> Decision:
+    def _ask_rows(self, kind: Kind, inputs: Inputs | None, alive: Mask) -> Decision:
         """Ask the rows that are alive, one after the other, again in a new process where one of them ends it."""
-        asked, lost_rows = alive.copy(), dict[int, Failure]()
+        rows_asked, lost_rows = alive.copy(), dict[int, Failure]()
         while True:
             actions, seconds = np.zeros(self.shape), np.zeros(self.n)
             failures = dict[int, Failure]()
-            lost = self._exchange(kind, inputs, asked, actions, seconds, failures)
+            lost = self._exchange(kind, inputs, rows_asked, actions, seconds, failures)
             if lost is None:
                 break
             row, why = lost
             lost_rows[row] = Failure(row, why.status, why.reason)
-            asked[row] = False
-            for gone in self._bring_back(asked):
-                asked[gone.row], lost_rows[gone.row] = False, gone  # type: ignore[index]
-            if not asked.any():
+            rows_asked[row] = False
+            for failure in self._bring_back(rows_asked):
+                rows_asked[failure.row], lost_rows[failure.row] = False, failure  # type: ignore[index]
+            if not rows_asked.any():
                 break
-        self._past.append(_Exchange(kind, inputs, asked, actions))
+        self._past.append(_Exchange(kind, inputs, rows_asked, actions))
         return Decision(actions, (*lost_rows.values(), *failures.values()), seconds)
 
     def _exchange(
         self,
         kind: Kind,
         inputs: Inputs | None,
-        asked: Mask,
+        rows_asked: Mask,
         actions: Array,
         seconds: Array,
         failures: dict[int, Failure],
@@ -314,10 +314,10 @@ class SandboxedRuns(AgentRunner):
         patience = limit + max(0.5, 0.05 * limit)
         late = f"{what} took longer than its limit of {limit:g} s"
         timeouts = 0
-        rows = np.flatnonzero(asked).tolist()
+        rows = np.flatnonzero(rows_asked).tolist()
         row = rows[0]
         try:
-            parts = (asked.tobytes(), inputs.tobytes() if inputs is not None else b"")
+            parts = (rows_asked.tobytes(), inputs.tobytes() if inputs is not None else b"")
             asked_at = time.perf_counter()
             self._process.ask(kind, self._number, *parts, seconds=patience)
             for row in rows:
@@ -338,9 +338,9 @@ class SandboxedRuns(AgentRunner):
         return None
 
     def _read_row(self, kind: int, body: memoryview, row: int, actions: Array | None) -> Failure | None:
-        told, status = ROW.unpack_from(body) if kind == Kind.ROW and len(body) >= ROW.size else (-1, -1)
+        row_in_frame, status = ROW.unpack_from(body) if kind == Kind.ROW and len(body) >= ROW.size else (-1, -1)
         rest = body[ROW.size :]
-        if told != row or not 0 <= status < len(STATUSES):
+        if row_in_frame != row or not 0 <= status < len(STATUSES):
             self._process.refuse(f"a frame of kind {kind} with {len(body):,} bytes, when run {row} was asked")
         if status:
             return told_failure(row, status, rest)
@@ -372,11 +372,11 @@ class SandboxedRuns(AgentRunner):
             if self._repeating_seconds + time.monotonic() - began > limit:
                 reason = f"bringing the agent back took longer than {limit:g} s"
                 raise LostError(status="timed_out", reason=reason)
-            if not exchange.asked.any():
+            if not exchange.rows_asked.any():
                 continue
             actions: Array = np.zeros(self.shape)
             ignored: NDArray[np.float64] = np.zeros(self.n)
-            lost = self._exchange(exchange.kind, exchange.inputs, exchange.asked, actions, ignored, {})
+            lost = self._exchange(exchange.kind, exchange.inputs, exchange.rows_asked, actions, ignored, {})
             if lost is not None:
                 raise lost[1]
             differing |= (actions.view(np.uint64) != exchange.actions.view(np.uint64)).any(axis=1)
@@ -398,5 +398,5 @@ def told_failure(row: int | None, status: int, text: memoryview) -> Failure:
 
 def words(text: bytes | memoryview, longest: int) -> str:
     """A text of the agent's process as it may stand in a result: one line, printable, not empty, not too long."""
-    said = " ".join(plain(bytes(text).decode("utf-8", errors="replace")).split()) or "nothing that can be shown"
-    return said if len(said) <= longest else said[: longest - 4] + " ..."
+    printable = " ".join(plain(bytes(text).decode("utf-8", errors="replace")).split()) or "nothing that can be shown"
+    return printable if len(printable) <= longest else printable[: longest - 4] + " ..."

@@ -131,7 +131,7 @@ class Host:
             self._ask_agent(kind, body)
         elif kind == Kind.HEARD:
             heard = [f"c {where}" for where in self._listener.connections]
-            heard += [f"w {what}" for what in self._listener.written]
+            heard += [f"w {what}" for what in self._listener.paths]
             self._line.answer(Kind.TOLD, encoded("\n".join(heard)))
         else:
             with self._listener.listening():
@@ -183,8 +183,8 @@ class Host:
                 return
             observations = np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy()
             actions, problems = read_actions(agent.act(observations), card, n)
-            said = Kind.PROBLEMS if problems else Kind.ACTIONS
-            self._line.answer(said, actions.tobytes(), packed_problems(problems))
+            answer_kind = Kind.PROBLEMS if problems else Kind.ACTIONS
+            self._line.answer(answer_kind, actions.tobytes(), packed_problems(problems))
         except BaseException as error:
             if isinstance(error, ActionError) and kind == Kind.ACT:
                 self._line.failed("invalid_action", str(error).rstrip("."))
@@ -200,22 +200,22 @@ class Host:
         for row in rows.tolist():
             if observations is None:
                 failure = guarded(lambda r=row: agents[r].reset(card, 1), setup.time.start, "reset", through=()).failure  # type: ignore[misc]
-                given: NDArray[np.float64] = np.empty(0)
+                action: NDArray[np.float64] = np.empty(0)
             else:
-                shown = observations[row : row + 1]
-                answer = guarded(lambda r=row, o=shown: agents[r].act(o)[0], setup.time.step, "act", through=())  # type: ignore[misc]
-                failure, given = answer.failure, np.asarray(answer.value)
+                observation = observations[row : row + 1]
+                answer = guarded(lambda r=row, o=observation: agents[r].act(o)[0], setup.time.step, "act", through=())  # type: ignore[misc]
+                failure, action = answer.failure, np.asarray(answer.value)
             if failure is not None:
                 # It is not asked again. What it holds is the others' to have, and the time in which it lets go is its own.
                 guarded(lambda r=row: let_go(agents, r), _LETTING_GO_SECONDS, "letting go", through=())  # type: ignore[misc]
                 # The adapter counts its own runs, of which it has one here.
                 reason = failure.reason.replace(" in run 0", "")
                 line.answer(Kind.ROW, ROW.pack(row, STATUSES.index(failure.status)), encoded(reason))
-            elif observations is not None and given.shape != (len(card.actions),):
-                reason = action_problems([given], card, 1)[0]
+            elif observations is not None and action.shape != (len(card.actions),):
+                reason = action_problems([action], card, 1)[0]
                 line.answer(Kind.ROW, ROW.pack(row, STATUSES.index("invalid_action")), encoded(reason))
             else:
-                line.answer(Kind.ROW, ROW.pack(row, 0), given.tobytes())
+                line.answer(Kind.ROW, ROW.pack(row, 0), action.tobytes())
 
 
 def let_go(agents: list[Any], row: int) -> None:
@@ -258,7 +258,7 @@ class Listener:
 
         self._addresses: list[str] = []
         self._network = False
-        self.written: list[str] = []
+        self.paths: list[str] = []
         self._on = False
         self._free = (str(Path(tempfile.gettempdir()).resolve()), "/tmp", "/dev/", "/proc/")
         sys.addaudithook(self._hear)
@@ -289,16 +289,16 @@ class Listener:
 
     def _write(self, path: object) -> None:
         if isinstance(path, str | bytes | os.PathLike):
-            given = Path(os.fsdecode(path))
-            place = str(given)
+            file = Path(os.fsdecode(path))
+            place = str(file)
             # Beside the agent's own /tmp nothing will be there to write to; a relative path may lead anywhere.
-            if not given.is_absolute() or not place.startswith(self._free):
-                self._add(self.written, place)
+            if not file.is_absolute() or not place.startswith(self._free):
+                self._add(self.paths, place)
 
     @staticmethod
-    def _add(told: list[str], what: str) -> None:
-        if what not in told and len(told) < _MOST_HEARD:
-            told.append(what)
+    def _add(entries: list[str], what: str) -> None:
+        if what not in entries and len(entries) < _MOST_HEARD:
+            entries.append(what)
 
 
 def _address(event: str, arguments: tuple[object, ...]) -> str:

@@ -40,7 +40,7 @@ _LEAST = 0.6
 _SHARE_RUN, _SHARE_REPEAT, _SHARE_ALONE = 0.5, 0.4, 0.4
 """Shares of the time that is left, for the first run, its repetition, and each row alone."""
 _PACKAGES_SECONDS = 60.0
-_PRINTED_NOTE, _SHOWN = 4096, 160
+_PRINTED_NOTE, _LONGEST_QUOTE = 4096, 160
 _ANY = 2**62
 _SHORTEST_START, _SHORTEST_STEP = 30.0, 10.0
 """Seconds that an agent gets to be made, and a decision of a run, however little time the check has left: running out of the check's own
@@ -89,10 +89,10 @@ def check_submission(
     if is_built_in(path):
         return _look_at_settings(path, spec, began)
     book = _Book()
-    card, found = findings.card_findings(path)
-    book.add(found, "card")
+    card, results = findings.card_findings(path)
+    book.add(results, "card")
     # A wrong card hides what lies behind it: what is wrong with the rest is found out as if there was none.
-    broken_card = card is None and any(finding.level == "problem" for finding in found)
+    broken_card = card is None and any(finding.level == "problem" for finding in results)
     identity = _identity(path, book) if not broken_card else None
     name, what = path.resolve().stem if path.is_file() else path.resolve().name, "a submission"
     if identity is not None:
@@ -101,10 +101,10 @@ def check_submission(
         protection = _protection(identity, sandbox, book) if not book.hopeless else None
         if protection is not None:
             book.facts["loading"] = _WHERE[protection]
-            left = max(2.0, seconds - (time.monotonic() - began))
-            _DryRun(identity, spec, book, left, walls=protection == "bubblewrap").run()
-    found = list(dict.fromkeys(book.findings))
-    return Report(name, what, spec.id, tuple(found), frozenset(book.checked), book.facts, time.monotonic() - began)
+            remaining = max(2.0, seconds - (time.monotonic() - began))
+            _DryRun(identity, spec, book, remaining, walls=protection == "bubblewrap").run()
+    results = list(dict.fromkeys(book.findings))
+    return Report(name, what, spec.id, tuple(results), frozenset(book.checked), book.facts, time.monotonic() - began)
 
 
 def _look_at_settings(path: Path, spec: TaskSpec, began: float) -> Report:
@@ -136,9 +136,9 @@ class _Book:
     checked: set[Subject] = field(default_factory=set)
     facts: dict[Subject, str] = field(default_factory=dict)
 
-    def add(self, found: Sequence[Finding], *subjects: Subject) -> None:
-        self.findings += found
-        self.checked |= {*subjects, *(finding.subject for finding in found)}
+    def add(self, results: Sequence[Finding], *subjects: Subject) -> None:
+        self.findings += results
+        self.checked |= {*subjects, *(finding.subject for finding in results)}
 
     @property
     def hopeless(self) -> bool:
@@ -199,7 +199,7 @@ class _DryRun:
                 self._process = replace(self._agent, runs=RUNS).process()
                 self._stack.callback(self._process.close)
                 self._rehearse()
-                if self._made(RUNS):
+                if self._make(RUNS):
                     self._book.checked.add("loading")
                     # An agent that does not repeat itself would be found to decide differently alone, too.
                     if self._short_run() and self._repeat():
@@ -219,13 +219,13 @@ class _DryRun:
         self._process.answer(0, time.monotonic() + _PACKAGES_SECONDS, "importing its packages takes too long")
         self._deadline = max(self._deadline, time.monotonic() + _LEAST * self._seconds)
 
-    def _made(self, runs: int, *, again: bool = False) -> bool:
+    def _make(self, runs: int, *, again: bool = False) -> bool:
         """Make a new agent and reset it, outside of the time for steps. Report a failure and return false."""
-        left, began = self._left(), time.monotonic()
+        remaining, began = self._remaining(), time.monotonic()
         hasty = replace(
             self._limits,
-            start=min(self._limits.start, max(round(left, 1), _SHORTEST_START)),
-            step=min(self._limits.step, max(round(left / runs, 1), _SHORTEST_STEP)),
+            start=min(self._limits.start, max(round(remaining, 1), _SHORTEST_START)),
+            step=min(self._limits.step, max(round(remaining / runs, 1), _SHORTEST_STEP)),
         )
         agent = replace(self._agent, runs=runs, time=hasty)
         when = " a second time" if again else ""
@@ -237,8 +237,8 @@ class _DryRun:
                 f"It did not come back within {_duration(hasty.start)} while its file was loaded or in make_agent: it hangs, waits for "
                 f"something, or this machine is too busy for it to start. The limit of an evaluation is {_duration(self._limits.start)}."
             )
-            told = f"The agent cannot be made{when}: {str(error).rstrip('.')}." if again else str(error)
-            self._book.add([problem("loading", text if late else told)])
+            reason = f"The agent cannot be made{when}: {str(error).rstrip('.')}." if again else str(error)
+            self._book.add([problem("loading", text if late else reason)])
             return False
         self._stack.callback(self._runner.close)  # it may have started another process
         failure = next(iter(self._runner.start()), None)
@@ -247,10 +247,10 @@ class _DryRun:
         self._deadline += time.monotonic() - began
         return failure is None
 
-    def _ask(self, shown: NDArray[np.float32], step: int) -> tuple[Decision, float]:
+    def _ask(self, observations: NDArray[np.float32], step: int) -> tuple[Decision, float]:
         """What it decides for the rows, and the seconds that this took; those of the first decision are not the check's."""
         began = time.perf_counter()
-        decision = self._runner.decide(0, shown, np.ones(len(shown), dtype=np.bool_))
+        decision = self._runner.decide(0, observations, np.ones(len(observations), dtype=np.bool_))
         took = time.perf_counter() - began
         if step == 1:
             self._deadline += took
@@ -266,19 +266,19 @@ class _DryRun:
         self._deadline += began - loading
         seconds, memory = list[float](), list[int]()
         for step in range(1, steps + 1):
-            shown = observations.astype(np.float32)
-            decision, took = self._ask(shown, step)
+            inputs = observations.astype(np.float32)
+            decision, took = self._ask(inputs, step)
             if not self._accepted(decision, took, seconds):
                 return False
-            self._dialogue.append((shown, decision.actions))
+            self._dialogue.append((inputs, decision.actions))
             seconds.append(took / RUNS)
             memory.append(self._process.memory())
-            begun = time.monotonic()
+            start = time.monotonic()
             outcome = simulation.step(decision.actions)
             observations = outcome.observations
             if step == 1:  # it may have compiled the kernel
-                self._deadline += time.monotonic() - begun
-                until = time.monotonic() + _SHARE_RUN * self._left()
+                self._deadline += time.monotonic() - start
+                until = time.monotonic() + _SHARE_RUN * self._remaining()
             if outcome.failed:
                 text = f"Step {step} cannot be simulated with these actions: {outcome.failed[0].reason}."
                 self._book.add([problem("decisions", text)])
@@ -287,8 +287,8 @@ class _DryRun:
                 break
         self._measured(seconds, memory)
         if len(seconds) < steps:
-            done = f"Only {len(seconds)} of {steps} steps fitted into the check ({time.monotonic() - began:.0f} s)"
-            self._book.add([note("time", f"{done}; what goes wrong later was not seen.")])
+            part = f"Only {len(seconds)} of {steps} steps fitted into the check ({time.monotonic() - began:.0f} s)"
+            self._book.add([note("time", f"{part}; what goes wrong later was not seen.")])
         return True
 
     def _accepted(self, decision: Decision, took: float, before: list[float]) -> bool:
@@ -304,7 +304,7 @@ class _DryRun:
             return True
         if failure.row is None or failure.status != "invalid_action":
             last = next(iter(self._prints.last_lines(1)), "") if failure.status == "crashed" else ""
-            heard = f' Its last words: "{last[:_SHOWN]}"' if last else ""
+            heard = f' Its last words: "{last[:_LONGEST_QUOTE]}"' if last else ""
             text = f"act fails in step {step}: {failure.reason}.{heard} The runs it decides for would end there."
         else:
             who = "every run" if len(decision.failures) == RUNS else f"run {failure.row + 1} of {RUNS}"
@@ -312,49 +312,49 @@ class _DryRun:
         self._book.add([problem("decisions", text)])
         return False
 
-    def _measured(self, seconds: list[float], taken: list[int]) -> None:
+    def _measured(self, seconds: list[float], memory: list[int]) -> None:
         """What decisions of one run took [s], and what memory was taken after each step [bytes]."""
         steps, runs = self._task.steps, self._task.evaluation.runs
-        limits, found = self._limits, list[Finding]()
+        limits, results = self._limits, list[Finding]()
         first, later = seconds[0], seconds[1:]
         each, whole = _pace(seconds, steps)
         if max(seconds) > limits.step:
             text = f"One decision took {max(seconds):.1f} s a run; the limit is {limits.step:g} s."
-            found.append(problem("time", text))
+            results.append(problem("time", text))
         if later and whole > limits.run:
             text = (
                 f"All decisions of a run would take {_duration(whole)}: {_duration(first)} for the first one and {_duration(each)} for "
                 f"each other one, the mean of {len(later)}. The limit is {_duration(limits.run)}: runs would end early."
             )
-            found.append(problem("time", text))
+            results.append(problem("time", text))
         measured = (
             f"the first one {1e3 * first:.3g} ms" if later else "the first one alone, which may take longer than others"
         )
         self._book.facts["time"] = (
             f"{1e3 * each:.3g} ms a decision of one run, {measured}; {_duration(whole * runs)} for {runs} runs of {steps} steps"
         )
-        half = taken[len(taken) // 2 :]  # the first half warms up
+        half = memory[len(memory) // 2 :]  # the first half warms up
         growth = max(0.0, (half[-1] - half[0]) / (len(half) - 1)) if len(half) > 1 else 0.0
-        reached = taken[-1] + growth * steps
+        reached = memory[-1] + growth * steps
         if reached > _SIZES.memory:
             text = (
                 f"Memory grows by {growth / MIB:.2f} MiB a step and would reach {reached / GIB:,.1f} GiB by the end of a run; the limit is "
                 f"{_SIZES.memory / GIB:,.0f} GiB. Keep only what the next decision needs."
             )
-            found.append(problem("memory", text))
-        self._book.facts["memory"] = f"{max(taken) / MIB:,.0f} MiB; limit {_SIZES.memory / MIB:,.0f} MiB"
-        self._book.add(found, "time", "memory")
+            results.append(problem("memory", text))
+        self._book.facts["memory"] = f"{max(memory) / MIB:,.0f} MiB; limit {_SIZES.memory / MIB:,.0f} MiB"
+        self._book.add(results, "time", "memory")
 
     def _repeat(self) -> bool:
         """Show a fresh agent the same observations: it must decide the same, to the last bit."""
-        if not self._made(RUNS, again=True):
+        if not self._make(RUNS, again=True):
             return False
         self._book.checked.add("repeatable")
         until = time.monotonic()
-        for step, (shown, before) in enumerate(self._dialogue, start=1):
-            decision, _ = self._ask(shown, step)
+        for step, (observations, before) in enumerate(self._dialogue, start=1):
+            decision, _ = self._ask(observations, step)
             if step == 1:
-                until = time.monotonic() + _SHARE_REPEAT * self._left()
+                until = time.monotonic() + _SHARE_REPEAT * self._remaining()
             failure = _worst(decision)
             if failure is not None and (failure.row is None or failure.status != "invalid_action"):
                 self._book.add([_unrepeatable(step, None, failure.reason)])
@@ -369,14 +369,14 @@ class _DryRun:
     def _alone(self) -> None:
         """Show fresh agents single runs: what they decide must not depend on the company."""
         for row in (0, RUNS - 1):
-            if not self._made(1, again=True):
+            if not self._make(1, again=True):
                 return
             self._book.checked.add("rows")
             until = time.monotonic()
-            for step, (shown, together) in enumerate(self._dialogue, start=1):
-                decision, _ = self._ask(shown[row : row + 1], step)
+            for step, (observations, together) in enumerate(self._dialogue, start=1):
+                decision, _ = self._ask(observations[row : row + 1], step)
                 if step == 1:
-                    until = time.monotonic() + _SHARE_ALONE * self._left()
+                    until = time.monotonic() + _SHARE_ALONE * self._remaining()
                 failure = _worst(decision)
                 if failure is not None:
                     who = f"With one run instead of {RUNS} the agent"
@@ -392,34 +392,38 @@ class _DryRun:
 
     def _book_surroundings(self) -> None:
         """Where the agent connected to and what it wrote, as it says itself; nothing once its process has ended."""
-        told: dict[str, list[str]] = {"c": [], "w": []}
+        activity: dict[str, list[str]] = {"c": [], "w": []}
         with suppress(LostError):
             self._process.ask(Kind.HEARD, 0, seconds=1.0)
             _, body = self._process.answer(0, time.monotonic() + 1.0, "no answer")
             for line in bytes(body).decode("utf-8", errors="replace").splitlines():
-                told.get(line[:1], []).append(line[2:])
+                activity.get(line[:1], []).append(line[2:])
         self._book.checked.add("surroundings")
-        if told["c"]:
-            text = f"It connects to {', '.join(told['c'])}. In the evaluation there is no network: bring along what it needs."
+        if activity["c"]:
+            text = f"It connects to {', '.join(activity['c'])}. In the evaluation there is no network: bring along what it needs."
             self._book.add([problem("surroundings", text)])
-        written = [file for file in told["w"] if "__pycache__" not in file]  # by Python, of what is imported first here
-        if written:
-            text = f"It writes to {', '.join(written)}. In the evaluation only /tmp can be written to, and that is gone afterwards."
+        files = [
+            file for file in activity["w"] if "__pycache__" not in file
+        ]  # by Python, of what is imported first here
+        if files:
+            text = f"It writes to {', '.join(files)}. In the evaluation only /tmp can be written to, and that is gone afterwards."
             self._book.add([problem("surroundings", text)])
 
     def _book_printing(self) -> None:
-        size, kept = self._prints.size, _SIZES.printed
-        said = f"It prints {size / 1024:,.0f} KiB in this short run"
+        size, limit = self._prints.size, _SIZES.printed
+        text_of_size = f"It prints {size / 1024:,.0f} KiB in this short run"
         self._book.checked.add("printing")
-        if size > kept:
-            text = f"{said}. Of an evaluation only the beginning and the end are kept, and printing takes time."
+        if size > limit:
+            text = f"{text_of_size}. Of an evaluation only the beginning and the end are kept, and printing takes time."
             self._book.add([problem("printing", text)])
         elif size > _PRINTED_NOTE:
-            self._book.add([note("printing", f"{said}. Of an evaluation only the beginning and the end are kept.")])
+            self._book.add(
+                [note("printing", f"{text_of_size}. Of an evaluation only the beginning and the end are kept.")]
+            )
         if size:
             self._book.facts["printing"] = f"{size} bytes"
 
-    def _left(self) -> float:
+    def _remaining(self) -> float:
         """Seconds until the whole check should be over."""
         return max(self._deadline - time.monotonic(), 0.1)
 

@@ -139,9 +139,9 @@ def card_notes(identity: Identity) -> list[Finding]:
     card = identity.card
     if card is None:
         return []
-    found = []
+    results = []
     if identity.form != "python" and card.training is None:
-        found.append(
+        results.append(
             note(
                 "card",
                 "The card of a trained policy has no table [training] (steps, wall_hours): others cannot tell what it cost.",
@@ -152,8 +152,8 @@ def card_notes(identity: Identity) -> list[Finding]:
             "The card says 'privileged'. A submission is shown observations only, so it cannot be; "
             "if it knows more, say from where in 'description'."
         )
-        found.append(note("card", text))
-    return found
+        results.append(note("card", text))
+    return results
 
 
 def size_findings(identity: Identity) -> list[Finding]:
@@ -174,7 +174,7 @@ def size_in_words(identity: Identity) -> str:
 
 def package_findings(identity: Identity) -> list[Finding]:
     """Whether what the submission imports is installed, and declared where there is a card."""
-    found = [
+    results = [
         problem(
             "packages",
             f"A {FORM_WORDS[identity.form]} needs {module}, which is not installed here. {how_to_install(module)}",
@@ -185,16 +185,16 @@ def package_findings(identity: Identity) -> list[Finding]:
         {name.lower().replace("_", "-") for name in identity.card.requires} if identity.card is not None else set()
     )
     own = _own_modules(identity)
-    seen: set[str] = set()
+    checked: set[str] = set()
     for file in (file for file in identity.all_files() if file.suffix == ".py"):
         for module, line, guarded in _imported(file):
-            if module in seen or module in own or module in sys.stdlib_module_names or module in _ALWAYS_THERE:
+            if module in checked or module in own or module in sys.stdlib_module_names or module in _ALWAYS_THERE:
                 continue
-            seen.add(module)
+            checked.add(module)
             place = f"{file.relative_to(identity.root)}:{line}"
             if missing(module):
                 text = f"{place} imports '{module}', which is not installed here. {how_to_install(module)}"
-                found.append(
+                results.append(
                     note("packages", f"{text} (It is imported within try, so the agent may do without.)")
                     if guarded
                     else problem("packages", text)
@@ -202,15 +202,15 @@ def package_findings(identity: Identity) -> list[Finding]:
             package = _PACKAGE_OF.get(module, module).lower().replace("_", "-")
             if identity.card is not None and package not in declared and not guarded:
                 text = f"{place} imports '{module}', which the card does not name: requires = [\"{package}\"]."
-                found.append(note("packages", text))
-    return found
+                results.append(note("packages", text))
+    return results
 
 
 def large_packages(identity: Identity) -> tuple[str, ...]:
     """Those packages that a submission needs and that take seconds to import."""
     imported = {module for file in identity.all_files() if file.suffix == ".py" for module, _, _ in _imported(file)}
-    wanted = imported if identity.form == "python" else set(_NEEDS[identity.form])
-    return tuple(sorted(module for module in wanted & _LARGE if not missing(module)))
+    needed = imported if identity.form == "python" else set(_NEEDS[identity.form])
+    return tuple(sorted(module for module in needed & _LARGE if not missing(module)))
 
 
 def policy_findings(identity: Identity, task: TaskCard) -> list[Finding]:
@@ -226,15 +226,17 @@ def policy_findings(identity: Identity, task: TaskCard) -> list[Finding]:
         archive = read_archive(identity.entry)
     except SubmissionError as error:
         return [problem("loading", str(error))]
-    found = [problem("loading", text) for text in space_complaints(archive, task, identity.entry.name)]
-    found += [problem("loading", text) for text in statistics_complaints(archive, identity)]
+    results = [problem("loading", text) for text in space_complaints(archive, task, identity.entry.name)]
+    results += [problem("loading", text) for text in statistics_complaints(archive, identity)]
     if archive.algorithm.module == "sb3_contrib" and missing("sb3_contrib"):
         text = f"The {archive.algorithm.name} model needs sb3-contrib, which is not installed here. {how_to_install('sb3_contrib')}"
-        found.append(problem("packages", text))
-    said = identity.card.algorithm if identity.card is not None else None
-    if said is not None and said.lower() != archive.algorithm.name.lower():
-        found.append(note("card", f'The card says algorithm = "{said}", the model is of {archive.algorithm.name}.'))
-    return found
+        results.append(problem("packages", text))
+    algorithm = identity.card.algorithm if identity.card is not None else None
+    if algorithm is not None and algorithm.lower() != archive.algorithm.name.lower():
+        results.append(
+            note("card", f'The card says algorithm = "{algorithm}", the model is of {archive.algorithm.name}.')
+        )
+    return results
 
 
 def _own_modules(identity: Identity) -> set[str]:

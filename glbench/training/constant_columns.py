@@ -11,16 +11,16 @@ from glbench.agents.network_policy import NetworkPolicy
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-_STEADY = 1e-3
+_CONSTANT = 1e-3
 
 
 def varies(low: Floats, high: Floats) -> Mask:
     """Which columns vary: those whose lowest and highest values are more than 0.001 of the larger magnitude apart."""
-    mask: Mask = high - low > _STEADY * np.maximum(np.abs(low), np.abs(high))
+    mask: Mask = high - low > _CONSTANT * np.maximum(np.abs(low), np.abs(high))
     return mask
 
 
-def without_steady_columns(policy: NetworkPolicy, varying: Mask) -> NetworkPolicy:
+def without_constant_columns(policy: NetworkPolicy, varying: Mask) -> NetworkPolicy:
     """``policy`` with scale 1 and weights 0 for the columns that do not vary: whatever they read, it acts the same."""
     first = np.where(varying[:, None], policy.weights[0], np.float32(0.0))
     return replace(policy, scale=np.where(varying, policy.scale, 1.0), weights=(first, *policy.weights[1:]))
