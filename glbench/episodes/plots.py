@@ -173,15 +173,10 @@ def _over_time(
         locator = AutoDateLocator()  # type: ignore[no-untyped-call]
         panels[-1].xaxis.set_major_locator(locator)
         panels[-1].xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
-    panels[-1].set_xlabel(_clock_words(episodes[0]) if same else "day of the run")
+    ahead = np.unique((episodes[0].local_times - episodes[0].times) / np.timedelta64(1, "h")).tolist()  # of UTC [h]
+    clock = " to ".join(f"UTC{hour:+g}" if hour else "UTC" for hour in ahead)
+    panels[-1].set_xlabel(f"{'local time' if any(ahead) else 'time'} ({clock})" if same else "day of the run")
     return figure
-
-
-def _clock_words(episode: Episode) -> str:
-    """What a time axis shows: ``time (UTC)``, or ``local time (UTC+1 to UTC+2)`` where summer time begins meanwhile."""
-    hours = np.unique((episode.local_times - episode.times) / np.timedelta64(1, "h")).tolist()
-    ahead = " to ".join(f"UTC{hour:+g}" if hour else "UTC" for hour in hours)
-    return f"{'local time' if any(hours) else 'time'} ({ahead})"
 
 
 def _of_one_task(episodes: Sequence[Episode]) -> Signals:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -192,7 +192,8 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
     home = data_folder("reports/released/results")
     released, problems = read_folder(home)
     results = _single(released)
-    names = _Names(released)
+    agents, baselines = {item.result.agent.name: item.result.agent for item in released}, baseline_names()
+    by_skeleton = {skeleton(name): name for name in (*agents, *baselines)}
     expected = published_expectations()
     for folder in (out / "results", *(out / trials / "results" for trials in (TRIALS, VALIDATION))):
         if real_path(folder) == real_path(home):
@@ -204,7 +205,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
             result = item.result
             published = expected.get(result.task.id)
             problem = (
-                names.problem(item)
+                _name_problem(item, agents, baselines, by_skeleton)
                 or _problem_of_task(item, published)
                 or _problem_beside(item, results.get((item.board, result.agent.name)))
             )
@@ -228,39 +229,33 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
     return ranked, (*problems, *strangers)
 
 
-class _Names:
-    """The names of built-in and released agents, which no other agent may bear."""
+def _name_problem(
+    item: StoredResult, released: Mapping[str, AgentRecord], baselines: Collection[str], by_skeleton: Mapping[str, str]
+) -> str | None:
+    """Why a result cannot stand under its agent's name; ``None`` where it can.
 
-    def __init__(self, released: Iterable[StoredResult]) -> None:
-        self._agents = {item.result.agent.name: item.result.agent for item in released}
-        self._baselines = baseline_names()
-        self._namesakes = {skeleton(name): name for name in (*self._agents, *self._baselines)}
-
-    def problem(self, item: StoredResult) -> str | None:
-        """Why a result cannot stand under its agent's name; ``None`` where it can."""
-        agent = item.result.agent
-        alike = [self._namesakes[one] for one in skeletons(agent.name) if one in self._namesakes]
-        namesake = agent.name if agent.name in alike else min(alike, default=None)
-        if namesake is None:
-            if agent.kind != "baseline":
-                return None
-            return f"{item.path} calls '{agent.name}' a baseline, and glbench has none of that name."
-        if agent.name == namesake and self._is_genuine(agent):
+    The names of built-in agents (``baselines``) and of ``released`` ones belong to them; ``by_skeleton`` are all of these names.
+    """
+    agent = item.result.agent
+    alike = [by_skeleton[one] for one in skeletons(agent.name) if one in by_skeleton]
+    namesake = agent.name if agent.name in alike else min(alike, default=None)
+    if namesake is None:
+        if agent.kind != "baseline":
             return None
-        same = "is the name" if agent.name == namesake else f"looks like '{namesake}', the name"
-        return (
-            f"{item.path} is of another agent than the one that came with glbench: '{agent.name}' {same} of that one, and the digest, "
-            f"kind or privileges differ. Give the agent another name and evaluate it again."
-        )
-
-    def _is_genuine(self, agent: AgentRecord) -> bool:
-        identity = (agent.digest, agent.kind, agent.privileged)
-        released = self._agents.get(agent.name)
-        if released is not None and identity == (released.digest, released.kind, released.privileged):
-            return True
-        if agent.name not in self._baselines or agent.kind != "baseline":
-            return False
-        return identity == (shipped_digest(agent.name), "baseline", shipped_sight(agent.name) != "observations")
+        return f"{item.path} calls '{agent.name}' a baseline, and glbench has none of that name."
+    if agent.name == namesake:
+        identity, original = (agent.digest, agent.kind, agent.privileged), released.get(agent.name)
+        if original is not None and identity == (original.digest, original.kind, original.privileged):
+            return None
+        if agent.name in baselines and agent.kind == "baseline":
+            sight = shipped_sight(agent.name)
+            if identity == (shipped_digest(agent.name), "baseline", sight != "observations"):
+                return None
+    same = "is the name" if agent.name == namesake else f"looks like '{namesake}', the name"
+    return (
+        f"{item.path} is of another agent than the one that came with glbench: '{agent.name}' {same} of that one, and the digest, "
+        f"kind or privileges differ. Give the agent another name and evaluate it again."
+    )
 
 
 def _one_each(
