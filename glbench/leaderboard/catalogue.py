@@ -341,7 +341,13 @@ def charts_of(task: TaskSpec | None) -> Charts:
     series = {name: _in_words(words, task) for name, words in quantities.charts().items()}
     for item in ledger.items:
         if item.amount not in series:
-            series[item.amount] = _series(item)
+            unit, flow = pretty_unit(item.amount_unit), quantities.FLOWS.get(item.flow)
+            words: dict[str, Any] = {"name": item.amount, "label": _label(item), "decimals": 3}
+            words |= {"unit": f"{unit} an hour", "daily": f"{unit} a day"}
+            words |= ({"amount": True} if item.valued == FLOW else {}) | (
+                {"gas": flow.gas} if flow and flow.gas else {}
+            )
+            series[item.amount] = words
         elif item.flow in quantities.FLOWS and not _entry(item):  # the ledger has a label of its own
             series[item.amount] = series[item.amount] | {"label": _label(item)}
     series |= {name: {"name": name, "label": labels[name], **share} for name in controls}
@@ -380,19 +386,6 @@ def _in_words(words: Mapping[str, Any], task: TaskSpec) -> dict[str, Any]:
     """A series or a panel in the words for tasks in which violations have prices, or in those for others."""
     others = {key: value for key, value in words.items() if key != "priced"}
     return others | (words.get("priced", {}) if task.violation_prices else {})
-
-
-def _series(item: LedgerItem) -> dict[str, Any]:
-    """An amount as a chart."""
-    unit, flow = pretty_unit(item.amount_unit), quantities.FLOWS.get(item.flow)
-    words = {
-        "name": item.amount,
-        "label": _label(item),
-        "unit": f"{unit} an hour",
-        "decimals": 3,
-        "daily": f"{unit} a day",
-    }
-    return words | ({"amount": True} if item.valued == FLOW else {}) | ({"gas": flow.gas} if flow and flow.gas else {})
 
 
 def unknown_metric(name: str, unit: str) -> Metric:

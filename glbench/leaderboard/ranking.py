@@ -247,11 +247,15 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
     for tier in tiers(values, (resolution,), fixed=fixed):
         shared = len(rows) + 1
         rows += [_row(complete[name], shared, "", metric) for name in tier]
-    rows += [
-        _row(entry, None, f"not ranked: {_what_lacks(entry, metric, seeds)}", metric)
-        for entry in entries
-        if entry.name not in complete
-    ]
+    for entry in (entry for entry in entries if entry.name not in complete):
+        runs, reason = len(entry.seeds), "a trial"
+        if not entry.states(metric):
+            reason = f"the result does not state '{metric}'"
+        elif entry.seeds != seeds and entry.seeds == seeds[:runs]:
+            reason = f"{runs} of {len(seeds)} runs"
+        elif entry.seeds != seeds:
+            reason = f"{runs} runs with other seeds than the task's {len(seeds)}"
+        rows.append(_row(entry, None, f"not ranked: {reason}", metric))
     first = entries[0].first.task
     return TaskTable(
         task_id=task_id,
@@ -266,17 +270,6 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
         best_known=best_known_means(entries[0].first),
         task=task,
     )
-
-
-def _what_lacks(entry: Entry, metric: str, seeds: tuple[int, ...]) -> str:
-    if not entry.states(metric):
-        return f"the result does not state '{metric}'"
-    if entry.seeds == seeds:
-        return "a trial"
-    runs = len(entry.seeds)
-    if entry.seeds == seeds[:runs]:
-        return f"{runs} of {len(seeds)} runs"
-    return f"{runs} runs with other seeds than the task's {len(seeds)}"
 
 
 def _row(entry: Entry, rank_: int | None, remark: str, metric: str) -> Row:
