@@ -183,10 +183,11 @@ def _place(error: BaseException) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     if not frames:
         return ""
-    own = [frame for frame in frames if not _is_library(Path(frame.filename))]
+    files = [Path(frame.filename) for frame in frames]
+    own = [
+        frame
+        for frame, file in zip(frames, files, strict=True)
+        if not (file.is_relative_to(_OWN_FOLDER) or "site-packages" in file.parts or file.name.startswith("<frozen"))
+    ]
     frame = own[-1] if own else frames[-1]
     return f"{Path(frame.filename).name}:{frame.lineno} in {frame.name}"
-
-
-def _is_library(file: Path) -> bool:
-    return file.is_relative_to(_OWN_FOLDER) or "site-packages" in file.parts or file.name.startswith("<frozen")

@@ -166,7 +166,8 @@ def _seasons(
 ) -> Iterator[Trajectory]:
     simulation, (low, high) = Simulation(task, len(seeds)), task_card(task).action_bounds
     steps, n, m = task.steps, len(seeds), len(low)
-    added = [noise * (high - low) / 2.0 * _standard_noise(seed, steps, m) for seed in seeds] if noise else None
+    standard = [np.random.default_rng(seed).standard_normal((steps, m)) for seed in seeds] if noise else []
+    added = [noise * (high - low) / 2.0 * one for one in standard] if noise else None
     actions = np.zeros((n, steps, m), dtype=np.float32)
     rewards, ends, profits = np.zeros((n, steps)), np.zeros((n, steps), dtype=np.bool_), np.zeros(n)
     lengths = np.zeros(n, dtype=np.int64)
@@ -201,10 +202,6 @@ def _seasons(
             ends[row, :until],
             float(profits[row]),
         )
-
-
-def _standard_noise(seed: int, steps: int, m: int) -> NDArray[np.float64]:
-    return np.random.default_rng(seed).standard_normal((steps, m))
 
 
 def _refuse(failures: Sequence[Failure], name: str, seeds: Sequence[int]) -> None:
@@ -312,7 +309,12 @@ def write_dataset(
     finally:
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)  # gone where it was renamed
-    _know_namespace(dataset_id)
+    from minari.dataset.minari_dataset import parse_dataset_id
+    from minari.namespace import create_namespace, list_local_namespaces
+
+    namespace, *_ = parse_dataset_id(dataset_id)
+    if namespace is not None and namespace not in list_local_namespaces():
+        create_namespace(namespace)
     size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
     return WrittenDataset(dataset_id, folder, tuple(seasons), size)
 
@@ -331,15 +333,6 @@ def _folder_of(dataset_id: str) -> Path:
         msg = f"The dataset {dataset_id} exists ({folder}). Name another version, or remove it with `minari delete {dataset_id}`."
         raise EpisodeError(msg)
     return folder
-
-
-def _know_namespace(dataset_id: str) -> None:
-    from minari.dataset.minari_dataset import parse_dataset_id
-    from minari.namespace import create_namespace, list_local_namespaces
-
-    namespace, *_ = parse_dataset_id(dataset_id)
-    if namespace is not None and namespace not in list_local_namespaces():
-        create_namespace(namespace)
 
 
 def _new_storage(

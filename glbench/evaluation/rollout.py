@@ -63,7 +63,9 @@ class RunTotals:
         failures = [Failure(failure.row, "simulation_failed", failure.reason) for failure in outcome.failed]
         if not all_finite(values):  # huge values only look broken
             broken = ~np.isfinite(values).all(axis=0)
-            failures += [self._not_finite(int(row), values[:, row]) for row in np.flatnonzero(broken)]
+            for row in np.flatnonzero(broken):
+                name = self._metrics.names[int(np.flatnonzero(~np.isfinite(values[:, row]))[0])]
+                failures.append(Failure(int(row), "simulation_failed", f"the step's {name} is not a finite number"))
         ended = self.end(failures) if failures else []
         if self.all_alive:
             self.totals += values
@@ -105,10 +107,6 @@ class RunTotals:
         self.seconds, self.alive = arrays["seconds"].copy(), arrays["alive"].copy()
         self.all_alive = bool(self.alive.all())
         self._ends = {int(row): (status, reason) for row, (status, reason) in ends.items()}
-
-    def _not_finite(self, row: int, values: NDArray[np.float64]) -> Failure:
-        name = self._metrics.names[int(np.flatnonzero(~np.isfinite(values))[0])]
-        return Failure(row, "simulation_failed", f"the step's {name} is not a finite number")
 
 
 @dataclass(frozen=True)
@@ -206,7 +204,10 @@ class RolloutLoop:
             observations = self._step(step, observations)
             if self._checkpoint.due:
                 self._keep_books()
-                self._save(step + 1)
+                snapshot = np.frombuffer(self._simulation.snapshot().to_bytes(), dtype=np.uint8)
+                facts = {"ends": self._totals.ends(), "wall_seconds": self.wall_seconds}
+                arrays = {**self._totals.arrays(), **self._recorder.arrays(), "simulation": snapshot}
+                self._checkpoint.save(step + 1, arrays, facts)
             self._report(step + 1)
         self._keep_books()
 
@@ -255,11 +256,6 @@ class RolloutLoop:
             Failure(int(row), "timed_out", f"the run's decisions together took longer than their limit of {limit:g} s")
             for row in late
         ]
-
-    def _save(self, step: int) -> None:
-        snapshot = np.frombuffer(self._simulation.snapshot().to_bytes(), dtype=np.uint8)
-        facts = {"ends": self._totals.ends(), "wall_seconds": self.wall_seconds}
-        self._checkpoint.save(step, {**self._totals.arrays(), **self._recorder.arrays(), "simulation": snapshot}, facts)
 
     def _report(self, step: int, *, replaying: bool = False, waiting: str = "act", limit: float | None = None) -> None:
         if self._progress is not None:

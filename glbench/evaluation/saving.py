@@ -106,7 +106,15 @@ def settle(out: Path, task_id: str, agent_name: str) -> None:
         contextlib.suppress(GlbenchError),
         result_lock(out, task_id, agent_name),
     ):  # who holds the lock is saving just now
-        _finish(path, waiting)
+        try:
+            stored = load_result(path)
+            belongs = stored.record is not None and read_log(waiting).digest == stored.record.digest
+        except (ResultError, EpisodeError):
+            belongs = False
+        if belongs:
+            waiting.replace(actions_path(path))
+        else:
+            waiting.unlink(missing_ok=True)
 
 
 def tidy(out: Path, task_id: str, agent_name: str, checkpoint: Path) -> None:
@@ -168,18 +176,6 @@ def _waiting(path: Path) -> Path:
     return actions.with_name(f".{actions.name}.waiting")
 
 
-def _finish(path: Path, waiting: Path) -> None:
-    try:
-        stored = load_result(path)
-        belongs = stored.record is not None and read_log(waiting).digest == stored.record.digest
-    except (ResultError, EpisodeError):
-        belongs = False
-    if belongs:
-        waiting.replace(actions_path(path))
-    else:
-        waiting.unlink(missing_ok=True)
-
-
 def _leftovers(path: Path, checkpoints: Path) -> Iterator[Path]:
     """Files that a process was writing when it was killed."""
     for name in (path.name, profile_path(path).name, actions_path(path).name, _waiting(path).name):
@@ -212,7 +208,12 @@ def write_episodes(
     Without a trace of the evaluation they are made by replaying the actions, with the same bytes.
     """
     rows = chosen_rows(selection, log.seeds, result.values(task.evaluation.metric))
-    return _write(_episodes(task, log, rows, trace), episodes_folder(path))
+    episodes: Iterable[Episode]
+    if trace is not None:
+        episodes = (trace.episode(task, row, log.provenance, log.runs[row], log.actions[:, row]) for row in rows)
+    else:
+        episodes = replayed_episodes(task, log, rows) if rows else ()
+    return _write(episodes, episodes_folder(path))
 
 
 def make_episodes(
@@ -282,14 +283,6 @@ def forget_episodes(path: Path) -> None:
     """Remove full episodes of an earlier result at ``path``; they would be taken for those of the new one."""
     for file in episodes_folder(path).glob("seed-*.mcap"):
         file.unlink()
-
-
-def _episodes(task: TaskSpec, log: ActionLog, rows: Sequence[int], trace: Trace | None) -> Iterator[Episode]:
-    if trace is None:
-        yield from replayed_episodes(task, log, rows) if rows else ()
-        return
-    for row in rows:
-        yield trace.episode(task, row, log.provenance, log.runs[row], log.actions[:, row])
 
 
 def _write(episodes: Iterable[Episode], folder: Path) -> tuple[Path, ...]:

@@ -258,7 +258,12 @@ def load_checkpoint(
     """
     try:
         state = json.loads((folder / STATE).read_text(encoding="utf-8"))
-        _same_training(folder, state["identity"], identity)
+        stored = state["identity"]
+        different = sorted(key for key in {*stored, *identity} if stored.get(key) != identity.get(key))
+        if different:
+            pairs = "; ".join(f"{key}: {stored.get(key)!r} there, {identity.get(key)!r} now" for key in different)
+            msg = f"{folder.parent} holds another training ({pairs}). Choose another folder with --out, or the settings it was begun with."
+            raise TrainingError(msg)
         if state.pop("digest", None) != _digest(folder, state):
             raise altered(folder)
         with np.load(folder / _ARRAYS, allow_pickle=False) as file:
@@ -269,7 +274,8 @@ def load_checkpoint(
         if isinstance(model, OffPolicyAlgorithm):
             model.load_replay_buffer(folder / BUFFER, truncate_last_traj=False)
         env.restore({name.removeprefix("env_"): value for name, value in arrays.items() if name.startswith("env_")})
-        _remember(model, [arrays[f"memory_{i}"] for i in range(len(_memory(model)))])
+        for number, place in enumerate(_memory(model)):
+            place.copy_(torch.from_numpy(arrays[f"memory_{number}"]))
         normalization.returns = arrays["returns"]
         torch.set_rng_state(torch.from_numpy(arrays["torch"]))
         name, position, has_gauss, cached = state["numpy"]
@@ -298,16 +304,3 @@ def _memory(model: BaseAlgorithm) -> list[torch.Tensor]:
     """What a recurrent policy remembers between two rollouts; Stable-Baselines3 does not save it."""
     states = getattr(model, "_last_lstm_states", None)
     return [] if states is None else [*states.pi, *states.vf]
-
-
-def _remember(model: BaseAlgorithm, memory: list[Any]) -> None:
-    for place, values in zip(_memory(model), memory, strict=True):
-        place.copy_(torch.from_numpy(values))
-
-
-def _same_training(folder: Path, stored: dict[str, Any], identity: dict[str, Any]) -> None:
-    different = sorted(key for key in {*stored, *identity} if stored.get(key) != identity.get(key))
-    if different:
-        pairs = "; ".join(f"{key}: {stored.get(key)!r} there, {identity.get(key)!r} now" for key in different)
-        msg = f"{folder.parent} holds another training ({pairs}). Choose another folder with --out, or the settings it was begun with."
-        raise TrainingError(msg)

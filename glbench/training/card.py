@@ -122,6 +122,10 @@ def write_card(
     learnt = history.best_steps > 0
     where = this_machine()
     git = git_state()
+    seasons: dict[str, Any] = {}
+    if task.splits is not None:
+        years = getattr(task.splits, str(task.split)).years
+        seasons = {"split": task.split, "years": list(years), "chosen_on": task.chosen_on.split}
     content: dict[str, Any] = {
         "title": facts.title,
         "controller": facts.controller,
@@ -133,7 +137,7 @@ def write_card(
         "training": {
             **facts.training,
             "recipe": _recipe(facts, all_tasks),
-            **_seasons_seen(task),
+            **seasons,
             **({"sessions": history.sessions} if len(history.sessions) > 1 else {}),
             "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         },
@@ -164,14 +168,6 @@ def _recipe(facts: TrainingFacts, tasks: Sequence[TaskSpec]) -> str:
     identity = f"{training['settings_digest']} {length} {digest_of_tasks(tasks)}"
     name = re.sub(r"[^a-z0-9]+", "-", str(training["algorithm"]).lower()).strip("-")
     return f"{name or 'recipe'}-{sha256(identity.encode()).hexdigest()[:16]}"
-
-
-def _seasons_seen(task: TaskSpec) -> dict[str, Any]:
-    """Of a task with splits: the split that was learned from, the years that its seasons are made of, and the split that chose the best."""
-    if task.splits is None:
-        return {}
-    years = getattr(task.splits, str(task.split)).years
-    return {"split": task.split, "years": list(years), "chosen_on": task.chosen_on.split}
 
 
 def read_card(file: Path) -> dict[str, Any] | None:

@@ -126,13 +126,6 @@ def kind_for(tasks: Sequence[TaskSpec]) -> type[TunedRuleSettings]:
     return EnergyRuleSettings if about_energy(tasks) else TunedRuleSettings
 
 
-def _first_page(start: Path, tasks: Sequence[TaskSpec]) -> RulePage:
-    """The page in ``start``, for ``tasks`` and their reward."""
-    reward, energy = reward_of(tasks), about_energy(tasks)
-    scope = tuple(task.id for task in tasks) if energy else reward
-    return RulePage(scope, read_rule_page(start, kind_for(tasks)).numbers)
-
-
 def reward_of(tasks: Sequence[TaskSpec]) -> tuple[str, ...]:
     """Reward modules that all ``tasks`` share.
 
@@ -248,7 +241,9 @@ class _Search:
         """A point of the learning curve, the mean over the tasks, and the page that it belongs to."""
         page = self.candidates.page(self.strategy.mean)
         with self.history.time.spend("evaluation"):
-            result = _mean([runs.evaluate(page.numbers) for runs in self.runs])
+            sums = [runs.evaluate(page.numbers).sums for runs in self.runs]
+            names = [name for name in sums[0] if all(name in other for other in sums)]
+            result = ProbeResult({name: float(np.mean([one[name] for one in sums])) for name in names})
         if self.steps >= self.history.next_evaluation:  # an end between two evaluations moves none
             self.history.next_evaluation = self.steps + self.settings.evaluation.every
         return self.history.add(self.steps, result), page
@@ -289,8 +284,14 @@ def tune_rules(
     SubmissionError
         When the page cannot be read, or the rules do not fit a task.
     """
-    _check(tasks)
-    page = _first_page(start, tasks)
+    for task in tasks:
+        task.check_training()
+        if task.splits is not None and task.split != "training":
+            msg = f"Rules are tuned in the training split, and {task.id} was given in its split '{task.split}'."
+            raise TrainingError(msg)
+    reward, energy = reward_of(tasks), about_energy(tasks)
+    scope = tuple(task.id for task in tasks) if energy else reward
+    page = RulePage(scope, read_rule_page(start, kind_for(tasks)).numbers)
     digest = settings.digest(page)
     identity = {"task_digest": digest_of_tasks(tasks), "settings_digest": digest, "seed": seed}
     with folder_lock(folder):
@@ -314,14 +315,6 @@ def tune_rules(
         _run(search, folder, generations, listeners, identity)
         card = write_card(folder, tasks, _facts(search, identity), settings.evaluation, search.history, facts)
     return Trained.of(folder, card, already_done=False)
-
-
-def _check(tasks: Sequence[TaskSpec]) -> None:
-    for task in tasks:
-        task.check_training()
-        if task.splits is not None and task.split != "training":
-            msg = f"Rules are tuned in the training split, and {task.id} was given in its split '{task.split}'."
-            raise TrainingError(msg)
 
 
 def _run(
@@ -355,13 +348,6 @@ def _evaluate(search: _Search, folder: Path, listeners: Sequence[Listener], iden
     for listener in listeners:
         listener.on_evaluation(point)
         listener.on_saved(search.steps)
-
-
-def _mean(results: Sequence[ProbeResult]) -> ProbeResult:
-    """The mean of what all results have."""
-    first, *others = (result.sums for result in results)
-    names = [name for name in first if all(name in other for other in others)]
-    return ProbeResult({name: float(np.mean([result.sums[name] for result in results])) for name in names})
 
 
 def _facts(search: _Search, identity: Mapping[str, Any]) -> TrainingFacts:

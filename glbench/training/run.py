@@ -121,17 +121,14 @@ class TrainingCallback(BaseCallback):
             history.next_evaluation = self.num_timesteps + self._evaluate_every
         point = history.add(self.num_timesteps, result)
         if point.is_best:
-            self._keep_best()
+            with replaced(self.folder / BEST) as folder:
+                self.model.save(folder / MODEL)
+                self.normalization.save(str(folder / NORMALIZATION))
         history.write_curve(self.folder)
         for name, value in result.sums.items():
             self.logger.record(f"evaluation/{name}", value)
         for listener in self._listeners:
             listener.on_evaluation(point)
-
-    def _keep_best(self) -> None:
-        with replaced(self.folder / BEST) as folder:
-            self.model.save(folder / MODEL)
-            self.normalization.save(str(folder / NORMALIZATION))
 
     def _save(self) -> None:
         save_checkpoint(
@@ -216,7 +213,8 @@ def train(
         )
         try:
             model, normalization, history = _begin_or_continue(env, task, settings, state, seed, identity)
-            open_folder(folder, _as_yaml(settings))
+            content = settings.model_dump(mode="json", exclude={"algorithm", "hyperparameters"}, exclude_none=True)
+            open_folder(folder, {**content, **settings.hyperparameters})
             note_session(history, task, model.num_timesteps)
             model.tensorboard_log = str(folder / "tensorboard") if tensorboard else None
             callback = TrainingCallback(
@@ -329,9 +327,3 @@ def _identity(task: TaskSpec, settings: TrainingSettings, seed: int) -> dict[str
         "settings_digest": settings_digest(settings),
         "seed": seed,
     }
-
-
-def _as_yaml(settings: TrainingSettings) -> dict[str, Any]:
-    """The settings as the file would say them that gives just these."""
-    content = settings.model_dump(mode="json", exclude={"algorithm", "hyperparameters"}, exclude_none=True)
-    return {**content, **settings.hyperparameters}

@@ -97,7 +97,11 @@ def check_submission(
     name, what = path.resolve().stem if path.is_file() else path.resolve().name, "a submission"
     if identity is not None:
         what = FORM_WORDS[identity.form]
-        _look_at_files(identity, spec, book)
+        book.add(findings.card_notes(identity))
+        book.add(findings.size_findings(identity), "files")
+        book.facts["files"] = findings.size_in_words(identity)
+        book.add(findings.package_findings(identity), "packages")
+        book.add(findings.policy_findings(identity, task_card(spec)))
         protection = _protection(identity, sandbox, book) if not book.hopeless else None
         if protection is not None:
             book.facts["loading"] = _WHERE[protection]
@@ -163,14 +167,6 @@ def _protection(identity: Identity, choice: SandboxChoice, book: _Book) -> Prote
     except SandboxError as error:
         book.add([problem("loading", str(error))])
         return None
-
-
-def _look_at_files(identity: Identity, task: TaskSpec, book: _Book) -> None:
-    book.add(findings.card_notes(identity))
-    book.add(findings.size_findings(identity), "files")
-    book.facts["files"] = findings.size_in_words(identity)
-    book.add(findings.package_findings(identity), "packages")
-    book.add(findings.policy_findings(identity, task_card(task)))
 
 
 class _DryRun:

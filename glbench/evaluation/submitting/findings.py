@@ -184,7 +184,8 @@ def package_findings(identity: Identity) -> list[Finding]:
     declared = (
         {name.lower().replace("_", "-") for name in identity.card.requires} if identity.card is not None else set()
     )
-    own = _own_modules(identity)
+    items = identity.folder.iterdir() if identity.folder is not None else ()
+    own = {item.stem for item in items if item.is_dir() or item.suffix == ".py"}
     checked: set[str] = set()
     for file in (file for file in identity.all_files() if file.suffix == ".py"):
         for module, line, guarded in _imported(file):
@@ -237,12 +238,6 @@ def policy_findings(identity: Identity, task: TaskCard) -> list[Finding]:
             note("card", f'The card says algorithm = "{algorithm}", the model is of {archive.algorithm.name}.')
         )
     return results
-
-
-def _own_modules(identity: Identity) -> set[str]:
-    if identity.folder is None:
-        return set()
-    return {item.stem for item in identity.folder.iterdir() if item.is_dir() or item.suffix == ".py"}
 
 
 def _imported(file: Path) -> Iterator[tuple[str, int, bool]]:
