@@ -148,12 +148,12 @@ def step_quantities(
     means: bool = False,
     priced: bool = False,
     reward_unit: str = "-",
-    travel: bool = False,
+    extra: Iterable[str] = (),
 ) -> tuple[StepQuantity, ...]:
     """Every quantity of a step: reward, profit, money, penalty, amounts, violations of the limits and the hours they last.
 
     ``limited`` are the names of the constrained quantities. ``means``: their violations are means over the step, not what they are at
-    its end; ``priced``: they cost money; ``travel``: how far the controls moved is counted.
+    its end; ``priced``: they cost money; ``extra`` are entries of the catalogue that are counted besides.
     """
     earned, paid, limited = ledger.earned, ledger.paid, tuple(limited)
     amounts = {item.amount: item for item in (*paid, *earned)}
@@ -173,7 +173,7 @@ def step_quantities(
             "penalty", **({key: STEP["penalty"].priced[key] for key in ("unit", "meaning")} if priced else {})
         ),
         *(StepQuantity(name, item.amount_unit, item.amount_meaning or item.label) for name, item in amounts.items()),
-        *([of_catalogue(TRAVEL)] if travel else []),
+        *map(of_catalogue, extra),
         *(
             StepQuantity(
                 f"{VIOLATION}{name}_{side}",

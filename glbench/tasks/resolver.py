@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from glbench.errors import ParameterError, TaskError, UnknownNameError, WeatherError, did_you_mean
 from glbench.quantities import MONEY
-from glbench.tasks.ledger import FLOW, STOCK, Beyond, Ledger, LedgerItem, StepQuantity, step_quantities
+from glbench.tasks.ledger import FLOW, STOCK, TRAVEL, Beyond, Ledger, LedgerItem, StepQuantity, step_quantities
 from glbench.tasks.quantities import Capacity, ObservationContext, Quantity, capacities, of_model
 from glbench.tasks.record import TaskRecord
 from glbench.tasks.sealed import weather_of
@@ -393,7 +393,7 @@ class ResolvedTask(TaskRecord):
                     msg = f"The amount '{item.amount}' is two things. Give one of them another name: amount = ..."
                     raise UnknownNameError(msg)
             limited = (name for name, _ in self.constraints.items())
-            names = [quantity.name for quantity in step_quantities(ledger, limited, travel=True)]
+            names = [quantity.name for quantity in step_quantities(ledger, limited, extra=(TRAVEL,))]
             for name in names:
                 if names.count(name) > 1:
                     msg = f"'{name}' is the name of two columns. Give one of them another name."
@@ -465,7 +465,7 @@ class ResolvedTask(TaskRecord):
             means=self.judges_means,
             priced=bool(self.violation_prices),
             reward_unit=MONEY if self.scores_money else "-",
-            travel=self.conventions.counts_travel,
+            extra=self.conventions.extra_quantities,
         )
 
     # What a run draws.

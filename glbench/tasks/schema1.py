@@ -157,7 +157,7 @@ class PaperTaskFile(TaskFile2):
         keys_by_task=True,
         draws_table="uncertainty",
         seasons_table="weather",
-        counts_travel=False,
+        extra_quantities=(),
         paper_words=True,
         profiles_deficits=False,
         names_model=False,

@@ -36,7 +36,7 @@ from glbench.tasks.fields import (
     suite_names,
 )
 from glbench.tasks.inheritance import as_written
-from glbench.tasks.ledger import LIMITED, VIOLATION_PRICES, Ledger
+from glbench.tasks.ledger import LIMITED, TRAVEL, VIOLATION_PRICES, Ledger
 from glbench.tasks.prices import HOURS_A_DAY, PriceTableTable
 
 SECONDS_A_DAY = 86400
@@ -663,8 +663,8 @@ class Conventions:
         Random numbers are keyed by task id and seed, not by family, salt, seed and stream.
     draws_table, seasons_table
         Tables of the file that say what is drawn and in which seasons, as messages name them.
-    counts_travel
-        Actuator travel is among the quantities of a step.
+    extra_quantities
+        Quantities of a step besides money, amounts and violations: entries of ``step`` in ``glbench/quantities.toml``.
     paper_words
         Metrics and pages have the names and words of the GreenLight-Gym paper.
     profiles_deficits
@@ -680,7 +680,7 @@ class Conventions:
     keys_by_task: bool = False
     draws_table: str = "scenario.parameters"
     seasons_table: str = "scenario"
-    counts_travel: bool = True
+    extra_quantities: tuple[str, ...] = (TRAVEL,)
     paper_words: bool = False
     profiles_deficits: bool = True
     names_model: bool = True
