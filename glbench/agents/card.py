@@ -9,16 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    FailFast,
-    Field,
-    SerializerFunctionWrapHandler,
-    ValidationError,
-    model_serializer,
-    model_validator,
-)
+import pydantic
 
 from glbench.errors import SubmissionError, did_you_mean
 from glbench.fields import Count
@@ -56,15 +47,19 @@ def _shown_as_written(text: str) -> str:
 
 _HARMLESS = "\n\t\u200c\u200d"
 """Ends of lines and tabulators, and the joiners that some scripts are written with."""
-Printable = Annotated[str, AfterValidator(_shown_as_written)]
-Words = Annotated[Printable, Field(min_length=1, max_length=200)]
-Names = Annotated[tuple[Words, ...], FailFast(), BeforeValidator(_as_tuple), Field(max_length=100)]
-Number = Annotated[float, Field(ge=-1e30, le=1e30)]
-Numbers = Annotated[tuple[Number, ...], FailFast(), BeforeValidator(_as_tuple), Field(max_length=_MOST_ITEMS)]
-Year = Annotated[int, Field(ge=1000, le=9999)]
-RecipeId = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
+Printable = Annotated[str, pydantic.AfterValidator(_shown_as_written)]
+Words = Annotated[Printable, pydantic.Field(min_length=1, max_length=200)]
+Names = Annotated[
+    tuple[Words, ...], pydantic.FailFast(), pydantic.BeforeValidator(_as_tuple), pydantic.Field(max_length=100)
+]
+Number = Annotated[float, pydantic.Field(ge=-1e30, le=1e30)]
+Numbers = Annotated[
+    tuple[Number, ...], pydantic.FailFast(), pydantic.BeforeValidator(_as_tuple), pydantic.Field(max_length=_MOST_ITEMS)
+]
+Year = Annotated[int, pydantic.Field(ge=1000, le=9999)]
+RecipeId = Annotated[str, pydantic.Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
 """Joins the trainings of one recipe."""
-FileName = Annotated[Printable, Field(pattern=r"^[^/\\.][^\\]*$", max_length=200)]
+FileName = Annotated[Printable, pydantic.Field(pattern=r"^[^/\\.][^\\]*$", max_length=200)]
 
 
 class _Table(Table, strict=True):
@@ -80,14 +75,16 @@ class Training(_Table):
     """
 
     steps: Count | None = None
-    wall_hours: Annotated[float, Field(ge=0, le=1e9, strict=False)] | None = None
+    wall_hours: Annotated[float, pydantic.Field(ge=0, le=1e9, strict=False)] | None = None
     hardware: Words | None = None
     tasks: Names = ()
     split: Literal["none", "training", "validation", "test"] | None = None
-    years: Annotated[tuple[Year, ...], FailFast(), BeforeValidator(_as_tuple), Field(max_length=200)] = ()
-    seeds: Annotated[tuple[Count, ...], BeforeValidator(_as_tuple), Field(max_length=2)] = ()
+    years: Annotated[
+        tuple[Year, ...], pydantic.FailFast(), pydantic.BeforeValidator(_as_tuple), pydantic.Field(max_length=200)
+    ] = ()
+    seeds: Annotated[tuple[Count, ...], pydantic.BeforeValidator(_as_tuple), pydantic.Field(max_length=2)] = ()
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _seeds_are_a_range(self) -> Self:
         if self.seeds and (len(self.seeds) != 2 or self.seeds[0] > self.seeds[1]):
             msg = "seeds are the first and the last of a range, such as seeds = [0, 255]"
@@ -100,9 +97,9 @@ class Normalisation(_Table):
 
     mean: Numbers
     std: Numbers
-    clip: Annotated[float, Field(gt=0, le=1e30, strict=False)] | None = None
+    clip: Annotated[float, pydantic.Field(gt=0, le=1e30, strict=False)] | None = None
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _fits(self) -> Self:
         if len(self.mean) != len(self.std):
             msg = f"mean has {len(self.mean)} values and std {len(self.std)}: one each for every observed column"
@@ -117,15 +114,15 @@ class SubmissionCard(_Table):
     """The card. ``agent`` or ``model`` names the file to run; without either it is found by the rules of ``identify``."""
 
     name: Words
-    authors: Annotated[Names, Field(min_length=1)]
+    authors: Annotated[Names, pydantic.Field(min_length=1)]
     licence: Words
-    link: Annotated[Printable, Field(pattern=r"^https?://\S+$", max_length=500)] | None = None
-    description: Annotated[Printable, Field(max_length=4000)] = ""
+    link: Annotated[Printable, pydantic.Field(pattern=r"^https?://\S+$", max_length=500)] | None = None
+    description: Annotated[Printable, pydantic.Field(max_length=4000)] = ""
     information: Annotated[
         tuple[Information, ...],
-        FailFast(),
-        BeforeValidator(_as_tuple),
-        Field(min_length=1, max_length=len(INFORMATION)),
+        pydantic.FailFast(),
+        pydantic.BeforeValidator(_as_tuple),
+        pydantic.Field(min_length=1, max_length=len(INFORMATION)),
     ]
     algorithm: Words | None = None
     seed: Count | None = None
@@ -140,7 +137,7 @@ class SubmissionCard(_Table):
     clip_actions: bool = False
     """Clip what a TorchScript or ONNX policy answers to the bounds of the actions. Stable-Baselines3 always clips."""
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _is_one_thing(self) -> Self:
         if self.agent is not None and self.model is not None:
             msg = "give 'agent' (a Python file) or 'model' (a saved policy), not both"
@@ -153,8 +150,8 @@ class SubmissionCard(_Table):
             raise ValueError(msg)
         return self
 
-    @model_serializer(mode="wrap")
-    def _without_recipe(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    @pydantic.model_serializer(mode="wrap")
+    def _without_recipe(self, write: pydantic.SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out ``recipe`` where it is ``None``, so that results of earlier versions keep their text."""
         content: dict[str, Any] = write(self)
         return {key: value for key, value in content.items() if key != "recipe" or value is not None}
@@ -188,7 +185,7 @@ def check_card(file: Path) -> tuple[SubmissionCard | None, list[str]]:
         return None, [str(error)]
     try:
         return SubmissionCard.model_validate(document), []
-    except ValidationError as error:
+    except pydantic.ValidationError as error:
         return None, list(dict.fromkeys(_in_words(problem, document) for problem in problems_of(error)))
 
 

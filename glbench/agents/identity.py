@@ -29,29 +29,21 @@ from itertools import islice
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Literal
 
+from glbench import untrusted
 from glbench.agents.naming import skeleton, skeletons
 from glbench.errors import SubmissionError
 from glbench.resources import LARGEST_TEXT, data_folder, is_text, with_unix_line_ends
-from glbench.untrusted import (
-    AGENT_NAME_RULE,
-    MIB,
-    is_agent_name,
-    open_regular,
-    opened_archive,
-    real_path,
-    reason_of,
-)
 
 if TYPE_CHECKING:
     from glbench.agents.card import SubmissionCard
 
 
-LARGEST_SUBMISSION = 512 * MIB
+LARGEST_SUBMISSION = 512 * untrusted.MIB
 """Size of all files of a submission together [bytes]."""
 MOST_FILES = 10_000
 MOST_ENTRIES = 100_000
 """Names in a submission's folder, with hidden files and folders."""
-_PIECE = MIB
+_PIECE = untrusted.MIB
 _CACHE = "__pycache__"
 _COPY_MODE = 0o755
 _COPY_TIME = (315_532_800, 315_532_800)
@@ -129,7 +121,7 @@ def check_file(file: Path, root: Path) -> None:
         if not file.is_file():
             msg = f"{file} is a link to a folder or to nothing, so the digest would not cover what it holds. Copy the files."
             raise SubmissionError(msg)
-        if file.readlink().is_absolute() or not real_path(file).is_relative_to(real_path(root)):
+        if file.readlink().is_absolute() or not untrusted.real_path(file).is_relative_to(untrusted.real_path(root)):
             msg = f"{file} is a link that leads out of the submission's folder, and out of its sandbox. Copy the file."
             raise SubmissionError(msg)
     elif not file.is_file():
@@ -150,8 +142,9 @@ def check_sizes(files: tuple[Path, ...], root: Path) -> None:
     if total > LARGEST_SUBMISSION:
         largest = max(files, key=sizes.__getitem__)
         msg = (
-            f"The submission has {total / MIB:,.0f} MiB, more than {LARGEST_SUBMISSION / MIB:,.0f} MiB; the largest file is "
-            f"{largest.relative_to(root)} ({sizes[largest] / MIB:,.0f} MiB). Leave out what the agent does not need."
+            f"The submission has {total / untrusted.MIB:,.0f} MiB, more than {LARGEST_SUBMISSION / untrusted.MIB:,.0f} MiB; "
+            f"the largest file is {largest.relative_to(root)} ({sizes[largest] / untrusted.MIB:,.0f} MiB). "
+            "Leave out what the agent does not need."
         )
         raise SubmissionError(msg)
 
@@ -171,7 +164,7 @@ def digest_of(files: tuple[Path, ...], root: Path, copy: Path | None = None) -> 
     """
     digest, remaining = sha256(), LARGEST_SUBMISSION
     for name, file in sorted((file.relative_to(root).as_posix(), file) for file in files):
-        with open_regular(file) as stream:
+        with untrusted.open_regular(file) as stream:
             size = os.fstat(stream.fileno()).st_size
             remaining -= size
             if remaining < 0:
@@ -242,7 +235,7 @@ def policy_digest(weights: Iterable[Path]) -> str | None:
     parts = []
     for file in weights:
         try:
-            with opened_archive(file) as archive:
+            with untrusted.opened_archive(file) as archive:
                 members = archive.infolist()
         except (OSError, ValueError, EOFError, NotImplementedError, struct.error, zipfile.BadZipFile):
             with file.open("rb") as opened:
@@ -383,7 +376,7 @@ def read_identity(path: Path) -> Identity:
         check_sizes(own or files, root)
         digest = digest_of(own or files, root)
     except OSError as error:
-        msg = f"The submission {name} cannot be read: {reason_of(error)}. Check that its files exist and may be read."
+        msg = f"The submission {name} cannot be read: {untrusted.reason_of(error)}. Check that its files exist and may be read."
         raise SubmissionError(msg) from error
     return Identity(name, place, own, digest, OBSERVATIONS_ONLY, form, entry, statistics, card)
 
@@ -412,9 +405,12 @@ def name_of(place: Path) -> str:
         raise SubmissionError(msg)
     resolved = place.resolve()
     name = resolved.stem if resolved.is_file() else resolved.name
-    if not is_agent_name(name):
+    if not untrusted.is_agent_name(name):
         short = name if len(name) <= _LONGEST_QUOTE else f"{name[:_LONGEST_QUOTE]}..."
-        msg = f"'{short}' cannot be the name of an agent, because results are filed under it. Rename the file or folder: {AGENT_NAME_RULE}."
+        msg = (
+            f"'{short}' cannot be the name of an agent, because results are filed under it. "
+            f"Rename the file or folder: {untrusted.AGENT_NAME_RULE}."
+        )
         raise SubmissionError(msg)
     baseline = baseline_like(name)
     if baseline is not None:

@@ -10,16 +10,7 @@ import platform
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    FailFast,
-    Field,
-    SerializerFunctionWrapHandler,
-    ValidationError,
-    model_serializer,
-    model_validator,
-)
+import pydantic
 
 from glbench import __version__
 from glbench.canonical import canonical_json
@@ -35,10 +26,10 @@ Status = Literal["ok", "crashed", "timed_out", "invalid_action", "simulation_fai
 Acts = Literal["actions", "controls"]
 
 
-class Facts(BaseModel):
+class Facts(pydantic.BaseModel):
     """Base of the records: frozen, strict, no unknown fields."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    model_config = pydantic.ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
 class TaskFacts(Facts):
@@ -48,14 +39,14 @@ class TaskFacts(Facts):
     digest: Word
     title: Text
     steps: Count
-    step_seconds: Annotated[float, Field(gt=0, le=86400)]
-    start: Annotated[str, Field(pattern=r"^\d{4}-\d{2}-\d{2}$")]
-    parts: Annotated[dict[Word, Word], Field(max_length=MOST_ENTRIES)]
-    salt_commitment: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = None
+    step_seconds: Annotated[float, pydantic.Field(gt=0, le=86400)]
+    start: Annotated[str, pydantic.Field(pattern=r"^\d{4}-\d{2}-\d{2}$")]
+    parts: Annotated[dict[Word, Word], pydantic.Field(max_length=MOST_ENTRIES)]
+    salt_commitment: Annotated[str, pydantic.Field(pattern=r"^[0-9a-f]{64}$")] | None = None
     """Of the round that the draws belong to; ``None``, and not in the file, with public draws."""
 
-    @model_serializer(mode="wrap")
-    def _without_what_is_not(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    @pydantic.model_serializer(mode="wrap")
+    def _without_what_is_not(self, write: pydantic.SerializerFunctionWrapHandler) -> dict[str, Any]:
         return only_if_sealed(write(self))
 
 
@@ -68,9 +59,9 @@ class AgentFacts(Facts):
     privileged: bool
     information: Text
     acts: Acts
-    columns: Annotated[tuple[Word, ...], FailFast(), Field(max_length=MOST_ENTRIES)]
+    columns: Annotated[tuple[Word, ...], pydantic.FailFast(), pydantic.Field(max_length=MOST_ENTRIES)]
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _has_a_name(self) -> Self:
         if not is_agent_name(self.name):
             msg = f"{self.name!r} cannot be the name of an agent"
@@ -90,7 +81,7 @@ class RunFacts(Facts):
     steps: Count
     actions: Count
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _counts_fit(self) -> Self:
         expected = self.steps + (1 if self.status == "simulation_failed" else 0)
         if self.actions not in (expected, self.steps) or (self.status == "ok") != (self.reason is None):
@@ -106,10 +97,10 @@ class Provenance(Facts):
 
     task: TaskFacts
     agent: AgentFacts
-    kernel: Annotated[dict[Word, Text | float], Field(max_length=MOST_ENTRIES)]
-    versions: Annotated[dict[Word, Word], Field(max_length=MOST_ENTRIES)]
+    kernel: Annotated[dict[Word, Text | float], pydantic.Field(max_length=MOST_ENTRIES)]
+    versions: Annotated[dict[Word, Word], pydantic.Field(max_length=MOST_ENTRIES)]
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _says_what_computed(self) -> Self:
         if "backend" not in self.kernel or "glbench" not in self.versions:
             msg = "the kernel's backend or the version of glbench is missing"
@@ -174,7 +165,7 @@ def versions(task: TaskSpec) -> dict[str, str]:
     }
 
 
-def canonical(facts: BaseModel) -> bytes:
+def canonical(facts: pydantic.BaseModel) -> bytes:
     """The one form (RFC 8785) of a record as JSON."""
     return canonical_json(json.loads(facts.model_dump_json()))
 
@@ -218,6 +209,6 @@ def task_of(definition: bytes) -> TaskSpec:
 
     try:
         return TaskSpec.of_attachment(parse_json(definition))
-    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, ValidationError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, pydantic.ValidationError) as error:
         msg = f"The task definition in the record cannot be read ({visible(' '.join(str(error).split())[:200])}). Evaluate again."
         raise EpisodeError(msg) from error

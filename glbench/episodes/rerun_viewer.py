@@ -26,17 +26,7 @@ import numpy as np
 
 from glbench.children import Child
 from glbench.env import Simulation, StepResult, run_weather
-from glbench.episodes.rerun_recording import (
-    APPLICATION,
-    RunSet,
-    Trajectory,
-    load_rerun,
-    send_card,
-    send_frame,
-    send_layout,
-    send_limits,
-    send_trajectories,
-)
+from glbench.episodes import rerun_recording
 from glbench.episodes.signals import Floats, Source, signals_of
 from glbench.errors import GlbenchError
 from glbench.resources import write_atomically
@@ -67,7 +57,7 @@ def viewer_program() -> Path:
     GlbenchError
         Without the package, or when its program is missing.
     """
-    load_rerun()
+    rerun_recording.load_rerun()
     folder = Path(str(importlib.import_module("rerun_cli").__file__)).parent
     names = ("Rerun.app/Contents/MacOS/Rerun", "rerun", "rerun.exe")
     for name in names:
@@ -296,7 +286,7 @@ class LiveView:
     """
 
     def __init__(self, task: TaskSpec, controller: str, seed: int, address: str, row: int = 0) -> None:
-        rerun = load_rerun()
+        rerun = rerun_recording.load_rerun()
         self._task, self._controller, self._seed, self._row = task, controller, seed, row
         weather = run_weather(task, seed)
         self._times = weather.times[: task.steps + 1].astype("datetime64[ns]")
@@ -317,11 +307,11 @@ class LiveView:
         self._steps = self._sent = 0
         self._sent_at = time.monotonic()
         # A name of its own: evaluations of one process would else be mixed into one recording.
-        self._stream = rerun.RecordingStream(APPLICATION, recording_id=uuid.uuid4())
+        self._stream = rerun.RecordingStream(rerun_recording.APPLICATION, recording_id=uuid.uuid4())
         self._stream.connect_grpc(address)
         runs = self._run_set(0)
-        send_frame(self._stream, runs)
-        send_layout(self._stream, runs, live=True)
+        rerun_recording.send_frame(self._stream, runs)
+        rerun_recording.send_layout(self._stream, runs, live=True)
 
     def add(self, simulation: Simulation, outcome: StepResult) -> None:
         """Keep the step that was just simulated, and send the new steps several times a second."""
@@ -330,7 +320,7 @@ class LiveView:
             return  # this run has ended, others go on
         if not self._started:
             self._started, self._sent = True, step
-            send_limits(self._stream, self._run_set(0), [step])
+            rerun_recording.send_limits(self._stream, self._run_set(0), [step])
         row, tables = self._row, self._tables
         tables["state"][step], tables["control"][step] = simulation.x[row], simulation.u[row]
         tables["air"][step], tables["quantity"][step] = simulation.air[:, row], outcome.table[:, row]
@@ -342,7 +332,7 @@ class LiveView:
         """Send the rest and disconnect."""
         if self._steps > self._sent:
             self._send()
-        send_card(self._stream, self._run_set(self._steps))
+        rerun_recording.send_card(self._stream, self._run_set(self._steps))
         try:
             self._stream.flush(timeout_sec=_FLUSH_SECONDS)
         except RuntimeError as error:
@@ -363,13 +353,13 @@ class LiveView:
         vectors |= {"disturbance": self._weather[:steps], "clock": self._clock[: steps + 1]}
         tables["derived"][:steps] = self._signals.derived(vectors)
         runs = self._run_set(steps)
-        send_trajectories(self._stream, runs, self._sent)
+        rerun_recording.send_trajectories(self._stream, runs, self._sent)
         # Sent as far as the curves reach, and no further: the viewer follows the latest time that it knows of.
-        send_limits(self._stream, runs, [self._steps])
+        rerun_recording.send_limits(self._stream, runs, [self._steps])
         self._sent, self._sent_at = self._steps, time.monotonic()
 
-    def _run_set(self, steps: int) -> RunSet:
+    def _run_set(self, steps: int) -> rerun_recording.RunSet:
         """The run so far."""
         columns = {name: column[:steps] for name, column in self._columns.items()}
-        trajectory = Trajectory(self._controller, self._seed, self._times[: steps + 1], columns)
-        return RunSet(self._task, (trajectory,), (self._controller,), self._signals)
+        trajectory = rerun_recording.Trajectory(self._controller, self._seed, self._times[: steps + 1], columns)
+        return rerun_recording.RunSet(self._task, (trajectory,), (self._controller,), self._signals)

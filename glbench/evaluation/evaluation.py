@@ -18,24 +18,11 @@ from glbench.env.kernels import shared_kernel
 from glbench.episodes import Recorder, chosen_rows, parse_selection, provenance_of
 from glbench.episodes.header import versions as recorded_versions
 from glbench.errors import GlbenchError, ResultError, SandboxError, SubmissionError, whole_number
+from glbench.evaluation import records
 from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, holds_checkpoint, read_checkpoint
 from glbench.evaluation.files import ensure_writable, load_result, result_path
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.metrics import units_of
-from glbench.evaluation.records import (
-    AgentRecord,
-    EvaluationRecord,
-    Result,
-    RunResult,
-    TaskRecord,
-    TrainingRecord,
-    current_versions,
-    git_state,
-    results_digest,
-    summarise,
-    this_machine,
-    usable_cores,
-)
 from glbench.evaluation.rollout import Progress, ProgressCallback, RolloutLoop, RunTotals, StepCallback
 from glbench.evaluation.runners import AgentRunner, make_runner
 from glbench.evaluation.sandbox.choosing import Protected, Protection, SandboxChoice, protect
@@ -108,7 +95,7 @@ def prepare(
         ensure_writable(result_path(folder, task.id, agent.name).parent)
         settle(folder, task.id, agent.name)
         stored = _finished(folder, task, agent, seeds, kernel, protected.protection, fresh=fresh)
-    workers = min(workers or usable_cores(), len(seeds))
+    workers = min(workers or records.usable_cores(), len(seeds))
     evaluation = Evaluation(
         task,
         agent,
@@ -166,7 +153,7 @@ def evaluate(
     episodes: str = "none",
     sandbox: SandboxChoice = "none",
     progress: ProgressCallback | None = None,
-) -> Result:
+) -> records.Result:
     """Evaluate an agent on a task over seeded runs.
 
     Parameters
@@ -254,7 +241,7 @@ def _finished(
     protection: Protection,
     *,
     fresh: bool,
-) -> Result | None:
+) -> records.Result | None:
     """The stored result of this very evaluation; one from a sandbox does where none is wanted, and not the other way round.
 
     A ``fresh`` evaluation gets ``None``: it may replace a result of the same task, but not one of another task.
@@ -319,7 +306,7 @@ class Evaluation:
     out: Path | None
     limits: TimeLimits
     checkpoint_seconds: float
-    stored: Result | None
+    stored: records.Result | None
     """The finished result, when this very evaluation has been done before."""
     episodes: tuple[str, ...] = ("none",)
     """Which runs are kept as full episodes; see ``glbench.episodes.parse_selection``."""
@@ -350,7 +337,7 @@ class Evaluation:
         if self.folder is not None:
             discard(self.folder)
 
-    def run(self, progress: ProgressCallback | None = None, callback: StepCallback | None = None) -> Result:
+    def run(self, progress: ProgressCallback | None = None, callback: StepCallback | None = None) -> records.Result:
         """Run it, from its checkpoint if there is one, and save the result; ``callback`` looks on.
 
         Raises
@@ -383,7 +370,7 @@ class Evaluation:
             log = recorder.log(simulation, provenance, run_facts(result.runs))
         return Computed(result, log, recorder.trace, self.prints.text())
 
-    def save(self, computed: Computed) -> Result:
+    def save(self, computed: Computed) -> records.Result:
         """Save what was computed, if there is a folder for it, and remove the checkpoint.
 
         Raises
@@ -407,7 +394,7 @@ class Evaluation:
         """
         return nullcontext() if self.out is None else result_lock(self.out, self.task.id, self.agent.name)
 
-    def complete_episodes(self, result: Result) -> None:
+    def complete_episodes(self, result: records.Result) -> None:
         """Make the full episodes that are wanted and not there yet, by replaying the recorded actions of ``result``.
 
         Raises
@@ -424,7 +411,7 @@ class Evaluation:
         saved: Saved | None,
         progress: ProgressCallback | None,
         callback: StepCallback | None,
-    ) -> tuple[Result, Recorder] | None:
+    ) -> tuple[records.Result, Recorder] | None:
         """Result and record of a fresh agent, from the start or on from ``saved``; ``None`` when it cannot be brought back there."""
         totals, n = RunTotals(self.task, self.seeds), len(self.seeds)
         if progress is not None:
@@ -482,18 +469,18 @@ class Evaluation:
 
     def result(
         self,
-        runs: tuple[RunResult, ...],
+        runs: tuple[records.RunResult, ...],
         *,
         workers: int,
         wall_seconds: float,
         decision_seconds: float,
         resumed_at: int | None,
-    ) -> Result:
+    ) -> records.Result:
         """The result of ``runs`` that were made by so many ``workers``, with the versions and the machine of this process."""
         task, agent = self.task, agent_record(self.agent)
         steps = sum(run.steps for run in runs)
-        return Result(
-            task=TaskRecord(
+        return records.Result(
+            task=records.TaskRecord(
                 id=task.id,
                 digest=task.digest,
                 title=task.title,
@@ -504,7 +491,7 @@ class Evaluation:
                 salt_commitment=task.salt_commitment,
             ),
             agent=agent,
-            evaluation=EvaluationRecord(
+            evaluation=records.EvaluationRecord(
                 runs=len(self.seeds),
                 seeds=self.seeds,
                 workers=workers,
@@ -517,14 +504,14 @@ class Evaluation:
                 kernel=self.kernel,
                 sandbox=self.protection,
             ),
-            versions=current_versions(recorded_versions(task)["model"]),
-            machine=this_machine(),
-            git=git_state(),
+            versions=records.current_versions(recorded_versions(task)["model"]),
+            machine=records.this_machine(),
+            git=records.git_state(),
             created=dt.datetime.now(dt.UTC).isoformat(timespec="seconds"),
             units=units_of(task),
             runs=runs,
-            summary=summarise(runs),
-            results_digest=results_digest(task.digest, agent, runs, task.salt_commitment),
+            summary=records.summarise(runs),
+            results_digest=records.results_digest(task.digest, agent, runs, task.salt_commitment),
         )
 
     @property
@@ -548,16 +535,16 @@ class Evaluation:
         return agent_folder(self.out, self.task.id, self.agent.name) / canonical_sha256(key)[:16]
 
 
-def agent_record(agent: LoadedAgent) -> AgentRecord:
+def agent_record(agent: LoadedAgent) -> records.AgentRecord:
     """The agent as results name it."""
-    return AgentRecord(
+    return records.AgentRecord(
         name=agent.name,
         kind=agent.kind,
         digest=agent.digest,
         privileged=agent.privileged,
         information=agent.information,
         card=agent.submission.card if agent.submission is not None else None,
-        training=None if agent.training is None else TrainingRecord.model_validate(asdict(agent.training)),
+        training=None if agent.training is None else records.TrainingRecord.model_validate(asdict(agent.training)),
     )
 
 

@@ -16,16 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal, Self
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    FailFast,
-    Field,
-    SerializerFunctionWrapHandler,
-    model_serializer,
-    model_validator,
-)
+import pydantic
 
 from glbench import __version__
 from glbench.agents.card import RecipeId, Split, SubmissionCard, Year
@@ -47,8 +38,8 @@ RANKING_METRIC: Final = "reward"
 """Every result has it."""
 
 Status = Literal["ok", "crashed", "timed_out", "invalid_action", "simulation_failed"]
-Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-Seconds = Annotated[float, Field(ge=0, le=1e15)]
+Digest = Annotated[str, pydantic.Field(pattern=r"^[0-9a-f]{64}$")]
+Seconds = Annotated[float, pydantic.Field(ge=0, le=1e15)]
 MOST_STEPS = 10_000_000
 """A task has at most ten years of minutes."""
 _LARGEST_METRIC = 1e100
@@ -62,10 +53,12 @@ def _agent_name(name: str) -> str:
     return name
 
 
-class Record(BaseModel):
+class Record(pydantic.BaseModel):
     """Base of the records: frozen, no unknown fields, no NaN."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True)
+    model_config = pydantic.ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True
+    )
 
 
 class Sparse(Record):
@@ -73,8 +66,8 @@ class Sparse(Record):
 
     sparse: ClassVar[frozenset[str]] = frozenset()
 
-    @model_serializer(mode="wrap")
-    def _without_absent(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    @pydantic.model_serializer(mode="wrap")
+    def _without_absent(self, write: pydantic.SerializerFunctionWrapHandler) -> dict[str, Any]:
         content: dict[str, Any] = write(self)
         return {name: value for name, value in content.items() if value is not None or name not in self.sparse}
 
@@ -92,10 +85,10 @@ class RunResult(Sparse):
     status: Status
     reason: Text | None
     steps: Count
-    metrics: Annotated[dict[Word, float], Field(max_length=MOST_ENTRIES)]
-    cluster: Annotated[str | None, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}$")] = None
+    metrics: Annotated[dict[Word, float], pydantic.Field(max_length=MOST_ENTRIES)]
+    cluster: Annotated[str | None, pydantic.Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]{0,79}$")] = None
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _is_consistent(self) -> Self:
         if RANKING_METRIC not in self.metrics:
             msg = f"run with seed {self.seed} lacks the metric '{RANKING_METRIC}'"
@@ -115,13 +108,13 @@ class TaskRecord(Sparse):
     """
 
     sparse = frozenset({"split", "years", "salt_commitment"})
-    id: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+/[A-Za-z0-9_.-]+-v[1-9][0-9]*$", max_length=200)]
+    id: Annotated[str, pydantic.Field(pattern=r"^[A-Za-z0-9_-]+/[A-Za-z0-9_.-]+-v[1-9][0-9]*$", max_length=200)]
     digest: Digest
     title: Text
-    steps: Annotated[int, Field(ge=0, le=MOST_STEPS)]
-    step_seconds: Annotated[float, Field(ge=1, le=86400)]
+    steps: Annotated[int, pydantic.Field(ge=0, le=MOST_STEPS)]
+    step_seconds: Annotated[float, pydantic.Field(ge=1, le=86400)]
     split: Split | None = None
-    years: Annotated[tuple[Year, ...] | None, FailFast(), Field(max_length=MOST_ENTRIES)] = None
+    years: Annotated[tuple[Year, ...] | None, pydantic.FailFast(), pydantic.Field(max_length=MOST_ENTRIES)] = None
     salt_commitment: Digest | None = None
 
 
@@ -145,7 +138,7 @@ class AgentRecord(Sparse):
 
     sparse = frozenset({"training"})
 
-    name: Annotated[str, AfterValidator(_agent_name)]
+    name: Annotated[str, pydantic.AfterValidator(_agent_name)]
     kind: Literal["submission", "baseline"]
     digest: Digest
     privileged: bool
@@ -161,16 +154,16 @@ class EvaluationRecord(Record):
     ``decision_seconds`` is the time spent in the agent, for all runs together; ``decision_milliseconds`` the same for one step of one run.
     """
 
-    runs: Annotated[Count, Field(ge=1)]
-    seeds: Annotated[tuple[Count, ...], FailFast()]
-    workers: Annotated[Count, Field(ge=1)]
+    runs: Annotated[Count, pydantic.Field(ge=1)]
+    seeds: Annotated[tuple[Count, ...], pydantic.FailFast()]
+    workers: Annotated[Count, pydantic.Field(ge=1)]
     wall_seconds: Seconds
     steps_per_second: Seconds
     decision_seconds: Seconds
     decision_milliseconds: Seconds
     resumed_at_step: Count | None
-    limits: Annotated[dict[Word, Seconds], Field(max_length=MOST_ENTRIES)]
-    kernel: Annotated[dict[Word, Text | float], Field(max_length=MOST_ENTRIES)]
+    limits: Annotated[dict[Word, Seconds], pydantic.Field(max_length=MOST_ENTRIES)]
+    kernel: Annotated[dict[Word, Text | float], pydantic.Field(max_length=MOST_ENTRIES)]
     sandbox: Literal["bubblewrap", "unsandboxed", "built-in"] | None = None
     """How the agent ran: in a sandbox, without one, or as a part of glbench; ``None`` in results of glbench without sandboxes."""
 
@@ -178,7 +171,7 @@ class EvaluationRecord(Record):
 class RecordReference(Record):
     """A file beside the result, such as the one that holds the actions of all runs, and the digest of its content."""
 
-    file: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=255)]
+    file: Annotated[str, pydantic.Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=255)]
     digest: Digest
 
 
@@ -216,16 +209,16 @@ class Summary(Record):
     ok: Count
     failed: Count
     statuses: dict[Status, Count]
-    mean: Annotated[dict[Word, float], Field(max_length=MOST_ENTRIES)]
+    mean: Annotated[dict[Word, float], pydantic.Field(max_length=MOST_ENTRIES)]
 
 
 class ReferenceRuns(Record):
     """A reference agent: the ranking metric of each run, in the order of the seeds, with the published and with the fresh draws."""
 
-    name: Annotated[str, AfterValidator(_agent_name)]
+    name: Annotated[str, pydantic.AfterValidator(_agent_name)]
     digest: Digest
-    published: Annotated[tuple[float, ...], FailFast()]
-    fresh: Annotated[tuple[float, ...], FailFast()]
+    published: Annotated[tuple[float, ...], pydantic.FailFast()]
+    fresh: Annotated[tuple[float, ...], pydantic.FailFast()]
 
 
 class FreshDraws(Record):
@@ -234,8 +227,8 @@ class FreshDraws(Record):
     salt: Digest
     metric: Word
     """Ranking metric of the task, to which the values of ``references`` belong."""
-    runs: Annotated[tuple[RunResult, ...], FailFast()]
-    references: Annotated[tuple[ReferenceRuns, ...], Field(min_length=1, max_length=MOST_ENTRIES)]
+    runs: Annotated[tuple[RunResult, ...], pydantic.FailFast()]
+    references: Annotated[tuple[ReferenceRuns, ...], pydantic.Field(min_length=1, max_length=MOST_ENTRIES)]
     record: RecordReference
     digest: Digest
     """SHA-256 over all fields except ``record``, and the ``results_digest`` of the result."""
@@ -250,7 +243,7 @@ class Result(Sparse):
     """One agent on one task: everything that ``reports/results/<task>/<agent>.json`` holds."""
 
     sparse = frozenset({"fresh_draws"})
-    schema_name: Literal["glbench/result"] = Field(default=SCHEMA_NAME, alias="schema")
+    schema_name: Literal["glbench/result"] = pydantic.Field(default=SCHEMA_NAME, alias="schema")
     schema_version: Literal[1] = SCHEMA_VERSION
     task: TaskRecord
     agent: AgentRecord
@@ -259,9 +252,9 @@ class Result(Sparse):
     machine: Machine
     git: GitState | None
     created: Word
-    units: Annotated[dict[Word, Word], Field(max_length=MOST_ENTRIES)]
+    units: Annotated[dict[Word, Word], pydantic.Field(max_length=MOST_ENTRIES)]
     """Of every metric that the runs have."""
-    runs: Annotated[tuple[RunResult, ...], FailFast()]
+    runs: Annotated[tuple[RunResult, ...], pydantic.FailFast()]
     summary: Summary
     results_digest: Digest
     record: RecordReference | None = None
@@ -271,7 +264,7 @@ class Result(Sparse):
     fresh_draws: FreshDraws | None = None
     """Evaluation with fresh draws (`glbench evaluate --fresh-draws`); absent without it. ``results_digest`` does not cover it."""
 
-    @model_validator(mode="after")
+    @pydantic.model_validator(mode="after")
     def _is_consistent(self) -> Self:
         seeds = tuple(run.seed for run in self.runs)
         if seeds != self.evaluation.seeds or len(seeds) != self.evaluation.runs:

@@ -15,14 +15,7 @@ from pathlib import Path
 import jax
 from filelock import FileLock, Timeout
 
-from glbench.kernel.compiled import CompiledUnavailable
-from glbench.kernel.compiled.binding import (
-    EnvironmentCall,
-    EnvironmentPointers,
-    members,
-    of_another_version,
-    open_library,
-)
+from glbench.kernel.compiled import CompiledUnavailable, binding
 from glbench.kernel.compiled.compiler import find_compiler, machine_digest
 from glbench.resources import cache_folder
 
@@ -36,7 +29,7 @@ _LOCK_SECONDS = 300.0
 class DoorPointers(ctypes.Structure):
     """``Door`` of native/door.cpp."""
 
-    _fields_ = members(
+    _fields_ = binding.members(
         "run* settings* program* states controls actions memory keys days traits parameters columns width shared_parameters "
         "scenarios places low* high* start* at* sequence* first* key* parameter* trait* remembered* reward shown show*"
     )
@@ -52,11 +45,11 @@ def library() -> ctypes.CDLL:
         When it can be neither loaded nor built: no compiler, a failing one, a cache that cannot be written.
     """
     path = _build()
-    handle = open_library(str(path), "glb_door_reset", "glb_door_step", "glb_door_open", "glb_door_layout")
+    handle = binding.open_library(str(path), "glb_door_reset", "glb_door_step", "glb_door_open", "glb_door_layout")
     sizes = (ctypes.c_int64 * 3)()
     handle.glb_door_layout(sizes)
-    if tuple(sizes) != tuple(map(ctypes.sizeof, (DoorPointers, EnvironmentPointers, EnvironmentCall))):
-        raise of_another_version(str(path))
+    if tuple(sizes) != tuple(map(ctypes.sizeof, (DoorPointers, binding.EnvironmentPointers, binding.EnvironmentCall))):
+        raise binding.of_another_version(str(path))
     handle.glb_door_open.argtypes = (ctypes.c_char_p, ctypes.c_void_p)
     handle.glb_door_open.restype = None
     jax.ffi.register_ffi_target(RESET, jax.ffi.pycapsule(handle.glb_door_reset))  # type: ignore[no-untyped-call]

@@ -10,20 +10,12 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from pydantic import Field
 
+from glbench.leaderboard import statistics
 from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests
 from glbench.leaderboard.entries import Entry, entries_by_task, expected_seeds, metric_of, resolution_of
 from glbench.leaderboard.fresh_draws import FreshScore, fresh_score, fresh_score_over
 from glbench.leaderboard.regret import BestKnownMeans, Regret, best_known_means, can_be_best_known, regret_of
-from glbench.leaderboard.statistics import (
-    Estimate,
-    FrozenModel,
-    Interval,
-    estimate_over_trainings,
-    estimates_of,
-    tiers,
-    worst_of,
-)
 from glbench.leaderboard.training_data import (
     TrainingData,
     budget_of,
@@ -41,7 +33,7 @@ _SHORT = 6
 Number = TypeVar("Number", int, float)
 
 
-class OfYear(FrozenModel):
+class OfYear(statistics.FrozenModel):
     """Mean of the ranking metric over the runs of one weather year; of several trainings, the mean over them."""
 
     year: int
@@ -49,7 +41,7 @@ class OfYear(FrozenModel):
     mean: float
 
 
-class Row(FrozenModel):
+class Row(statistics.FrozenModel):
     """One entry on one task: an agent, or several trainings of one recipe."""
 
     rank: int | None = Field(description="shared by agents that cannot be told apart; null when runs are missing")
@@ -80,7 +72,7 @@ class Row(FrozenModel):
         description="short digests of the kernel's library and of all its settings",
     )
     remark: str
-    worst_tenth: Interval | None = Field(
+    worst_tenth: statistics.Interval | None = Field(
         default=None,
         description="what ranks, as the mean of the worst tenth of the runs (CVaR10) with its 95 % bootstrap interval; of several "
         "trainings the mean over them with the lowest and the highest; null where a result does not hold what ranks",
@@ -99,7 +91,7 @@ class Row(FrozenModel):
         default="", description="why it is marked as trained on what is scored; empty where it is not"
     )
     results_digest: str = Field(description="of several trainings that of the first")
-    estimates: dict[str, Estimate] = Field(serialization_alias="metrics")
+    estimates: dict[str, statistics.Estimate] = Field(serialization_alias="metrics")
     training_seed: int | None = Field(
         default=None, description="of one training among several: the seed it was trained with"
     )
@@ -131,7 +123,7 @@ class Row(FrozenModel):
         return {name: one.mean for name, one in self.estimates.items()}
 
 
-class TaskTable(FrozenModel):
+class TaskTable(statistics.FrozenModel):
     """One task and all agents on it, best first."""
 
     task_id: str = Field(serialization_alias="id")
@@ -244,7 +236,7 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
     rows: list[Row] = []
     fixed = {name for name, entry in complete.items() if entry.is_fixed}
     values = {name: (entry.by_training(metric),) for name, entry in complete.items()}
-    for tier in tiers(values, (resolution,), fixed=fixed):
+    for tier in statistics.tiers(values, (resolution,), fixed=fixed):
         shared = len(rows) + 1
         rows += [_row(complete[name], shared, "", metric) for name in tier]
     for entry in (entry for entry in entries if entry.name not in complete):
@@ -286,8 +278,8 @@ def _row(entry: Entry, rank_: int | None, remark: str, metric: str) -> Row:
         update={
             **combined(rows),
             "agent": entry.name,
-            "estimates": {name: estimate_over_trainings(entry.by_training(name)) for name in shared_metrics},
-            "worst_tenth": worst_of(entry.by_training(metric)) if entry.states(metric) else None,
+            "estimates": {name: statistics.estimate_over_trainings(entry.by_training(name)) for name in shared_metrics},
+            "worst_tenth": statistics.worst_of(entry.by_training(metric)) if entry.states(metric) else None,
             "regret": regret_of([item.result for item in entry.trainings]),
             "by_year": means_by_year(entry.trainings, metric) if entry.states(metric) else (),
             "fresh_draws": fresh_score_over([row.fresh_draws for row in rows]),
@@ -342,7 +334,7 @@ def _row_of_result(item: StoredResult, origin: Origin, metric: str, **place: Any
         privileged=result.agent.privileged,
         runs=evaluation.runs,
         failed=result.summary.failed,
-        estimates=estimates_of(result),
+        estimates=statistics.estimates_of(result),
         units=dict(result.units),
         task_digest=result.task.digest,
         results_digest=result.results_digest,
@@ -357,7 +349,7 @@ def _row_of_result(item: StoredResult, origin: Origin, metric: str, **place: Any
         training_steps=budget.steps,
         training_hours=budget.hours,
         sandbox=evaluation.sandbox,
-        worst_tenth=worst_of(np.array(result.values(metric))) if metric in result.units else None,
+        worst_tenth=statistics.worst_of(np.array(result.values(metric))) if metric in result.units else None,
         regret=regret_of([result]),
         by_year=means_by_year([item], metric) if metric in result.units else (),
         fresh_draws=fresh_score(result),

@@ -9,25 +9,11 @@ import numpy as np
 from pydantic import Field
 
 from glbench.evaluation.records import RANKING_METRIC
+from glbench.leaderboard import statistics
 from glbench.leaderboard.collect import Expectation, Origin, StoredResult
 from glbench.leaderboard.entries import entries_by_task, metric_of, of_one_version, resolution_of
 from glbench.leaderboard.ranking import Row, TaskTable, combined
 from glbench.leaderboard.regret import best_runs
-from glbench.leaderboard.statistics import (
-    RESOLUTION,
-    SCORES,
-    Array,
-    FrozenModel,
-    Interval,
-    Profile,
-    aggregate,
-    estimate_difference,
-    normalise,
-    performance_profile,
-    pooled,
-    probability_of_improvement,
-    tiers,
-)
 from glbench.quantities import MONEY
 from glbench.tasks import list_suites, published_task
 from glbench.tasks.references import SEVERAL, BestKnown, References, read_best_known, read_references
@@ -43,7 +29,7 @@ _LOWEST_THRESHOLD = -0.25
 """Profiles begin here at the lowest: how far below doing nothing a failed run lies is not worth the room."""
 
 
-class SuiteFigures(FrozenModel):
+class SuiteFigures(statistics.FrozenModel):
     """What an agent earned, grew and used over a suite: means over the tasks, in the units that ``units`` names."""
 
     metrics: dict[str, float]
@@ -63,21 +49,21 @@ class SuiteFigures(FrozenModel):
         return self.metrics
 
 
-class SuiteRow(FrozenModel):
+class SuiteRow(statistics.FrozenModel):
     """One agent over a suite, in normalised scores: 0 is doing nothing, 1 the best known result of each task."""
 
     rank: int | None
     agent: str
-    iqm: Interval
-    mean: Interval
-    median: Interval
-    optimality_gap: Interval
-    regret: Interval | None = Field(
+    iqm: statistics.Interval
+    mean: statistics.Interval
+    median: statistics.Interval
+    optimality_gap: statistics.Interval
+    regret: statistics.Interval | None = Field(
         default=None,
         description="mean over the tasks of the mean regret to the best known runs [EUR m-2]; null where it lacks tasks, or a task has "
         "no best known runs or counts no money",
     )
-    against_rules: Interval | None = Field(
+    against_rules: statistics.Interval | None = Field(
         default=None,
         description=f"mean over the tasks of its score minus that of {RULES}, paired by run [EUR m-2]; null if one of the two lacks "
         "tasks, or a task has no best known runs or does not score money",
@@ -89,25 +75,27 @@ class SuiteRow(FrozenModel):
     runs: int = Field(exclude=True)
 
 
-class Improvement(FrozenModel):
+class Improvement(statistics.FrozenModel):
     """Probability that ``first`` scores above ``second`` in the same run, averaged over the tasks, ties half, with its interval."""
 
     first: str
     second: str
-    probability: Interval
+    probability: statistics.Interval
 
 
-class SuiteTable(FrozenModel):
+class SuiteTable(statistics.FrozenModel):
     """One suite and all agents on it, best first by mean normalised score; agents that lack tasks last."""
 
     suite: str = Field(serialization_alias="name")
     tasks: tuple[str, ...]
     rows: tuple[SuiteRow, ...]
     improvements: tuple[Improvement, ...] = ()
-    profiles: tuple[Profile, ...] = ()
+    profiles: tuple[statistics.Profile, ...] = ()
 
 
-def scores_by_task(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, dict[str, Array]]:
+def scores_by_task(
+    stored: Iterable[StoredResult], expected: Mapping[str, Expectation]
+) -> dict[str, dict[str, statistics.Array]]:
     """What ranks of complete entries of published tasks ``(trainings, n)``, by task id and entry, in the order of the task's seeds."""
     return {
         task_id: {entry.name: entry.by_training(metric) for entry in complete}
@@ -121,7 +109,7 @@ def scores_by_task(stored: Iterable[StoredResult], expected: Mapping[str, Expect
 def suite_table(
     suite: str,
     tasks: tuple[str, ...],
-    scores: Mapping[str, Mapping[str, Array]],
+    scores: Mapping[str, Mapping[str, statistics.Array]],
     references: Mapping[str, References],
     tables: Sequence[TaskTable] = (),
     best_known: Mapping[str, BestKnown] | None = None,
@@ -152,15 +140,15 @@ def suite_table(
     usable = tuple(task for task in tasks if task in references and task in scores)
     if not usable:
         return None
-    normalised: dict[str, dict[str, Array]] = {}
+    normalised: dict[str, dict[str, statistics.Array]] = {}
     for task in usable:
         reference = references[task]
         for agent, rewards in scores[task].items():
-            normalised.setdefault(agent, {})[task] = normalise(rewards, reference.nothing, reference.best)
+            normalised.setdefault(agent, {})[task] = statistics.normalise(rewards, reference.nothing, reference.best)
     whole = {agent: by_task for agent, by_task in normalised.items() if len(by_task) == len(usable)}
     of_task = {table.task_id: resolution_of(table.metric, table.task) for table in tables}
     resolutions = [
-        of_task.get(task, RESOLUTION) / (references[task].best - references[task].nothing) for task in usable
+        of_task.get(task, statistics.RESOLUTION) / (references[task].best - references[task].nothing) for task in usable
     ]
     names = None if scenarios is None else [scenarios[task] for task in usable]
     rows_of: dict[str, list[Row]] = {}
@@ -168,7 +156,7 @@ def suite_table(
         rows_of.setdefault(row.agent, []).append(row)
     fixed = {agent for agent, rows in rows_of.items() if not any(row.training_steps for row in rows)}
     values = {agent: [by_task[task] for task in usable] for agent, by_task in whole.items()}
-    order = tiers(values, resolutions, names, fixed)
+    order = statistics.tiers(values, resolutions, names, fixed)
     in_money = _in_money(usable, scores, best_known or {}, names, fixed)
     rows: list[SuiteRow] = []
     for tier in order:
@@ -183,9 +171,9 @@ def suite_table(
     ]
     improvements = []
     for one, other in combinations([agent for tier in order for agent in tier], 2):
-        p = probability_of_improvement(whole[one], whole[other], scenarios)
+        p = statistics.probability_of_improvement(whole[one], whole[other], scenarios)
         # What one has above the other is what the other has below it.
-        back = Interval(value=1.0 - p.value, low=1.0 - p.high, high=1.0 - p.low)
+        back = statistics.Interval(value=1.0 - p.value, low=1.0 - p.high, high=1.0 - p.low)
         improvements.append(Improvement(first=one, second=other, probability=p))
         improvements.append(Improvement(first=other, second=one, probability=back))
     return SuiteTable(
@@ -227,11 +215,11 @@ def scenario_names(task_id: str, seeds: Sequence[int]) -> list[tuple[Hashable, .
 def _row(
     agent: str,
     rank: int | None,
-    scores: Mapping[str, Array],
+    scores: Mapping[str, statistics.Array],
     tasks: Sequence[str],
     table_rows: Sequence[Row],
     scenarios: Mapping[str, Sequence[Hashable]] | None,
-    **in_money: Interval,
+    **in_money: statistics.Interval,
 ) -> SuiteRow:
     arrays = [scores[task] for task in tasks if task in scores]
     names = None if scenarios is None else [scenarios[task] for task in tasks if task in scores]
@@ -242,7 +230,7 @@ def _row(
     return SuiteRow(
         rank=rank,
         agent=agent,
-        **{score: aggregate(arrays, score, names) for score in SCORES},
+        **{score: statistics.aggregate(arrays, score, names) for score in statistics.SCORES},
         **in_money,
         trainings=(min(counts), max(counts)),
         missing=tuple(task for task in tasks if task not in scores),
@@ -254,34 +242,36 @@ def _row(
 
 def _in_money(
     tasks: Sequence[str],
-    scores: Mapping[str, Mapping[str, Array]],
+    scores: Mapping[str, Mapping[str, statistics.Array]],
     best_known: Mapping[str, BestKnown],
     scenarios: Sequence[Sequence[Hashable]] | None,
     fixed: Collection[str],
-) -> dict[str, dict[str, Interval]]:
+) -> dict[str, dict[str, statistics.Interval]]:
     """For agents with all tasks, if all tasks score money: mean regret, and mean score minus that of the tuned rules."""
     if any(task not in best_known or best_known[task].units["reward"] != MONEY for task in tasks):
         return {}
     best = [np.array([run.reward for run in best_known[task].runs]) for task in tasks]
     everywhere = set[str].intersection(*(set(scores[task]) for task in tasks))
-    intervals: dict[str, dict[str, Interval]] = {}
+    intervals: dict[str, dict[str, statistics.Interval]] = {}
     for agent in everywhere:
         own = [scores[task][agent] for task in tasks]
         gaps = [top - values for top, values in zip(best, own, strict=True)]
-        intervals[agent] = {"regret": aggregate(gaps, "mean", scenarios)}
+        intervals[agent] = {"regret": statistics.aggregate(gaps, "mean", scenarios)}
         if RULES in everywhere - {agent}:
             rules = [scores[task][RULES] for task in tasks]
-            intervals[agent]["against_rules"] = estimate_difference(
+            intervals[agent]["against_rules"] = statistics.estimate_difference(
                 own, rules, scenarios, (agent in fixed, RULES in fixed)
             ).interval()
     return intervals
 
 
-def _profiles(whole: Mapping[str, Mapping[str, Array]], tasks: Sequence[str]) -> tuple[Profile, ...]:
+def _profiles(
+    whole: Mapping[str, Mapping[str, statistics.Array]], tasks: Sequence[str]
+) -> tuple[statistics.Profile, ...]:
     """Profiles over thresholds from the lowest score that matters to a little above the best."""
     if not whole:
         return ()
-    lists = {agent: pooled([by_task[task] for task in tasks]) for agent, by_task in whole.items()}
+    lists = {agent: statistics.pooled([by_task[task] for task in tasks]) for agent, by_task in whole.items()}
     every = np.concatenate([runs for each in lists.values() for runs in each])
     low, high = max(_LOWEST_THRESHOLD, min(0.0, float(every.min()))), max(1.0, float(every.max()))
     margin = 0.02 * (high - low)
@@ -289,7 +279,7 @@ def _profiles(whole: Mapping[str, Mapping[str, Array]], tasks: Sequence[str]) ->
     # As many again where the runs are, so that agents that lie close together keep their shape.
     dense = np.quantile(every[every >= low], np.linspace(0.0, 1.0, _THRESHOLDS))
     thresholds = np.unique(np.round(np.concatenate([even, dense]), 4))
-    return tuple(performance_profile(agent, each, thresholds) for agent, each in lists.items())
+    return tuple(statistics.performance_profile(agent, each, thresholds) for agent, each in lists.items())
 
 
 def references_from(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, References]:

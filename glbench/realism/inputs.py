@@ -16,17 +16,7 @@ from numpy.typing import NDArray
 from glbench.errors import ArchiveError
 from glbench.realism.houses import Lamps, Settings
 from glbench.realism.published import DAY_ZERO, ROWS_A_DAY, WEATHER, Archive, Compartment, Weather, longest, moment
-from glbench.weather.preprocessing import (
-    COLUMNS,
-    KELVIN,
-    STEFAN_BOLTZMANN,
-    co2_density,
-    seconds_into_year,
-    soil_temperature,
-    to_utc_seconds,
-    utc_offsets,
-    vapour_pressure,
-)
+from glbench.weather import preprocessing
 from glbench.weather.record import FloatArray, IntArray
 
 STEP_SECONDS = 900
@@ -69,7 +59,7 @@ class Outdoors:
 
     def of(self, name: str) -> FloatArray:
         """A column by its public name (steps,)."""
-        return self.values[:, COLUMNS.index(name)]
+        return self.values[:, preprocessing.COLUMNS.index(name)]
 
 
 def outdoors(archive: Archive, clock: str, co2_ppm: float) -> Outdoors:
@@ -86,9 +76,11 @@ def outdoors(archive: Archive, clock: str, co2_ppm: float) -> Outdoors:
     ArchiveError
         When more than ``LONGEST_GAP_HOURS`` are missing at once, or the weather does not reach over all days.
     """
-    begin, end = (to_utc_seconds(archive.first + dt.timedelta(days=days), clock) for days in (0, archive.days))
+    begin, end = (
+        preprocessing.to_utc_seconds(archive.first + dt.timedelta(days=days), clock) for days in (0, archive.days)
+    )
     readings = np.arange(begin, end, _ROW_SECONDS, dtype=np.int64)
-    numbers = (readings + utc_offsets(readings, clock)) // _ROW_SECONDS + _EPOCH * ROWS_A_DAY
+    numbers = (readings + preprocessing.utc_offsets(readings, clock)) // _ROW_SECONDS + _EPOCH * ROWS_A_DAY
     places = np.minimum(np.searchsorted(archive.weather.rows, numbers), archive.weather.rows.size - 1)
     has_row = archive.weather.rows[places] == numbers
     radiation, temperature, humidity, wind, net = (
@@ -101,14 +93,14 @@ def outdoors(archive: Archive, clock: str, co2_ppm: float) -> Outdoors:
         np.interp(np.arange(values.size), present, values[present])
         for values in (radiation, temperature, humidity, wind, net)
     )
-    sky = STEFAN_BOLTZMANN * (temperature + KELVIN) ** 4 + net
-    vapour = vapour_pressure(temperature, np.minimum(humidity, 100.0))
+    sky = preprocessing.STEFAN_BOLTZMANN * (temperature + preprocessing.KELVIN) ** 4 + net
+    vapour = preprocessing.vapour_pressure(temperature, np.minimum(humidity, 100.0))
     radiation, temperature, vapour, wind, sky = (
         values.reshape(-1, STEP_SECONDS // _ROW_SECONDS).mean(axis=1)
         for values in (np.maximum(radiation, 0.0), temperature, vapour, wind, sky)
     )
     times = np.arange(begin, end, STEP_SECONDS, dtype=np.int64)
-    local = times + utc_offsets(times, clock)
+    local = times + preprocessing.utc_offsets(times, clock)
     day = local // _DAY_SECONDS - int(local[0] // _DAY_SECONDS)
     sums = np.bincount(day, weights=radiation) * STEP_SECONDS * 1e-6
     light = (radiation > 0.0).astype(np.float64)
@@ -116,16 +108,16 @@ def outdoors(archive: Archive, clock: str, co2_ppm: float) -> Outdoors:
         "iGlob": radiation,
         "tOut": temperature,
         "vpOut": vapour,
-        "co2Out": co2_density(temperature, co2_ppm),
+        "co2Out": preprocessing.co2_density(temperature, co2_ppm),
         "wind": wind,
-        "tSky": (sky / STEFAN_BOLTZMANN) ** 0.25 - KELVIN,
-        "tSoOut": soil_temperature(seconds_into_year(times.astype(np.float64))),
+        "tSky": (sky / preprocessing.STEFAN_BOLTZMANN) ** 0.25 - preprocessing.KELVIN,
+        "tSoOut": preprocessing.soil_temperature(preprocessing.seconds_into_year(times.astype(np.float64))),
         # The last three serve controllers only; no equation of the model reads them.
         "dayRadSum": sums[day],
         "isDay": light,
         "isDaySmooth": light,
     }
-    values = np.column_stack([columns[name] for name in COLUMNS])
+    values = np.column_stack([columns[name] for name in preprocessing.COLUMNS])
     return Outdoors(values, day, (local % _DAY_SECONDS) / 3600.0, notes)
 
 

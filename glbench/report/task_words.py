@@ -12,23 +12,10 @@ from types import MappingProxyType
 from typing import Any
 from zoneinfo import ZoneInfo
 
+from glbench import tasks
 from glbench.errors import GlbenchError
 from glbench.leaderboard.catalogue import catalogue
 from glbench.quantities import pretty_unit, unit_sold
-from glbench.tasks import (
-    ACTUATION_KINDS,
-    INITIAL_STATES,
-    METRICS,
-    MODEL_VARIANTS,
-    PREPROCESSINGS,
-    REWARD_MODULES,
-    Capacity,
-    PriceTable,
-    Registry,
-    TaskCard,
-    TaskSpec,
-    task_card,
-)
 from glbench.tasks.ledger import FLOW, LIMITED, VIOLATION_PRICES
 from glbench.tasks.tables import ForecastTable, SplitsTable, SplitTable
 from glbench.tasks.vocabulary import FORECAST_ERRORS
@@ -47,10 +34,10 @@ class Section:
     rows: Sequence[Sequence[str]] = ()
 
 
-def definition_in_words(task: TaskSpec) -> Iterator[Section]:
+def definition_in_words(task: tasks.TaskSpec) -> Iterator[Section]:
     """The task, part after part, for a grower and a researcher. Without its weather record what does not need it."""
     try:
-        card = task_card(task)
+        card = tasks.task_card(task)
     except GlbenchError:
         card = None
     if task.base is not None:
@@ -71,7 +58,7 @@ def definition_in_words(task: TaskSpec) -> Iterator[Section]:
     yield from _scoring(task)
 
 
-def figures(task: TaskSpec) -> dict[str, Any]:
+def figures(task: tasks.TaskSpec) -> dict[str, Any]:
     """What charts need of a task, and what the reward needs to be computed again at other prices.
 
     A price that is a table stands as the factor 1 of that table, with its hourly prices and their mean where it has them. The mean is
@@ -113,7 +100,7 @@ def figures(task: TaskSpec) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def clock_of(task: TaskSpec) -> str:
+def clock_of(task: tasks.TaskSpec) -> str:
     """The clock that the hours of the day are of; UTC where the weather record is not installed."""
     try:
         return "UTC" if task.weather.preprocessing == "paper" else task.record().timezone
@@ -131,7 +118,7 @@ def day(date: dt.date) -> str:
     return f"{date.day} {date:%B %Y}"
 
 
-def period(task: TaskSpec) -> str:
+def period(task: tasks.TaskSpec) -> str:
     """``50 days from 1 March 2010, 2011 or 2012, up to 14 days later``: how long, and every first day that a run may draw.
 
     Without years where those are listed with the splits.
@@ -160,7 +147,7 @@ def _or(others: Sequence[str], last: str) -> str:
     return f"{', '.join(others)} or {last}" if others else last
 
 
-def _period(task: TaskSpec, card: TaskCard | None) -> list[str]:
+def _period(task: tasks.TaskSpec, card: tasks.TaskCard | None) -> list[str]:
     weather, end = task.weather, task.weather.start + dt.timedelta(days=task.weather.days)
     scenario, clock, place = task.scenario, "", "not installed here"
     if card is not None:
@@ -184,7 +171,7 @@ def _period(task: TaskSpec, card: TaskCard | None) -> list[str]:
     return [
         f"{when}{clock}; one decision every {minutes(task.step_seconds)}, {task.steps} in all.",
         f"Weather '{weather.source}': {place}; CO2 outside {co2}.",
-        f"Prepared {PREPROCESSINGS[weather.preprocessing].meaning}.",
+        f"Prepared {tasks.PREPROCESSINGS[weather.preprocessing].meaning}.",
     ]
 
 
@@ -193,7 +180,7 @@ _FOR: Mapping[str, str] = MappingProxyType(
 )
 
 
-def _splits(task: TaskSpec, splits: SplitsTable) -> Iterator[str]:
+def _splits(task: tasks.TaskSpec, splits: SplitsTable) -> Iterator[str]:
     """What each split is for, of which years it is made, and how many seasons it has."""
     listed: set[tuple[int, ...]] = set()
     for name in splits.names:
@@ -215,14 +202,14 @@ def _splits(task: TaskSpec, splits: SplitsTable) -> Iterator[str]:
         yield f"Nothing can be learned here: agents come from {task.base or 'another task'}."
 
 
-def _greenhouse(task: TaskSpec) -> Iterator[Section]:
+def _greenhouse(task: tasks.TaskSpec) -> Iterator[Section]:
     """The model with its parameters and start, what of it a run draws, and what each sensor is off by."""
     names, uncertainty, scenario = task.uncertain_parameters(), task.uncertainty, task.scenario
     lines = [
         *([f"Model {task.model_id}."] if task.conventions.names_model else []),
-        f"Parameter set '{task.model.parameters}'; {_meaning(MODEL_VARIANTS, task.model.variant)}.",
+        f"Parameter set '{task.model.parameters}'; {_meaning(tasks.MODEL_VARIANTS, task.model.variant)}.",
         *(f"Changed: {name} = {value:g} {unit}." for name, value, unit in task.model.overrides),
-        f"Start: {_meaning(INITIAL_STATES, task.initial.kind)} ({task.initial.air_temperature:g} degC), all controls at 0.",
+        f"Start: {_meaning(tasks.INITIAL_STATES, task.initial.kind)} ({task.initial.air_temperature:g} degC), all controls at 0.",
     ]
     if not task.conventions.shows_delta:
         lines.append(f"Random numbers of the family '{scenario.family}'.")
@@ -266,7 +253,7 @@ def _greenhouse(task: TaskSpec) -> Iterator[Section]:
         yield Section("Sensors inside; what is judged is the truth", lines)
 
 
-def _meaning(words: Registry[Any], name: str) -> str:
+def _meaning(words: tasks.Registry[Any], name: str) -> str:
     """What a word means, or the word where only the model knows it."""
     return words[name].meaning if name in words else f"'{name}'"
 
@@ -274,7 +261,7 @@ def _meaning(words: Registry[Any], name: str) -> str:
 _WHEN: Mapping[str, str] = MappingProxyType({"step": "at every step", "day": "every day", "episode": "once a run"})
 
 
-def _interface(task: TaskSpec, card: TaskCard) -> Iterator[Section]:
+def _interface(task: tasks.TaskSpec, card: tasks.TaskCard) -> Iterator[Section]:
     """What the agent sees, and what it does."""
     count = len(card.observations)
     first = card.observations if count <= _MOST_ROWS else card.observations[:_FIRST_ROWS]
@@ -292,7 +279,7 @@ def _interface(task: TaskSpec, card: TaskCard) -> Iterator[Section]:
     bounds = ("", "Name", "Unit", "Lowest", "Highest", "Meaning")
     yield Section(heading, lines, bounds, ("", "Lowest", "Highest"), rows)
     by_name, heading = {capacity.name: capacity for capacity in card.controls}, "What the agent does"
-    words = f"{len(card.actions)} numbers a step, in this order: {ACTUATION_KINDS[card.actuation].meaning}."
+    words = f"{len(card.actions)} numbers a step, in this order: {tasks.ACTUATION_KINDS[card.actuation].meaning}."
     if any(action.name not in by_name for action in card.actions):
         rows = [
             (str(i), action.name, action.unit, f"{action.lowest:g}", f"{action.highest:g}", action.meaning)
@@ -316,11 +303,11 @@ def _interface(task: TaskSpec, card: TaskCard) -> Iterator[Section]:
     yield Section(heading, (words, *machines), columns, ("", "At 1", "Most a step"), rows)
 
 
-def _delivers(capacity: Capacity, fraction: float) -> str:
+def _delivers(capacity: tasks.Capacity, fraction: float) -> str:
     return f"{capacity.at_one * fraction:g}" + (f" {capacity.unit}" if capacity.unit != "-" else "")
 
 
-def _money(task: TaskSpec, card: TaskCard | None) -> Iterator[Section]:
+def _money(task: tasks.TaskSpec, card: tasks.TaskCard | None) -> Iterator[Section]:
     """Limits of the climate with what their violations cost, and what is earned and paid."""
     words = catalogue(task)
     if card is not None and card.constraints:
@@ -362,7 +349,7 @@ _MOST_POINTS = 12
 """Moments of a series that are listed one by one."""
 
 
-def _entries_of_prices(table: PriceTable) -> str:
+def _entries_of_prices(table: tasks.PriceTable) -> str:
     """Hours of equal price as ranges, days, moments; a long series from where to where; a market by what moves it."""
     if table.market is not None:
         market = table.market
@@ -392,10 +379,10 @@ def _entries_of_prices(table: PriceTable) -> str:
 _PRICED_PENALTY = "minus what the violations of the limits cost, each at its price [EUR m-2]"
 
 
-def _scoring(task: TaskSpec) -> Iterator[Section]:
+def _scoring(task: tasks.TaskSpec) -> Iterator[Section]:
     """The reward of a step, and how runs are evaluated."""
     modules, evaluation, words = task.reward.modules, task.evaluation, catalogue(task)
-    meanings = {name: REWARD_MODULES[name].meaning for name in modules}
+    meanings = {name: tasks.REWARD_MODULES[name].meaning for name in modules}
     if task.violation_prices:
         meanings |= {name: _PRICED_PENALTY for name in modules if name == "scaled_penalty"}
     lines = [f"reward = {' + '.join(modules)}", *(f"  {name}: {meaning}." for name, meaning in meanings.items())]
@@ -421,7 +408,7 @@ def _scoring(task: TaskSpec) -> Iterator[Section]:
     ]
     lines = [
         f"{evaluation.runs} runs with the seeds {evaluation.seeds[0]} to {evaluation.seeds[-1]}. "
-        f"Ranked by {evaluation.metric}: {METRICS[evaluation.metric].meaning}.",
+        f"Ranked by {evaluation.metric}: {tasks.METRICS[evaluation.metric].meaning}.",
         f"Each missing step of a run that fails counts as {', '.join(charges)}.",
     ]
     yield Section("Evaluation", lines)

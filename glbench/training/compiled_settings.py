@@ -13,15 +13,7 @@ from pydantic import Field, field_validator, model_validator
 from glbench.errors import TrainingError
 from glbench.resources import data_folder
 from glbench.settings import validated
-from glbench.training.settings import (
-    FIRST_TRAINING_SEED,
-    Accrual,
-    EvaluationPlan,
-    FrozenSettings,
-    Normalization,
-    TrainingSeed,
-    section,
-)
+from glbench.training import settings
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -32,7 +24,7 @@ COMPILED = "compiled"
 """The value of ``learner`` in the settings."""
 
 
-class Memory(FrozenSettings):
+class Memory(settings.FrozenSettings):
     """What the policy remembers: for every column, running means with each of the time constants; and what it learns to remember."""
 
     hours: tuple[float, ...] = ()
@@ -50,7 +42,7 @@ class Memory(FrozenSettings):
         return hours
 
 
-class CompiledSettings(FrozenSettings):
+class CompiledSettings(settings.FrozenSettings):
     """Settings of one training with the compiled PPO; keys shared with Stable-Baselines3's PPO have the same meaning.
 
     Attributes
@@ -90,7 +82,7 @@ class CompiledSettings(FrozenSettings):
     n_steps: int = Field(default=32, gt=0)
     n_epochs: int = Field(default=4, gt=0)
     batch_size: int = Field(default=512, gt=1)
-    first_env_seed: TrainingSeed = FIRST_TRAINING_SEED
+    first_env_seed: settings.TrainingSeed = settings.FIRST_TRAINING_SEED
     scenarios: int = Field(default=256, gt=0)
     places: int = Field(default=32, gt=0)
     net_arch: tuple[int, ...] = Field(default=(128, 128), min_length=1)
@@ -103,14 +95,14 @@ class CompiledSettings(FrozenSettings):
     ent_coef: float = Field(default=0.0, ge=0)
     vf_coef: float = Field(default=0.5, gt=0)
     max_grad_norm: float = Field(default=0.5, gt=0)
-    normalize: Normalization = Normalization()
+    normalize: settings.Normalization = settings.Normalization()
     least_scale: dict[str, float] = Field(default_factory=lambda: {"outdoor_co2": 20.0})
     steer: bool = True
     memory: Memory = Memory()
     critic_sees: tuple[str, ...] = ()
-    accrual: Accrual | None = None
+    accrual: settings.Accrual | None = None
     reward_window: int = Field(default=100_000, gt=0)
-    evaluation: EvaluationPlan = EvaluationPlan(every=200_000)
+    evaluation: settings.EvaluationPlan = settings.EvaluationPlan(every=200_000)
     kernel_preset: Literal["fast", "reference"] = "fast"
 
     @model_validator(mode="after")
@@ -149,7 +141,7 @@ class CompiledSettings(FrozenSettings):
 
 def is_compiled(file: Path | None, task: TaskSpec) -> bool:
     """Whether a YAML file has settings of the compiled PPO, as the shipped ones are."""
-    return file is None or section(file, task.id).get("learner") == COMPILED
+    return file is None or settings.section(file, task.id).get("learner") == COMPILED
 
 
 def read_compiled_settings(file: Path | None, task: TaskSpec, steps: int | None = None) -> CompiledSettings:
@@ -161,7 +153,7 @@ def read_compiled_settings(file: Path | None, task: TaskSpec, steps: int | None 
         When the file cannot be read, or a value is impossible.
     """
     source = file or data_folder("baselines") / "ppo" / "fast.yml"
-    content = section(source, task.id)
+    content = settings.section(source, task.id)
     if steps is not None:
         content["n_timesteps"] = steps
     return validated(CompiledSettings, content, "the settings", source, TrainingError)

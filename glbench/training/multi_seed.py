@@ -13,19 +13,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from glbench import execution
 from glbench.errors import GlbenchError, TrainingError
 from glbench.evaluation.jobs import PackedTask
-from glbench.execution import (
-    Executor,
-    Files,
-    Future,
-    JobContext,
-    StopJob,
-    WorkerLostError,
-    portable_error,
-    read_files,
-    write_files,
-)
 from glbench.resources import Scratch, write_atomically
 from glbench.training.card import CARD, POLICY
 from glbench.training.folder import CHECKPOINT, LEARNER, SETTINGS, Trained, folder_lock, replaced
@@ -59,7 +49,7 @@ class TrainingJob:
     training: Training
     settings: Any
     folder: Path
-    start: Files
+    start: execution.Files
     options: Mapping[str, Any]
     waits_for_answers: bool
 
@@ -72,7 +62,7 @@ class _Saved:
 
 
 def submit_training(
-    executor: Executor,
+    executor: execution.Executor,
     training: Training,
     task: TaskSpec,
     settings: Any,
@@ -81,7 +71,7 @@ def submit_training(
     listeners: Sequence[Listener] = (),
     waits_for_answers: bool = False,
     **options: Any,
-) -> Future:
+) -> execution.Future:
     """Submit ``training(task, settings, folder, listeners=listeners, **options)``; ``outcome_of`` takes its outcome.
 
     An exception of a listener stops the training, and is its outcome; with ``waits_for_answers``, right after the evaluation.
@@ -108,7 +98,7 @@ def submit_training(
     return executor.submit(_train, job, listener=hand_on, folder=folder, save=bring_home)
 
 
-def outcome_of(future: Future, folder: Path) -> Trained:
+def outcome_of(future: execution.Future, folder: Path) -> Trained:
     """The outcome of a training in ``folder``.
 
     Raises
@@ -120,7 +110,7 @@ def outcome_of(future: Future, folder: Path) -> Trained:
     """
     try:
         trained: Trained = future.result()
-    except WorkerLostError as error:
+    except execution.WorkerLostError as error:
         msg = f"The training in {folder} ended unexpectedly. {error} Run the same command again to continue."
         raise TrainingError(msg) from error
     except TrainingError:
@@ -131,7 +121,7 @@ def outcome_of(future: Future, folder: Path) -> Trained:
 
 
 def train_seeds(
-    executor: Executor,
+    executor: execution.Executor,
     training: Training,
     task: TaskSpec,
     settings: Any,
@@ -146,7 +136,7 @@ def train_seeds(
     """
     locks = dict[int, ExitStack]()
 
-    def submit(seed: int) -> Future:
+    def submit(seed: int) -> execution.Future:
         locks[seed] = all_locks.enter_context(ExitStack())
         if executor.is_remote:  # a local training locks its folder itself
             locks[seed].enter_context(folder_lock(folders[seed]))
@@ -167,7 +157,7 @@ def train_seeds(
 class _Reporter(Listener):
     """Sends the news of a training to the process that submitted it, and saves its folder with every checkpoint."""
 
-    def __init__(self, context: JobContext, *, waits_for_answers: bool) -> None:
+    def __init__(self, context: execution.JobContext, *, waits_for_answers: bool) -> None:
         self._context = context
         self._send_evaluation = context.ask if waits_for_answers else context.send
 
@@ -181,26 +171,26 @@ class _Reporter(Listener):
         self._context.send(_Saved(steps), save=True)
 
 
-def _train(context: JobContext, job: TrainingJob) -> Trained:
+def _train(context: execution.JobContext, job: TrainingJob) -> Trained:
     """The job: a training in the folder of ``context``, with the paths of the machine of the command in its files and errors."""
     folder, settings, scratch = context.folder, job.settings, Scratch()
     assert folder is not None
     paths = {str(folder): str(job.folder)} if folder.resolve() != job.folder else {}
     try:
         if job.start:
-            write_files(scratch.folder(), job.start)
+            execution.write_files(scratch.folder(), job.start)
             start = scratch.folder() / _START / settings.start_from.name
             paths[str(start)] = str(settings.start_from)
             settings = settings.model_copy(update={"start_from": start})
         reporter = _Reporter(context, waits_for_answers=job.waits_for_answers)
         task = job.task.unpack() if isinstance(job.task, PackedTask) else job.task
         return job.training(task, settings, folder, listeners=[reporter], **job.options)
-    except StopJob:
+    except execution.StopJob:
         raise
     except Exception as error:
         if not paths:
             raise
-        raise TrainingError(_replace_paths(str(portable_error(error)), paths)) from error
+        raise TrainingError(_replace_paths(str(execution.portable_error(error)), paths)) from error
     finally:
         scratch.remove()
         if paths:
@@ -216,7 +206,7 @@ def _replace_paths(text: str, paths: Mapping[str, str]) -> str:
     return text
 
 
-def _start_files(policy: Path | None) -> Files:
+def _start_files(policy: Path | None) -> execution.Files:
     """The policy that a training starts from and its cards, in the same relative places as here.
 
     Raises
@@ -236,7 +226,7 @@ def _start_files(policy: Path | None) -> Files:
         raise TrainingError(msg) from error
 
 
-def bring_home(folder: Path, files: Files) -> None:
+def bring_home(folder: Path, files: execution.Files) -> None:
     """Make ``folder`` hold ``files``, the folder of a remote training. If killed at any moment, it can still be resumed."""
     parts = dict[str, dict[str, bytes]]()
     for name, content in files.items():
@@ -249,6 +239,6 @@ def bring_home(folder: Path, files: Files) -> None:
         if "" in part:
             if not place.is_file() or place.read_bytes() != part[""]:
                 write_atomically(place, part[""])
-        elif read_files(place) != part:
+        elif execution.read_files(place) != part:
             with replaced(place) as new:
-                write_files(new, part)
+                execution.write_files(new, part)

@@ -19,35 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from glbench.agents import tuned_rules
 from glbench.agents.energy_rules import POWER, EnergyRulesAgent, EnergyRuleSettings
-from glbench.agents.tuned_rules import (
-    RulePage,
-    TunedRulesAgent,
-    TunedRuleSettings,
-    read_rule_page,
-    read_rule_pages,
-    rounded,
-    settings_text,
-)
 from glbench.env import Simulation
 from glbench.errors import TrainingError
 from glbench.kernel import make_kernel
 from glbench.resources import data_folder, write_atomically
 from glbench.tasks import task_card
+from glbench.training import periodic_evaluation
 from glbench.training.card import CARD, TrainingFacts, digest_of_tasks, note_session, write_card
 from glbench.training.export import start_of
 from glbench.training.folder import SEARCH, SETTINGS, Trained, claim, folder_lock, open_folder
-from glbench.training.periodic_evaluation import (
-    Act,
-    CurvePoint,
-    History,
-    Listener,
-    Pace,
-    Probe,
-    ProbeResult,
-    Progress,
-    season_sums,
-)
 from glbench.training.settings import FIRST_TRAINING_SEED, EvaluationPlan, FrozenSettings, TrainingSeed
 from glbench.training.strategy import Strategy
 
@@ -91,9 +73,9 @@ class RuleSearchSettings(FrozenSettings):
         """Number of generations for these runs, rounded up."""
         return math.ceil(self.seasons / (self.population * len(tasks)))
 
-    def digest(self, start: RulePage) -> str:
+    def digest(self, start: tuned_rules.RulePage) -> str:
         """SHA-256 (hex) over all settings except the number of runs, and over the page that the search starts from."""
-        content = self.model_dump_json(exclude={"seasons"}) + settings_text(start)
+        content = self.model_dump_json(exclude={"seasons"}) + tuned_rules.settings_text(start)
         return sha256(content.encode()).hexdigest()
 
 
@@ -107,7 +89,7 @@ def shipped_start(tasks: Sequence[TaskSpec]) -> Path:
     """
     reward, energy = reward_of(tasks), about_energy(tasks)
     folder = data_folder("baselines") / (ENERGY_CONTROLLER if energy else CONTROLLER) / "rules"
-    pages = read_rule_pages(folder, kind_for(tasks))
+    pages = tuned_rules.read_rule_pages(folder, kind_for(tasks))
     file = pages.page_for(reward, tasks[0].id)
     if file is not None:
         return file
@@ -121,9 +103,9 @@ def about_energy(tasks: Sequence[TaskSpec]) -> bool:
     return all(POWER in (quantity.name for quantity in task.observed()) for task in tasks)
 
 
-def kind_for(tasks: Sequence[TaskSpec]) -> type[TunedRuleSettings]:
+def kind_for(tasks: Sequence[TaskSpec]) -> type[tuned_rules.TunedRuleSettings]:
     """The kind of rules that are tuned for ``tasks``."""
-    return EnergyRuleSettings if about_energy(tasks) else TunedRuleSettings
+    return EnergyRuleSettings if about_energy(tasks) else tuned_rules.TunedRuleSettings
 
 
 def reward_of(tasks: Sequence[TaskSpec]) -> tuple[str, ...]:
@@ -151,7 +133,7 @@ def reward_of(tasks: Sequence[TaskSpec]) -> tuple[str, ...]:
 class Candidates:
     """Numbers of a page as the strategy varies them: each from 0 to 1 between its bounds, those that are not tuned left out."""
 
-    def __init__(self, start: RulePage) -> None:
+    def __init__(self, start: tuned_rules.RulePage) -> None:
         self._start = start
         kind = type(start.numbers)
         self._names = kind.tuned_names()
@@ -161,14 +143,14 @@ class Candidates:
         self.mean: Floats = (numbers - self._low) / self._width
         self.bounds: Floats = np.tile([0.0, 1.0], (len(self._names), 1))
 
-    def numbers(self, candidate: Floats) -> TunedRuleSettings:
+    def numbers(self, candidate: Floats) -> tuned_rules.TunedRuleSettings:
         """The rules of a candidate."""
         values = self._low + np.clip(candidate, 0.0, 1.0) * self._width
         return self._start.numbers.model_copy(update=dict(zip(self._names, values.tolist(), strict=True)))
 
-    def page(self, candidate: Floats) -> RulePage:
+    def page(self, candidate: Floats) -> tuned_rules.RulePage:
         """The same as a page shows it, in four digits."""
-        numbers = {name: rounded(value) for name, value in self.numbers(candidate).model_dump().items()}
+        numbers = {name: tuned_rules.rounded(value) for name, value in self.numbers(candidate).model_dump().items()}
         return replace(self._start, numbers=type(self._start.numbers)(**numbers))
 
 
@@ -179,20 +161,20 @@ class _TaskRuns:
         kernel = make_kernel(task.model_value, task.step_seconds, preset=settings.kernel_preset)
         self.card: TaskCard = task_card(task)
         self._simulation = Simulation(task, settings.population, kernel)
-        self._probe = Probe(task.chosen_on, settings.evaluation, settings.kernel_preset)
+        self._probe = periodic_evaluation.Probe(task.chosen_on, settings.evaluation, settings.kernel_preset)
 
-    def rewards(self, candidates: Sequence[TunedRuleSettings], seed: int) -> Floats:
+    def rewards(self, candidates: Sequence[tuned_rules.TunedRuleSettings], seed: int) -> Floats:
         """Reward of a season for every candidate."""
         seeds = [seed] * len(candidates)
-        return season_sums(self._simulation, seeds, self._act(candidates))["reward"]
+        return periodic_evaluation.season_sums(self._simulation, seeds, self._act(candidates))["reward"]
 
-    def evaluate(self, numbers: TunedRuleSettings) -> ProbeResult:
+    def evaluate(self, numbers: tuned_rules.TunedRuleSettings) -> periodic_evaluation.ProbeResult:
         """Mean sums over the runs that select the best."""
         return self._probe.of(self._act([numbers] * len(self._probe.seeds)))
 
-    def _act(self, numbers: Sequence[TunedRuleSettings]) -> Act:
+    def _act(self, numbers: Sequence[tuned_rules.TunedRuleSettings]) -> periodic_evaluation.Act:
         energy = [one for one in numbers if isinstance(one, EnergyRuleSettings)]
-        agent = EnergyRulesAgent(energy) if energy else TunedRulesAgent(numbers)
+        agent = EnergyRulesAgent(energy) if energy else tuned_rules.TunedRulesAgent(numbers)
         agent.reset(self.card, len(numbers))
         return agent.act
 
@@ -206,7 +188,7 @@ class _Search:
     candidates: Candidates
     strategy: Strategy
     runs: list[_TaskRuns]
-    history: History
+    history: periodic_evaluation.History
 
     @property
     def generations(self) -> int:
@@ -237,13 +219,15 @@ class _Search:
         with clock.spend("learning"):
             self.strategy.tell(candidates, rewards)
 
-    def evaluate(self) -> tuple[CurvePoint, RulePage]:
+    def evaluate(self) -> tuple[periodic_evaluation.CurvePoint, tuned_rules.RulePage]:
         """A point of the learning curve, the mean over the tasks, and the page that it belongs to."""
         page = self.candidates.page(self.strategy.mean)
         with self.history.time.spend("evaluation"):
             sums = [runs.evaluate(page.numbers).sums for runs in self.runs]
             names = [name for name in sums[0] if all(name in other for other in sums)]
-            result = ProbeResult({name: float(np.mean([one[name] for one in sums])) for name in names})
+            result = periodic_evaluation.ProbeResult(
+                {name: float(np.mean([one[name] for one in sums])) for name in names}
+            )
         if self.steps >= self.history.next_evaluation:  # an end between two evaluations moves none
             self.history.next_evaluation = self.steps + self.settings.evaluation.every
         return self.history.add(self.steps, result), page
@@ -256,7 +240,7 @@ def tune_rules(
     folder: Path,
     *,
     seed: int = 0,
-    listeners: Sequence[Listener] = (),
+    listeners: Sequence[periodic_evaluation.Listener] = (),
 ) -> Trained:
     """Tune rules in ``folder``; the same tasks, start, settings and seed give the same rules on the same machine.
 
@@ -291,7 +275,7 @@ def tune_rules(
             raise TrainingError(msg)
     reward, energy = reward_of(tasks), about_energy(tasks)
     scope = tuple(task.id for task in tasks) if energy else reward
-    page = RulePage(scope, read_rule_page(start, kind_for(tasks)).numbers)
+    page = tuned_rules.RulePage(scope, tuned_rules.read_rule_page(start, kind_for(tasks)).numbers)
     digest = settings.digest(page)
     identity = {"task_digest": digest_of_tasks(tasks), "settings_digest": digest, "seed": seed}
     with folder_lock(folder):
@@ -305,22 +289,26 @@ def tune_rules(
             candidates.mean, settings.sigma, population=settings.population, seed=seed, bounds=candidates.bounds
         )
         runs = [_TaskRuns(task, settings) for task in tasks]
-        search = _Search(tasks, settings, candidates, strategy, runs, History())
+        search = _Search(tasks, settings, candidates, strategy, runs, periodic_evaluation.History())
         if state is not None:
             search.history = strategy.go_on(state, identity)
         note_session(search.history, tasks[0], search.steps)
         open_folder(folder, settings.model_dump(mode="json"))
         facts = start_of(start)  # before the folder's own rules may take the place of those that it starts from
-        write_atomically(folder / _START, settings_text(page))
+        write_atomically(folder / _START, tuned_rules.settings_text(page))
         _run(search, folder, generations, listeners, identity)
         card = write_card(folder, tasks, _facts(search, identity), settings.evaluation, search.history, facts)
     return Trained.of(folder, card, already_done=False)
 
 
 def _run(
-    search: _Search, folder: Path, generations: int, listeners: Sequence[Listener], identity: dict[str, Any]
+    search: _Search,
+    folder: Path,
+    generations: int,
+    listeners: Sequence[periodic_evaluation.Listener],
+    identity: dict[str, Any],
 ) -> None:
-    total, pace = generations * search.steps_a_generation, Pace(search.steps)
+    total, pace = generations * search.steps_a_generation, periodic_evaluation.Pace(search.steps)
     while search.generations < generations:
         if search.steps >= search.history.next_evaluation:
             _evaluate(search, folder, listeners, identity)
@@ -328,13 +316,15 @@ def _run(
         search.strategy.keep(folder / SEARCH, identity, search.history)
         mean = float(search.strategy.rewards[-1].mean())
         for listener in listeners:
-            listener.on_progress(Progress(search.steps, total, pace.rate(search.steps), mean))
+            listener.on_progress(periodic_evaluation.Progress(search.steps, total, pace.rate(search.steps), mean))
     curve = search.history.curve
     if not curve or curve[-1]["steps"] < search.steps:
         _evaluate(search, folder, listeners, identity)
 
 
-def _evaluate(search: _Search, folder: Path, listeners: Sequence[Listener], identity: dict[str, Any]) -> None:
+def _evaluate(
+    search: _Search, folder: Path, listeners: Sequence[periodic_evaluation.Listener], identity: dict[str, Any]
+) -> None:
     point, page = search.evaluate()
     if point.is_best:
         names = ", ".join(task.id for task in search.tasks)
@@ -342,7 +332,7 @@ def _evaluate(search: _Search, folder: Path, listeners: Sequence[Listener], iden
             f"Numbers of the tuned rules for {names}, after {point.steps:,} steps of glbench tune rules, seed {identity['seed']}.",
             f"{CARD} tells how they were found, docs/training.md how to tune others.",
         )
-        write_atomically(folder / RULES, settings_text(page, heading))
+        write_atomically(folder / RULES, tuned_rules.settings_text(page, heading))
     search.history.write_curve(folder)
     search.strategy.keep(folder / SEARCH, identity, search.history)
     for listener in listeners:

@@ -24,19 +24,7 @@ from glbench.evaluation.records import FreshDraws, RunResult, current_versions, 
 from glbench.evaluation.rollout import RunTotals
 from glbench.kernel import Kernel, available
 from glbench.tasks import Round, TaskSpec
-from glbench.verification import documents
-from glbench.verification.proof import (
-    CHAOS,
-    TOLERANCE,
-    Agreement,
-    Refused,
-    Verdict,
-    cannot_tell,
-    coverage,
-    not_yet,
-    refute,
-    same_bits,
-)
+from glbench.verification import documents, proof
 
 Progress = Callable[[int, int], None]
 """Called with the steps done and the steps there are."""
@@ -50,7 +38,7 @@ def verify(
     sealed: Round | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
-) -> Verdict:
+) -> proof.Verdict:
     """Reproduce or refute one result from its records alone; the agent is not needed.
 
     Parameters
@@ -81,10 +69,10 @@ def verify(
         runs = _reproduced(path, result, task, sealed, folder, workers, progress)
         if result.fresh_draws is not None:
             runs = _with_fresh_draws(path, result, result.fresh_draws, task, runs, workers, progress)
-    except Refused as refused:
-        return Verdict(path, refused.outcome, refused.cause, refused.reason)
+    except proof.Refused as refused:
+        return proof.Verdict(path, refused.outcome, refused.cause, refused.reason)
     agreement = runs.agreement
-    reproduced, claims = coverage(result, profile=runs.profiled, references=runs.references)
+    reproduced, claims = proof.coverage(result, profile=runs.profiled, references=runs.references)
     earn = "run earns" if len(result.runs) == 1 else "runs earn"
     if result.fresh_draws is not None:
         earn = "runs, and as many with fresh draws, earn"
@@ -92,8 +80,8 @@ def verify(
     if agreement.exact:
         reason += ": the same bits."
     else:
-        reason += f" within {TOLERANCE:g} relative (largest difference {agreement.largest:.1e}), not to the last bit. {runs.origin}"
-    return Verdict(
+        reason += f" within {proof.TOLERANCE:g} relative (largest difference {agreement.largest:.1e}), not to the last bit. {runs.origin}"
+    return proof.Verdict(
         path,
         "reproduced",
         "",
@@ -114,7 +102,7 @@ class _Reproduced:
     """Facts about runs that were reproduced."""
 
     task: TaskSpec
-    agreement: Agreement
+    agreement: proof.Agreement
     origin: str
     notes: tuple[str, ...]
     profiled: bool
@@ -145,25 +133,25 @@ def _reproduced(
     units = units_of(spec)
     unknown = sorted(set(result.units) - set(units))
     if unknown:
-        cannot_tell(
+        proof.cannot_tell(
             "unknown_metrics", f"This glbench does not measure {', '.join(unknown)}. Verify with the one that did."
         )
     other = {name: unit for name, unit in result.units.items() if unit != units[name]}
     if other:
-        refute(
+        proof.refute(
             "units",
             f"The result gives units that are not the task's: {', '.join(f'{n} in {u}, not {units[n]}' for n, u in other.items())}.",
         )
     ranks = spec.evaluation.metric
     if ranks not in result.units:
-        refute("metric", f"The result lacks the metric '{ranks}', by which {spec.id} is ranked.")
+        proof.refute("metric", f"The result lacks the metric '{ranks}', by which {spec.id} is ranked.")
     if result.task.salt_commitment != spec.salt_commitment:
         _stay_sealed(path, result, log, spec, workers, progress)
     whole, complaint = [], None
     if episodes is not None:
         try:
             whole = documents.read_episodes(episodes[0], log, required=episodes[1])
-        except Refused as refused:
+        except proof.Refused as refused:
             complaint = refused  # counts only when the result itself is right
     profiled = _profile_is_there(path, result, spec)
     with _kernel(result, spec, workers) as kernel:
@@ -181,7 +169,7 @@ def _reproduced(
                 f"The run with seed {claimed.seed} is '{claimed.status}' after {claimed.steps} steps in the result; its actions lead to "
                 f"'{run.status}' after {run.steps} steps ({run.reason or 'to the end'})."
             )
-            refute("status", reason)
+            proof.refute("status", reason)
     if complaint is not None:
         raise complaint
     for row, episode in whole:
@@ -196,7 +184,7 @@ def _reproduced(
             reason = (
                 f"{result.profile.file} does not show what the recorded actions lead to. Delete it and evaluate again."
             )
-            refute("profile", reason)
+            proof.refute("profile", reason)
     seeds = tuple(log.runs[row].seed for row, _ in whole)
     steps = sum(run.steps for run in result.runs)
     return _Reproduced(spec, agreement, origin, notes, profiled, seeds, len(result.runs), steps)
@@ -214,11 +202,11 @@ def _with_fresh_draws(
     """Simulate the runs with fresh draws again, evaluate the reference agents with both sets of draws, and add both to ``runs``."""
     try:
         again = _reproduced(path, result.of_fresh_draws(), file, Round(fresh.salt), None, workers, progress)
-    except Refused as refused:
+    except proof.Refused as refused:
         reason = f"The runs with fresh draws: {refused.reason}"
-        raise Refused(refused.outcome, refused.cause, reason) from None
+        raise proof.Refused(refused.outcome, refused.cause, reason) from None
     if fresh.metric != runs.task.evaluation.metric:
-        refute(
+        proof.refute(
             "fresh_draws",
             f"The fresh draws state the metric '{fresh.metric}', and {result.task.id} is ranked by another metric.",
         )
@@ -245,7 +233,7 @@ def _with_fresh_draws(
                         f"The result states {was!r} for the reference agent {one.name} in the run with seed {seed} of the {draws} "
                         f"draws; it earns {now!r}."
                     )
-                    refute("reference", reason)
+                    proof.refute("reference", reason)
         checked, notes = True, runs.notes
     else:
         why = f"this glbench does not have {', '.join(unlike)}" if unlike else "this machine computes other bits"
@@ -277,11 +265,11 @@ def _stay_sealed(
         public = replace(log, provenance=log.provenance.model_copy(update={"task": facts}))
         with _kernel(result, spec, workers) as kernel:
             agreement = _agreement(result, spec, log, _simulate(spec, public, (), kernel, progress))
-        if agreement.largest <= CHAOS:
-            refute(
+        if agreement.largest <= proof.CHAOS:
+            proof.refute(
                 "public_draws", "The result says that its draws are sealed, and the public draws lead to its numbers."
             )
-    not_yet(
+    proof.not_yet(
         f"Its draws belong to the sealed round {result.task.salt_commitment}, and nobody can simulate them without the round's secret. "
         "Checked: the result agrees with itself and with its recorded actions; task, seeds and kernel are right; the rewards add "
         f"up{'; the public draws do not lead there' if has_numbers else ''}. Not checked: that the actions earn these rewards. Once "
@@ -302,8 +290,8 @@ class _Again:
         """Whether rewards or final state of a run, one of the longest, are the same bits: then this machine computes as that one did."""
         longest = max(run.steps for run in log.runs)
         rows = [row for row, run in enumerate(log.runs) if run.steps == longest > 0]
-        rewards = same_bits(log.rewards[:longest, rows], self.rewards[:longest, rows]).all(axis=0)
-        states = same_bits(log.final_states[rows], self.final_states[rows]).all(axis=1)
+        rewards = proof.same_bits(log.rewards[:longest, rows], self.rewards[:longest, rows]).all(axis=0)
+        states = proof.same_bits(log.final_states[rows], self.final_states[rows]).all(axis=1)
         return bool(rewards.any() or states.any())
 
 
@@ -350,7 +338,7 @@ def _profile_is_there(path: Path, result: Result, task: TaskSpec) -> bool:
     try:
         return load_profile(result, path) is not None
     except ResultError as error:
-        refute("profile", str(error))
+        proof.refute("profile", str(error))
 
 
 def _simulate(
@@ -368,7 +356,7 @@ def _simulate(
         try:
             outcome = next(steps, None)
         except ActionError as error:
-            refute("invalid_action", f"The task does not allow a recorded action of step {step + 1}: {error}")
+            proof.refute("invalid_action", f"The task does not allow a recorded action of step {step + 1}: {error}")
         if outcome is None:
             break
         ended = totals.add(outcome)
@@ -382,18 +370,18 @@ def _simulate(
     return _Again(totals.results(), rewards, np.array(replay.simulation.x), trace)
 
 
-def _refuse(agreement: Agreement, *, same_arithmetic: bool, origin: str) -> None:
+def _refuse(agreement: proof.Agreement, *, same_arithmetic: bool, origin: str) -> None:
     refused = agreement.verdict(same_arithmetic=same_arithmetic, origin=origin)
     if refused is not None:
         raise refused
 
 
-def _agreement(result: Result, task: TaskSpec, log: ActionLog, again: _Again) -> Agreement:
+def _agreement(result: Result, task: TaskSpec, log: ActionLog, again: _Again) -> proof.Agreement:
     """Rewards of every step, final states and metrics."""
     seeds = tuple(f"reward of the run with seed {seed}" for seed in log.seeds)
-    agreement = Agreement().add("reward", log.rewards, again.rewards, seeds, "recorded rewards")
+    agreement = proof.Agreement().add("reward", log.rewards, again.rewards, seeds, "recorded rewards")
     if tuple(run.cluster for run in result.runs) != tuple(run.cluster for run in again.runs):
-        refute("task_facts", "The seasons that the runs name (cluster) are not those that they are in.")
+        proof.refute("task_facts", "The seasons that the runs name (cluster) are not those that they are in.")
     names = tuple(name for name in units_of(task) if name in result.units)  # an earlier glbench may have measured fewer
     metrics, earned = (
         np.array([[run.metrics[name] for name in names] for run in runs]) for runs in (result.runs, again.runs)

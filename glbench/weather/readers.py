@@ -29,23 +29,9 @@ import numpy as np
 
 from glbench.errors import SEMICOLONS, UnknownNameError, WeatherError, did_you_mean
 from glbench.untrusted import reason_of
+from glbench.weather import record
 from glbench.weather.knmi import read_knmi
 from glbench.weather.preprocessing import KELVIN
-from glbench.weather.record import (
-    QUANTITIES,
-    SLOT_SECONDS,
-    USUAL_TIMING,
-    FloatArray,
-    IntArray,
-    Origin,
-    Place,
-    Rows,
-    Timing,
-    WeatherRecord,
-    assemble,
-    check_order,
-    require_columns,
-)
 from glbench.weather.store import read_stored
 
 if TYPE_CHECKING:
@@ -63,7 +49,7 @@ UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
 }
 """For every column, the units it may come in: factor and offset to the canonical unit."""
 
-TIME_COLUMNS = {"slot_end [UTC]": 0, "slot_start [UTC]": SLOT_SECONDS}
+TIME_COLUMNS = {"slot_end [UTC]": 0, "slot_start [UTC]": record.SLOT_SECONDS}
 _MOST_PROBLEMS = 12
 _LONGEST_HEADER = 300
 _TITLES = {f"{quantity} [{unit}]": quantity for quantity, units in UNITS.items() for unit in units}
@@ -94,7 +80,7 @@ NOMINAL_YEAR = 2001
 """Year given to typical years: a common year, like every typical year."""
 YEAR_HOURS = 8760
 UNKNOWN_LICENCE = "Not stated in the file: ask its provider before you pass it on."
-TIMING: Mapping[str, Timing] = {**USUAL_TIMING, "wind_speed": "instant"}
+TIMING: Mapping[str, record.Timing] = {**record.USUAL_TIMING, "wind_speed": "instant"}
 OCTANTS_PER_TENTH = 0.8
 EPW_HEADER_LINES = 8
 TMY3_HEADER_LINES = 2
@@ -128,7 +114,7 @@ FORMATS: tuple[Format, ...] = get_args(Format)
 _HEAD_BYTES = 65536
 
 
-def read_csv(path: Path | str, *, name: str | None = None, fill_gaps: int = 0) -> WeatherRecord:
+def read_csv(path: Path | str, *, name: str | None = None, fill_gaps: int = 0) -> record.WeatherRecord:
     """Weather record of a CSV in the form documented in docs/weather.md.
 
     Raises
@@ -159,7 +145,7 @@ def read_csv(path: Path | str, *, name: str | None = None, fill_gaps: int = 0) -
         if moment.tzinfo is None:
             moment = moment.replace(tzinfo=dt.UTC)
         ends[i] = int(moment.timestamp()) + TIME_COLUMNS[time_title]
-    columns: dict[str, FloatArray] = {}
+    columns: dict[str, record.FloatArray] = {}
     for quantity, title in titles.items():
         factor, offset = UNITS[quantity][title[title.index("[") + 1 : -1]]
         position = header.index(title)
@@ -170,7 +156,9 @@ def read_csv(path: Path | str, *, name: str | None = None, fill_gaps: int = 0) -
             for number, row in zip(numbers, rows, strict=True)
         ]
         columns[quantity] = np.asarray(np.array(values) * factor + offset)
-    return assemble(Rows(file, ends, columns, timing, np.array(numbers, dtype=np.int64)), origin, fill_gaps=fill_gaps)
+    return record.assemble(
+        record.Rows(file, ends, columns, timing, np.array(numbers, dtype=np.int64)), origin, fill_gaps=fill_gaps
+    )
 
 
 def _split(text: str, file: str) -> tuple[dict[str, str], list[str], list[list[str]], list[int]]:
@@ -222,7 +210,9 @@ def _columns(file: str, header: Sequence[str]) -> dict[str, str]:
     if not any(title in TIME_COLUMNS or meant_by(title) in TIME_COLUMNS for title in header):
         problems.append(f"no time column. Name it '{next(iter(TIME_COLUMNS))}' or 'slot_start [UTC]'.")
     if problems:
-        missing = [title for title in _EXPECTED if _TITLES.get(title) in QUANTITIES and _TITLES[title] not in titles]
+        missing = [
+            title for title in _EXPECTED if _TITLES.get(title) in record.QUANTITIES and _TITLES[title] not in titles
+        ]
         lines = [*problems[:_MOST_PROBLEMS], *([f"missing: {', '.join(missing)}"] if missing else [])]
         listed, titles_there = "\n".join(f"  - {line}" for line in lines), ",".join(header)[:_LONGEST_HEADER]
         msg = f"{file}: the titles of its columns cannot be used.\n{listed}\n  found:    {titles_there}\n  expected: {EXPECTED_HEADER}"
@@ -236,9 +226,9 @@ def meant_by(title: str) -> str | None:
     return next((title for title, words in _SHORT.items() if word in words), None)
 
 
-def _described(file: str, comments: Mapping[str, str], name: str) -> tuple[Origin, dict[str, Timing]]:
-    timing = dict(USUAL_TIMING)
-    keys = (*REQUIRED_KEYS, *TEXT_KEYS, *(f"timing {quantity}" for quantity in QUANTITIES))
+def _described(file: str, comments: Mapping[str, str], name: str) -> tuple[record.Origin, dict[str, record.Timing]]:
+    timing = dict(record.USUAL_TIMING)
+    keys = (*REQUIRED_KEYS, *TEXT_KEYS, *(f"timing {quantity}" for quantity in record.QUANTITIES))
     for key, value in comments.items():
         if key not in keys:
             msg = (
@@ -246,10 +236,10 @@ def _described(file: str, comments: Mapping[str, str], name: str) -> tuple[Origi
             )
             raise WeatherError(msg)
         if key.startswith("timing "):
-            if value not in get_args(Timing):
+            if value not in get_args(record.Timing):
                 msg = f"{file}: '# {key}: {value}' must be instant (at the slot's end) or mean (over the slot)."
                 raise WeatherError(msg)
-            timing[key.removeprefix("timing ")] = cast(Timing, value)
+            timing[key.removeprefix("timing ")] = cast(record.Timing, value)
     if timing["global_radiation"] != "mean":
         msg = f"{file}: global radiation must be a mean (or sum) over the slot; an instant does not tell the hour's energy."
         raise WeatherError(msg)
@@ -258,9 +248,9 @@ def _described(file: str, comments: Mapping[str, str], name: str) -> tuple[Origi
         msg = f"{file}: the comment lines do not give {', '.join(missing)}. Add a line such as '# {missing[0]}: ...' on top."
         raise WeatherError(msg)
     latitude, longitude, altitude = (_number(file, 0, key, comments[key]) for key in REQUIRED_KEYS[:3])
-    place = Place(comments.get("station", name), latitude, longitude, altitude, comments["timezone"])
+    place = record.Place(comments.get("station", name), latitude, longitude, altitude, comments["timezone"])
     source = comments.get("source", f"file {Path(file).name}")
-    return Origin(name, place, source, comments.get("licence", "Not stated in the file.")), timing
+    return record.Origin(name, place, source, comments.get("licence", "Not stated in the file.")), timing
 
 
 def _number(file: str, row: int, what: str, text: str) -> float:
@@ -281,9 +271,9 @@ class _Local:
     """A file's rows in local standard time: calendar of each slot's start ``(n, 4)`` (year, month, day, hour), values, place, clock."""
 
     file: str
-    calendar: IntArray
-    columns: dict[str, FloatArray]
-    row_numbers: IntArray
+    calendar: record.IntArray
+    columns: dict[str, record.FloatArray]
+    row_numbers: record.IntArray
     utc_offset: float  # h
     station: str
     coordinates: tuple[float, float, float]
@@ -297,7 +287,7 @@ def read_epw(
     timezone: str | None = None,
     year: int | None = None,
     fill_gaps: int = 0,
-) -> WeatherRecord:
+) -> record.WeatherRecord:
     """Weather record of an EnergyPlus weather file.
 
     Parameters
@@ -347,7 +337,7 @@ def read_tmy(
     timezone: str | None = None,
     year: int | None = None,
     fill_gaps: int = 0,
-) -> WeatherRecord:
+) -> record.WeatherRecord:
     """Weather record of an NREL typical meteorological year: TMY3 (``.csv``) or TMY2 (``.tm2``).
 
     Parameters and errors as for ``read_epw``; a TMY is always a typical year.
@@ -371,7 +361,7 @@ def read_tmy(
         from pvlib.iotools import read_tmy3
 
         data, meta = _through_pvlib(path, "a TMY3 file", lambda: read_tmy3(str(path), coerce_year=NOMINAL_YEAR))
-        require_columns(
+        record.require_columns(
             str(path), [str(title) for title in data.columns], [column for column, *_ in TMY3_COLUMNS.values()]
         )
         index = cast("pd.DatetimeIndex", data.index)
@@ -407,7 +397,7 @@ def _through_pvlib(
     return data, meta
 
 
-def _values_of(data: pd.DataFrame, sources: _Sources) -> dict[str, FloatArray]:
+def _values_of(data: pd.DataFrame, sources: _Sources) -> dict[str, record.FloatArray]:
     """Columns in canonical units, with the codes for "missing" turned into NaN; a text that is not a number is a missing value too."""
     import pandas as pd
 
@@ -420,24 +410,24 @@ def _values_of(data: pd.DataFrame, sources: _Sources) -> dict[str, FloatArray]:
     return columns
 
 
-def _calendar(data: pd.DataFrame, first_year: int = 0) -> IntArray:
+def _calendar(data: pd.DataFrame, first_year: int = 0) -> record.IntArray:
     """Year, month, day and hour of each slot's start ``(n, 4)``, from columns whose hours count to the slot's end."""
-    stamps: IntArray = data[["year", "month", "day", "hour"]].to_numpy(dtype=np.int64)
+    stamps: record.IntArray = data[["year", "month", "day", "hour"]].to_numpy(dtype=np.int64)
     return np.asarray(stamps + np.array([first_year, 0, 0, -1]), dtype=np.int64)
 
 
-def _rows_after(header_lines: int, data: pd.DataFrame) -> IntArray:
+def _rows_after(header_lines: int, data: pd.DataFrame) -> record.IntArray:
     return np.arange(len(data), dtype=np.int64) + header_lines + 1
 
 
 def _record(
     local: _Local, name: str | None, timezone: str | None, nominal_year: int | None, fill_gaps: int
-) -> WeatherRecord:
+) -> record.WeatherRecord:
     starts = _starts(local, nominal_year)
-    rows = Rows(local.file, starts + SLOT_SECONDS, local.columns, TIMING, local.row_numbers)
+    rows = record.Rows(local.file, starts + record.SLOT_SECONDS, local.columns, TIMING, local.row_numbers)
     if nominal_year is not None:
         # The whole typical year from 1 January 00:00 UTC: hours that UTC puts outside the year re-enter at its other end.
-        check_order(rows)
+        record.check_order(rows)
         if rows.slot_ends.size != YEAR_HOURS and fill_gaps == 0:
             msg = (
                 f"{rows.file} holds {rows.slot_ends.size} hours instead of the {YEAR_HOURS} of a typical year. Get the whole file, "
@@ -445,10 +435,10 @@ def _record(
             )
             raise WeatherError(msg)
         begin = calendar.timegm((nominal_year, 1, 1, 0, 0, 0))
-        ends = begin + (rows.slot_ends - begin - 1) % (YEAR_HOURS * SLOT_SECONDS) + 1
+        ends = begin + (rows.slot_ends - begin - 1) % (YEAR_HOURS * record.SLOT_SECONDS) + 1
         order = np.argsort(ends, kind="stable")
         columns = {column: values[order] for column, values in rows.columns.items()}
-        rows = Rows(rows.file, ends[order], columns, rows.timing, rows.row_numbers[order])
+        rows = record.Rows(rows.file, ends[order], columns, rows.timing, rows.row_numbers[order])
     offset = local.utc_offset
     if not timezone and (offset != int(offset) or not -12 <= offset <= 14):
         msg = f"{local.file}: its clock is {offset:+g} h from UTC, which has no fixed IANA zone. Give one with --timezone."
@@ -456,17 +446,17 @@ def _record(
     # In the names of fixed zones east of Greenwich is minus.
     zone = timezone or (f"Etc/GMT{-int(offset):+d}" if offset else "Etc/GMT")
     latitude, longitude, altitude = local.coordinates
-    place = Place(local.station, latitude, longitude, altitude, zone)
+    place = record.Place(local.station, latitude, longitude, altitude, zone)
     notes = (
         () if nominal_year is None else (f"typical year, its months from different years; all named {nominal_year}",)
     )
-    origin = Origin(
+    origin = record.Origin(
         name or Path(local.file).stem.lower(), place, local.source, UNKNOWN_LICENCE, nominal_year is not None, notes
     )
-    return assemble(rows, origin, fill_gaps=fill_gaps)
+    return record.assemble(rows, origin, fill_gaps=fill_gaps)
 
 
-def _starts(local: _Local, nominal_year: int | None) -> IntArray:
+def _starts(local: _Local, nominal_year: int | None) -> record.IntArray:
     """Start of each slot [s since 1970-01-01 UTC], in the nominal year where one is given."""
     if nominal_year is not None and calendar.isleap(nominal_year):
         msg = f"{nominal_year} is a leap year and a typical year has no 29 February. Choose a common year with --year."
@@ -479,7 +469,7 @@ def _starts(local: _Local, nominal_year: int | None) -> IntArray:
             msg = f"{local.file}, row {row}: {year}-{month:02d}-{day:02d}, hour {hour + 1} does not exist. Correct the file."
             raise WeatherError(msg)
         starts[i] = calendar.timegm((year, month, day, hour, 0, 0))
-    return starts - round(local.utc_offset * SLOT_SECONDS)
+    return starts - round(local.utc_offset * record.SLOT_SECONDS)
 
 
 def read_weather(
@@ -491,7 +481,7 @@ def read_weather(
     year: int | None = None,
     station: int | None = None,
     fill_gaps: int = 0,
-) -> WeatherRecord:
+) -> record.WeatherRecord:
     """Weather record of a file in any known format (``"auto"``: told from its content).
 
     ``timezone`` and ``year`` are for EPW and TMY, ``station`` for KNMI; see their readers.

@@ -26,13 +26,7 @@ from glbench.agents import Identity
 from glbench.children import Child
 from glbench.errors import SandboxError
 from glbench.evaluation.records import Status
-from glbench.evaluation.sandbox.bubblewrap import (
-    ENVIRONMENT_OF_BUBBLEWRAP,
-    THREAD_VARIABLES,
-    command,
-    program,
-    system_call_filter,
-)
+from glbench.evaluation.sandbox import bubblewrap
 from glbench.evaluation.sandbox.frames import GIB, HEADER, LONGEST_TEXT, Kind, Prints, SandboxLimits
 from glbench.resources import Scratch
 
@@ -292,12 +286,15 @@ class AgentProcess:
             self._facts, facts_writing = os.pipe()
             undo.callback(os.close, self._facts)
             stack.callback(os.close, facts_writing)
-            inherited, environment = [theirs.fileno()], {**os.environ, **dict.fromkeys(THREAD_VARIABLES, "1")}
+            inherited, environment = (
+                [theirs.fileno()],
+                {**os.environ, **dict.fromkeys(bubblewrap.THREAD_VARIABLES, "1")},
+            )
             line = [sys.executable, "-m", "glbench.evaluation.sandbox.worker", str(theirs.fileno())]
             if self._walls:
-                call_filter, environment = system_call_filter(), ENVIRONMENT_OF_BUBBLEWRAP
+                call_filter, environment = bubblewrap.system_call_filter(), bubblewrap.ENVIRONMENT_OF_BUBBLEWRAP
                 filter_file = _readable(call_filter, stack) if call_filter is not None else None
-                inside, arguments = command(
+                inside, arguments = bubblewrap.command(
                     submission,
                     self._staging.folder,
                     sizes,
@@ -306,7 +303,7 @@ class AgentProcess:
                 )
                 words = _readable("\0".join(arguments).encode() + b"\0", stack)
                 inherited += [facts_writing, words, *([filter_file] if filter_file is not None else [])]
-                line = [*program(), "--args", str(words), *inside]
+                line = [*bubblewrap.program(), "--args", str(words), *inside]
             # A session of its own: Ctrl-C in the terminal is for the evaluation, which ends the agent in its own time.
             self._started = Child(
                 line, stdin=subprocess.DEVNULL, stdout=writing, stderr=writing, pass_fds=inherited, env=environment

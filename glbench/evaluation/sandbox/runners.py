@@ -18,17 +18,7 @@ from glbench.agents import Identity
 from glbench.errors import SubmissionError
 from glbench.evaluation.limits import Failure, TimeLimits
 from glbench.evaluation.runners import AgentRunner, Array, Decision, Inputs, Mask, invalid_actions
-from glbench.evaluation.sandbox.frames import (
-    LONGEST_TEXT,
-    ROW,
-    STATUSES,
-    AgentSetup,
-    Kind,
-    Prints,
-    SandboxLimits,
-    plain,
-    unpacked_problems,
-)
+from glbench.evaluation.sandbox import frames
 from glbench.evaluation.sandbox.process import AgentProcess, LostError
 from glbench.evaluation.sandbox.visible import place_inside
 from glbench.kernel import built_libraries
@@ -55,8 +45,8 @@ class SandboxedAgent:
     card: TaskCard
     runs: int
     time: TimeLimits
-    sizes: SandboxLimits
-    prints: Prints
+    sizes: frames.SandboxLimits
+    prints: frames.Prints
     walls: bool = True
     definition: str = ""
     libraries: Mapping[str, Path] = field(default_factory=dict)
@@ -67,8 +57,8 @@ class SandboxedAgent:
         task: TaskSpec,
         runs: int,
         time: TimeLimits,
-        sizes: SandboxLimits,
-        prints: Prints,
+        sizes: frames.SandboxLimits,
+        prints: frames.Prints,
         *,
         walls: bool = True,
     ) -> SandboxedAgent:
@@ -108,7 +98,7 @@ class SandboxedAgent:
             When the sandbox does not start.
         """
         n, m = self.runs, len(self.card.actions)
-        longest = n * (8 * m + ROW.size + LONGEST_TEXT)
+        longest = n * (8 * m + frames.ROW.size + frames.LONGEST_TEXT)
         return AgentProcess(
             self.submission, self.sizes, self.prints, longest, walls=self.walls, libraries=self.libraries
         )
@@ -124,17 +114,17 @@ class SandboxedAgent:
         limit = self.time.start
         until = time.monotonic() + limit
         place = place_inside(self.submission) if self.walls else self.submission.path
-        setup = AgentSetup(str(place), self.card, self.runs, self.time, self.sizes, self.definition)
+        setup = frames.AgentSetup(str(place), self.card, self.runs, self.time, self.sizes, self.definition)
         doing = "loading it"
         try:
-            process.ask(Kind.LOAD, 0, pickle.dumps(setup), seconds=limit)
+            process.ask(frames.Kind.LOAD, 0, pickle.dumps(setup), seconds=limit)
             kind, body = process.answer(0, until, f"{doing} took longer than its limit of {limit:g} s")
-            if kind == Kind.LOADED:
+            if kind == frames.Kind.LOADED:
                 doing = "make_agent"
                 kind, body = process.answer(0, until, f"{doing} took longer than its limit of {limit:g} s")
-            if kind == Kind.FAILED and len(body) > 1:
+            if kind == frames.Kind.FAILED and len(body) > 1:
                 raise SubmissionError(words(body[1:], len(body)))
-            if kind != Kind.MADE or len(body) != 1:
+            if kind != frames.Kind.MADE or len(body) != 1:
                 process.refuse(f"a frame of kind {kind} where an agent was to be made")
         except LostError as lost:
             output = "".join(f"\n  {line}" for line in self.prints.last_lines(_MOST_LINES))
@@ -177,11 +167,11 @@ class SandboxedBatch(AgentRunner):
         limit = self.limits.start
         try:
             until = time.monotonic() + limit
-            self._send(Kind.RESET, (bytes([1]) * self.n,), limit)
+            self._send(frames.Kind.RESET, (bytes([1]) * self.n,), limit)
             kind, body = self._answer(until, limit, "reset")
-            if kind == Kind.FAILED:
+            if kind == frames.Kind.FAILED:
                 return (self._failure(body),)
-            if kind != Kind.DONE:
+            if kind != frames.Kind.DONE:
                 self._process.refuse(f"a frame of kind {kind} to a reset")
         except LostError as lost:
             return (Failure(None, lost.status, lost.reason),)
@@ -192,7 +182,7 @@ class SandboxedBatch(AgentRunner):
         parts = (alive.tobytes(), inputs.astype(np.float32, copy=False).tobytes())
         self._asked_at = time.monotonic()
         with contextlib.suppress(LostError):  # raised again when the answer is waited for
-            self._send(Kind.ACT, parts, self.limits.step * int(np.count_nonzero(alive)))
+            self._send(frames.Kind.ACT, parts, self.limits.step * int(np.count_nonzero(alive)))
 
     def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
         if self._asked_at is None:
@@ -214,7 +204,7 @@ class SandboxedBatch(AgentRunner):
         """End the process."""
         self._process.close()
 
-    def _send(self, kind: Kind, parts: tuple[bytes, ...], seconds: float) -> None:
+    def _send(self, kind: frames.Kind, parts: tuple[bytes, ...], seconds: float) -> None:
         self._number += 1
         self._process.ask(kind, self._number, *parts, seconds=seconds)
 
@@ -224,14 +214,14 @@ class SandboxedBatch(AgentRunner):
     def _read(self, kind: int, body: memoryview, alive: Mask) -> tuple[Array, tuple[Failure, ...]]:
         """Actions and failures out of an answer, of which nothing is believed but the wording of complaints."""
         n, m = self.shape
-        if kind == Kind.FAILED:
+        if kind == frames.Kind.FAILED:
             return np.zeros(self.shape), (self._failure(body),)
         size = 8 * n * m
-        if (kind != Kind.ACTIONS or len(body) != size) and (kind != Kind.PROBLEMS or len(body) < size):
+        if (kind != frames.Kind.ACTIONS or len(body) != size) and (kind != frames.Kind.PROBLEMS or len(body) < size):
             self._process.refuse(f"a frame of kind {kind} with {len(body):,} bytes to a question for {n} x {m} actions")
         actions = np.frombuffer(body[:size], dtype=np.float64).reshape(n, m).copy()
         try:
-            reasons = {row: words(text, _LONGEST_REASON) for row, text in unpacked_problems(bytes(body[size:]))}
+            reasons = {row: words(text, _LONGEST_REASON) for row, text in frames.unpacked_problems(bytes(body[size:]))}
         except ValueError:
             self._process.refuse("a list of problems that cannot be read")
         problems = {row: reason for row, reason in reasons.items() if row < n}
@@ -239,9 +229,9 @@ class SandboxedBatch(AgentRunner):
         return actions, invalid_actions(problems, alive)
 
     def _failure(self, body: memoryview) -> Failure:
-        if len(body) < 2 or not 1 <= body[0] < len(STATUSES):
+        if len(body) < 2 or not 1 <= body[0] < len(frames.STATUSES):
             self._process.refuse("a failure without a reason")
-        if STATUSES[body[0]] == "timed_out":
+        if frames.STATUSES[body[0]] == "timed_out":
             self._process.refuse("a timeout, which is not for it to find")
         return told_failure(None, body[0], body[1:])
 
@@ -250,7 +240,7 @@ class SandboxedBatch(AgentRunner):
 class _Exchange:
     """A question to agents for single runs, whom it was put to, and what they decided."""
 
-    kind: Kind
+    kind: frames.Kind
     inputs: Inputs | None
     rows_asked: Mask
     actions: Array
@@ -269,16 +259,16 @@ class SandboxedRuns(AgentRunner):
 
     def start(self) -> tuple[Failure, ...]:
         """Reset the agents."""
-        return self._ask_rows(Kind.RESET, None, np.ones(self.n, dtype=np.bool_)).failures
+        return self._ask_rows(frames.Kind.RESET, None, np.ones(self.n, dtype=np.bool_)).failures
 
     def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
-        return self._ask_rows(Kind.ACT, inputs.astype(np.float32, copy=False), alive)
+        return self._ask_rows(frames.Kind.ACT, inputs.astype(np.float32, copy=False), alive)
 
     def close(self) -> None:
         """End the process."""
         self._process.close()
 
-    def _ask_rows(self, kind: Kind, inputs: Inputs | None, alive: Mask) -> Decision:
+    def _ask_rows(self, kind: frames.Kind, inputs: Inputs | None, alive: Mask) -> Decision:
         """Ask the rows that are alive, one after the other, again in a new process where one of them ends it."""
         rows_asked, lost_rows = alive.copy(), dict[int, Failure]()
         while True:
@@ -299,7 +289,7 @@ class SandboxedRuns(AgentRunner):
 
     def _exchange(
         self,
-        kind: Kind,
+        kind: frames.Kind,
         inputs: Inputs | None,
         rows_asked: Mask,
         actions: Array,
@@ -309,7 +299,7 @@ class SandboxedRuns(AgentRunner):
         """Ask the rows in ``asked`` and fill in what they say; the row at which the process was lost, and why, if it was."""
         self._number += 1
         limits = self.limits
-        limit, what = (limits.step, "act") if kind == Kind.ACT else (limits.start, "reset")
+        limit, what = (limits.step, "act") if kind == frames.Kind.ACT else (limits.start, "reset")
         # The process looks at its own clock and ends a slow call alone; past these seconds it does not, and is ended.
         patience = limit + max(0.5, 0.05 * limit)
         late = f"{what} took longer than its limit of {limit:g} s"
@@ -323,7 +313,7 @@ class SandboxedRuns(AgentRunner):
             for row in rows:
                 began = time.perf_counter()
                 answer, body = self._process.answer(self._number, time.monotonic() + patience, late)
-                failure = self._read_row(answer, body, row, actions if kind == Kind.ACT else None)
+                failure = self._read_row(answer, body, row, actions if kind == frames.Kind.ACT else None)
                 seconds[row] = time.perf_counter() - began
                 if failure is not None and failure.status == "timed_out":
                     # Which call took the time, the process says; that the time has passed, only the clock here.
@@ -338,9 +328,11 @@ class SandboxedRuns(AgentRunner):
         return None
 
     def _read_row(self, kind: int, body: memoryview, row: int, actions: Array | None) -> Failure | None:
-        row_in_frame, status = ROW.unpack_from(body) if kind == Kind.ROW and len(body) >= ROW.size else (-1, -1)
-        rest = body[ROW.size :]
-        if row_in_frame != row or not 0 <= status < len(STATUSES):
+        row_in_frame, status = (
+            frames.ROW.unpack_from(body) if kind == frames.Kind.ROW and len(body) >= frames.ROW.size else (-1, -1)
+        )
+        rest = body[frames.ROW.size :]
+        if row_in_frame != row or not 0 <= status < len(frames.STATUSES):
             self._process.refuse(f"a frame of kind {kind} with {len(body):,} bytes, when run {row} was asked")
         if status:
             return told_failure(row, status, rest)
@@ -391,12 +383,14 @@ class SandboxedRuns(AgentRunner):
 def told_failure(row: int | None, status: int, text: memoryview) -> Failure:
     """A failure as the agent's process tells it. What does not read like an error of Python is marked as its own words."""
     reason = words(text, _LONGEST_REASON)
-    if STATUSES[status] == "crashed" and not _ERROR.match(reason):
+    if frames.STATUSES[status] == "crashed" and not _ERROR.match(reason):
         reason = f"the agent's process said: {reason}"
-    return Failure(row, STATUSES[status], reason)  # type: ignore[arg-type]
+    return Failure(row, frames.STATUSES[status], reason)  # type: ignore[arg-type]
 
 
 def words(text: bytes | memoryview, longest: int) -> str:
     """A text of the agent's process as it may stand in a result: one line, printable, not empty, not too long."""
-    printable = " ".join(plain(bytes(text).decode("utf-8", errors="replace")).split()) or "nothing that can be shown"
+    printable = (
+        " ".join(frames.plain(bytes(text).decode("utf-8", errors="replace")).split()) or "nothing that can be shown"
+    )
     return printable if len(printable) <= longest else printable[: longest - 4] + " ..."

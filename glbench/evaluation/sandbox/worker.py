@@ -35,16 +35,7 @@ from glbench.agents.loading import load_agent
 from glbench.agents.protocol import PerRunAgent, action_problems, read_actions
 from glbench.errors import ActionError, SubmissionError
 from glbench.evaluation.limits import guarded, in_words
-from glbench.evaluation.sandbox.frames import (
-    HEADER,
-    ROW,
-    STATUSES,
-    AgentSetup,
-    Kind,
-    SandboxLimits,
-    encoded,
-    packed_problems,
-)
+from glbench.evaluation.sandbox import frames
 from glbench.tasks.card import set_task
 
 _CREATE_RULESET, _RESTRICT_SELF = 444, 446
@@ -70,24 +61,24 @@ class Line:
 
     def question(self) -> tuple[int, memoryview]:
         """Kind and body of the next question; leaves the process when nobody asks any more. The body is valid until the next call."""
-        got = self._receive(0, HEADER.size)
-        kind, self._number, length = HEADER.unpack_from(self._buffer)
-        whole = HEADER.size + length
+        got = self._receive(0, frames.HEADER.size)
+        kind, self._number, length = frames.HEADER.unpack_from(self._buffer)
+        whole = frames.HEADER.size + length
         if whole > len(self._buffer):
             larger = memoryview(bytearray(whole))
             larger[:got] = self._buffer[:got]
             self._buffer = larger
         self._receive(got, whole)
-        return kind, self._buffer[HEADER.size : whole]
+        return kind, self._buffer[frames.HEADER.size : whole]
 
-    def answer(self, kind: Kind, *parts: bytes) -> None:
+    def answer(self, kind: frames.Kind, *parts: bytes) -> None:
         """Answer the question that was asked last."""
         body = b"".join(parts)
-        self._sock.sendall(HEADER.pack(kind, self._number, len(body)) + body)
+        self._sock.sendall(frames.HEADER.pack(kind, self._number, len(body)) + body)
 
     def failed(self, status: str, reason: str) -> None:
         """Answer that the call failed for all rows."""
-        self.answer(Kind.FAILED, bytes([STATUSES.index(status)]), encoded(reason))
+        self.answer(frames.Kind.FAILED, bytes([frames.STATUSES.index(status)]), frames.encoded(reason))
 
     def _receive(self, got: int, enough: int) -> int:
         while got < enough:
@@ -98,7 +89,7 @@ class Line:
         return got
 
 
-def limit_this_process(sizes: SandboxLimits) -> None:
+def limit_this_process(sizes: frames.SandboxLimits) -> None:
     """Take the limits of the sandbox upon this process and all that it starts; there is no way back."""
     limits = {
         resource.RLIMIT_AS: sizes.memory,
@@ -120,19 +111,19 @@ class Host:
         self._line = line
         self._agents: list[Any] = []
         self._single = False
-        self._setup: AgentSetup
+        self._setup: frames.AgentSetup
         self._listener: Listener | None = None
 
     def do(self, kind: int, body: memoryview) -> None:
         """Answer a question."""
-        if kind == Kind.REHEARSE:
+        if kind == frames.Kind.REHEARSE:
             self._rehearse(bytes(body).decode())
         elif self._listener is None:
             self._ask_agent(kind, body)
-        elif kind == Kind.HEARD:
+        elif kind == frames.Kind.HEARD:
             heard = [f"c {where}" for where in self._listener.connections]
             heard += [f"w {what}" for what in self._listener.paths]
-            self._line.answer(Kind.TOLD, encoded("\n".join(heard)))
+            self._line.answer(frames.Kind.TOLD, frames.encoded("\n".join(heard)))
         else:
             with self._listener.listening():
                 self._ask_agent(kind, body)
@@ -143,24 +134,24 @@ class Host:
             with contextlib.suppress(ImportError):  # told when the agent itself imports it
                 importlib.import_module(package)
         self._listener = Listener()
-        self._line.answer(Kind.DONE)
+        self._line.answer(frames.Kind.DONE)
 
     def _ask_agent(self, kind: int, body: memoryview) -> None:
-        if kind == Kind.LOAD:
+        if kind == frames.Kind.LOAD:
             self._make(pickle.loads(body))
         elif self._single:
             self._ask_one_by_one(kind, body)
         else:
             self._ask_for_all(kind, body)
 
-    def _make(self, setup: AgentSetup) -> None:
+    def _make(self, setup: frames.AgentSetup) -> None:
         """Make the agent, or one adapter with its agent for each run."""
         self._setup, self._agents = setup, []
         limit_this_process(setup.sizes)
         set_task(setup.definition)
         try:
             loaded = load_agent(Path(setup.path))
-            self._line.answer(Kind.LOADED)
+            self._line.answer(frames.Kind.LOADED)
             first = loaded.make(setup.card)
             self._single = isinstance(first, PerRunAgent)
             others = setup.runs - 1 if self._single else 0
@@ -171,22 +162,22 @@ class Host:
             reason = f"The agent '{Path(setup.path).stem}' cannot be made: {described(error)}."
             self._line.failed("crashed", reason)
         else:
-            self._line.answer(Kind.MADE, bytes([self._single]))
+            self._line.answer(frames.Kind.MADE, bytes([self._single]))
 
     def _ask_for_all(self, kind: int, body: memoryview) -> None:
         """Reset a batched agent, or ask it for all rows."""
         card, n, agent = self._setup.card, self._setup.runs, self._agents[0]
         try:
-            if kind == Kind.RESET:
+            if kind == frames.Kind.RESET:
                 agent.reset(card, n)
-                self._line.answer(Kind.DONE)
+                self._line.answer(frames.Kind.DONE)
                 return
             observations = np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy()
             actions, problems = read_actions(agent.act(observations), card, n)
-            answer_kind = Kind.PROBLEMS if problems else Kind.ACTIONS
-            self._line.answer(answer_kind, actions.tobytes(), packed_problems(problems))
+            answer_kind = frames.Kind.PROBLEMS if problems else frames.Kind.ACTIONS
+            self._line.answer(answer_kind, actions.tobytes(), frames.packed_problems(problems))
         except BaseException as error:
-            if isinstance(error, ActionError) and kind == Kind.ACT:
+            if isinstance(error, ActionError) and kind == frames.Kind.ACT:
                 self._line.failed("invalid_action", str(error).rstrip("."))
             else:
                 self._line.failed("crashed", described(error))
@@ -196,7 +187,9 @@ class Host:
         setup, agents, line = self._setup, self._agents, self._line
         card, n = setup.card, setup.runs
         rows = np.flatnonzero(np.frombuffer(body[:n], dtype=np.uint8))
-        observations = np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy() if kind == Kind.ACT else None
+        observations = (
+            np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy() if kind == frames.Kind.ACT else None
+        )
         for row in rows.tolist():
             if observations is None:
                 failure = guarded(lambda r=row: agents[r].reset(card, 1), setup.time.start, "reset", through=()).failure  # type: ignore[misc]
@@ -210,12 +203,18 @@ class Host:
                 guarded(lambda r=row: let_go(agents, r), _LETTING_GO_SECONDS, "letting go", through=())  # type: ignore[misc]
                 # The adapter counts its own runs, of which it has one here.
                 reason = failure.reason.replace(" in run 0", "")
-                line.answer(Kind.ROW, ROW.pack(row, STATUSES.index(failure.status)), encoded(reason))
+                line.answer(
+                    frames.Kind.ROW, frames.ROW.pack(row, frames.STATUSES.index(failure.status)), frames.encoded(reason)
+                )
             elif observations is not None and action.shape != (len(card.actions),):
                 reason = action_problems([action], card, 1)[0]
-                line.answer(Kind.ROW, ROW.pack(row, STATUSES.index("invalid_action")), encoded(reason))
+                line.answer(
+                    frames.Kind.ROW,
+                    frames.ROW.pack(row, frames.STATUSES.index("invalid_action")),
+                    frames.encoded(reason),
+                )
             else:
-                line.answer(Kind.ROW, ROW.pack(row, 0), action.tobytes())
+                line.answer(frames.Kind.ROW, frames.ROW.pack(row, 0), action.tobytes())
 
 
 def let_go(agents: list[Any], row: int) -> None:
@@ -315,7 +314,7 @@ def main(descriptor: int, *, walls: bool) -> NoReturn:
         os.closerange(3, descriptor)
         os.closerange(descriptor + 1, 1024)
     line = Line(socket.socket(fileno=descriptor))
-    line.answer(Kind.HELLO)
+    line.answer(frames.Kind.HELLO)
     host = Host(line)
     while True:
         host.do(*line.question())

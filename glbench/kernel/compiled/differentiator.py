@@ -10,17 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glbench.errors import StepError
-from glbench.kernel.compiled.binding import (
-    Failure,
-    RowPointers,
-    Settings,
-    Status,
-    failed_with,
-    members,
-    of_another_version,
-    open_library,
-    settings_type,
-)
+from glbench.kernel.compiled import binding
 from glbench.kernel.compiled.library import absent_equipment, build, traits_of
 from glbench.kernel.records import FloatArray, Rows
 from glbench.kernel.sensitivities import Directions, Forward, Reverse
@@ -31,13 +21,13 @@ from glbench.model import Model
 class Request(ctypes.Structure):
     """``glb::Request`` of native/sensitivity_driver.hpp."""
 
-    _fields_ = members("directions stride dx* du* dd* dp* tangents* cotangents* xb* ub* db* pb*")
+    _fields_ = binding.members("directions stride dx* du* dd* dp* tangents* cotangents* xb* ub* db* pb*")
 
 
 class Sweep(ctypes.Structure):
     """``glb::Sweep`` of native/trajectory.hpp."""
 
-    _fields_ = members("horizons steps moves jacobians* along* states*")
+    _fields_ = binding.members("horizons steps moves jacobians* along* states*")
 
 
 class SensitivityLibrary:
@@ -45,9 +35,9 @@ class SensitivityLibrary:
 
     def __init__(self, path: str, model: Model) -> None:
         names = ("glb_differentiate", "glb_reverse_horizons", "glb_push", "glb_pull", "glb_sensitivity_layout")
-        handle = open_library(path, *names)
-        settings = settings_type(model.sizes["x"])
-        kinds = (settings, RowPointers, Request, Sweep)
+        handle = binding.open_library(path, *names)
+        settings = binding.settings_type(model.sizes["x"])
+        kinds = (settings, binding.RowPointers, Request, Sweep)
         pointers = [ctypes.POINTER(kind) for kind in kinds]
         self._differentiate, self._reverse_horizons = handle.glb_differentiate, handle.glb_reverse_horizons
         self._differentiate.restype = self._reverse_horizons.restype = ctypes.c_int32
@@ -59,9 +49,11 @@ class SensitivityLibrary:
         sizes = (ctypes.c_int64 * 5)()
         handle.glb_sensitivity_layout(sizes)
         if tuple(sizes) != (*(ctypes.sizeof(kind) for kind in kinds), model.sizes["x"]):
-            raise of_another_version(path)
+            raise binding.of_another_version(path)
 
-    def run(self, settings: Settings, rows: Rows, request: Request, horizon: int = 0) -> tuple[FloatArray, Status]:
+    def run(
+        self, settings: binding.Settings, rows: Rows, request: Request, horizon: int = 0
+    ) -> tuple[FloatArray, binding.Status]:
         """States after the step (n, states) and status (n,); with ``horizon`` > 0, in reverse through horizons of so many rows.
 
         The request's cotangents gather what comes from later rows, then.
@@ -74,7 +66,7 @@ class SensitivityLibrary:
         count = len(rows.x)
         out = np.empty_like(rows.x)
         status, substeps, reached = np.zeros(count, np.int32), np.zeros(count, np.int32), np.zeros(count)
-        pointers = RowPointers(
+        pointers = binding.RowPointers(
             n=count,
             p_stride=rows.p.shape[1] if len(rows.p) > 1 else 0,
             **{key: table.ctypes.data for key, table in rows._asdict().items()},
@@ -108,7 +100,7 @@ class CompiledDifferentiator:
         When a library can be neither loaded nor built, here or in a call.
     """
 
-    def __init__(self, model: Model, settings: Settings, width: int | None = None) -> None:
+    def __init__(self, model: Model, settings: binding.Settings, width: int | None = None) -> None:
         self._model, self._settings, self._width = model, settings, width
         self._sizes = model.sizes
         absent = absent_equipment(model)
@@ -118,7 +110,7 @@ class CompiledDifferentiator:
     def forward(self, rows: Rows, directions: Directions) -> Forward:
         """Step and differentiate along directions."""
         result, status = self._forward(rows, directions, self._usual)
-        again = failed_with(status, Failure.EQUIPMENT_PRESENT)
+        again = binding.failed_with(status, binding.Failure.EQUIPMENT_PRESENT)
         if again.size:
             part, _ = self._forward(rows.take(again), directions.of_rows(again), self._full)
             for ours, theirs in zip(result, part, strict=True):
@@ -138,7 +130,7 @@ class CompiledDifferentiator:
     def reverse(self, rows: Rows, cotangents: FloatArray, *, parameters: bool) -> Reverse:
         """Step and pull cotangents (n, states) back."""
         result, status = self._reverse(rows, cotangents, self._usual, parameters=parameters)
-        again = failed_with(status, Failure.EQUIPMENT_PRESENT)
+        again = binding.failed_with(status, binding.Failure.EQUIPMENT_PRESENT)
         if again.size:
             part, _ = self._reverse(rows.take(again), cotangents[again], self._full, parameters=parameters)
             result.x_next[again], result.failed[again] = part.x_next, part.failed
@@ -187,7 +179,9 @@ class CompiledDifferentiator:
             result.gradients["p"][np.ix_(which, self._absent)] = part.gradients["p"][:, self._absent]
             result.failed[which] |= part.failed
 
-    def _forward(self, rows: Rows, directions: Directions, library: SensitivityLibrary) -> tuple[Forward, Status]:
+    def _forward(
+        self, rows: Rows, directions: Directions, library: SensitivityLibrary
+    ) -> tuple[Forward, binding.Status]:
         tangents = np.zeros((len(rows.x), directions.count, self._sizes["x"]))
         request = Request(directions=directions.count, stride=int(not directions.shared), tangents=tangents.ctypes.data)
         for key, seeds in directions.seeds.items():
@@ -197,7 +191,7 @@ class CompiledDifferentiator:
 
     def _reverse(
         self, rows: Rows, cotangents: FloatArray, library: SensitivityLibrary, *, parameters: bool, horizon: int = 0
-    ) -> tuple[Reverse, Status]:
+    ) -> tuple[Reverse, binding.Status]:
         keys = "xudp" if parameters else "xud"
         gradients = {key: np.zeros((len(rows.x), self._sizes[key])) for key in keys}
         pointers = {f"{key}b": table.ctypes.data for key, table in gradients.items()}

@@ -10,18 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.kernel.compiled.binding import (
-    ActionBoundsPointers,
-    EnvironmentCall,
-    EnvironmentPointers,
-    Library,
-    LookupPointers,
-    ParameterNoisePointers,
-    ProgramPointers,
-    Settings,
-    TapePointers,
-    explain,
-)
+from glbench.kernel.compiled import binding
 from glbench.kernel.environment import ActionBounds, Environments, Program
 from glbench.kernel.records import Rows, StepFailure, inputs_in_words
 from glbench.kernel.tape import Tape
@@ -32,14 +21,14 @@ _ACTIONS, _CONTROLS, _OBSERVE = range(3)  # ``Request`` of native/environment.hp
 class CompiledEnvironments(Environments):
     """``n`` environments of ``program``, each step one call of ``library``."""
 
-    def __init__(self, library: Library, settings: Settings, program: Program, n: int) -> None:
+    def __init__(self, library: binding.Library, settings: binding.Settings, program: Program, n: int) -> None:
         sizes = library.model.sizes
         super().__init__(program, n, sizes["x"])
         self._program, self._settings, self._model = program, settings, library.model
         self._addressed: list[Any] = []  # what the library holds addresses of
         self._after, self._next = np.zeros_like(self.x), np.zeros_like(self.u)
         self._status, self._substeps, self._reached = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n)
-        self._pointers = EnvironmentPointers(
+        self._pointers = binding.EnvironmentPointers(
             n=n, days_stride=program.days, p_stride=sizes["p"] if program.own_parameters else 0
         )
         for name, array in {
@@ -51,7 +40,7 @@ class CompiledEnvironments(Environments):
             setattr(self._pointers, name, array.ctypes.data)
         pointers = self._program_pointers(program)
         calls = [
-            EnvironmentCall(ctypes.addressof(settings), ctypes.addressof(pointers), ctypes.addressof(self._pointers), request)
+            binding.EnvironmentCall(ctypes.addressof(settings), ctypes.addressof(pointers), ctypes.addressof(self._pointers), request)
             for request in (_ACTIONS, _CONTROLS, _OBSERVE)
         ]  # fmt: skip
         self._addressed += [pointers, calls]
@@ -84,7 +73,7 @@ class CompiledEnvironments(Environments):
         failures = []
         for place, row in enumerate(rows.tolist()):
             status, reached, substeps = int(self._status[row]), float(self._reached[row]), int(self._substeps[row])
-            reason = explain(self._model, status, reached, substeps, self._settings)
+            reason = binding.explain(self._model, status, reached, substeps, self._settings)
             failures.append(StepFailure(row, f"{reason} ({inputs_in_words(self._model, inputs, place)})"))
         return failures
 
@@ -97,23 +86,23 @@ class CompiledEnvironments(Environments):
         failed: int = self._pointers.failed
         return failed
 
-    def _program_pointers(self, program: Program) -> ProgramPointers:
-        lookups = (LookupPointers * len(program.lookups))(
+    def _program_pointers(self, program: Program) -> binding.ProgramPointers:
+        lookups = (binding.LookupPointers * len(program.lookups))(
             *(
-                LookupPointers(
+                binding.LookupPointers(
                     self._address(a.table, np.float32), a.table.shape[1], a.rows, a.at, a.clocked, a.ahead, a.every
                 )
                 for a in program.lookups
             )
         )
-        groups = (ParameterNoisePointers * len(program.parameter_noise))(
+        groups = (binding.ParameterNoisePointers * len(program.parameter_noise))(
             *(
-                ParameterNoisePointers(len(a.places), self._address(a.places, np.int32), a.half_width, a.every)
+                binding.ParameterNoisePointers(len(a.places), self._address(a.places, np.int32), a.half_width, a.every)
                 for a in program.parameter_noise
             )
         )
         self._addressed += [lookups, groups]
-        return ProgramPointers(
+        return binding.ProgramPointers(
             actuation=self._tape(program.actuation),
             followers=self._tape(program.followers),
             update=self._tape(program.update),
@@ -142,14 +131,14 @@ class CompiledEnvironments(Environments):
             charge=self._address(list(program.charges.values())),
         )
 
-    def _tape(self, tape: Tape) -> TapePointers:
+    def _tape(self, tape: Tape) -> binding.TapePointers:
         counts = (len(part) for part in (tape.constants, tape.inputs, tape.operations, tape.outputs))
         places = (self._address(part, np.int32) for part in (tape.inputs, tape.operations, tape.outputs))
-        return TapePointers(*counts, self._address(tape.constants), *places)
+        return binding.TapePointers(*counts, self._address(tape.constants), *places)
 
-    def _bounds(self, bounds: ActionBounds) -> ActionBoundsPointers:
+    def _bounds(self, bounds: ActionBounds) -> binding.ActionBoundsPointers:
         each = (bounds.lowest, bounds.highest, bounds.low, bounds.high)
-        return ActionBoundsPointers(len(bounds.low), *map(self._address, each))
+        return binding.ActionBoundsPointers(len(bounds.low), *map(self._address, each))
 
     def _address(self, values: NDArray[Any] | Sequence[float], kind: type[Any] = np.float64) -> int:
         """Address of ``values`` as C-contiguous numbers of a kind; they are kept as long as this object."""
@@ -158,7 +147,7 @@ class CompiledEnvironments(Environments):
         return int(array.ctypes.data)
 
 
-def fits(library: Library, program: Program) -> bool:
+def fits(library: binding.Library, program: Program) -> bool:
     """Whether the library has room for what the program works with."""
     tapes = (program.actuation, program.followers, program.update, program.outcome)
     numbers = (sum(program.streams), *(len(group.places) for group in program.parameter_noise))
@@ -188,7 +177,7 @@ class Entry:
 
 def entry_of(environments: CompiledEnvironments) -> Entry:
     """The entry by which any number of environments runs the program of these."""
-    call = EnvironmentCall.from_address(environments._step)
+    call = binding.EnvironmentCall.from_address(environments._step)
     function = ctypes.cast(environments._run, ctypes.c_void_p).value
     assert function is not None
     return Entry(function, call.settings, call.program, environments.parameters.shape[1], environments)

@@ -21,16 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean
-from glbench.kernel.compiled.binding import (
-    Failure,
-    Library,
-    RowPointers,
-    Status,
-    explain,
-    failed_with,
-    load,
-    settings_type,
-)
+from glbench.kernel.compiled import binding
 from glbench.kernel.compiled.compiler import CompiledUnavailable
 from glbench.kernel.compiled.differentiator import CompiledDifferentiator
 from glbench.kernel.compiled.environment import CompiledEnvironments, fits
@@ -180,9 +171,9 @@ class CompiledStepper:
         self._sizes = model.sizes
         self._shared = ((model.sizes["p"],), (1, model.sizes["p"]))
         self._build = self._library_build(absent_equipment(model))
-        self._library = load(self._build.path, model)
+        self._library = binding.load(self._build.path, model)
         absolute, relative = tolerances(model, self.preset)
-        self.settings = settings_type(len(absolute))(
+        self.settings = binding.settings_type(len(absolute))(
             step=self.step_seconds,
             first=self.preset.first_substep,
             fast_error_floor=self.preset.fast_error_floor,
@@ -200,7 +191,7 @@ class CompiledStepper:
         self._batch = self._new_batch(1)
 
     @property
-    def substeps(self) -> Status:
+    def substeps(self) -> binding.Status:
         """Substeps that each row of the last call took (n,), rejected ones included. Overwritten by the next call."""
         return self._batch.substeps
 
@@ -214,7 +205,7 @@ class CompiledStepper:
         """The shared library in the cache."""
         return self._build.path
 
-    def step_rows(self, x: Array, u: Array, d: Array, p: Array, out: Array) -> Status:
+    def step_rows(self, x: Array, u: Array, d: Array, p: Array, out: Array) -> binding.Status:
         """Advance all rows by one control step.
 
         Parameters
@@ -277,7 +268,7 @@ class CompiledStepper:
 
     def bind(self, rows: Rows, out: Array) -> CompiledBoundStep:
         """A step of these very arrays, all of them tables and C-contiguous; ``out`` may be ``rows.x``. See ``Kernel.bind``."""
-        pointers = RowPointers()
+        pointers = binding.RowPointers()
         call = functools.partial(self._library.step_rows, self._settings_call, ctypes.byref(pointers))
         return CompiledBoundStep(self, call, pointers, rows, out)
 
@@ -290,7 +281,7 @@ class CompiledStepper:
         u, d = (np.ascontiguousarray(table.swapaxes(0, 1)) for table in (horizons.u, horizons.d))
         p, size = horizons.p, horizons.p.shape[2]
         status, substeps, reached = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n)
-        calls, width = np.zeros(steps, np.dtype(RowPointers)), states.shape[2]
+        calls, width = np.zeros(steps, np.dtype(binding.RowPointers)), states.shape[2]
         calls["n"], calls["p_stride"] = n, p.shape[1] * size if len(p) > 1 else 0
         strides = {"u": n * u.shape[2], "d": n * d.shape[2], "x": n * width, "p": size if p.shape[1] > 1 else 0}
         first = {"u": u.ctypes.data, "d": d.ctypes.data, "x": states.ctypes.data, "p": p.ctypes.data}
@@ -337,7 +328,7 @@ class CompiledStepper:
         """What went wrong in a row of the last call: which state, when, why."""
         batch = self._batch
         reached, substeps = float(batch.reached[row]), int(batch.substeps[row])
-        return explain(self.model, int(batch.status[row]), reached, substeps, self.settings)
+        return binding.explain(self.model, int(batch.status[row]), reached, substeps, self.settings)
 
     def error(self, row: int) -> StepError:
         """The error to raise for a row of the last call that failed."""
@@ -363,7 +354,7 @@ class CompiledStepper:
 
     def _step_with_full_model(self, batch: _Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
         """Steps the rows whose greenhouse has equipment that the usual library leaves out."""
-        rows = failed_with(batch.status, Failure.EQUIPMENT_PRESENT)
+        rows = binding.failed_with(batch.status, binding.Failure.EQUIPMENT_PRESENT)
         if rows.size == 0:
             return
         part = self._new_batch(rows.size, copies=True)
@@ -374,9 +365,9 @@ class CompiledStepper:
         batch.status[rows], batch.substeps[rows], batch.reached[rows] = part.status, part.substeps, part.reached
 
     @cached_property
-    def _full_library(self) -> Library:
+    def _full_library(self) -> binding.Library:
         """Library of the model with all equipment, built when first needed."""
-        return load(self._library_build(()).path, self.model)
+        return binding.load(self._library_build(()).path, self.model)
 
     def _library_build(self, zeros: tuple[int, ...]) -> Build:
         return build(self.model, traits_of(self.model, zeros), self.width)
@@ -388,7 +379,7 @@ class CompiledStepper:
         status, substeps, reached = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n)
         inputs = (a.ctypes.data for a in (x, u, d, p))
         outputs = (a.ctypes.data for a in (out, status, substeps, reached))
-        pointers = RowPointers(n, *inputs, self._sizes["p"], *outputs)
+        pointers = binding.RowPointers(n, *inputs, self._sizes["p"], *outputs)
         shapes = ((n, self._sizes[key]) for key in "xudp")
         return _Batch(n, x, u, d, p, out, status, substeps, reached, pointers, ctypes.byref(pointers), *shapes)
 
@@ -414,10 +405,10 @@ class _Batch:
     d: Array
     p: Array
     out: Array
-    status: Status
-    substeps: Status
+    status: binding.Status
+    substeps: binding.Status
     reached: Array
-    pointers: RowPointers
+    pointers: binding.RowPointers
     call: object  # ctypes.byref(pointers)
     x_shape: tuple[int, int]
     u_shape: tuple[int, int]
@@ -439,7 +430,12 @@ class CompiledBoundStep:
     """
 
     def __init__(
-        self, stepper: CompiledStepper, call: functools.partial[int], pointers: RowPointers, rows: Rows, out: Array
+        self,
+        stepper: CompiledStepper,
+        call: functools.partial[int],
+        pointers: binding.RowPointers,
+        rows: Rows,
+        out: Array,
     ) -> None:
         self._stepper, self._call, self._rows, self._out = stepper, call, rows, out
         n = len(out)
