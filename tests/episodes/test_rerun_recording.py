@@ -17,6 +17,7 @@ from glbench.episodes.rerun_recording import (
     Trajectory,
     _Layout,
     card,
+    load_rerun,
     provenance_words,
     save_recording,
     show_together,
@@ -25,7 +26,6 @@ from glbench.episodes.rerun_recording import (
     weeks_card,
     with_two_ticks,
 )
-from glbench.episodes.rerun_viewer import load_rerun
 from glbench.episodes.signals import signals_of
 from glbench.errors import GlbenchError
 from glbench.evaluation import load_result

@@ -143,7 +143,7 @@ def test_candidates_of_a_generation_share_their_seasons_and_those_of_no_test(
     few = SETTINGS.model_copy(update={"population": 4, "seasons": 4})
     with monkeypatch.context() as short:
         short.setattr(
-            "glbench.training.rule_search.season_sums", lambda simulation, seeds, _: _begin(simulation, seeds)
+            "glbench.training.periodic_evaluation.season_sums", lambda simulation, seeds, _: _begin(simulation, seeds)
         )
         short.setattr(
             "glbench.training.periodic_evaluation.season_sums", lambda simulation, seeds, _: _begin(simulation, seeds)
