@@ -12,12 +12,12 @@ import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import filelock
 import numpy as np
 
 from glbench.agents.identity import CARD_FILE
-from glbench.agents.plans import Recording
 from glbench.episodes import (
     ActionLog,
     Episode,
@@ -40,6 +40,9 @@ from glbench.evaluation.records import RecordReference, Result, RunResult
 from glbench.registration import task_ids
 from glbench.resources import write_atomically
 from glbench.tasks import Round, TaskSpec, get_task, task_card
+
+if TYPE_CHECKING:
+    from glbench.agents.plans import Recording
 
 
 @dataclass(frozen=True)
@@ -305,6 +308,8 @@ def write_recording(result: Path, seed: int, folder: Path) -> Recording:
     EpisodeError
         When there is no such run, it failed, its record is missing or damaged, the agent set controls directly, or the folder is not empty.
     """
+    from glbench.agents.plans import Recording
+
     loaded = load_result(result)
     log = recorded_actions(loaded, result)
     agent, card = log.provenance.agent, task_card(task_of_result(loaded, result))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal, NoReturn
 
-from glbench.agents import Baseline, Identity, LoadedAgent, identify, load_agent
+from glbench.agents import Identity, LoadedAgent, identify, load_agent
 from glbench.errors import GlbenchError, SandboxError, SubmissionError, did_you_mean
 from glbench.tasks import TaskCard
 
@@ -115,9 +115,12 @@ def _check_choice(choice: str) -> None:
 
 
 def _loaded(agent: LoadedAgent, choice: SandboxChoice) -> Protected:
-    # With custom settings, too: the code is glbench's.
-    if isinstance(getattr(agent.make, "__self__", None), Baseline):
-        return Protected(agent, "built-in", None)
+    owner = getattr(agent.make, "__self__", None)
+    if owner is not None:
+        from glbench.agents.baselines import Baseline
+
+        if isinstance(owner, Baseline):  # with custom settings, too: the code is glbench's
+            return Protected(agent, "built-in", None)
     if choice != "none":
         msg = (
             f"The code of '{agent.name}' was loaded into this process already, so that no sandbox can hold it. "
