@@ -1,7 +1,7 @@
 // Random numbers that are a function of an address: Philox4x32-10, several counters at once.
 //
 // Salmon, Moraes, Dror and Shaw (2011), "Parallel random numbers: as easy as 1, 2, 3", SC'11, doi 10.1145/2063384.2063405.
-// Only whole numbers are multiplied and every conversion is exact: the bits are those of glbench/env/philox.py everywhere.
+// Only whole numbers are multiplied and every conversion is exact: the bits are those of glbench/env/random.py everywhere.
 #pragma once
 #include "lanes.hpp"
 
