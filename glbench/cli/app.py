@@ -5,26 +5,75 @@ from __future__ import annotations
 import io
 import os
 import sys
-from typing import Annotated, NoReturn
+from importlib import import_module
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
+from typer.core import TyperGroup
 
 from glbench import __version__
-from glbench.cli import console, episodes, submit, tasks, weather
-from glbench.cli.bound import bound
+from glbench.cli import console
 from glbench.cli.console import DEBUG_VARIABLE, INTERRUPTED
-from glbench.cli.evaluate import evaluate
-from glbench.cli.leaderboard import badge, leaderboard
-from glbench.cli.report import report, story
-from glbench.cli.results import compare, show
-from glbench.cli.studies import bench, validate
-from glbench.cli.train import export, sweep, train, tune
-from glbench.cli.verify import verify
-from glbench.cli.view import view
 from glbench.errors import GlbenchError
+
+if TYPE_CHECKING:
+    from typer._click.core import Command, Context
+
+# In the order of the help: each command with its module and, for a group, the name of the group there.
+_COMMANDS = {
+    "evaluate": ("evaluate", None),
+    "leaderboard": ("leaderboard", None),
+    "show": ("results", None),
+    "compare": ("results", None),
+    "badge": ("leaderboard", None),
+    "report": ("report", None),
+    "story": ("report", None),
+    "verify": ("verify", None),
+    "view": ("view", None),
+    "bound": ("bound", None),
+    "bench": ("studies", None),
+    "validate": ("studies", None),
+    "train": ("train", None),
+    "export": ("train", None),
+    "sweep": ("train", None),
+    "submit": ("submit", "app"),
+    "round": ("tasks", "round_app"),
+    "tune": ("train", "tune"),
+    "episodes": ("episodes", "app"),
+    "tasks": ("tasks", "app"),
+    "weather": ("weather", "app"),
+}
+
+
+class _CommandsOnDemand(TyperGroup):
+    """All commands, of which only the one that runs is imported; help and an unknown name import them all."""
+
+    def list_commands(self, ctx: Context) -> list[str]:
+        return list(_COMMANDS)
+
+    def get_command(self, ctx: Context, cmd_name: str) -> Command | None:
+        names = [cmd_name] if cmd_name in _COMMANDS else list(_COMMANDS)
+        for name in names:
+            if name not in self.commands:
+                self.commands[name] = _load(name)
+        return self.commands.get(cmd_name)
+
+
+def _load(name: str) -> Command:
+    """The command or group ``name``, from its module."""
+    module_name, group_name = _COMMANDS[name]
+    module = import_module(f"glbench.cli.{module_name}")
+    part = typer.Typer(rich_markup_mode="markdown", pretty_exceptions_enable=False)
+    if group_name is None:
+        part.command(name)(getattr(module, name))
+    else:
+        part.add_typer(getattr(module, group_name), name=name)
+    return typer.main.get_group(part).commands[name]
+
 
 app = typer.Typer(
     name="glbench",
+    cls=_CommandsOnDemand,
     help="A reproducible benchmark for greenhouse climate control on the GreenLight model.",
     epilog="Start with: glbench evaluate submissions/my_agent.py",
     no_args_is_help=True,
@@ -32,15 +81,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _command in (evaluate, leaderboard, show, compare, badge, report, story, verify, view, bound, bench, validate):
-    app.command(_command.__name__)(_command)
-app.add_typer(submit.app, name="submit")
-app.add_typer(tasks.round_app, name="round")
-for _training in (train, export, sweep):
-    app.command(_training.__name__)(_training)
-app.add_typer(tune, name="tune")
-for _group in (episodes, tasks, weather):
-    app.add_typer(_group.app, name=_group.__name__.rpartition(".")[2])
 
 
 def print_version(is_requested: bool) -> None:
