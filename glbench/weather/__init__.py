@@ -11,13 +11,20 @@ Example
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+from glbench.extras import lazy_names
 from glbench.weather.generator import Blocks, GeneratedSeason, SeasonGenerator
 from glbench.weather.knmi import fetch_knmi, read_knmi
 from glbench.weather.preprocessing import COLUMNS
-from glbench.weather.readers import FORMATS, read_csv, read_epw, read_tmy, read_weather
 from glbench.weather.record import QUANTITIES, Place, WeatherInfo, WeatherRecord
 from glbench.weather.series import PREPROCESSINGS, Disturbances, disturbances
 from glbench.weather.store import find_weather, list_weather, load_weather, save_weather, user_file
+
+if TYPE_CHECKING:
+    from glbench.weather.readers import FORMATS, read_csv, read_epw, read_tmy, read_weather
+else:
+    __getattr__ = lazy_names(__name__, {"readers": ("FORMATS", "read_csv", "read_epw", "read_tmy", "read_weather")})
 
 __all__ = [
     "COLUMNS",

@@ -10,12 +10,13 @@ from __future__ import annotations
 import datetime as dt
 import math
 from dataclasses import dataclass
+from importlib import import_module
+from types import ModuleType
 
 import numpy as np
 import numpy.typing as npt
 
 from glbench.errors import UnknownNameError, WeatherError, did_you_mean
-from glbench.weather import conserving, paper
 from glbench.weather.preprocessing import Prepared, Window, clock_time, to_utc_seconds
 from glbench.weather.record import SCHEMA, FloatArray, WeatherRecord, canonical_digest, utc_text
 
@@ -107,7 +108,7 @@ def disturbances(
         raise WeatherError(msg)
     window = Window(to_utc_seconds(start, clock), int(steps), int(step_seconds), float(co2_ppm))
     _check_period(record, window)
-    prepared = (paper if preprocessing == "paper" else conserving).prepare(record, window)
+    prepared: Prepared = _pipeline(preprocessing).prepare(record, window)
     hour_of_day, day_of_year = clock_time(window, clock)
     times = window.times.astype("datetime64[s]")
     for array in (prepared.values, times, hour_of_day, day_of_year):
@@ -120,6 +121,11 @@ def disturbances(
         digest=_digest(record, window, prepared, preprocessing),
         preprocessing=preprocessing,
     )
+
+
+def _pipeline(preprocessing: str) -> ModuleType:
+    """The module of a preprocessing; one that nobody asks for is not imported."""
+    return import_module(f"glbench.weather.{preprocessing}")
 
 
 def _check_period(record: WeatherRecord, window: Window) -> None:
@@ -144,7 +150,7 @@ def _digest(record: WeatherRecord, window: Window, prepared: Prepared, preproces
     header: dict[str, object] = {
         "schema": SCHEMA,
         "preprocessing": preprocessing,
-        "version": (paper if preprocessing == "paper" else conserving).VERSION,
+        "version": _pipeline(preprocessing).VERSION,
         "start": window.start,
         "steps": window.steps,
         "step_seconds": window.step,
