@@ -244,20 +244,18 @@ def _programme(equipment: Equipment, demand: EnergyDemand, start: float, end: fl
     for place, name in enumerate(_VARIABLES):
         bounds[1, place] = at_most.get(name, np.inf)
     bounds[0, -1, -1] = end
+    costs = np.zeros((len(_VARIABLES), steps))  # of one unit more in each step [EUR]
+    for place, variable in enumerate(_VARIABLES):
+        for name, price in demand.prices.items():
+            costs[place] += price * outputs.get(name, {}).get(variable, 0.0)
     return {
-        "c": np.concatenate([_marginal(name, demand.prices, outputs, steps) for name in _VARIABLES]),
+        "c": costs.reshape(-1),
         "A_eq": sparse.vstack([balance, rows(engine=1.0, bought=1.0, sold=-1.0)]),
         "b_eq": _FINE * np.concatenate([into, used]),
         "A_ub": sparse.vstack([flue, rows(sold=1.0, engine=-sparse.diags(room))]),
         "b_ub": _FINE * np.concatenate([-dosed, np.zeros(steps)]),
         "bounds": _FINE * bounds.reshape(2, -1).T,
     }
-
-
-def _marginal(variable: str, prices: Flows, outputs: Mapping[str, Mapping[str, float]], steps: int) -> Floats:
-    """What one unit more of what is chosen costs in each step [EUR]."""
-    parts = [price * outputs[name][variable] for name, price in prices.items() if variable in outputs.get(name, {})]
-    return sum(parts, np.zeros(steps))
 
 
 _OUTPUTS = tuple(Equipment(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0).makes())

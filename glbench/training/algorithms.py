@@ -91,6 +91,10 @@ def make_model(settings: TrainingSettings, env: VecEnv, seed: int, tensorboard: 
     """
     check_settings(settings)
     kind = algorithm_class(settings.algorithm)
+    noise: dict[str, Any] = {}
+    if settings.action_noise_std is not None:
+        mean = np.zeros(env.action_space.shape or ())
+        noise = {"action_noise": NormalActionNoise(mean, np.full_like(mean, settings.action_noise_std))}
     try:
         return kind(
             settings.policy,
@@ -100,7 +104,7 @@ def make_model(settings: TrainingSettings, env: VecEnv, seed: int, tensorboard: 
             verbose=0,
             tensorboard_log=tensorboard,
             policy_kwargs=policy_arguments(settings.policy_kwargs),
-            **_noise(settings, env),
+            **noise,
             **_arguments(settings),
         )
     except (TypeError, ValueError, AssertionError) as error:
@@ -159,13 +163,6 @@ def _arguments(settings: TrainingSettings) -> dict[str, Any]:
     if isinstance(arguments.get("train_freq"), list):
         arguments["train_freq"] = tuple(arguments["train_freq"])  # [1, episode], as Stable-Baselines3 wants it
     return arguments
-
-
-def _noise(settings: TrainingSettings, env: VecEnv) -> dict[str, Any]:
-    if settings.action_noise_std is None:
-        return {}
-    mean = np.zeros(env.action_space.shape or ())
-    return {"action_noise": NormalActionNoise(mean, np.full_like(mean, settings.action_noise_std))}
 
 
 def rollout_steps(settings: TrainingSettings, season: int) -> int:

@@ -7,6 +7,7 @@ import platform
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from hashlib import sha256
@@ -195,15 +196,19 @@ def to_toml(content: Mapping[str, Any]) -> str:
     """Text, numbers, truth values and lists of them, in tables one deep, as TOML."""
     plain = [f"{key} = {_value(value)}" for key, value in content.items() if not isinstance(value, Mapping)]
     tables = [
-        "\n".join([f"[{key}]", *(f"{_key(name)} = {_value(item)}" for name, item in value.items())])
+        "\n".join(
+            [
+                f"[{key}]",
+                *(
+                    f"{name if name.replace('-', '').replace('_', '').isalnum() else json.dumps(name)} = {_value(item)}"
+                    for name, item in value.items()
+                ),
+            ]
+        )
         for key, value in content.items()
         if isinstance(value, Mapping)
     ]
     return "\n\n".join(part for part in ["\n".join(plain), *tables] if part) + "\n"
-
-
-def _key(name: str) -> str:
-    return name if name.replace("-", "").replace("_", "").isalnum() else json.dumps(name)
 
 
 def _value(value: Any) -> str:
@@ -215,11 +220,7 @@ def _value(value: Any) -> str:
 
 def _versions(task: TaskSpec) -> dict[str, str]:
     versions = {"glbench": __version__, "model": task.model_id, "python": platform.python_version()}
-    return versions | {name: number for name in _PACKAGES if (number := _version(name))}
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
+    for package in _PACKAGES:
+        with suppress(PackageNotFoundError):
+            versions[package] = version(package)
+    return versions

@@ -152,7 +152,11 @@ class _Training:
                     "task_digest": self.task.digest,
                 },
             )
-            gru = self._gru(varying) if units else None
+            gru = None
+            if units:
+                arrays = {name: np.asarray(value) for name, value in self._learning.weights["gru"].items()}
+                weights = np.where(varying[:, None], arrays["weights"], np.float32(0.0))
+                gru = Gru(weights, arrays["bias"], arrays["recurrent"])
         except ShapeError as error:
             msg = (
                 f"The training diverged within {self.steps:,} steps: {error} Lower the learning rate, or max_grad_norm."
@@ -161,14 +165,11 @@ class _Training:
         network = without_constant_columns(network, np.append(varying, np.ones(units, np.bool_)))
         return Actor(network, learner.traced, learner.shares, learner.max_change, low, high, gru)
 
-    def _gru(self, varying: NDArray[np.bool_]) -> Gru:
-        of = {name: np.asarray(value) for name, value in self._learning.weights["gru"].items()}
-        return Gru(np.where(varying[:, None], of["weights"], np.float32(0.0)), of["bias"], of["recurrent"])
-
     def evaluate(self, policy: Actor) -> CurvePoint:
         """A point of the learning curve."""
         with self.history.time.spend("evaluation"):
-            agent = ActorAgent(_fast(policy))
+            gru = None if policy.gru is None else replace(policy.gru, arithmetic=FAST)
+            agent = ActorAgent(replace(policy, network=replace(policy.network, arithmetic=FAST), gru=gru))
             agent.reset(task_card(self.task), len(self._probe.seeds))
             result = self._probe.of(agent.act)
         if self.steps >= self.history.next_evaluation:  # an end between two evaluations does not shift them
@@ -258,11 +259,6 @@ def _evaluate(under_way: _Training, folder: Path, listeners: Sequence[Listener])
     for listener in listeners:
         listener.on_evaluation(point)
         listener.on_saved(under_way.steps)
-
-
-def _fast(policy: Actor) -> Actor:
-    gru = None if policy.gru is None else replace(policy.gru, arithmetic=FAST)
-    return replace(policy, network=replace(policy.network, arithmetic=FAST), gru=gru)
 
 
 def _digest(facts: dict[str, Any], leaves: Sequence[NDArray[Any]]) -> str:

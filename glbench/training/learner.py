@@ -258,10 +258,6 @@ class Learner:
     def _with_traces(self, observation: Any, traces: Any) -> Any:
         return jnp.concatenate([observation, traces.reshape(len(observation), -1)], 1)
 
-    def _normalized(self, columns: Statistics, observations: Any) -> Any:
-        limit = self.settings.normalize.clip_observations
-        return jnp.clip((observations - columns.mean) / self.scale(columns), -limit, limit)
-
     def _privileged_inputs(self, now: Greenhouses) -> Any:
         """What only the critic sees ``(greenhouses, quantities)``."""
         names = self.settings.critic_sees
@@ -269,8 +265,9 @@ class Learner:
 
     def _value(self, learning: Learning, now: Greenhouses) -> tuple[Any, Any, Any, Any]:
         """Input of the critic and its output, input of the actor, and the memory that both see besides."""
-        actor_input, privileged = self._normalized(learning.columns, now.observations), learning.privileged
+        columns, privileged = learning.columns, learning.privileged
         limit = self.settings.normalize.clip_observations
+        actor_input = jnp.clip((now.observations - columns.mean) / self.scale(columns), -limit, limit)
         floor = _LEAST * jnp.abs(privileged.mean) + _TINY
         besides = jnp.clip(
             (self._privileged_inputs(now) - privileged.mean) / jnp.sqrt(privileged.variance + floor**2), -limit, limit

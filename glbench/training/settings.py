@@ -113,17 +113,13 @@ class EvaluationPlan(FrozenSettings):
 
     def seeds(self, task: TaskSpec) -> list[int]:
         """Seeds of the runs."""
-        runs = self.runs if _draws(task) else 1
+        scenario = task.scenario
+        is_drawn = any(one.half_width for one in scenario.groups) or any(
+            one.half_width for one in scenario.start_groups
+        )
+        runs_differ = is_drawn or len(scenario.seasons) > 1 or scenario.start_within_days > 0
+        runs = self.runs if runs_differ else 1
         return list(range(self.first_seed, self.first_seed + runs))
-
-
-def _draws(task: TaskSpec) -> bool:
-    """Whether runs of a task differ."""
-    scenario = task.scenario
-    is_drawn = any(group.half_width for group in scenario.groups) or any(
-        one.half_width for one in scenario.start_groups
-    )
-    return is_drawn or len(scenario.seasons) > 1 or scenario.start_within_days > 0
 
 
 class Accrual(FrozenSettings):

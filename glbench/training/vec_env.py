@@ -75,7 +75,14 @@ class TrainingVecEnv(VecEnv):
         workers: int = 1,
         accrual: Accrual | None = None,
     ) -> None:
-        self._price, self._stored = (0.0, 0) if accrual is None else (accrual.price, _place(accrual, task))
+        self._price, self._stored = 0.0, 0
+        if accrual is not None:
+            names = task.model_value.state_names
+            if accrual.state not in names:
+                hint = did_you_mean(accrual.state, names)
+                msg = f"'accrual': the model of {task.id} has no state '{accrual.state}'.{hint}"
+                raise TrainingError(msg)
+            self._price, self._stored = accrual.price, names.index(accrual.state)
         kernel = make_kernel(task.model_value, task.step_seconds, preset=kernel_preset, workers=workers)
         self.environment = GreenhouseVectorEnv(task, n_envs, kernel=kernel, autoreset_mode="Disabled")
         self.first_seed = first_seed
@@ -108,7 +115,13 @@ class TrainingVecEnv(VecEnv):
         self._lengths += 1
         if terminated.any():
             for row in np.flatnonzero(terminated).tolist():
-                infos[row] = self._end_of(row, observations[row])
+                reward, epi, penalty = self._sums[:, row].tolist()
+                episode = {"r": reward, "l": int(self._lengths[row]), "epi": epi, "penalty": penalty}
+                infos[row] = {
+                    "terminal_observation": observations[row].copy(),
+                    "TimeLimit.truncated": False,
+                    "episode": episode,
+                }
             observations = self._begin(terminated)
         return observations, paid.astype(np.float32), terminated, infos
 
@@ -120,11 +133,6 @@ class TrainingVecEnv(VecEnv):
         self._lengths[rows] = 0
         observations, _ = self.environment.reset(seed=seeds.tolist(), options={"reset_mask": rows})
         return observations
-
-    def _end_of(self, row: int, last: NDArray[np.float32]) -> dict[str, Any]:
-        reward, epi, penalty = self._sums[:, row].tolist()
-        episode = {"r": reward, "l": int(self._lengths[row]), "epi": epi, "penalty": penalty}
-        return {"terminal_observation": last.copy(), "TimeLimit.truncated": False, "episode": episode}
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything that the rest of the episodes depends on, as arrays."""
@@ -170,15 +178,6 @@ class TrainingVecEnv(VecEnv):
 
     def _count(self, indices: Any) -> int:
         return len(list(self._get_indices(indices)))
-
-
-def _place(accrual: Accrual, task: TaskSpec) -> int:
-    """Column of its state among those of the task's model."""
-    names = task.model_value.state_names
-    if accrual.state not in names:
-        msg = f"'accrual': the model of {task.id} has no state '{accrual.state}'.{did_you_mean(accrual.state, names)}"
-        raise TrainingError(msg)
-    return names.index(accrual.state)
 
 
 def make_vec_env(

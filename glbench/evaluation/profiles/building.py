@@ -269,7 +269,12 @@ class _Seasons:
         same = bool((scenes.days == scenes.days[0]).all())
         rows = scenes.days[: 1 if same else None, steps // pool.day] + steps % pool.day
         self._values = pool.values[rows.T]
-        self.starts = () if same else tuple(_first_day(scenarios, row) for row in scenes.first.tolist())
+        first_days: list[str] = []
+        for row in [] if same else scenes.first.tolist():
+            season = bisect_right(pool.seasons, row) - 1
+            late = dt.timedelta(days=(row - pool.seasons[season]) // pool.day)
+            first_days.append((scenarios.scenario.seasons[season].start + late).isoformat())
+        self.starts = tuple(first_days)
 
     def values(self, runs: Sequence[int]) -> Floats:
         """What acts on some of the runs ``(steps, n, d)``."""
@@ -285,14 +290,6 @@ class _Seasons:
         humidity = read_air(temperature.ravel(), co2.ravel(), vapour.ravel())[2].reshape(temperature.shape)
         series = (radiation, temperature, humidity, wind)
         return {column.name: one.astype(np.float32) for column, one in zip(WEATHER_COLUMNS, series, strict=True)}
-
-
-def _first_day(scenarios: RunScenarios, row: int) -> str:
-    """The date of the day, by the clock of the place, that begins with a row of the pool."""
-    begins, day = scenarios.pool.seasons, scenarios.pool.day
-    season = bisect_right(begins, row) - 1
-    late = dt.timedelta(days=(row - begins[season]) // day)
-    return (scenarios.scenario.seasons[season].start + late).isoformat()
 
 
 _DAY_DIGITS, _SEASON_DIGITS, _HOUR_DIGITS, _COURSE_DIGITS = 3, 3, 4, 2
@@ -409,13 +406,11 @@ def _misfit(result: Result, profile: Profile) -> str:
         parts["energy"] = (content["columns"], {*_AMOUNTS, _LEVEL} & {*energy_columns(spec)}, (of_day,))
         parts["prices of the energy"] = (content["prices"], {item.name for item in _changing(spec)}, (of_day,))
     for name, (content, names, shape) in parts.items():
-        if set(content) != names or any(not _has_shape(one["values"], shape) for one in content.values()):
+        lists = [one["values"] for one in content.values()]
+        widths = {len(row) for values in lists for row in values} if len(shape) == 2 else set()
+        if set(content) != names or {len(values) for values in lists} - {shape[0]} or widths - set(shape[1:]):
             return f"its '{name}' has other columns, days or hours"
     return ""
-
-
-def _has_shape(values: list[Any], shape: tuple[int, ...]) -> bool:
-    return len(values) == shape[0] and (len(shape) == 1 or all(len(row) == shape[1] for row in values))
 
 
 class _Builder:

@@ -194,7 +194,10 @@ class _DryRun:
             with self._stack:
                 self._process = replace(self._agent, runs=RUNS).process()
                 self._stack.callback(self._process.close)
-                self._rehearse()
+                # Large packages, whose time is not the agent's, are imported first.
+                self._process.ask(Kind.REHEARSE, 0, "\0".join(self._packages).encode(), seconds=_PACKAGES_SECONDS)
+                self._process.answer(0, time.monotonic() + _PACKAGES_SECONDS, "importing its packages takes too long")
+                self._deadline = max(self._deadline, time.monotonic() + _LEAST * self._seconds)
                 if self._make(RUNS):
                     self._book.checked.add("loading")
                     # An agent that does not repeat itself would be found to decide differently alone, too.
@@ -208,12 +211,6 @@ class _DryRun:
         except GlbenchError as error:
             self._book.add([problem("decisions", str(error))])
         self._book_printing()
-
-    def _rehearse(self) -> None:
-        """Import large packages, whose time is not the agent's, and begin to listen to what the agent does."""
-        self._process.ask(Kind.REHEARSE, 0, "\0".join(self._packages).encode(), seconds=_PACKAGES_SECONDS)
-        self._process.answer(0, time.monotonic() + _PACKAGES_SECONDS, "importing its packages takes too long")
-        self._deadline = max(self._deadline, time.monotonic() + _LEAST * self._seconds)
 
     def _make(self, runs: int, *, again: bool = False) -> bool:
         """Make a new agent and reset it, outside of the time for steps. Report a failure and return false."""
