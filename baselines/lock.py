@@ -59,6 +59,9 @@ _HEADER = """\
 """
 
 
+_RELEASE = "python baselines/release.py --work FOLDER --only NAME --task TASK"
+
+
 def task_of(name: str) -> TaskSpec:
     """The test split of a task in ``DRIVERS``."""
     return get_task(ROOT / name if name.endswith(".toml") else name).scored
@@ -149,6 +152,11 @@ def main() -> int:
     if options.write:
         for baseline in set(baseline_names()) - set(entries):
             actions = {name: list(number) for name, number in behaviour(baseline).items()}
+            if not actions:
+                print(
+                    f"{baseline}: not locked, as it has no released results. Commit it and make them first: {_RELEASE}"
+                )
+                continue
             entries[baseline] = {"digest": shipped_digest(baseline), "actions": actions}
         blocks = [
             f'[{name}]\ndigest = "{entries[name]["digest"]}"\n\n[{name}.actions]\n'

@@ -280,11 +280,11 @@ def _evaluate(evaluation: Evaluation, printer: console.Printer, *, viewer: str |
         printer.say(console.Line(words, aside=True, wrap="always"))
         evaluation.complete_episodes(result)
     if again is not None and printer.as_json:
-        from glbench.leaderboard.fresh_draws import fresh_words
-
         result = _with_fresh_draws(again, printer)
     printer.show(result_view(result, evaluation.task))
     if again is not None and not printer.as_json:
+        from glbench.leaderboard.fresh_draws import fresh_words
+
         result = _with_fresh_draws(again, printer)
         printer.say(console.paragraph(f"With fresh draws: {fresh_words(result, _ranking_metric(evaluation.task))}"))
     if evaluation.path is not None:

@@ -31,6 +31,16 @@ def test_the_version_is_that_of_the_project_file_and_the_citation():
     assert f"## {project}" in (ROOT / "CHANGELOG.md").read_text()
 
 
+def test_the_architecture_page_has_every_room_and_the_order_of_imports():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rooms = {init.parent.name for init in (ROOT / "glbench").glob("*/__init__.py")}
+    table = page.split("## Rooms")[1].split("## Commands")[0]
+    assert set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == rooms
+    contract = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]
+    order = re.findall(r"^    (cli > .*(?:\n +> .*)*)", table, re.MULTILINE)
+    assert " ".join(order[0].split()) == " > ".join(contract["layers"]).replace("glbench.", "")
+
+
 @pytest.mark.parametrize(
     "document",
     sorted(

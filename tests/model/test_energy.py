@@ -63,7 +63,8 @@ PARAMETERS = TOMATO_ENERGY.Parameters(*AT.p.T)
 
 def amounts() -> dict[str, Any]:
     """What flows in a step at the points, by name; meters aside, which need its end."""
-    step = Step(None, None, CONTROLS, PARAMETERS, SECONDS, CONTROLS)
+    states = TOMATO_ENERGY.State(*AT.x.T)
+    step = Step(states, states, CONTROLS, PARAMETERS, SECONDS, CONTROLS)
     metered = {meter.flow for meter in TOMATO_ENERGY.meters}
     return {
         flow.name: flow.amount(step)
