@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -293,6 +293,11 @@ class Actor:
         nothing = np.zeros(0)
         still = np.zeros(len(network.action_names))
         return cls(network, nothing.astype(np.int64), nothing, still, network.low, network.high, plain=True)
+
+    def with_arithmetic(self, arithmetic: Arithmetic) -> Actor:
+        """The same policy, computed with ``EXACT`` or ``FAST`` arithmetic."""
+        gru = None if self.gru is None else replace(self.gru, arithmetic=arithmetic)
+        return replace(self, network=replace(self.network, arithmetic=arithmetic), gru=gru)
 
     def __post_init__(self) -> None:
         columns = len(self.columns)

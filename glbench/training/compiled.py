@@ -8,7 +8,7 @@ import signal
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -168,8 +168,7 @@ class _Training:
     def evaluate(self, policy: Actor) -> CurvePoint:
         """A point of the learning curve."""
         with self.history.time.spend("evaluation"):
-            gru = None if policy.gru is None else replace(policy.gru, arithmetic=FAST)
-            agent = ActorAgent(replace(policy, network=replace(policy.network, arithmetic=FAST), gru=gru))
+            agent = ActorAgent(policy.with_arithmetic(FAST))
             agent.reset(task_card(self.task), len(self._probe.seeds))
             result = self._probe.of(agent.act)
         if self.steps >= self.history.next_evaluation:  # an end between two evaluations does not shift them

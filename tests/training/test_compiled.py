@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from glbench.agents import load_agent
-from glbench.agents.network_policy import ActorAgent, Gru, read_actor
+from glbench.agents.network_policy import FAST, ActorAgent, Gru, read_actor
 from glbench.env import GreenhouseVectorEnv
 from glbench.errors import TrainingError
 from glbench.kernel import why_not_compiled
@@ -27,7 +27,7 @@ pytestmark = [
     pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled())),
 ]
 
-from glbench.training.compiled import _fast, _Training, train_compiled  # noqa: E402
+from glbench.training.compiled import _Training, train_compiled  # noqa: E402
 from glbench.training.compiled_settings import CompiledSettings, read_compiled_settings  # noqa: E402
 from glbench.training.learner import Greenhouses, Learner, Statistics, _apply, steps_of_controls  # noqa: E402
 
@@ -229,7 +229,7 @@ def test_a_recurrent_unit_remembers_what_it_did_in_training(day: TaskSpec, tmp_p
     gru = Gru(*(np.asarray(weights["gru"][name]) for name in ("weights", "bias", "recurrent")))
     exact = replace(actor, network=network, gru=gru)
     whole = ~np.asarray(rollout.ended).any(0)
-    for policy in (exact, _fast(exact)):
+    for policy in (exact, exact.with_arithmetic(FAST)):
         agent = ActorAgent(policy)
         agent.reset(task_card(day), 16)
         for seen in np.asarray(rollout.observations):
