@@ -1,16 +1,17 @@
 """Executors run jobs in this process, in processes of this machine, or on a Ray cluster, with the interface of ``concurrent.futures``.
 
-``submit`` takes a function and its arguments, and ``as_completed`` yields jobs in the order in which they end. In addition:
+``submit`` takes a function and its arguments, and ``as_completed`` yields jobs in the order in which they end. In
+addition:
 
 - A job sends progress and events to its listener, which ``as_completed`` calls in the thread that waits. If the listener raises, the job
   stops.
-- A job may have a folder. On a cluster the folder's files travel with the job, and come back as it saves them.
+- A job may have a folder. On a cluster, the folder's files are sent with the job and returned each time it saves them.
 - A job whose worker was lost starts again on another one, up to ``RETRIES`` times, with the files that it saved last.
-- Leaving the executor's ``with`` block, also by an exception such as Ctrl-C, ends all jobs at once. Local processes also end when this
-  process is killed.
+- Leaving the executor's ``with`` block, even through an exception such as Ctrl-C, ends all jobs at once. Local
+  processes also end when this process is killed.
 
-The state of jobs on a cluster is in an actor on the machine of the command. Losing that machine ends everything anyway, and the state
-survives the loss of any other.
+The state of jobs on a cluster is kept in an actor on the machine that runs the command. Losing that machine ends
+everything anyway; losing any other machine does not lose the state.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ _ANSWER_SECONDS = 0.1
 _END_SECONDS = 5.0
 _SAVE_SECONDS = 20.0
 _LARGEST_SAVED = 256 * 2**20
-"""Bytes; a folder that is larger comes back only with the result."""
+"""Bytes; a larger folder is returned only with the result."""
 _RAY_STARTS = 3
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Several workers share a machine, and bits may depend on the number of threads."""
@@ -60,11 +61,11 @@ Files = Mapping[str, bytes]
 
 
 class JobError(GlbenchError):
-    """A job raised an error that is none of glbench's own; the message is its type and first line."""
+    """A job raised an error that is not one of glbench's own; the message is its type and first line."""
 
 
 class WorkerLostError(GlbenchError):
-    """The workers of a job were lost, at every try."""
+    """The worker of a job was lost at every try."""
 
 
 class StopJob(Exception):  # noqa: N818  a request, not an error
@@ -77,7 +78,8 @@ class JobContext:
     Attributes
     ----------
     folder
-        Where the job works, with the files of an earlier try; ``None`` for a job that was submitted without a folder.
+        The job's working folder, with the files of an earlier try; ``None`` for a job that was submitted without a
+        folder.
     """
 
     def __init__(self, folder: Path | None, listener: Callable[[Any], object]) -> None:
@@ -85,7 +87,7 @@ class JobContext:
         self._listener = listener
 
     def report(self, progress: Any, *, save: bool = False) -> None:
-        """Report progress, of which the listener may get only the latest; ``save``: also save the folder, every 20 s at most."""
+        """Report progress; the listener may get only the latest report. ``save``: also save the folder, at most every 20 s."""
         self._listener(progress)
 
     def send(self, event: Any, *, save: bool = False) -> None:
@@ -98,12 +100,12 @@ class JobContext:
         Raises
         ------
         Exception
-            When the listener raised: its exception in this process, ``StopJob`` elsewhere.
+            When the listener raised: its own exception if the job runs in this process, else ``StopJob``.
         """
         self._listener(event)
 
     def return_folder(self) -> None:
-        """Send the whole folder, however large, back with the result."""
+        """Return the whole folder with the result, whatever its size."""
 
 
 def _ignore(*arguments: object) -> None:
@@ -112,7 +114,7 @@ def _ignore(*arguments: object) -> None:
 
 @dataclass(eq=False)
 class Future:
-    """A submitted job; ``folder`` is on this machine."""
+    """A submitted job; ``folder`` is its folder on this machine."""
 
     function: Callable[..., Any] = _ignore
     arguments: tuple[Any, ...] = ()
@@ -131,7 +133,8 @@ class Future:
         Raises
         ------
         Exception
-            What the job or its listener raised. From another process only errors of glbench come as they are, all others as ``JobError``.
+            What the job or its listener raised. Errors of glbench from another process are unchanged; all others become
+            ``JobError``.
         WorkerLostError
             When its workers were lost.
         """
@@ -140,11 +143,11 @@ class Future:
         return self._value
 
     def finish(self, value: Any = None, error: Exception | None = None) -> None:
-        """Set the outcome. An error of the listener, which stopped the job, stays."""
+        """Set the outcome, unless an error of the listener has stopped the job: that error stays the outcome."""
         self.is_done, self._value, self._error = True, value, self._error or error
 
     def notify(self, message: Any) -> bool:
-        """Pass a message to the listener, unless it has raised; whether it raised now."""
+        """Pass a message to the listener, unless it has already raised. Returns whether it raised now."""
         if self._error is None:
             try:
                 self.listener(message)
@@ -159,7 +162,7 @@ class Future:
         return self._error is None
 
     def count_loss(self, reason: str) -> None:
-        """Count a lost worker; too many are the outcome."""
+        """Count a lost worker; after too many, the outcome is an error."""
         self.losses += 1
         if self.losses > RETRIES or not self.is_wanted:
             self.finish(error=WorkerLostError(f"The worker was lost {self.losses} times ({reason})."))
@@ -173,7 +176,7 @@ class Executor(ABC):
     workers
         Number of jobs that run at a time.
     is_remote
-        Whether jobs run where this machine's files are missing.
+        Whether jobs may run on machines that do not have this machine's files.
     """
 
     is_remote = False
@@ -195,13 +198,14 @@ class Executor(ABC):
         Parameters
         ----------
         function, arguments
-            Called as ``function(context, *arguments)`` with a ``JobContext``. Only an ``InlineExecutor`` takes what cannot be pickled.
+            Called as ``function(context, *arguments)`` with a ``JobContext``. Only an ``InlineExecutor`` accepts
+            objects that cannot be pickled.
         listener
             Gets what the job reports and sends.
         folder
-            Where the job works. Executors that are not remote use it directly.
+            The job's working folder. Executors that are not remote use it directly.
         save
-            How a remote executor brings files home: ``save(folder, files)``.
+            Called as ``save(folder, files)`` by a remote executor, to write the returned files.
         """
         future = Future(function, arguments, listener, folder, save)
         self._start(future)
@@ -209,7 +213,7 @@ class Executor(ABC):
         return future
 
     def as_completed(self) -> Iterator[Future]:
-        """All jobs, those submitted or cancelled meanwhile considered, in the order in which they end."""
+        """Yield all jobs in the order in which they end, including those submitted meanwhile, without those cancelled."""
         while self._pending:
             future = next((future for future in self._pending if future.is_done), None)
             if future is None:
@@ -240,7 +244,7 @@ class Executor(ABC):
             yield under_way.pop(future), future
 
     def cancel(self, future: Future) -> None:
-        """Stop a job, which is then never yielded."""
+        """Stop a job and never yield it."""
         if future in self._pending:
             self._pending.remove(future)
             self._stop(future)
@@ -253,11 +257,11 @@ class Executor(ABC):
             self.cancel(future)
 
     def _start(self, future: Future) -> None:  # noqa: B027  most start jobs when they poll
-        """Start a job, if that need not wait."""
+        """Start a job if it does not have to wait."""
 
     @abstractmethod
     def _poll(self) -> None:
-        """Wait a moment for jobs, pass on what they send, and finish those that ended."""
+        """Wait briefly for jobs, pass on what they send, and finish those that have ended."""
 
     def _stop(self, future: Future) -> None:  # noqa: B027  nothing runs between two polls in this process
         """Stop a job if it runs."""
@@ -275,7 +279,7 @@ class InlineExecutor(Executor):
 
 
 def local_executor(workers: int) -> Executor:
-    """An executor of this machine: this process for one worker, otherwise so many others."""
+    """An executor on this machine: this process for one worker, otherwise ``workers`` other processes."""
     return InlineExecutor() if workers <= 1 else ProcessExecutor(workers)
 
 
@@ -290,7 +294,7 @@ class _Process:
 
 
 class ProcessExecutor(Executor):
-    """Runs jobs in ``workers`` processes of this machine, which end with this one, however it ends. Each does one job after the other."""
+    """Runs jobs in ``workers`` processes of this machine, one job at a time in each. They end when this process ends for any reason."""
 
     def __init__(self, workers: int) -> None:
         super().__init__(workers)
@@ -323,7 +327,7 @@ class ProcessExecutor(Executor):
                 self._lose(one)
 
     def _assign(self) -> None:
-        """Give jobs to idle processes, and start those that are missing."""
+        """Give jobs to idle processes, and start missing processes."""
         running = {one.future for one in self._processes}
         waiting = [future for future in self._pending if not future.is_done and future not in running]
         idle = [one for one in self._processes if one.future is None]
@@ -412,7 +416,7 @@ def _run(
 
 
 def portable_error(error: Exception) -> GlbenchError:
-    """The error for a process that may lack the packages of this one: an error of glbench as it is, any other as a ``JobError``."""
+    """The error for a process that may lack this one's packages: an error of glbench unchanged, any other as a ``JobError``."""
     if isinstance(error, GlbenchError):
         try:
             pickle.loads(pickle.dumps(error))
@@ -436,11 +440,11 @@ class RayExecutor(Executor):
     Parameters
     ----------
     address
-        Of a running cluster.
+        The address of a running cluster.
     workers
         Number of jobs at a time; by default every core of the cluster.
     initializer
-        Called before each job on its worker. It is sent once, with everything that it holds.
+        Called on the worker before each job. It is sent once, with all the data that it holds.
     """
 
     is_remote = True
@@ -580,7 +584,7 @@ def _keep_signal_handlers() -> Iterator[None]:
 
 @dataclass
 class Update:
-    """What a job has sent since the last request: progress, events (each: whether it waits for an answer), files if they changed."""
+    """What a job has sent since the last request: progress, events (each with whether it waits for an answer), files if they changed."""
 
     attempt: str = ""
     progress: Any = None
@@ -625,7 +629,7 @@ class JobStore:
             self._answers[key].append(go_on)
 
     def answers(self, key: str, attempt: str) -> list[bool]:
-        """All answers to a try; one that is outdated is stopped."""
+        """All answers to a try; an outdated try is told to stop."""
         return self._answers[key] if self._attempts.get(key) == attempt else [False]
 
     def updates(self, keys: Sequence[str]) -> dict[str, Update]:
@@ -634,7 +638,7 @@ class JobStore:
 
 
 class _RayContext(JobContext):
-    """A job's connection to the store. It reports progress, and saves its folder, at intervals only."""
+    """A job's connection to the store. It reports progress and saves its folder only at intervals."""
 
     def __init__(self, store: Any, key: str) -> None:
         super().__init__(None, _ignore)
@@ -675,7 +679,7 @@ class _RayContext(JobContext):
         self._ray.get(self._store.answers.remote(self._key, self._attempt))
 
     def _tell(self, progress: Any, *events: tuple[Any, bool], save: bool = False) -> bool:
-        """Send to the store; whether files were among it."""
+        """Send to the store. Returns whether files were sent."""
         files = read_files(self.folder, _LARGEST_SAVED) if save and self.folder is not None else None
         self._store.tell.remote(self._key, self._attempt, progress, events, files)
         return files is not None
@@ -687,7 +691,7 @@ def _run_on_ray(
     initializer: Callable[[], object] | None,
     store: Any,
 ) -> tuple[Any, GlbenchError | None, Files | None]:
-    """A remote task: value, error and files of a job, which works in a folder of the worker's own."""
+    """A remote task: runs a job in a folder of the worker and returns its value, error and files."""
     os.environ.update(_ONE_THREAD)
     function, arguments, has_folder = call
     context, scratch = _RayContext(store, key), Scratch()
@@ -714,7 +718,7 @@ def read_files(folder: Path, limit: float = float("inf")) -> dict[str, bytes] | 
 
 
 def write_files(folder: Path, files: Files) -> None:
-    """Write files into a folder that nobody else works in."""
+    """Write files into a folder that nothing else uses."""
     for name, content in files.items():
         file = folder / name
         file.parent.mkdir(parents=True, exist_ok=True)

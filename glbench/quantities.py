@@ -1,8 +1,8 @@
-"""The catalogue of quantities: name, unit, meaning, label, digits, colour and direction of whatever glbench itself names.
+"""The catalogue of quantities: name, unit, meaning, label, digits, colour and direction of everything that glbench itself names.
 
-``quantities.toml`` says each once and explains its keys; everything that shows, stores or explains a quantity reads it here. A model
-declares its own states, controls and flows with its equations, and a task its own items in its ledger: these have the words given there.
-``docs/extending.md`` shows how to add a quantity.
+``quantities.toml`` defines each once and explains its keys; all code that shows, stores or explains a quantity reads it
+here. A model declares its own states, controls and flows with its equations, and a task declares its own items in its
+ledger: their units, meanings and labels are the ones given there. ``docs/extending.md`` shows how to add a quantity.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from types import MappingProxyType
 from typing import Any
 
 Words = Mapping[str, Any]
-"""Words of one use of a quantity by key, as ``quantities.toml`` explains them."""
+"""Texts for one use of a quantity, by key; ``quantities.toml`` explains the keys."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One quantity; ``quantities.toml`` explains the fields. What a quantity does not have is empty."""
+    """One quantity; ``quantities.toml`` explains the fields. Fields that do not apply are empty."""
 
     name: str
     unit: str = "-"
@@ -55,12 +55,12 @@ class Entry:
 
     @property
     def item_label(self) -> str:
-        """What an item of a ledger is called that has no label of its own."""
+        """The label of a ledger item that has none of its own."""
         return self.ledger_label or self.label
 
     @property
     def charted(self) -> str:
-        """Column of profiles that its chart shows."""
+        """The column of profiles that its chart shows."""
         return self.column or self.name.removesuffix(_TODAY)
 
 
@@ -82,14 +82,15 @@ INSIDE, LIGHT, OUTDOOR = GROUPS["inside"], GROUPS["light"], GROUPS["outdoor"]
 STEP, RUN, FLOWS = GROUPS["step"], GROUPS["run"], GROUPS["flow"]
 
 MONEY = STEP["epi"].unit
-"""Unit of all money."""
+"""Unit of all amounts of money."""
 VIOLATION, OUTSIDE = "violation_", "hours_outside_"
-"""How the names of quantities of a step begin that say how far, and how long, something of the air was beyond a limit. The name of what is
-limited follows, then ``_low`` or ``_high``."""
+"""Prefixes of the quantities of a step that say how far, and for how long, a quantity of the air was beyond a limit. The name of the
+limited quantity follows, then ``_low`` or ``_high``.
+"""
 
 
 def known_flow(flow: str, label: str) -> Entry | None:
-    """The entry of a flow that a ledger prices under ``label``; none where that is a label of the ledger's own."""
+    """The entry of a flow that a ledger prices under ``label``; ``None`` if the flow is unknown or the ledger has its own label."""
     entry = FLOWS.get(flow)
     if entry is None or label.replace("CO2", "CO₂") not in ("", entry.label, entry.item_label, entry.amount_label):
         return None
@@ -97,7 +98,7 @@ def known_flow(flow: str, label: str) -> Entry | None:
 
 
 def charts() -> dict[str, dict[str, Any]]:
-    """Words of all charts by column of profiles, as the report takes them."""
+    """Texts of all charts by column of profiles, in the form that the report uses."""
     return {
         entry.charted: {
             "name": entry.charted,

@@ -1,4 +1,4 @@
-"""Settings files (YAML or TOML): reading one into a pydantic model, and saying what is wrong with it.
+"""Settings files (YAML or TOML): read one into a pydantic model, and report what is wrong with it.
 
 A message names the file, the setting, its value, its unit and bounds, and the nearest known name.
 """
@@ -19,14 +19,14 @@ from glbench.yaml_reader import read_yaml
 
 _LARGEST_TOML = 64 * 1024
 _MOST_DOTS = 500
-"""Dots of a line: the time to read a key grows with the square of the number of its parts."""
+"""Most dots in a line: the time to read a key grows with the square of the number of its parts."""
 _DECIMAL_COMMA = re.compile(r"\s*([+-]?\d+),(\d+)\s*")
 
 Model = TypeVar("Model", bound=BaseModel)
 
 
 class Table(BaseModel):
-    """Base of settings: frozen, without unknown keys and NaN."""
+    """Base class of settings: frozen, and refuses unknown keys and NaN."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -50,16 +50,16 @@ def problems_of(error: ValidationError) -> list[Problem]:
 
 
 def first_problems(error: ValidationError, most: int = 1) -> str:
-    """``"runs.0.seed: Field required; and 3 more"``: for records that programs write, whose users cannot mend them."""
+    """``"runs.0.seed: Field required; and 3 more"``: for records that programs write and users cannot correct."""
     problems = problems_of(error)
     words = [": ".join(filter(None, (place_of(one.place), one.reason))) for one in problems[:most]]
     return "; ".join([*words, f"and {len(problems) - most} more"] if len(problems) > most > 1 else words)
 
 
 def readable_errors(error: ValidationError, model: type[BaseModel], inline: str = "") -> str:
-    """What is wrong with the settings of ``model``, as the end of a sentence, with its full stop.
+    """What is wrong with the settings of ``model``, as the end of a sentence, including the full stop.
 
-    ``inline`` is a field whose entries a file writes at its top level, so that messages do not name it.
+    ``inline`` is a field whose entries are at the top level of the file, so messages do not name it.
     """
     problems = (one._replace(place=one.place[one.place[:1] == (inline,) :]) for one in problems_of(error))
     text = "; ".join(dict.fromkeys(_in_words(problem, model) for problem in problems))
@@ -77,12 +77,12 @@ def read_settings(
 ) -> Model:
     """The settings in a YAML file, or with ``toml`` in a TOML file.
 
-    ``what`` names the file in messages, such as ``"the rules"``; ``advice`` is a sentence at their end.
+    ``what`` names the file in messages, such as ``"the rules"``; ``advice`` is a sentence at the end of messages.
 
     Raises
     ------
     GlbenchError
-        Of the type ``error_type``: when the file cannot be read, lacks a setting, or has an unknown or impossible one.
+        An ``error_type``: when the file cannot be read, lacks a setting, or has an unknown or impossible one.
     """
     if toml:
         try:
@@ -112,7 +112,7 @@ def validated(
 
 
 def read_toml(file: Path) -> dict[str, Any]:
-    """The content of a small TOML file, which anybody may have written.
+    """The content of a small TOML file from an untrusted source.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def read_toml(file: Path) -> dict[str, Any]:
 
 
 def table_at(model: type[BaseModel], place: Sequence[str | int]) -> type[BaseModel] | None:
-    """The model of the table at a place below ``model``, also in a table or list of tables; ``None`` where there is none."""
+    """The model of the table at a place below ``model``, even inside a table or list of tables; ``None`` if there is none."""
     table: type[BaseModel] | None = model
     keys = iter(place)
     for key in keys:
@@ -150,7 +150,7 @@ def table_at(model: type[BaseModel], place: Sequence[str | int]) -> type[BaseMod
 
 
 def field_annotation(table: type[BaseModel], key: str | int) -> Any:
-    """Annotation of the field with this name or alias; ``None`` where there is none."""
+    """Annotation of the field with this name or alias; ``None`` if there is none."""
     field = _field(table, key)
     return None if field is None else field.annotation
 
@@ -165,7 +165,7 @@ def _unusable(what: str, file: Path, reason: str, advice: str) -> str:
 
 
 def _in_words(problem: Problem, model: type[BaseModel]) -> str:
-    """A problem with the setting, its value, unit and bounds, or the nearest name."""
+    """Message for a problem: the setting, its value, unit and bounds, or the nearest name."""
     place, kind, value, reason = problem
     name, table = quoted(".".join(map(str, place)) or "file"), table_at(model, place[:-1])
     if kind == "missing":

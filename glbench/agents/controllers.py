@@ -1,7 +1,7 @@
-"""Built-in controllers: how a controller is declared, and the base of those that act on observations.
+"""Built-in controllers: how to declare one, and the base class of those that act on observations.
 
-A controller is declared where it is written, by ``@controller`` above its class, and ``MODULES`` says in which module that is. A folder
-of ``baselines/`` names it in its card, together with settings or weights (``baselines.py``).
+``@controller`` above a class declares a controller, and ``MODULES`` names the module that contains it. A folder of
+``baselines/`` names the controller in its card, together with settings or weights (``baselines.py``).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MODULES = {
     "rule_based_fair": "rules",
     "rule_based_tuned": "tuned_rules",
 }
-"""Module of ``glbench.agents`` that declares a controller, by the controller's name: a process loads only those it needs."""
+"""Module of ``glbench.agents`` that declares a controller, by the controller's name: a process loads only the modules it needs."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Controller:
 
 
 CONTROLLERS: dict[str, Controller] = {}
-"""The controllers that were declared so far; ``find_controller`` loads the others."""
+"""The controllers declared so far; ``find_controller`` loads the others."""
 
 
 def controller(
@@ -66,20 +66,21 @@ def controller(
     sees: Sight = "observations",
     information: str = OBSERVATIONS_ONLY,
 ) -> Callable[[Maker], Maker]:
-    """Declare the class below as the controller called ``name``; an instance is made of what ``read`` returns.
+    """Declare the class below as the controller called ``name``; the class is called with what ``read`` returns.
 
     Parameters
     ----------
     name
-        As cards write it.
+        The name that cards use.
     read
         Reads what a card calls the settings (a file or folder): rules, a grower's page, trained policies, recorded actions.
     version
-        Part of the digest of every agent of this controller. Source may change as long as the actions stay; ``baselines/lock.toml``
-        records the actions of the shipped baselines, and a test compares them. Other actions need another version. The first version of
-        older controllers is the SHA-256 of their source when their first results were released.
+        Part of the digest of every agent of this controller. The source may change as long as the actions stay the
+        same; ``baselines/lock.toml`` records the actions of the shipped baselines, and a test compares them. If the
+        actions change, the version must change. The first version of older controllers is the SHA-256 of their source
+        when their first results were released.
     sees
-        What it is shown.
+        What the controller is shown.
     information
         The same in words, for results.
     """
@@ -117,26 +118,26 @@ def clock_from(readings: Mapping[str, Array]) -> tuple[Array, Array]:
 
 
 class ObservedController(ABC):
-    """Base of controllers that act on observations; an ``Agent``.
+    """Base class of controllers that act on observations; an ``Agent``.
 
-    It gives ``decide`` the readings and the positions of controls by name, one array (n,) each with a number per run, and turns the
-    controls that are asked for into actions. A subclass calls ``begin`` in its ``reset``.
+    It passes ``decide`` the readings and the positions of controls by name, each an array (n,) with one number per run.
+    ``towards`` turns the wanted controls into actions. A subclass calls ``begin`` in its ``reset``.
     """
 
     title: ClassVar[str]
     """What messages call it."""
     actuations: ClassVar[tuple[str, ...]] = ("rate", "set_point")
-    """Kinds of actuation that it can act through."""
+    """Kinds of actuation that it supports."""
 
     runs = 0
 
     @abstractmethod
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
-        """Forget everything; ``n_runs`` runs of ``task`` begin."""
+        """Clear all memory; ``n_runs`` runs of ``task`` begin."""
 
     @abstractmethod
     def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
-        """Actions (n_runs, actions) for what is observed."""
+        """Actions (n_runs, actions) for the observations."""
 
     def act(self, observations: NDArray[np.float32], /) -> Array:
         """Actions (n_runs, actions).
@@ -144,7 +145,7 @@ class ObservedController(ABC):
         Raises
         ------
         ShapeError
-            When there are not as many rows as runs were announced to ``reset``.
+            When the number of rows differs from the number of runs passed to ``reset``.
         """
         check_runs(observations, self.runs)
         # Rows of an array of their own: numpy may take another path, with another last bit, through the columns of a larger one.
@@ -164,8 +165,8 @@ class ObservedController(ABC):
     ) -> None:
         """Find the columns of a task.
 
-        ``needed`` and ``optional`` are observations, ``positions`` controls whose positions are needed; where actions are changes, those
-        of the controls that they change are read as well.
+        ``needed`` and ``optional`` are observations; ``positions`` are controls whose positions are needed. If actions
+        are changes, the positions of the controls that they change are read as well.
 
         Raises
         ------

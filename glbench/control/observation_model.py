@@ -1,4 +1,4 @@
-"""What a task shows of states and controls, as functions that a filter can use: its observation model."""
+"""The observation model of a task: what it shows of states and controls, as functions that a filter can use."""
 
 from __future__ import annotations
 
@@ -22,19 +22,21 @@ Floats = NDArray[np.float64]
 class ObservationModel:
     """The observed columns of a task that are functions of its model's states, with their gradients.
 
-    These are the columns of the model's own modules, and ``full_state``. Columns that follow from the air as it is observed tell nothing
-    new, and sums since midnight are no function of the states: both are left out.
+    These are the columns of the model's own modules, and ``full_state``. Two kinds of columns are left out: those
+    computed from the observed air, which add no information, and sums since midnight, which are not functions of the
+    states.
 
     Attributes
     ----------
     columns
-        Their places in the observation.
+        Indices of the columns in the observation.
     names
         Their names.
     control_columns
-        Places of the controls in force in the observation; ``None`` where the task does not show them.
+        Indices in the observation of the controls in force; ``None`` if the task does not show them.
     sensor
-        For each, the place among the task's erring sensors of the one that shows it; -1 where it is observed as it is.
+        For each column, the index of its sensor among the task's sensors with errors; -1 if it is observed without
+        errors.
     """
 
     def __init__(self, task: TaskSpec) -> None:
@@ -105,12 +107,12 @@ class ObservationModel:
 
 
 def checked_observations(task: TaskSpec, observations: Any, n: int, names: Sequence[str]) -> Floats:
-    """Observations ``(n, columns)`` as float64, a new array, of the columns with these names. NaN is a reading that is missing.
+    """Observations ``(n, columns)`` as float64, a new array, of the columns with these names. NaN is a missing reading.
 
     Raises
     ------
     TaskError
-        When they have another shape, or a reading is infinite.
+        When the shape is wrong, or a reading is infinite.
     """
     values = np.array(observations, dtype=np.float64)
     expected = (n, len(names))

@@ -8,12 +8,12 @@ A formula is called once with CasADi's scalar symbols (``SX``) in place of array
     tape = recorder.tape()
 
 It may use arithmetic, powers, comparisons (1 or 0), ``abs``, ``np.maximum``, ``np.minimum``, ``np.sign``, ``np.sqrt``, ``casadi.if_else``,
-``exp`` and ``log``. While it is recorded, CasADi simplifies nothing: the tape holds the operations as they were written, so they give the
-bits that NumPy gives with arrays. There are two exceptions. ``exp``, ``log`` and powers are the C library's, which NumPy's are not on all
-processors. A constant -0.0 becomes 0.0.
+``exp`` and ``log``. During recording CasADi simplifies nothing: the tape holds the operations as they were written, so
+they give the same bits as NumPy gives with arrays. There are two exceptions. ``exp``, ``log`` and powers come from the
+C library; on some processors NumPy uses its own. A constant -0.0 becomes 0.0.
 
-``fmax`` and ``fmin``, by whatever name, are ``np.maximum`` and ``np.minimum``: NaN stays NaN, and of two equal operands the result is the
-second, which decides the sign of a zero.
+``fmax`` and ``fmin``, by whatever name, are ``np.maximum`` and ``np.minimum``: NaN stays NaN, and if the operands are
+equal the result is the second, which decides the sign of a zero.
 """
 
 from __future__ import annotations
@@ -62,7 +62,8 @@ class Tape:
     inputs
         Source and index of the registers after these, ``(inputs, 2)`` int32.
     operations
-        Operator and operands; the result of operation i is the register after the inputs and i more, ``(operations, 3)`` int32.
+        Operator and operands; the result of operation i is in register i, counted from the end of the inputs,
+        ``(operations, 3)`` int32.
     outputs
         Target, index and register, ``(outputs, 3)`` int32.
     """
@@ -74,7 +75,7 @@ class Tape:
 
     @property
     def registers(self) -> int:
-        """How many numbers it works with."""
+        """Number of registers."""
         return len(self.constants) + len(self.inputs) + len(self.operations)
 
     def reads(self, source: Source) -> bool:
@@ -96,7 +97,7 @@ class Tape:
         Returns
         -------
         list
-            Target, index and values of each output; what depends on no input is a plain number.
+            Target, index and values of each output; an output that depends on no input is a plain number.
         """
         registers: list[Any] = self.constants.tolist()
         registers += [read(SOURCES[source], index) for source, index in self.inputs.tolist()]
@@ -107,12 +108,12 @@ class Tape:
 
 
 class Recorder:
-    """Records formulas between ``with`` and the end of the block. Only one thread records at a time; blocks may be nested.
+    """Records formulas inside its ``with`` block. Only one thread records at a time; blocks may be nested.
 
     Raises
     ------
     RecordingError
-        At the end of the block, when a formula did what no tape can hold.
+        At the end of the block, when a formula did something that a tape cannot hold.
     """
 
     def __init__(self) -> None:
@@ -150,7 +151,7 @@ class Recorder:
         return self._inputs[key]
 
     def output(self, target: Target, index: int, value: Any) -> None:
-        """Let ``value``, an expression or a plain number, be number ``index`` of a row of ``target``."""
+        """Record ``value``, an expression or a plain number, as number ``index`` of a row of ``target``."""
         if not isinstance(value, casadi.SX | int | float | np.floating | np.integer) or isinstance(value, bool):
             msg = f"A formula makes a {type(value).__name__}, which cannot be recorded."
             raise RecordingError(msg)
@@ -162,18 +163,18 @@ class Recorder:
         self._values.append(number)
 
     def tape(self) -> Tape:
-        """What was recorded, as far as the outputs need it.
+        """The recorded operations that the outputs need.
 
         Raises
         ------
         RecordingError
-            When a formula uses an operation of CasADi's that no tape has.
+            When a formula uses a CasADi operation that tapes do not have.
         """
         return _read(list(self._inputs), list(self._inputs.values()), self._outputs, self._values)
 
 
 def with_simplification(formula: Callable[..., Any], *values: Any) -> Any:
-    """``formula`` of scalars, one number or several, as CasADi simplifies it: the operations that a model's equations have, too."""
+    """``formula`` of scalars, with one result or several, simplified by CasADi: it has the same operations as in a model's equations."""
     symbols = [casadi.SX.sym(f"value{place}") for place in range(len(values))]
     with simplification(on=True):
         value = formula(*symbols)
@@ -184,9 +185,9 @@ def with_simplification(formula: Callable[..., Any], *values: Any) -> Any:
 class TapeDerivatives:
     """Some outputs of a tape, with their derivatives, for many rows at once.
 
-    Where an operation has a kink, the derivative is that of the branch taken: the operand that became the result has all of it. Of two
-    equal operands ``np.maximum`` and ``np.minimum`` take the second, so that ``np.maximum(value, 0.0)`` has the derivative 0 at 0.
-    ``np.sign`` has the derivative 0 everywhere.
+    Where an operation has a kink, the derivative is that of the branch taken: the operand that became the result gets
+    the whole derivative. If the operands are equal, ``np.maximum`` and ``np.minimum`` take the second, so
+    ``np.maximum(value, 0.0)`` has the derivative 0 at 0. ``np.sign`` has the derivative 0 everywhere.
 
     Parameters
     ----------
@@ -195,12 +196,12 @@ class TapeDerivatives:
     outputs
         Target and index of each output.
     sources
-        With respect to the inputs from which the derivatives are.
+        The derivatives are with respect to the inputs from these sources.
     count
-        Of how many of the outputs, from the first on, there are derivatives; of all by default.
+        Number of outputs, counted from the first, that have derivatives; all by default.
     changes
-        Formulas by output of the tape, chosen or not: what a formula makes of the output's value takes its place, in the outputs and in all
-        operations that use it.
+        Formulas by output of the tape, whether or not it is in ``outputs``. The result of a formula replaces the value
+        of its output, in the outputs and in all operations that use it.
     """
 
     def __init__(
@@ -241,7 +242,7 @@ class TapeDerivatives:
         return self._with_slopes.reads(source)
 
     def values(self, read: Read) -> list[Any]:
-        """Values of the outputs, in the shape of the inputs, with the bits of the tape; a plain number where one depends on none."""
+        """Values of the outputs, in the shape of the inputs, with the bits of the tape; plain numbers for outputs without inputs."""
         return [values for _, _, values in self._tape.play(read)]
 
     def __call__(self, read: Read, slopes: Mapping[Source, npt.NDArray[np.float64]]) -> list[Any]:
@@ -264,7 +265,7 @@ def _read(
     outputs: Sequence[tuple[Target, int]],
     values: Sequence[Any],
 ) -> Tape:
-    """The tape of ``outputs`` with these ``values``; the same operation on the same operands is done once."""
+    """The tape of ``outputs`` with these ``values``; repeated operations on the same operands are done once."""
     if not values:
         return EMPTY
     function = casadi.Function("tape", list(symbols), [casadi.densify(casadi.vertcat(*values))])
@@ -319,7 +320,7 @@ def _table(rows: list[tuple[int, ...]], width: int) -> npt.NDArray[np.int32]:
 
 
 def _by_number(function: Callable[..., float], otherwise: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of the C library's, number by number: NumPy's is another one on some processors. It still says what is not finite."""
+    """A C library function, number by number, as NumPy uses its own on some processors. It still reports what is not finite."""
 
     def of_one(*numbers: float) -> float:
         try:
@@ -365,7 +366,7 @@ _OPERATIONS: tuple[tuple[str, int, int, Callable[[Any, Any], Any]], ...] = (
     ("or", casadi.OP_OR, 2, lambda a, b: np.where((a != 0.0) | (b != 0.0), 1.0, 0.0)),
     ("if_else_zero", casadi.OP_IF_ELSE_ZERO, 2, lambda a, b: np.where(a != 0.0, b, 0.0)),
 )
-"""Name, CasADi's code, operands and NumPy's function of each operator, in the order of ``glb::Operator`` in native/tape.hpp."""
+"""Name, CasADi code, number of operands and NumPy function of each operator, in the order of ``glb::Operator`` in native/tape.hpp."""
 OPERATORS = tuple(name for name, *_ in _OPERATIONS)
 _IN_NUMPY = tuple(function for *_, function in _OPERATIONS)
 _PLACES = {code: place for place, (_, code, _, _) in enumerate(_OPERATIONS)} | {
@@ -376,7 +377,7 @@ _SHORT = {
     casadi.OP_TWICE: (casadi.OP_MUL, 2.0),
     casadi.OP_INV: (casadi.OP_DIV, 1.0),
 }
-"""CasADi's operations with one operand that are those with two: the constant first; 0.0 stands for the operand itself."""
+"""CasADi's one-operand operations written with two operands: the constant first; 0.0 stands for the operand itself."""
 
 
 def _expressions(
@@ -395,7 +396,7 @@ def _expressions(
 
 
 def _needed(tape: Tape, registers: Sequence[int]) -> list[int]:
-    """All that registers are made of, and they themselves, in order."""
+    """The registers and all registers that they depend on, in order."""
     needed = set(registers)
     for number, (_, a, b) in reversed(
         list(enumerate(tape.operations.tolist(), len(tape.constants) + len(tape.inputs)))
@@ -445,10 +446,10 @@ _RULES: dict[str, Callable[[Any, Any, Any, Any], tuple[Any, ...]]] = {
     "magnitude": lambda slope, x, y, result: (slope * casadi.sign(x),),
     "if_else_zero": lambda slope, x, y, result: (casadi.SX(0.0), _if(x, slope)),
 }
-"""Derivatives of operands from that of the result; of other operators they are 0.
+"""Derivatives of the operands from the derivative of the result; 0 for all other operators.
 
 They are CasADi's rules except for maxima and minima, where CasADi divides the derivative evenly between equal operands, and for quotients,
-where it multiplies by 1 / y. Predictive control turns differences in the last bit into other plans.
+where it multiplies by 1 / y. A difference in the last bit can change the plans of predictive control.
 """
 _BACK = tuple(_RULES.get(name) for name in OPERATORS)
 

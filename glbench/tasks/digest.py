@@ -1,9 +1,10 @@
-"""The digest of a task, by the recipe of its schema. The recipes are frozen: published tasks and results have their digests by them.
+"""The digest of a task, by the recipe of its schema. The recipes are frozen: published tasks and results depend on them.
 
 A digest is the SHA-256 of canonical JSON (RFC 8785) over: the definition without prose, the resolved parameters, the state at the start,
-the names, units and bounds of the observed columns, the weather, and the model's equations; for schema 2 over the ledger and the names
-of drawn parameters as well. Each part also has a digest of its own, so that a mismatch can be blamed on the right one. Computed numbers
-enter with nine significant digits, because the last bit of ``exp`` may differ between machines.
+the names, units and bounds of the observed columns, the weather, and the model's equations; for schema 2, also over the
+ledger and the names of drawn parameters. Each part also has its own digest, so that a mismatch can be traced to the
+right part. Computed numbers are rounded to nine significant digits, because the last bit of ``exp`` may differ between
+machines.
 
 A published task never changes. ``tasks/lock.toml`` keeps the digest of every part, so that a message can tell an edited file from a
 changed model or changed weather (``glbench.tasks.library``).
@@ -30,9 +31,9 @@ from glbench.tasks.resolver import ResolvedTask, Season
 from glbench.tasks.tables import PROCESS_COMPUTER
 
 PROSE = frozenset({"title", "description", "suites"})
-"""Fields that explain or file a task and do not change it: they stay out of its digest."""
+"""Fields that explain or classify a task and do not change it: its digest leaves them out."""
 DIGITS = 9
-"""Significant digits, in a digest, of numbers that are computed rather than read."""
+"""Significant digits in a digest for numbers that are computed, not read."""
 
 SCHEMA_1: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -50,10 +51,10 @@ SCHEMA_1: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "evaluation": ("first_seed", "runs", "metric", "failed_step"),
     }
 )
-"""The keys that the digest of a task of schema 1 covers, whatever is added later; ``evaluation.time_limits`` where it is given."""
+"""The keys that the digest of a task of schema 1 covers, even if keys are added later; ``evaluation.time_limits`` if it is given."""
 
 _EVEN = 0.6180339887498949
-"""Multiples of it, modulo 1, are spread evenly."""
+"""Its multiples, modulo 1, are evenly spread."""
 _GRID = 6180.339887498949  # weather rows enter a digest in steps of 1/6180: no round number lies halfway between two of them
 
 LOCK_NAME = "lock.toml"
@@ -96,7 +97,7 @@ class LockEntry:
 
 
 def definition_of(task: TaskRecord) -> dict[str, Any]:
-    """What the file says without prose, as plain JSON values: the part of the digest that comes from the file."""
+    """The content of the file without prose, as plain JSON values: the part of the digest that comes from the file."""
     plain = _DEFINITIONS[task.schema_version](task)
     if plain["model"].pop("overrides", None) is not None:
         plain["model"]["overrides"] = {name: [value, unit] for name, value, unit in task.model.overrides}
@@ -124,7 +125,7 @@ def fingerprint_of(task: ResolvedTask) -> Fingerprint:
     Raises
     ------
     TaskError
-        When the task asks for what does not exist.
+        When the task refers to something that does not exist.
     """
     model = task.model_value
     for name in task.actuation.controls:
@@ -172,7 +173,7 @@ def _parts_2(task: ResolvedTask) -> dict[str, Any]:
 
 
 def _weather_digests(task: ResolvedTask) -> list[list[str]]:
-    """Digests of the weather of all splits, whichever the task is in."""
+    """Digests of the weather of all splits, whichever split the task is in."""
     splits = task.splits
     if splits is None:
         return [_season_digest(task, season) for season in task.scenario.seasons]
@@ -188,7 +189,7 @@ def _weather_digests(task: ResolvedTask) -> list[list[str]]:
 
 
 def _generated_digest(task: ResolvedTask, split: str) -> str:
-    """Digest of one season that the generator makes of the years of a split: whole numbers, the same on every machine."""
+    """Digest of one season that the generator makes from the years of a split: whole numbers, the same on every machine."""
     from glbench.weather import SeasonGenerator
 
     with task.errors_in(f"splits.{split}"):
@@ -216,12 +217,12 @@ _PARTS: Mapping[int, Callable[[ResolvedTask], dict[str, Any]]] = MappingProxyTyp
 
 
 def lock_path() -> Path:
-    """Where the lock is."""
+    """Path of the lock."""
     return data_folder("tasks") / LOCK_NAME
 
 
 def read_lock(path: Path | None = None) -> Mapping[str, LockEntry]:
-    """Entries of the lock by task id; empty when there is no lock yet.
+    """Entries of the lock by task id; empty if there is no lock yet.
 
     Raises
     ------

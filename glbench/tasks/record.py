@@ -1,4 +1,4 @@
-"""The record of a task: the tables of its file, in one of its splits. Needs neither model nor weather."""
+"""The record of a task: the tables of its file, in one of its splits. It needs neither model nor weather."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from glbench.tasks.sealed import commitment_of
 from glbench.tasks.serialisation import record_of
 
 PREVIEW = "preview"
-"""Split of a task that has only a test split: seasons to look at, none of them scored."""
+"""Split of a task that has only a test split: seasons for trying things out, none of them scored."""
 
 _OF_ALL_SPLITS = frozenset(
     {
@@ -52,25 +52,25 @@ class TaskRecord:
     splits: tables.SplitsTable | None
     """The years of training, validation and test; ``None`` where all runs share their seasons."""
     sensors: tables.SensorsTable | None
-    """Sensors that err; ``None`` where the air is observed as it is."""
+    """Sensors with errors; ``None`` if the air is observed without errors."""
     reward: tables.RewardTable
     evaluation: tables.EvaluationTable
 
     file: tables.TaskFile2
     """The tables of the file, as pure data."""
     source: str
-    """The file the task was read from, as error messages name it."""
+    """The file that the task was read from, as shown in error messages."""
     base: str | None
-    """The task that its file names as its base: an id or a file; ``None`` where the file is written out."""
+    """The task that its file names as its base: an id or a file; ``None`` if the file has no base."""
     changes: tuple[Change, ...]
-    """What its file changes in the base."""
+    """The changes that its file makes to the base."""
     split: str | None
     """Which scenarios its runs are drawn from: "training" at first, "validation" or "test"; ``None`` for a task without splits.
 
-    A task with only a test split begins in its test; its environments are in "preview".
+    A task with only a test split starts in its test split; its environments are in "preview".
     """
     sealed: str
-    """The secret part of the salt, of which a host of a round publishes the digest first; "" in the public test."""
+    """The secret part of the salt; the host of a round publishes its digest first. "" in the public test."""
 
     _FORWARDED: ClassVar = frozenset(tables.TaskFile2.model_fields) - {"ledger", "price_tables", "scenario"}
 
@@ -94,17 +94,18 @@ class TaskRecord:
         return self.file.conventions
 
     def in_split(self, split: str, sealed: str = "") -> Self:
-        """The same task with the scenarios of ``split``: "training", "validation" or "test"; digest and all else stay.
+        """The same task with the scenarios of ``split``: "training", "validation" or "test"; the digest and everything else stay the same.
 
-        A task with only a test split also has "preview": seasons that are not scored. They are made of the training years of its base if
-        both have the same weather record, else of the test's years with other draws. Scored real years have no preview.
+        A task with only a test split also has "preview": seasons that are not scored. They are generated from the
+        training years of its base if both have the same weather record, otherwise from the test's years with other
+        draws. Scored real years have no preview.
 
         ``sealed`` is the secret of a round (``glbench.tasks.sealed.Round.secret``), for the test only.
 
         Raises
         ------
         TaskError
-            When the task has no such split, or a secret salt is given for another split than the test.
+            When the task has no such split, or a secret salt is given for a split other than the test.
         """
         names = self.splits.names if self.splits is not None else ()
         if split not in names and not (split == PREVIEW and self.preview is not None):
@@ -153,25 +154,25 @@ class TaskRecord:
 
     @property
     def scored(self) -> Self:
-        """The task with the scenarios of its test split; itself without splits, or when it is in its validation split."""
+        """The task with the scenarios of its test split; the task itself if it has no splits or is in its validation split."""
         return self if self.splits is None or self.split == "validation" else self.in_split("test", self.sealed)
 
     def scored_in(self, split: str | None) -> Self:
-        """The task with the scenarios of a result that names ``split``; ``None`` where a result names none."""
+        """The task with the scenarios of a result that names ``split``; ``None`` if a result names none."""
         return self.scored if split is None else self.in_split(split, self.sealed if split == "test" else "")
 
     @property
     def chosen_on(self) -> Self:
-        """The task with the scenarios that one chooses between agents by: its validation split, or itself where it has none."""
+        """The task with the scenarios for choosing between agents: its validation split, or the task itself if it has none."""
         return self.in_split("validation") if self.splits is not None and self.splits.validation else self
 
     def check_training(self) -> None:
-        """Refuse a task that has a test alone: nothing can be learned in it.
+        """Refuse a task that has only a test split: agents cannot train in it.
 
         Raises
         ------
         TaskError
-            That names the task to train on.
+            When the task has only a test split; the message names the task to train on.
         """
         if self.splits is not None and self.splits.training is None:
             instead = f"on {self.base}, its base," if self.base is not None else "on another task"
@@ -222,7 +223,7 @@ class TaskRecord:
 
     @cached_property
     def uncertainty(self) -> tables.UncertaintyTable:
-        """Which parameters are redrawn; of a task of schema 2, the widest group of its scenario."""
+        """Which parameters are redrawn; for a task of schema 2, the widest group of its scenario."""
         return self.file.uncertainty
 
     @cached_property
@@ -233,12 +234,12 @@ class TaskRecord:
 
     @property
     def judges_means(self) -> bool:
-        """Whether violations are means over the step; else what they are at its end."""
+        """Whether violations are means over the step; otherwise they are the values at its end."""
         return self.constraints.judged == "mean" and bool(self.constraints.items())
 
     @cached_property
     def violation_prices(self) -> Mapping[str, float]:
-        """What violations cost, by constraint, in ``VIOLATION_PRICES``; empty where the task has penalty scales."""
+        """Price of violations by constraint, in ``VIOLATION_PRICES``; empty if the task has penalty scales."""
         return MappingProxyType(dict(self.reward.violation_price.items()))
 
     @property
@@ -248,7 +249,7 @@ class TaskRecord:
 
     @cached_property
     def penalty_scales(self) -> Mapping[str, float]:
-        """Violation that adds 1 to the penalty of a step, by constraint: 1 EUR m-2 where violations have prices."""
+        """Violation that adds 1 to the penalty of a step, by constraint: 1 EUR m-2 if violations have prices."""
         hours = self.step_seconds / 3600.0
         prices = {name: 1.0 / (price * hours) for name, price in self.violation_prices.items()}
         return MappingProxyType({**dict(self.reward.penalty_scale.items()), **prices})
@@ -261,7 +262,7 @@ class TaskRecord:
 
     @property
     def day_ahead(self) -> tables.DayAheadTable | None:
-        """Of which prices the coming hours are shown; ``None`` where none are."""
+        """The prices that are shown for the coming hours; ``None`` if there are none."""
         return self.observation.day_ahead
 
     def model_copy(self, update: Mapping[str, Any]) -> Self:
@@ -270,7 +271,7 @@ class TaskRecord:
         return type(self)(file, self.source, self.base, self.changes, self.split, self.sealed)
 
     def as_tables(self) -> dict[str, Any]:
-        """The tables of the task as its file writes them, dates as text: what ``from_tables`` reads.
+        """The tables of the task in the form of its file, dates as text: the input of ``from_tables``.
 
         Raises
         ------
@@ -280,12 +281,12 @@ class TaskRecord:
         return tables.as_json(self.file.content(self.source))
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
-        """What the file says as plain values, as ``pydantic.BaseModel.model_dump`` gives them."""
+        """The content of the file as plain values, as ``pydantic.BaseModel.model_dump`` gives them."""
         return self.file.plain(**options)
 
     @contextmanager
     def errors_in(self, table: str) -> Iterator[None]:
-        """Name the task's file and ``table`` in whatever goes wrong inside."""
+        """Name the task's file and ``table`` in all errors raised inside."""
         try:
             yield
         except TaskError:

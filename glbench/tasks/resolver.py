@@ -43,13 +43,13 @@ class ParameterGroup:
     Attributes
     ----------
     name
-        Name of the group; its stream is called after it.
+        Name of the group and of its stream.
     parameters
         Their names, in the order in which numbers are drawn.
     distribution, half_width
         Of e.
     redraw
-        How often: at every step, at the start of every day, once an episode.
+        How often: at every step, at the start of every day, or once per episode.
     """
 
     name: str
@@ -61,7 +61,7 @@ class ParameterGroup:
 
 @dataclass(frozen=True)
 class StartGroup:
-    """States whose values at the start are multiplied by factors 1 + e, one a state and run."""
+    """States whose values at the start are multiplied by factors 1 + e, one for each state and run."""
 
     name: str
     states: tuple[str, ...]
@@ -84,13 +84,13 @@ class Generated:
     Attributes
     ----------
     years
-        Years of the record that they are made of.
+        Years of the record from which they are generated.
     seasons
-        How many there are. The run with a seed is in season (seed - first_seed) modulo this number.
+        Number of seasons. The run with a seed is in season (seed - first_seed) modulo this number.
     first_seed
         Seed of the run in season 0.
     co2_range
-        Lowest and highest CO2 outside [ppm], between which it wanders; ``None`` where it stays.
+        Lowest and highest CO2 outside [ppm], between which it varies; ``None`` if it is constant.
     """
 
     years: tuple[int, ...]
@@ -106,18 +106,19 @@ class Scenario:
     Attributes
     ----------
     family, salt
-        Tasks that agree in both share their random numbers.
+        Tasks for which both are equal share their random numbers.
     groups, start_groups
         Parameters, and states at the start, that are drawn.
     seasons
-        A run draws one of these evenly. Of generated seasons, the calendar.
+        A run draws one of these, all with the same probability. For generated seasons, the calendar.
     start_within_days
-        A run's first day is drawn evenly from the season's first day to this many days later. The first days of generated seasons are
-        spread evenly over these days.
+        A run's first day is drawn with equal probability from the season's first day to this many days later. The first
+        days of generated seasons are spread evenly over these days.
     generated
-        Where seasons are generated: of what. Their weather and first days belong to the season's number, not to the seed.
+        How seasons are generated, if they are. Their weather and first days belong to the season's number, not to the
+        seed.
     legacy
-        Schema 1: streams are keyed by task id and seed, as they always were.
+        Schema 1: streams are still keyed by task id and seed.
     """
 
     family: str
@@ -140,7 +141,7 @@ class ResolvedTask(TaskRecord):
         Raises
         ------
         TaskError
-            When there is none of that id and variant.
+            When there is no model with that id and variant.
         """
         from glbench.model import get_model  # not at the top: task files are read without the model
 
@@ -154,14 +155,15 @@ class ResolvedTask(TaskRecord):
             return with_violation_meters(model)
 
     def parameters(self) -> FloatArray:
-        """Nominal parameters, read-only, in the model's order and units, overrides applied and derived ones recomputed.
+        """Nominal parameters, read-only, in the model's order and units, with overrides applied and derived parameters recomputed.
 
-        Where violations are means over the step, the limits are among them.
+        If violations are means over the step, the limits are included.
 
         Raises
         ------
         TaskError
-            When the set or an overridden parameter is unknown, or a value is impossible; it names file and table.
+            When the set or an overridden parameter is unknown, or a value is impossible; the message names file and
+            table.
         """
         return self._parameters
 
@@ -188,7 +190,7 @@ class ResolvedTask(TaskRecord):
         return dict(zip(self.model_value.parameter_names, self.parameters().tolist(), strict=True))
 
     def uncertain_parameters(self) -> tuple[str, ...]:
-        """Names of the parameters that are redrawn, in the model's order for a set, else as listed, group after group."""
+        """Names of the parameters that are redrawn, group by group: in the model's order for a set, otherwise as listed."""
         return tuple(dict.fromkeys(name for group in self.scenario.groups for name in group.parameters))
 
     def _drawable_parameters(self, names: str | tuple[str, ...], table: str) -> tuple[str, ...]:
@@ -216,12 +218,12 @@ class ResolvedTask(TaskRecord):
         return _read_only(self.start_state(self.disturbances().values[0]))
 
     def check_start(self) -> None:
-        """Evaluate the nominal state at the start and the rates there once.
+        """Evaluate the nominal state at the start, and the rates there, once.
 
         Raises
         ------
         TaskError
-            When one is not finite; it names file, table, state and value.
+            When one is not finite; the message names file, table, state and value.
         """
         state = self.initial_state()
         with self.errors_in("initial_state"):
@@ -237,7 +239,7 @@ class ResolvedTask(TaskRecord):
             return self.model_value.start(kind, first, air_temperature, self.parameters())
 
     def capacities(self) -> tuple[Capacity, ...]:
-        """What each control of the model delivers at 1, with its unit."""
+        """What each control of the model supplies at 1, with its unit."""
         return capacities(self.model_value, self.parameters_by_name())
 
     # The weather.
@@ -248,12 +250,12 @@ class ResolvedTask(TaskRecord):
             return _record(self.weather.source)
 
     def season_record(self) -> WeatherRecord:
-        """The weather record of the split's seasons: the task's, or the round's own, of which agents learn nothing.
+        """The weather record of the split's seasons: the task's, or the round's own, about which agents get no information.
 
         Raises
         ------
         TaskError
-            When there is no such record, or the clock of the round's own is another than the task's.
+            When there is no such record, or the round's own record has a different clock from the task's.
         """
         record = self.record()
         with self.errors_in("weather"):
@@ -270,7 +272,7 @@ class ResolvedTask(TaskRecord):
         return own
 
     def disturbances(self, extra_rows: int = 0) -> Disturbances:
-        """Weather rows of the nominal season, for the whole episode: ``steps + 1 + extra_rows`` rows, remembered.
+        """Weather rows of the nominal season, for the whole episode: ``steps + 1 + extra_rows`` rows, cached.
 
         Row k acts on step k; the row after the last step is there because it is observed at the end. A forecast of n steps
         needs ``extra_rows=n``.
@@ -278,13 +280,13 @@ class ResolvedTask(TaskRecord):
         Raises
         ------
         TaskError
-            When there is no such record or it does not cover the period; it names file and table.
+            When there is no such record or it does not cover the period; the message names file and table.
         """
         with self.errors_in("weather"):
             return _disturbances(self.weather, self.steps + 1 + extra_rows)
 
     def season(self, season: Season, extra_rows: int = 0) -> Disturbances:
-        """As ``disturbances``, for a season of the scenario, with the rows of a start up to ``start_within_days`` later."""
+        """Like ``disturbances``, for a season of the scenario, with the rows for a start up to ``start_within_days`` later."""
         rows = self.steps + 1 + extra_rows + self.scenario.start_within_days * self.steps_per_day
         with self.errors_in(self.conventions.seasons_table):
             table = self.weather.model_copy(update={"source": season.source, "start": season.start})
@@ -310,7 +312,7 @@ class ResolvedTask(TaskRecord):
         Raises
         ------
         TaskError
-            When there is no such kind of actuation, or it cannot work one of the controls.
+            When there is no such kind of actuation, or it does not support one of the controls.
         """
         with self.errors_in("actuation"):
             return ACTUATION_KINDS[self.actuation.kind].actions(self.actuation.controls)
@@ -333,12 +335,12 @@ class ResolvedTask(TaskRecord):
         return tuple(columns.values())
 
     def observed_by(self, module: str) -> tuple[Quantity, ...]:
-        """Columns of one observation module: one that every model has or somebody registered, or the model's own.
+        """Columns of one observation module: one that all models have, a registered one, or the model's own.
 
         Raises
         ------
         TaskError
-            When neither the vocabulary nor the model has it.
+            When neither the vocabulary nor the model has the module.
         """
         context, model = self.observation_context(), self.model_value
         with self.errors_in("observation"):
@@ -376,7 +378,8 @@ class ResolvedTask(TaskRecord):
         Raises
         ------
         TaskError
-            When an item prices what the model does not have, or in a unit that does not fit; it names file and table.
+            When an item prices something that the model does not have, or has the wrong unit; the message names file
+            and table.
         """
         paper = self.file.paper_ledger()
         if paper is not None:
@@ -477,7 +480,7 @@ class ResolvedTask(TaskRecord):
         Raises
         ------
         TaskError
-            When a parameter, a set or a state is unknown; it names file and table.
+            When a parameter, a set or a state is unknown; the message names file and table.
         """
         weather, scenario, groups, starts = self.weather, self.file.scenario, [], []
         for place, group in enumerate(scenario.parameters):
@@ -549,7 +552,7 @@ def _disturbances(table: WeatherTable, rows: int) -> Disturbances:
 
 
 def _amount_in_words(meaning: str, unit: str, amount_unit: str, factor: float) -> str:
-    """Description of an amount; if it is a multiple of the flow, such as fresh fruit of carbohydrate, with the factor."""
+    """Description of an amount; includes the factor if it is a multiple of the flow, such as fresh fruit from carbohydrate."""
     times = factor / {("mg m-2", "kg m-2"): 1e-6, ("MJ m-2", "kWh m-2"): 1.0 / 3.6}.get((unit, amount_unit), 1.0)
     if math.isclose(times, 1.0):
         return meaning

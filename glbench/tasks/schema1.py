@@ -1,7 +1,7 @@
 """Schema 1 of task files: the tomato greenhouse of the GreenLight-Gym paper, read into the record of schema 2.
 
-``TaskFile1`` checks the tables of such a file; ``PaperTaskFile`` is the record that the rest of glbench works with. It keeps the tables as
-they are written, for the digest (``glbench.tasks.digest``) and for records of runs.
+``TaskFile1`` checks the tables of such a file; ``PaperTaskFile`` is the record that the rest of glbench uses. It keeps
+the tables as written in the file, for the digest (``glbench.tasks.digest``) and for records of runs.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class PaperForecastTable(Table):
 
 
 class PaperObservationTable(Table):
-    """``[observation]``: what an agent sees, and of which moment."""
+    """``[observation]``: what an agent sees, and from which moment."""
 
     modules: Annotated[tuple[str, ...], list_of(words.OBSERVATION_MODULES.kind, "time", words.OBSERVATION_MODULES)] = (
         Field(description="a list of observation modules")
@@ -145,7 +145,7 @@ class TaskFile1(TaskFile):
 
 
 _SHARED = frozenset(TaskFile1.model_fields) & frozenset(TaskFile2.model_fields) - {"schema_version", "model"}
-"""Tables that the schemas have in common; those of schema 2 have more keys."""
+"""Tables that both schemas have; those of schema 2 have more keys."""
 
 AnyTable = TypeVar("AnyTable", bound=Table)
 
@@ -209,7 +209,7 @@ class PaperTaskFile(TaskFile2):
         return self.of_file(self._file.model_copy(update=tables))
 
     def plain(self, **options: Any) -> dict[str, Any]:
-        """What the file of schema 1 says as plain values."""
+        """The content of the file of schema 1 as plain values."""
         return self._file.model_dump(**options)
 
     def paper_ledger(self) -> Ledger:
@@ -228,13 +228,13 @@ class PaperTaskFile(TaskFile2):
 
 
 def _as(kind: type[AnyTable], table: Table, **more: Any) -> AnyTable:
-    """``table`` as a table ``kind`` of the other schema, unchecked; keys that it does not have are ``more`` or have their default."""
+    """``table`` as a table ``kind`` of the other schema, unchecked; missing keys come from ``more`` or have their defaults."""
     shared = {name: _as_field(kind, name, getattr(table, name)) for name in kind.model_fields if hasattr(table, name)}
     return kind.model_construct(**shared | more)
 
 
 def _as_field(owner: type[Table], name: str, value: Any) -> Any:
-    """``value`` as the field ``name`` of ``owner``: where that is a table, one of the right kind."""
+    """``value`` as the field ``name`` of ``owner``: converted to the right kind of table if the field is a table."""
     annotation = owner.model_fields[name].annotation if name in owner.model_fields else None
     for kind in (annotation, *get_args(annotation)):
         if isinstance(kind, type) and issubclass(kind, Table) and isinstance(value, Table):
@@ -253,16 +253,16 @@ _UNITS: Mapping[str, Mapping[str, str]] = MappingProxyType(
         "time_limits": {"start": "s", "step": "s", "run": "s"},
     }
 )  # fmt: skip
-"""Keys of schema 1 that a file writes with their unit and a task holds as plain numbers."""
+"""Keys of schema 1 that have a unit in the file and are plain numbers in a task."""
 
 
 def tables_of_attachment(plain: Mapping[str, Any]) -> dict[str, Any]:
-    """Plain values of a task of schema 1, overrides as pairs of value and unit, as a file writes them: numbers with their units.
+    """Plain values of a task of schema 1, overrides as pairs of value and unit, in the form of a file: numbers with their units.
 
     Raises
     ------
     KeyError, TypeError, ValueError, AttributeError
-        When the values define no task.
+        When the values do not define a task.
     """
     tables = {key: dict(value) if isinstance(value, Mapping) else value for key, value in plain.items()}
     tables["model"]["overrides"] = {
