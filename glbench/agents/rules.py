@@ -25,7 +25,7 @@ from pydantic import Field, field_validator
 from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
 from glbench.agents.daylight import Daylight, DaylightEstimator
 from glbench.errors import ShapeError, SubmissionError
-from glbench.model import DISTURBANCE_NAMES, STATE_NAMES, co2_ppm, relative_humidity
+from glbench.model import TOMATO, co2_ppm, relative_humidity
 from glbench.settings import Table, read_settings
 
 if TYPE_CHECKING:
@@ -270,8 +270,8 @@ class Rules:
         return lamps, heating + s.heating_lamp_shift * lamps, day_climate * s.co2_day
 
 
-_STATES = [STATE_NAMES.index(name) for name in ("tAir", "vpAir", "co2Air")]
-_OUTSIDE = [DISTURBANCE_NAMES.index(name) for name in ("iGlob", "tOut", "dayRadSum", "isDay", "isDaySmooth")]
+_STATES = [TOMATO.state_names.index(name) for name in ("tAir", "vpAir", "co2Air")]
+_OUTSIDE = [TOMATO.disturbance_names.index(name) for name in ("iGlob", "tOut", "dayRadSum", "isDay", "isDaySmooth")]
 
 
 @controller(
@@ -305,9 +305,9 @@ class RuleBasedController:
 
         Parameters
         ----------
-        x : ndarray (n, 28)
+        x : ndarray (n, states)
             State at the start of the step.
-        d : ndarray (n, 10) or (10,)
+        d : ndarray (n, disturbances) or (disturbances,)
             Disturbance acting in the step.
         hour_of_day, day_of_year : float or ndarray (n,)
             Clock at the start of the step [h], [day], one number or one a run.
@@ -321,14 +321,14 @@ class RuleBasedController:
 
 
 def privileged_inputs(x: Array, d: Array, hour_of_day: float | Array, day_of_year: float | Array) -> RuleInputs:
-    """What the rules look at, taken from state (n, 28) and disturbance (n, 10) or (10,); clock as one number or one a run."""
+    """What the rules look at, from states ``x`` and disturbances ``d`` as ``RuleBasedController.controls`` takes them."""
     n = x.shape[0] if x.ndim == 2 else -1
-    if (
-        x.ndim != 2
-        or x.shape[1] != len(STATE_NAMES)
-        or d.shape not in ((n, len(DISTURBANCE_NAMES)), (len(DISTURBANCE_NAMES),))
-    ):
-        msg = f"Expected states of shape (n, 28) and disturbances (n, 10) or (10,), got {x.shape} and {d.shape}."
+    state_count, outdoor_count = len(TOMATO.state_names), len(TOMATO.disturbance_names)
+    if x.ndim != 2 or x.shape[1] != state_count or d.shape not in ((n, outdoor_count), (outdoor_count,)):
+        msg = (
+            f"Expected states of shape (n, {state_count}) and disturbances (n, {outdoor_count}) or ({outdoor_count},), "
+            f"got {x.shape} and {d.shape}."
+        )
         raise ShapeError(msg)
     # Rows of arrays of their own: numpy may take another path, with another last bit, through the columns of a larger array.
     states = np.empty((3, n))
