@@ -1,0 +1,686 @@
+"""The door for tables that people bring: weather, prices, exports of climate computers.
+
+Every file is decoded once, here: byte order marks, UTF-8, UTF-16, Latin-1, line ends, a single file in a zip or gzip archive. A table
+is then split into titles and rows, its numbers are read with decimal points or commas, and its stamps become moments, on a local
+clock with its 23-hour and 25-hour days where need be. Every refusal names file, row, column and value.
+
+A check of an outside table ends in one of three ways: *usable*; *usable, but* with doubts that are said aloud (``Check``); or
+*refused*, with an error of the type that the caller passes as ``refusal``.
+"""
+
+from __future__ import annotations
+
+import csv
+import datetime as dt
+import functools
+import gzip
+import math
+import re
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Final, Literal
+from zipfile import BadZipFile, ZipFile
+from zoneinfo import ZoneInfo
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.errors import GlbenchError, did_you_mean
+from glbench.untrusted import (
+    MIB,
+    gunzip,
+    open_regular,
+    opened_archive,
+    read_pieces,
+    read_regular,
+    reason_of,
+    visible,
+)
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+LARGEST_TABLE: Final = 256 * MIB
+MISSING: Final = frozenset(
+    {
+        "",
+        "-",
+        "--",
+        "n/e",
+        "n/a",
+        "na",
+        "n.a.",
+        "nan",
+        "null",
+        "none",
+        "missing",
+        "#n/a",
+        "#n/v",
+        "#nv",
+        "#value!",
+        "nodata",
+        "no data",
+    }
+)
+"""Texts that stand for a missing value, in lower case."""
+DELIMITERS: Final = (";", "\t", ",", "|")
+HOUR: Final = 3600
+DAY: Final = 86400
+_NOT_TABLES: Final = (
+    (b"\xd0\xcf\x11\xe0", "an old Excel workbook (.xls)", "Open it and save the sheet as CSV."),
+    (b"%PDF", "a PDF document", "Export the table as CSV from the program that made it."),
+    (b"\x89HDF", "an HDF5 or NetCDF file", "Export the table as CSV."),
+    (b"CDF", "a NetCDF file", "Export the table as CSV."),
+    (b"PAR1", "a Parquet file", "Export the table as CSV."),
+)
+_MARKUP: Final = re.compile(r"\s*<(!doctype|html|\?xml|[a-z_:]+[ >])", re.IGNORECASE)
+_SAMPLE_LINES = 40
+_EXCEL_EPOCH = -2209161600  # 1899-12-30 in seconds since 1970
+_NUMBER = re.compile(r"[+-]?(?:\d+(?:[ '\u00a0\u202f]\d{3})*|\d{1,3}(?:[.,]\d{3})+)?(?:[.,]\d+)?(?:[eE][+-]?\d+)?")
+_ISO_DATE = re.compile(r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})|(\d{4})(\d\d)(\d\d)")
+_OTHER_DATE = re.compile(r"(\d{1,2})([-/.])(\d{1,2})\2(\d{4}|\d\d)")
+_STAMP = re.compile(
+    r"(?P<date>\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{8}|\d{1,2}[-/.]\d{1,2}[-/.](?:\d{4}|\d\d))"
+    r"(?:(?:[T_ ,]|\s)+(?P<hour>\d{1,2}):?(?P<minute>\d\d)?(?::(?P<second>\d\d)(?:[.,]\d+)?)?\s*(?P<half>[AaPp]\.?[Mm]\.?)?"
+    r"\s*(?P<offset>Z|UTC|GMT|[+-]\d\d:?(?:\d\d)?)?(?:\s*\(?[A-Z]{3,4}\)?)?)?"
+)
+DateOrder = Literal["year first", "day first", "month first"]
+
+
+@dataclass(frozen=True)
+class Check:
+    """How the check of an outside table ended, if it was not refused.
+
+    Attributes
+    ----------
+    notes
+        What was done to the figures on the way in: averaged, estimated, converted, filled.
+    doubts
+        What does not fit together and needs a person's eye. Empty: usable.
+    """
+
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """``usable`` or ``usable, but``."""
+        return "usable, but" if self.doubts else "usable"
+
+
+def read_text(path: Path, refusal: type[GlbenchError]) -> str:
+    """Text of a file, in any of the encodings that programs for tables write, with the line ends of Unix.
+
+    A zip or gzip archive with one file inside is opened.
+
+    Raises
+    ------
+    refusal
+        When the file cannot be read, is larger than 256 MiB, or is no text (a workbook, a PDF document, a web page).
+    """
+    try:
+        with open_regular(path) as file:
+            head = read_pieces(file.read, 8)
+        if head.startswith(b"PK"):
+            data = _only_member(path, refusal)
+        elif head.startswith(b"\x1f\x8b"):
+            data = gunzip(read_regular(path, LARGEST_TABLE), LARGEST_TABLE)
+        else:
+            data = read_regular(path, LARGEST_TABLE)
+    except (OSError, EOFError, ValueError, zlib.error, BadZipFile, NotImplementedError, gzip.BadGzipFile) as error:
+        reason = "it is a damaged archive" if isinstance(error, BadZipFile | NotImplementedError) else reason_of(error)
+        msg = f"Cannot read {path}: {reason}. Check the path and the file."
+        raise refusal(msg) from error
+    for beginning, kind, advice in _NOT_TABLES:
+        if data.startswith(beginning):
+            msg = f"{path} is {kind}, not a text table. {advice}"
+            raise refusal(msg)
+    text = decode(data)
+    if "\0" in text[:65536]:
+        msg = f"{path} is not a text file. Export the table as CSV."
+        raise refusal(msg)
+    if _MARKUP.match(text[:200]):
+        msg = f"{path} is a web page or an XML file, not a table. Download it again, or choose the export as CSV."
+        raise refusal(msg)
+    if not text.strip():
+        msg = f"{path} is empty. Is it the right file, and whole?"
+        raise refusal(msg)
+    return text
+
+
+def decode(data: bytes) -> str:
+    """Text of ``data``: by its byte order mark, as UTF-16 where every second byte is 0, as UTF-8, or else as Windows-1252 (Latin-1)."""
+    sample = data[:4096]
+    if data.startswith(b"\xef\xbb\xbf"):
+        text = data.decode("utf-8-sig", errors="replace")
+    elif data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        text = data.decode("utf-16", errors="replace")
+    elif sample.count(0) > len(sample) // 4:
+        text = data.decode(
+            "utf-16-be" if sample[::2].count(0) > sample[1::2].count(0) else "utf-16-le", errors="replace"
+        )
+    else:
+        try:
+            text = data.decode("utf-8")
+        except UnicodeDecodeError:
+            try:
+                text = data.decode("cp1252")
+            except UnicodeDecodeError:
+                text = data.decode("latin-1")
+    return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _only_member(path: Path, refusal: type[GlbenchError]) -> bytes:
+    with opened_archive(path) as archive:
+        names = archive.namelist()
+        if any(name.startswith(("xl/", "content.xml")) for name in names):
+            msg = f"{path} is a workbook (Excel or OpenDocument), not a text table. Open it and save the sheet as CSV."
+            raise refusal(msg)
+        members = [name for name in names if not name.endswith("/") and not name.startswith("__MACOSX")]
+        if len(members) != 1:
+            msg = f"{path} holds {len(members)} files. Unpack it, and import the table that you need."
+            raise refusal(msg)
+        return _unpacked(archive, members[0], path, refusal)
+
+
+def _unpacked(archive: ZipFile, member: str, path: Path, refusal: type[GlbenchError]) -> bytes:
+    try:
+        with archive.open(member) as file:
+            data = read_pieces(file.read, LARGEST_TABLE + 1)
+    except RuntimeError as error:  # encrypted
+        msg = f"{path} is locked with a password. Unpack it first."
+        raise refusal(msg) from error
+    if len(data) > LARGEST_TABLE:
+        msg = f"{path}: {visible(member)} expands to more than {LARGEST_TABLE // MIB} MiB. Split it."
+        raise refusal(msg)
+    return data
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """Titles and rows of a table, still as text.
+
+    Attributes
+    ----------
+    file
+        Where it comes from, for messages.
+    refusal
+        The type of error that its checks raise.
+    preamble
+        Lines above the titles, and comment lines.
+    titles
+        Titles of the columns. A line of units below the titles is joined to them: ``Temp [degC]``.
+    rows
+        Fields of each row, as many as titles, stripped.
+    lines
+        Number of each row's line in the file, from 1.
+    decimal
+        ``,`` where numbers have decimal commas.
+    """
+
+    file: str
+    refusal: type[GlbenchError]
+    preamble: tuple[str, ...]
+    titles: tuple[str, ...]
+    rows: Sequence[Sequence[str]]
+    lines: Sequence[int]
+    decimal: str = "."
+
+    def refuse(self, problem: str, row: int | None = None, title: str | None = None) -> GlbenchError:
+        """The error to raise for ``problem``, with the row (from 0, by its line in the file) and the column."""
+        where = "" if row is None else f", row {self.lines[row]}"
+        column = "" if title is None else f", column '{visible(title)}'"
+        return self.refusal(f"{self.file}{where}{column}: {problem}")
+
+    def texts(self, title: str) -> list[str]:
+        """Texts of the column ``title``, a row each.
+
+        Raises
+        ------
+        refusal
+            When there is no such column; names the nearest.
+        """
+        if title not in self.titles:
+            problem = f"there is no column '{visible(title)}'.{did_you_mean(title, self.titles)}"
+            raise self.refuse(problem)
+        position = self.titles.index(title)
+        return [row[position] for row in self.rows]
+
+    def numbers(self, title: str, sentinels: Iterable[float] = ()) -> FloatArray:
+        """Numbers of the column ``title`` ``(rows,)``; NaN where the value is missing, as ``MISSING`` or one of ``sentinels``.
+
+        Raises
+        ------
+        refusal
+            For a text that is no finite number; names row, column and value.
+        """
+        values = np.empty(len(self.rows))
+        for i, text in enumerate(self.texts(title)):
+            value = parse_number(text, self.decimal)
+            if value is None or math.isinf(value):
+                problem = f"'{visible(text[:60])}' is not a number. Correct it, or leave a missing value empty."
+                raise self.refuse(problem, i, title)
+            values[i] = value
+        for sentinel in sentinels:
+            values[values == sentinel] = math.nan
+        return values
+
+
+def parse_number(text: str, decimal: str = ".") -> float | None:
+    """Number of ``text`` with ``decimal`` as its decimal sign; NaN for a missing value, ``None`` for a text that is no number.
+
+    Thousands may be set apart by spaces, apostrophes, or by the other one of point and comma.
+    """
+    text = text.strip().replace("\u2212", "-")
+    if text.lower() in MISSING:
+        return math.nan
+    try:
+        if decimal == "." and "," not in text and "_" not in text:
+            return float(text)
+    except ValueError:
+        pass
+    if not _NUMBER.fullmatch(text):
+        return None
+    other = "," if decimal == "." else "."
+    whole, _, fraction = text.partition(decimal)
+    if (
+        other in fraction
+        or decimal in fraction
+        or (other in whole and not re.fullmatch(rf"[+-]?\d{{1,3}}(\{other}\d{{3}})+", whole))
+    ):
+        return None
+    plain = re.sub(r"[ '\u00a0\u202f]", "", whole.replace(other, "")) + ("." + fraction if fraction else "")
+    try:
+        return float(plain)
+    except ValueError:
+        return None
+
+
+def split_table(
+    text: str,
+    file: str,
+    refusal: type[GlbenchError],
+    *,
+    is_titles: Callable[[Sequence[str]], bool] | None = None,
+    decimal: str | None = None,
+) -> TextTable:
+    """The table in ``text``: delimiter, titles and decimal sign are recognised.
+
+    Parameters
+    ----------
+    text, file, refusal
+        The text as of ``read_text``, its name for messages, and the type of error for refusals.
+    is_titles
+        Tells the line of titles by its fields. By default it is the last line before the first one with numbers that has as many fields
+        as most lines; a line of units below it is joined to it.
+    decimal
+        The decimal sign, where the caller knows it.
+
+    Raises
+    ------
+    refusal
+        When there are no titles or no rows, a row has too few or too many fields, or the decimal sign is unclear; names the row.
+    """
+    lines = text.split("\n")
+    delimiter = _delimiter(lines)
+    try:
+        parsed = _parsed_lines(lines, delimiter)
+    except csv.Error as error:
+        msg = f"{file} cannot be split into columns: a quotation mark is never closed, or a field is too long. Correct the file."
+        raise refusal(msg) from error
+    first = _first_titles(parsed, is_titles)
+    if first is None:
+        beginning = " ".join(text.split())[:80]
+        msg = f"{file} has no line of titles above rows of values. It begins with '{visible(beginning)}'. Is it the right file, and whole?"
+        raise refusal(msg)
+    titles = [field.strip() for field in parsed[first][1]]
+    body = [(number, fields) for number, fields in parsed[first + 1 :] if any(fields) and not fields[0].startswith("#")]
+    if body and is_titles is None and _are_units(body[0][1], len(titles)):
+        titles = [
+            f"{title} [{unit.strip(' []()')}]" if unit else title
+            for title, unit in zip(titles, body[0][1], strict=True)
+        ]
+        body = body[1:]
+    while (
+        titles
+        and not titles[-1]
+        and all(len(fields) < len(titles) or not fields[len(titles) - 1] for _, fields in body)
+    ):
+        titles.pop()  # a delimiter at the end of every line
+    preamble = [lines[number - 1] for number, _ in parsed[:first]]
+    comments = [lines[number - 1] for number, fields in parsed[first + 1 :] if fields and fields[0].startswith("#")]
+    rows: list[Sequence[str]] = []
+    for number, fields in body:
+        if len(fields) > len(titles) and not any(fields[len(titles) :]):
+            fields = fields[: len(titles)]
+        if len(fields) != len(titles):
+            msg = f"{file}, row {number}: {len(fields)} fields instead of {len(titles)}. Is the file whole?"
+            raise refusal(msg)
+        rows.append(fields)
+    numbers = [number for number, _ in body]
+    if not rows:
+        msg = f"{file} has titles but no values. Is it the right file, and whole?"
+        raise refusal(msg)
+    table = TextTable(file, refusal, (*preamble, *comments), tuple(titles), rows, numbers)
+    return TextTable(file, refusal, table.preamble, table.titles, rows, numbers, decimal or _decimal(table))
+
+
+def _parsed_lines(lines: Sequence[str], delimiter: str) -> list[tuple[int, list[str]]]:
+    """Number of the line on which each row ends, from 1, and its fields, stripped; empty lines are left out."""
+    reader = csv.reader((line + "\n" for line in lines), delimiter=delimiter, skipinitialspace=True, strict=True)
+    return [
+        (reader.line_num, [field.strip() for field in fields])
+        for fields in reader
+        if fields and any(map(str.strip, fields))
+    ]
+
+
+def _delimiter(lines: Sequence[str]) -> str:
+    """What separates the columns: what divides the last lines into the same number of fields; a comma only where nothing else does."""
+    sample = [line for line in lines[-4 * _SAMPLE_LINES :] if line.strip() and not line.lstrip().startswith("#")][
+        -_SAMPLE_LINES:
+    ]
+    best, most = ",", 0.0
+    for delimiter in DELIMITERS:
+        counts = Counter(re.sub(r'"[^"]*"', "", line).count(delimiter) for line in sample)
+        count, times = max(counts.items(), key=lambda item: (item[1], item[0]), default=(0, 0))
+        score = times / max(len(sample), 1) if count else 0.0
+        if score > most + 1e-9:
+            best, most = delimiter, score
+    return best
+
+
+def _first_titles(
+    parsed: Sequence[tuple[int, list[str]]], is_titles: Callable[[Sequence[str]], bool] | None
+) -> int | None:
+    if is_titles is not None:
+        return next((i for i, (_, fields) in enumerate(parsed) if is_titles(fields)), None)
+    widths = Counter(len(fields) for _, fields in parsed[-_SAMPLE_LINES:])
+    width = max(widths, key=lambda count: (widths[count], count), default=0)
+    for i, (_, fields) in enumerate(parsed):
+        if len(fields) >= width > 1 and _holds_values(fields) and not fields[0].startswith("#"):
+            above = [j for j in range(i) if len(parsed[j][1]) >= width - 1 and not _holds_values(parsed[j][1])]
+            if (
+                len(above) > 1
+                and above[-1] == above[-2] + 1
+                and _are_units(parsed[above[-1]][1], len(parsed[above[-2]][1]))
+            ):
+                return above[-2]
+            return above[-1] if above else None
+    return None
+
+
+def _holds_values(fields: Sequence[str]) -> bool:
+    """Whether at least half of the fields that are not empty begin as numbers and dates do."""
+    values = [field for field in fields if field]
+    return bool(values) and sum(re.match(r"[+-]?[.,]?\d", field) is not None for field in values) * 2 >= len(values)
+
+
+def _are_units(fields: Sequence[str], width: int) -> bool:
+    """Whether a line below the titles holds units: short, without numbers, at least one of them with a sign that units have."""
+    signs = re.compile(r"°|%|/|\b(W|C|K|m|s|ppm|degC|hPa|J|km|EUR|h|mm|min)\b")
+    return (
+        len(fields) == width
+        and all(len(field) <= 20 and not re.match(r"[+-]?\d", field) for field in fields)
+        and any(signs.search(field) for field in fields)
+    )
+
+
+def _decimal(table: TextTable) -> str:
+    """The decimal sign of a table's numbers.
+
+    Raises
+    ------
+    refusal
+        When some have a point and some a comma, or all commas could set thousands apart.
+    """
+    comma = point = thousands = None
+    for i, row in enumerate(table.rows):
+        for title, field in zip(table.titles, row, strict=True):
+            if "," in field:
+                if re.fullmatch(r"[+-]?\d{1,3}(\.\d{3})*,\d+", field):
+                    if re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", field):
+                        thousands = thousands or (i, title, field)
+                    else:
+                        comma = comma or (i, title, field)
+                elif re.fullmatch(r"[+-]?\d+,\d+", field):
+                    comma = comma or (i, title, field)
+                elif re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+(\.\d+)?", field):
+                    point = point or (i, title, field)
+            elif point is None and re.fullmatch(r"[+-]?\d*\.\d+", field):
+                point = (i, title, field)
+    if comma and point and not re.fullmatch(r"[+-]?[1-9]\d{0,2}\.\d{3}", point[2]):
+        i, title, field = max(comma, point)
+        first = min(comma, point)
+        problem = f"{field} has another decimal sign than {first[2]} in row {table.lines[first[0]]}. Use one of them in the whole file."
+        raise table.refuse(problem, i, title)
+    if thousands and not comma and not point:
+        i, title, field = thousands
+        problem = f"it is unclear whether {field} is {field.replace(',', '.')} or {field.replace(',', '')}. Write numbers with a point."
+        raise table.refuse(problem, i, title)
+    return "," if comma else "."
+
+
+@dataclass(frozen=True)
+class Stamps:
+    """Moments of a table's rows.
+
+    Attributes
+    ----------
+    seconds
+        Seconds since 1970-01-01 UTC ``(rows,)``, or on the stamps' own unnamed clock where ``zoned`` is false.
+    zoned
+        Whether the stamps carry their offset from UTC (or are counts of seconds in UTC).
+    length
+        Length of the intervals [s], where a stamp is a beginning and an end; else ``None``.
+    order
+        In which order dates are written.
+    """
+
+    seconds: IntArray
+    zoned: bool
+    length: int | None = None
+    order: DateOrder = "year first"
+
+
+def read_stamps(table: TextTable, titles: Sequence[str], order: DateOrder | None = None) -> Stamps:
+    """Moments in the column ``titles[0]``, or in a column of dates and one of times.
+
+    Dates may be ``2024-02-13``, ``2024/02/13``, ``20240213``, ``13-02-2024``, ``13.02.2024``, ``13/02/24`` or ``02/13/2024``, times
+    ``23:00``, ``23:00:00``, ``2300`` or ``11:00 PM``, with or without an offset (``Z``, ``+01:00``); an interval as ENTSO-E writes it
+    (``01.01.2024 00:00 - 01.01.2024 01:00``), Excel's days and Unix seconds are read, too.
+
+    Parameters
+    ----------
+    table, titles
+        The table, and one or two of its columns.
+    order
+        Whether day or month comes first, where the caller knows it. By default it is recognised from all dates.
+
+    Raises
+    ------
+    refusal
+        For a stamp that does not exist or cannot be read, and where day and month cannot be told apart; names the row.
+    """
+    columns = [table.texts(title) for title in titles]
+    texts = columns[0] if len(columns) == 1 else [" ".join(parts) for parts in zip(*columns, strict=True)]
+    name = titles[0]
+    length = None
+    if all(re.search(r"\d\s+[-\u2013]\s+\d", text) for text in texts):
+        parts = [re.split(r"\s+[-\u2013]\s+", text, maxsplit=1) for text in texts]
+        starts = _parsed_stamps(table, [part[0] for part in parts], name, order)
+        ends = _parsed_stamps(table, [part[1] for part in parts], name, starts.order)
+        lengths = ends.seconds - starts.seconds
+        length = int(np.median(lengths))
+        return Stamps(starts.seconds, starts.zoned, length, starts.order)
+    return _parsed_stamps(table, texts, name, order)
+
+
+def _parsed_stamps(table: TextTable, texts: Sequence[str], name: str, order: DateOrder | None) -> Stamps:
+    counts = _counted_stamps(texts)
+    if counts is not None:
+        return counts
+    matches: list[re.Match[str]] = []
+    for i, text in enumerate(texts):
+        match = _STAMP.fullmatch(text.strip())
+        if match is None:
+            problem = (
+                f"'{visible(text[:60])}' is not a time such as 2024-02-13 23:00 or 13-02-2024 23:00. Correct the file."
+            )
+            raise table.refuse(problem, i, name)
+        matches.append(match)
+    offsets = [match["offset"] is not None for match in matches]
+    zoned = offsets[0]
+    if any(offset != zoned for offset in offsets):
+        i = offsets.index(not zoned)
+        problem = f"'{visible(texts[i][:60])}' {'lacks' if zoned else 'has'} an offset from UTC, unlike the rows above. Correct the file."
+        raise table.refuse(problem, i, name)
+    order = order or _date_order(table, [match["date"] for match in matches], name)
+    seconds = np.empty(len(texts), dtype=np.int64)
+    for i, match in enumerate(matches):
+        moment = _moment_of(match, order)
+        if moment is None:
+            problem = f"the time '{visible(texts[i][:60])}' does not exist (read with the {order}). Correct the file."
+            raise table.refuse(problem, i, name)
+        seconds[i] = moment
+    return Stamps(seconds, zoned, None, order)
+
+
+def _counted_stamps(texts: Sequence[str]) -> Stamps | None:
+    """Moments that are counts: Excel's days on an unnamed clock, Unix seconds or milliseconds in UTC."""
+    for pattern, to_seconds, zoned in (
+        (r"\d{5}[.,]\d+", lambda number: round(number * DAY) + _EXCEL_EPOCH, False),
+        (r"1?\d{9}", round, True),
+        (r"1?\d{12}", lambda number: round(number / 1000), True),
+    ):
+        if all(re.fullmatch(pattern, text) for text in texts):
+            return Stamps(
+                np.array([to_seconds(float(text.replace(",", "."))) for text in texts], dtype=np.int64), zoned
+            )
+    return None
+
+
+def _date_order(table: TextTable, dates: Sequence[str], name: str) -> DateOrder:
+    parts = {date: match for date in dict.fromkeys(dates) if (match := _OTHER_DATE.fullmatch(date))}
+    if not parts:
+        return "year first"
+    day_first = any(int(match[1]) > 12 for match in parts.values())
+    month_first = any(int(match[3]) > 12 for match in parts.values())
+    if day_first != month_first:
+        return "day first" if day_first else "month first"
+    if not day_first and next(iter(parts.values()))[2] == ".":
+        return "day first"
+    if not day_first and len(parts) > 1:
+        # Neither is above 12: dates that follow each other by a day tell, for the other order jumps by a month.
+        steps: dict[DateOrder, set[int]] = {"day first": set(), "month first": set()}
+        for order, following in steps.items():
+            days = [_day_number(date, order) for date in parts]
+            following.update(
+                later - earlier for earlier, later in pairwise(days) if later is not None and earlier is not None
+            )
+        fitting = [order for order, following in steps.items() if following <= {1}]
+        if len(fitting) == 1:
+            return fitting[0]
+    example = next(iter(parts))
+    problem = (
+        f"it is unclear whether {example} has the day or the month first. Write dates as 2024-02-13, or state the order in a column map."
+        if not day_first
+        else f"some dates have the day first and some the month, such as {example}. Correct the file."
+    )
+    raise table.refuse(problem, None, name)
+
+
+@functools.lru_cache(maxsize=65536)
+def _day_number(date: str, order: DateOrder) -> int | None:
+    """Days since 1970-01-01, or ``None`` for a date that does not exist."""
+    if match := _ISO_DATE.fullmatch(date):
+        year, month, day = (int(part) for part in match.groups() if part is not None)
+    elif match := _OTHER_DATE.fullmatch(date):
+        first, second, year = int(match[1]), int(match[3]), int(match[4])
+        day, month = (second, first) if order == "month first" else (first, second)
+        year += 2000 if len(match[4]) == 2 else 0
+    else:
+        return None
+    try:
+        return dt.date(year, month, day).toordinal() - 719163
+    except ValueError:
+        return None
+
+
+def _moment_of(match: re.Match[str], order: DateOrder) -> int | None:
+    """Seconds since 1970-01-01, in UTC where the stamp has an offset; 24:00 is the end of the day."""
+    day = _day_number(match["date"], order)
+    hour, minute, second = int(match["hour"] or 0), int(match["minute"] or 0), int(match["second"] or 0)
+    if match["half"]:
+        if not 1 <= hour <= 12:
+            return None
+        hour = hour % 12 + (12 if match["half"][0] in "pP" else 0)
+    if day is None or minute > 59 or second > 60 or hour > 24 or (hour == 24 and (minute or second)):
+        return None
+    seconds = day * DAY + hour * HOUR + minute * 60 + second
+    offset = match["offset"]
+    if offset and offset[0] in "+-":
+        digits = offset[1:].replace(":", "")
+        seconds -= (1 if offset[0] == "+" else -1) * (int(digits[:2]) * HOUR + int(digits[2:] or 0) * 60)
+    return seconds
+
+
+def utc_of_local(table: TextTable, seconds: IntArray, zone: ZoneInfo, name: str, step: int = HOUR) -> IntArray:
+    """Seconds since 1970-01-01 UTC of stamps on the clock of ``zone``, in the order of the rows.
+
+    The hour that an autumn clock shows twice is told apart by the order: the first time in summer time, then in standard time. An hour
+    that it shows only once there (as a computer writes that overwrites the first) is summer time.
+
+    Parameters
+    ----------
+    table, name
+        For messages: the table, and the column of the stamps.
+    seconds
+        Stamps as seconds since 1970-01-01 on the local clock ``(rows,)``.
+    zone
+        Zone of the clock.
+    step
+        Usual distance of stamps [s].
+
+    Raises
+    ------
+    refusal
+        For a stamp that a spring clock skips; names the row.
+    """
+
+    @functools.lru_cache(maxsize=65536)
+    def offsets(hour: int) -> tuple[int, int, bool]:
+        """Offset [s] the first and the second time, and whether the clock skips this hour."""
+        local = dt.datetime(1970, 1, 1) + dt.timedelta(seconds=hour * 900)
+        first, second = (
+            round((local.replace(tzinfo=zone, fold=fold).utcoffset() or dt.timedelta()).total_seconds())
+            for fold in (0, 1)
+        )
+        return first, second, first < second
+
+    utc = np.empty(seconds.size, dtype=np.int64)
+    before: int | None = None
+    for i, local in enumerate(seconds.tolist()):
+        first, second, skipped = offsets(local // 900)
+        if skipped:
+            stamp = str(np.datetime_as_string(np.datetime64(local, "s"), unit="m")).replace("T", " ")
+            problem = (
+                f"{stamp} does not exist on the clock of {zone.key}, which skips that hour in spring. Is the clock on standard time "
+                "all year (Etc/GMT-1 is one hour ahead of UTC), or are the stamps UTC?"
+            )
+            raise table.refuse(problem, i, name)
+        moment = local - first
+        if first != second and before is not None and moment <= before:
+            moment = local - second
+        utc[i] = before = moment
+    return utc
+
+
+def step_of(seconds: IntArray) -> int:
+    """Usual distance of stamps [s]: the most frequent one."""
+    steps, counts = np.unique(np.diff(seconds), return_counts=True)
+    return int(steps[np.argmax(counts)]) if steps.size else HOUR
