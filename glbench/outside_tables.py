@@ -271,7 +271,7 @@ class TextTable:
 
 
 def parse_number(text: str, decimal: str = ".") -> float | None:
-    """Number of ``text`` with ``decimal`` as its decimal sign; NaN for a missing value, ``None`` for a text that is no number.
+    """Number of ``text`` with ``decimal`` as its decimal sign; NaN for a missing value, ``None`` for a text that is not a number.
 
     Thousands may be set apart by spaces, apostrophes, or by the other one of point and comma.
     """
