@@ -5,7 +5,6 @@ A message names the file, the setting, its value, its unit and bounds, and the n
 
 from __future__ import annotations
 
-import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,13 +13,12 @@ from typing import Any, NamedTuple, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from glbench.errors import GlbenchError, SubmissionError, did_you_mean
-from glbench.untrusted import place_of, quoted, read_regular, reason_of
+from glbench.untrusted import decimal_point, place_of, quoted, read_regular, reason_of, toml_fault
 from glbench.yaml_reader import read_yaml
 
 _LARGEST_TOML = 64 * 1024
 _MOST_DOTS = 500
 """Most dots in a line: the time to read a key grows with the square of the number of its parts."""
-_DECIMAL_COMMA = re.compile(r"\s*([+-]?\d+),(\d+)\s*")
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -119,6 +117,7 @@ def read_toml(file: Path) -> dict[str, Any]:
     SubmissionError
         When it is not TOML; the message continues a sentence that begins with "it", and has no full stop.
     """
+    text = ""
     try:
         text = read_regular(file, _LARGEST_TOML).decode("utf-8-sig").replace("\r\n", "\n")
         if any(line.count(".") > _MOST_DOTS for line in text.splitlines()):
@@ -129,7 +128,7 @@ def read_toml(file: Path) -> dict[str, Any]:
         msg = f"it cannot be read ({reason_of(error)})"
         raise SubmissionError(msg) from error
     except ValueError as error:  # tomllib's own, and Python's for an integer of thousands of digits
-        msg = f"it is no valid TOML ({reason_of(error)})"
+        msg = f"it is no valid TOML ({toml_fault(error, text)})"
         raise SubmissionError(msg) from error
     except RecursionError as error:
         msg = "it is no valid TOML (its tables or lists are nested without end)"
@@ -174,9 +173,8 @@ def _in_words(problem: Problem, model: type[BaseModel]) -> str:
         names = [] if table is None else [field.alias or key for key, field in table.model_fields.items()]
         return f"there is no setting {name}.{did_you_mean(str(place[-1]), names)}".rstrip(".")
     if kind in ("float_parsing", "float_type"):
-        comma = _DECIMAL_COMMA.fullmatch(value) if isinstance(value, str) else None
-        point = f"; write it with a point, {comma[1]}.{comma[2]}" if comma else ""
-        return f"{name} is {quoted(value)}, which is not a number{point}"
+        advice = decimal_point(value) if isinstance(value, str) else ""
+        return f"{name} is {quoted(value)}, which is not a number{advice and f': {advice}'}"
     if kind in ("greater_than_equal", "less_than_equal") and (field := _field(table, place[-1])) is not None:
         low = next((float(limit.ge) for limit in field.metadata if hasattr(limit, "ge")), None)
         high = next((float(limit.le) for limit in field.metadata if hasattr(limit, "le")), None)

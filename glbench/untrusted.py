@@ -29,6 +29,8 @@ AGENT_NAME_RULE: Final = (
     "1 to 100 letters, digits, '.', '_' and '-', beginning with a letter or digit, not ending in '.proof'"
 )
 _AGENT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+_DECIMAL_COMMA = re.compile(r"""(?<![\w.,"'\[])([+-]?\d[\d.]*),(\d+)(?![\w.]|,\d)""")
+_LINE = re.compile(r"\(at line (\d+), column \d+\)")
 _LONGEST_QUOTE = 80
 _LONGEST_READ: Final = 4 * MIB
 """Bytes that are read at once: tens of thousands of names, where a model has hundreds."""
@@ -74,6 +76,20 @@ def open_regular(path: Path) -> Iterator[IO[bytes]]:
             yield file
     finally:
         os.close(handle)
+
+
+def decimal_point(text: str) -> str:
+    """``"write 18.5, not 18,5"`` for a text with a number with a decimal comma; empty without one. A list such as ``1,2,3`` has none."""
+    comma = _DECIMAL_COMMA.search(text)
+    return "" if comma is None else f"write {comma[1].replace('.', '')}.{comma[2]}, not {comma[0]}"
+
+
+def toml_fault(error: Exception, text: str) -> str:
+    """What ``tomllib`` found wrong with ``text``, with the line; of a decimal comma, how to write the number."""
+    place = _LINE.search(str(error))
+    line = text.split("\n")[int(place[1]) - 1].strip() if place else ""
+    advice = decimal_point(line.partition("#")[0])
+    return f"line {place[1]}, {quoted(line)}: {advice}" if place and advice else reason_of(error)
 
 
 def real_path(path: Path) -> Path:

@@ -9,7 +9,7 @@ from typing import Any, Final
 import yaml
 
 from glbench.errors import GlbenchError
-from glbench.untrusted import quoted, read_regular
+from glbench.untrusted import decimal_point, quoted, read_regular
 
 _LARGEST_FILE: Final = 64 * 1024
 _DEEPEST: Final = 20
@@ -40,8 +40,8 @@ def read_yaml(file: Path, what: str, error_type: type[GlbenchError]) -> dict[str
     ------
     GlbenchError
         Of the type ``error_type``, with the line: when the file cannot be read, is larger than 64 KiB, is not UTF-8 or not YAML, is nested
-        deeper than 20 levels, or has a name twice, a name that is not text, a tag, a number that has more than 30 digits or is not
-        finite, or more than 10,000 values with aliases expanded.
+        deeper than 20 levels, or has a name twice, a name that is not text, a tag, a number that has a decimal comma, more than 30
+        digits or is not finite, or more than 10,000 values with aliases expanded.
     """
     text = ""
     cause: Exception
@@ -151,6 +151,9 @@ class _Loader(yaml.SafeLoader):
             return text
         if kind in ("int", "float") and ":" in text:  # 6:30 is 390 to YAML 1.1
             return text
+        if kind == "str" and node.style is None and (advice := decimal_point(text)) and text in advice:
+            msg = f"a number has a decimal point: {advice}. A list has brackets, and text has quotes."
+            raise _RefusedError(msg, node.start_mark)
         try:
             value = (
                 self.yaml_constructors[node.tag](self, node) if len(text) <= _MOST_DIGITS or kind == "str" else math.nan

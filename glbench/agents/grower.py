@@ -30,10 +30,12 @@ _MEAN_HOURS = 1.0
 """Light is a running mean: its weight fades by 1/e within this time [h]."""
 
 _Hours = Annotated[float, Field(ge=-12.0, le=12.0)]
-_Celsius = Annotated[float, Field(ge=-20.0, le=50.0)]
+_Celsius = Annotated[float, names.set_point_field(names.HEATING)]
+_Outdoors = Annotated[float, names.set_point_field(names.SCREEN_OUTDOOR)]
+_Deficit = Annotated[float, names.set_point_field(names.HUMIDITY)]
 _Kelvin = Annotated[float, Field(ge=0.0, le=20.0)]
 _Watts = Annotated[float, Field(ge=0.0, le=2000.0)]
-_Ppm = Annotated[float, Field(ge=0.0, le=5000.0)]
+_Ppm = Annotated[float, names.set_point_field(names.CO2)]
 _Share = Annotated[float, Field(ge=0.0, le=1.0)]
 _Hour = Annotated[float, Field(ge=0.0, le=24.0)]
 
@@ -89,8 +91,8 @@ class CarbonDioxide(Table):
 class HumidityDeficit(Table):
     """Humidity deficit [g m-3] by day and by night."""
 
-    day: float = Field(ge=0.0, le=20.0)
-    night: float = Field(ge=0.0, le=20.0)
+    day: _Deficit
+    night: _Deficit
 
 
 class Lamps(Table):
@@ -99,15 +101,15 @@ class Lamps(Table):
     used: bool
     from_: _Hour = Field(alias="from")
     until: _Hour
-    radiation_limit: _Watts
+    radiation_limit: Annotated[float, names.set_point_field(names.LAMP_RADIATION)]
 
 
 class Screen(Table):
     """Radiation [W m-2] and outdoor temperatures [degC] below which the thermal screen is closed."""
 
-    radiation_limit: _Watts
-    outdoor_day: _Celsius
-    outdoor_night: _Celsius
+    radiation_limit: Annotated[float, names.set_point_field(names.SCREEN_RADIATION)]
+    outdoor_day: _Outdoors
+    outdoor_night: _Outdoors
 
 
 class GrowerSettings(Table):
@@ -120,6 +122,27 @@ class GrowerSettings(Table):
     humidity_deficit: HumidityDeficit
     lamps: Lamps
     screen: Screen
+
+    @model_validator(mode="after")
+    def _computer_takes_sums(self) -> GrowerSettings:
+        """Refuse settings that add up to a set point beyond what the process computer takes."""
+        heating, above = self.heating, self.ventilation
+        sunny, vented = heating.day + heating.light_raise, above.day + above.light_raise
+        for name, words, value in (
+            (names.HEATING, "heating.day + heating.light_raise", sunny),
+            (names.VENTILATION, "heating.day + ventilation.day", heating.day + above.day),
+            (names.VENTILATION, "heating.day + ventilation.day, with both values of light_raise,", sunny + vented),
+            (names.VENTILATION, "heating.pre_night + ventilation.night", heating.pre_night + above.night),
+            (names.VENTILATION, "heating.night + ventilation.night", heating.night + above.night),
+        ):
+            action = names.SET_POINTS[name]
+            if not action.lowest <= value <= action.highest:
+                msg = (
+                    f"{words} is {value:g} {action.unit}, and the process computer takes a {name.replace('_', ' ')} "
+                    f"from {action.lowest:g} to {action.highest:g} {action.unit}"
+                )
+                raise ValueError(msg)
+        return self
 
 
 def read_grower_settings(path: Path) -> GrowerSettings:
@@ -170,7 +193,7 @@ class GrowerAgent(ObservedController):
         self._weight = 1.0 - math.exp(-task.step_seconds / 3600.0 / _MEAN_HOURS)
 
     def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
-        """Actions (n_runs, actions): the set points of the page, or the nearest that the task takes."""
+        """Actions (n_runs, actions): the set points of the page; bounds cut off what rounding adds."""
         radiation = readings[_RADIATION]
         self._mean = radiation if self._mean is None else self._mean + self._weight * (radiation - self._mean)
         hour, day = clock_from(readings)

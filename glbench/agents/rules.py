@@ -27,6 +27,7 @@ from glbench.agents.daylight import Daylight, DaylightEstimator
 from glbench.errors import ShapeError, SubmissionError
 from glbench.model import TOMATO, co2_ppm, relative_humidity
 from glbench.settings import Table, read_settings
+from glbench.tasks import set_points
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
@@ -39,6 +40,8 @@ _LOG_100 = math.log(100.0)
 
 _Hour = Annotated[float, Field(ge=0.0, le=24.0)]
 _Radiation = Annotated[float, Field(ge=0.0)]
+_Heating = Annotated[float, set_points.set_point_field(set_points.HEATING)]
+_Outdoors = Annotated[float, set_points.set_point_field(set_points.SCREEN_OUTDOOR)]
 
 _BANDS = (
     "lamp_heat_band",
@@ -68,20 +71,20 @@ class RuleSettings(Table):
     lamps_off_day_sum: _Radiation
     lamp_extra_heat: float
     lamp_heat_band: float
-    heating_day: float
-    heating_night: float
+    heating_day: _Heating
+    heating_night: _Heating
     heating_lamp_shift: float
     heating_dead_zone: float
     heating_band: float
-    co2_day: float
+    co2_day: Annotated[float, set_points.set_point_field(set_points.CO2)]
     co2_band: float
-    humidity_limit: float
+    humidity_limit: float = Field(ge=0.0, le=100.0, json_schema_extra={"unit": "%"})
     vent_heat_band: float
     vent_humidity_band: float
     vent_cold_offset: float
     vent_cold_band: float
-    screen_day: float
-    screen_night: float
+    screen_day: _Outdoors
+    screen_night: _Outdoors
     screen_cold_band: float
     screen_dead_zone: float
     screen_humidity_offset: float

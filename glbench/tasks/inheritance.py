@@ -23,7 +23,7 @@ from typing import Any
 from glbench.errors import SEMICOLONS, TaskError, UnknownNameError, did_you_mean
 from glbench.registration import task_files, task_ids
 from glbench.resources import data_folder
-from glbench.untrusted import MIB, read_regular, real_path, reason_of
+from glbench.untrusted import MIB, read_regular, real_path, reason_of, toml_fault
 
 BASE, WITHOUT = "base", "without"
 NOT_INHERITED = ("id", "title", "description", "suites")
@@ -98,8 +98,10 @@ def read_tables(path: Path, above: tuple[Path, ...] = ()) -> TaskTables:
     if len(files) > LONGEST_CHAIN:
         msg = f"{source} is the base of a base of a base, {LONGEST_CHAIN} times over. Write one of these tasks out."
         raise TaskError(msg)
+    text = ""
     try:
-        content = tomllib.loads(read_regular(path, _LARGEST_FILE).decode())
+        text = read_regular(path, _LARGEST_FILE).decode("utf-8-sig").replace("\r\n", "\n")
+        content = tomllib.loads(text)
     except FileNotFoundError:
         msg = f"There is no task file {source}. `glbench tasks list` shows the tasks that are there."
         raise TaskError(msg) from None
@@ -107,7 +109,7 @@ def read_tables(path: Path, above: tuple[Path, ...] = ()) -> TaskTables:
         msg = f"Cannot read the task file {source}: {reason_of(error)}. Give a .toml file or the id of a task."
         raise TaskError(msg) from error
     except tomllib.TOMLDecodeError as error:
-        msg = f"{source} is no valid TOML: {error}. Correct that line; tasks/ has files to compare with."
+        msg = f"{source} is no valid TOML: {toml_fault(error, text)}. Correct that line; tasks/ has files to compare with."
         raise TaskError(msg) from error
     except (RecursionError, ValueError) as error:  # nested without end; a number of thousands of digits
         msg = f"{source} is not a task file: it holds a number or a nesting that no task has. Is it the right file?"

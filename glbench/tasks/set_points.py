@@ -6,6 +6,10 @@ the task grants a control that it steers.
 
 from __future__ import annotations
 
+from typing import Any
+
+from pydantic import Field
+
 from glbench.errors import UnknownNameError, did_you_mean
 from glbench.model.controls import Controls
 from glbench.model.quantities import table_of
@@ -53,6 +57,15 @@ _SET_POINTS: tuple[tuple[tuple[str, ...], Action], ...] = (
         _set_point(SCREEN_OUTDOOR, -10.0, 30.0, "degC", "the thermal screen may be closed while the air outside is colder"),
     ),
 )  # fmt: skip
+
+SET_POINTS = {action.name: action for _, action in _SET_POINTS}
+"""All set points by name."""
+
+
+def set_point_field(name: str) -> Any:
+    """A field of settings for the set point ``name``, within the range that the process computer takes."""
+    action = SET_POINTS[name]
+    return Field(ge=action.lowest, le=action.highest, json_schema_extra={"unit": action.unit})
 
 
 def set_points(controls: tuple[str, ...]) -> tuple[Action, ...]:

@@ -120,11 +120,11 @@ def test_lamps_stay_off_unless_they_are_used(card: TaskCard, settings: GrowerSet
     assert (page["lamps_from"], page["lamps_until"], page["lamp_radiation_limit"]) == (2.0, 18.0, 250.0)
 
 
-def test_set_points_stay_within_the_bounds_of_the_task(card: TaskCard, settings: GrowerSettings) -> None:
-    hot = settings.model_copy(update={"heating": settings.heating.model_copy(update={"day": 45.0})})
-    page = entered(card, hot, 12.0, global_radiation=900.0)
-    assert page["heating_temperature"] == 30.0
-    assert page["ventilation_temperature"] == 40.0
+def test_the_highest_set_point_is_entered_as_it_is(card: TaskCard, settings: GrowerSettings) -> None:
+    heating = settings.heating.model_copy(update={"day": 28.5})
+    page = entered(card, settings.model_copy(update={"heating": heating}), 12.0, global_radiation=900.0)
+    assert page["heating_temperature"] == 30.0  # 1.5 K more in full light
+    assert page["ventilation_temperature"] == 35.0
 
 
 def test_a_run_gets_the_same_set_points_alone_and_in_a_batch(task: TaskSpec, settings: GrowerSettings) -> None:
@@ -176,6 +176,17 @@ def test_as_many_rows_as_runs_are_needed(card: TaskCard, settings: GrowerSetting
     ("old", "new", "said"),
     [
         ("day = 19.5", "day = 195.0", r"'heating.day'"),
+        ("day = 19.5", "day = 48.0", r"'heating.day' is 48 degC; it must be from 0 to 30 degC"),
+        (
+            "day = 19.5",
+            "day = 29.0",
+            r"heating.day \+ heating.light_raise is 30.5 degC, .* heating temperature from 0 to 30 degC",
+        ),
+        ("light_raise = 3.0", "light_raise = 19.0", r"is 42 degC, .* ventilation temperature from 5 to 40 degC"),
+        ("shut = 850.0", "shut = 1700", r"'co2.shut' is 1700 ppm; it must be from 0 to 1600 ppm"),
+        ("day = 3.0", "day = 9.0", r"'humidity_deficit.day' is 9 g m-3; it must be from 0 to 8 g m-3"),
+        ("outdoor_day = 8.0", "outdoor_day = 31", r"'screen.outdoor_day' is 31 degC; it must be from -10 to 30 degC"),
+        ("day = 19.5", "day = 19,5", r"line 18, 'day = 19,5': write 19.5, not 19,5"),
         ("used = false", "", r"'lamps.used'"),
         ("shut = 850.0", "shutt = 850.0", r"'co2.shutt'"),
         ("light_full = 500.0", "light_full = 50.0", "light_from = 100 must be below light_full = 50"),

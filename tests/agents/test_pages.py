@@ -30,7 +30,7 @@ def refused(folder: Path) -> str:
     ("old", "new", "said"),
     [
         ("heating_night: 16.57", "heating_night: 60", "'heating_night' is 60 degC; it must be from 12 to 20 degC"),
-        ("heating_night: 16.57", "heating_night: 15,5", "'heating_night' is '15,5', which is not a number; write it with a point, 15.5"),
+        ("heating_night: 16.57", "heating_night: 15,5", "a number has a decimal point: write 15.5, not 15,5. A list"),
         ("heating_night: 16.57", "heating_night: warm", "'heating_night' is 'warm', which is not a number."),
         ("heating_night: 16.57", "heating_nigth: 16.57", "there is no setting 'heating_nigth'. Did you mean 'heating_night'"),
         ("heating_night: 16.57", "  heating_night: 16.57", "spring.yml at line 12, '  heating_night: 16.57"),

@@ -173,6 +173,8 @@ def test_states_of_another_shape_are_refused() -> None:
         (lambda text: text.replace("heating_day: 19.5", ""), "'heating_day' is missing"),
         (lambda text: text.replace("heating_band: -1.0", "heating_band: 0"), "'heating_band'.*width 0"),
         (lambda text: text.replace("lamps_off: 18.0", "lamps_off: 25"), "'lamps_off' is 25; it must be from 0 to 24"),
+        (lambda text: text.replace("heating_day: 19.5", "heating_day: 48"), "'heating_day' is 48 degC; it must be from 0 to 30 degC"),
+        (lambda text: text.replace("co2_day: 800.0", "co2_day: 8000"), "'co2_day' is 8000 ppm; it must be from 0 to 1600 ppm"),
         (lambda text: text.replace("heating_day: 19.5", "heating_day: warm"), "'heating_day'.*number"),
         (lambda text: text.replace("lamp_rule: code", "lamp_rule: mine"), "'lamp_rule'.*'code' or 'author'"),
         (lambda text: "- 1\n- 2\n", "name: value"),

@@ -44,7 +44,7 @@ def errors_of(content: dict[str, object], inline: str = "") -> str:
         ({}, "'lamps' is missing."),
         ({"lamps": {"from": 30}}, "'lamps.from' is 30; it must be from 0 to 24."),
         ({"lamps": {"from": 1, "power": -1}}, "'lamps.power' is -1 W m-2; it must be from 0 to 200 W m-2."),
-        ({"lamps": {"from": "1,5"}}, "'lamps.from' is '1,5', which is not a number; write it with a point, 1.5."),
+        ({"lamps": {"from": "1,5"}}, "'lamps.from' is '1,5', which is not a number: write 1.5, not 1,5."),
         ({"lamps": {"from": 1, "powr": 1}}, "there is no setting 'lamps.powr'. Did you mean 'power'?"),
         ({"lamps": {"from": 1}, "zones": {"a": {"from": 25}}}, "'zones.a.from' is 25; it must be from 0 to 24."),
         ({"lamps": {"from": 1}, "count": 2}, "'count': CO2 sensors are odd in number."),

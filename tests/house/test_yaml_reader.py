@@ -44,6 +44,11 @@ REFUSED = {
     "an escape": (b"a: \x1b[2J", r"line 1, 'a: .x1b\[2J': the character U\+001B"),
     "half a character": ('a: 1\nb: "\\ud800"', "line 2, .*half a character"),
     "a tab": ("a:\n\tb: 1", "line 2, .*it begins with a tab"),
+    "a decimal comma": (
+        "a: 1\nb:\n  c: -18,5\n",
+        "line 3, '  c: -18,5': a number has a decimal point: write -18.5, not -18,5",
+    ),
+    "a decimal comma in thousands": ("a: 1.600,5", "write 1600.5, not 1.600,5"),
     "an open bracket": ("a: [1", "Every line is 'name: value'"),
     "an open quote": ('a: "1', "Every line is 'name: value'"),
     "two documents": ("a: 1\n---\na: 2", "Every line is 'name: value'"),

@@ -55,6 +55,7 @@ START_TABLE = "[initial_state]"
         ("schema = 1", "schema = 3", "schema = 3 is not allowed. It must be 1 or 2."),
         ('id = "mylab/', 'id = "', "It must be an id in quotes with a namespace and a version"),
         (START_TABLE, "[model.overrides]\nhAir = 5.0\n" + START_TABLE, 'Write hAir with its unit: hAir = { value = ..., unit'),
+        ("value = 0.09, unit", "value = 0,09, unit", 'unit = "EUR kWh-1" }\': write 0.09, not 0,09. Correct that line'),
         ("[prices]", "[prices", "is no valid TOML: Expected ']' at the end of a table declaration (at line"),
     ],
 )  # fmt: skip
