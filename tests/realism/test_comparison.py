@@ -156,7 +156,7 @@ def test_what_is_stored_comes_back_and_holds_no_day(
 def test_a_page_of_settings_is_checked(tmp_path: Path) -> None:
     page, text = tmp_path / "page.toml", SHIPPED.read_text(encoding="utf-8")
     for before, after, words in (
-        ("day = 19.5", "day = 95.0", r"'heating.day' is 95; it must be from -20 to 50"),
+        ("day = 19.5", "day = 95.0", r"'heating.day' is 95 degC; it must be from 0 to 30 degC"),
         ("[screen]", "[screens]", r"'screen' is missing; there is no setting 'screens'. Did you mean 'screen'"),
         ("hps = 81.0", "hps = 'many'", r"'lamps.hps' is 'many', which is not a number"),
         ("high_until = 23.0", "high_until = 7.0", r"'lamps': high_from = 7 must be below high_until = 7"),
