@@ -1,4 +1,4 @@
-"""The tasks of docs/energy.md, for the tests of several rooms."""
+"""The tasks of docs/energy.md and its two sisters, for the tests of several rooms."""
 
 from __future__ import annotations
 
@@ -11,7 +11,11 @@ from typing import Any
 
 from glbench.tasks import TaskSpec, get_task
 
-PAGE = (Path(__file__).resolve().parents[1] / "docs" / "energy.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+ENGINE, DISPATCH, HARVESTING = (
+    (DOCS / name).read_text(encoding="utf-8") for name in ("energy.md", "energy-dispatch.md", "heat-harvesting.md")
+)
+PAGE = "\n".join((ENGINE, DISPATCH, HARVESTING))
 
 
 def written(task: str = "mylab/Energy-v1") -> str:

@@ -2,7 +2,7 @@
 
 ``search`` plans scenarios and saves each plan in a small file; ``submit`` replays plans and adopts those that earn more than the best
 known ones. See docs/best-known.md. ``dispatch`` finds the least cost of the energy that a run asked for, and ``energy_costs`` what buffer
-and engine earn by it; see docs/energy.md.
+and engine earn by it; see docs/energy-dispatch.md.
 """
 
 from __future__ import annotations

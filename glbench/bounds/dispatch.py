@@ -61,7 +61,7 @@ def equipment_of(task: TaskSpec) -> Equipment:
     if lacking:
         msg = (
             f"{task.id} has no boiler, engine and buffer to dispatch: its model {task.model_value.id} has no complete energy system "
-            f"('{lacking[0]}' is missing). See docs/energy.md."
+            f"('{lacking[0]}' is missing). See docs/energy-dispatch.md."
         )
         raise GlbenchError(msg)
     return Equipment.of(task.model_value, task.parameters_by_name())

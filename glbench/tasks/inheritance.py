@@ -193,7 +193,7 @@ def _check_parts(inherited: Mapping[str, Any], own: Mapping[str, Any], base: str
                 near = did_you_mean(name, names, list_few=False)
                 msg = (
                     f"{source}: {as_written(base)} has no {table}.{name}.{near} It has {', '.join(names) or 'none'}. A new one also needs "
-                    f"'{key}' and what docs/tasks.md lists."
+                    f"'{key}' and what docs/task-file.md lists."
                 )
                 raise TaskError(msg)
 

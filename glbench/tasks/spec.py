@@ -118,7 +118,7 @@ class TaskSpec(ResolvedTask):
 
     @property
     def digest(self) -> str:
-        """SHA-256 [hex] over definition, parameters, start, observed columns, weather and model; see docs/tasks.md."""
+        """SHA-256 [hex] over definition, parameters, start, observed columns, weather and model; see docs/task-digests.md."""
         return self.fingerprint().digest
 
     @property

@@ -168,7 +168,7 @@ for _module in (
         "radiation, temperature, humidity and wind of coming hours, with errors",
         tables.weather_forecast,
     ),
-    # The groups and units of the published code, so that a task can show its 263 columns (docs/tasks.md).
+    # The groups and units of the published code, so that a task can show its 263 columns (docs/observations.md).
     ObservationModule(
         "published_indoor_climate", "as indoor_climate, CO2 first", tables.of_model("published_indoor_climate")
     ),

@@ -54,7 +54,8 @@ def test_names_are_in_the_order_of_the_vectors() -> None:
 
 def test_every_name_is_explained_in_the_nomenclature() -> None:
     docs = Path(__file__).parents[2] / "docs"
-    page = "".join((docs / name).read_text(encoding="utf-8") for name in ("nomenclature.md", "model-symbols.md"))
+    pages = ("nomenclature.md", "model-symbols.md", "crop-symbols.md")
+    page = "".join((docs / name).read_text(encoding="utf-8") for name in pages)
 
     models = (LETTUCE, TOMATO_ENERGY, TOMATO_HEAT_PUMP)
     others = (entry for model in models for entry in (*model.states, *model.controls, *model.auxiliaries))

@@ -1,4 +1,4 @@
-"""What docs/tasks.md shows is true."""
+"""What docs/tasks.md, task-file.md and observations.md show is true."""
 
 from __future__ import annotations
 
@@ -32,12 +32,13 @@ from glbench.tasks.tables import (
 from glbench.weather import load_weather, save_weather
 
 Write = Callable[[str], Path]
-PAGE = Path(__file__).parents[2] / "docs" / "tasks.md"
+DOCS = Path(__file__).parents[2] / "docs"
+PAGES = ("tasks.md", "task-file.md", "observations.md")
 
 
 @pytest.fixture(scope="module")
 def page() -> str:
-    return PAGE.read_text(encoding="utf-8")
+    return "\n".join((DOCS / name).read_text(encoding="utf-8") for name in PAGES)
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -52,7 +53,7 @@ def block(page: str, language: str, words: str) -> str:
 def run_block(page: str, words: str) -> dict[str, Any]:
     """Names of the block of Python with ``words`` in it, after it ran."""
     names: dict[str, Any] = {}
-    exec(compile(block(page, "python", words), str(PAGE), "exec"), names)
+    exec(compile(block(page, "python", words), ", ".join(PAGES), "exec"), names)
     return names
 
 
@@ -161,7 +162,7 @@ def keep_record(name: str, days: int) -> None:
 
 def test_the_task_with_weather_of_ones_own_runs(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GLBENCH_DATA", str(tmp_path / "data"))
-    text = block(PAGE.with_name("weather.md").read_text(encoding="utf-8"), "toml", "OwnWeather-v1")
+    text = block((DOCS / "weather.md").read_text(encoding="utf-8"), "toml", "OwnWeather-v1")
     keep_record("my-greenhouse", 12)
     with GreenhouseEnv(write(text), split="test") as env:
         env.reset(seed=1)
