@@ -78,7 +78,9 @@ def test_the_page_on_heat_harvesting_has_the_values_of_the_table_and_every_flow(
     assert f"in {1e6 * p.e_buf_cold_max / power / 60:.0f} minutes" in HARVESTING
     assert 1e6 * p.e_buf_hot_max / p.p_buf_hot / 3600 == pytest.approx(1.5, abs=0.06)
     _, sensible, condensed, latent = cooler(20.0, 2000.0, power, p.L, p)
-    assert f"\n{sensible:.0f} W m-2 as heat and {latent:.0f} W m-2 as vapour, {3600 * condensed:.2f} litres" in HARVESTING
+    assert (
+        f"\n{sensible:.0f} W m-2 as heat and {latent:.0f} W m-2 as vapour, {3600 * condensed:.2f} litres" in HARVESTING
+    )
     for flow in TOMATO_HEAT_PUMP.flows():
         if flow.name not in {"fruit_growth", "fruit_harvested"}:
             assert re.search(rf"^\| .*`{flow.name}`.* \|", HARVESTING, flags=re.MULTILINE), flow.name
