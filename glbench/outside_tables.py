@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Final, Literal
-from zipfile import BadZipFile, ZipFile
+from zipfile import BadZipFile
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -83,11 +83,12 @@ _EXCEL_EPOCH = -2209161600  # 1899-12-30 in seconds since 1970
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[ '\u00a0\u202f]\d{3})*|\d{1,3}(?:[.,]\d{3})+)?(?:[.,]\d+)?(?:[eE][+-]?\d+)?")
 _ISO_DATE = re.compile(r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})|(\d{4})(\d\d)(\d\d)")
 _OTHER_DATE = re.compile(r"(\d{1,2})([-/.])(\d{1,2})\2(\d{4}|\d\d)")
-_STAMP = re.compile(
+STAMP: Final = re.compile(
     r"(?P<date>\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{8}|\d{1,2}[-/.]\d{1,2}[-/.](?:\d{4}|\d\d))"
     r"(?:(?:[T_ ,]|\s)+(?P<hour>\d{1,2}):?(?P<minute>\d\d)?(?::(?P<second>\d\d)(?:[.,]\d+)?)?\s*(?P<half>[AaPp]\.?[Mm]\.?)?"
     r"\s*(?P<offset>Z|UTC|GMT|[+-]\d\d:?(?:\d\d)?)?(?:\s*\(?[A-Z]{3,4}\)?)?)?"
 )
+"""A date, with a time of day and its offset from UTC where there are any."""
 DateOrder = Literal["year first", "day first", "month first"]
 
 
@@ -184,18 +185,14 @@ def _only_member(path: Path, refusal: type[GlbenchError]) -> bytes:
         if len(members) != 1:
             msg = f"{path} holds {len(members)} files. Unpack it, and import the table that you need."
             raise refusal(msg)
-        return _unpacked(archive, members[0], path, refusal)
-
-
-def _unpacked(archive: ZipFile, member: str, path: Path, refusal: type[GlbenchError]) -> bytes:
-    try:
-        with archive.open(member) as file:
-            data = read_pieces(file.read, LARGEST_TABLE + 1)
-    except RuntimeError as error:  # encrypted
-        msg = f"{path} is locked with a password. Unpack it first."
-        raise refusal(msg) from error
+        try:
+            with archive.open(members[0]) as file:
+                data = read_pieces(file.read, LARGEST_TABLE + 1)
+        except RuntimeError as error:  # encrypted
+            msg = f"{path} is locked with a password. Unpack it first."
+            raise refusal(msg) from error
     if len(data) > LARGEST_TABLE:
-        msg = f"{path}: {visible(member)} expands to more than {LARGEST_TABLE // MIB} MiB. Split it."
+        msg = f"{path}: {visible(members[0])} expands to more than {LARGEST_TABLE // MIB} MiB. Split it."
         raise refusal(msg)
     return data
 
@@ -328,7 +325,11 @@ def split_table(
     lines = text.split("\n")
     delimiter = _delimiter(lines)
     try:
-        parsed = _parsed_lines(lines, delimiter)
+        # the number of the line on which each row ends, from 1, and its fields; empty lines are left out
+        reader = csv.reader((line + "\n" for line in lines), delimiter=delimiter, skipinitialspace=True, strict=True)
+        parsed = [
+            (reader.line_num, [field.strip() for field in fields]) for fields in reader if any(map(str.strip, fields))
+        ]
     except csv.Error as error:
         msg = f"{file} cannot be split into columns: a quotation mark is never closed, or a field is too long. Correct the file."
         raise refusal(msg) from error
@@ -369,16 +370,6 @@ def split_table(
     return TextTable(file, refusal, table.preamble, table.titles, rows, numbers, decimal or _decimal(table))
 
 
-def _parsed_lines(lines: Sequence[str], delimiter: str) -> list[tuple[int, list[str]]]:
-    """Number of the line on which each row ends, from 1, and its fields, stripped; empty lines are left out."""
-    reader = csv.reader((line + "\n" for line in lines), delimiter=delimiter, skipinitialspace=True, strict=True)
-    return [
-        (reader.line_num, [field.strip() for field in fields])
-        for fields in reader
-        if fields and any(map(str.strip, fields))
-    ]
-
-
 def _delimiter(lines: Sequence[str]) -> str:
     """What separates the columns: what divides the last lines into the same number of fields; a comma only where nothing else does."""
     sample = [line for line in lines[-4 * _SAMPLE_LINES :] if line.strip() and not line.lstrip().startswith("#")][
@@ -399,11 +390,15 @@ def _first_titles(
 ) -> int | None:
     if is_titles is not None:
         return next((i for i, (_, fields) in enumerate(parsed) if is_titles(fields)), None)
-    widths = Counter(len(fields) for _, fields in parsed[-_SAMPLE_LINES:])
+    widths = Counter(len(fields) for _, fields in parsed[-_SAMPLE_LINES:] if not fields[0].startswith("#"))
     width = max(widths, key=lambda count: (widths[count], count), default=0)
     for i, (_, fields) in enumerate(parsed):
         if len(fields) >= width > 1 and _holds_values(fields) and not fields[0].startswith("#"):
-            above = [j for j in range(i) if len(parsed[j][1]) >= width - 1 and not _holds_values(parsed[j][1])]
+            above = [
+                j
+                for j, (_, titles) in enumerate(parsed[:i])
+                if len(titles) >= width - 1 and not _holds_values(titles) and not titles[0].startswith("#")
+            ]
             if (
                 len(above) > 1
                 and above[-1] == above[-2] + 1
@@ -526,7 +521,7 @@ def _parsed_stamps(table: TextTable, texts: Sequence[str], name: str, order: Dat
         return counts
     matches: list[re.Match[str]] = []
     for i, text in enumerate(texts):
-        match = _STAMP.fullmatch(text.strip())
+        match = STAMP.fullmatch(text.strip())
         if match is None:
             problem = (
                 f"'{visible(text[:60])}' is not a time such as 2024-02-13 23:00 or 13-02-2024 23:00. Correct the file."

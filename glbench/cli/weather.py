@@ -110,16 +110,108 @@ def import_file(
     ] = None,
     year: Annotated[int | None, typer.Option(help="EPW, TMY: the common year given to a typical year (2001).")] = None,
     station: Annotated[int | None, typer.Option(help="KNMI: number of the station, in a file of several.")] = None,
+    place: Annotated[
+        str | None,
+        typer.Option(
+            "--place",
+            metavar="LAT,LON[,ALT]",
+            help="Degrees north, degrees east, metres above the sea; before those of the file.",
+        ),
+    ] = None,
+    columns: Annotated[
+        Path | None,
+        typer.Option("--columns", help="Column map (TOML) of the file, as `glbench weather columns` writes it."),
+    ] = None,
     fill_gaps: FillGaps = 0,
     replace: Replace = False,
 ) -> None:
     """Check a weather file and keep it under a name."""
     from glbench.weather import read_weather, save_weather
+    from glbench.weather.store import check_new_name
 
+    check_new_name(name, overwrite=replace)
     record = read_weather(
-        file, file_format, name=name, timezone=timezone, year=year, station=station, fill_gaps=fill_gaps
+        file,
+        file_format,
+        name=name,
+        timezone=timezone,
+        year=year,
+        station=station,
+        coordinates=None if place is None else _coordinates(place),
+        columns=columns,
+        fill_gaps=fill_gaps,
     )
     _report_saved(record, save_weather(record, name, overwrite=replace))
+
+
+def _coordinates(text: str) -> tuple[float, float, float]:
+    """Degrees north, degrees east and metres of a ``--place``."""
+    from glbench.errors import WeatherError
+
+    try:
+        latitude, longitude, *rest = (float(part) for part in text.split(","))
+        altitude, *more = rest or [0.0]
+    except ValueError:
+        more = [0.0]
+    if more:
+        msg = f"--place '{text}' is not a latitude and a longitude in degrees, such as 52.0,4.5, or 52.0,4.5,-4 with the altitude [m]."
+        raise WeatherError(msg)
+    return latitude, longitude, altitude
+
+
+@app.command("columns")
+def columns_of(
+    file: Annotated[Path, typer.Argument(help="A table, such as the export of a climate computer.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="The map's file; FILE with .columns.toml by default.")
+    ] = None,
+    replace: Annotated[bool, typer.Option("--replace", help="Replace a map that exists.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Propose which column of a table is what, and write it as a column map for you to check."""
+    from glbench.errors import WeatherError
+    from glbench.weather import guess_column_map, write_column_map
+
+    path = out or file.with_suffix(".columns.toml")
+    if path.exists() and not replace:
+        msg = f"{path} exists already. Choose another name with --out, or replace it with --replace."
+        raise WeatherError(msg)
+    columns, checks, unused = guess_column_map(file)
+    write_column_map(columns, checks, unused, file, path)
+    view = console.table(f"Columns of {file.name}", "quantity", "column", "unit", "check", fold=("column", "check"))
+    view.add(
+        "time", " and ".join(columns.time), columns.dates or "", "start, middle or end of the interval? which clock?"
+    )
+    for quantity, entry in columns.columns.items():
+        view.add(quantity, entry.column, entry.unit, checks.get(quantity, ""))
+    lines = [
+        *([console.Line(f"Left out: {', '.join(unused)}")] if unused else []),
+        console.Line(f"Written: {path}. Check it, then:"),
+        console.Line(
+            f"  glbench weather import {file} --name NAME --columns {path} --place LATITUDE,LONGITUDE,ALTITUDE"
+        ),
+    ]
+    document = {**columns.model_dump(exclude_none=True), "check": checks, "unused": unused, "file": str(path)}
+    console.show(console.View([view, *lines], document), as_json=as_json)
+
+
+@app.command("export")
+def export(
+    name: Annotated[str, typer.Argument(help="Name of a record, as in `glbench weather list`.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The file (.csv); `glbench weather import` reads it again.")],
+    replace: Annotated[bool, typer.Option("--replace", help="Replace a file that exists.")] = False,
+) -> None:
+    """Write a record as a CSV with units in its titles and the place in its comments."""
+    from glbench.errors import WeatherError
+    from glbench.weather import load_weather
+    from glbench.weather.store import write_csv
+
+    record = load_weather(name)
+    if out.exists() and not replace:
+        msg = f"{out} exists already. Choose another name, or replace it with --replace."
+        raise WeatherError(msg)
+    write_csv(record, out)
+    console.write(f"Weather '{name}': {record.period}, {record.hours:,} h, SHA-256 {record.digest[:12]}, in {out}")
 
 
 @app.command("fetch")
@@ -326,16 +418,19 @@ def _moment(moment: dt.datetime) -> str:
 
 
 def _report_saved(record: WeatherRecord, path: Path) -> None:
+    from glbench.outside_tables import Check
     from glbench.weather.summary import doubts, in_figures
 
+    check = Check(record.notes, tuple(doubts(record)))
     console.write(
         f"Weather '{path.stem}': {record.period}, {record.hours:,} h, SHA-256 {record.digest[:12]}, in {path}"
     )
-    for note in record.notes:
+    for note in check.notes:
         console.write(f"Note: {note}")
     for figures in in_figures(record):
         console.write(f"  {figures}")
-    console.put_parts(console.paragraph(f"Warning: {doubt}", "yellow", aside=True) for doubt in doubts(record))
+    console.write(f"The record is {check.verdict}{':' if check.doubts else '.'}")
+    console.put_parts(console.paragraph(f"Warning: {doubt}", "yellow", aside=True) for doubt in check.doubts)
 
 
 def _as_json(one: WeatherInfo | WeatherRecord, *fields: str, **more: object) -> dict[str, Any]:

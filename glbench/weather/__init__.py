@@ -22,9 +22,16 @@ from glbench.weather.series import PREPROCESSINGS, Disturbances, disturbances
 from glbench.weather.store import find_weather, list_weather, load_weather, save_weather, user_file
 
 if TYPE_CHECKING:
-    from glbench.weather.readers import FORMATS, read_csv, read_epw, read_tmy, read_weather
+    from glbench.weather.column_map import ColumnMap, guess_column_map, read_columns, read_csv, write_column_map
+    from glbench.weather.readers import FORMATS, read_epw, read_tmy, read_weather
 else:
-    __getattr__ = lazy_names(__name__, {"readers": ("FORMATS", "read_csv", "read_epw", "read_tmy", "read_weather")})
+    __getattr__ = lazy_names(
+        __name__,
+        {
+            "column_map": ("ColumnMap", "guess_column_map", "read_columns", "read_csv", "write_column_map"),
+            "readers": ("FORMATS", "read_epw", "read_tmy", "read_weather"),
+        },
+    )
 
 __all__ = [
     "COLUMNS",
@@ -32,6 +39,7 @@ __all__ = [
     "PREPROCESSINGS",
     "QUANTITIES",
     "Blocks",
+    "ColumnMap",
     "Disturbances",
     "GeneratedSeason",
     "Place",
@@ -41,8 +49,10 @@ __all__ = [
     "disturbances",
     "fetch_knmi",
     "find_weather",
+    "guess_column_map",
     "list_weather",
     "load_weather",
+    "read_columns",
     "read_csv",
     "read_epw",
     "read_knmi",
@@ -50,4 +60,5 @@ __all__ = [
     "read_weather",
     "save_weather",
     "user_file",
+    "write_column_map",
 ]

@@ -15,67 +15,25 @@ nominal year from 1 January 00:00 UTC, whole. An EPW whose rows all carry one ye
 from __future__ import annotations
 
 import calendar
-import csv
-import datetime as dt
-import io
-import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 import numpy as np
 
-from glbench.errors import SEMICOLONS, UnknownNameError, WeatherError, did_you_mean
+from glbench.errors import UnknownNameError, WeatherError, did_you_mean
 from glbench.untrusted import reason_of
 from glbench.weather import record
+from glbench.weather.column_map import EXPECTED_HEADER, guess_quantity, read_columns, read_csv
 from glbench.weather.knmi import read_knmi
-from glbench.weather.preprocessing import KELVIN
 from glbench.weather.store import read_stored
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
-    "air_temperature": {"degC": (1.0, 0.0), "K": (1.0, -KELVIN)},
-    "relative_humidity": {"%": (1.0, 0.0)},
-    "wind_speed": {"m/s": (1.0, 0.0), "km/h": (1 / 3.6, 0.0)},
-    "global_radiation": {"W/m2": (1.0, 0.0), "Wh/m2": (1.0, 0.0), "J/cm2": (1 / 0.36, 0.0)},
-    "cloud_cover": {"octants": (1.0, 0.0), "tenths": (0.8, 0.0), "%": (0.08, 0.0)},
-    "sky_infrared": {"W/m2": (1.0, 0.0)},
-    "sky_temperature": {"degC": (1.0, 0.0), "K": (1.0, -KELVIN)},
-}
-"""For every column, the units it may come in: factor and offset to the canonical unit."""
-
-TIME_COLUMNS = {"slot_end [UTC]": 0, "slot_start [UTC]": record.SLOT_SECONDS}
-_MOST_PROBLEMS = 12
-_LONGEST_HEADER = 300
-_TITLES = {f"{quantity} [{unit}]": quantity for quantity, units in UNITS.items() for unit in units}
-_EXPECTED = (
-    "slot_end [UTC]",
-    "air_temperature [degC]",
-    "relative_humidity [%]",
-    "wind_speed [m/s]",
-    "global_radiation [W/m2]",
-    "cloud_cover [octants]",
-)
-EXPECTED_HEADER = (
-    f"{','.join(_EXPECTED)}\n  Other units, sky_infrared or sky_temperature instead of cloud_cover, and the comment lines above it: "
-    "docs/weather.md."
-)
-"""The line of titles that a CSV needs, and where the rest is explained."""
-_SHORT = {
-    "slot_end [UTC]": ("time", "date", "datetime", "date_time", "timestamp", "utc", "slot_end"),
-    "air_temperature [degC]": ("temp", "temperature", "t", "tair", "t_air", "tout", "air_temp", "outdoor_temperature"),
-    "relative_humidity [%]": ("rh", "humidity", "relhum", "rel_humidity"),
-    "wind_speed [m/s]": ("wind", "windspeed", "ws", "wind_velocity"),
-    "global_radiation [W/m2]": ("radiation", "ghi", "rad", "solar", "solar_radiation", "global", "iglob", "glob"),
-    "cloud_cover [octants]": ("cloud", "clouds", "cloudiness"),
-}
-REQUIRED_KEYS = ("latitude", "longitude", "altitude", "timezone")
-TEXT_KEYS = ("station", "source", "licence")
 NOMINAL_YEAR = 2001
 """Year given to typical years: a common year, like every typical year."""
 YEAR_HOURS = 8760
@@ -112,158 +70,6 @@ TMY2_COLUMNS: _Sources = {
 Format = Literal["knmi", "epw", "tmy", "csv", "parquet"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 _HEAD_BYTES = 65536
-
-
-def read_csv(path: Path | str, *, name: str | None = None, fill_gaps: int = 0) -> record.WeatherRecord:
-    """Weather record of a CSV in the form documented in docs/weather.md.
-
-    Raises
-    ------
-    WeatherError
-        When a column, unit or comment is missing or unknown, a value is not a number, or the hours have gaps; names file, row
-        and value.
-    """
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        msg = f"Cannot read {path}: {reason_of(error)}. The file must exist and be UTF-8 text."
-        raise WeatherError(msg) from error
-    file = str(path)
-    comments, header, rows, numbers = _split(text, file)
-    titles = _columns(file, header)
-    origin, timing = _described(file, comments, name or path.stem.lower())
-    time_title = next(title for title in header if title in TIME_COLUMNS)
-    position = header.index(time_title)
-    ends = np.empty(len(rows), dtype=np.int64)
-    for i, (number, row) in enumerate(zip(numbers, rows, strict=True)):
-        try:
-            moment = dt.datetime.fromisoformat(row[position])
-        except ValueError as error:
-            msg = f"{file}, row {number}: '{row[position]}' is no time such as 2010-03-01T05:00Z. Correct the file."
-            raise WeatherError(msg) from error
-        if moment.tzinfo is None:
-            moment = moment.replace(tzinfo=dt.UTC)
-        ends[i] = int(moment.timestamp()) + TIME_COLUMNS[time_title]
-    columns: dict[str, record.FloatArray] = {}
-    for quantity, title in titles.items():
-        factor, offset = UNITS[quantity][title[title.index("[") + 1 : -1]]
-        position = header.index(title)
-        values = [
-            _number(file, number, title, row[position])
-            if row[position]
-            else math.nan  # an empty field is a missing value
-            for number, row in zip(numbers, rows, strict=True)
-        ]
-        columns[quantity] = np.asarray(np.array(values) * factor + offset)
-    return record.assemble(
-        record.Rows(file, ends, columns, timing, np.array(numbers, dtype=np.int64)), origin, fill_gaps=fill_gaps
-    )
-
-
-def _split(text: str, file: str) -> tuple[dict[str, str], list[str], list[list[str]], list[int]]:
-    """Comments, header, rows, and the rows' line numbers."""
-    comments: dict[str, str] = {}
-    header: list[str] = []
-    rows: list[list[str]] = []
-    numbers: list[int] = []
-    for number, line in enumerate(io.StringIO(text), start=1):
-        if line.lstrip().startswith("#"):
-            key, colon, value = line.lstrip("# \t").partition(":")
-            if colon:
-                comments[key.strip()] = value.strip()
-        elif line.strip():
-            fields = [field.strip() for field in next(csv.reader([line]))]
-            if not header:
-                if ";" in line:
-                    msg = f"{file}, row {number}: {SEMICOLONS}"
-                    raise WeatherError(msg)
-                header = fields
-                continue
-            if len(fields) != len(header):
-                msg = f"{file}, row {number}: {len(fields)} fields instead of {len(header)}. Is the file whole?"
-                raise WeatherError(msg)
-            rows.append(fields)
-            numbers.append(number)
-    if not rows:
-        msg = f"{file} holds no hourly values. Is it the right file, and whole?"
-        raise WeatherError(msg)
-    return comments, header, rows, numbers
-
-
-def _columns(file: str, header: Sequence[str]) -> dict[str, str]:
-    """Title of each quantity's column; every title must be known, so that a misspelt one is not quietly left out."""
-    titles: dict[str, str] = {}
-    problems = []
-    for title in header:
-        if title in TIME_COLUMNS:
-            continue
-        quantity = _TITLES.get(title)
-        if quantity is None:
-            near = meant_by(title)
-            hint = f" Did you mean '{near}'?" if near else did_you_mean(title, [*_TITLES, *TIME_COLUMNS])
-            problems.append(f"unknown column '{title}'.{hint}")
-        elif quantity in titles:
-            problems.append(f"two columns for {quantity}: '{titles[quantity]}' and '{title}'. Keep one.")
-        else:
-            titles[quantity] = title
-    if not any(title in TIME_COLUMNS or meant_by(title) in TIME_COLUMNS for title in header):
-        problems.append(f"no time column. Name it '{next(iter(TIME_COLUMNS))}' or 'slot_start [UTC]'.")
-    if problems:
-        missing = [
-            title for title in _EXPECTED if _TITLES.get(title) in record.QUANTITIES and _TITLES[title] not in titles
-        ]
-        lines = [*problems[:_MOST_PROBLEMS], *([f"missing: {', '.join(missing)}"] if missing else [])]
-        listed, titles_there = "\n".join(f"  - {line}" for line in lines), ",".join(header)[:_LONGEST_HEADER]
-        msg = f"{file}: the titles of its columns cannot be used.\n{listed}\n  found:    {titles_there}\n  expected: {EXPECTED_HEADER}"
-        raise WeatherError(msg)
-    return titles
-
-
-def meant_by(title: str) -> str | None:
-    """The documented title that a short one such as ``temp`` or ``RH (%)`` seems to mean."""
-    word = re.sub(r"[\[(].*", "", title).strip().lower().replace(" ", "_").replace("-", "_")
-    return next((title for title, words in _SHORT.items() if word in words), None)
-
-
-def _described(file: str, comments: Mapping[str, str], name: str) -> tuple[record.Origin, dict[str, record.Timing]]:
-    timing = dict(record.USUAL_TIMING)
-    keys = (*REQUIRED_KEYS, *TEXT_KEYS, *(f"timing {quantity}" for quantity in record.QUANTITIES))
-    for key, value in comments.items():
-        if key not in keys:
-            msg = (
-                f"{file}: unknown comment '# {key}: ...'.{did_you_mean(key, keys)} Leave other remarks without a colon."
-            )
-            raise WeatherError(msg)
-        if key.startswith("timing "):
-            if value not in get_args(record.Timing):
-                msg = f"{file}: '# {key}: {value}' must be instant (at the slot's end) or mean (over the slot)."
-                raise WeatherError(msg)
-            timing[key.removeprefix("timing ")] = cast(record.Timing, value)
-    if timing["global_radiation"] != "mean":
-        msg = f"{file}: global radiation must be a mean (or sum) over the slot; an instant does not tell the hour's energy."
-        raise WeatherError(msg)
-    missing = [key for key in REQUIRED_KEYS if key not in comments]
-    if missing:
-        msg = f"{file}: the comment lines do not give {', '.join(missing)}. Add a line such as '# {missing[0]}: ...' on top."
-        raise WeatherError(msg)
-    latitude, longitude, altitude = (_number(file, 0, key, comments[key]) for key in REQUIRED_KEYS[:3])
-    place = record.Place(comments.get("station", name), latitude, longitude, altitude, comments["timezone"])
-    source = comments.get("source", f"file {Path(file).name}")
-    return record.Origin(name, place, source, comments.get("licence", "Not stated in the file.")), timing
-
-
-def _number(file: str, row: int, what: str, text: str) -> float:
-    where = f", row {row}" if row else ""
-    try:
-        value = float(text)
-    except ValueError as error:
-        msg = f"{file}{where}: '{text}' for {what} is not a number. Correct the file; leave a missing value empty."
-        raise WeatherError(msg) from error
-    if not math.isfinite(value):
-        msg = f"{file}{where}: '{text}' for {what} is not finite. Correct the file; leave a missing value empty."
-        raise WeatherError(msg)
-    return value
 
 
 @dataclass(frozen=True)
@@ -480,11 +286,14 @@ def read_weather(
     timezone: str | None = None,
     year: int | None = None,
     station: int | None = None,
+    coordinates: record.Coordinates | None = None,
+    columns: Path | None = None,
     fill_gaps: int = 0,
 ) -> record.WeatherRecord:
     """Weather record of a file in any known format (``"auto"``: told from its content).
 
-    ``timezone`` and ``year`` are for EPW and TMY, ``station`` for KNMI; see their readers.
+    ``year`` is for EPW and TMY, ``station`` for KNMI; see their readers. ``coordinates`` (degrees north, degrees east, m above sea level)
+    go before those of the file. ``columns`` is the file of a column map, for tables that are in none of the formats.
 
     Raises
     ------
@@ -494,13 +303,16 @@ def read_weather(
         When the format cannot be told, an option does not belong to it, or its reader refuses the file.
     """
     path = Path(path)
+    if columns is not None:
+        return read_columns(path, columns, name=name, timezone=timezone, coordinates=coordinates, fill_gaps=fill_gaps)
     kind = detect_format(path) if file_format == "auto" else file_format
     if kind not in FORMATS:
         msg = f"There is no weather format '{kind}'.{did_you_mean(kind, ('auto', *FORMATS))}"
         raise UnknownNameError(msg)
     typical = kind in ("epw", "tmy")
     for option, value, fits in (
-        ("--timezone", timezone, typical),
+        ("--timezone", timezone, typical or kind == "csv"),
+        ("--place", coordinates, kind == "csv"),
         ("--year", year, typical),
         ("--station", station, kind == "knmi"),
     ):
@@ -510,7 +322,7 @@ def read_weather(
     if kind == "knmi":
         return read_knmi(path, name=name, station=station, fill_gaps=fill_gaps)
     if kind == "csv":
-        return read_csv(path, name=name, fill_gaps=fill_gaps)
+        return read_csv(path, name=name, timezone=timezone, coordinates=coordinates, fill_gaps=fill_gaps)
     if kind == "parquet":
         return read_stored(path, name)
     read = read_epw if kind == "epw" else read_tmy
@@ -542,14 +354,15 @@ def detect_format(path: Path) -> Format:
         return "epw"
     if "Date (MM/DD/YYYY)" in text:
         return "tmy"
-    if any(f"{quantity} [" in text for quantity in UNITS):
+    if any(f"{quantity} [" in text for quantity in record.QUANTITIES):
         return "csv"
     # Whether the first line that is no comment looks like the titles of a table of weather, if not the documented ones.
     first = next((line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")), "")
-    if sum(meant_by(title.strip(' "\ufeff')) is not None for title in re.split("[,;\t]", first)) > 1:
+    if sum(guess_quantity(title.strip(' "\ufeff')) is not None for title in re.split("[,;\t]", first)) > 1:
         return "csv"
     msg = (
-        f"{path} looks like none of the known weather formats ({', '.join(FORMATS)}). If it is one, name it with --format. "
-        f"The titles of a CSV are:\n  {EXPECTED_HEADER}"
+        f"{path} looks like none of the known weather formats ({', '.join(FORMATS)}). If it is one, name it with --format. For the "
+        f"export of a climate computer, `glbench weather columns {path}` writes a column map. The titles of a CSV of your own are:\n"
+        f"  {EXPECTED_HEADER}"
     )
     raise WeatherError(msg)

@@ -119,6 +119,10 @@ def time_zone(name: str) -> ZoneInfo:
         raise WeatherError(msg) from error
 
 
+Coordinates = tuple[float, float, float]
+"""Degrees north, degrees east, metres above sea level."""
+
+
 @dataclass(frozen=True)
 class Place:
     """Where a record was measured: degrees north and east, metres above sea level, IANA time zone."""
@@ -323,20 +327,7 @@ def assemble(rows: Rows, origin: Origin, *, fill_gaps: int = 0) -> WeatherRecord
         raise WeatherError(msg)
     time_zone(place.timezone)
     check_order(rows)
-    for (
-        name,
-        values,
-    ) in rows.columns.items():  # before gaps are filled: an impossible value must not hide in the filling
-        quantity = QUANTITIES[name]
-        bad = np.flatnonzero((values < quantity.low) | (values > quantity.high))
-        if bad.size:
-            i = int(bad[0])
-            msg = (
-                f"{rows.file}, row {rows.row_numbers[i]}: {name.replace('_', ' ')} of {values[i]:g} {quantity.unit} in the hour ending "
-                f"{utc_text(int(rows.slot_ends[i]))} UTC is impossible (limits {quantity.low:g} to {quantity.high:g} "
-                f"{quantity.unit}; {bad.size} such value{'s' if bad.size > 1 else ''}). Correct the file; values are never clipped."
-            )
-            raise WeatherError(msg)
+    check_values(rows)  # before gaps are filled: an impossible value must not hide in the filling
     rows, notes = _fill(rows, fill_gaps) if fill_gaps > 0 else (rows, ())
     names, dropped = _complete_columns(rows)
     counts: dict[str, IntArray] = {}
@@ -355,6 +346,22 @@ def assemble(rows: Rows, origin: Origin, *, fill_gaps: int = 0) -> WeatherRecord
         typical_year=origin.typical_year,
         notes=(*origin.notes, *notes, *dropped),
     )
+
+
+def check_values(rows: Rows) -> None:
+    """Raise ``WeatherError`` for an impossible value; names the row."""
+    for name, values in rows.columns.items():
+        quantity = QUANTITIES[name]
+        bad = np.flatnonzero((values < quantity.low) | (values > quantity.high))
+        if bad.size:
+            i = int(bad[0])
+            msg = (
+                f"{rows.file}, row {rows.row_numbers[i]}: {name.replace('_', ' ')} of {values[i]:g} {quantity.unit} at "
+                f"{utc_text(int(rows.slot_ends[i]))} UTC is impossible (limits {quantity.low:g} to {quantity.high:g} "
+                f"{quantity.unit}; {bad.size:,} such value{'s' if bad.size > 1 else ''}). Check its unit, or correct the file; values are "
+                "never clipped."
+            )
+            raise WeatherError(msg)
 
 
 def check_order(rows: Rows) -> None:

@@ -156,6 +156,31 @@ def write_record(record: WeatherRecord, path: Path) -> None:
     write_atomically(path, sink.getvalue())
 
 
+def write_csv(record: WeatherRecord, path: Path) -> None:
+    """Write ``record`` as a CSV in the documented form, whole or not at all; ``read_weather`` makes the same values of it."""
+    ends = (record.begin + SLOT_SECONDS * np.arange(1, record.hours + 1, dtype=np.int64)).astype("datetime64[s]")
+    # The fewest digits that give the whole number of thousandths (of radiation: J m-2 in the hour) again.
+    columns = [[repr(value) for value in record.values(name).tolist()] for name in record.counts]
+    place = record.place
+    comments = {
+        "station": place.station,
+        "latitude": repr(place.latitude),
+        "longitude": repr(place.longitude),
+        "altitude": repr(place.altitude),
+        "timezone": place.timezone,
+        "source": record.source,
+        "licence": record.licence,
+        **{f"timing {name}": timing for name, timing in record.timing.items()},
+    }
+    titles = ["slot_end [UTC]", *(f"{name} [{QUANTITIES[name].unit}]" for name in record.counts)]
+    lines = [f"# {key}: {' '.join(value.split())}" for key, value in comments.items()]
+    rows = (
+        ",".join(row)
+        for row in zip(np.datetime_as_string(ends, unit="m", timezone="UTC").tolist(), *columns, strict=True)
+    )
+    write_atomically(path, "\n".join([*lines, ",".join(titles), *rows]) + "\n")
+
+
 def check_new_name(name: str, *, overwrite: bool = False) -> Path:
     """File for a new record ``name``. Raises ``WeatherError`` as ``save_weather`` does."""
     if not NAME.fullmatch(name):

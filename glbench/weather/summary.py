@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from glbench.errors import WeatherError
-from glbench.weather.conserving import TWILIGHT_SINE, sine_of_elevation
+from glbench.weather.conserving import TWILIGHT_SINE
+from glbench.weather.hourly import clear_sky_radiation
 from glbench.weather.preprocessing import saturation_vapour_pressure
-from glbench.weather.record import SLOT_SECONDS, FloatArray, WeatherRecord
+from glbench.weather.record import SLOT_SECONDS, WeatherRecord, time_zone
 
 UNITS: Mapping[str, str] = {
     "hours": "h",
@@ -43,7 +45,12 @@ HIGH_SUN = float(np.sin(np.radians(10.0)))
 BRIGHTEST_LOW, USUAL_HIGH = 0.5, 1.45
 """Limits of the radiation over that of a clear sky, in hours of high sun: 2 % of them exceed the first even in ten dull days, and nine
 tenths stay below the second."""
-_PARTS = 3
+MOST_CLOCK_HOURS = 4.0
+"""Hours by which a clock may differ from the sun: 3.3 h in the west of China."""
+HOTTEST_MEAN, WINDIEST_MEAN = 35.0, 14.0
+"""Means of a record [degC, m s-1] above which the unit is doubted; no place on land has them for a month."""
+STUCK_HOURS = 36
+"""Hours of the same temperature, or the same humidity below 100 %, after which a sensor is doubted."""
 
 
 @dataclass(frozen=True)
@@ -136,13 +143,52 @@ def in_figures(record: WeatherRecord) -> list[str]:
 
 
 def doubts(record: WeatherRecord) -> list[str]:
-    """What about the radiation does not fit the sun over the station, one a sentence or two; empty when nothing does."""
-    moments = record.begin + np.arange(record.hours * _PARTS + 1, dtype=np.float64) * (SLOT_SECONDS / _PARTS)
-    sine = sine_of_elevation(moments, record.place)
-    of_slot = np.stack([sine[part : sine.size - _PARTS + part : _PARTS] for part in range(_PARTS + 1)], axis=1)
-    radiation, highest = record.values("global_radiation"), of_slot.max(axis=1)
-    up = np.maximum(of_slot, 1e-6)
-    clear: FloatArray = np.asarray(1098.0 * up * np.exp(-0.057 / up)).mean(axis=1)  # W m-2, Haurwitz (1945)
+    """What about a record does not fit together, one a sentence or two; empty when nothing does.
+
+    Its clock against its longitude, its radiation against the sun over the station, and the units and the sensors behind its values.
+    """
+    return [*_doubts_of_clock(record), *_doubts_of_values(record), *_doubts_of_radiation(record)]
+
+
+def _doubts_of_clock(record: WeatherRecord) -> list[str]:
+    offset = time_zone(record.timezone).utcoffset(record.first.replace(month=1, tzinfo=None)) or dt.timedelta()
+    ahead, sun = offset / dt.timedelta(hours=1), record.longitude / 15.0
+    apart = abs((ahead - sun + 12.0) % 24.0 - 12.0)
+    if apart <= MOST_CLOCK_HOURS:
+        return []
+    return [
+        f"the clock {record.timezone} is {ahead:+g} h from UTC, but at {record.longitude:g} deg east the sun is {sun:+.1f} h from it. "
+        "Is the zone that of another place, or the longitude's sign wrong (east is plus)?"
+    ]
+
+
+def _doubts_of_values(record: WeatherRecord) -> list[str]:
+    temperature, humidity, wind = (
+        record.values(name) for name in ("air_temperature", "relative_humidity", "wind_speed")
+    )
+    signs = []
+    if temperature.mean() > HOTTEST_MEAN:
+        signs.append(f"the mean temperature is {temperature.mean():.1f} degC. Is it in degrees Fahrenheit?")
+    if humidity.max() <= 1.5:
+        signs.append(f"the highest humidity is {humidity.max():g} %. Is it a fraction (0 to 1) instead of %?")
+    if wind.mean() > WINDIEST_MEAN:
+        signs.append(f"the mean wind is {wind.mean():.1f} m/s. Is it in km/h or knots?")
+    for name, values in (
+        ("air temperature", temperature),
+        ("relative humidity", np.where(humidity >= 100.0, np.nan, humidity)),
+    ):
+        changes = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0, [True]]))
+        longest = int(np.diff(changes).max())
+        if longest >= STUCK_HOURS:
+            signs.append(f"the {name} stays the same for {longest} h in a row. Did the sensor fail?")
+    if record.first.year < 1950 or record.last > dt.datetime.now(dt.UTC) + dt.timedelta(days=366):
+        signs.append(f"the record is of {record.period}. Are the years right?")
+    return signs
+
+
+def _doubts_of_radiation(record: WeatherRecord) -> list[str]:
+    clear, highest = clear_sky_radiation(record.begin, record.hours, record.place)
+    radiation = record.values("global_radiation")
     at_night = int(np.count_nonzero((highest < -TWILIGHT_SINE) & (radiation > DARK_RADIATION)))
     # By how many hours the course of a clear sky has to be late to fit the radiation best.
     shifts = range(-DAY_HOURS // 2, DAY_HOURS // 2 + 1)

@@ -1,0 +1,484 @@
+"""Tables of weather that people have: the documented CSV, and exports of climate computers through a column map.
+
+A **column map** says which column of a table is what, in which unit, on which clock, and where the station is. ``guess_column_map``
+proposes one from the titles and values of a file, ``write_column_map`` writes it as TOML for a person to check, and ``read_columns``
+reads a table through it. The documented CSV (docs/weather.md) carries its map in its titles and comments.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, cast, get_args
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from glbench.errors import WeatherError, did_you_mean
+from glbench.outside_tables import (
+    STAMP,
+    DateOrder,
+    TextTable,
+    parse_number,
+    read_stamps,
+    read_text,
+    split_table,
+    step_of,
+    utc_of_local,
+)
+from glbench.resources import write_atomically
+from glbench.settings import Table, read_settings
+from glbench.untrusted import visible
+from glbench.weather import record
+from glbench.weather.hourly import hourly_record
+from glbench.weather.preprocessing import KELVIN
+
+_JOULES: Mapping[str, float] = {"Wh/m2": 3600.0, "J/cm2": 1e4, "kJ/m2": 1e3, "MJ/m2": 1e6, "J/m2": 1.0}
+"""Units of radiation [J m-2] that are sums over the interval."""
+UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
+    "air_temperature": {"degC": (1.0, 0.0), "K": (1.0, -KELVIN), "degF": (5 / 9, -160 / 9)},
+    "relative_humidity": {"%": (1.0, 0.0), "fraction": (100.0, 0.0)},
+    "wind_speed": {"m/s": (1.0, 0.0), "km/h": (1 / 3.6, 0.0), "mph": (0.44704, 0.0), "kn": (1852 / 3600, 0.0)},
+    # 2.3 umol of PAR a joule of sunlight (Vanthoor 2011, tables 8.1 and 9.1), as in the greenhouse model
+    "global_radiation": {"W/m2": (1.0, 0.0), **dict.fromkeys(_JOULES, (1.0, 0.0)), "umol/m2/s": (1 / 2.3, 0.0)},
+    "cloud_cover": {"octants": (1.0, 0.0), "tenths": (0.8, 0.0), "%": (0.08, 0.0)},
+    "sky_infrared": {"W/m2": (1.0, 0.0)},
+    "sky_temperature": {"degC": (1.0, 0.0), "K": (1.0, -KELVIN), "degF": (5 / 9, -160 / 9)},
+}
+"""For every column, the units it may come in: factor and offset to the canonical unit. Sums of energy are also divided by the interval."""
+_SPELLINGS: Mapping[str, str] = {
+    "c": "degC", "celsius": "degC", "gradc": "degC", "oc": "degC", "f": "degF", "degf": "degF", "kelvin": "K", "pct": "%", "percent": "%",
+    "procent": "%", "%rh": "%", "%rv": "%", "0-1": "fraction", "-": "fraction", "ms-1": "m/s", "m.s-1": "m/s", "m/sec": "m/s",
+    "kmh": "km/h", "kph": "km/h", "km/u": "km/h", "mp/h": "mph", "kt": "kn", "kts": "kn", "knots": "kn", "wm-2": "W/m2", "watt/m2": "W/m2",
+    "w/m^2": "W/m2", "w.m-2": "W/m2", "jcm-2": "J/cm2", "j/cm^2": "J/cm2", "whm-2": "Wh/m2", "wh/m^2": "Wh/m2", "kjm-2": "kJ/m2",
+    "mjm-2": "MJ/m2", "okta": "octants", "oktas": "octants", "octas": "octants", "1/8": "octants", "umolm-2s-1": "umol/m2/s",
+    "umol/m2s": "umol/m2/s",
+}  # fmt: skip
+"""Other spellings of units, in lower case, without spaces and degree signs, with a plain 2 and u."""
+TIME_COLUMNS: Mapping[str, Literal["end", "start"]] = {"slot_end [UTC]": "end", "slot_start [UTC]": "start"}
+_EXPECTED = (
+    "slot_end [UTC]",
+    "air_temperature [degC]",
+    "relative_humidity [%]",
+    "wind_speed [m/s]",
+    "global_radiation [W/m2]",
+)
+EXPECTED_HEADER = (
+    f"{','.join(_EXPECTED)}\n  Other units, cloud_cover, sky_infrared or sky_temperature, and the comment lines above it: "
+    "docs/weather.md."
+)
+"""The line of titles that the documented CSV needs, and where the rest is explained."""
+REQUIRED_KEYS = ("latitude", "longitude", "altitude", "timezone")
+TEXT_KEYS = ("station", "source", "licence")
+_INSIDE = r"kas|greenhouse|indoor|inside|binnen|innen|set|wens|berekend|calc|bodem|soil|pijp|pipe|rail|water|blad|leaf|gewas|crop|cpu"
+_GUESSES: Mapping[str, tuple[str, str]] = {
+    "relative_humidity": (
+        r"\brv\b|\brh\b|rel.*hum|humid|vocht|feuchte|^hum\b|rv_|_rv|rh_|_rh",
+        rf"{_INSIDE}|abs|deficit|vpd|\bvd\b",
+    ),
+    "wind_speed": (r"wind|vent\b|viento|^ws$", rf"{_INSIDE}|dir|richting|gust|stoot|window|luwe"),
+    "sky_infrared": (r"pyrgeo|long.?wave|infrared|langwel", rf"{_INSIDE}|net|up"),
+    "sky_temperature": (r"sky.?temp|hemeltemp", _INSIDE),
+    "cloud_cover": (r"cloud|bewolk|wolken|nubos|\boctants\b", _INSIDE),
+    "global_radiation": (
+        r"straling|radiation|strahlung|solar|pyrano|glob|\bghi\b|irradi|rayonn|radiaci|^rad$|^sun|zon",
+        rf"{_INSIDE}|uitstraling|\bnet|long|diff|direct|\bdni\b|\bdhi\b",
+    ),
+    "air_temperature": (
+        r"temp|tair|t_air|tout|t_out|t_buiten|^t$|\bta\b|dry.?bulb",
+        rf"{_INSIDE}|dauw|dew|wet|natte|sky|hemel",
+    ),
+}
+"""What titles of each quantity look like, and what rules them out; in lower case. The first that fits is taken."""
+
+
+class ColumnEntry(Table):
+    """Which column holds a quantity, and in which unit."""
+
+    column: str
+    unit: str
+    total: Literal["interval", "day"] = "interval"
+    """Of sums of radiation: over each interval, or running since midnight."""
+
+
+class PlaceEntry(Table):
+    """Where the station is: degrees north and east, metres above sea level, IANA time zone."""
+
+    latitude: float
+    longitude: float
+    altitude: float = 0.0
+    station: str = ""
+
+
+class ColumnMap(Table):
+    """Which column of a table is what.
+
+    Attributes
+    ----------
+    time
+        The column of stamps, or those of dates and of times of day.
+    stamps
+        Whether a stamp is the start, the middle or the end of the interval that its row covers.
+    clock
+        IANA zone of the stamps, where they carry no offset from UTC.
+    dates
+        Whether day or month comes first; recognised by default.
+    decimal
+        The decimal sign; recognised by default.
+    columns
+        The column of each quantity, by the quantity's name.
+    timezone
+        IANA zone of the greenhouse's clock; by default that of the stamps.
+    place
+        Where the station is.
+    """
+
+    time: tuple[str, ...] = Field(min_length=1, max_length=2)
+    stamps: Literal["start", "middle", "end"] = "start"
+    clock: str = "UTC"
+    dates: DateOrder | None = None
+    decimal: Literal[".", ","] | None = None
+    columns: dict[str, ColumnEntry]
+    timezone: str | None = None
+    place: PlaceEntry | None = None
+
+    @field_validator("time", mode="before")
+    @classmethod
+    def _one_or_two(cls, value: object) -> object:
+        return (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
+
+    @field_validator("columns")
+    @classmethod
+    def _check_units(cls, columns: dict[str, ColumnEntry]) -> dict[str, ColumnEntry]:
+        for quantity, entry in columns.items():
+            if quantity not in UNITS:
+                msg = f"there is no quantity '{visible(quantity)}'.{did_you_mean(quantity, UNITS)}"
+                raise ValueError(msg)
+            if canonical_unit(quantity, entry.unit) is None:
+                msg = f"{quantity} cannot come in '{visible(entry.unit)}'. Use one of {', '.join(UNITS[quantity])}."
+                raise ValueError(msg)
+        missing = [quantity for quantity in record.REQUIRED if quantity not in columns]
+        if missing:
+            msg = f"no column is named for {', '.join(missing)}, which the model needs."
+            raise ValueError(msg)
+        return columns
+
+
+def canonical_unit(quantity: str, unit: str) -> str | None:
+    """The unit of ``UNITS`` that ``unit`` is a spelling of; ``None`` for one that the quantity cannot have."""
+    plain = re.sub("[ °º]", "", unit.lower()).translate(str.maketrans("²µμ⁻¹", "2uu-1"))
+    spelling = _SPELLINGS.get(plain, plain).lower()
+    return next((name for name in UNITS[quantity] if name.lower() == spelling), None)
+
+
+def read_csv(
+    path: Path | str,
+    *,
+    name: str | None = None,
+    timezone: str | None = None,
+    coordinates: record.Coordinates | None = None,
+    fill_gaps: int = 0,
+) -> record.WeatherRecord:
+    """Weather record of a CSV in the form documented in docs/weather.md.
+
+    ``timezone`` and ``coordinates`` go before those of the comments.
+
+    Raises
+    ------
+    WeatherError
+        When a column, unit or comment is missing or unknown, a value is not a number, or the hours have gaps; names file, row
+        and value.
+    """
+    path = Path(path)
+    text = read_text(path, WeatherError)
+    documented = re.search(rf"^[^#\n]*\b({'|'.join(UNITS)}|slot_end|slot_start) ?\[", text, re.MULTILINE) is not None
+    titles = (
+        (lambda fields: any(_split_title(field)[0] in (*UNITS, "slot_end", "slot_start") for field in fields))
+        if documented
+        else None
+    )
+    table = split_table(text, str(path), WeatherError, is_titles=titles)
+    comments = {
+        key.strip(): value.strip()
+        for key, colon, value in (
+            line.lstrip("# \t").partition(":") for line in table.preamble if line.lstrip().startswith("#")
+        )
+        if colon
+    }
+    entries, time = _documented_columns(table)
+    timing = dict(record.USUAL_TIMING)
+    keys = (*REQUIRED_KEYS, *TEXT_KEYS, *(f"timing {quantity}" for quantity in record.QUANTITIES))
+    for key, value in comments.items():
+        if key not in keys:
+            problem = f"unknown comment '# {visible(key)}: ...'.{did_you_mean(key, keys)} Leave other remarks without a colon."
+            raise table.refuse(problem)
+        if key.startswith("timing "):
+            if value not in get_args(record.Timing):
+                problem = (
+                    f"'# {visible(key)}: {visible(value)}' must be instant (at the slot's end) or mean (over the slot)."
+                )
+                raise table.refuse(problem)
+            timing[key.removeprefix("timing ")] = cast(record.Timing, value)
+    if timing["global_radiation"] != "mean":
+        problem = "global radiation must be a mean (or sum) over the slot; an instant does not tell the hour's energy."
+        raise table.refuse(problem)
+    needed = (*(REQUIRED_KEYS[:3] if coordinates is None else ()), *(REQUIRED_KEYS[3:] if timezone is None else ()))
+    missing = [key for key in needed if key not in comments]
+    if missing:
+        option = "--timezone ZONE" if missing == ["timezone"] else "--place LATITUDE,LONGITUDE,ALTITUDE"
+        problem = f"the comment lines do not give {', '.join(missing)}. Add '# {missing[0]}: ...' on top, or import with {option}."
+        raise table.refuse(problem)
+    if coordinates is None:
+        numbers = {key: parse_number(comments[key], table.decimal) for key in REQUIRED_KEYS[:3]}
+        for key, number in numbers.items():
+            if number is None or not np.isfinite(number):
+                problem = f"'{visible(comments[key])}' for {key} is not a number. Correct the file."
+                raise table.refuse(problem)
+        coordinates = cast(record.Coordinates, tuple(numbers.values()))
+    place = record.Place(
+        comments.get("station", name or path.stem.lower()), *coordinates, timezone or comments["timezone"]
+    )
+    columns = ColumnMap(time=(time,), stamps=TIME_COLUMNS[time], columns=entries)
+    origin = record.Origin(
+        name or path.stem.lower(),
+        place,
+        comments.get("source", f"file {path.name}"),
+        comments.get("licence", "Not stated in the file."),
+    )
+    return _record_of(table, columns, origin, timing, fill_gaps)
+
+
+def read_columns(
+    path: Path | str,
+    columns: ColumnMap | Path | str,
+    *,
+    name: str | None = None,
+    timezone: str | None = None,
+    coordinates: record.Coordinates | None = None,
+    fill_gaps: int = 0,
+) -> record.WeatherRecord:
+    """Weather record of a table through a column map, as ``ColumnMap`` or as its TOML file.
+
+    ``timezone`` and ``coordinates`` go before those of the map.
+
+    Raises
+    ------
+    WeatherError
+        When map and table do not fit together, a value is not a number, or the hours have gaps; names file, row and value.
+    """
+    path = Path(path)
+    if not isinstance(columns, ColumnMap):
+        columns = read_settings(ColumnMap, Path(columns), "the column map", WeatherError, toml=True)
+    table = split_table(read_text(path, WeatherError), str(path), WeatherError, decimal=columns.decimal)
+    zone = timezone or columns.timezone or columns.clock
+    entry = columns.place
+    if coordinates is None:
+        if entry is None:
+            problem = "the column map does not say where the station is. Fill in its [place], or import with --place LATITUDE,LONGITUDE."
+            raise table.refuse(problem)
+        coordinates = (entry.latitude, entry.longitude, entry.altitude)
+    place = record.Place((entry and entry.station) or path.stem, *coordinates, zone)
+    origin = record.Origin(name or path.stem.lower(), place, f"file {path.name}", "Your own measurements.")
+    return _record_of(table, columns, origin, dict(record.USUAL_TIMING), fill_gaps)
+
+
+def _record_of(
+    table: TextTable, columns: ColumnMap, origin: record.Origin, timing: Mapping[str, record.Timing], fill_gaps: int
+) -> record.WeatherRecord:
+    stamps = read_stamps(table, columns.time, columns.dates)
+    zone = record.time_zone(columns.clock)
+    seconds = stamps.seconds if stamps.zoned else utc_of_local(table, stamps.seconds, zone, columns.time[0])
+    step = step_of(seconds) if seconds.size > 1 else record.SLOT_SECONDS
+    ends = seconds + {"start": step, "middle": step // 2, "end": 0}["start" if stamps.length else columns.stamps]
+    values: dict[str, record.FloatArray] = {}
+    for quantity, entry in columns.columns.items():
+        numbers = table.numbers(entry.column, sentinels=(-999.0, -9999.0))
+        unit = cast(str, canonical_unit(quantity, entry.unit))
+        if entry.total == "day":
+            rises = np.diff(numbers, prepend=np.nan)
+            numbers = np.where(rises >= 0, rises, numbers)  # it starts again at midnight
+        factor, offset = UNITS[quantity][unit]
+        # one rounded division, so that J/cm2 and Wh/m2 come out whole
+        values[quantity] = numbers * _JOULES[unit] / step if unit in _JOULES else np.asarray(numbers * factor + offset)
+    running = any(entry.total == "day" for entry in columns.columns.values())
+    usable = slice(1 if running else 0, None)  # the first of a running sum has none before it
+    values = {quantity: numbers[usable] for quantity, numbers in values.items()}
+    rows = record.Rows(table.file, ends[usable], values, dict(timing), np.array(table.lines, dtype=np.int64)[usable])
+    return hourly_record(rows, origin, fill_gaps=fill_gaps)
+
+
+def _documented_columns(table: TextTable) -> tuple[dict[str, ColumnEntry], str]:
+    """Columns of the documented CSV and its time column; every title must be known, so that a misspelt one is not quietly left out."""
+    entries: dict[str, ColumnEntry] = {}
+    problems = []
+    titles = [f"{quantity} [{unit}]" for quantity, units in UNITS.items() for unit in units]
+    for title in table.titles:
+        if title in TIME_COLUMNS:
+            continue
+        quantity, unit = _split_title(title)
+        own_unit = canonical_unit(quantity, unit) if quantity in UNITS and unit else None
+        if own_unit is None:
+            near = guess_quantity(title)
+            means = (
+                f"{near} [{next(iter(UNITS[near]))}]"
+                if near
+                else "slot_end [UTC]"
+                if re.match("date|time|utc|stamp", title.lower())
+                else ""
+            )
+            hint = f" Did you mean '{means}'?" if means else did_you_mean(title, [*titles, *TIME_COLUMNS])
+            problems.append(f"unknown column '{visible(title)}'.{hint}")
+        elif quantity in entries:
+            problems.append(f"two columns for {quantity}: '{entries[quantity].column}' and '{title}'. Keep one.")
+        else:
+            entries[quantity] = ColumnEntry(column=title, unit=own_unit)
+    time = next((title for title in table.titles if title in TIME_COLUMNS), None)
+    if time is None:
+        problems.append("no time column. Name it 'slot_end [UTC]' or 'slot_start [UTC]'.")
+    missing = [title for title in _EXPECTED if title not in TIME_COLUMNS and _split_title(title)[0] not in entries]
+    if problems or missing or time is None:
+        lines = [*problems[:12], *([f"missing: {', '.join(missing)}"] if missing else [])]
+        listing, titles_there = "\n".join(f"  - {line}" for line in lines), visible(",".join(table.titles)[:300])
+        problem = (
+            f"the titles of its columns cannot be used.\n{listing}\n  titles:   {titles_there}\n  expected: {EXPECTED_HEADER}\n"
+            f"  For an export that has other titles, `glbench weather columns {Path(table.file).name}` writes a column map."
+        )
+        raise table.refuse(problem)
+    return entries, time
+
+
+def _split_title(title: str) -> tuple[str, str]:
+    """Words and unit of a title such as ``Buitentemp [°C]`` or ``wind (m/s)``; the unit is empty where there is none."""
+    match = re.fullmatch(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*", title)
+    return (match[1].strip(), match[2].strip()) if match else (title.strip(), "")
+
+
+def guess_quantity(title: str) -> str | None:
+    """The quantity that a title such as ``Buitentemp [°C]`` or ``RH (%)`` seems to mean."""
+    words = re.sub(r"[_.]", " ", _split_title(title)[0].lower())
+    return next(
+        (
+            quantity
+            for quantity, (fits, not_this) in _GUESSES.items()
+            if re.search(fits, words) and not re.search(not_this, words)
+        ),
+        None,
+    )
+
+
+def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[str]]:
+    """A column map for a table, as far as titles and values tell; what to check about a column, by its quantity; the columns left out.
+
+    Raises
+    ------
+    WeatherError
+        When the file is not a table, or no column looks like the time or one of the quantities that the model needs.
+    """
+    table = split_table(read_text(Path(path), WeatherError), str(path), WeatherError)
+    time = _time_titles(table)
+    entries: dict[str, ColumnEntry] = {}
+    checks: dict[str, str] = {}
+    # titles that name the outside before those that do not
+    order = sorted(
+        table.titles, key=lambda title: re.search(r"buiten|out|ext|au(ss|ß)en|meteo|weer", title.lower()) is None
+    )
+    for title in (title for title in order if title not in time):
+        quantity = guess_quantity(title)
+        if quantity is None:
+            continue
+        if quantity in entries:
+            checks[quantity] = f"or is it '{visible(title)}'?"
+            continue
+        _, unit = _split_title(title)
+        own_unit = canonical_unit(quantity, unit) if unit else None
+        if own_unit is None:
+            own_unit = next(iter(UNITS[quantity]))
+            checks[quantity] = (
+                f"the unit {visible(unit)!r} is not one of {', '.join(UNITS[quantity])}"
+                if unit
+                else "the title has no unit"
+            )
+            if quantity == "relative_humidity" and np.nanmax(table.numbers(title)) <= 1.0:
+                own_unit = "fraction"
+        running = re.search(r"som|sum|total|cum|dag|day", title.lower()) is not None and own_unit in _JOULES
+        entries[quantity] = ColumnEntry(column=title, unit=own_unit, total="day" if running else "interval")
+    missing = [quantity for quantity in record.REQUIRED if quantity not in entries]
+    if missing or not time:
+        lacking = ", ".join(
+            [*([] if time else ["the time"]), *(f"{name} [{record.QUANTITIES[name].unit}]" for name in missing)]
+        )
+        problem = (
+            f"no column looks like {lacking}. Its columns are: {visible(', '.join(table.titles)[:600])}. "
+            "Export these quantities, or write the map by hand (docs/weather.md)."
+        )
+        raise table.refuse(problem)
+    stamps = read_stamps(table, time)
+    columns = ColumnMap(
+        time=time,
+        clock="UTC" if stamps.zoned else "Europe/Amsterdam",
+        dates=stamps.order,
+        decimal=cast(Any, table.decimal),
+        columns={name: entries[name] for name in UNITS if name in entries},
+    )
+    used = {*time, *(entry.column for entry in entries.values())}
+    return columns, checks, [title for title in table.titles if title not in used]
+
+
+def _time_titles(table: TextTable) -> tuple[str, ...]:
+    """The column of stamps, or those of dates and of times of day, by their first values."""
+    first = dict(zip(table.titles, table.rows[0], strict=True))
+    matches = {
+        title: match
+        for title, text in first.items()
+        if (match := STAMP.fullmatch(text)) or re.search(r"\d\s+-\s+\d", text)
+    }
+    whole = next((title for title, match in matches.items() if match is None or match["hour"]), None)
+    if whole is not None:
+        return (whole,)
+    date = next(iter(matches), None)
+    clock = next(
+        (title for title, text in first.items() if re.fullmatch(r"\d{1,2}:\d\d(:\d\d)?( ?[AaPp][Mm])?", text)), None
+    )
+    if date is not None:
+        return (date, clock) if clock else (date,)
+    # counts: Excel's days, Unix seconds
+    return tuple(title for title, text in first.items() if re.fullmatch(r"\d{5}[.,]\d+|1?\d{9}", text))[:1]
+
+
+def write_column_map(
+    columns: ColumnMap, checks: Mapping[str, str], unused: Sequence[str], source: Path, path: Path
+) -> None:
+    """Write a column map as TOML with a comment for everything that a person has to check."""
+
+    def text(value: object) -> str:
+        return json.dumps(value, ensure_ascii=False)
+
+    time = text(columns.time[0]) if len(columns.time) == 1 else f"[{', '.join(map(text, columns.time))}]"
+    lines = [
+        f"# Column map of {visible(source.name)} for `glbench weather import --columns`. Check every line; CHECK marks a guess.",
+        f"time = {time}",
+        f"stamps = {text(columns.stamps)}  # CHECK: is a stamp the start, middle or end of its row's interval?",
+        f"clock = {text(columns.clock)}  # CHECK: clock of the stamps: UTC, a zone with summer time, or Etc/GMT-1 (1 h ahead all year)",
+        f"dates = {text(columns.dates)}",
+        f"decimal = {text(columns.decimal)}",
+        "",
+        "# Where the station is; --place and --timezone on the command line go before it.",
+        "# [place]",
+        "# latitude = 52.0    # degrees north",
+        "# longitude = 4.5    # degrees east",
+        "# altitude = 0.0     # m above sea level",
+        "",
+    ]
+    for quantity, entry in columns.columns.items():
+        lines += [
+            f"[columns.{quantity}]  # units: {', '.join(UNITS[quantity])}",
+            f"column = {text(entry.column)}",
+            f"unit = {text(entry.unit)}" + (f"  # CHECK: {checks[quantity]}" if quantity in checks else ""),
+        ]
+        if entry.unit in _JOULES:
+            lines.append(f'total = "{entry.total}"  # a sum over each "interval", or running since midnight ("day")')
+        lines.append("")
+    lines.append(f"# Columns left out: {visible(', '.join(unused)) or 'none'}")
+    write_atomically(path, "\n".join(lines) + "\n")

@@ -1,0 +1,160 @@
+"""Exports of climate computers: a column map is proposed, and read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from glbench.cli.app import app
+from glbench.errors import WeatherError
+from glbench.weather import guess_column_map, load_weather, read_columns, read_weather, write_column_map
+from glbench.weather.store import write_csv
+
+MAP = """
+time = ["Datum", "Tijd"]
+clock = "Europe/Amsterdam"
+[place]
+latitude = 52.0
+longitude = 4.5
+[columns]
+air_temperature = { column = "Buiten temp", unit = "°C" }
+relative_humidity = { column = "RV", unit = "%" }
+wind_speed = { column = "Wind", unit = "km/h" }
+global_radiation = { column = "Straling", unit = "W/m2" }
+"""
+
+
+def export(folder: Path, titles: str, rows: list[str], encoding: str = "utf-8") -> Path:
+    path = folder / "export.csv"
+    path.write_bytes("\r\n".join([titles, *rows, ""]).encode(encoding))
+    return path
+
+
+def half_hours(day: str, values: str, count: int = 48) -> list[str]:
+    return [f"{day};{i // 2:02d}:{30 * (i % 2):02d};{values}" for i in range(count)]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16"])
+def test_an_export_comes_in_through_its_map(tmp_path: Path, encoding: str) -> None:
+    path = export(
+        tmp_path,
+        "Datum;Tijd;Buiten temp;RV;Wind;Straling;Kas °C",
+        half_hours("13-02-2024", "-4,5;91,0;18,0;0,0;20,0"),
+        encoding,
+    )
+    columns = tmp_path / "map.toml"
+    columns.write_text(MAP)
+    record = read_weather(path, name="kas", columns=columns)
+    assert record.period == "2024-02-12 23:00 to 2024-02-13 23:00 UTC"
+    assert record.timezone == "Europe/Amsterdam"
+    assert (record.values("air_temperature")[0], record.values("wind_speed")[0]) == (-4.5, 5.0)
+    elsewhere = read_weather(path, columns=columns, coordinates=(51.0, 4.0, 2.0), timezone="Etc/GMT-1")
+    assert (elsewhere.latitude, elsewhere.altitude, elsewhere.timezone) == (51.0, 2.0, "Etc/GMT-1")
+
+
+def test_the_clock_goes_back_and_forward(tmp_path: Path) -> None:
+    columns = tmp_path / "map.toml"
+    columns.write_text(MAP)
+    titles, values = "Datum;Tijd;Buiten temp;RV;Wind;Straling", "10,0;90,0;18,0;0,0"
+    autumn = [f"27-10-2024;{hour:02d}:00;{values}" for hour in (0, 1, 2, 2, 3, 4)]
+    record = read_columns(export(tmp_path, titles, autumn), columns)
+    assert record.period == "2024-10-26 22:00 to 2024-10-27 04:00 UTC"
+    spring = [f"31-03-2024;{hour:02d}:00;{values}" for hour in (0, 1, 3, 4)]
+    assert read_columns(export(tmp_path, titles, spring), columns).period == "2024-03-30 23:00 to 2024-03-31 03:00 UTC"
+    winter_time = [f"31-03-2024;{hour:02d}:00;{values}" for hour in (0, 1, 2, 3)]
+    with pytest.raises(
+        WeatherError, match=r"row 4, column 'Datum': 2024-03-31 02:00 does not exist on the clock of Europe/Amsterdam"
+    ):
+        read_columns(export(tmp_path, titles, winter_time), columns)
+
+
+def test_sums_of_radiation_over_the_interval_and_over_the_day(tmp_path: Path) -> None:
+    rows = [f"2024-06-01 {hour:02d}:00,15,80,2,{36 * hour}" for hour in range(12)]
+    path = export(tmp_path, "stamp,temp,rh,wind,radiation sum [J/cm2]", rows)
+    columns, _, _ = guess_column_map(path)
+    assert columns.columns["global_radiation"].total == "day"
+    running = read_columns(path, columns, coordinates=(52.0, 5.0, 0.0))
+    assert running.period == "2024-05-31 23:00 to 2024-06-01 10:00 UTC"
+    np.testing.assert_allclose(running.values("global_radiation"), 100.0)
+    entry = columns.columns["global_radiation"].model_copy(update={"total": "interval"})
+    of_interval = columns.model_copy(update={"columns": {**columns.columns, "global_radiation": entry}})
+    np.testing.assert_allclose(
+        read_columns(path, of_interval, coordinates=(52.0, 5.0, 0.0)).values("global_radiation"), 100.0 * np.arange(12)
+    )
+
+
+def test_a_map_is_proposed_written_and_read_again(tmp_path: Path) -> None:
+    titles = "Datum;Tijd;Temp kas [°C];Buitentemp [°C];RV kas [%];RV buiten;Windrichting;Windsnelheid [km/h];Straling [W/m²];CO2 [ppm]"
+    path = export(tmp_path, titles, half_hours("13-02-2024", "20,5;-4,5;80,0;91,0;220;18,0;0,0;800"))
+    columns, checks, unused = guess_column_map(path)
+    assert columns.time == ("Datum", "Tijd")
+    assert (columns.dates, columns.decimal) == ("day first", ",")
+    assert {name: (entry.column, entry.unit) for name, entry in columns.columns.items()} == {
+        "air_temperature": ("Buitentemp [°C]", "degC"),
+        "relative_humidity": ("RV buiten", "%"),
+        "wind_speed": ("Windsnelheid [km/h]", "km/h"),
+        "global_radiation": ("Straling [W/m²]", "W/m2"),
+    }
+    assert checks == {"relative_humidity": "the title has no unit"}
+    assert unused == ["Temp kas [°C]", "RV kas [%]", "Windrichting", "CO2 [ppm]"]
+    written = tmp_path / "map.toml"
+    write_column_map(columns, checks, unused, path, written)
+    record = read_columns(path, written, coordinates=(52.0, 4.5, 0.0))
+    assert (record.hours, record.values("wind_speed")[0]) == (24, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (('unit = "km/h"', 'unit = "bft"'), "wind_speed cannot come in 'bft'. Use one of m/s, km/h, mph, kn"),
+        (("wind_speed =", "windspeed ="), "there is no quantity 'windspeed'. Did you mean 'wind_speed'"),
+        (('column = "RV"', 'column = "RH"'), "there is no column 'RH'. Known: "),
+        (("[place]\nlatitude = 52.0\nlongitude = 4.5\n", ""), "--place LATITUDE,LONGITUDE"),
+        (("Europe/Amsterdam", "Europe/Amsterdm"), "'Europe/Amsterdm' is no time zone"),
+        (('time = ["Datum", "Tijd"]', 'time = "Tijd"'), "'00:00' is not a time such as"),
+        (("relative_humidity = {", "# relative_humidity = {"), "no column is named for relative_humidity"),
+    ],
+)
+def test_maps_that_do_not_fit_are_refused_in_words(tmp_path: Path, change: tuple[str, str], words: str) -> None:
+    path = export(tmp_path, "Datum;Tijd;Buiten temp;RV;Wind;Straling", half_hours("13-02-2024", "-4,5;91,0;18,0;0,0"))
+    columns = tmp_path / "map.toml"
+    columns.write_text(MAP.replace(*change))
+    with pytest.raises(WeatherError) as error:
+        read_columns(path, columns)
+    assert words in str(error.value)
+
+
+def test_a_table_without_a_needed_column_is_refused_with_its_titles(tmp_path: Path) -> None:
+    path = export(tmp_path, "Datum;Tijd;Buiten temp;RV", half_hours("13-02-2024", "-4,5;91,0"))
+    with pytest.raises(
+        WeatherError,
+        match=r"no column looks like wind_speed .m/s., global_radiation .W/m2.. Its columns are: Datum, Tijd",
+    ):
+        guess_column_map(path)
+
+
+def test_the_commands_of_a_column_map_and_the_export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GLBENCH_DATA", str(tmp_path / "data"))
+    path = export(tmp_path, "Datum;Tijd;Buiten temp;RV;Wind;Straling", half_hours("13-02-2024", "-4,5;91,0;3,0;0,0"))
+    run = CliRunner().invoke
+    proposed = run(app, ["weather", "columns", str(path)])
+    assert proposed.exit_code == 0, proposed.output
+    again = run(app, ["weather", "columns", str(path)])
+    assert again.exit_code != 0
+    arguments = ["weather", "import", str(path), "--name", "kas", "--columns", str(tmp_path / "export.columns.toml")]
+    assert run(app, [*arguments, "--place", "52,north"]).exit_code != 0
+    outcome = run(app, [*arguments, "--place", "52.0,4.5,-4"])
+    assert outcome.exit_code == 0, outcome.output
+    assert "Note: rows of 30 min averaged to hours; 24 h" in outcome.output
+    exported = tmp_path / "kas.csv"
+    assert run(app, ["weather", "export", "kas", "-o", str(exported)]).exit_code == 0
+    assert read_weather(exported).digest == load_weather("kas").digest
+
+
+@pytest.mark.parametrize("name", ["miami", "schiphol"])
+def test_an_exported_record_is_read_again_with_its_digest(tmp_path: Path, name: str) -> None:
+    write_csv(load_weather(name), tmp_path / "exported.csv")
+    assert read_weather(tmp_path / "exported.csv").digest == load_weather(name).digest
