@@ -359,8 +359,8 @@ class _OverTrainings:
 def _over_trainings(tasks: Sequence[Array]) -> _OverTrainings | None:
     """Variance of the mean over tasks between trainings; ``None`` if every task has one training.
 
-    If all tasks with several trainings have the same number, training i of all tasks is one unit, because it may be one policy; otherwise
-    tasks are independent. A task with one training gets the mean variance of the others.
+    Training i of all tasks is one unit, because it may be one policy. If their numbers differ, the fewest give the degrees of
+    freedom. A task with one training gets the mean variance of the others, and is independent of them.
     """
     several = [one for one in tasks if len(one) > 1]
     if not several:
@@ -369,10 +369,15 @@ def _over_trainings(tasks: Sequence[Array]) -> _OverTrainings | None:
     each = np.array([one.mean(axis=1).var(ddof=1) for one in several]) / len(tasks) ** 2
     if counts.min() == counts.max():
         of_one = float((np.sum([one.mean(axis=1) for one in several], axis=0) / len(tasks)).var(ddof=1))
-        of_mean, degrees = of_one / counts[0], counts[0] - 1.0
+        of_mean = of_one / counts[0]
     else:
-        of_one, of_mean = float(each.sum()), float((each / counts).sum())
-        degrees = of_mean**2 / float(((each / counts) ** 2 / (counts - 1.0)).sum()) if of_mean > 0.0 else 1.0
+        mean_parts, single_parts = np.zeros(int(counts.max())), np.zeros(int(counts.max()))
+        for one, count in zip(several, counts, strict=True):
+            deviation = (one.mean(axis=1) - one.mean()) / (len(tasks) * math.sqrt(count - 1.0))
+            single_parts[: len(one)] += deviation
+            mean_parts[: len(one)] += deviation / math.sqrt(count)
+        of_one, of_mean = float(np.square(single_parts).sum()), float(np.square(mean_parts).sum())
+    degrees = counts.min() - 1.0
     alone = (len(tasks) - len(several)) * float(each.mean())
     unexplained = []  # variance that neither the training nor the run explains
     for one in several:

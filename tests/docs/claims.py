@@ -1274,6 +1274,12 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
             "At the 5 % level, a pair of agents with equal true means is told apart in at most 6 % of cases",
             "tests/leaderboard/test_comparisons.py holds it",
         ),
+        ("error is 52 % with 3 trainings and 33 % with 5", "tests/leaderboard/test_comparisons.py holds it"),
+        ("it stays below 6 %", "tests/leaderboard/test_comparisons.py holds it"),
+        ("error is about 10 %", "tests/leaderboard/test_comparisons.py holds it"),
+        ("it is 12 to 17 %", "tests/leaderboard/test_comparisons.py holds it"),
+        ("3 trainings often contain no failure", "the case that follows"),
+        ("30 runs may contain none", "arithmetic"),
         (
             "it is 8 to 9 %",
             "measured: the simulation of tests/leaderboard/test_comparisons.py with 2.5 degrees of freedom, 8,000 tables",

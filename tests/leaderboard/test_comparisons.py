@@ -166,6 +166,73 @@ def test_over_a_suite_equal_recipes_are_told_apart_in_at_most_six_percent_of_cas
     assert hits / 600 <= MOST
 
 
+@pytest.mark.parametrize("counts", [((5, 3, 3, 3), (3, 3, 3, 3)), ((5, 3), (3, 5)), ((6, 3, 4), (1, 1, 1))])
+@pytest.mark.parametrize("kind", ["one policy on all tasks", "a training for each task"])
+def test_recipes_with_fewer_trainings_on_some_tasks_are_told_apart_in_at_most_six_percent_of_cases(counts, kind):
+    generator, hits = np.random.default_rng(9), 0
+    for _ in range(1000):
+        sides = []
+        for of_tasks in counts:
+            policies = generator.normal(size=(max(of_tasks), 1))
+            sides.append([
+                (policies[:count] if kind.startswith("one") else generator.normal(size=(count, 1)))
+                + 0.5 * generator.normal(size=(1, 30))
+                + 0.3 * generator.normal(size=(count, 30))
+                for count in of_tasks
+            ])  # fmt: skip
+        hits += paired_test(*sides).p_value < SIGNIFICANCE
+    assert hits / 1000 <= MOST
+
+
+def test_of_tasks_with_different_numbers_of_trainings_training_i_is_one_unit_by_hand():
+    # Means of five and three trainings; deviations of the mean over two tasks: (m - mean) / (2 sqrt(T (T - 1))), added by training.
+    five, three = np.array([0.0, 1.0, 2.0, 3.0, 9.0]), np.array([1.0, 2.0, 6.0])
+    unit = (five - 3.0) / (2 * np.sqrt(20.0))
+    unit[:3] += (three - 3.0) / (2 * np.sqrt(6.0))
+    tasks = [np.repeat(means[:, None], 4, axis=1) for means in (five, three)]
+    found = estimate_difference(tasks, [np.zeros(4)] * 2, fixed=(False, True))
+    assert found.variance == pytest.approx(np.square(unit).sum())
+    assert found.degrees == pytest.approx(2.0)
+
+
+def share_apart(make, fixed=(False, False)):
+    return np.mean([paired_test(*make(), fixed=fixed).p_value < SIGNIFICANCE for _ in range(1500)])
+
+
+def test_what_the_page_says_of_the_cases_in_which_the_error_is_larger():
+    """The exceptions of docs/statistics.md, as large as the page says."""
+    generator = np.random.default_rng(10)
+
+    def of_policies(policies, task_spread=1.0):
+        policies = np.atleast_2d(policies)
+        return task_spread * (policies.reshape(-1, 1) + 0.4 * generator.normal(size=(policies.size, 30)))
+
+    def failing(count):
+        return of_policies(-10.0 * ((generator.random(count) < 0.2) - 0.2) + 0.3 * generator.normal(size=count))
+
+    for count, stated in ((3, 0.52), (5, 0.33)):
+        rate = share_apart(lambda count=count: ([failing(count)], [of_policies([0.0])]), (False, True))
+        assert rate == pytest.approx(stated, abs=0.05)
+        assert share_apart(lambda count=count: ([failing(count)], [failing(count)])) <= MOST
+
+    def mixed():
+        policies = generator.normal(size=3)
+        return [of_policies(policies), *(of_policies(policies[:1]) for _ in range(3))], [of_policies([0.0])] * 4
+
+    assert share_apart(mixed, (False, True)) == pytest.approx(0.095, abs=0.02)
+
+    def wider():
+        return [
+            [
+                of_policies(0.5 * generator.normal(size=count), spread)
+                for count, spread in zip(of_tasks, (1, 5), strict=True)
+            ]
+            for of_tasks in ((3, 1), (3, 3))
+        ]
+
+    assert share_apart(wider) == pytest.approx(0.145, abs=0.04)
+
+
 def test_of_many_equal_agents_any_two_are_told_apart_in_at_most_six_percent_of_tables():
     generator, hits = np.random.default_rng(6), 0
     for _ in range(400):
