@@ -38,8 +38,14 @@ def real_numbers(value: object) -> NDArray[Any] | None:
     """
     parts = (value, *value) if isinstance(value, list | tuple) else (value,)
     try:
-        masked = any(isinstance(part, np.ma.MaskedArray) and np.ma.is_masked(part) for part in parts)
-        array = None if masked else np.asarray(value)
+        # numpy makes numbers of booleans and of masked entries that are among numbers.
+        entries = (one for part in parts for one in (part if isinstance(part, list | tuple) else (part,)))
+        converted = any(
+            isinstance(one, bool | np.bool_)
+            or (isinstance(one, np.ndarray) and (one.dtype == np.bool_ or np.ma.is_masked(one)))
+            for one in entries
+        )
+        array = None if converted else np.asarray(value)
     except Exception:
         return None
     return None if array is None or array.dtype.kind not in "fiu" else array

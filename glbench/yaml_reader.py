@@ -69,8 +69,8 @@ def _content(text: str) -> dict[str, Any]:
     if strange is not None:
         msg = f"the character U+{ord(strange[0]):04X} is not allowed."
         raise _RefusedError(msg, text.count("\n", 0, strange.start()))
+    loader = _Loader(text)
     try:
-        loader = _Loader(text)
         node = loader.get_single_node()
     except yaml.MarkedYAMLError as error:
         tab = "\\t" in (error.problem or "")
@@ -78,6 +78,9 @@ def _content(text: str) -> dict[str, Any]:
             "it begins with a tab. Use spaces." if tab else f"it is not valid YAML. {_RULE}",
             error.problem_mark or error.context_mark,
         ) from error
+    except (ValueError, OverflowError) as error:  # such as "\\UFFFFFFFF", or a version of 5,000 digits
+        msg = f"it is not valid YAML. {_RULE}"
+        raise _RefusedError(msg, loader.line) from error
     if not isinstance(node, yaml.MappingNode):
         raise _RefusedError("it is empty." if node is None else f"it is not a table of names and values. {_RULE}")
     return dict(loader.value(node))

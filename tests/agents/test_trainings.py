@@ -130,15 +130,34 @@ def test_shipped_trainings_name_their_recipe_and_seed() -> None:
         "\u0440\u0440\u043e",
         "5ac",
         "grovver",
+        "9rower",
+        "ppoo",
+        "mppc",
+        "ppo_seed2_seed69",
     ],
 )
 def test_names_that_look_like_a_baseline(name: str) -> None:
-    assert baseline_like(name) in {"ppo", "sac", "grower"}
+    assert baseline_like(name) in {"ppo", "sac", "grower", "mpc"}
 
 
 @pytest.mark.parametrize("name", ["anna", "ppo2", "my_ppo", "oracle", "reseed", "seed1"])
 def test_names_that_look_like_no_baseline(name: str) -> None:
     assert baseline_like(name) is None
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [("6est_plan", "best_plan"), ("club", "dub"), ("tunned", "tuned"), ("zed", "2ed"), ("a_seed26", "a_seed9")],
+)
+def test_names_that_look_like_each_other(one: str, other: str) -> None:
+    assert skeletons(one) & skeletons(other)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [("agent_1", "agent_11"), ("plan_2", "plan_3"), ("phased", "pha"), ("v2.0", "v2.00")]
+)
+def test_names_that_can_be_told_apart(one: str, other: str) -> None:
+    assert not skeletons(one) & skeletons(other)
 
 
 def test_no_two_shipped_agents_look_alike() -> None:

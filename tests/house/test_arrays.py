@@ -50,6 +50,8 @@ ODD = {
     "bytes": np.array([b"0"] * 6),
     "truth": np.zeros(6, bool),
     "truth list": [False] * 6,
+    "truth among numbers": [0.0, True, 0.0, 0.0, 0.0, 0.0],
+    "truth of numpy among numbers": (np.float64(0.0), np.True_, 0.0, 0.0, 0.0, 0.0),
     "objects": np.zeros(6, object),
     "decimals": [Decimal(0)] * 6,
     "nothing": [None] * 6,
@@ -100,6 +102,15 @@ def test_a_number_beyond_float64_is_refused_without_a_warning() -> None:
         with pytest.raises(ActionError, match="inf, which is not a finite number"):
             environment.step(action)  # type: ignore[arg-type]
         assert np.isinf(read_actions([action], task_card(get_task(DEFAULT_TASK)), 1)[0]).all()
+
+
+def test_one_row_of_truth_or_with_masked_entries_among_rows_of_numbers_is_refused() -> None:
+    both = GreenhouseVectorEnv(get_task(DEFAULT_TASK), 2)
+    both.reset(seed=1)
+    masked = np.ma.masked_array(np.zeros(6), [True] + [False] * 5)
+    for row in (np.zeros(6, bool), [False] * 5 + [0.0], masked):
+        with pytest.raises(ActionError, match="not real numbers"):
+            both.step([np.zeros(6), row])  # type: ignore[arg-type]
 
 
 def test_an_action_that_is_no_numbers_is_one_row_and_how_to_make_it() -> None:

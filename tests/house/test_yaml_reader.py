@@ -43,6 +43,10 @@ REFUSED = {
     "NUL": (b"a: 1\nb: \x00", r"line 2, .*U\+0000"),
     "an escape": (b"a: \x1b[2J", r"line 1, 'a: .x1b\[2J': the character U\+001B"),
     "half a character": ('a: 1\nb: "\\ud800"', "line 2, .*half a character"),
+    "a character beyond Unicode": ('a: 1\nb: "\\UFFFFFFFF"', "line 2, .*not valid YAML"),
+    "half the way beyond Unicode": ('a: 1\nb: "\\U00110000"', "line 2, .*not valid YAML"),
+    "a version of thousands of digits": ("%YAML " + "9" * 5000 + ".1\n---\na: 1", "line 1, .*not valid YAML"),
+    "a version of YAML to come": ("%YAML 9.9\n---\na: 1", "line 1, .*not valid YAML"),
     "a tab": ("a:\n\tb: 1", "line 2, .*it begins with a tab"),
     "a decimal comma": (
         "a: 1\nb:\n  c: -18,5\n",
@@ -83,7 +87,17 @@ def test_what_is_no_table_of_names_and_values_is_refused(tmp_path: Path, content
 
 @pytest.mark.parametrize("reader", READERS.values(), ids=READERS)
 @pytest.mark.parametrize(
-    "kind", ["billion laughs", "a long number", "depth", "NUL", "Latin-1", "a tab", "a number as a name"]
+    "kind",
+    [
+        "billion laughs",
+        "a long number",
+        "depth",
+        "NUL",
+        "Latin-1",
+        "a tab",
+        "a number as a name",
+        "a character beyond Unicode",
+    ],
 )
 def test_every_reader_says_so_in_words(tmp_path: Path, reader, kind: str) -> None:
     content, said = REFUSED[kind]
