@@ -42,6 +42,7 @@ _COMMANDS = {
     "episodes": ("episodes", "app"),
     "tasks": ("tasks", "app"),
     "weather": ("weather", "app"),
+    "prices": ("prices", "app"),
 }
 
 

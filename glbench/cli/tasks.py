@@ -87,7 +87,7 @@ def check_command(
     """
     from glbench.registration import DRAFTS, draft_files
     from glbench.tasks import TaskSpec
-    from glbench.tasks.library import series_in_words
+    from glbench.tasks.library import price_doubts, series_in_words
 
     drafts = {} if tasks else {f"tasks/{DRAFTS}/{path.name}": path for path in draft_files()}
     outcomes = {name: _check(name) for name in tasks} if tasks else check_all()
@@ -107,7 +107,13 @@ def check_command(
             else:
                 yield console.Line(Markup(f"[red]wrong[/red]  {plain(outcome)}"))
         total = f"{count(len(outcomes), 'task')} checked"
-        yield console.aside(f"{total}, {wrong} wrong." if wrong else f"{total}, nothing wrong.")
+        doubts = sum(
+            len(price_doubts(one)) for one in outcomes.values() if isinstance(one, TaskSpec) and not one.locked
+        )
+        verdict = (
+            f"{wrong} wrong" if wrong else f"usable, but {count(doubts, 'doubt')} above" if doubts else "nothing wrong"
+        )
+        yield console.aside(f"{total}, {verdict}.")
 
     def document() -> list[dict[str, Any]]:
         return [

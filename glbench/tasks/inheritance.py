@@ -12,17 +12,17 @@ beside the task (``file = "gas.csv"``) are taken over as a series.
 
 from __future__ import annotations
 
-import csv
-import datetime as dt
+import logging
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from glbench.errors import SEMICOLONS, TaskError, UnknownNameError, did_you_mean
+from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.registration import task_files, task_ids
 from glbench.resources import data_folder
+from glbench.tasks.price_files import read_prices
 from glbench.untrusted import MIB, read_regular, real_path, reason_of, toml_fault
 
 BASE, WITHOUT = "base", "without"
@@ -33,11 +33,16 @@ SPLITS = "splits"
 LONGEST_CHAIN = 8
 """Files that a task may be made of."""
 
+PRICE_FILE_KEYS = ("clock", "column", "file_unit")
+"""Keys beside the ``file`` of a price table: the clock of its stamps, the title of its prices, and their unit."""
+
 _LARGEST_FILE = MIB
 _DEEPEST = 8
 _LARGEST_INTEGER = 2**63
 _LONGEST_VALUE = 80
 _LONGEST_CHANGE = 2000
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -230,83 +235,47 @@ def as_schema_2(content: Mapping[str, Any]) -> dict[str, Any]:
     return {**others, "schema": 2, "model": pinned, "ledger": ledger, "scenario": scenario}
 
 
-_PRICE_FACTORS = {("EUR/MWh", "EUR kWh-1"): 1e-3, ("EUR/kWh", "EUR kWh-1"): 1.0}
-"""From a column of prices with this title to a table in that unit."""
-_PRICE_FILE = (
-    "It must be a CSV file with the header time,price and lines such as 2010-03-01T00:00,0.09, or with the header hour,EUR/MWh and "
-    "lines such as 2023-03-01T00:00+01:00,87.5 for a table in EUR kWh-1."
-)
-
-
 def take_over_prices(
     content: Mapping[str, Any], folder: Path, source: str, below: Mapping[str, Any] | None = None
 ) -> tuple[Path, ...]:
     """Replace ``file = "gas.csv"`` of a price table by the series in that file of ``folder``; the files of prices.
+
+    The keys of ``PRICE_FILE_KEYS`` beside it say how to read the file.
 
     A table that states no unit has that of the base, whose tables are ``below``.
 
     Raises
     ------
     TaskError
-        When a file cannot be read, or is no CSV file of prices.
+        When a file cannot be read, is not one of prices, or has to replace the prices of the base.
     """
     tables, files = content.get("price_tables"), []
     inherited = (below or {}).get("price_tables", {})
     for name, table in tables.items() if isinstance(tables, dict) else ():
         if not isinstance(table, dict) or "file" not in table:
             continue
-        file = table.pop("file")
-        files.append(real_path(folder / str(file)))
+        how = {key: table.pop(key, None) for key in ("file", *PRICE_FILE_KEYS)}
+        file = folder / str(how.pop("file"))
+        base_table = inherited.get(name, {})
+        other = [key for key in ("hourly", "from_day", "series", "market", "of") if key in base_table]
+        without = content.get(WITHOUT)
+        left_out = without if isinstance(without, list) else []
+        if other and not {f"price_tables.{name}", f"price_tables.{name}.{other[0]}"} & {str(one) for one in left_out}:
+            msg = (
+                f"{source}: [price_tables.{name}] of the base has a {other[0]}, which the file must replace. Add "
+                f'without = ["price_tables.{name}.{other[0]}"] at the top of the task.'
+            )
+            raise TaskError(msg)
+        files.append(real_path(file))
         try:
-            text = read_regular(folder / str(file), _LARGEST_FILE).decode("utf-8-sig")
-            table["series"] = series_of_csv(text, table.get("unit", inherited.get(name, {}).get("unit")))
-        except (OSError, ValueError, csv.Error) as error:
-            unreadable = isinstance(error, OSError | UnicodeDecodeError)
-            reason = f"it cannot be read: {reason_of(error)}." if unreadable else str(error)
-            msg = f"{source}: [price_tables.{name}] file = {as_written(file)}: {reason}"
+            prices = read_prices(file, table.get("unit", base_table.get("unit")), **how)
+        except TaskError as error:
+            msg = f"{source}: [price_tables.{name}] file: {error}"
             raise TaskError(msg) from error
+        table["series"] = prices.series()
+        for doubt in prices.doubts:
+            logger.warning("%s: [price_tables.%s] %s: %s.", source, name, file.name, doubt)
     return tuple(files)
-
-
-def series_of_csv(text: str, unit: object) -> list[dict[str, Any]]:
-    """The prices in the text of a CSV file, as the ``series`` of a price table in ``unit``.
-
-    Raises
-    ------
-    ValueError, csv.Error
-        With what is wrong, when it holds no prices.
-    """
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
-    header = lines[0][1] if lines else ""
-    if ";" in header:
-        raise ValueError(SEMICOLONS)
-    titles = [title.strip() for title in next(csv.reader([header]), [])]
-    times = [title for title in titles if title in ("hour", "time")]
-    if len(titles) != 2 or len(times) != 1:
-        msg = f"its header is {as_written(header)}. {_PRICE_FILE}"
-        raise ValueError(msg)
-    time = titles.index(times[0])
-    title = titles[1 - time]
-    factor = 1.0 if title == "price" else _PRICE_FACTORS.get((title, str(unit)))
-    if factor is None:
-        is_title = any(title == one for one, _ in _PRICE_FACTORS)
-        has = "has no unit" if unit is None else f"has the unit {as_written(unit)}"
-        why = f'the table {has}: write unit = "EUR kWh-1" in it' if is_title else f"'{title}' is no title of prices"
-        msg = f"its header is {as_written(header)}, and {why}. {_PRICE_FILE}"
-        raise ValueError(msg)
-    series = []
-    for number, line in lines[1:]:
-        row = next(csv.reader([line]))
-        try:
-            first, second = row
-            moment_text, price_text = (first, second) if time == 0 else (second, first)
-            moment, price = dt.datetime.fromisoformat(moment_text.strip()), float(price_text)
-        except ValueError as error:
-            why = f"{len(row)} fields instead of 2" if len(row) != 2 else str(error)
-            msg = f"its line {number}, {as_written(line)}, has no time and price: {why}. {_PRICE_FILE}"
-            raise ValueError(msg) from error
-        series.append({"time": moment, "price": price * factor})
-    return series
 
 
 def shipped_file(name: str) -> Path:

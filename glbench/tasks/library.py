@@ -15,6 +15,7 @@ from glbench.registration import draft_files, task_files
 from glbench.tasks.card import injected_task
 from glbench.tasks.digest import LOCK_WORDS, LockEntry, lock_path, read_lock, write_lock
 from glbench.tasks.inheritance import TaskTables, read_tables, shipped_file, shown_path
+from glbench.tasks.price_files import doubts_of_prices
 from glbench.tasks.references import warn_if_deprecated
 from glbench.tasks.spec import TaskSpec
 from glbench.untrusted import real_path
@@ -205,7 +206,8 @@ def _checked(file: Path, tables: TaskTables, _lock: Path, _lock_state: _State, w
             check_file_against_lock(task, entry)
     elif entry is None:
         task.fingerprint()  # whatever cannot be resolved is reported now and not in the middle of a run
-        _warn_of_stale_prices(task)
+        for doubt in price_doubts(task):
+            logger.warning("%s: %s", task.source, doubt)
     elif _is_shipped(file):
         check_against_lock(task, entry)
         warn_if_deprecated(task.id)
@@ -218,11 +220,17 @@ def _checked(file: Path, tables: TaskTables, _lock: Path, _lock_state: _State, w
     return task
 
 
-def _warn_of_stale_prices(task: TaskSpec) -> None:
-    """Log what is missing in each series of prices for the hours that runs may use, of all splits."""
+def price_doubts(task: TaskSpec) -> list[str]:
+    """What is doubtful about the series of prices: hours without a price that runs of any split may use, and an unusual mean.
+
+    Raises
+    ------
+    TaskError
+        When a series has no price for any of these hours.
+    """
     tables = {name: table for name, table in task.price_tables.items() if table.series and not table.source}
     if not tables:
-        return
+        return []
     in_splits = [task] if task.splits is None else [task.in_split(name) for name in task.splits.names]
     begin_and_days = {
         (season.start, task.weather.days + one.scenario.start_within_days)
@@ -231,14 +239,23 @@ def _warn_of_stale_prices(task: TaskSpec) -> None:
     }
     seasons = [np.datetime64(begin, "h") + np.arange(24 * days) for begin, days in begin_and_days]
     hours = np.unique(np.concatenate(seasons))
+    doubts = []
     for name, table in tables.items():
         stale = hours[table.is_stale(hours)]
+        missing = f"[price_tables.{name}] has no price for {stale.size:,} of the {hours.size:,} hours that runs may use"
+        if stale.size == hours.size:
+            msg = (
+                f"{task.source}: {missing}: {table.in_words()}. The runs lie between {hours[0].item():%Y-%m-%d} and "
+                f"{hours[-1].item():%Y-%m-%d}. List prices of these dates, or write yearly = true to use one year of prices for all."
+            )
+            raise TaskError(msg)
         if stale.size:
-            logger.warning(
-                "%s: [price_tables.%s] has no price for %s of the %s hours that runs may use, the first of them %s UTC. The nearest "
-                "price before them (or the first of all) is charged. List the missing hours.",
-                task.source, name, f"{stale.size:,}", f"{hours.size:,}", f"{stale[0].item():%Y-%m-%d %H:%M}",
-            )  # fmt: skip
+            doubts.append(
+                f"{missing}, the first of them {stale[0].item():%Y-%m-%d %H:%M} UTC. The nearest price before them (or the first) is "
+                "charged. List the missing hours."
+            )
+        doubts += doubts_of_prices(table.unit, table.mean, name)
+    return doubts
 
 
 def _state(path: Path) -> _State:

@@ -189,12 +189,22 @@ class PriceTable:
     def in_words(self) -> str:
         """The dates that a series covers, and its mean, lowest and highest price."""
         first, last = self.series[0][0], self.series[-1][0]
-        mean = self._adjusted(float(np.mean([price for _, price in self.series])))
         return (
             f"{len(self.series):,} prices from {first:%Y-%m-%d %H:%M} to {last:%Y-%m-%d %H:%M} "
-            f"UTC{', repeated every year' if self.yearly else ''}; mean {mean:.4g}, lowest {self.limits[0]:.4g}, highest "
+            f"UTC{', repeated every year' if self.yearly else ''}; mean {self.mean:.4g}, lowest {self.limits[0]:.4g}, highest "
             f"{self.limits[1]:.4g} {self.unit}"
         )
+
+    @property
+    def mean(self) -> float:
+        """Mean of a series over the time that each price holds, the last one as long as most."""
+        prices = np.array([price for _, price in self.series])
+        if prices.size < 2:
+            return float(self._adjusted(prices.mean()))
+        lengths = np.diff(
+            np.array([moment.replace(tzinfo=None) for moment, _ in self.series], dtype="datetime64[s]").astype(np.int64)
+        )
+        return float(self._adjusted(np.average(prices, weights=np.append(lengths, np.median(lengths)))))
 
     def is_stale(self, hours: NDArray[np.datetime64]) -> NDArray[np.bool_]:
         """Whether a series lacks a price for these hours [UTC] ``(hours,)``, so that an old one (or the first) is charged.
@@ -365,9 +375,12 @@ class PriceTableTable(Table):
     def _one_way(self) -> Self:
         ways = (self.hourly, self.from_day, self.series, self.market, self.of)
         if sum(way is not None for way in ways) != 1:
+            names = ("hourly", "from_day", "series", "market", "of")
+            present = " and ".join(name for name, way in zip(names, ways, strict=True) if way is not None)
             msg = (
                 "It must have exactly one of hourly (24 prices), from_day (prices by day), series (or file), market (prices by "
-                "sun and wind) and of (another table)."
+                f"sun and wind) and of (another table). {f'It has {present}. ' if present else ''}To replace the base's, leave it out "
+                'at the top of the task, such as without = ["price_tables.power.market"].'
             )
             raise ValueError(msg)
         if self.yearly and self.series is None:

@@ -227,20 +227,28 @@ def test_a_file_of_an_exchange_is_read_in_its_unit(write: Write, header: str, fi
 
 @pytest.mark.parametrize(
     ("header", "unit"),
-    [("hour,EUR/MWh", "EUR MJ-1"), ("hour,GBP/MWh", "EUR kWh-1"), ("day,EUR/MWh", "EUR kWh-1"), ("hour", "EUR kWh-1")],
+    [
+        ("hour,EUR/MWh", "EUR kg-1"),
+        ("hour,GBP/MWh", "EUR kWh-1"),
+        ("hour,power", "EUR kWh-1"),
+        ("hour,temperature", "EUR kWh-1"),
+    ],
 )
 def test_a_file_in_another_unit_or_with_another_header_is_refused(write: Write, header: str, unit: str) -> None:
-    with pytest.raises(TaskError, match=r"\[price_tables.power\] file = .*hour,EUR/MWh.*for a table in EUR kWh-1"):
+    with pytest.raises(
+        TaskError, match=r"\[price_tables.power\] file: .*power.csv.*hour,EUR/MWh.*for a table in EUR kWh-1"
+    ):
         with_file(write, f"{header}\n2010-10-01T00:00,87.5\n", '"EUR kWh-1"', f'"{unit}"')
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("hour;EUR/MWh\n2010-10-01T00:00;87,5\n", "separated by semicolons"),
-        ("hour,EUR/MWh\n2010-10-01T00:00,87,5\n", 'its line 2, "2010-10-01T00:00,87,5", has no time and price: 3 fields instead of 2'),
-        ("hour,EUR/MWh\nyesterday,87.5\n", 'its line 2, "yesterday,87.5"'),
-        ("", 'its header is ""'),
+        ("hour,EUR/MWh\n2010-10-01T00:00,87,5\n", "power.csv, row 2: 3 fields instead of 2. Is the file whole?"),
+        ("hour,EUR/MWh\nyesterday,87.5\n", "power.csv, row 2, column 'hour': 'yesterday' is not a time such as"),
+        ("hour,EUR/MWh\n2010-10-01T00:00,cheap\n2010-10-01T01:00,1\n", "power.csv, row 2, column 'EUR/MWh': 'cheap' is not a number"),
+        ("hour,EUR/MWh\n2010-10-01T01:00,87.5\n2010-10-01T01:00,87.5\n", "row 3, column 'hour': 2010-10-01T01:00 comes again."),
+        ("", "power.csv is empty"),
     ],
 )  # fmt: skip
 def test_a_file_that_is_written_otherwise_is_refused_in_words(write: Write, text: str, words: str) -> None:
@@ -258,7 +266,9 @@ def test_a_table_has_the_unit_of_its_base_or_is_refused_for_lack_of_one(write: W
     own = ("[price_tables.power]", "[price_tables.gas]")
     with pytest.raises(TaskError) as caught:
         with_file(write, text, *no_unit, *own)
-    assert 'its header is "hour,EUR/MWh", and the table has no unit: write unit = "EUR kWh-1"' in str(caught.value)
+    assert 'the file is in EUR/MWh, and the price table has no unit: write unit = "EUR kWh-1" in it.' in str(
+        caught.value
+    )
 
 
 def hourly_file(first: str, hours: int) -> str:

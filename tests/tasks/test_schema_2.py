@@ -132,7 +132,7 @@ def test_a_series_of_prices_may_stand_in_a_file(toys: Callable[..., TaskSpec], t
     assert set(get_task(task.source).price_tables["market"].values(weather.times, weather.hour_of_day)) == {5.0}
     (tmp_path / "market.csv").write_text("time,cost\n", encoding="utf-8")
     with pytest.raises(
-        TaskError, match=r"\[price_tables.market\] file = .*It must be a CSV file with the header time,price"
+        TaskError, match=r"\[price_tables.market\] file: .*market.csv has no line of titles above rows of values"
     ):
         toys(hourly, 'file = "market.csv"', "Water a toy", "Water it")
 

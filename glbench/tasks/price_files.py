@@ -1,0 +1,311 @@
+"""Files of prices as people have them: exports of ENTSO-E, EPEX, SMARD and others, and the plain two columns of docs/prices.md.
+
+The column of times and that of prices are recognised, stamps on a local clock become UTC with the 23 and 25 hours of the days on which the
+clock changes, and prices are converted to the unit of the table. Hours without a price are left out with a note: the price before them
+holds on.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Final
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+import numpy as np
+
+from glbench.errors import TaskError
+from glbench.outside_tables import (
+    DAY,
+    HOUR,
+    STAMP,
+    FloatArray,
+    IntArray,
+    TextTable,
+    parse_number,
+    read_stamps,
+    read_text,
+    split_table,
+    utc_of_local,
+)
+from glbench.untrusted import visible
+
+MOST_PRICES: Final = 110_000
+"""Rows of a file of prices: 12 years by the hour, 3 by the quarter of an hour."""
+EXCHANGE_CLOCK: Final = "Europe/Brussels"
+"""Clock of stamps that call themselves CET/CEST."""
+USUAL_PRICES: Final = {"kwh": (0.004, 2.0), "m3": (0.03, 10.0)}
+"""Range in which the mean of a price [EUR for each] usually is. Beyond it a factor of 1,000 is likely: EUR/MWh taken for EUR/kWh."""
+_AMOUNTS: Final = {
+    "MWh": ("kWh", 1e-3), "kWh": ("kWh", 1.0), "GJ": ("kWh", 0.0036), "MJ": ("kWh", 3.6),
+    "m3": ("m3", 1.0), "kg": ("kg", 1.0), "t": ("kg", 1e-3),
+    "mol": ("mol", 1.0),
+}  # fmt: skip
+"""Amounts that prices are for: the amount that a table may use, and the factor from this one to that."""
+_UNIT: Final = re.compile(
+    r"(?P<money>EUR|€|Euro?s?|ct|cent|cts|[A-Z]{3})\s*(?:/|per|pro)?\s*"
+    r"(?P<amount>MWh|kWh|GJ|MJ|m-?3|m³|kg|t|mol)\b(?:-1)?",
+    re.IGNORECASE,
+)
+_PRICE: Final = re.compile(r"price|prijs|preis|prix|precio|day.?ahead|auction|spot|tari", re.IGNORECASE)
+_EPEX_HOUR: Final = re.compile(r"(?:hour|stunde|heure|uur|h)\s*(\d{1,2})\s*([AB]?)(?:\s*\(.*\))?", re.IGNORECASE)
+_PLAIN_FILE: Final = (
+    "A plain file has the header time,price and lines such as 2010-03-01T00:00,0.09, or the header hour,EUR/MWh and "
+    "lines such as 2023-03-01T00:00+01:00,87.5 for a table in EUR kWh-1."
+)
+
+
+@dataclass(frozen=True)
+class PriceFile:
+    """Prices of a file, in order of time.
+
+    Attributes
+    ----------
+    seconds
+        Moments from which on each price holds [s since 1970-01-01 UTC] ``(prices,)``.
+    prices
+        Prices in ``unit`` ``(prices,)``.
+    unit
+        Such as ``EUR kWh-1``.
+    notes
+        How the file was read.
+    doubts
+        What it lacks.
+    """
+
+    seconds: IntArray
+    prices: FloatArray
+    unit: str
+    notes: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
+
+    def series(self) -> list[dict[str, object]]:
+        """The ``series`` of a price table."""
+        return [
+            {"time": dt.datetime.fromtimestamp(moment, tz=dt.UTC), "price": price}
+            for moment, price in zip(self.seconds.tolist(), self.prices.tolist(), strict=True)
+        ]
+
+
+def read_prices(
+    path: Path,
+    unit: object,
+    *,
+    clock: object = None,
+    column: object = None,
+    file_unit: object = None,
+) -> PriceFile:
+    """Prices of a file in the ``unit`` of a price table.
+
+    Parameters
+    ----------
+    path
+        The file. ``.zip`` and ``.gz`` with one table inside are opened.
+    unit
+        Unit of the table, such as ``EUR kWh-1``; ``None`` for that of a plain file's title.
+    clock
+        IANA zone of stamps without an offset; by default UTC, or that of an exchange where the title says CET/CEST.
+    column
+        Title of the column of prices, where there are several.
+    file_unit
+        Unit of the file's prices, such as ``EUR/MWh``, where its title has none.
+
+    Raises
+    ------
+    TaskError
+        When the file is not one of prices; names row, column and value.
+    """
+    text = read_text(path, TaskError)
+    table = split_table(text, str(path), TaskError)
+    if len(table.rows) > MOST_PRICES:
+        problem = (
+            f"it has {len(table.rows):,} prices, and a task may have {MOST_PRICES:,}. Keep the years that the runs use."
+        )
+        raise table.refuse(problem)
+    hours = {title: match for title in table.titles if (match := _EPEX_HOUR.fullmatch(title))}
+    zone, named_clock = _clock_of(table, clock)
+    if len(hours) >= 24:
+        seconds, prices = _days_of_hours(table, list(hours), zone or ZoneInfo(EXCHANGE_CLOCK))
+        lines, price_title = np.zeros(seconds.size, dtype=np.int64), table.titles[0]
+    else:
+        price_title = _price_column(table, column)
+        others = [title for title in table.titles if title != price_title]
+        by_name = [
+            title for title in others if re.search("time|hour|date|datum|tijd|zeit|uur|mtu", title, re.IGNORECASE)
+        ]
+        times = [title for title in others if _is_time(table, title)] or by_name
+        if not times:
+            problem = f"no column holds times; its columns are {visible(', '.join(table.titles)[:300])}. {_PLAIN_FILE}"
+            raise table.refuse(problem)
+        stamps = read_stamps(table, times[:1])
+        seconds = stamps.seconds
+        if not stamps.zoned and zone is not None:
+            seconds = utc_of_local(table, seconds, zone, times[0])
+        prices = table.numbers(price_title)
+        lines = np.array(table.lines, dtype=np.int64)
+        for i, (before, here) in enumerate(pairwise(seconds.tolist()), start=1):
+            if here <= before:
+                problem = (
+                    f"{visible(table.texts(times[0])[i])} {'comes again' if here == before else 'is earlier than the row above'}. Times "
+                    'rise. If the stamps are on a local clock, whose autumn has an hour twice, name it: clock = "Europe/Amsterdam" in '
+                    "the price table (or --clock)."
+                )
+                raise table.refuse(problem, i, times[0])
+    factor, own_unit, unit_note = _conversion(table, price_title, unit, file_unit)
+    notes = [*([named_clock] if named_clock else []), *([unit_note] if unit_note else [])]
+    doubts: list[str] = []
+    missing = np.isnan(prices)
+    if missing.all():
+        problem = "it has no price at all."
+        raise table.refuse(problem, None, price_title)
+    if missing.any():
+        i = int(np.argmax(missing))
+        where = f"row {lines[i]}, " if lines[i] else ""
+        count = f"{int(missing.sum()):,} of {missing.size:,} hours have no price"
+        doubts.append(f"{count} (the first: {where}{_utc(int(seconds[i]))} UTC); the price before them holds")
+    return PriceFile(seconds[~missing], prices[~missing] * factor, own_unit, tuple(notes), tuple(doubts))
+
+
+def doubts_of_prices(unit: str, mean: float, name: str) -> list[str]:
+    """A doubt about the factor of the prices of the table ``name``, whose mean over time is ``mean`` [``unit``]; empty if there is none."""
+    match = _UNIT.search(unit)
+    low, high = USUAL_PRICES.get(_amount(match) if match else "", (0.0, np.inf))
+    if low <= abs(mean) <= high:
+        return []
+    return [
+        f"the prices of '{name}' are {mean:.3g} {unit} on average, where {low:g} to {high:g} is usual. Is the unit of the file right? "
+        "EUR/kWh under a title EUR/MWh makes them a thousandth, the reverse a thousand times as high."
+    ]
+
+
+def _amount(unit: re.Match[str]) -> str:
+    """The amount that a price is for, in lower case: ``kwh``, ``m3``."""
+    return unit["amount"].lower().replace("³", "3").replace("-", "")
+
+
+def _utc(seconds: int) -> str:
+    return f"{dt.datetime.fromtimestamp(seconds, tz=dt.UTC):%Y-%m-%d %H:%M}"
+
+
+def _clock_of(table: TextTable, clock: object) -> tuple[ZoneInfo | None, str]:
+    """The clock of stamps without an offset, and a note on it; ``None`` is UTC."""
+    if clock is not None:
+        try:
+            return ZoneInfo(str(clock)), f"times read on the clock of {clock}"
+        except (ZoneInfoNotFoundError, ValueError, OSError) as error:
+            msg = f"{table.file}: clock = '{visible(str(clock))}' is no time zone of the IANA database. Write a name such as Europe/Paris."
+            raise TaskError(msg) from error
+    titles = " ".join((*table.titles, *table.preamble))
+    if re.search(r"\b(UTC|GMT)\b(?!\s*[+-])", titles):
+        return None, ""
+    if re.search(r"\b(CET|MEZ|CEST|MESZ)\b", titles):
+        return ZoneInfo(EXCHANGE_CLOCK), f"times read on the clock of {EXCHANGE_CLOCK}, as the titles say CET"
+    return None, ""
+
+
+def _is_time(table: TextTable, title: str) -> bool:
+    text = next((text for text in table.texts(title) if text), "")
+    return STAMP.fullmatch(text) is not None or re.match(r"\d.*\d\s+[-\u2013]\s+\d", text) is not None
+
+
+def _price_column(table: TextTable, column: object) -> str:
+    """Title of the column of prices.
+
+    Raises
+    ------
+    TaskError
+        When there is none, or several and ``column`` does not say which.
+    """
+    if column is not None:
+        table.texts(str(column))
+        return str(column)
+    numeric = [title for title in table.titles if not _is_time(table, title) and _is_numeric(table, title)]
+    by_rank = (
+        [title for title in numeric if re.search(r"day.?ahead", title, re.IGNORECASE)],
+        [title for title in numeric if _UNIT.search(title)],
+        [title for title in numeric if _PRICE.search(title)],
+        [title for title in numeric if not re.search(r"sequence|period|volume|mw\b", title, re.IGNORECASE)],
+    )
+    candidates = next((titles for titles in by_rank if titles), [])
+    if len(candidates) != 1:
+        what = "no column holds prices" if not candidates else "it is unclear which column holds the prices"
+        titles = visible(", ".join(table.titles)[:400])
+        problem = (
+            f'{what}; its columns are {titles}. Name it: column = "..." in the price table (or --column). {_PLAIN_FILE}'
+        )
+        raise table.refuse(problem)
+    return candidates[0]
+
+
+def _is_numeric(table: TextTable, title: str) -> bool:
+    values = [parse_number(text, table.decimal) for text in table.texts(title)[:200]]
+    return any(value is not None and value == value for value in values) and sum(value is None for value in values) <= 1
+
+
+def _days_of_hours(table: TextTable, titles: list[str], zone: ZoneInfo) -> tuple[IntArray, FloatArray]:
+    """Moments and prices of a table with a row a day and a column an hour, in which the hour that comes twice has columns A and B."""
+    dates = read_stamps(table, table.titles[:1]).seconds
+    columns = {title: table.numbers(title) for title in titles}
+    rows: list[tuple[int, float]] = []
+    for row in np.argsort(dates, kind="stable").tolist():
+        begin, end = (utc_of_local(table, dates[row : row + 1] + day, zone, table.titles[0])[0] for day in (0, DAY))
+        length = int(end - begin) // HOUR
+        present = []
+        for title in titles:
+            hour, part = _EPEX_HOUR.fullmatch(title).groups()  # type: ignore[union-attr]
+            if length == 25 or part.upper() != "B":
+                if length != 23 or int(hour) != 3:
+                    present.append(float(columns[title][row]))
+                if length == 25 and int(hour) == 3 and not part:
+                    present.append(float(columns[title][row]))
+        rows += [(int(begin) + HOUR * i, price) for i, price in enumerate(present)]
+    return np.array([moment for moment, _ in rows], dtype=np.int64), np.array([price for _, price in rows])
+
+
+def _conversion(table: TextTable, title: str, unit: object, file_unit: object) -> tuple[float, str, str]:
+    """Factor from the file's prices to those of the table, the table's unit, and a note on it."""
+    match = (
+        _UNIT.search(str(file_unit))
+        if file_unit is not None
+        else _UNIT.search(title) or next((above for line in table.preamble if (above := _UNIT.search(line))), None)
+    )
+    target = None if unit is None else _UNIT.search(str(unit))
+    if match is None:
+        if file_unit is not None:
+            msg = (
+                f"{table.file}: '{visible(str(file_unit))}' is not a unit of prices such as EUR/MWh, ct/kWh or EUR/m3."
+            )
+            raise TaskError(msg)
+        if unit is None:
+            problem = 'neither the file nor the price table has a unit: write unit = "EUR kWh-1" in the table.'
+            raise table.refuse(problem)
+        if len(table.titles) > 2 or title.lower() != "price":
+            problem = (
+                f"the title '{visible(title)}' has no unit of prices. Name it: file_unit = \"EUR/MWh\" in the price table (or "
+                f"--file-unit). {_PLAIN_FILE}"
+            )
+            raise table.refuse(problem)
+        return 1.0, str(unit), ""
+    if unit is None:
+        problem = (
+            f'the file is in {visible(match[0])}, and the price table has no unit: write unit = "EUR kWh-1" in it.'
+        )
+        raise table.refuse(problem)
+    money = {"€": "EUR", "EURO": "EUR", "EUROS": "EUR", "CT": "EUR", "CTS": "EUR", "CENT": "EUR"}
+    cents = match["money"].upper() in ("CT", "CTS", "CENT")
+    currency = money.get(match["money"].upper(), match["money"].upper())
+    amounts = {name.lower(): entry for name, entry in _AMOUNTS.items()}
+    amount, factor = amounts[_amount(match)]
+    table_amount, table_factor = amounts[_amount(target)] if target else ("", 1.0)
+    if (
+        target is None
+        or money.get(target["money"].upper(), target["money"].upper()) != currency
+        or table_amount != amount
+    ):
+        problem = f"its prices are in {visible(match[0])}, which cannot become {visible(str(unit))}. {_PLAIN_FILE}"
+        raise table.refuse(problem)
+    total = factor / table_factor * (0.01 if cents else 1.0)
+    return total, str(unit), "" if total == 1.0 else f"{visible(match[0])} converted to {unit}"

@@ -1,0 +1,216 @@
+"""Exports of exchanges: clocks, units, missing prices, doubts, and the command that writes a plain file."""
+
+from __future__ import annotations
+
+import datetime as dt
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from glbench.cli.app import app
+from glbench.errors import TaskError
+from glbench.tasks import get_task
+from glbench.tasks.price_files import PriceFile, doubts_of_prices, read_prices
+from glbench.tasks.prices import PriceTable
+
+KWH = "EUR kWh-1"
+
+
+def prices_of(folder: Path, text: str, *, encoding: str = "utf-8", unit: object = KWH, **how: object) -> PriceFile:
+    path = folder / "prices.csv"
+    path.write_bytes(text.encode(encoding))
+    return read_prices(path, unit, **how)
+
+
+def utc(prices: PriceFile) -> list[str]:
+    return [f"{dt.datetime.fromtimestamp(second, tz=dt.UTC):%m-%d %H:%M}" for second in prices.seconds.tolist()]
+
+
+def entsoe(day: str, begin_and_end: list[tuple[str, str]]) -> str:
+    rows = [
+        f'"{day} {begin} - {day} {end}","{10 * i}.5","EUR",""' for i, (begin, end) in enumerate(begin_and_end, start=1)
+    ]
+    return "\r\n".join(['"MTU (CET/CEST)","Day-ahead Price [EUR/MWh]","Currency","BZN|NL"', *rows])
+
+
+def test_an_export_of_entso_e_has_an_hour_twice_in_autumn_and_none_in_spring(tmp_path: Path) -> None:
+    autumn = entsoe("31.10.2010", [("01:00", "02:00"), ("02:00", "02:00"), ("02:00", "03:00"), ("03:00", "04:00")])
+    prices = prices_of(tmp_path, autumn)
+    assert utc(prices) == ["10-30 23:00", "10-31 00:00", "10-31 01:00", "10-31 02:00"]
+    np.testing.assert_allclose(prices.prices, [0.0105, 0.0205, 0.0305, 0.0405])
+    spring = entsoe("28.03.2010", [("01:00", "03:00"), ("03:00", "04:00")])
+    assert utc(prices_of(tmp_path, spring)) == ["03-28 00:00", "03-28 01:00"]
+    in_utc = spring.replace("CET/CEST", "UTC").replace("03:00 - 28.03.2010 04", "02:00 - 28.03.2010 03")
+    assert utc(prices_of(tmp_path, in_utc)) == ["03-28 01:00", "03-28 02:00"]
+
+
+def test_an_export_of_epex_has_a_row_a_day_and_a_column_an_hour(tmp_path: Path) -> None:
+    titles = ["Delivery day", *(f"Hour {hour}" if hour != 3 else "Hour 3A;Hour 3B" for hour in range(1, 25))]
+    days = {
+        "26/03/2011": ["1", "2", "3", "", *map(str, range(4, 25))],
+        "27/03/2011": ["1", "2", "", "", *map(str, range(4, 25))],
+        "30/10/2011": ["1", "2", "3", "3,5", *map(str, range(4, 25))],
+    }
+    text = "\n".join([";".join(titles), *(";".join([day, *cells]) for day, cells in days.items())])
+    prices = prices_of(tmp_path, text, file_unit="EUR/MWh")
+    assert prices.prices.size == 24 + 23 + 25
+    assert utc(prices)[:1] == ["03-25 23:00"]
+    spring, autumn = prices.prices[24:47] * 1e3, prices.prices[47:] * 1e3
+    np.testing.assert_allclose(spring[:4], [1, 2, 4, 5])
+    np.testing.assert_allclose(autumn[:5], [1, 2, 3, 3.5, 4])
+    assert utc(prices)[47] == "10-29 22:00"
+    assert (np.diff(prices.seconds[47:]) == 3600).all()
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
+def test_an_export_with_decimal_commas_and_a_currency_sign(tmp_path: Path, encoding: str) -> None:
+    text = (
+        "Datum von;Datum bis;Deutschland/Luxemburg [€/MWh] Originalauflösungen\r\n"
+        "13.02.2024 00:00;13.02.2024 00:15;1.064,50\r\n13.02.2024 00:15;13.02.2024 00:30;-3,50\r\n"
+    )
+    prices = prices_of(tmp_path, text, encoding=encoding, clock="Europe/Berlin")
+    np.testing.assert_allclose(prices.prices, [1.0645, -0.0035])
+    assert utc(prices) == ["02-12 23:00", "02-12 23:15"]
+
+
+@pytest.mark.parametrize(
+    ("title", "unit", "expected"),
+    [
+        ("EUR/MWh", KWH, 0.04),
+        ("ct/kWh", KWH, 0.4),
+        ("Preis (EUR/kWh)", KWH, 40.0),
+        ("€/GJ", KWH, 0.144),
+        ("gas EUR/m3", "EUR m-3", 40.0),
+        ("EUR/t", "EUR kg-1", 0.04),
+        ("EUR/MWh", "EUR MJ-1", 0.04 / 3.6),
+    ],
+)
+def test_units_are_converted_to_that_of_the_table(tmp_path: Path, title: str, unit: str, expected: float) -> None:
+    prices = prices_of(tmp_path, f"time,{title}\n2010-01-01T00:00Z,40\n2010-01-01T01:00Z,40\n", unit=unit)
+    np.testing.assert_allclose(prices.prices, expected)
+
+
+def test_hours_without_a_price_are_named(tmp_path: Path) -> None:
+    prices = prices_of(tmp_path, "hour,EUR/MWh\n2010-01-01T00:00Z,40\n2010-01-01T01:00Z,n/e\n2010-01-01T02:00Z,42\n")
+    assert prices.doubts == (
+        "1 of 3 hours have no price (the first: row 3, 2010-01-01 01:00 UTC); the price before them holds",
+    )
+    assert utc(prices) == ["01-01 00:00", "01-01 02:00"]
+    with pytest.raises(TaskError, match="it has no price at all"):
+        prices_of(tmp_path, "hour,EUR/MWh\n2010-01-01T00:00Z,n/e\n2010-01-01T01:00Z,\n", column="EUR/MWh")
+
+
+@pytest.mark.parametrize(
+    ("text", "how", "words"),
+    [
+        (
+            "time,EUR/MWh\n2010-10-31T02:00,1\n2010-10-31T02:00,2\n",
+            {},
+            "row 3, column 'time': 2010-10-31T02:00 comes again.*clock = \"Eur",
+        ),
+        (
+            "time,EUR/MWh\n2010-03-28T02:30,1\n",
+            {"clock": "Europe/Amsterdam"},
+            "row 2.*does not exist on the clock of Europe/Amsterdam",
+        ),
+        (
+            "time,EUR/MWh\n2010-03-28T02:30,1\n",
+            {"clock": "Europe/Amsterdm"},
+            "clock = 'Europe/Amsterdm' is no time zone",
+        ),
+        ("time,NL EUR/MWh,BE EUR/MWh\n2010-01-01T00:00,1,2\n", {}, "it is unclear which column holds the prices"),
+        (
+            "time,NL,BE\n2010-01-01T00:00,1,2\n",
+            {"column": "NL"},
+            "the title 'NL' has no unit of prices. Name it: file_unit",
+        ),
+        ("time,EUR/MWh\n2010-01-01T00:00,1\n", {"column": "NL"}, "there is no column 'NL'"),
+        ("time,EUR/MWh\n2010-01-01T00:00,1\n", {"file_unit": "parsec"}, "'parsec' is not a unit of prices"),
+        ("time,EUR/MWh\n" + "2010-01-01T00:00,1\n" * 110_001, {}, "it has 110,001 prices, and a task may have 110,000"),
+    ],
+)
+def test_files_that_cannot_be_used_are_refused_in_words(
+    tmp_path: Path, text: str, how: dict[str, str], words: str
+) -> None:
+    with pytest.raises(TaskError, match=f"prices.csv.*{words}"):
+        prices_of(tmp_path, text, **how)
+
+
+def test_the_mean_is_one_of_time_and_a_factor_of_a_thousand_is_doubted() -> None:
+    begin = dt.datetime(2010, 1, 1, tzinfo=dt.UTC)
+    months = [(begin + dt.timedelta(days=30 * i), 0.04) for i in range(12)]
+    day = [(begin + dt.timedelta(days=330, minutes=15 * (i + 1)), 0.4 if i < 96 else 0.04) for i in range(97)]
+    table = PriceTable(KWH, series=(*months, *day))
+    assert table.mean == pytest.approx((330 * 0.04 + 1 * 0.4 + 2 * 0.04 / 96) / (331 + 2 / 96), rel=1e-9)
+    assert doubts_of_prices(KWH, 0.05, "power") == []
+    assert doubts_of_prices("EUR kg-1", 50.0, "fruit") == []
+    (low,), (high,) = doubts_of_prices(KWH, 4.7e-5, "power"), doubts_of_prices(KWH, 45.0, "power")
+    assert "4.7e-05 EUR kWh-1 on average" in low
+    assert "45 EUR kWh-1 on average" in high
+
+
+TASK = """
+base = "glbench/SpringEnergy-v1"
+id = "mylab/Own-v1"
+title = "own prices"
+{without}
+weather.days = 2
+[price_tables.power]
+unit = "EUR kWh-1"
+file = "power.csv"
+"""
+
+
+def own_task(
+    folder: Path, year: int, scale: float = 1.0, without: str = 'without = ["price_tables.power.market"]'
+) -> Path:
+    begin = dt.datetime(year, 1, 1)
+    rows = [f"{begin + dt.timedelta(hours=i):%Y-%m-%dT%H:%M},{scale * (40 + i % 24)}" for i in range(8760)]
+    (folder / "power.csv").write_text("\n".join(["hour,EUR/MWh", *rows]))
+    path = folder / "own.toml"
+    path.write_text(TASK.format(without=without))
+    return path
+
+
+def test_a_market_of_the_base_is_replaced_or_the_error_says_how(tmp_path: Path) -> None:
+    assert len(get_task(own_task(tmp_path, 2010)).price_tables["power"].series) == 8760
+    with pytest.raises(
+        TaskError, match=r'has a market, which the file must replace. Add without = \["price_tables.power.market"\]'
+    ):
+        get_task(own_task(tmp_path, 2010, without=""))
+
+
+def test_the_check_of_a_task_says_what_is_doubtful_and_refuses_prices_of_other_years(tmp_path: Path) -> None:
+    run = CliRunner().invoke
+    right = run(app, ["tasks", "check", str(own_task(tmp_path, 2010))])
+    assert (right.exit_code, "nothing wrong" in right.output) == (0, True)
+    thousandth = run(app, ["tasks", "check", str(own_task(tmp_path, 2010, 1e-3))])
+    assert (thousandth.exit_code, "usable, but 1 doubt above" in thousandth.output) == (0, True)
+    other = run(app, ["tasks", "check", str(own_task(tmp_path, 2024))])
+    assert other.exit_code == 1
+    words = " ".join(other.output.split())
+    assert "has no price for 720 of the 720 hours that runs may use" in words
+    assert "nothing wrong" not in words
+
+
+def test_the_command_writes_a_plain_file_and_the_lines_of_a_task(tmp_path: Path) -> None:
+    export = tmp_path / "export.csv"
+    export.write_text(entsoe("01.04.2010", [(f"{hour:02d}:00", f"{hour + 1:02d}:00") for hour in range(23)]))
+    out = tmp_path / "power.csv"
+    arguments = ["prices", "import", str(export), "--out", str(out), "--base", "SpringEnergy-v1"]
+    outcome = CliRunner().invoke(app, arguments)
+    assert outcome.exit_code == 0, outcome.output
+    assert "The prices are usable." in outcome.output
+    for line in (
+        'base = "glbench/SpringEnergy-v1"',
+        'without = ["price_tables.power"]',
+        "[price_tables.power]",
+        'file = "power.csv"',
+    ):
+        assert line in outcome.output
+    again = read_prices(out, KWH)
+    np.testing.assert_array_equal(again.prices, read_prices(export, KWH).prices)
+    np.testing.assert_array_equal(again.seconds, read_prices(export, KWH).seconds)
+    assert CliRunner().invoke(app, arguments).exit_code != 0
