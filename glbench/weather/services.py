@@ -1,0 +1,414 @@
+"""Readers of what weather services export: PVGIS, NSRDB (PSM3, PSM4), Open-Meteo, SolarAnywhere.
+
+**PVGIS** typical years and hourly series. Stamps are UTC. Radiation is an instant, in typical years later than the stamp by the file's
+"Irradiance Time Offset"; the rest are instants at the stamp. **NSRDB**: the stamp is the middle of the interval, whose mean the values are
+taken for; standard time by the file's "Time Zone". **Open-Meteo**: radiation is the mean over the interval before the stamp, the rest are
+instants. **SolarAnywhere**: means over the interval before the stamp, local standard time.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from zoneinfo import ZoneInfo
+
+import numpy as np
+
+from glbench.errors import WeatherError
+from glbench.outside_tables import HOUR, Stamps, TextTable, read_stamps, split_table, step_of, utc_of_local
+from glbench.untrusted import parse_json, reason_of
+from glbench.weather import record
+from glbench.weather.reading import (
+    MEANS,
+    TIMING,
+    Reading,
+    file_name,
+    humidity_column,
+    humidity_of_daily_minimum,
+    humidity_of_dew_point,
+    needed_title,
+    number_of,
+    title_of,
+    without_constant_zero,
+)
+
+_MISSING = (-9999, -999)
+_PVGIS_LICENCE = "PVGIS (c) European Union: free to use, with the source acknowledged."
+_OPEN_METEO_LICENCE = "CC BY 4.0, weather data by Open-Meteo.com"
+_OPEN_METEO_UNITS: Mapping[str, tuple[float, float]] = {
+    "C": (1.0, 0.0),
+    "F": (1 / 1.8, -32 / 1.8),
+    "%": (1.0, 0.0),
+    "m/s": (1.0, 0.0),
+    "ms": (1.0, 0.0),
+    "km/h": (1 / 3.6, 0.0),
+    "kmh": (1 / 3.6, 0.0),
+    "mp/h": (0.44704, 0.0),
+    "mph": (0.44704, 0.0),
+    "kn": (1852 / 3600, 0.0),
+    "W/m": (1.0, 0.0),
+    "W/m2": (1.0, 0.0),
+}
+"""Units of Open-Meteo, without degree signs and raised twos: factor and offset to the canonical unit."""
+OPEN_METEO_HEADER = "utc_offset_seconds"
+
+
+def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Reading:
+    """A typical year or an hourly series of PVGIS, as CSV or JSON.
+
+    The hourly series has no humidity. With ``estimate_humidity`` the day's lowest temperature is taken for the dew point; otherwise it is
+    refused.
+
+    Raises
+    ------
+    WeatherError
+        When columns are missing, or the plane is tilted; a row that does not fit is named.
+    """
+    table, facts = _pvgis_table(text, file)
+    time = needed_title(table, "time(UTC)")
+    stamps = read_stamps(
+        replace(
+            table,
+            rows=[[field.replace(":", " ", 1) if re.match(r"\d{8}:", field) else field for field in row] for row in table.rows],
+        ),
+        (time,),
+    ).seconds
+    notes: list[str] = []
+    horizontal = title_of(table, "Gh") or next((title for title in table.titles if title == "G(h)"), None)
+    minutes = int(np.median(stamps % HOUR))
+    tilted = [title for title in ("G(i)", "Gb(i)", "Gd(i)", "Gr(i)") if title in table.titles]
+    if horizontal:
+        radiation = table.numbers(horizontal)
+        delay = facts.get("irradiance time offset", 0.0)
+    elif tilted:
+        if not _is_horizontal(table, facts):
+            msg = (
+                f"{file}: its radiation is that on a tilted plane (slope {facts.get('slope', 'not stated')}). The greenhouse needs "
+                "global horizontal radiation: export it again with slope 0, or take the typical year of PVGIS."
+            )
+            raise WeatherError(msg)
+        parts = ["G(i)"] if "G(i)" in tilted else tilted
+        radiation = np.sum([table.numbers(title) for title in parts], axis=0)
+        delay = 0.0
+    else:
+        raise table.refuse(f"there is no column of radiation (G(h) or G(i)). It has: {', '.join(table.titles)}.")
+    columns = {
+        "air_temperature": table.numbers(needed_title(table, "T2m")),
+        "wind_speed": table.numbers(needed_title(table, "WS10m")),
+        "global_radiation": radiation,
+    }
+    if "IR(h)" in table.titles:
+        columns["sky_infrared"] = table.numbers("IR(h)")
+    typical = horizontal is not None and stamps.size in (8760, 8784)
+    if humidity := title_of(table, "RH"):
+        columns["relative_humidity"] = table.numbers(humidity)
+    elif estimate_humidity:
+        columns["relative_humidity"] = humidity_of_daily_minimum(stamps, columns["air_temperature"])
+        notes.append("relative humidity estimated: the dew point is taken as the day's lowest temperature (FAO-56, equation 48)")
+    else:
+        msg = (
+            f"{file} has no humidity, which PVGIS gives in its typical years only, and the greenhouse needs it. Export the typical year, take "
+            "another source such as Open-Meteo, or let it be estimated from the day's lowest temperature with --estimate-humidity."
+        )
+        raise WeatherError(msg)
+    if typical or minutes == 0:
+        # Radiation is an instant: half an hour before and after it count for it.
+        whole = round(float(delay))
+        share = 0.5 + float(delay) - whole
+        late = np.roll(columns["global_radiation"], -whole)
+        columns["global_radiation"] = share * np.roll(late, 1) + (1.0 - share) * late
+        if not typical:
+            columns["global_radiation"][0] = radiation[0]
+        rows = record.Rows(file, stamps, columns, {**TIMING, "sky_infrared": "instant"}, np.array(table.lines, dtype=np.int64))
+        notes.append(f"radiation is an instant {float(delay) * 60:.0f} min after the stamp, averaged to hours by linear weights")
+    else:
+        rows = record.Rows(file, stamps + HOUR // 2, columns, MEANS, np.array(table.lines, dtype=np.int64))
+        notes.append(f"values are instants at minute {minutes // 60}, each taken for the hour around it")
+    return Reading(
+        rows,
+        f"PVGIS {facts.get('latitude', '?')}, {facts.get('longitude', '?')}",
+        f"PVGIS (European Commission, Joint Research Centre), {'typical year' if typical else 'hourly series'}, {file_name(file)}",
+        _fact(facts, "latitude"),
+        _fact(facts, "longitude"),
+        _fact(facts, "elevation"),
+        licence=_PVGIS_LICENCE,
+        typical=typical,
+        notes=tuple(notes),
+    )
+
+
+def _fact(facts: Mapping[str, float | str], key: str) -> float | None:
+    value = facts.get(key)
+    return value if isinstance(value, float) else None
+
+
+def _is_horizontal(table: TextTable, facts: Mapping[str, float | str]) -> bool:
+    slope = facts.get("slope")
+    if isinstance(slope, float):
+        return slope == 0.0
+    reflected = next((title for title in table.titles if title == "Gr(i)"), None)
+    return slope is None and reflected is not None and not table.numbers(reflected).any()
+
+
+def _pvgis_table(text: str, file: str) -> tuple[TextTable, dict[str, float | str]]:
+    """The table, and the numbers (or texts) of its heading by their names in small letters, without units."""
+    facts: dict[str, float | str] = {}
+    if text.lstrip().startswith(("{", "[")):
+        try:
+            document = parse_json(text)
+            inputs = document.get("inputs", {}) if isinstance(document, dict) else {}
+            outputs = document.get("outputs", {}) if isinstance(document, dict) else document
+            series = outputs if isinstance(outputs, list) else outputs.get("tmy_hourly") or outputs.get("hourly")
+            titles = tuple(series[0])
+            rows = [[str(row[title]) for title in titles] for row in series]
+            facts = {key.replace("_", " "): float(value) for key, value in inputs.get("location", {}).items() if value is not None}
+            slopes = re.findall(r'"slope"\s*:\s*\{\s*"value"\s*:\s*("[^"]*"|[-\d.]+)', text)
+            for slope in slopes:
+                facts["slope"] = float(slope) if re.fullmatch(r"[-\d.]+", slope) else slope.strip('"')
+        except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+            msg = f"{file} is no weather of PVGIS: {reason_of(error)}. Export it again, as CSV."
+            raise WeatherError(msg) from error
+        return TextTable(file, WeatherError, (), titles, rows, range(1, len(rows) + 1)), facts
+    lines = text.split("\n")
+    first = next(i for i, line in enumerate(lines) if re.match(r"\s*\"?time\s*(\(UTC\))?\"?\s*[,;\t]", line))
+    last = next((i for i in range(first, len(lines)) if not lines[i].strip(" ,;\t")), len(lines))
+    for line in lines[:first]:
+        match = re.match(r"\s*\"?([A-Za-z ]+?)\s*(?:\([^)]*\))?\s*:\s*(.*?)[\s,;\"]*$", line)
+        if match:
+            number = re.match(r"-?\d+(?:[.,]\d+)?(?=$|\s|°|deg)", match[2])
+            facts[match[1].lower()] = float(number[0].replace(",", ".")) if number else match[2]
+    body = "\n".join(["" for _ in lines[:first]] + lines[first:last])
+    return split_table(body, file, WeatherError, is_titles=lambda fields: fields[0].startswith("time")), facts
+
+
+def parse_nsrdb(text: str, file: str) -> Reading:
+    """A file of NREL's National Solar Radiation Database: PSM3 or PSM4, 5 to 60 minutes, real or typical years.
+
+    Raises
+    ------
+    WeatherError
+        When columns or facts of the heading are missing; a row that does not fit is named.
+    """
+    table = split_table(
+        text, file, WeatherError, is_titles=lambda fields: [field.lower() for field in fields[:4]] == ["year", "month", "day", "hour"]
+    )
+    facts = _heading(table.preamble)
+    calendar_columns = [table.numbers(needed_title(table, name)) for name in ("Year", "Month", "Day", "Hour")]
+    minute = title_of(table, "Minute")
+    minutes = table.numbers(minute) if minute else np.zeros(len(table.rows))
+    stamps = _stamps_of(table, calendar_columns) + minutes.astype(np.int64) * 60
+    notes: list[str] = []
+    temperature = table.numbers(needed_title(table, "Temperature", "air temperature"), _MISSING)
+    columns = {
+        "air_temperature": temperature,
+        "relative_humidity": humidity_column(table, temperature, ("Relative Humidity",), ("Dew Point",), _MISSING, notes),
+        "wind_speed": table.numbers(needed_title(table, "Wind Speed"), _MISSING),
+        "global_radiation": table.numbers(needed_title(table, "GHI"), _MISSING),
+    }
+    step = step_of(stamps)
+    place = {name: facts.get(name) for name in ("latitude", "longitude", "elevation", "time zone")}
+    latitude, longitude, altitude, offset = (
+        None if field is None else number_of(file, 2, name, field) for name, field in place.items()
+    )
+    if offset is None:
+        msg = f"{file}, row 1: the heading has no 'Time Zone', so it is unclear when the rows are. Download the file again."
+        raise WeatherError(msg)
+    local = facts.get("local time zone")
+    shift = number_of(file, 2, "local time zone", local) if local else offset
+    # Typical years are turned in the clock of their rows; the local clock is another one where the rows are in UTC.
+    zone = f"Etc/GMT{-int(shift):+d}" if shift and shift == int(shift) and not offset else None
+    state = ", ".join(facts[name] for name in ("city", "state", "country") if facts.get(name, "-").strip("-"))
+    return Reading(
+        record.Rows(file, stamps + step // 2, columns, MEANS, np.array(table.lines, dtype=np.int64)),
+        state or f"NSRDB {facts.get('location id', '')}".strip(),
+        f"NREL {facts.get('source', 'NSRDB')}, location {facts.get('location id', 'not stated')}, {file_name(file)}",
+        latitude,
+        longitude,
+        altitude,
+        offset,
+        zone,
+        notes=(*notes, f"stamps are the middles of intervals of {step // 60} min"),
+    )
+
+
+def _heading(lines: Sequence[str]) -> dict[str, str]:
+    """Names in the first line, in small letters, and the texts below them."""
+    rows = [row for row in csv.reader(lines, delimiter=";" if lines and lines[0].count(";") > lines[0].count(",") else ",") if row]
+    if len(rows) < 2:
+        return {}
+    return {name.strip().lower(): text.strip() for name, text in zip(rows[0], rows[1], strict=False)}
+
+
+def _stamps_of(table: TextTable, calendar_columns: Sequence[record.FloatArray]) -> record.IntArray:
+    year, month, day, hour = calendar_columns
+    texts = [f"{y:04.0f}-{m:02.0f}-{d:02.0f} {h:02.0f}:00" for y, m, d, h in zip(year, month, day, hour, strict=True)]
+    dates = TextTable(table.file, table.refusal, (), ("Year, Month, Day, Hour",), [[text] for text in texts], table.lines)
+    return read_stamps(dates, dates.titles).seconds
+
+
+def parse_open_meteo(text: str, file: str) -> Reading:
+    """A CSV of Open-Meteo: its hourly rows, or those of 15 minutes.
+
+    Raises
+    ------
+    WeatherError
+        When it holds several places, only daily rows, or lacks a column; a row that does not fit is named.
+    """
+    lines = text.split("\n")
+    blocks: list[list[int]] = [[]]
+    for i, line in enumerate(lines):
+        if line.strip(" ,;\t"):
+            blocks[-1].append(i)
+        elif blocks[-1]:
+            blocks.append([])
+    facts = _heading([lines[i] for i in blocks[0][:2]])
+    if len(blocks[0]) > 2 and not re.match(r"\W?(location_id[,;])?time\b", lines[blocks[0][2]]):
+        msg = f"{file} holds {len(blocks[0]) - 1} places. Download one place a file."
+        raise WeatherError(msg)
+    if len(blocks[0]) > 2:  # no blank line between the heading and the table
+        blocks.insert(1, blocks[0][2:])
+    tables = []
+    for block in blocks[1:]:
+        if len(block) > 1 and re.match(r"\W?(location_id[,;\t])?time\b", lines[block[0]]):
+            body = ["" for _ in lines[: block[-1] + 1]]
+            for i in block:
+                body[i] = lines[i]
+            table = split_table("\n".join(body), file, WeatherError, is_titles=lambda fields: "time" in fields[:2])
+            stamps = read_stamps(table, ("time",))
+            if len(table.rows) > 1 and step_of(stamps.seconds) <= HOUR:
+                tables.append((table, stamps))
+    if not tables:
+        msg = f"{file} holds no hourly values. Choose hourly variables in Open-Meteo's export; daily ones are too coarse."
+        raise WeatherError(msg)
+    # The hourly rows where they have all that is needed, else the finer ones.
+    tables.sort(key=lambda pair: (_open_meteo_column(pair[0], "temperature_2m") is None, -step_of(pair[1].seconds)))
+    table, stamps = tables[0]
+    notes: list[str] = []
+    columns = _open_meteo_columns(table, notes)
+    latitude, longitude, altitude = (
+        None if facts.get(name, "nan").lower() == "nan" else number_of(file, 2, name, facts[name])
+        for name in ("latitude", "longitude", "elevation")
+    )
+    seconds, zone = _open_meteo_clock(table, stamps, facts, notes)
+    return Reading(
+        record.Rows(file, seconds, columns, TIMING, np.array(table.lines, dtype=np.int64)),
+        f"Open-Meteo {facts.get('latitude', '?')}, {facts.get('longitude', '?')}",
+        f"Open-Meteo.com, {file_name(file)}",
+        latitude,
+        longitude,
+        altitude,
+        zone=zone,
+        licence=_OPEN_METEO_LICENCE,
+        notes=tuple(notes),
+    )
+
+
+def _open_meteo_columns(table: TextTable, notes: list[str]) -> dict[str, record.FloatArray]:
+    """Quantities of a table of Open-Meteo, in canonical units."""
+    present = {}
+    for quantity, names in {
+        "air_temperature": ("temperature_2m",),
+        "relative_humidity": ("relative_humidity_2m", "relativehumidity_2m"),
+        "dew_point": ("dew_point_2m", "dewpoint_2m"),
+        "wind_speed": ("wind_speed_10m", "windspeed_10m"),
+        "global_radiation": ("shortwave_radiation",),
+        "direct": ("direct_radiation",),
+        "diffuse": ("diffuse_radiation",),
+        "cloud_cover": ("cloud_cover", "cloudcover"),
+    }.items():
+        values = next((column for name in names if (column := _open_meteo_column(table, name)) is not None), None)
+        if values is not None:
+            present[quantity] = values
+    if "relative_humidity" not in present and {"dew_point", "air_temperature"} <= set(present):
+        notes.append("relative humidity from the dew point")
+        present["relative_humidity"] = humidity_of_dew_point(present["air_temperature"], present["dew_point"])
+    if "global_radiation" not in present and {"direct", "diffuse"} <= set(present):
+        present["global_radiation"] = present["direct"] + present["diffuse"]
+    for quantity, name in (
+        ("air_temperature", "temperature_2m"),
+        ("relative_humidity", "relative_humidity_2m"),
+        ("wind_speed", "wind_speed_10m"),
+        ("global_radiation", "shortwave_radiation"),
+    ):
+        if quantity not in present:
+            needed_title(table, name)
+    if "cloud_cover" in present:
+        present["cloud_cover"] = present["cloud_cover"] * 0.08
+    return {quantity: values for quantity, values in present.items() if quantity in record.QUANTITIES}
+
+
+def _open_meteo_column(table: TextTable, name: str) -> record.FloatArray | None:
+    """Values of a variable in the canonical unit of its dimension; ``None`` where the table has no such column."""
+    title = next((title for title in table.titles if re.sub(r"\s*[\[(].*", "", title) == name), None)
+    if title is None:
+        return None
+    unit = re.sub(r"[^A-Za-z0-9/%]", "", title[len(name) :])
+    if unit not in _OPEN_METEO_UNITS:
+        problem = f"the unit '{unit}' is unknown. Known are {', '.join(_OPEN_METEO_UNITS)}."
+        raise table.refuse(problem, None, title)
+    factor, offset = _OPEN_METEO_UNITS[unit]
+    return np.asarray(table.numbers(title) * factor + offset)
+
+
+def _open_meteo_clock(
+    table: TextTable, stamps: Stamps, facts: Mapping[str, str], notes: list[str]
+) -> tuple[record.IntArray, str | None]:
+    """Stamps in UTC [s since 1970-01-01], and the zone of the local clock where the file names one."""
+    name = facts.get("timezone", "GMT")
+    zone = None if name in ("GMT", "UTC", "Etc/UTC", "Etc/GMT") else name
+    offset = round(number_of(table.file, 2, "utc_offset_seconds", facts.get("utc_offset_seconds", "0")))
+    if zone is not None:
+        record.time_zone(zone)
+    if stamps.zoned:
+        return stamps.seconds, zone
+    fixed = stamps.seconds - offset
+    if zone is not None and np.unique(np.diff(stamps.seconds)).size > 1:
+        # An hour that is missing or twice: the stamps follow the clock of the zone, if they are regular on it.
+        try:
+            seconds = utc_of_local(table, stamps.seconds, ZoneInfo(zone), "time", step_of(stamps.seconds))
+        except WeatherError:
+            return fixed, zone
+        if np.unique(np.diff(seconds)).size == 1:
+            return seconds, zone
+    if zone is not None:
+        notes.append(f"the file's clock is {offset / HOUR:+g} h from UTC all year, without a change to or from summer time")
+    return fixed, zone
+
+
+def parse_solar_anywhere(text: str, file: str) -> Reading:
+    """A file of SolarAnywhere in its own form. Raises ``WeatherError`` as ``parse_nsrdb`` does."""
+    table = split_table(text, file, WeatherError, is_titles=lambda fields: fields[0].startswith("ObservationTime"))
+    above = next(csv.reader([line for line in table.preamble if line.strip()][:1]), [])
+    if len(above) < 7:
+        msg = f"{file}, row 1: it is not 'number, name, state, time zone, latitude, longitude, altitude'. Download the file again."
+        raise WeatherError(msg)
+    offset, latitude, longitude, altitude = (
+        number_of(file, 1, what, field)
+        for what, field in zip(("time zone", "latitude", "longitude", "altitude"), above[3:7], strict=True)
+    )
+    about = " ".join(above[7:])
+    if "end of period" not in about.lower():
+        msg = f"{file}, row 1: its values are not means to the end of a period ('{about[:80]}'). Export them with 'End of Period'."
+        raise WeatherError(msg)
+    stamps = read_stamps(table, (table.titles[0],), order="month first")
+    temperature = table.numbers(needed_title(table, "AmbientTemperature (deg C)"), _MISSING)
+    columns = {
+        "air_temperature": temperature,
+        "relative_humidity": table.numbers(needed_title(table, "Relative Humidity (%)"), _MISSING),
+        "wind_speed": table.numbers(needed_title(table, "WindSpeed (m/s)"), _MISSING),
+        "global_radiation": table.numbers(
+            next((title for title in table.titles if "(GHI)" in title), None) or needed_title(table, "GHI"), _MISSING
+        ),
+    }
+    return Reading(
+        record.Rows(file, stamps.seconds, columns, MEANS, np.array(table.lines, dtype=np.int64)),
+        " ".join(above[1].split()),
+        f"SolarAnywhere {file_name(file)}",
+        latitude,
+        longitude,
+        altitude,
+        offset,
+        typical="typical" in about.lower(),
+    )
