@@ -99,16 +99,24 @@ def show_record(
 @app.command("import")
 def import_file(
     file: Annotated[
-        Path, typer.Argument(help="KNMI text or zip, EnergyPlus EPW, NREL TMY2/TMY3, CSV, or Parquet of glbench.")
+        Path,
+        typer.Argument(
+            help="KNMI, EPW, TMY2, TMY3, PVGIS, NSRDB (PSM), Open-Meteo, SolarAnywhere, CSV, or Parquet of glbench; alone in a zip, too."
+        ),
     ],
     name: Annotated[str, typer.Option("--name", help="Name of the new record: lower-case letters, digits, . _ -")],
     file_format: Annotated[
-        str, typer.Option("--format", help="auto, knmi, epw, tmy, csv or parquet; auto looks at the content.")
+        str,
+        typer.Option(
+            "--format",
+            help="auto (looks at the content), knmi, epw, tmy, pvgis, nsrdb, openmeteo, solaranywhere, csv or parquet.",
+        ),
     ] = "auto",
     timezone: Annotated[
-        str | None, typer.Option(help="EPW, TMY: IANA zone of the local clock, such as Europe/Amsterdam.")
+        str | None,
+        typer.Option(help="IANA zone of the local clock, such as Europe/Amsterdam; before that of the file."),
     ] = None,
-    year: Annotated[int | None, typer.Option(help="EPW, TMY: the common year given to a typical year (2001).")] = None,
+    year: Annotated[int | None, typer.Option(help="Typical years: the common year that they get (2001).")] = None,
     station: Annotated[int | None, typer.Option(help="KNMI: number of the station, in a file of several.")] = None,
     place: Annotated[
         str | None,
@@ -122,6 +130,12 @@ def import_file(
         Path | None,
         typer.Option("--columns", help="Column map (TOML) of the file, as `glbench weather columns` writes it."),
     ] = None,
+    estimate_humidity: Annotated[
+        bool,
+        typer.Option(
+            "--estimate-humidity", help="PVGIS, hourly series: take the day's lowest temperature for the dew point."
+        ),
+    ] = False,
     fill_gaps: FillGaps = 0,
     replace: Replace = False,
 ) -> None:
@@ -139,6 +153,7 @@ def import_file(
         station=station,
         coordinates=None if place is None else _coordinates(place),
         columns=columns,
+        estimate_humidity=estimate_humidity,
         fill_gaps=fill_gaps,
     )
     _report_saved(record, save_weather(record, name, overwrite=replace))

@@ -9,6 +9,8 @@ hours day by day and may add a day. An answer is kept in the cache, with its SHA
 from __future__ import annotations
 
 import contextlib
+import csv
+import functools
 import hashlib
 import http.client
 import os
@@ -17,26 +19,26 @@ import time
 import urllib.error
 import urllib.parse
 import urllib.request
-import zipfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from glbench.errors import WeatherError, whole_number
-from glbench.resources import cache_folder, write_atomically
-from glbench.untrusted import reason_of
+from glbench.outside_tables import read_text
+from glbench.resources import cache_folder, data_folder, write_atomically
+from glbench.weather.hourly import hourly_record
 from glbench.weather.record import (
     SLOT_SECONDS,
     USUAL_TIMING,
+    Coordinates,
     FloatArray,
     IntArray,
     Origin,
     Place,
     Rows,
     WeatherRecord,
-    assemble,
     require_columns,
 )
 
@@ -46,9 +48,8 @@ KNMI_LICENCE = (
     "Royal Netherlands Meteorological Institute"
 )
 KNMI_TIMEZONE = "Europe/Amsterdam"
-# For files without a station table: the station whose record is shipped.
-KNOWN_STATIONS: Mapping[int, Place] = {240: Place("KNMI 240, Schiphol", 52.318, 4.790, -3.3, KNMI_TIMEZONE)}
 NATIVE_COLUMNS = ("T", "U", "N", "FH", "Q")
+NEEDED_COLUMNS = ("STN", "YYYYMMDD", "HH", "T", "U", "FH", "Q")
 
 _HEADER = re.compile(r"^STN\s*,\s*YYYYMMDD\s*,\s*HH?\s*(,|$)")
 _STATION = re.compile(r"^(\d{3})[:\s]\s*(-?\d+\.\d+)\s+(-?\d+\.\d+)\s+(-?\d+(?:\.\d+)?)\s+(\S.*)$")
@@ -61,6 +62,17 @@ _BLOCK_BYTES = 65536
 _LARGEST_BYTES = 64 * 2**20
 Progress = Callable[[int, int | None], None]
 """Called with the bytes received so far, and the bytes to come in all where the service says so."""
+
+
+@functools.cache
+def known_stations() -> Mapping[int, Place]:
+    """Places of the stations with hourly observations, by KNMI's number; for files without a station table."""
+    with (data_folder("weather") / "knmi_stations.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.reader(file))[1:]
+    return {
+        int(number): Place(f"KNMI {number}, {name}", float(latitude), float(longitude), float(altitude), KNMI_TIMEZONE)
+        for number, longitude, latitude, altitude, name in rows
+    }
 
 
 def native_rows(
@@ -76,7 +88,7 @@ def native_rows(
     WeatherError
         When a column is missing, or a date or hour does not exist.
     """
-    require_columns(file, list(native), ("YYYYMMDD", "HH", *NATIVE_COLUMNS))
+    require_columns(file, list(native), NEEDED_COLUMNS[1:])
     value = {name: np.asarray(column, dtype=np.float64) for name, column in native.items()}
     if numbers is None:
         numbers = np.arange(1, value["HH"].size + 1, dtype=np.int64)
@@ -100,7 +112,7 @@ def native_rows(
     columns: dict[str, FloatArray] = {
         "air_temperature": value["T"] / 10.0,
         "relative_humidity": value["U"],
-        "cloud_cover": value["N"],
+        **({"cloud_cover": value["N"]} if "N" in value else {}),
         "wind_speed": value["FH"] / 10.0,
         # J cm-2 in the slot; 1e4 J m-2 over 3600 s as one rounded division.
         "global_radiation": value["Q"] * 10000.0 / SLOT_SECONDS,
@@ -124,7 +136,13 @@ class KnmiTable:
 
 
 def read_knmi(
-    path: Path | str, *, name: str | None = None, station: int | None = None, fill_gaps: int = 0
+    path: Path | str,
+    *,
+    name: str | None = None,
+    station: int | None = None,
+    timezone: str | None = None,
+    coordinates: Coordinates | None = None,
+    fill_gaps: int = 0,
 ) -> WeatherRecord:
     """Weather record of a KNMI file of hourly values: an answer of the web service, or a bulk file (``.txt`` or ``.zip``).
 
@@ -136,6 +154,10 @@ def read_knmi(
         Name of the record; the file's own name by default.
     station : int, optional
         KNMI's number; needed when the file holds several stations.
+    timezone : str, optional
+        IANA zone of the local clock; Europe/Amsterdam by default.
+    coordinates : tuple of float, optional
+        Degrees north, degrees east and metres above sea level. By default those of the file's station table, or else of KNMI's list.
     fill_gaps : int
         Fill up to so many missing hours in a row linearly (recorded in the notes); 0 fills nothing.
 
@@ -145,11 +167,25 @@ def read_knmi(
         When the file is no KNMI file, is cut off, or has gaps or impossible values; names file, row and value.
     """
     path = Path(path)
-    table = parse_knmi(_text(path), str(path))
-    return record_from_knmi(table, name or path.stem.lower(), station=station, fill_gaps=fill_gaps)
+    return record_from_knmi(
+        parse_knmi(read_text(path, WeatherError), str(path)),
+        name or path.stem.lower(),
+        station=station,
+        timezone=timezone,
+        coordinates=coordinates,
+        fill_gaps=fill_gaps,
+    )
 
 
-def record_from_knmi(table: KnmiTable, name: str, *, station: int | None = None, fill_gaps: int = 0) -> WeatherRecord:
+def record_from_knmi(
+    table: KnmiTable,
+    name: str,
+    *,
+    station: int | None = None,
+    timezone: str | None = None,
+    coordinates: Coordinates | None = None,
+    fill_gaps: int = 0,
+) -> WeatherRecord:
     """Checked record of one station of a KNMI table. Raises ``WeatherError`` as ``read_knmi`` does."""
     present = sorted({int(number) for number in table.columns["STN"]})
     if station is None and len(present) > 1:
@@ -160,15 +196,19 @@ def record_from_knmi(table: KnmiTable, name: str, *, station: int | None = None,
         msg = f"{table.file} holds {stations}, not station {station}. Choose the right file or station."
         raise WeatherError(msg)
     number = present[0] if station is None else station
-    if number not in table.stations:
+    place = table.stations.get(number)
+    if coordinates is not None:
+        place = Place(place.station if place else f"KNMI {number}", *coordinates, KNMI_TIMEZONE)
+    if place is None:
         msg = (
-            f"{table.file} gives no coordinates for station {number}: its comments have no station table. Fetch the file from "
-            "KNMI's hourly service (`glbench weather fetch`), which writes one."
+            f"{table.file} gives no coordinates for station {number}: its comments have no station table, and the station is not in KNMI's "
+            "list. Give the place with --place LATITUDE,LONGITUDE,ALTITUDE [deg north, deg east, m]."
         )
         raise WeatherError(msg)
     own = table.only(np.flatnonzero(table.columns["STN"] == number))
-    origin = Origin(name, own.stations[number], f"{KNMI_SOURCE}, station {number}", KNMI_LICENCE)
-    return assemble(native_rows(own.file, own.columns, own.lines), origin, fill_gaps=fill_gaps)
+    place = replace(place, timezone=timezone or place.timezone)
+    origin = Origin(name, place, f"{KNMI_SOURCE}, station {number}", KNMI_LICENCE)
+    return hourly_record(native_rows(own.file, own.columns, own.lines), origin, fill_gaps=fill_gaps)
 
 
 def parse_knmi(text: str, file: str) -> KnmiTable:
@@ -180,14 +220,14 @@ def parse_knmi(text: str, file: str) -> KnmiTable:
         When there is no header line, a line has too few or too many fields, or a field is not a number.
     """
     header: list[str] = []
-    stations = dict(KNOWN_STATIONS)
+    stations = dict(known_stations())
     numbers: list[int] = []
     rows: list[list[str]] = []
     for number, raw in enumerate(text.splitlines(), start=1):
         line = raw.strip().strip('"').lstrip("# ").strip()
         if _HEADER.match(line):
             header = ["HH" if title.strip() == "H" else title.strip() for title in line.split(",")]
-            require_columns(file, header, ("STN", "YYYYMMDD", "HH", *NATIVE_COLUMNS))
+            require_columns(file, header, NEEDED_COLUMNS)
         elif station := _STATION.match(line):
             code, longitude, latitude, altitude, title = station.groups()
             town = title.strip().title() if title.isupper() else title.strip()
@@ -204,7 +244,7 @@ def parse_knmi(text: str, file: str) -> KnmiTable:
         )
         raise WeatherError(msg)
     lines = np.array(numbers, dtype=np.int64)
-    names = ("STN", "YYYYMMDD", "HH", *NATIVE_COLUMNS)
+    names = [name for name in ("STN", "YYYYMMDD", "HH", *NATIVE_COLUMNS) if name in header]
     for number, row in zip(numbers, rows, strict=True):
         if len(row) != len(header):
             content = ",".join(row).strip()
@@ -232,28 +272,6 @@ def _numbers(file: str, name: str, fields: list[str], lines: IntArray) -> FloatA
         msg = f"{file}, row {row}: no value in column {name}. Correct the file or fetch it again."
         raise WeatherError(msg)
     return values
-
-
-def _text(path: Path) -> str:
-    """Text of a KNMI file, out of its zip archive where it is in one."""
-    try:
-        if zipfile.is_zipfile(path):
-            with zipfile.ZipFile(path) as archive:
-                members = [member for member in archive.namelist() if member.lower().endswith((".txt", ".csv"))]
-                if len(members) != 1:
-                    msg = f"{path} holds {len(members)} text files instead of one. Unpack it and import the right file."
-                    raise WeatherError(msg)
-                content = archive.read(members[0])
-        else:
-            content = path.read_bytes()
-    except (OSError, zipfile.BadZipFile) as error:
-        msg = f"Cannot read {path}: {reason_of(error)}. Check the path, and that the file is whole."
-        raise WeatherError(msg) from error
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        # KNMI's older files carry Dutch comments in Latin-1; the figures themselves are ASCII.
-        return content.decode("latin-1")
 
 
 def fetch_knmi(

@@ -22,6 +22,7 @@ from glbench.errors import WeatherError
 from glbench.outside_tables import DAY, HOUR, TextTable, parse_number, step_of
 from glbench.untrusted import visible
 from glbench.weather import record
+from glbench.weather.hourly import hourly_record
 from glbench.weather.preprocessing import saturation_vapour_pressure
 
 NOMINAL_YEAR = 2001
@@ -87,7 +88,7 @@ def record_of(
     name: str,
     timezone: str | None = None,
     year: int | None = None,
-    coordinates: Sequence[float] | None = None,
+    coordinates: record.Coordinates | None = None,
     fill_gaps: int = 0,
 ) -> record.WeatherRecord:
     """Checked hourly record of a file.
@@ -103,7 +104,7 @@ def record_of(
     year
         Nominal (common) year of a typical year; 2001 by default. Not for weather of real years.
     coordinates
-        Latitude [deg north], longitude [deg east] and, where known, altitude [m], instead of what the file says.
+        Latitude [deg north], longitude [deg east] and altitude [m], instead of what the file says.
     fill_gaps
         Fill up to so many missing hours in a row linearly (recorded in the notes); 0 fills nothing.
 
@@ -114,10 +115,10 @@ def record_of(
     """
     rows, notes, file = reading.rows, list(reading.notes), reading.rows.file
     latitude, longitude, altitude = (
-        (reading.latitude, reading.longitude, reading.altitude) if coordinates is None else (*coordinates, None)[:3]
+        (reading.latitude, reading.longitude, reading.altitude) if coordinates is None else coordinates
     )
     if latitude is None or longitude is None:
-        msg = f"{file} does not say where it was measured. Give the place with --place LATITUDE,LONGITUDE,ALTITUDE [deg north, deg east, m]."
+        msg = f"{file} does not say where it was measured. Give it with --place LATITUDE,LONGITUDE,ALTITUDE [deg north, deg east, m]."
         raise WeatherError(msg)
     if altitude is None:
         altitude = 0.0
@@ -137,9 +138,9 @@ def record_of(
     else:
         rows = replace(rows, slot_ends=rows.slot_ends - shift)
     zone = timezone or reading.zone or _zone_of(reading, file, longitude, notes)
-    columns = {column: values for column, values in rows.columns.items() if not np.isnan(values).all()}
-    return record.assemble(
-        replace(rows, columns=columns),
+
+    return hourly_record(
+        rows,
         record.Origin(
             name,
             record.Place(reading.station, latitude, longitude, altitude, zone),
@@ -150,27 +151,6 @@ def record_of(
         ),
         fill_gaps=fill_gaps,
     )
-
-
-def parse_place(text: str) -> tuple[float, ...]:
-    """Latitude, longitude and, where it is there, altitude, of a text such as ``52.1,4.8,-3``.
-
-    Raises
-    ------
-    WeatherError
-        When the text is no such list of two or three numbers.
-    """
-    try:
-        numbers = tuple(float(part) for part in re.split(r"[,;\s]+", text.strip()))
-    except ValueError:
-        numbers = ()
-    if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
-        msg = (
-            f"'{visible(text[:60])}' is no place. Give latitude [deg north], longitude [deg east] and, if you know it, altitude [m], "
-            "with points and commas: --place 52.1,4.8,-3"
-        )
-        raise WeatherError(msg)
-    return numbers
 
 
 def _joins_years(dates: np.ndarray, step: int) -> bool:
@@ -212,10 +192,14 @@ def _nominal_year(
     ends = (nominal.astype("datetime64[s]").astype(np.int64) + within + step - shift)[~leap]
     numbers = rows.row_numbers[~leap]
     wrong = np.flatnonzero(np.diff(ends) <= 0)
+    if wrong.size == 1 and ends[-1] < ends[0]:
+        wrong = wrong[:0]  # the year is a circle: it may begin anywhere
     if wrong.size:
         i = int(wrong[0])
         here, before = (record.utc_text(int(moment) + shift)[5:] for moment in (ends[i + 1], ends[i]))
-        problem = f"{here} appears twice" if here == before else f"{here} follows {before}; rows must be in order of time"
+        problem = (
+            f"{here} appears twice" if here == before else f"{here} follows {before}; rows must be in order of time"
+        )
         msg = f"{rows.file}, row {numbers[i + 1]}: {problem}. Correct the file or fetch it again."
         raise WeatherError(msg)
     if ends.size * step != YEAR_DAYS * DAY and fill_gaps == 0:
@@ -276,7 +260,12 @@ def without_constant_zero(
     kept = dict(columns)
     for name in names:
         values = kept.get(name)
-        if values is not None and values.size > 100 and not np.any(values[~np.isnan(values)]) and not np.isnan(values).all():
+        if (
+            values is not None
+            and values.size > 100
+            and not np.any(values[~np.isnan(values)])
+            and not np.isnan(values).all()
+        ):
             del kept[name]
             notes.append(f"{name.replace('_', ' ')} is 0 in every row, which is taken as missing")
     return kept

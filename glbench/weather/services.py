@@ -11,7 +11,6 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -31,7 +30,6 @@ from glbench.weather.reading import (
     needed_title,
     number_of,
     title_of,
-    without_constant_zero,
 )
 
 _MISSING = (-9999, -999)
@@ -67,65 +65,57 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Rea
         When columns are missing, or the plane is tilted; a row that does not fit is named.
     """
     table, facts = _pvgis_table(text, file)
-    time = needed_title(table, "time(UTC)")
-    stamps = read_stamps(
-        replace(
-            table,
-            rows=[[field.replace(":", " ", 1) if re.match(r"\d{8}:", field) else field for field in row] for row in table.rows],
-        ),
-        (time,),
-    ).seconds
+    stamps = _pvgis_stamps(table)
     notes: list[str] = []
-    horizontal = title_of(table, "Gh") or next((title for title in table.titles if title == "G(h)"), None)
-    minutes = int(np.median(stamps % HOUR))
     tilted = [title for title in ("G(i)", "Gb(i)", "Gd(i)", "Gr(i)") if title in table.titles]
-    if horizontal:
-        radiation = table.numbers(horizontal)
-        delay = facts.get("irradiance time offset", 0.0)
-    elif tilted:
-        if not _is_horizontal(table, facts):
-            msg = (
-                f"{file}: its radiation is that on a tilted plane (slope {facts.get('slope', 'not stated')}). The greenhouse needs "
-                "global horizontal radiation: export it again with slope 0, or take the typical year of PVGIS."
-            )
-            raise WeatherError(msg)
-        parts = ["G(i)"] if "G(i)" in tilted else tilted
-        radiation = np.sum([table.numbers(title) for title in parts], axis=0)
-        delay = 0.0
-    else:
-        raise table.refuse(f"there is no column of radiation (G(h) or G(i)). It has: {', '.join(table.titles)}.")
+    typical = "G(h)" in table.titles
+    if not typical and not tilted:
+        problem = f"there is no column of radiation, G(h) or G(i). It has: {', '.join(table.titles)}."
+        raise table.refuse(problem)
+    if not typical and not _is_horizontal(table, facts):
+        msg = (
+            f"{file}: its radiation is that on a tilted plane (slope {facts.get('slope', 'not stated')}). The greenhouse needs "
+            "global horizontal radiation: export it again with slope 0, or take the typical year of PVGIS."
+        )
+        raise WeatherError(msg)
+    parts = ["G(h)"] if typical else ["G(i)"] if "G(i)" in tilted else tilted
     columns = {
         "air_temperature": table.numbers(needed_title(table, "T2m")),
         "wind_speed": table.numbers(needed_title(table, "WS10m")),
-        "global_radiation": radiation,
+        "global_radiation": np.sum([table.numbers(title) for title in parts], axis=0),
     }
     if "IR(h)" in table.titles:
         columns["sky_infrared"] = table.numbers("IR(h)")
-    typical = horizontal is not None and stamps.size in (8760, 8784)
     if humidity := title_of(table, "RH"):
         columns["relative_humidity"] = table.numbers(humidity)
     elif estimate_humidity:
         columns["relative_humidity"] = humidity_of_daily_minimum(stamps, columns["air_temperature"])
-        notes.append("relative humidity estimated: the dew point is taken as the day's lowest temperature (FAO-56, equation 48)")
+        notes.append(
+            "relative humidity estimated: the day's lowest temperature taken for the dew point (FAO-56, equation 48)"
+        )
     else:
         msg = (
-            f"{file} has no humidity, which PVGIS gives in its typical years only, and the greenhouse needs it. Export the typical year, take "
-            "another source such as Open-Meteo, or let it be estimated from the day's lowest temperature with --estimate-humidity."
+            f"{file} has no humidity, which the greenhouse needs; PVGIS gives it in its typical years only. Export the typical year, take "
+            "another source such as Open-Meteo, or estimate it from the day's lowest temperature with --estimate-humidity."
         )
         raise WeatherError(msg)
-    if typical or minutes == 0:
-        # Radiation is an instant: half an hour before and after it count for it.
-        whole = round(float(delay))
-        share = 0.5 + float(delay) - whole
+    lines = np.array(table.lines, dtype=np.int64)
+    if typical:
+        delay = _fact(facts, "irradiance time offset") or 0.0
+        whole = round(delay)
+        share = (
+            0.5 + delay - whole
+        )  # of the hour before the stamp, what lies nearer to the instant that its beginning has
         late = np.roll(columns["global_radiation"], -whole)
         columns["global_radiation"] = share * np.roll(late, 1) + (1.0 - share) * late
-        if not typical:
-            columns["global_radiation"][0] = radiation[0]
-        rows = record.Rows(file, stamps, columns, {**TIMING, "sky_infrared": "instant"}, np.array(table.lines, dtype=np.int64))
-        notes.append(f"radiation is an instant {float(delay) * 60:.0f} min after the stamp, averaged to hours by linear weights")
+        rows = record.Rows(file, stamps, columns, {**TIMING, "sky_infrared": "instant"}, lines)
+        notes.append(
+            f"radiation is an instant {delay * 60:.0f} min after the stamp; an hour takes that of the nearest instant"
+        )
     else:
-        rows = record.Rows(file, stamps + HOUR // 2, columns, MEANS, np.array(table.lines, dtype=np.int64))
-        notes.append(f"values are instants at minute {minutes // 60}, each taken for the hour around it")
+        rows = record.Rows(file, stamps + HOUR // 2, columns, MEANS, lines)
+        minute = int(np.median(stamps % HOUR)) // 60
+        notes.append(f"values are instants at minute {minute}, each taken for the hour around it")
     return Reading(
         rows,
         f"PVGIS {facts.get('latitude', '?')}, {facts.get('longitude', '?')}",
@@ -137,6 +127,13 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Rea
         typical=typical,
         notes=tuple(notes),
     )
+
+
+def _pvgis_stamps(table: TextTable) -> record.IntArray:
+    """Stamps such as 20200101:0010 [s since 1970-01-01 UTC]."""
+    title = needed_title(table, "time(UTC)")
+    texts = [[re.sub(r"^(\d{8}):", r"\1 ", text)] for text in table.texts(title)]
+    return read_stamps(TextTable(table.file, table.refusal, (), (title,), texts, table.lines), (title,)).seconds
 
 
 def _fact(facts: Mapping[str, float | str], key: str) -> float | None:
@@ -161,9 +158,16 @@ def _pvgis_table(text: str, file: str) -> tuple[TextTable, dict[str, float | str
             inputs = document.get("inputs", {}) if isinstance(document, dict) else {}
             outputs = document.get("outputs", {}) if isinstance(document, dict) else document
             series = outputs if isinstance(outputs, list) else outputs.get("tmy_hourly") or outputs.get("hourly")
+            if not isinstance(series, list):
+                msg = f"{file} holds no hourly values of PVGIS. Export it again, as CSV or JSON."
+                raise WeatherError(msg)
             titles = tuple(series[0])
             rows = [[str(row[title]) for title in titles] for row in series]
-            facts = {key.replace("_", " "): float(value) for key, value in inputs.get("location", {}).items() if value is not None}
+            facts = {
+                key.replace("_", " "): float(value)
+                for key, value in inputs.get("location", {}).items()
+                if value is not None
+            }
             slopes = re.findall(r'"slope"\s*:\s*\{\s*"value"\s*:\s*("[^"]*"|[-\d.]+)', text)
             for slope in slopes:
                 facts["slope"] = float(slope) if re.fullmatch(r"[-\d.]+", slope) else slope.strip('"')
@@ -192,7 +196,10 @@ def parse_nsrdb(text: str, file: str) -> Reading:
         When columns or facts of the heading are missing; a row that does not fit is named.
     """
     table = split_table(
-        text, file, WeatherError, is_titles=lambda fields: [field.lower() for field in fields[:4]] == ["year", "month", "day", "hour"]
+        text,
+        file,
+        WeatherError,
+        is_titles=lambda fields: [field.lower() for field in fields[:4]] == ["year", "month", "day", "hour"],
     )
     facts = _heading(table.preamble)
     calendar_columns = [table.numbers(needed_title(table, name)) for name in ("Year", "Month", "Day", "Hour")]
@@ -203,11 +210,17 @@ def parse_nsrdb(text: str, file: str) -> Reading:
     temperature = table.numbers(needed_title(table, "Temperature", "air temperature"), _MISSING)
     columns = {
         "air_temperature": temperature,
-        "relative_humidity": humidity_column(table, temperature, ("Relative Humidity",), ("Dew Point",), _MISSING, notes),
+        "relative_humidity": humidity_column(
+            table, temperature, ("Relative Humidity",), ("Dew Point",), _MISSING, notes
+        ),
         "wind_speed": table.numbers(needed_title(table, "Wind Speed"), _MISSING),
         "global_radiation": table.numbers(needed_title(table, "GHI"), _MISSING),
     }
     step = step_of(stamps)
+    ends, lines = stamps + step // 2, np.array(table.lines, dtype=np.int64)
+    if ends[-1] % HOUR:  # the last row counts to the end of its hour
+        ends, lines = np.append(ends, -(-ends[-1] // HOUR) * HOUR), np.append(lines, lines[-1])
+        columns = {quantity: np.append(values, values[-1]) for quantity, values in columns.items()}
     place = {name: facts.get(name) for name in ("latitude", "longitude", "elevation", "time zone")}
     latitude, longitude, altitude, offset = (
         None if field is None else number_of(file, 2, name, field) for name, field in place.items()
@@ -221,7 +234,7 @@ def parse_nsrdb(text: str, file: str) -> Reading:
     zone = f"Etc/GMT{-int(shift):+d}" if shift and shift == int(shift) and not offset else None
     state = ", ".join(facts[name] for name in ("city", "state", "country") if facts.get(name, "-").strip("-"))
     return Reading(
-        record.Rows(file, stamps + step // 2, columns, MEANS, np.array(table.lines, dtype=np.int64)),
+        record.Rows(file, ends, columns, MEANS, lines),
         state or f"NSRDB {facts.get('location id', '')}".strip(),
         f"NREL {facts.get('source', 'NSRDB')}, location {facts.get('location id', 'not stated')}, {file_name(file)}",
         latitude,
@@ -235,7 +248,11 @@ def parse_nsrdb(text: str, file: str) -> Reading:
 
 def _heading(lines: Sequence[str]) -> dict[str, str]:
     """Names in the first line, in small letters, and the texts below them."""
-    rows = [row for row in csv.reader(lines, delimiter=";" if lines and lines[0].count(";") > lines[0].count(",") else ",") if row]
+    rows = [
+        row
+        for row in csv.reader(lines, delimiter=";" if lines and lines[0].count(";") > lines[0].count(",") else ",")
+        if row
+    ]
     if len(rows) < 2:
         return {}
     return {name.strip().lower(): text.strip() for name, text in zip(rows[0], rows[1], strict=False)}
@@ -244,7 +261,9 @@ def _heading(lines: Sequence[str]) -> dict[str, str]:
 def _stamps_of(table: TextTable, calendar_columns: Sequence[record.FloatArray]) -> record.IntArray:
     year, month, day, hour = calendar_columns
     texts = [f"{y:04.0f}-{m:02.0f}-{d:02.0f} {h:02.0f}:00" for y, m, d, h in zip(year, month, day, hour, strict=True)]
-    dates = TextTable(table.file, table.refusal, (), ("Year, Month, Day, Hour",), [[text] for text in texts], table.lines)
+    dates = TextTable(
+        table.file, table.refusal, (), ("Year, Month, Day, Hour",), [[text] for text in texts], table.lines
+    )
     return read_stamps(dates, dates.titles).seconds
 
 
@@ -280,7 +299,9 @@ def parse_open_meteo(text: str, file: str) -> Reading:
             if len(table.rows) > 1 and step_of(stamps.seconds) <= HOUR:
                 tables.append((table, stamps))
     if not tables:
-        msg = f"{file} holds no hourly values. Choose hourly variables in Open-Meteo's export; daily ones are too coarse."
+        msg = (
+            f"{file} holds no hourly values. Choose hourly variables in Open-Meteo's export; daily ones are too coarse."
+        )
         raise WeatherError(msg)
     # The hourly rows where they have all that is needed, else the finer ones.
     tables.sort(key=lambda pair: (_open_meteo_column(pair[0], "temperature_2m") is None, -step_of(pair[1].seconds)))
@@ -373,7 +394,9 @@ def _open_meteo_clock(
         if np.unique(np.diff(seconds)).size == 1:
             return seconds, zone
     if zone is not None:
-        notes.append(f"the file's clock is {offset / HOUR:+g} h from UTC all year, without a change to or from summer time")
+        notes.append(
+            f"the file's clock is {offset / HOUR:+g} h from UTC all year, without a change to or from summer time"
+        )
     return fixed, zone
 
 

@@ -30,9 +30,35 @@ from glbench.weather.reading import (
 )
 
 _EPW_FIELDS = (
-    *("year", "month", "day", "hour", "minute", "flags", "dry-bulb temperature", "dew point", "relative humidity", "pressure"),
-    *("extraterrestrial", "extraterrestrial direct", "horizontal infrared", "global horizontal radiation", "direct", "diffuse"),
-    *("illuminance", "direct illuminance", "diffuse illuminance", "zenith luminance", "wind direction", "wind speed", "sky cover"),
+    *(
+        "year",
+        "month",
+        "day",
+        "hour",
+        "minute",
+        "flags",
+        "dry-bulb temperature",
+        "dew point",
+        "relative humidity",
+        "pressure",
+    ),
+    *(
+        "extraterrestrial",
+        "extraterrestrial direct",
+        "horizontal infrared",
+        "global horizontal radiation",
+        "direct",
+        "diffuse",
+    ),
+    *(
+        "illuminance",
+        "direct illuminance",
+        "diffuse illuminance",
+        "zenith luminance",
+        "wind direction",
+        "wind speed",
+        "sky cover",
+    ),
 )
 _EPW_MISSING: Mapping[str, tuple[float, ...]] = {
     "dry-bulb temperature": (99.9, 999, 999.9, 9999, -99, -99.9, -999, -9999),
@@ -93,7 +119,12 @@ def parse_epw(text: str, file: str) -> Reading:
     begin = rows[0][0] if rows else len(lines)
     between = (i for i, line in enumerate(lines[begin:], begin + 1) if line.strip(" ,\x1a"))
     table = TextTable(
-        file, WeatherError, (), _EPW_FIELDS, [fields[: len(_EPW_FIELDS)] for _, fields in rows], [number for number, _ in rows]
+        file,
+        WeatherError,
+        (),
+        _EPW_FIELDS,
+        [fields[: len(_EPW_FIELDS)] for _, fields in rows],
+        [number for number, _ in rows],
     )
     for i, (number, fields) in enumerate(rows):
         if i and (stray := next(between, number)) != number:
@@ -125,7 +156,9 @@ def parse_epw(text: str, file: str) -> Reading:
     columns = without_constant_zero(columns, ("cloud_cover",), notes)
     names = [field.strip() for field in heading[1:-4]]
     station = ", ".join(name for name in (names[0], *names[2:3]) if name.strip("-")) if names else ""
-    source = f"EnergyPlus weather file {file_name(file)} ({station}; {names[3] if len(names) > 3 else 'source not stated'})"
+    source = (
+        f"EnergyPlus weather file {file_name(file)} ({station}; {names[3] if len(names) > 3 else 'source not stated'})"
+    )
     return Reading(
         record.Rows(file, ends, columns, TIMING, np.array(table.lines, dtype=np.int64)),
         station,
@@ -145,7 +178,7 @@ def _epw_ends(table: TextTable, notes: list[str]) -> record.IntArray:
     zero, latest = np.flatnonzero(hour == 0), float(np.nanmax(hour))
     if zero.size and latest < 24:
         notes.append(
-            f"its hours run from 0 to {latest:g} instead of 1 to 24 (row {table.lines[zero[0]]}): each is taken for the hour that begins then"
+            f"hours run from 0 to {latest:g} instead of 1 to 24 (row {table.lines[zero[0]]}): each is taken for the one that begins then"
         )
         hour = hour + 1.0
     bad = np.flatnonzero(~((hour >= 1) & (hour <= 24) & (hour % 1 == 0)))
@@ -169,7 +202,9 @@ def _epw_ends(table: TextTable, notes: list[str]) -> record.IntArray:
     return np.asarray((of_hour + 1) * HOUR, dtype=np.int64)
 
 
-def _days_of(table: TextTable, year: record.FloatArray, month: record.FloatArray, day: record.FloatArray) -> record.IntArray:
+def _days_of(
+    table: TextTable, year: record.FloatArray, month: record.FloatArray, day: record.FloatArray
+) -> record.IntArray:
     """Days since 1970-01-01 of calendar dates. Refuses a date that does not exist."""
     triples = np.stack([year, month, day], axis=1)
     unique, which = np.unique(triples, axis=0, return_inverse=True)
@@ -179,7 +214,7 @@ def _days_of(table: TextTable, year: record.FloatArray, month: record.FloatArray
             days[k] = np.datetime64(f"{int(y):04d}-{int(m):02d}-{int(d):02d}", "D").astype(np.int64)
         except ValueError as error:
             i = int(np.flatnonzero(which.ravel() == k)[0])
-            problem = f"the date {y:g}-{m:g}-{d:g} does not exist. Correct the file."
+            problem = f"the date {y:04.0f}-{m:02.0f}-{d:02.0f} does not exist. Correct the file."
             raise table.refuse(problem, i) from error
     return days[which.ravel()]
 
@@ -190,9 +225,11 @@ def parse_tmy3(text: str, file: str) -> Reading:
         text, file, WeatherError, is_titles=lambda fields: bool(fields) and fields[0].lower().startswith("date (mm/dd")
     )
     above = [line for line in table.preamble if not line.startswith("#")]
-    heading = next(csv.reader(above[:1], delimiter=";" if ";" in "".join(above[:1]) else ",", skipinitialspace=True), [])
+    heading = next(
+        csv.reader(above[:1], delimiter=";" if ";" in "".join(above[:1]) else ",", skipinitialspace=True), []
+    )
     if len(heading) < 7:
-        msg = f"{file} cannot be read as a TMY3 file: no line 'number, name, state, time zone, latitude, longitude, altitude' above the titles."
+        msg = f"{file} cannot be read as a TMY3 file: no line 'number, name, state, zone, latitude, longitude, altitude' above titles."
         raise WeatherError(msg)
     offset, latitude, longitude, altitude = (
         number_of(file, 1, what, field)
@@ -215,9 +252,13 @@ def parse_tmy3(text: str, file: str) -> Reading:
         columns["cloud_cover"] = table.numbers(cloud, (*_TMY3_MISSING, 99)) * OCTANTS_PER_TENTH
     return Reading(
         record.Rows(
-            file, stamps.seconds, without_constant_zero(columns, ("cloud_cover",), notes), TIMING, np.array(table.lines, dtype=np.int64)
+            file,
+            stamps.seconds,
+            without_constant_zero(columns, ("cloud_cover",), notes),
+            TIMING,
+            np.array(table.lines, dtype=np.int64),
         ),
-        heading[1].strip().strip('"'),
+        " ".join(heading[1].strip('" ').split()),
         f"NREL TMY3 {file_name(file)}, station {heading[0].strip()}",
         latitude,
         longitude,

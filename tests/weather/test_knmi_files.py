@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from glbench.errors import WeatherError
-from glbench.weather import read_csv, read_epw, read_knmi, read_tmy, read_weather
+from glbench.weather import load_weather, read_csv, read_epw, read_knmi, read_tmy, read_weather
+from glbench.weather.knmi import known_stations
 from tests.weather.files import (
     KNMI_COMMENTS,
     KNMI_HEADER,
@@ -97,7 +98,7 @@ def test_an_archive_of_several_files_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("a.txt", "")
         archive.writestr("b.txt", "")
-    with pytest.raises(WeatherError, match="holds 2 text files instead of one"):
+    with pytest.raises(WeatherError, match="holds 2 files. Unpack it"):
         read_knmi(path)
 
 
@@ -110,10 +111,45 @@ def test_one_station_of_several_is_chosen_by_number(tmp_path: Path) -> None:
         read_knmi(path, station=260)
 
 
-def test_a_station_without_coordinates_is_refused(tmp_path: Path) -> None:
+def test_stations_of_the_network_are_known_without_a_table(tmp_path: Path) -> None:
     path = knmi_file(tmp_path, knmi_text(knmi_days(DAY, 1, 277), comments=("# no table",)))
-    with pytest.raises(WeatherError, match="no coordinates for station 277"):
+    record = read_knmi(path)
+    assert record.station == "KNMI 277, Lauwersoog"
+    assert (record.latitude, record.longitude, record.altitude) == (53.413, 6.2, 2.9)
+
+
+def test_the_shipped_stations_lie_in_the_netherlands_and_agree_with_the_shipped_record() -> None:
+    stations = known_stations()
+    assert len(stations) == 51
+    for place in stations.values():
+        assert 50.7 < place.latitude < 53.7
+        assert 3.2 < place.longitude < 7.3
+        assert -5.0 < place.altitude < 120.0
+    schiphol = load_weather("schiphol")
+    assert (schiphol.latitude, schiphol.longitude, schiphol.altitude) == (
+        stations[240].latitude,
+        stations[240].longitude,
+        stations[240].altitude,
+    )
+
+
+def test_an_unknown_station_needs_a_place(tmp_path: Path) -> None:
+    path = knmi_file(tmp_path, knmi_text(knmi_days(DAY, 1, 999), comments=("# no table",)))
+    with pytest.raises(WeatherError, match=r"no coordinates for station 999: .* --place LATITUDE,LONGITUDE"):
         read_knmi(path)
+    record = read_weather(path, coordinates=(52.0, 5.0, 3.0), timezone="Etc/GMT-1")
+    assert (record.station, record.latitude, record.timezone) == ("KNMI 999", 52.0, "Etc/GMT-1")
+
+
+@pytest.mark.parametrize("empty", [True, False])
+def test_a_knmi_file_without_clouds_gets_an_estimated_sky(tmp_path: Path, empty: bool) -> None:
+    rows = [f"  240,{DAY:%Y%m%d},{hour:5d},   31,{hour:5d},   90,    0" for hour in range(1, 25)]
+    header = "# STN,YYYYMMDD,   HH,   FH,    T,    U,    Q"
+    if empty:
+        header, rows = header + ",    N", [f"{row},     " for row in rows]
+    record = read_knmi(knmi_file(tmp_path, knmi_text(rows, header=header)))
+    assert "cloud_cover" not in record.counts
+    assert any(note.startswith("sky_infrared estimated") for note in record.notes)
 
 
 def test_a_blank_knmi_value_is_named_with_file_and_row(tmp_path: Path) -> None:
@@ -152,12 +188,12 @@ def test_values_at_the_ends_are_never_filled(tmp_path: Path) -> None:
     [
         ("T", 700, "air temperature of 70 degC"),
         ("T", -999, "air temperature of -99.9 degC"),
-        ("U", 101, "relative humidity of 101 %"),
+        ("U", 106, "relative humidity of 106 %"),
         ("U", -1, "relative humidity of -1 %"),
         ("FH", 751, "wind speed of 75.1 m/s"),
         ("FH", -1, "wind speed of -0.1 m/s"),
         ("Q", 541, "global radiation of 1502.78 W/m2"),
-        ("Q", -1, "global radiation of -2.77778 W/m2"),
+        ("Q", -10, "global radiation of -27.7778 W/m2"),
         ("N", 10, "cloud cover of 10 octants"),
     ],
 )
@@ -172,13 +208,13 @@ def test_impossible_values_are_named_with_file_and_row(tmp_path: Path, column: s
 def test_a_duplicate_hour_is_refused(tmp_path: Path) -> None:
     rows = knmi_days(DAY, 1)
     rows.insert(5, rows[4])
-    with pytest.raises(WeatherError, match="the hour ending 2019-06-01 05:00 UTC appears twice"):
+    with pytest.raises(WeatherError, match="the interval ending 2019-06-01 05:00 UTC appears twice"):
         read_knmi(knmi_file(tmp_path, knmi_text(rows)))
 
 
 def test_hours_out_of_order_are_refused(tmp_path: Path) -> None:
     rows = knmi_days(DAY, 2)
-    with pytest.raises(WeatherError, match="01:00 UTC follows 2019-06-03 00:00 UTC; rows must be hourly and in order"):
+    with pytest.raises(WeatherError, match="01:00 UTC follows 2019-06-03 00:00 UTC. Sort the rows by time"):
         read_knmi(knmi_file(tmp_path, knmi_text(rows[24:] + rows[:24])))
 
 
@@ -199,12 +235,12 @@ def test_damaged_knmi_rows_are_named(tmp_path: Path, row: str, words: str) -> No
 
 
 def test_a_knmi_file_without_a_needed_column_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(WeatherError, match="lacks the columns U, N"):
+    with pytest.raises(WeatherError, match="lacks the column U. It has"):
         read_knmi(knmi_file(tmp_path, knmi_text([], header="# STN,YYYYMMDD,   HH,    Q,    T,   FH")))
 
 
 def test_a_web_page_is_no_knmi_file(tmp_path: Path) -> None:
-    with pytest.raises(WeatherError, match=r"no header line 'STN,YYYYMMDD,HH,...' \(it begins with '<html>"):
+    with pytest.raises(WeatherError, match=r"uurgeg\.txt is a web page"):
         read_knmi(knmi_file(tmp_path, "<html>\n<body>Storing</body></html>"))
 
 

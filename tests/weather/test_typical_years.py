@@ -100,19 +100,32 @@ def test_wind_that_is_an_instant_runs_linearly(tmp_path: Path) -> None:
     np.testing.assert_allclose(made.values[:, 4], expected, rtol=1e-13)
 
 
-def test_half_hour_clocks_need_a_zone_by_name(tmp_path: Path) -> None:
+def test_a_half_hour_clock_has_a_zone_and_whole_hours_in_utc(tmp_path: Path) -> None:
     path = write_epw(tmp_path / "delhi.epw", 2010, offset=5.5)
-    with pytest.raises(
-        WeatherError, match=r"\+5\.5 h from UTC, which has no fixed IANA zone. Give one with --timezone"
-    ):
-        read_epw(path)
-    record = read_epw(path, timezone="Asia/Kolkata")
-    assert record.period == "2009-12-31 18:30 to 2010-12-31 18:30 UTC"
+    record = read_epw(path)
+    assert record.timezone == "Asia/Kolkata"
+    # The file runs from 31 December 18:30 UTC; hours of UTC that it covers whole, each half of two of its own.
+    assert record.period == "2009-12-31 19:00 to 2010-12-31 18:00 UTC"
+    np.testing.assert_allclose(record.values("air_temperature")[:3], [0.15, 0.25, 0.35])
     made = disturbances(record, start=dt.date(2010, 5, 1), steps=96, preprocessing="conserving")
     assert made.hour_of_day[0] == 0.0
     np.testing.assert_allclose(made.values[:, 7], 0.8 * 3.6, rtol=1e-13)  # 8 h of 100 W m-2 = 2.88 MJ m-2
     paper = disturbances(record, start=dt.date(2010, 5, 1), steps=96)
     assert np.isfinite(paper.values).all()
+
+
+def test_a_typical_year_on_a_half_hour_clock_is_whole(tmp_path: Path) -> None:
+    record = read_epw(write_epw(tmp_path / "delhi.epw", {month: 1990 + month for month in range(1, 13)}, offset=5.5))
+    assert record.period == "2001-01-01 00:00 to 2002-01-01 00:00 UTC"
+    # 00:00 to 01:00 UTC is 05:30 to 06:30 local: half of hour 6, half of hour 7. The last: half of hours 5 and 6.
+    np.testing.assert_allclose(record.values("air_temperature")[[0, -1]], [0.65, 0.55])
+
+
+def test_an_odd_clock_needs_a_zone_by_name(tmp_path: Path) -> None:
+    path = write_epw(tmp_path / "odd.epw", 2010, offset=-3.5)
+    with pytest.raises(WeatherError, match=r"-3\.5 h from UTC, which has no fixed IANA zone. Give one with --timezone"):
+        read_epw(path)
+    assert read_epw(path, timezone="America/St_Johns").timezone == "America/St_Johns"
 
 
 def test_a_cut_off_epw_is_refused(tmp_path: Path) -> None:
@@ -132,9 +145,7 @@ def test_something_else_is_no_epw(tmp_path: Path) -> None:
 def test_an_epw_hour_that_does_not_exist_is_refused(tmp_path: Path) -> None:
     line = epw_line(dt.datetime(2010, 1, 1, 4), 2010).replace("2010,1,1,5,", "2010,2,30,5,", 1)
     path = write_epw(tmp_path / "bad.epw", 2010, edits={4: line})
-    with pytest.raises(
-        WeatherError, match=r"cannot be read as an EnergyPlus weather file|2010-02-30, hour 5 does not exist"
-    ):
+    with pytest.raises(WeatherError, match=r"bad\.epw, row 13: the date 2010-02-30 does not exist"):
         read_epw(path)
 
 
@@ -164,22 +175,36 @@ def test_a_cut_off_tmy3_is_refused(tmp_path: Path) -> None:
 
 
 def test_something_else_is_no_tmy(tmp_path: Path) -> None:
-    for name, words in (("other.csv", "a TMY3 file"), ("other.tm2", "a TMY2 file")):
-        path = tmp_path / name
-        path.write_text("hello\nworld\n")
-        with pytest.raises(WeatherError, match=f"cannot be read as {words}"):
-            read_tmy(path)
+    path = tmp_path / "other.tm2"
+    path.write_text("hello\nworld\n")
+    with pytest.raises(WeatherError, match=r"cannot be read as a TMY2 file: its first line"):
+        read_tmy(path)
+    path = tmp_path / "other.csv"
+    path.write_text("hello\nworld\n")
+    with pytest.raises(WeatherError, match=r"other\.csv has no line of titles above rows of values"):
+        read_tmy(path)
 
 
 def test_tmy3_with_half_hour_stamps_is_refused(tmp_path: Path) -> None:
     path = write_tmy3(tmp_path / "tmy3.csv")
     path.write_text(path.read_text().replace(":00,", ":30,"))
+    with pytest.raises(WeatherError, match=r"row 26, column 'Date .*: the time '01/01/1989 24:30' does not exist"):
+        read_tmy(path)
+    path.write_text(path.read_text().replace(",24:30,", ",24:00,"))
     with pytest.raises(WeatherError, match="its stamps are not whole hours"):
         read_tmy(path)
 
 
-def test_a_tmy3_without_cloud_is_refused(tmp_path: Path) -> None:
+def test_a_tmy3_without_cloud_gets_an_estimated_sky(tmp_path: Path) -> None:
     path = write_tmy3(tmp_path / "tmy3.csv")
     path.write_text(path.read_text().replace("TotCld (tenths)", "Cloud"))
-    with pytest.raises(WeatherError, match=r"lacks the column TotCld \(tenths\)"):
+    record = read_tmy(path)
+    assert "sky_infrared" in record.counts
+    assert any(note.startswith("sky_infrared estimated") for note in record.notes)
+
+
+def test_a_tmy3_without_temperature_is_refused(tmp_path: Path) -> None:
+    path = write_tmy3(tmp_path / "tmy3.csv")
+    path.write_text(path.read_text().replace("Dry-bulb (C)", "Tdry"))
+    with pytest.raises(WeatherError, match=r"there is no column 'Dry-bulb \(C\)', which is needed. It has: Date"):
         read_tmy(path)
