@@ -257,18 +257,18 @@ def without_constant_zero(
     columns: Mapping[str, record.FloatArray], names: Sequence[str], notes: list[str]
 ) -> dict[str, record.FloatArray]:
     """The columns, those of ``names`` left out that are 0 in every row of a long file, as where nobody measured; said in ``notes``."""
-    kept = dict(columns)
+    present = dict(columns)
     for name in names:
-        values = kept.get(name)
+        values = present.get(name)
         if (
             values is not None
             and values.size > 100
             and not np.any(values[~np.isnan(values)])
             and not np.isnan(values).all()
         ):
-            del kept[name]
+            del present[name]
             notes.append(f"{name.replace('_', ' ')} is 0 in every row, which is taken as missing")
-    return kept
+    return present
 
 
 def title_of(table: TextTable, *words: str) -> str | None:
