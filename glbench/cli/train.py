@@ -14,6 +14,7 @@ from typer.core import TyperGroup
 
 from glbench.cli import console, options
 from glbench.cli.console import Markup, plain, styled
+from glbench.cli.fmu import fmu
 from glbench.cli.progress import TrainingBar, TrainingLines, seasons_in_words
 from glbench.errors import GlbenchError, TrainingError
 from glbench.extras import require
@@ -183,7 +184,7 @@ def sb3_plan(task: TaskSpec, algorithm: str, config: Path | None, steps: int | N
 
 
 class _PolicyUnlessNamed(TyperGroup):
-    """``glbench tune POLICY`` is ``glbench tune policy POLICY``."""
+    """``glbench tune POLICY`` is ``glbench tune policy POLICY``, and so with ``glbench export``."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the name of the command first where it is left out."""
@@ -288,7 +289,16 @@ def tune_policy(
     _put_outcome(outcome, spec, settings.evaluation, task)
 
 
-def export(
+export = typer.Typer(
+    cls=_PolicyUnlessNamed,
+    help="Export a trained policy (glbench export MODEL), or the greenhouse of a task for other programs.",
+    no_args_is_help=True,
+)
+export.command("fmu")(fmu)
+
+
+@export.command("policy")
+def export_policy(
     model: Annotated[
         Path, typer.Argument(metavar="MODEL", help="model.zip of Stable-Baselines3, or a folder of glbench train.")
     ],

@@ -1,0 +1,120 @@
+"""Writes a task's greenhouse as an FMU: PythonFMU packs a small program, which runs the glbench of the importing machine."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import tempfile
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from glbench import __version__
+from glbench.errors import TaskError
+from glbench.extras import require
+from glbench.fmu.scenario import FmuSetup, splits_of, task_in_season
+from glbench.registration import task_ids
+from glbench.resources import write_atomically
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+_PROGRAM = '''"""The greenhouse of {task} as an FMU, written by glbench export fmu."""
+
+import sys
+
+import pythonfmu
+
+# For every instance PythonFMU 0.7.0 releases a reference to these names that it did not take: hold one for each.
+vars(pythonfmu).setdefault("held", []).append(globals())
+
+try:
+    from glbench.fmu.scenario import FmuSetup
+    from glbench.fmu.slave import GreenhouseSlave
+except ImportError as error:
+    FmuSetup, PROBLEM = dict, (
+        "This FMU needs glbench {version} in the Python that runs it, Python "
+        f"{{sys.version.partition(' ')[0]}} in {{sys.prefix}}, where it cannot be imported ({{error}}). "
+        "Install it there: pip install glbench=={version}. In a tool that is no Python program, name its packages in PYTHONPATH."
+    )
+
+    class GreenhouseSlave(pythonfmu.Fmi2Slave):
+        def __init__(self, **options):
+            raise RuntimeError(PROBLEM)
+
+        def do_step(self, current_time, step_size):
+            return False
+
+
+class {name}(GreenhouseSlave):
+    setup = FmuSetup(
+        task={task!r},
+        digest={digest!r},
+        definition={definition!r},
+        seed={seed!r},
+        split={split!r},
+        version={version!r},
+    )
+'''
+
+
+def export_fmu(task: TaskSpec, file: Path, *, seed: int = 1, split: str | None = None, replace: bool = False) -> None:
+    """Write the greenhouse of ``task`` to ``file`` as an FMU for FMI 2.0 co-simulation.
+
+    Parameters
+    ----------
+    task
+        The task.
+    file
+        The FMU, with the ending ``.fmu``.
+    seed, split
+        Start values of its parameters, which an importer can change. ``None`` as the split: validation if the task has it, otherwise training.
+    replace
+        Replace a file that is there.
+
+    Raises
+    ------
+    GlbenchError
+        Without PythonFMU; for another ending, a file that is there, a test season or an impossible seed; when the file cannot be written.
+    """
+    require("An FMU", "fmu", "pythonfmu")
+    if file.suffix != ".fmu":
+        msg = f"{file} should end with .fmu."
+        raise TaskError(msg)
+    if file.exists() and not replace:
+        msg = f"{file} exists already. Choose another name, or replace it with --replace."
+        raise TaskError(msg)
+    splits = splits_of(task)
+    split = ("validation" if "validation" in splits else splits[0]) if split is None else split
+    task_in_season(task, split, seed)
+    from pythonfmu.builder import FmuBuilder
+
+    name = re.sub(r"\W", "_", task.short_id)
+    definition = "" if task.id in task_ids() else json.dumps(task.attachment(), ensure_ascii=True)
+    program = _PROGRAM.format(
+        name=name, task=task.id, digest=task.digest, definition=definition, seed=int(seed), split=split, version=__version__
+    )  # fmt: skip
+    setup = FmuSetup(task.id, task.digest, definition, int(seed), split, __version__)
+    module = (
+        f"{name}_{setup.fingerprint[:12]}"  # importers load several FMUs into one Python: each has a module of its own
+    )
+    path = list(sys.path)
+    with tempfile.TemporaryDirectory(prefix="glbench-fmu-") as scratch:
+        source, documentation = Path(scratch, "source"), Path(scratch, "documentation")
+        (documentation / "licenses").mkdir(parents=True)
+        source.mkdir()
+        (source / f"{module}.py").write_text(program, encoding="utf-8")
+        licence = metadata.distribution("pythonfmu").read_text(
+            "licenses/LICENSE"
+        )  # it asks to be passed on with the program
+        (documentation / "licenses" / "pythonfmu.txt").write_text(licence or "PythonFMU: MIT licence", encoding="utf-8")
+        try:
+            built = FmuBuilder.build_FMU(
+                source / f"{module}.py", Path(scratch, "greenhouse.fmu"), documentation_folder=documentation,
+                canHandleVariableCommunicationStepSize=False, canGetAndSetFMUstate=True, canSerializeFMUstate=True,
+            )  # fmt: skip
+        finally:  # PythonFMU imports the program, and leaves its folder on the path
+            sys.path[:] = path
+            sys.modules.pop(module, None)
+        write_atomically(file, built.read_bytes())

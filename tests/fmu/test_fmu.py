@@ -1,0 +1,383 @@
+"""FMUs as an importer runs them: every number is the environment's, every mistake is explained, and units are the catalogue's."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from glbench.env import Simulation, info_quantities
+from glbench.errors import GlbenchError, TaskError
+from glbench.model import vapour_pressure_deficit
+from glbench.model.units import parse_unit, same_unit
+from glbench.quantities import GROUPS
+from glbench.tasks import get_task
+from tests.support import LETTUCE, write_day_task
+
+pytest.importorskip("pythonfmu", reason="PythonFMU is not installed (extra 'fmu')")
+fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed")
+pytestmark = pytest.mark.slow
+
+SPRING, SEED, SPLIT = "glbench/Spring-v1", 12_345_678_901, "validation"
+
+
+class Instance:
+    """One instance of an FMU, whose variables are read and written by name."""
+
+    def __init__(self, file: Path, folder: Path) -> None:
+        from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+        from fmpy.simulation import allocateMemory, freeMemory
+        from fmpy.fmi2 import fmi2CallbackAllocateMemoryTYPE, fmi2CallbackFreeMemoryTYPE
+
+        self.description = fmpy.read_model_description(str(file))
+        if not folder.is_dir():
+            fmpy.extract(str(file), str(folder))
+        self.variables = {one.name: one for one in self.description.modelVariables}
+        self.log: list[str] = []
+        self.callbacks = fmi2CallbackFunctions()
+        self.callbacks.logger = fmi2CallbackLoggerTYPE(lambda *words: self.log.append(words[-1].decode()))
+        self.callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(allocateMemory)
+        self.callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(freeMemory)
+        self.fmu = FMU2Slave(
+            guid=self.description.guid,
+            unzipDirectory=str(folder),
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            instanceName="greenhouse",
+        )
+        self.fmu.instantiate(callbacks=self.callbacks, loggingOn=True)
+        self.time = 0.0
+
+    def start(self, begin: float = 0.0, **parameters: Any) -> Instance:
+        self.fmu.setupExperiment(startTime=begin)
+        for name, value in parameters.items():
+            self.set(name, value)
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+        self.time = begin
+        return self
+
+    def set(self, name: str, value: Any) -> None:
+        reference = [self.variables[name].valueReference]
+        if isinstance(value, str):
+            self.fmu.setString(reference, [value])
+        else:
+            self.fmu.setReal(reference, [value])
+
+    def step(self, seconds: float, *targets: float) -> None:
+        inputs = [one.valueReference for one in self.description.modelVariables if one.causality == "input"]
+        if targets:
+            self.fmu.setReal(inputs, list(targets))
+        self.fmu.doStep(self.time, seconds)
+        self.time += seconds
+
+    def get(self, prefix: str = "") -> dict[str, float]:
+        reals = [one for one in self.variables.values() if one.type == "Real" and one.name.startswith(prefix)]
+        return dict(
+            zip((one.name for one in reals), self.fmu.getReal([one.valueReference for one in reals]), strict=True)
+        )
+
+
+Starter = Callable[..., Instance]
+
+
+@pytest.fixture(scope="module")
+def spring(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from glbench.fmu import export_fmu
+
+    file = tmp_path_factory.mktemp("fmu") / "spring.fmu"
+    export_fmu(get_task(SPRING), file, seed=SEED, split=SPLIT)
+    return file
+
+
+@pytest.fixture(scope="module")
+def day(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of a task file that is not there any more."""
+    from glbench.fmu import export_fmu
+
+    folder = tmp_path_factory.mktemp("day")
+    task = get_task(write_day_task(folder))
+    export_fmu(task, folder / "day.fmu")
+    (folder / "day.toml").unlink()
+    return folder / "day.fmu"
+
+
+@contextmanager
+def running(file: Path, **parameters: Any) -> Iterator[Instance]:
+    instance = Instance(file, file.with_suffix("")).start(**parameters)
+    yield instance
+    instance.fmu.terminate()
+    instance.fmu.fmi2FreeInstance(instance.fmu.component)
+
+
+def largest_difference(numbers: dict[str, float], expected: dict[str, float]) -> float:
+    """Relative, over all names of ``expected``."""
+    assert numbers.keys() >= expected.keys()
+    return max(abs(numbers[name] - value) / max(abs(value), 1.0) for name, value in expected.items())
+
+
+def test_the_model_description_is_valid(spring: Path, day: Path) -> None:
+    from fmpy.validation import validate_fmu
+
+    assert validate_fmu(str(spring)) == []
+    assert validate_fmu(str(day)) == []
+    description = fmpy.read_model_description(str(spring))
+    assert "glbench" in description.generationTool
+    slave = description.coSimulation
+    assert slave.canGetAndSetFMUstate
+    assert slave.canSerializeFMUstate
+    assert not slave.canHandleVariableCommunicationStepSize
+    assert float(description.defaultExperiment.stepSize) == 900.0
+    assert float(description.defaultExperiment.stopTime) == 60 * 86400.0
+
+
+def test_a_day_gives_the_bits_of_the_environment(spring: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    task = get_task(SPRING).in_split(SPLIT)
+    env = gymnasium.make(f"glbench:{SPRING}", split=SPLIT).unwrapped
+    observation, info = env.reset(seed=SEED)
+    columns, capacities = [column.name for column in task.observed()], task.capacities()
+    at_one = np.array([capacity.at_one for capacity in capacities])
+    generator, summed = np.random.default_rng(1), {}
+    worst = 0.0
+
+    with running(spring) as fmu:
+        for step in range(97):
+            expected = {name: float(value) for name, value in info.items() if name != "seed"}
+            expected |= {f"observed.{name}": float(value) for name, value in zip(columns, observation, strict=True)}
+            names = task.model_value.state_names
+            expected |= {f"state.{name}": float(value) for name, value in zip(names, env.simulation.x[0], strict=True)}
+            names = task.model_value.disturbance_names
+            expected |= {f"weather.{name}": float(value) for name, value in zip(names, env.simulation.d[0], strict=True)}
+            expected["vapour_pressure_deficit"] = vapour_pressure_deficit(info["air_temperature"], info["relative_humidity"])
+            for name in ("epi", "heat", "cost_heat"):
+                summed[name] = summed.get(name, 0.0) + expected.get(name, 0.0)
+            expected |= {f"total.{name}": value for name, value in summed.items()}
+            numbers = fmu.get()
+            worst = max(worst, largest_difference(numbers, expected))
+            assert worst <= 1e-9, step
+            if step == 96:
+                break
+            targets = generator.random(len(at_one)) * at_one if step % 3 == 0 else targets
+            action = np.clip((targets / at_one - env.simulation.u[0]) / task.actuation.max_change, -1.0, 1.0)
+            observation, reward, *_, info = env.step(action)
+            fmu.step(900.0, *targets)
+        assert numbers["step_reward"] == reward
+        assert numbers["total.heat"] > 0.1
+    with capsys.disabled():
+        print(f"\nlargest relative difference to the environment, {len(expected)} numbers, 96 steps: {worst:.3g}")
+
+
+def test_a_long_communication_step_holds_the_inputs_and_adds_up(spring: Path) -> None:
+    targets = (80.0, 2.0, 0.3, 0.6, 60.0, 0.0)
+    with running(spring) as short, running(spring) as long:
+        rows = []
+        for _ in range(8):
+            short.step(900.0, *targets)
+            rows.append(short.get())
+        long.step(8 * 900.0, *targets)
+        numbers = long.get()
+    assert largest_difference(numbers, {name: value for name, value in rows[-1].items() if name.startswith("state.")}) == 0
+    assert numbers["total.epi"] == pytest.approx(rows[-1]["total.epi"], rel=1e-12)
+    assert numbers["epi"] == pytest.approx(sum(row["epi"] for row in rows), rel=1e-12)
+    for name in ("violation_relative_humidity_high", "violation_air_temperature_low"):
+        assert numbers[name] == pytest.approx(np.mean([row[name] for row in rows]), rel=1e-12)
+    assert max(row["violation_relative_humidity_high"] for row in rows) > 0.0
+
+
+def test_a_saved_state_continues_with_the_same_bits_also_in_another_instance(spring: Path) -> None:
+    targets = (100.0, 1.0, 0.5, 0.2, 30.0, 0.1)
+    with running(spring) as one, running(spring, seed=5.0) as other:
+        one.step(900.0, *targets)
+        state = one.fmu.getFMUState()
+        saved, packed = one.get(), one.fmu.serializeFMUState(state)
+        one.step(900.0)
+        after = one.get()
+        assert after != saved
+        one.fmu.setFMUState(state)
+        assert one.get() == saved
+        other.fmu.setFMUState(other.fmu.deSerializeFMUState(packed))
+        assert other.get() == saved
+        one.time = other.time = 900.0
+        one.step(900.0)
+        other.step(900.0)
+        assert one.get() == after
+        assert other.get() == after
+        one.fmu.freeFMUState(state)
+
+
+def test_instances_are_independent_and_reset_starts_over(spring: Path) -> None:
+    with running(spring) as one, running(spring, seed=5.0, split="training") as other:
+        first = one.get()
+        assert other.get("weather.") != one.get("weather.")
+        training = Simulation(get_task(SPRING).in_split("training"), 1)
+        training.reset([5])
+        assert list(other.get("state.").values()) == training.x[0].tolist()
+        one.step(900.0, *(0.0,) * 6)
+        one.fmu.reset()
+        assert one.start(begin=86400.0).get() == first
+        one.step(900.0)
+        other.fmu.reset()
+    for _ in range(12):  # PythonFMU 0.7.0 releases what the module of the FMU consists of
+        with running(spring) as again:
+            assert again.get() == first
+
+
+REFUSED: dict[str, tuple[Callable[[Instance], None], str]] = {
+    "a step that is too short": (lambda fmu: fmu.step(600.0), "is controlled every 3600 s. Set the communication step to 3600 s"),
+    "no multiple": (lambda fmu: fmu.step(5400.0), "or to a multiple of it"),
+    "an input out of bounds": (
+        lambda fmu: fmu.step(3600.0, 131.0, *(0.0,) * 5), "target.boiler is 131 W m-2, outside its range 0 to 130 W m-2"
+    ),
+    "an input that is no number": (lambda fmu: fmu.step(3600.0, np.nan, *(0.0,) * 5), "target.boiler is nan W m-2"),
+    "beyond the end": (lambda fmu: fmu.step(25 * 3600.0), "24 control steps of 3600 s are left at 0 s"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", REFUSED)
+def test_a_step_that_cannot_be_done_is_refused_in_words_and_the_fmu_goes_on(day: Path, mistake: str) -> None:
+    make, words = REFUSED[mistake]
+    with running(day) as fmu:
+        before = fmu.get("state.")
+        with pytest.raises(Exception, match="discard"):
+            make(fmu)
+        assert words in fmu.log[-1]
+        assert "Traceback" not in fmu.log[-1]
+        assert fmu.get("state.") == before
+        fmu.step(24 * 3600.0, *(0.0,) * 6)
+        assert fmu.fmu.getBoolean([fmu.variables["ended"].valueReference]) == [True]
+        with pytest.raises(Exception, match="discard"):
+            fmu.step(3600.0)
+        assert "0 control steps of 3600 s are left at 86400 s" in fmu.log[-1]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"split": "test"}, "test seasons of glbench/Spring-v1 score agents and are not exported"),
+        ({"split": "validaton"}, "Did you mean 'validation'?"),
+        ({"seed": 1.5}, "The seed 1.5 is not a whole number"),
+    ],
+)
+def test_a_season_that_is_not_exported_is_refused_in_words(spring: Path, parameters: dict[str, Any], words: str) -> None:
+    fmu = Instance(spring, spring.with_suffix(""))
+    with pytest.raises(Exception, match="fatal"):
+        fmu.start(**parameters)
+    assert words in fmu.log[-1]
+    fmu.fmu.fmi2FreeInstance(fmu.fmu.component)  # PythonFMU 0.7.0 releases it a second time here
+
+
+def test_a_seed_is_fixed_once_the_season_runs(day: Path) -> None:
+    fmu = Instance(day, day.with_suffix("")).start(seed=5.0)
+    fmu.set("seed", 5.0)
+    with pytest.raises(Exception, match="fatal"):
+        fmu.set("seed", 6.0)
+    assert "The parameter seed cannot change in a running season." in fmu.log[-1]
+
+
+def test_exports_are_refused_before_anything_is_written(tmp_path: Path) -> None:
+    from glbench.fmu import export_fmu
+
+    task, file = get_task(SPRING), tmp_path / "greenhouse.fmu"
+    paper = get_task("glbench/Schiphol2010-Delta00-v1")
+    for spec, options, words in [
+        (task, {"split": "test"}, "not exported"),
+        (task, {"seed": -1}, "not a whole number"),
+        (get_task("glbench/Transfer-Greensboro-v1"), {}, "has only test seasons"),
+        (paper, {"seed": 666}, "the seed 666 is not exported"),
+        (paper, {"split": "validation"}, "has no splits"),
+    ]:
+        with pytest.raises(TaskError, match=words):
+            export_fmu(spec, file, **options)
+    with pytest.raises(GlbenchError, match=r"should end with \.fmu"):
+        export_fmu(task, tmp_path / "greenhouse.zip")
+    file.write_bytes(b"precious")
+    with pytest.raises(GlbenchError, match="exists already"):
+        export_fmu(task, file)
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"precious"]
+
+
+def test_units_are_those_of_the_task_and_the_catalogue(spring: Path) -> None:
+    task, description = get_task(SPRING), fmpy.read_model_description(str(spring))
+    units = {one.name: (one.unit or "-").replace(".", " ") for one in description.modelVariables if one.type == "Real"}
+    for quantity in info_quantities(task)[1:]:
+        assert same_unit(units[quantity.name], quantity.unit), quantity
+    for column in task.observed():
+        assert same_unit(units[f"observed.{column.name}"], column.unit), column
+    for state in task.model_value.states:
+        assert same_unit(units[f"state.{state.name}"], state.unit), state
+    entries = {name: entry for group in ("air", "deficit", "clock", "step") for name, entry in GROUPS[group].items()}
+    shared = units.keys() & entries.keys() - {"penalty"}  # of which the unit depends on the task
+    assert len(shared) >= 6
+    for name in shared:
+        assert same_unit(units[name], entries[name].unit), name
+    assert same_unit(units["target.lamps"], "W m-2")
+    bases = {one.name: one.baseUnit for one in description.unitDefinitions}
+    assert (bases["kWh.m-2"].factor, bases["kWh.m-2"].kg, bases["kWh.m-2"].s, bases["kWh.m-2"].m) == (3.6e6, 1, -2, 0)
+    assert (bases["degC"].K, bases["degC"].factor, bases["degC"].offset) == (1, 1.0, 273.15)
+    assert (bases["mg.m-2.s-1"].kg, bases["mg.m-2.s-1"].factor) == (1, 1e-6)
+    assert (bases["degC.day"].K, bases["degC.day"].s, bases["degC.day"].factor, bases["degC.day"].offset) == (1, 1, 86400.0, 0)
+    assert bases["EUR.m-2"] is None
+    assert {symbol for name in bases for symbol in parse_unit(name.replace(".", " "))} >= {"EUR", "kWh", "°C", "ppm", "%"}
+
+
+@pytest.mark.parametrize("name", ["FullSeasonEnergy-v1", "SpringSetpoints-v1", "lettuce"])
+def test_other_models_and_kinds_of_actuation_have_their_own_variables(name: str, tmp_path: Path) -> None:
+    """Without a file: what PythonFMU would run, called as it calls it."""
+    from glbench.fmu.scenario import FmuSetup
+    from glbench.fmu.slave import GreenhouseSlave
+
+    if name == "lettuce":
+        name = str(tmp_path / "salad.toml")
+        Path(name).write_text(LETTUCE, encoding="utf-8")
+        task = get_task(name)
+        import json
+
+        definition, split = json.dumps(task.attachment()), "" if task.splits is None else "validation"
+    else:
+        task, definition, split = get_task(name), "", "validation"
+
+    class Slave(GreenhouseSlave):
+        setup = FmuSetup(task.id, task.digest, definition, 3, split, "0")
+
+    slave = Slave(instance_name="one", resources="")
+    assert slave.to_xml().find("UnitDefinitions") is not None
+    slave.setup_experiment(0.0, None, None)
+    slave.exit_initialization_mode()
+    values = {one.name: one.getter() for one in slave.vars.values()}
+    idle = {action.name: values[f"target.{action.name}"] for action in slave.inputs}
+    assert slave.do_step(0.0, task.step_seconds), slave.log_queue
+    simulation = Simulation(task.in_split(split) if split else task, 1)
+    simulation.reset([3])
+    result = simulation.step(np.array([[action.idle for action in task.actions]]))
+    after = {one.name: one.getter() for one in slave.vars.values()}
+    assert [after[f"state.{state}"] for state in task.model_value.state_names] == simulation.x[0].tolist()
+    assert after["step_reward"] == result.rewards[0]
+    assert len(idle) == len(task.actions)
+    if task.actuation.kind == "process_computer":
+        low = {action.name: action.lowest for action in task.actions}
+        assert any(value != 0.0 for value in low.values())
+
+
+def test_another_task_of_the_same_name_is_refused() -> None:
+    from glbench.fmu.scenario import FmuSetup
+
+    with pytest.raises(TaskError, match="has the digest"):
+        FmuSetup(SPRING, "0" * 64, "", 1, SPLIT, "0.0.9").find_task()
+
+
+def test_an_importer_without_glbench_is_told_what_to_install(
+    spring: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    fmpy.extract(str(spring), str(tmp_path))
+    (program,) = (tmp_path / "resources").glob("Spring_v1_*.py")
+    monkeypatch.setitem(__import__("sys").modules, "glbench.fmu.slave", None)
+    names: dict[str, Any] = {"__name__": "program"}
+    exec(compile(program.read_text(encoding="utf-8"), str(program), "exec"), names)
+    with pytest.raises(RuntimeError, match=r"needs glbench .* pip install glbench=="):
+        names["Spring_v1"](instance_name="one")
+    shutil.rmtree(tmp_path / "resources")
