@@ -69,7 +69,7 @@ def export_fmu(task: TaskSpec, file: Path, *, seed: int = 1, split: str | None =
     file
         The FMU, with the ending ``.fmu``.
     seed, split
-        Start values of its parameters, which an importer can change. ``None`` as the split: validation if the task has it, otherwise training.
+        Start values of its parameters, which an importer can change. Without a split: validation if the task has it, else training.
     replace
         Replace a file that is there.
 

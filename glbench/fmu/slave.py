@@ -26,6 +26,7 @@ from glbench.fmu.units import base_unit, fmi_unit
 from glbench.model import vapour_pressure_deficit
 from glbench.quantities import DEFICITS, VIOLATION
 from glbench.tasks import Action, TaskSpec
+from glbench.tasks.ledger import StepQuantity
 
 _LOG = logging.getLogger(__name__)
 _HELD: list[object] = []
@@ -42,19 +43,14 @@ def fmu_inputs(task: TaskSpec) -> tuple[Action, ...]:
     """The inputs of the FMU of ``task``, each in the unit of what it stands for: positions of controls, or set points."""
     if task.actuation.kind not in _STEPPED_CONTROLS:
         return task.actions
-    capacities = {capacity.name: capacity for capacity in task.capacities()}
-    return tuple(
-        Action(
-            one.quantity,
-            0.0,
-            1.0 if one.at_one > 0.0 else 0.0,
-            one.unit,
-            f"{one.meaning}, as asked for; it changes by at most {_amount(one.at_one * task.actuation.max_change, one.unit)} in a control step",
-            0.0,
-            (0.0, one.at_one) if one.at_one > 0.0 else None,
-        )
-        for one in (capacities[name] for name in task.actuation.controls)
-    )
+    inputs = []
+    for one in (capacity for capacity in task.capacities() if capacity.name in task.actuation.controls):
+        most = _amount(one.at_one * task.actuation.max_change, one.unit)
+        meaning = f"{one.meaning}, as asked for; it changes by at most {most} in a control step"
+        installed = one.at_one > 0.0
+        stands_for = (0.0, one.at_one) if installed else None
+        inputs.append(Action(one.quantity, 0.0, float(installed), one.unit, meaning, 0.0, stands_for))
+    return tuple(inputs)
 
 
 def _amount(value: float, unit: str) -> str:
@@ -112,22 +108,19 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
         self._register_variables()
 
     def _register_variables(self) -> None:
-        fixed = {
-            "causality": Fmi2Causality.parameter,
-            "variability": Fmi2Variability.fixed,
-            "initial": Fmi2Initial.exact,
-        }
         words = {
             "seed": "selects the season, and what else the run draws: a whole number",
             "split": "training or validation: from which seasons the seed selects; empty in a task without splits",
         }
         for name, text in words.items():
-            access = {"getter": partial(self._parameters.get, name), "setter": partial(self._set_parameter, name)}
+            declare = partial(_Real, unit="-", low=0.0, high=LARGEST_SEED) if name == "seed" else pythonfmu.String
             self.register_variable(
-                _Real(name, "-", 0.0, LARGEST_SEED, description=text, **fixed, **access)
-                if name == "seed"
-                else pythonfmu.String(name, description=text, **fixed, **access)
-            )
+                declare(
+                    name, description=text, causality=Fmi2Causality.parameter, variability=Fmi2Variability.fixed,
+                    initial=Fmi2Initial.exact,
+                    getter=partial(self._parameters.get, name), setter=partial(self._set_parameter, name),
+                )
+            )  # fmt: skip
         for place, action in enumerate(self.inputs):
             self.register_variable(
                 _Real(
@@ -136,36 +129,33 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
                     getter=partial(self._targets.__getitem__, place), setter=partial(self._targets.__setitem__, place),
                 )
             )  # fmt: skip
-        model, deficit = self.task.model_value, DEFICITS["vapour_pressure_deficit"]
+        model = self.task.model_value
+        deficit = StepQuantity(
+            "vapour_pressure_deficit",
+            DEFICITS["vapour_pressure_deficit"].unit,
+            "vapour pressure deficit inside, true value",
+        )
         groups: list[tuple[str, str, Sequence[Any]]] = [
-            ("", "", info_quantities(self.task)[1:]),
-            ("", "", [deficit] if model.air else []),
+            ("", "", [*info_quantities(self.task)[1:], *((deficit,) if model.air else ())]),
             ("total.", ", added up since the start", self._added_up),
             ("observed.", ", as an agent observes it", self.task.observed()),
             ("weather.", ", in the coming control step", model.disturbances),
             ("state.", "", model.states),
         ]
-        place = 0
-        for prefix, suffix, quantities in groups:
-            for quantity in quantities:
-                meaning = (
-                    "vapour pressure deficit inside, true value" if quantity is deficit else quantity.meaning + suffix
+        calculated = {"variability": Fmi2Variability.discrete, "initial": Fmi2Initial.calculated}
+        variables = [(prefix, suffix, one) for prefix, suffix, quantities in groups for one in quantities]
+        for place, (prefix, suffix, one) in enumerate(variables):
+            causality = Fmi2Causality.local if prefix == "state." else Fmi2Causality.output
+            description = one.meaning + suffix
+            self.register_variable(
+                _Real(
+                    prefix + one.name, one.unit, description=description, causality=causality,
+                    getter=partial(self._value, place), **calculated,
                 )
-                self.register_variable(
-                    _Real(
-                        prefix + quantity.name, quantity.unit, description=meaning,
-                        causality=Fmi2Causality.local if prefix == "state." else Fmi2Causality.output,
-                        variability=Fmi2Variability.discrete, initial=Fmi2Initial.calculated,
-                        getter=partial(self._value, place),
-                    )
-                )  # fmt: skip
-                place += 1
+            )  # fmt: skip
+        description, causality = "whether the season has ended", Fmi2Causality.output
         self.register_variable(
-            pythonfmu.Boolean(
-                "ended", description="whether the season has ended", causality=Fmi2Causality.output,
-                variability=Fmi2Variability.discrete, initial=Fmi2Initial.calculated,
-                getter=lambda: self._running().over == 1,
-            )
+            pythonfmu.Boolean("ended", description=description, causality=causality, getter=lambda: self._running().over == 1, **calculated)
         )  # fmt: skip
 
     def to_xml(self, model_options: dict[str, str] | None = None) -> Element:
@@ -179,25 +169,19 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
                 element, bases = SubElement(units, "Unit", name=name), base_unit(unit)
                 if bases is not None:
                     SubElement(element, "BaseUnit", bases)
-        tags = [child.tag for child in root]
-        root.insert(tags.index("CoSimulation") + 1, units)
-        vendor = Element("VendorAnnotations")
-        setup = self.setup
-        SubElement(
-            SubElement(vendor, "Tool", name="glbench"),
-            "Task",
-            id=setup.task,
-            digest=setup.digest,
-            glbench=setup.version,
-        )
-        root.insert([child.tag for child in root].index("ModelVariables"), vendor)
-        structure = root.find("ModelStructure")
+        vendor, structure = Element("VendorAnnotations"), root.find("ModelStructure")
+        facts = {"id": self.setup.task, "digest": self.setup.digest, "glbench": self.setup.version}
+        SubElement(SubElement(vendor, "Tool", name="glbench"), "Task", facts)
+        for element, neighbour in ((units, "LogCategories"), (vendor, "ModelVariables")):
+            root.insert([child.tag for child in root].index(neighbour), element)
         assert structure is not None
-        outputs = structure.find("Outputs")
+        outputs, unknowns = structure.find("Outputs"), SubElement(structure, "InitialUnknowns")
         assert outputs is not None
-        SubElement(structure, "InitialUnknowns").extend(
-            Element("Unknown", unknown.attrib | {"dependencies": ""}) for unknown in outputs
-        )
+        for output in (
+            outputs
+        ):  # no output looks through to an input of the same moment; at the start all follow from seed and split
+            SubElement(unknowns, "Unknown", output.attrib, dependencies="1 2")
+            output.set("dependencies", "")
         return root
 
     def setup_experiment(self, start_time: float, stop_time: float | None, tolerance: float | None) -> None:
@@ -230,7 +214,7 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
             yield
         except Exception as error:
             _HELD.append((self, self.log_queue, type(self)))
-            _LOG.error(error)  # noqa: TRY400  # in words, without a traceback
+            _LOG.error(error)  # in words, without a traceback
             raise
 
     def _step(self, current_time: float, step_size: float) -> None:

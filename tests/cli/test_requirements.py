@@ -71,6 +71,7 @@ def test_a_leaderboard_loads_neither_weather_nor_what_draws():
         ("sweep --config CONFIG.yml --wandb", "wandb", "wandb"),
         ("sweep --config CONFIG.yml --engine ray", "ray", "ray"),
         ("export POLICY.zip", "train", "torch"),
+        ("export fmu Spring-v1 -o spring.fmu", "fmu", "pythonfmu"),
         ("weather generate --out season.parquet --picture season.png", "video", "matplotlib"),
         ("episodes export rule_based_fair --minari a/b-v0", "minari", "minari"),
     ],

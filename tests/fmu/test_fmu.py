@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import shutil
+import json
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,7 +23,6 @@ from tests.support import LETTUCE, write_day_task
 
 pytest.importorskip("pythonfmu", reason="PythonFMU is not installed (extra 'fmu')")
 fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed")
-pytestmark = pytest.mark.slow
 
 SPRING, SEED, SPLIT = "glbench/Spring-v1", 12_345_678_901, "validation"
 
@@ -31,20 +31,18 @@ class Instance:
     """One instance of an FMU, whose variables are read and written by name."""
 
     def __init__(self, file: Path, folder: Path) -> None:
-        from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
-        from fmpy.simulation import allocateMemory, freeMemory
-        from fmpy.fmi2 import fmi2CallbackAllocateMemoryTYPE, fmi2CallbackFreeMemoryTYPE
+        from fmpy import calloc, fmi2, free
 
         self.description = fmpy.read_model_description(str(file))
         if not folder.is_dir():
             fmpy.extract(str(file), str(folder))
         self.variables = {one.name: one for one in self.description.modelVariables}
         self.log: list[str] = []
-        self.callbacks = fmi2CallbackFunctions()
-        self.callbacks.logger = fmi2CallbackLoggerTYPE(lambda *words: self.log.append(words[-1].decode()))
-        self.callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(allocateMemory)
-        self.callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(freeMemory)
-        self.fmu = FMU2Slave(
+        self.callbacks = fmi2.fmi2CallbackFunctions()
+        self.callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(lambda *words: self.log.append(words[-1].decode()))
+        self.callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(calloc)
+        self.callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(free)
+        self.fmu = fmi2.FMU2Slave(
             guid=self.description.guid,
             unzipDirectory=str(folder),
             modelIdentifier=self.description.coSimulation.modelIdentifier,
@@ -143,7 +141,7 @@ def test_a_day_gives_the_bits_of_the_environment(spring: Path, capsys: pytest.Ca
     columns, capacities = [column.name for column in task.observed()], task.capacities()
     at_one = np.array([capacity.at_one for capacity in capacities])
     generator, summed = np.random.default_rng(1), {}
-    worst = 0.0
+    worst, targets = 0.0, np.zeros(len(at_one))
 
     with running(spring) as fmu:
         for step in range(97):
@@ -152,8 +150,12 @@ def test_a_day_gives_the_bits_of_the_environment(spring: Path, capsys: pytest.Ca
             names = task.model_value.state_names
             expected |= {f"state.{name}": float(value) for name, value in zip(names, env.simulation.x[0], strict=True)}
             names = task.model_value.disturbance_names
-            expected |= {f"weather.{name}": float(value) for name, value in zip(names, env.simulation.d[0], strict=True)}
-            expected["vapour_pressure_deficit"] = vapour_pressure_deficit(info["air_temperature"], info["relative_humidity"])
+            expected |= {
+                f"weather.{name}": float(value) for name, value in zip(names, env.simulation.d[0], strict=True)
+            }
+            expected["vapour_pressure_deficit"] = vapour_pressure_deficit(
+                info["air_temperature"], info["relative_humidity"]
+            )
             for name in ("epi", "heat", "cost_heat"):
                 summed[name] = summed.get(name, 0.0) + expected.get(name, 0.0)
             expected |= {f"total.{name}": value for name, value in summed.items()}
@@ -162,14 +164,17 @@ def test_a_day_gives_the_bits_of_the_environment(spring: Path, capsys: pytest.Ca
             assert worst <= 1e-9, step
             if step == 96:
                 break
-            targets = generator.random(len(at_one)) * at_one if step % 3 == 0 else targets
+            if step % 3 == 0:
+                targets = generator.random(len(at_one)) * at_one
             action = np.clip((targets / at_one - env.simulation.u[0]) / task.actuation.max_change, -1.0, 1.0)
             observation, reward, *_, info = env.step(action)
             fmu.step(900.0, *targets)
         assert numbers["step_reward"] == reward
         assert numbers["total.heat"] > 0.1
     with capsys.disabled():
-        print(f"\nlargest relative difference to the environment, {len(expected)} numbers, 96 steps: {worst:.3g}")
+        sys.stdout.write(
+            f"\nlargest relative difference to the environment, {len(expected)} numbers, 96 steps: {worst:.3g}\n"
+        )
 
 
 def test_a_long_communication_step_holds_the_inputs_and_adds_up(spring: Path) -> None:
@@ -181,7 +186,9 @@ def test_a_long_communication_step_holds_the_inputs_and_adds_up(spring: Path) ->
             rows.append(short.get())
         long.step(8 * 900.0, *targets)
         numbers = long.get()
-    assert largest_difference(numbers, {name: value for name, value in rows[-1].items() if name.startswith("state.")}) == 0
+    assert (
+        largest_difference(numbers, {name: value for name, value in rows[-1].items() if name.startswith("state.")}) == 0
+    )
     assert numbers["total.epi"] == pytest.approx(rows[-1]["total.epi"], rel=1e-12)
     assert numbers["epi"] == pytest.approx(sum(row["epi"] for row in rows), rel=1e-12)
     for name in ("violation_relative_humidity_high", "violation_air_temperature_low"):
@@ -200,7 +207,7 @@ def test_a_saved_state_continues_with_the_same_bits_also_in_another_instance(spr
         assert after != saved
         one.fmu.setFMUState(state)
         assert one.get() == saved
-        other.fmu.setFMUState(other.fmu.deSerializeFMUState(packed))
+        other.fmu.setFMUState(other.fmu.deserializeFMUState(packed))
         assert other.get() == saved
         one.time = other.time = 900.0
         one.step(900.0)
@@ -263,7 +270,9 @@ def test_a_step_that_cannot_be_done_is_refused_in_words_and_the_fmu_goes_on(day:
         ({"seed": 1.5}, "The seed 1.5 is not a whole number"),
     ],
 )
-def test_a_season_that_is_not_exported_is_refused_in_words(spring: Path, parameters: dict[str, Any], words: str) -> None:
+def test_a_season_that_is_not_exported_is_refused_in_words(
+    spring: Path, parameters: dict[str, Any], words: str
+) -> None:
     fmu = Instance(spring, spring.with_suffix(""))
     with pytest.raises(Exception, match="fatal"):
         fmu.start(**parameters)
@@ -320,9 +329,20 @@ def test_units_are_those_of_the_task_and_the_catalogue(spring: Path) -> None:
     assert (bases["kWh.m-2"].factor, bases["kWh.m-2"].kg, bases["kWh.m-2"].s, bases["kWh.m-2"].m) == (3.6e6, 1, -2, 0)
     assert (bases["degC"].K, bases["degC"].factor, bases["degC"].offset) == (1, 1.0, 273.15)
     assert (bases["mg.m-2.s-1"].kg, bases["mg.m-2.s-1"].factor) == (1, 1e-6)
-    assert (bases["degC.day"].K, bases["degC.day"].s, bases["degC.day"].factor, bases["degC.day"].offset) == (1, 1, 86400.0, 0)
+    assert (bases["degC.day"].K, bases["degC.day"].s, bases["degC.day"].factor, bases["degC.day"].offset) == (
+        1,
+        1,
+        86400.0,
+        0,
+    )
     assert bases["EUR.m-2"] is None
-    assert {symbol for name in bases for symbol in parse_unit(name.replace(".", " "))} >= {"EUR", "kWh", "°C", "ppm", "%"}
+    assert {symbol for name in bases for symbol in parse_unit(name.replace(".", " "))} >= {
+        "EUR",
+        "kWh",
+        "°C",
+        "ppm",
+        "%",
+    }
 
 
 @pytest.mark.parametrize("name", ["FullSeasonEnergy-v1", "SpringSetpoints-v1", "lettuce"])
@@ -335,8 +355,6 @@ def test_other_models_and_kinds_of_actuation_have_their_own_variables(name: str,
         name = str(tmp_path / "salad.toml")
         Path(name).write_text(LETTUCE, encoding="utf-8")
         task = get_task(name)
-        import json
-
         definition, split = json.dumps(task.attachment()), "" if task.splits is None else "validation"
     else:
         task, definition, split = get_task(name), "", "validation"
@@ -358,9 +376,6 @@ def test_other_models_and_kinds_of_actuation_have_their_own_variables(name: str,
     assert [after[f"state.{state}"] for state in task.model_value.state_names] == simulation.x[0].tolist()
     assert after["step_reward"] == result.rewards[0]
     assert len(idle) == len(task.actions)
-    if task.actuation.kind == "process_computer":
-        low = {action.name: action.lowest for action in task.actions}
-        assert any(value != 0.0 for value in low.values())
 
 
 def test_another_task_of_the_same_name_is_refused() -> None:
@@ -375,9 +390,8 @@ def test_an_importer_without_glbench_is_told_what_to_install(
 ) -> None:
     fmpy.extract(str(spring), str(tmp_path))
     (program,) = (tmp_path / "resources").glob("Spring_v1_*.py")
-    monkeypatch.setitem(__import__("sys").modules, "glbench.fmu.slave", None)
+    monkeypatch.setitem(sys.modules, "glbench.fmu.slave", None)
     names: dict[str, Any] = {"__name__": "program"}
     exec(compile(program.read_text(encoding="utf-8"), str(program), "exec"), names)
     with pytest.raises(RuntimeError, match=r"needs glbench .* pip install glbench=="):
         names["Spring_v1"](instance_name="one")
-    shutil.rmtree(tmp_path / "resources")
