@@ -91,7 +91,7 @@ def task_in_season(task: TaskSpec, split: str, seed: float) -> TaskSpec:
     Raises
     ------
     TaskError
-        For a test season, an unknown split, or a seed that is no whole number from 0 to 2**53.
+        For a test season, an unknown split, or a seed that is not a whole number from 0 to 2**53.
     """
     names = splits_of(task)
     if not (0 <= seed <= LARGEST_SEED and seed == int(seed)):

@@ -29,7 +29,7 @@ from glbench.tasks import Action, TaskSpec
 from glbench.tasks.ledger import StepQuantity
 
 _LOG = logging.getLogger(__name__)
-_HELD: list[object] = []
+_FAILURES: list[object] = []
 """What instances that failed consist of: PythonFMU 0.7.0 releases them once when they fail and once more when they are freed."""
 _TIME_TOLERANCE = 1e-6
 """Largest deviation of an importer's times from those of the control steps, in steps."""
@@ -43,8 +43,10 @@ def fmu_inputs(task: TaskSpec) -> tuple[Action, ...]:
     """The inputs of the FMU of ``task``, each in the unit of what it stands for: positions of controls, or set points."""
     if task.actuation.kind not in _STEPPED_CONTROLS:
         return task.actions
+    capacities = {capacity.name: capacity for capacity in task.capacities()}
     inputs = []
-    for one in (capacity for capacity in task.capacities() if capacity.name in task.actuation.controls):
+    for name in task.actuation.controls:
+        one = capacities[name]
         most = _amount(one.at_one * task.actuation.max_change, one.unit)
         meaning = f"{one.meaning}, as asked for; it changes by at most {most} in a control step"
         installed = one.at_one > 0.0
@@ -195,11 +197,12 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
 
     def do_step(self, current_time: float, step_size: float) -> bool:
         """Take the control steps of ``step_size`` [s] with the inputs held; false, with the reason in the log, when that cannot be done."""
-        try:
-            self._step(current_time, step_size)
-        except GlbenchError as error:
-            self._report(str(error), Fmi2Status.discard)
-            return False
+        with self._failing_safely():
+            try:
+                self._step(current_time, step_size)
+            except GlbenchError as error:
+                self._report(str(error), Fmi2Status.discard)
+                return False
         return True
 
     def _report(self, words: str, status: Fmi2Status) -> None:
@@ -213,33 +216,40 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
         try:
             yield
         except Exception as error:
-            _HELD.append((self, self.log_queue, type(self)))
+            _FAILURES.append((self, self.log_queue, type(self)))
             _LOG.error(error)  # in words, without a traceback
             raise
 
     def _step(self, current_time: float, step_size: float) -> None:
         simulation, task, seconds = self._running(), self.task, self.task.step_seconds
-        steps, taken = round(step_size / seconds), int(simulation.k[0])
+        steps, step = round(step_size / seconds), int(simulation.k[0])
         if steps < 1 or abs(step_size / seconds - steps) > _TIME_TOLERANCE:
             msg = (
                 f"A communication step of {step_size:g} s is not possible: {task.id} is controlled every {seconds:g} s. "
                 f"Set the communication step to {seconds:g} s, or to a multiple of it."
             )
             raise ShapeError(msg)
-        now = self._start_time + taken * seconds
+        now = self._start_time + step * seconds
         if abs(current_time - now) > _TIME_TOLERANCE * seconds:
             msg = f"A step from {current_time:g} s was asked for, but the greenhouse is at {now:g} s. Continue there, or reset the FMU."
             raise ShapeError(msg)
-        if simulation.over or taken + steps > task.steps:
-            left = 0 if simulation.over else task.steps - taken
+        if simulation.over or step + steps > task.steps:
+            rest = 0 if simulation.over else task.steps - step
             msg = (
-                f"The season ends before {current_time + step_size:g} s: {left} control steps of {seconds:g} s are left at {now:g} s. "
+                f"The season ends before {current_time + step_size:g} s: {rest} control steps of {seconds:g} s are left at {now:g} s. "
                 "Stop there, or reset the FMU for another season."
             )
             raise ShapeError(msg)
-        shares = np.array(
-            [self._share(action, value) for action, value in zip(self.inputs, self._targets, strict=True)]
-        )
+        shares = np.zeros(len(self.inputs))
+        for place, (action, value) in enumerate(zip(self.inputs, self._targets, strict=True)):
+            room = _ROUNDING * (action.highest - action.lowest)
+            if not action.lowest - room <= value <= action.highest + room:
+                msg = (
+                    f"The input target.{action.name} is {_amount(value, action.unit)}, outside its range {action.lowest:g} to "
+                    f"{_amount(action.highest, action.unit)}. Limit it before the step; nothing was simulated."
+                )
+                raise ActionError(msg)
+            shares[place] = action.of(min(max(value, action.lowest), action.highest))
         names, first = task.model_value.control_names, -len(task.quantities)
         moved = [names.index(name) for name in task.actuation.controls]
         rows = []
@@ -268,24 +278,6 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
         self._totals = [total + by_name[one.name] for total, one in zip(self._totals, self._added_up, strict=True)]
         self._numbers = numbers
         self._gather(simulation)
-
-    def _share(self, action: Action, value: float) -> float:
-        """What ``value`` [unit] of an input is as an entry of an action of the kind ``set_point``, within its bounds.
-
-        Raises
-        ------
-        ActionError
-            When it is out of bounds, or not finite.
-        """
-        room = _ROUNDING * (action.highest - action.lowest)
-        if not action.lowest - room <= value <= action.highest + room:
-            msg = (
-                f"The input target.{action.name} is {_amount(value, action.unit)}, outside its range {action.lowest:g} to "
-                f"{_amount(action.highest, action.unit)}. "
-                "Limit it before the step; nothing was simulated."
-            )
-            raise ActionError(msg)
-        return float(action.of(min(max(value, action.lowest), action.highest)))
 
     def _running(self) -> Simulation:
         """The simulation, started when it is first needed."""

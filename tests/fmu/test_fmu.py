@@ -345,37 +345,54 @@ def test_units_are_those_of_the_task_and_the_catalogue(spring: Path) -> None:
     }
 
 
-@pytest.mark.parametrize("name", ["FullSeasonEnergy-v1", "SpringSetpoints-v1", "lettuce"])
+@pytest.mark.parametrize("name", ["FullSeasonEnergy-v1", "SpringSetpoints-v1", "lettuce", "vents first"])
 def test_other_models_and_kinds_of_actuation_have_their_own_variables(name: str, tmp_path: Path) -> None:
     """Without a file: what PythonFMU would run, called as it calls it."""
     from glbench.fmu.scenario import FmuSetup
     from glbench.fmu.slave import GreenhouseSlave
 
     if name == "lettuce":
-        name = str(tmp_path / "salad.toml")
-        Path(name).write_text(LETTUCE, encoding="utf-8")
-        task = get_task(name)
-        definition, split = json.dumps(task.attachment()), "" if task.splits is None else "validation"
+        (tmp_path / "salad.toml").write_text(LETTUCE, encoding="utf-8")
+        task = get_task(tmp_path / "salad.toml")
+    elif name == "vents first":
+        task = get_task(SPRING).replace({"actuation.controls": ["uVent", "uBoil", "uLamp"]})
     else:
-        task, definition, split = get_task(name), "", "validation"
+        task = get_task(name)
+    split = "" if task.splits is None else SPLIT
+    own = name in ("lettuce", "vents first")
 
     class Slave(GreenhouseSlave):
-        setup = FmuSetup(task.id, task.digest, definition, 3, split, "0")
+        setup = FmuSetup(task.id, task.digest, json.dumps(task.attachment()) if own else "", 3, split, "0")
 
     slave = Slave(instance_name="one", resources="")
     assert slave.to_xml().find("UnitDefinitions") is not None
     slave.setup_experiment(0.0, None, None)
     slave.exit_initialization_mode()
-    values = {one.name: one.getter() for one in slave.vars.values()}
-    idle = {action.name: values[f"target.{action.name}"] for action in slave.inputs}
-    assert slave.do_step(0.0, task.step_seconds), slave.log_queue
+    references = {variable.name: reference for reference, variable in slave.vars.items()}
     simulation = Simulation(task.in_split(split) if split else task, 1)
     simulation.reset([3])
-    result = simulation.step(np.array([[action.idle for action in task.actions]]))
-    after = {one.name: one.getter() for one in slave.vars.values()}
-    assert [after[f"state.{state}"] for state in task.model_value.state_names] == simulation.x[0].tolist()
-    assert after["step_reward"] == result.rewards[0]
-    assert len(idle) == len(task.actions)
+    shares = np.arange(1, len(task.actions) + 1) / (len(task.actions) + 1)
+    if task.actuation.kind == "process_computer":
+        actions = np.array(
+            [one.low + share * (one.high - one.low) for one, share in zip(task.actions, shares, strict=True)]
+        )
+        targets = {one.name: one.value(action) for one, action in zip(task.actions, actions, strict=True)}
+    else:
+        actions, capacities = shares, {one.name: one for one in task.capacities()}
+        controls = [capacities[control] for control in task.actuation.controls]
+        targets = {
+            one.quantity: one.at_one * task.actuation.max_change * share
+            for one, share in zip(controls, shares, strict=True)
+        }
+    slave.set_real([references[f"target.{target}"] for target in targets], list(targets.values()))
+    assert slave.do_step(0.0, task.step_seconds), slave.log_queue[-1].msg
+    result = simulation.step(actions[None])
+    values = {variable.name: variable.getter() for variable in slave.vars.values()}
+    assert [values[f"state.{state}"] for state in task.model_value.state_names] == pytest.approx(
+        simulation.x[0], rel=1e-9
+    )
+    assert values["step_reward"] == pytest.approx(result.rewards[0], rel=1e-9)
+    assert simulation.u[0].any()
 
 
 def test_another_task_of_the_same_name_is_refused() -> None:
