@@ -68,13 +68,6 @@ class ArchiveError(GlbenchError):
     """A published archive of measurements cannot be used: files, columns or days are missing."""
 
 
-SEMICOLONS = (
-    "its columns are separated by semicolons, as spreadsheets write them where numbers have decimal commas. Export it with commas between "
-    "the columns and points in the numbers (15.5)."
-)
-"""Of a CSV file that cannot be read."""
-
-
 def whole_number(value: object, what: str) -> int:
     """``value`` as an int.
 
