@@ -164,8 +164,9 @@ def read_prices(
     if missing.any():
         i = int(np.argmax(missing))
         where = f"row {lines[i]}, " if lines[i] else ""
+        first = dt.datetime.fromtimestamp(int(seconds[i]), tz=dt.UTC)
         count = f"{int(missing.sum()):,} of {missing.size:,} hours have no price"
-        doubts.append(f"{count} (the first: {where}{_utc(int(seconds[i]))} UTC); the price before them holds")
+        doubts.append(f"{count} (the first: {where}{first:%Y-%m-%d %H:%M} UTC); the price before them holds")
     return PriceFile(seconds[~missing], prices[~missing] * factor, own_unit, tuple(notes), tuple(doubts))
 
 
@@ -184,10 +185,6 @@ def doubts_of_prices(unit: str, mean: float, name: str) -> list[str]:
 def _amount(unit: re.Match[str]) -> str:
     """The amount that a price is for, in lower case: ``kwh``, ``m3``."""
     return unit["amount"].lower().replace("³", "3").replace("-", "")
-
-
-def _utc(seconds: int) -> str:
-    return f"{dt.datetime.fromtimestamp(seconds, tz=dt.UTC):%Y-%m-%d %H:%M}"
 
 
 def _clock_of(table: TextTable, clock: object) -> tuple[ZoneInfo | None, str]:
@@ -222,7 +219,14 @@ def _price_column(table: TextTable, column: object) -> str:
     if column is not None:
         table.texts(str(column))
         return str(column)
-    numeric = [title for title in table.titles if not _is_time(table, title) and _is_numeric(table, title)]
+    numeric = []
+    for title in (title for title in table.titles if not _is_time(table, title)):
+        values = [parse_number(text, table.decimal) for text in table.texts(title)[:200]]
+        if (
+            any(value is not None and value == value for value in values)
+            and sum(value is None for value in values) <= 1
+        ):
+            numeric.append(title)
     by_rank = (
         [title for title in numeric if re.search(r"day.?ahead", title, re.IGNORECASE)],
         [title for title in numeric if _UNIT.search(title)],
@@ -238,11 +242,6 @@ def _price_column(table: TextTable, column: object) -> str:
         )
         raise table.refuse(problem)
     return candidates[0]
-
-
-def _is_numeric(table: TextTable, title: str) -> bool:
-    values = [parse_number(text, table.decimal) for text in table.texts(title)[:200]]
-    return any(value is not None and value == value for value in values) and sum(value is None for value in values) <= 1
 
 
 def _days_of_hours(table: TextTable, titles: list[str], zone: ZoneInfo) -> tuple[IntArray, FloatArray]:
