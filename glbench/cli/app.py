@@ -31,6 +31,7 @@ _COMMANDS = {
     "verify": ("verify", None),
     "view": ("view", None),
     "bound": ("bound", None),
+    "serve": ("serve", None),
     "bench": ("studies", None),
     "validate": ("studies", None),
     "train": ("train", None),

@@ -34,6 +34,7 @@ from glbench.evaluation.sandbox.frames import Prints, SandboxLimits
 from glbench.evaluation.sandbox.runners import SandboxedAgent, sandboxed_runner
 from glbench.registration import ENTRY_POINT, VECTOR_ENTRY_POINT
 from glbench.tasks import TaskSpec, get_task, task_card
+from glbench.tasks.record import FIRST_TRAINING_SEED
 
 if TYPE_CHECKING:
     from minari.dataset.minari_storage import MinariStorage
@@ -43,8 +44,6 @@ if TYPE_CHECKING:
 
 FIRST_SEED = 40_000_000_000
 """Default seed of the first run; trainings, their evaluations and searches use smaller seeds."""
-_FIRST_FREE_SEED = 10_000_000_000
-"""Seeds from here on are for learning: no task can be scored with them (docs/training.md)."""
 _LAST_SEED = 2**53
 _TOGETHER = 32
 """Seasons that are stepped together: enough for the kernel's speed, few enough for any memory."""
@@ -95,10 +94,10 @@ def check_learnable(task: TaskSpec, first_seed: int, seasons: int) -> None:
     if task.split not in (None, "training"):
         msg = f"{task.id} is in its {task.split} split, which is held out: datasets for learning come from the training split."
         raise TaskError(msg)
-    if not _FIRST_FREE_SEED <= first_seed <= first_seed + seasons <= _LAST_SEED:
+    if not FIRST_TRAINING_SEED <= first_seed <= first_seed + seasons <= _LAST_SEED:
         msg = (
             f"Seeds {first_seed:,} to {first_seed + seasons - 1:,} are not for learning: tasks are scored with smaller seeds. "
-            f"Use seeds from {_FIRST_FREE_SEED:,} to {_LAST_SEED:,}."
+            f"Use seeds from {FIRST_TRAINING_SEED:,} to {_LAST_SEED:,}."
         )
         raise GlbenchError(msg)
 

@@ -20,6 +20,9 @@ from glbench.tasks.serialisation import record_of
 PREVIEW = "preview"
 """Split of a task that has only a test split: seasons for trying things out, none of them scored."""
 
+FIRST_TRAINING_SEED = 10_000_000_000
+"""Seeds from here on are for training. No task can be scored with them: a task's seeds end below 2**32 + 10,000."""
+
 _OF_ALL_SPLITS = frozenset(
     {
         "model_value",

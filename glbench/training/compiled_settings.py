@@ -13,6 +13,7 @@ from pydantic import Field, field_validator, model_validator
 from glbench.errors import TrainingError
 from glbench.resources import data_folder
 from glbench.settings import validated
+from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training import settings
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ class CompiledSettings(settings.FrozenSettings):
     n_steps: int = Field(default=32, gt=0)
     n_epochs: int = Field(default=4, gt=0)
     batch_size: int = Field(default=512, gt=1)
-    first_env_seed: settings.TrainingSeed = settings.FIRST_TRAINING_SEED
+    first_env_seed: settings.TrainingSeed = FIRST_TRAINING_SEED
     scenarios: int = Field(default=256, gt=0)
     places: int = Field(default=32, gt=0)
     net_arch: tuple[int, ...] = Field(default=(128, 128), min_length=1)

@@ -26,11 +26,12 @@ from glbench.errors import TrainingError
 from glbench.kernel import make_kernel
 from glbench.resources import data_folder, write_atomically
 from glbench.tasks import task_card
+from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training import periodic_evaluation
 from glbench.training.card import CARD, TrainingFacts, digest_of_tasks, note_session, write_card
 from glbench.training.export import start_of
 from glbench.training.folder import SEARCH, SETTINGS, Trained, claim, folder_lock, open_folder
-from glbench.training.settings import FIRST_TRAINING_SEED, EvaluationPlan, FrozenSettings, TrainingSeed
+from glbench.training.settings import EvaluationPlan, FrozenSettings, TrainingSeed
 from glbench.training.strategy import Strategy
 
 if TYPE_CHECKING:

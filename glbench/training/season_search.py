@@ -29,13 +29,13 @@ from glbench.errors import TrainingError, did_you_mean
 from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
 from glbench.settings import validated
+from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training.card import POLICY, TrainingFacts, note_session, write_card
 from glbench.training.constant_columns import varies, without_constant_columns
 from glbench.training.export import policy_in, start_of
 from glbench.training.folder import SEARCH, SETTINGS, Trained, claim, folder_lock, open_folder
 from glbench.training.periodic_evaluation import CurvePoint, History, Listener, Pace, Probe, Progress, season_sums
 from glbench.training.settings import (
-    FIRST_TRAINING_SEED,
     EvaluationPlan,
     FrozenSettings,
     PolicyFile,

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from glbench.errors import TrainingError
 from glbench.resources import data_folder
 from glbench.settings import validated
+from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.untrusted import real_path
 from glbench.yaml_reader import read_yaml
 
@@ -32,8 +33,6 @@ def _that_is_there(file: Path) -> Path:
 PolicyFile = Annotated[Path, AfterValidator(_that_is_there)]
 """Path of a policy file that exists."""
 
-FIRST_TRAINING_SEED = 10_000_000_000
-"""Seeds from here on are for training. No task can be scored with them: a task's seeds end below 2**32 + 10,000."""
 _LAST_FIRST_SEED = 2**52
 
 

@@ -22,8 +22,8 @@ from glbench.env.kernels import check_kernel
 from glbench.env.spaces import task_of_environment
 from glbench.errors import GlbenchError, TrainingError, did_you_mean, whole_number
 from glbench.kernel import make_kernel
+from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training.constant_columns import Floats, Mask, varies
-from glbench.training.settings import FIRST_TRAINING_SEED
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec

@@ -19,11 +19,12 @@ from glbench.env.generated import SeasonMaker
 from glbench.env.scenario import run_weather
 from glbench.env.weather_pool import WeatherPool
 from glbench.tasks import TaskSpec, get_task
+from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training.card import digest_of_tasks, settings_digest
 from glbench.training.compiled_settings import NAME, read_compiled_settings
 from glbench.training.rule_search import RuleSearchSettings, about_energy, kind_for, reward_of
 from glbench.training.season_search import read_season_search
-from glbench.training.settings import FIRST_TRAINING_SEED, PAPER, read_settings
+from glbench.training.settings import PAPER, read_settings
 
 ROOT = Path(__file__).resolve().parents[2]
 RECORDS = sorted((ROOT / "baselines").glob("*/training/*.toml"))

@@ -16,7 +16,7 @@ from glbench.evaluation import minari_dataset as exporting
 from glbench.evaluation import protect
 from glbench.evaluation.minari_dataset import FIRST_SEED, WrittenDataset, check_learnable, trajectories, write_dataset
 from glbench.tasks import TaskSpec, get_task
-from glbench.training.settings import FIRST_TRAINING_SEED
+from glbench.tasks.record import FIRST_TRAINING_SEED
 from tests.episodes.day import RANDOM
 from tests.evaluation.agent_files import GOOD, agent_writer
 from tests.support import write_day_task

@@ -1,0 +1,101 @@
+"""``glbench serve``: a task over HTTP, so that a program in any language can act in it."""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import socket
+from pathlib import Path
+from typing import Annotated
+from urllib.parse import urlsplit
+
+import typer
+
+from glbench.cli.console import count, debugging, messages, print_warning, tell
+from glbench.cli.options import task_or_default
+from glbench.errors import GlbenchError
+from glbench.extras import require
+
+
+def serve(
+    task: Annotated[
+        str | None, typer.Argument(metavar="[TASK]", help="Task id or task file (.toml). Default: the benchmark's.")
+    ] = None,
+    port: Annotated[int, typer.Option("--port", "-p", min=0, max=65535, help="Port; 0 takes any free one.")] = 8000,
+    host: Annotated[
+        str, typer.Option("--host", help="Address to listen at. Another than this one lets other machines in.")
+    ] = "127.0.0.1",
+    sessions: Annotated[int, typer.Option("--sessions", min=1, max=1000, help="Most seasons open at once.")] = 16,
+    idle_minutes: Annotated[
+        float, typer.Option("--idle-minutes", min=0.1, help="Close a session that was not used for so long [min].")
+    ] = 60.0,
+    seed: Annotated[
+        int | None, typer.Option("--seed", help="Seed of the first season that names none. Default: 10,000,000,000.")
+    ] = None,
+    episodes: Annotated[
+        Path | None, typer.Option("--episodes", help="Write the season of every session here when it ends (.mcap).")
+    ] = None,
+    allow_origin: Annotated[
+        list[str] | None,
+        typer.Option("--allow-origin", help="Origin of a web page that may call it, such as http://localhost:1880."),
+    ] = None,
+) -> None:
+    """Serve seasons of a task over HTTP: a climate computer, MATLAB, Node-RED, a browser or a language model acts.
+
+    Seasons are of the training or the validation split, and time advances only when a step is asked for. Nothing counts as a score.
+    """
+    require("glbench serve", "serve", "fastapi", "uvicorn")
+    from glbench.tasks.record import FIRST_TRAINING_SEED
+    from glbench.untrusted import LARGEST_INTEGER
+
+    first_seed = FIRST_TRAINING_SEED if seed is None else seed
+    if not FIRST_TRAINING_SEED <= first_seed <= LARGEST_INTEGER - 2**32:
+        msg = f"--seed {seed:,} is not for trying agents: tasks are scored with such seeds. Use one from {FIRST_TRAINING_SEED:,} on."
+        raise GlbenchError(msg)
+    origins = [_origin(text) for text in allow_origin or ()]
+    with messages().status("preparing the task"):
+        from glbench.serve.app import application, bind, run
+        from glbench.serve.sessions import Sessions
+
+        seasons = Sessions(
+            task_or_default(task), most=sessions, idle_minutes=idle_minutes, first_seed=first_seed, folder=episodes
+        )
+        if episodes is not None:
+            episodes.mkdir(parents=True, exist_ok=True)
+        listener = bind(host, port)
+        app = application(seasons, ("localhost", host, socket.gethostname()), origins)
+        app.state.thread.submit(seasons.prepare).result()
+    address = listener.getsockname()[0]
+    if not ipaddress.ip_address(address.partition("%")[0]).is_loopback:
+        print_warning(
+            f"Whoever reaches this machine at {address} can start seasons and act in them: there is no password. Use it in a network "
+            "that you trust."
+        )
+    name = f"[{address}]" if ":" in address else address
+    tell(
+        f"{seasons.task.id} is at http://{name}:{listener.getsockname()[1]}/ (open it in a browser). Ctrl-C closes it."
+    )
+    with contextlib.suppress(KeyboardInterrupt):
+        run(app, listener, debug=debugging())
+    kept = f" Their episodes are in {episodes}." if episodes is not None and seasons.at_end else ""
+    tell(f"\nClosed, with {count(seasons.at_end, 'session')} open.{kept}")
+
+
+def _origin(text: str) -> str:
+    """An origin as browsers send it.
+
+    Raises
+    ------
+    GlbenchError
+        When it is not one.
+    """
+    with contextlib.suppress(ValueError):
+        parts = urlsplit(text)
+        if (
+            parts.scheme in ("http", "https")
+            and parts.hostname
+            and text.rstrip("/") == f"{parts.scheme}://{parts.netloc}"
+        ):
+            return text.rstrip("/").lower()
+    msg = f"--allow-origin {text} is not the origin of a web page. Give scheme, host and port, such as http://localhost:1880."
+    raise GlbenchError(msg)

@@ -1,0 +1,370 @@
+"""The application: addresses of the API, errors in words, and what keeps other people's web pages out."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+import json
+import os
+import socket
+from collections.abc import AsyncIterator, Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from html import escape
+from importlib.resources import files
+from string import Template
+from typing import Any, TypeVar
+from urllib.parse import urlsplit
+
+import uvicorn
+from fastapi import APIRouter, FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import HTMLResponse, JSONResponse, Response
+from starlette.exceptions import HTTPException
+from starlette.middleware.cors import CORSMiddleware
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from glbench import __version__
+from glbench.errors import GlbenchError, did_you_mean
+from glbench.serve import messages
+from glbench.serve.card import card
+from glbench.serve.sessions import RequestError, Sessions
+from glbench.untrusted import parse_json, quoted, reason_of
+
+LARGEST_BODY = 64 * 1024
+"""Bytes of a request."""
+BODY_SECONDS = 10.0
+"""A request that has not arrived after so long is refused."""
+_PATIENCE_SECONDS = 5
+"""Time that requests under way get when the server is closed."""
+_SWEEP_SECONDS = 30.0
+
+PAGE_POLICY = (
+    "default-src 'none'; connect-src 'self'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
+    "frame-ancestors 'none'"
+)
+"""The page loads nothing, asks this server only, and cannot be put into another page."""
+
+T = TypeVar("T")
+
+REFUSALS: dict[int | str, dict[str, Any]] = {
+    "4XX": {"model": messages.Failure, "description": "what is wrong and what to do; nothing was simulated"}
+}
+router = APIRouter(prefix="/v1", responses=REFUSALS)
+
+
+async def act(request: Request, deed: Callable[[Sessions], T]) -> T:
+    """``deed`` of the sessions, in the one thread that simulates."""
+    state = request.app.state
+    return await asyncio.get_running_loop().run_in_executor(state.thread, deed, state.sessions)
+
+
+@router.get("/health")
+async def health(request: Request) -> messages.Health:
+    """What is running: version, task, number of sessions."""
+    return await act(request, Sessions.health)
+
+
+@router.get("/task")
+async def task(request: Request) -> dict[str, Any]:
+    """The task card: units, ranges and meanings of what is observed and done; limits, prices, and what a day is."""
+    content: dict[str, Any] = request.app.state.card
+    return content
+
+
+@router.post("/sessions", status_code=201)
+async def start(request: Request, body: messages.SeasonRequest | None = None) -> messages.FullObservation:
+    """Start a season of the training split, or of another one, in a session of its own."""
+    return await act(request, lambda sessions: sessions.start(body or messages.SeasonRequest()).observe())
+
+
+@router.post("/sessions/{session}/reset")
+async def reset(session: str, request: Request, body: messages.SeasonRequest | None = None) -> messages.FullObservation:
+    """Start another season in the same session."""
+    return await act(request, lambda sessions: sessions.start(body or messages.SeasonRequest(), session).observe())
+
+
+@router.get("/sessions/{session}/observation")
+async def observe(session: str, request: Request) -> messages.FullObservation:
+    """What the agent sees now, by name with units and as a vector, and the local time."""
+    return await act(request, lambda sessions: sessions.get(session).observe())
+
+
+@router.get("/sessions/{session}/forecast")
+async def forecast(session: str, request: Request) -> messages.Forecast:
+    """The coming weather and prices, as far as agents of the task see them."""
+    return await act(request, lambda sessions: sessions.get(session).forecast())
+
+
+@router.post("/sessions/{session}/step")
+async def step(session: str, request: Request, body: messages.StepRequest) -> messages.StepAnswer:
+    """Act, and let time advance by one step or by several with the same action."""
+    return await act(request, lambda sessions: sessions.get(session).step(body))
+
+
+@router.get("/sessions/{session}/account")
+async def account(session: str, request: Request) -> messages.Account:
+    """What the season earned and cost so far."""
+    return await act(request, lambda sessions: sessions.get(session).account())
+
+
+@router.get("/sessions/{session}/episode", response_class=Response)
+async def episode(session: str, request: Request) -> Response:
+    """The record of a season that is over (MCAP), for `glbench view FILE`. It holds the true climate and the states."""
+    name, content = await act(request, lambda sessions: sessions.get(session).record())
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return Response(content, media_type="application/octet-stream", headers=headers)
+
+
+@router.delete("/sessions/{session}")
+async def close(session: str, request: Request) -> messages.Closed:
+    """Close a session."""
+    return await act(request, lambda sessions: sessions.close(session))
+
+
+def refusal(error: RequestError) -> JSONResponse:
+    """The answer to a request that cannot be met."""
+    return JSONResponse(messages.Failure(error=error.problem).model_dump(), error.status)
+
+
+def unreadable(error: RequestValidationError) -> RequestError:
+    """The first problem of a body that does not fit its model, in words."""
+    problem = error.errors()[0]
+    place = [str(part) for part in problem["loc"] if part not in ("body", "path", "query")]
+    field, value = ".".join(place)[:80], problem.get("input")
+    known = {**messages.SeasonRequest.model_fields, **messages.StepRequest.model_fields}
+    entry = known.get(place[-1]) if place else None
+    advice = "GET /v1/openapi.json lists the fields of every request, and the page at / has examples."
+    if problem["type"] == "extra_forbidden":
+        return RequestError(
+            422, f"There is no field {quoted(field)} here.{did_you_mean(field, known)}", advice, field, value
+        )
+    if entry is not None:
+        return RequestError(422, f"{field} has an impossible value.", f"Give {entry.description}.", field, value)
+    return RequestError(422, "The request needs a JSON object.", advice, "body", value)
+
+
+class Guard:
+    """Lets through what a program on this machine, the server's own page, or an allowed origin sends, as JSON of limited size.
+
+    A web page from elsewhere cannot act through the browser of somebody who has the server running: neither by its own origin, nor under a
+    name that its owner points to this machine (DNS rebinding).
+    """
+
+    def __init__(self, app: ASGIApp, hosts: Sequence[str], origins: Sequence[str]) -> None:
+        self._app, self._hosts, self._origins = app, {name.lower() for name in hosts}, set(origins)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or hand it on with its body."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
+        try:
+            self._check_sender(headers)
+            body = await self._body(scope["method"], headers, receive)
+        except RequestError as error:
+            await refusal(error)(scope, receive, send)
+            return
+        pieces: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
+
+        async def replay() -> Message:
+            return pieces.pop() if pieces else await receive()
+
+        await self._app(scope, replay, send)
+
+    def _check_sender(self, headers: dict[str, str]) -> None:
+        host = headers.get("host", "")
+        try:
+            name = (urlsplit(f"//{host}").hostname or "").lower()
+        except ValueError:
+            name = ""
+        if not (name in self._hosts or is_address(name)):
+            advice = "Call it by its address, such as http://127.0.0.1:8000, or start it with --host NAME."
+            raise RequestError(403, "The server does not answer to this name.", advice, "Host", host)
+        origin = headers.get("origin")
+        if origin is not None and origin not in self._origins and origin not in (f"http://{host}", f"https://{host}"):
+            advice = "If it is yours, start the server with --allow-origin and this origin."
+            raise RequestError(403, "A web page of another origin may not call this server.", advice, "Origin", origin)
+
+    async def _body(self, method: str, headers: dict[str, str], receive: Receive) -> bytes:
+        body, more = b"", True
+        try:
+            async with asyncio.timeout(BODY_SECONDS):
+                while more:
+                    message = await receive()
+                    body, more = body + message.get("body", b""), message.get("more_body", False)
+                    announced = headers.get("content-length", "0")
+                    if len(body) > LARGEST_BODY or not announced.isdecimal() or int(announced[:20]) > LARGEST_BODY:
+                        what = f"The request is larger than {LARGEST_BODY // 1024} KiB."
+                        raise RequestError(
+                            413, what, "Send one action, by name or as a list.", "body", f"{announced[:20]} bytes"
+                        )
+        except TimeoutError:
+            what = f"The request did not arrive within {BODY_SECONDS:g} s."
+            raise RequestError(408, what, "Send it again in one piece.") from None
+        kind = headers.get("content-type", "")
+        if method == "POST" and (body or kind) and kind.partition(";")[0].strip().lower() != "application/json":
+            advice = "Send JSON with Content-Type: application/json (in MATLAB: weboptions('MediaType', 'application/json'))."
+            raise RequestError(415, "The request is not marked as JSON.", advice, "Content-Type", kind)
+        if body:
+            try:
+                parse_json(body)
+            except ValueError as error:
+                place = (
+                    f" (line {error.lineno}, column {error.colno})"
+                    if isinstance(error, json.JSONDecodeError)
+                    else f": {reason_of(error)}"
+                )
+                raise RequestError(
+                    400,
+                    f"The request is not valid JSON{place}.",
+                    'Send an object such as {"steps": 4, "action": [...]}.',
+                ) from None
+        return body
+
+
+def is_address(host: str) -> bool:
+    """Whether a host is an IP address, which no stranger's name server can redirect."""
+    try:
+        ipaddress.ip_address(host.partition("%")[0])
+    except ValueError:
+        return False
+    return True
+
+
+def application(sessions: Sessions, hosts: Sequence[str] = ("localhost",), origins: Sequence[str] = ()) -> FastAPI:
+    """The application that serves ``sessions``.
+
+    Parameters
+    ----------
+    sessions
+        Used in a thread of the application's own from now on.
+    hosts
+        Names that requests may be addressed to, besides IP addresses.
+    origins
+        Origins of web pages that may call the API, such as ``http://localhost:1880``, besides its own page.
+    """
+    thread = ThreadPoolExecutor(1, thread_name_prefix="simulation")
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        loop = asyncio.get_running_loop()
+
+        async def sweep() -> None:
+            while True:
+                await asyncio.sleep(_SWEEP_SECONDS)
+                await loop.run_in_executor(thread, sessions.close_idle)
+
+        sweeping = asyncio.create_task(sweep())
+        yield
+        sweeping.cancel()
+        await loop.run_in_executor(thread, sessions.close_all)
+        thread.shutdown()
+
+    title = f"glbench: {sessions.task.title}"
+    about = f"Seasons of {sessions.task.id} to act in. Time advances only when a step is asked for."
+    app = FastAPI(
+        title=title,
+        version=__version__,
+        description=about,
+        lifespan=lifespan,
+        docs_url=None,  # Swagger's page loads its script from the internet
+        redoc_url=None,
+        openapi_url="/v1/openapi.json",
+    )
+    app.state.sessions, app.state.thread, app.state.card = sessions, thread, card(sessions.task, sessions.splits)
+    app.include_router(router)
+    page = Template(files("glbench.serve").joinpath("page.html").read_text(encoding="utf-8"))
+
+    @app.get("/", include_in_schema=False)
+    async def front(request: Request) -> HTMLResponse:
+        example = json.dumps({one.name: one.idle for one in sessions.task.actions})
+        words = {
+            "title": title, "id": sessions.task.id, "version": __version__, "splits": ", ".join(sessions.splits),
+            "address": str(request.base_url).rstrip("/"), "action": example, "split": sessions.splits[0],
+            "list": [one.idle for one in sessions.task.actions],
+        }  # fmt: skip
+        content = page.substitute({name: escape(str(text), quote=False) for name, text in words.items()})
+        return HTMLResponse(content, headers={"Content-Security-Policy": PAGE_POLICY})
+
+    @app.exception_handler(RequestError)
+    async def refused(_: Request, error: RequestError) -> JSONResponse:
+        return refusal(error)
+
+    @app.exception_handler(GlbenchError)
+    async def failed(_: Request, error: GlbenchError) -> JSONResponse:
+        return refusal(RequestError(422, str(error), "Nothing more was done."))
+
+    @app.exception_handler(RequestValidationError)
+    async def unfit(_: Request, error: RequestValidationError) -> JSONResponse:
+        return refusal(unreadable(error))
+
+    @app.exception_handler(HTTPException)
+    async def unknown(request: Request, error: HTTPException) -> JSONResponse:
+        path, known = request.url.path, [route.path for route in router.routes if hasattr(route, "path")]
+        if error.status_code == 405:
+            what, advice = (
+                f"{quoted(path)} does not take {quoted(request.method)}.",
+                f"It takes {(error.headers or {}).get('Allow', 'another')}.",
+            )
+        else:
+            what, advice = (
+                f"There is nothing at {quoted(path)}.{did_you_mean(path, known)}",
+                "The page at / lists all addresses.",
+            )
+        answer = refusal(RequestError(error.status_code, what, advice))
+        answer.headers.update(error.headers or {})
+        return answer
+
+    @app.exception_handler(Exception)
+    async def broken(_: Request, __: Exception) -> JSONResponse:
+        what = "The server made a mistake that nobody foresaw."
+        return refusal(RequestError(500, what, "Start it with GLBENCH_DEBUG=1 to see where, and report it."))
+
+    app.add_middleware(Guard, hosts=hosts, origins=origins)
+    if origins:
+        app.add_middleware(
+            CORSMiddleware,
+            allow_origins=list(origins),
+            allow_methods=["GET", "POST", "DELETE"],
+            allow_headers=["Content-Type"],
+        )
+    return app
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """A socket that listens at ``host`` and ``port``; 0 is any free port.
+
+    Raises
+    ------
+    GlbenchError
+        When the port is in use, or the host is not an address or a name of this machine.
+    """
+    try:
+        (family, *_, address), *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        return socket.create_server(address[:2], family=family)
+    except OSError as error:
+        advice = "Choose another port with --port; 0 takes any free one. --host is an address of this machine, usually 127.0.0.1."
+        msg = f"The server cannot listen at port {port} of {host} ({os.strerror(error.errno or 0)}). {advice}"
+        if isinstance(error, socket.gaierror):
+            msg = f"There is no host {host}. {advice}"
+        raise GlbenchError(msg) from error
+
+
+def run(app: FastAPI, listener: socket.socket, *, debug: bool = False) -> None:
+    """Serve until Ctrl-C; then requests under way are answered, and all sessions are closed.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        After the server has closed, where handlers of signals raise it.
+    """
+    config = uvicorn.Config(
+        app,
+        log_level="info" if debug else "critical",
+        access_log=debug,
+        server_header=False,
+        timeout_graceful_shutdown=_PATIENCE_SECONDS,
+    )
+    uvicorn.Server(config).run(sockets=[listener])
