@@ -308,6 +308,12 @@ def find_submission(ref: str | Path) -> Path:
     path = identity.path_of(ref)
     if path.is_dir() or path.is_file():
         return path
+    if str(ref).startswith(("http://", "https://")):
+        msg = (
+            f"{ref} is an address, and an agent behind an address gets no score: the sandbox has no network, and nobody knows what such an "
+            f"agent sees. `glbench serve` lets it act in seasons that are not scored. {identity.EXPECTED}."
+        )
+        raise SubmissionError(msg)
     if path.suffix in identity.FORMS or len(path.parts) > 1:
         beside = (
             [item.name for item in path.parent.iterdir() if item.suffix in identity.FORMS]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
+import logging
 import socket
 from pathlib import Path
 from typing import Annotated
@@ -54,7 +55,7 @@ def serve(
         raise GlbenchError(msg)
     origins = [_origin(text) for text in allow_origin or ()]
     with messages().status("preparing the task"):
-        from glbench.serve.app import application, bind, run
+        from glbench.serve.app import application, bind, server_of
         from glbench.serve.sessions import Sessions
 
         seasons = Sessions(
@@ -75,8 +76,12 @@ def serve(
     tell(
         f"{seasons.task.id} is at http://{name}:{listener.getsockname()[1]}/ (open it in a browser). Ctrl-C closes it."
     )
+    if debugging():
+        logger = logging.getLogger("glbench.serve")
+        logger.setLevel(logging.DEBUG)
+        logger.addHandler(logging.StreamHandler())
     with contextlib.suppress(KeyboardInterrupt):
-        run(app, listener, debug=debugging())
+        server_of(app, debug=debugging()).run(sockets=[listener])
     kept = f" Their episodes are in {episodes}." if episodes is not None and seasons.at_end else ""
     tell(f"\nClosed, with {count(seasons.at_end, 'session')} open.{kept}")
 

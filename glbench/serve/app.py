@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import ipaddress
 import json
+import logging
 import os
 import socket
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -25,11 +26,11 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from glbench import __version__
-from glbench.errors import GlbenchError, did_you_mean
+from glbench.errors import GlbenchError, did_you_mean, last_line
 from glbench.serve import messages
 from glbench.serve.card import card
 from glbench.serve.sessions import RequestError, Sessions
-from glbench.untrusted import parse_json, quoted, reason_of
+from glbench.untrusted import parse_json, quoted, reason_of, visible
 
 LARGEST_BODY = 64 * 1024
 """Bytes of a request."""
@@ -37,6 +38,8 @@ BODY_SECONDS = 10.0
 """A request that has not arrived after so long is refused."""
 _PATIENCE_SECONDS = 5
 """Time that requests under way get when the server is closed."""
+_KEEP_ALIVE_SECONDS = 600
+"""A connection stays open for so long without a request: agents think slowly."""
 _SWEEP_SECONDS = 30.0
 
 PAGE_POLICY = (
@@ -46,6 +49,8 @@ PAGE_POLICY = (
 """The page loads nothing, asks this server only, and cannot be put into another page."""
 
 T = TypeVar("T")
+
+_LOGGER = logging.getLogger(__name__)
 
 REFUSALS: dict[int | str, dict[str, Any]] = {
     "4XX": {"model": messages.Failure, "description": "what is wrong and what to do; nothing was simulated"}
@@ -171,7 +176,13 @@ class Guard:
         async def replay() -> Message:
             return pieces.pop() if pieces else await receive()
 
-        await self._app(scope, replay, send)
+        try:
+            await self._app(scope, replay, send)
+        except Exception as error:
+            _LOGGER.debug("", exc_info=True)
+            _LOGGER.warning("%s %s failed: %s.", scope["method"], visible(scope["path"]), last_line(error))
+            advice = "The program that runs it shows what. Report it; GLBENCH_DEBUG=1 shows where."
+            await refusal(RequestError(500, "The server made a mistake.", advice))(scope, replay, send)
 
     def _check_sender(self, headers: dict[str, str]) -> None:
         host = headers.get("host", "")
@@ -279,11 +290,12 @@ def application(sessions: Sessions, hosts: Sequence[str] = ("localhost",), origi
 
     @app.get("/", include_in_schema=False)
     async def front(request: Request) -> HTMLResponse:
-        example = json.dumps({one.name: one.idle for one in sessions.task.actions})
+        idle = ", ".join(f"{one.idle:g}" for one in sessions.task.actions)
+        example = ", ".join(f'"{one.name}": {one.idle:g}' for one in sessions.task.actions)
         words = {
             "title": title, "id": sessions.task.id, "version": __version__, "splits": ", ".join(sessions.splits),
-            "address": str(request.base_url).rstrip("/"), "action": example, "split": sessions.splits[0],
-            "list": [one.idle for one in sessions.task.actions],
+            "address": str(request.base_url).rstrip("/"), "action": f"{{{example}}}", "split": sessions.splits[0],
+            "list": f"[{idle}]",
         }  # fmt: skip
         content = page.substitute({name: escape(str(text), quote=False) for name, text in words.items()})
         return HTMLResponse(content, headers={"Content-Security-Policy": PAGE_POLICY})
@@ -317,11 +329,6 @@ def application(sessions: Sessions, hosts: Sequence[str] = ("localhost",), origi
         answer.headers.update(error.headers or {})
         return answer
 
-    @app.exception_handler(Exception)
-    async def broken(_: Request, __: Exception) -> JSONResponse:
-        what = "The server made a mistake that nobody foresaw."
-        return refusal(RequestError(500, what, "Start it with GLBENCH_DEBUG=1 to see where, and report it."))
-
     app.add_middleware(Guard, hosts=hosts, origins=origins)
     if origins:
         app.add_middleware(
@@ -342,29 +349,33 @@ def bind(host: str, port: int) -> socket.socket:
         When the port is in use, or the host is not an address or a name of this machine.
     """
     try:
-        (family, *_, address), *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-        return socket.create_server(address[:2], family=family)
+        (family, kind, protocol, _, address), *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+        # With the protocol named, asyncio sends answers at once (TCP_NODELAY); without, each waits 40 ms for an acknowledgement.
+        listener = socket.socket(family, kind, protocol)
+        with contextlib.ExitStack() as unless_listening:
+            unless_listening.enter_context(listener)
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind(address)
+            listener.listen(128)
+            unless_listening.pop_all()
     except OSError as error:
-        advice = "Choose another port with --port; 0 takes any free one. --host is an address of this machine, usually 127.0.0.1."
-        msg = f"The server cannot listen at port {port} of {host} ({os.strerror(error.errno or 0)}). {advice}"
-        if isinstance(error, socket.gaierror):
-            msg = f"There is no host {host}. {advice}"
+        why = "there is no such host" if isinstance(error, socket.gaierror) else os.strerror(error.errno or 0)
+        msg = (
+            f"The server cannot listen at port {port} of {host} ({why}). Choose another port with --port; 0 takes any free one. --host is an "
+            "address of this machine, usually 127.0.0.1."
+        )
         raise GlbenchError(msg) from error
+    return listener
 
 
-def run(app: FastAPI, listener: socket.socket, *, debug: bool = False) -> None:
-    """Serve until Ctrl-C; then requests under way are answered, and all sessions are closed.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        After the server has closed, where handlers of signals raise it.
-    """
+def server_of(app: FastAPI, *, debug: bool = False) -> uvicorn.Server:
+    """A server that answers requests under way before it ends. Its ``run`` stops at Ctrl-C and raises it again afterwards."""
     config = uvicorn.Config(
         app,
         log_level="info" if debug else "critical",
         access_log=debug,
         server_header=False,
+        timeout_keep_alive=_KEEP_ALIVE_SECONDS,
         timeout_graceful_shutdown=_PATIENCE_SECONDS,
     )
-    uvicorn.Server(config).run(sockets=[listener])
+    return uvicorn.Server(config)

@@ -73,6 +73,8 @@ def test_a_leaderboard_loads_neither_weather_nor_what_draws():
         ("export POLICY.zip", "train", "torch"),
         ("export fmu Spring-v1 -o spring.fmu", "fmu", "pythonfmu"),
         ("weather generate --out season.parquet --picture season.png", "video", "matplotlib"),
+        ("serve", "serve", "fastapi"),
+        ("serve Spring-v1 --port 0", "serve", "uvicorn"),
         ("episodes export rule_based_fair --minari a/b-v0", "minari", "minari"),
     ],
 )
