@@ -82,8 +82,8 @@ def serve(
         logger.addHandler(logging.StreamHandler())
     with contextlib.suppress(KeyboardInterrupt):
         server_of(app, debug=debugging()).run(sockets=[listener])
-    kept = f" Their episodes are in {episodes}." if episodes is not None and seasons.at_end else ""
-    tell(f"\nClosed, with {count(seasons.at_end, 'session')} open.{kept}")
+    where = f" Their episodes are in {episodes}." if episodes is not None and seasons.at_end else ""
+    tell(f"\nClosed, with {count(seasons.at_end, 'session')} open.{where}")
 
 
 def _origin(text: str) -> str:

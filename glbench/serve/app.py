@@ -137,12 +137,12 @@ def unreadable(error: RequestValidationError) -> RequestError:
     problem = error.errors()[0]
     place = [str(part) for part in problem["loc"] if part not in ("body", "path", "query")]
     field, value = ".".join(place)[:80], problem.get("input")
-    known = {**messages.SeasonRequest.model_fields, **messages.StepRequest.model_fields}
-    entry = known.get(place[-1]) if place else None
+    fields = {**messages.SeasonRequest.model_fields, **messages.StepRequest.model_fields}
+    entry = fields.get(place[-1]) if place else None
     advice = "GET /v1/openapi.json lists the fields of every request, and the page at / has examples."
     if problem["type"] == "extra_forbidden":
         return RequestError(
-            422, f"There is no field {quoted(field)} here.{did_you_mean(field, known)}", advice, field, value
+            422, f"There is no field {quoted(field)} here.{did_you_mean(field, fields)}", advice, field, value
         )
     if entry is not None:
         return RequestError(422, f"{field} has an impossible value.", f"Give {entry.description}.", field, value)
@@ -314,7 +314,7 @@ def application(sessions: Sessions, hosts: Sequence[str] = ("localhost",), origi
 
     @app.exception_handler(HTTPException)
     async def unknown(request: Request, error: HTTPException) -> JSONResponse:
-        path, known = request.url.path, [route.path for route in router.routes if hasattr(route, "path")]
+        path, addresses = request.url.path, [route.path for route in router.routes if hasattr(route, "path")]
         if error.status_code == 405:
             what, advice = (
                 f"{quoted(path)} does not take {quoted(request.method)}.",
@@ -322,7 +322,7 @@ def application(sessions: Sessions, hosts: Sequence[str] = ("localhost",), origi
             )
         else:
             what, advice = (
-                f"There is nothing at {quoted(path)}.{did_you_mean(path, known)}",
+                f"There is nothing at {quoted(path)}.{did_you_mean(path, addresses)}",
                 "The page at / lists all addresses.",
             )
         answer = refusal(RequestError(error.status_code, what, advice))
@@ -361,8 +361,8 @@ def bind(host: str, port: int) -> socket.socket:
     except OSError as error:
         why = "there is no such host" if isinstance(error, socket.gaierror) else os.strerror(error.errno or 0)
         msg = (
-            f"The server cannot listen at port {port} of {host} ({why}). Choose another port with --port; 0 takes any free one. --host is an "
-            "address of this machine, usually 127.0.0.1."
+            f"The server cannot listen at port {port} of {host} ({why}). Choose another port with --port; 0 takes any free one. --host is "
+            "an address of this machine, usually 127.0.0.1."
         )
         raise GlbenchError(msg) from error
     return listener
