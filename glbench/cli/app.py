@@ -42,6 +42,7 @@ _COMMANDS = {
     "export": ("train", "export"),
     "episodes": ("episodes", "app"),
     "tasks": ("tasks", "app"),
+    "greenhouse": ("greenhouse", "app"),
     "weather": ("weather", "app"),
     "prices": ("prices", "app"),
 }

@@ -88,11 +88,17 @@ def check_command(
     from glbench.registration import DRAFTS, draft_files
     from glbench.tasks import TaskSpec
     from glbench.tasks.library import price_doubts, series_in_words
+    from glbench.tasks.plausibility import find_doubts
 
     drafts = {} if tasks else {f"tasks/{DRAFTS}/{path.name}": path for path in draft_files()}
     outcomes = {name: _check(name) for name in tasks} if tasks else check_all()
     outcomes |= {name: _check(str(path)) for name, path in drafts.items()}
     wrong = sum(isinstance(outcome, str) for outcome in outcomes.values())
+    doubts = {
+        name: [doubt.text for doubt in find_doubts(one.parameters_by_name())]
+        for name, one in outcomes.items()
+        if isinstance(one, TaskSpec) and not one.locked
+    }
 
     def parts() -> Iterator[console.Part]:
         for name, outcome in outcomes.items():
@@ -101,17 +107,19 @@ def check_command(
                 state = "as published" if outcome.locked else "draft, valid" if is_draft else "valid, not published"
                 yield console.Line(Markup(f"[green]ok[/green]     {plain(outcome.id)}  {outcome.digest[:8]}  {state}"))
                 if name.endswith(".toml") and not outcome.locked and not is_draft:
+                    for doubt in doubts[name]:
+                        yield console.Line(Markup(f"[yellow]doubt[/yellow]  {plain(doubt)}"), wrap="always")
                     for words in series_in_words(outcome):
                         yield console.Line(f"       {words}")
                     yield first_weather(outcome)
             else:
                 yield console.Line(Markup(f"[red]wrong[/red]  {plain(outcome)}"))
         total = f"{count(len(outcomes), 'task')} checked"
-        doubts = sum(
+        number = sum(map(len, doubts.values())) + sum(
             len(price_doubts(one)) for one in outcomes.values() if isinstance(one, TaskSpec) and not one.locked
         )
         verdict = (
-            f"{wrong} wrong" if wrong else f"usable, but {count(doubts, 'doubt')} above" if doubts else "nothing wrong"
+            f"{wrong} wrong" if wrong else f"usable, but {count(number, 'doubt')} above" if number else "nothing wrong"
         )
         yield console.aside(f"{total}, {verdict}.")
 
@@ -120,6 +128,7 @@ def check_command(
             {"task": name, "ok": False, "problem": one}
             if isinstance(one, str)
             else {"task": name, "ok": True, "id": one.id, "digest": one.digest, "locked": one.locked}
+            | ({"doubts": doubts[name]} if doubts.get(name) else {})
             for name, one in outcomes.items()
         ]
 

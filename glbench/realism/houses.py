@@ -176,17 +176,23 @@ def model() -> Model:
 def parameters(house: House, settings: Settings) -> FloatArray:
     """Its parameters (parameters,): all lamps installed, fruit harvested beyond the settings' load.
 
-    A house with both kinds of lamps has one that is the mean: every property weighted by installed power, photons by the power of the
-    PAR, no cooling.
+    A house with both kinds of lamps has one that is their mean (``mix_lamps``).
     """
     values = model().parameters
     overrides: dict[str, float] = {"cFruitMax": 1e3 * settings.plants.fruit_load}
     if house.mixed is not None:
         hps, led = (values.group(_LAMPS, name) for name in house.mixed)
-        share = settings.lamps.hps / settings.lamps.power
-        overrides |= {name: share * hps[name] + (1.0 - share) * led[name] for name in hps}
-        par = share * hps[_PAR] / overrides[_PAR]
-        overrides |= {_PHOTONS: par * hps[_PHOTONS] + (1.0 - par) * led[_PHOTONS], _COOLING: 0.0}
+        overrides |= mix_lamps(settings.lamps.hps / settings.lamps.power, hps, led)
     elif house.uncooled:
         overrides[_COOLING] = 0.0
     return values.default(house.parameters, overrides | {_LAMP_POWER: settings.lamps.power})
+
+
+def mix_lamps(share: float, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
+    """Properties of one lamp that stands for two kinds, of which the first has this ``share`` of the power [-].
+
+    Every property is weighted by installed power, photons by the power of the PAR. There is no cooling.
+    """
+    mean = {name: share * first[name] + (1.0 - share) * second[name] for name in first}
+    par = share * first[_PAR] / mean[_PAR]
+    return mean | {_PHOTONS: par * first[_PHOTONS] + (1.0 - par) * second[_PHOTONS], _COOLING: 0.0}
