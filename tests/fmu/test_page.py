@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -30,3 +32,17 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
         main(command.split())
     assert end.value.code == 1
     assert "spring.fmu exists already" in capsys.readouterr().err
+
+
+def test_the_settings_for_other_programs_name_a_library_and_the_packages(tmp_path: Path) -> None:
+    (script,) = re.findall(r"```bash\n(.*?)```", (DOCS / "fmu.md").read_text(encoding="utf-8"), re.DOTALL)
+    settings = script.partition("env LD_PRELOAD")[0].replace("venv/bin/python", sys.executable)
+    done = subprocess.run(
+        ["bash", "-c", settings + 'echo "$library"; echo "$home"; echo "$packages"'],
+        capture_output=True, text=True, check=True, timeout=60,
+    )  # fmt: skip
+    library, home, packages = map(Path, done.stdout.splitlines())
+    assert library.name.startswith("libpython")
+    assert library.is_file() or library.suffix == ".a"
+    assert home == Path(sys.base_prefix)
+    assert (packages / "pythonfmu").is_dir()
