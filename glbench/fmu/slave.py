@@ -222,7 +222,7 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
 
     def _step(self, current_time: float, step_size: float) -> None:
         simulation, task, seconds = self._running(), self.task, self.task.step_seconds
-        steps, step = round(step_size / seconds), int(simulation.k[0])
+        steps, step = round(step_size / seconds) if np.isfinite(step_size) else 0, int(simulation.k[0])
         if steps < 1 or abs(step_size / seconds - steps) > _TIME_TOLERANCE:
             msg = (
                 f"A communication step of {step_size:g} s is not possible: {task.id} is controlled every {seconds:g} s. "
@@ -230,15 +230,15 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
             )
             raise ShapeError(msg)
         now = self._start_time + step * seconds
-        if abs(current_time - now) > _TIME_TOLERANCE * seconds:
-            msg = f"A step from {current_time:g} s was asked for, but the greenhouse is at {now:g} s. Continue there, or reset the FMU."
-            raise ShapeError(msg)
         if simulation.over or step + steps > task.steps:
             rest = 0 if simulation.over else task.steps - step
             msg = (
                 f"The season ends before {current_time + step_size:g} s: {rest} control steps of {seconds:g} s are left at {now:g} s. "
                 "Stop there, or reset the FMU for another season."
             )
+            raise ShapeError(msg)
+        if abs(current_time - now) > _TIME_TOLERANCE * seconds:
+            msg = f"A step from {current_time:g} s was asked for, but the greenhouse is at {now:g} s. Continue there, or reset the FMU."
             raise ShapeError(msg)
         shares = np.zeros(len(self.inputs))
         for place, (action, value) in enumerate(zip(self.inputs, self._targets, strict=True)):

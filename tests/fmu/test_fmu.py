@@ -15,6 +15,7 @@ import pytest
 
 from glbench.env import Simulation, info_quantities
 from glbench.errors import GlbenchError, TaskError
+from glbench.kernel import StepFailure
 from glbench.model import vapour_pressure_deficit
 from glbench.model.units import parse_unit, same_unit
 from glbench.quantities import GROUPS
@@ -237,6 +238,10 @@ def test_instances_are_independent_and_reset_starts_over(spring: Path) -> None:
 REFUSED: dict[str, tuple[Callable[[Instance], None], str]] = {
     "a step that is too short": (lambda fmu: fmu.step(600.0), "is controlled every 3600 s. Set the communication step to 3600 s"),
     "no multiple": (lambda fmu: fmu.step(5400.0), "or to a multiple of it"),
+    "a step that is no number": (lambda fmu: fmu.step(np.nan), "A communication step of nan s is not possible"),
+    "another time": (
+        lambda fmu: fmu.fmu.doStep(7200.0, 3600.0), "A step from 7200 s was asked for, but the greenhouse is at 0 s."
+    ),
     "an input out of bounds": (
         lambda fmu: fmu.step(3600.0, 131.0, *(0.0,) * 5), "target.boiler is 131 W m-2, outside its range 0 to 130 W m-2"
     ),
@@ -393,6 +398,38 @@ def test_other_models_and_kinds_of_actuation_have_their_own_variables(name: str,
     )
     assert values["step_reward"] == pytest.approx(result.rewards[0], rel=1e-9)
     assert simulation.u[0].any()
+
+
+def test_a_control_step_that_cannot_be_computed_ends_the_season_as_in_the_environment(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    from glbench.fmu import slave
+    from glbench.fmu.scenario import FmuSetup
+
+    class FailsInTheThirdStep:
+        calls = 0
+
+        def try_step(self, x: Any, u: Any, d: Any, p: Any) -> tuple[Any, list[StepFailure]]:
+            self.calls += 1
+            return x.copy(), [StepFailure(0, "The air caught fire.")] if self.calls == 3 else []
+
+    monkeypatch.setattr(slave, "Simulation", lambda task, n: Simulation(task, n, FailsInTheThirdStep()))
+    task = get_task(SPRING)
+
+    class Slave(slave.GreenhouseSlave):
+        setup = FmuSetup(task.id, task.digest, "", 3, SPLIT, "0")
+
+    one = Slave(instance_name="one", resources="")
+    one.exit_initialization_mode()
+    assert one.do_step(0.0, 4 * 900.0)
+    values = {variable.name: variable.getter() for variable in one.vars.values()}
+    assert values["ended"] is True
+    assert values["step"] == 2
+    assert values["step_reward"] == values["total.reward"] < task.evaluation.failed_step.reward + 1e-9
+    assert "could not be computed. The air caught fire." in one.log_queue[-1].msg
+    assert one.log_queue[-1].msg in caplog.text
+    assert not one.do_step(3600.0, 900.0)
+    assert "0 control steps of 900 s are left at 1800 s" in one.log_queue[-1].msg
 
 
 def test_another_task_of_the_same_name_is_refused() -> None:
