@@ -92,7 +92,7 @@ def test_a_workbook_is_refused(tmp_path: Path, member: str, words: str) -> None:
 
 @pytest.mark.parametrize("path", ["missing.csv", "."])
 def test_a_path_without_a_file_is_refused(tmp_path: Path, path: str) -> None:
-    with pytest.raises(WeatherError, match="Cannot read .*Check the path"):
+    with pytest.raises(WeatherError, match=r"Cannot read .*Check the path"):
         read_text(tmp_path / path, WeatherError)
 
 

@@ -98,7 +98,7 @@ def test_an_archive_of_several_files_is_refused(tmp_path: Path) -> None:
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("a.txt", "")
         archive.writestr("b.txt", "")
-    with pytest.raises(WeatherError, match="holds 2 files. Unpack it"):
+    with pytest.raises(WeatherError, match=r"holds 2 files. Unpack it"):
         read_knmi(path)
 
 
@@ -214,7 +214,7 @@ def test_a_duplicate_hour_is_refused(tmp_path: Path) -> None:
 
 def test_hours_out_of_order_are_refused(tmp_path: Path) -> None:
     rows = knmi_days(DAY, 2)
-    with pytest.raises(WeatherError, match="01:00 UTC follows 2019-06-03 00:00 UTC. Sort the rows by time"):
+    with pytest.raises(WeatherError, match=r"01:00 UTC follows 2019-06-03 00:00 UTC. Sort the rows by time"):
         read_knmi(knmi_file(tmp_path, knmi_text(rows[24:] + rows[:24])))
 
 
@@ -235,7 +235,7 @@ def test_damaged_knmi_rows_are_named(tmp_path: Path, row: str, words: str) -> No
 
 
 def test_a_knmi_file_without_a_needed_column_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(WeatherError, match="lacks the column U. It has"):
+    with pytest.raises(WeatherError, match=r"lacks the column U. It has"):
         read_knmi(knmi_file(tmp_path, knmi_text([], header="# STN,YYYYMMDD,   HH,    Q,    T,   FH")))
 
 

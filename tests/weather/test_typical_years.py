@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pandas as pd
 import pytest
 
 from glbench.errors import WeatherError
-from glbench.weather import disturbances, read_epw, read_tmy
+from glbench.weather import disturbances, read_epw, read_tmy, read_weather
 from tests.weather.files import (
     epw_line,
     write_epw,
@@ -126,6 +127,156 @@ def test_an_odd_clock_needs_a_zone_by_name(tmp_path: Path) -> None:
     with pytest.raises(WeatherError, match=r"-3\.5 h from UTC, which has no fixed IANA zone. Give one with --timezone"):
         read_epw(path)
     assert read_epw(path, timezone="America/St_Johns").timezone == "America/St_Johns"
+
+
+def typical_epw(folder: Path) -> Path:
+    return write_epw(folder / "typical.epw", {month: 1990 + month for month in range(1, 13)})
+
+
+@pytest.mark.parametrize(
+    ("place", "station", "encoding"),
+    [
+        ('"Den Helder, NH"', "Den Helder, NH, NLD", "utf-8-sig"),
+        ("Den Helder, NH", "Den Helder", "utf-8"),  # the comma shifts what follows, not the numbers at the end
+        ("Belém", "Belém, NLD", "latin-1"),
+        ("Belém", "Belém, NLD", "utf-16"),
+        ("http_site", "http_site, NLD", "utf-8-sig"),
+    ],
+)
+def test_names_of_places_in_every_encoding_are_read(
+    tmp_path: Path, place: str, station: str, encoding: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = typical_epw(tmp_path)
+    text = "\r\n".join(path.read_text().replace("Testdam", place).splitlines())
+    monkeypatch.chdir(tmp_path)
+    Path("http_site.epw").write_bytes(text.encode(encoding))
+    record = read_weather("http_site.epw")
+    assert (record.latitude, record.longitude, record.altitude) == (52.3, 4.8, -3.0)
+    assert record.station.startswith(station)
+
+
+@pytest.mark.parametrize("lines", [2, 8, 11])
+def test_an_epw_may_have_any_number_of_header_lines(tmp_path: Path, lines: int) -> None:
+    path = typical_epw(tmp_path)
+    text = path.read_text().splitlines()
+    header = (text[:1] + text[5:8] * 4)[:lines]
+    expected = read_epw(path).digest
+    path.write_text("\n".join([*header, *text[8:], ""]))
+    assert read_epw(path).digest == expected
+    text[8 + 2] = text[8 + 2].replace(",0.3,", ",oops,", 1)
+    path.write_text("\n".join([*header, *text[8:], ""]))
+    with pytest.raises(WeatherError, match=rf"row {lines + 3}, column 'dry-bulb temperature': 'oops' is not a number"):
+        read_epw(path)
+
+
+def test_hours_from_0_to_23_come_in_with_a_note(tmp_path: Path) -> None:
+    path = typical_epw(tmp_path)
+    expected = read_epw(path).digest
+    path.write_text(re.sub(r"(?m)^(\d+,\d+,\d+),(\d+),", lambda m: f"{m[1]},{int(m[2]) - 1},", path.read_text()))
+    record = read_epw(path)
+    assert record.digest == expected
+    assert record.notes[0].startswith("hours run from 0 to 23 instead of 1 to 24 (row 9)")
+
+
+def test_an_hour_0_among_hours_to_24_is_refused(tmp_path: Path) -> None:
+    line = epw_line(dt.datetime(2010, 1, 1, 4), 2010).replace("2010,1,1,5,", "2010,1,1,0,", 1)
+    with pytest.raises(
+        WeatherError, match=r"row 13, column 'hour': hour 0 does not exist|row 13: hour 0 does not exist"
+    ):
+        read_epw(write_epw(tmp_path / "bad.epw", 2010, edits={4: line}))
+
+
+def test_sky_infrared_of_0_everywhere_is_missing(tmp_path: Path) -> None:
+    path = typical_epw(tmp_path)
+    path.write_text(path.read_text().replace(",300.0,", ",0,"))
+    record = read_epw(path)
+    assert set(record.counts) == {
+        "air_temperature",
+        "relative_humidity",
+        "wind_speed",
+        "global_radiation",
+        "cloud_cover",
+    }
+    assert "infrared radiation is 0 or missing in every row" in record.notes[0]
+    path.write_text(path.read_text().replace(",5,5,10,7777,", ",0,0,10,7777,"))
+    record = read_epw(path)
+    assert any("cloud cover is 0 in every row" in note for note in record.notes)
+    assert any(note.startswith("sky_infrared estimated") for note in record.notes)
+
+
+@pytest.mark.parametrize("code", ["99.9", "999", "-9999", ""])
+def test_other_codes_for_missing_are_gaps(tmp_path: Path, code: str) -> None:
+    path = write_epw(tmp_path / "gap.epw", 2010)
+    path.write_text(path.read_text().replace("?9?9?9,0.5,", f"?9?9?9,{code},", 1))
+    with pytest.raises(WeatherError, match=r"gap\.epw, row 13: no value for air temperature"):
+        read_epw(path)
+
+
+def test_an_epw_without_humidity_takes_the_dew_point(tmp_path: Path) -> None:
+    path = write_epw(tmp_path / "dew.epw", 2010)
+    path.write_text(path.read_text().replace(",2.0,75,", ",-3.0,999,"))
+    record = read_epw(path)
+    assert "relative humidity from the dew point" in record.notes
+    assert 70.0 < record.values("relative_humidity")[0] < 85.0
+
+
+@pytest.mark.parametrize("minutes", [("15", "30", "45", "60"), ("0", "15", "30", "45"), ("0", "0", "0", "0")])
+def test_an_epw_of_quarter_hours_is_averaged(tmp_path: Path, minutes: tuple[str, ...]) -> None:
+    path = write_epw(tmp_path / "quarters.epw", 2010)
+    hourly = read_epw(path)
+    text = path.read_text().splitlines()
+    header = [line.replace("DATA PERIODS,1,1", "DATA PERIODS,1,4") for line in text[:8]]
+    rows = [re.sub(r"^(\d+,\d+,\d+,\d+),60", rf"\1,{minute}", line) for line in text[8:] for minute in minutes]
+    path.write_text("\n".join([*header, *rows, ""]))
+    record = read_epw(path)
+    assert record.period == hourly.period
+    np.testing.assert_array_equal(record.counts["global_radiation"], hourly.counts["global_radiation"])
+    assert record.notes[0] == "rows of 15 min averaged to hours; 8,760 h"
+    path.write_text("\n".join([*header, *rows[:10], *rows[11:], ""]))
+    with pytest.raises(WeatherError, match="row 17: this hour has 3 rows, most have 4"):
+        read_epw(path)
+
+
+def test_a_leap_year_without_its_29_february_is_a_typical_year(tmp_path: Path) -> None:
+    record = read_epw(write_epw(tmp_path / "leap.epw", 2012))
+    assert record.typical_year
+    assert record.period == "2001-01-01 00:00 to 2002-01-01 00:00 UTC"
+
+
+def test_the_29_february_of_a_typical_year_is_left_out(tmp_path: Path) -> None:
+    path = typical_epw(tmp_path)
+    expected = read_epw(path).digest
+    lines = path.read_text().splitlines()
+    day = [epw_line(dt.datetime(1992, 2, 29, hour), 1992) for hour in range(24)]
+    march = 8 + (31 + 28) * 24
+    path.write_text("\n".join([*lines[:march], *day, *lines[march:], ""]))
+    record = read_epw(path)
+    assert record.digest == expected
+    assert "29 February left out (24 rows): a typical year is a common year" in record.notes
+
+
+def test_rows_that_are_none_or_too_short_are_named(tmp_path: Path) -> None:
+    path = typical_epw(tmp_path)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:12], "made up", *lines[12:], ""]))
+    with pytest.raises(WeatherError, match=r"typical\.epw, row 13: 'made up' is no row of an EPW"):
+        read_epw(path)
+    path.write_text("\n".join([*lines[:12], lines[12][:40], *lines[13:], ""]))
+    with pytest.raises(WeatherError, match=r"typical\.epw, row 13: \d+ fields instead of at least 23"):
+        read_epw(path)
+
+
+def test_typical_rows_out_of_order_or_twice_are_named(tmp_path: Path) -> None:
+    path = typical_epw(tmp_path)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:12], lines[11], *lines[13:], ""]))
+    with pytest.raises(WeatherError, match=r"row 13: 01-01 04:00 appears twice"):
+        read_epw(path)
+
+
+def test_coordinates_of_the_command_line_go_first(tmp_path: Path) -> None:
+    record = read_epw(typical_epw(tmp_path), coordinates=(51.0, 4.0, 7.0))
+    assert (record.latitude, record.longitude, record.altitude) == (51.0, 4.0, 7.0)
 
 
 def test_a_cut_off_epw_is_refused(tmp_path: Path) -> None:
