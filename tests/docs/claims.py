@@ -1385,8 +1385,30 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("0 … 1500", "definition: the range that is accepted"),
         *(
             (words, "definition: glbench/weather/summary.py")
-            for words in ("above 10°, 98 % of the hours", "1.45 times as much: the unit")
+            for words in (
+                "more than 4 h off the sun",
+                "mean temperature above 35 degC, humidity that never exceeds 1.5 %",
+            )
         ),
+        ("stays the same for 36 h", "definition: glbench/weather/summary.py"),
+        *(
+            (words, "definition: glbench/weather/hourly.py")
+            for words in (
+                "rows of 1 to 30 minutes",
+                "Radiation down to\n  −25 W/m2",
+                "humidity up to 105 % becomes 100 %",
+            )
+        ),
+        ("1.24 (*e*/*T*)^(1/7)", "source: Crawford and Duchon (1999)"),
+        ("the estimate is off by 6.1 K (root mean square), −0.5 K on average", "tests/weather/test_hourly.py holds it"),
+        ("would be off by 7.8 K", "tests/weather/test_hourly.py holds it"),
+        ("middle of the interval of 5 to 60 min", "definition: the format"),
+        (
+            "off by 11.8 % of relative humidity (root mean square), −0.7 % on average",
+            "tests/weather/test_services.py holds it",
+        ),
+        ("Rows may be 1 to 60 minutes apart", "definition: glbench/weather/hourly.py"),
+        ("With rows of 5 minutes", "an example"),
         ("0.001 degC, 0.001 %, 0.001 m/s", "definition: the canonical record"),
         ("ISO 8601", "the name of a standard"),
         ("[adr/0003]", "the name of a file"),

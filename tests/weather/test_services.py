@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from glbench.errors import WeatherError
-from glbench.weather import WeatherRecord, read_weather
+from glbench.weather import WeatherRecord, load_weather, read_weather
 from glbench.weather.readers import detect_format
+from glbench.weather.reading import humidity_of_daily_minimum
 
 DAY = dt.datetime(2023, 6, 1)
 
@@ -370,3 +371,14 @@ def test_a_record_of_two_real_years_is_no_typical_year(read: Callable[..., Weath
     record = read(nsrdb(60, first=dt.datetime(2022, 12, 31)))
     assert not record.typical_year
     assert np.diff(record.values("global_radiation")).max() == 400.0
+
+
+def test_the_error_of_the_estimated_humidity_is_as_documented() -> None:
+    schiphol = load_weather("schiphol")
+    hours = (366 + 365 + 365) * 24  # 2008 to 2010
+    ends = schiphol.begin + 3600 * np.arange(1, schiphol.hours + 1)
+    estimate = humidity_of_daily_minimum(ends, schiphol.values("air_temperature"))[:hours]
+    error = estimate - schiphol.values("relative_humidity")[:hours]
+    page = (Path(__file__).parents[2] / "docs" / "weather.md").read_text(encoding="utf-8")
+    rms, mean = f"{np.sqrt(np.mean(error**2)):.1f}", f"{np.mean(error):.1f}".replace("-", "−")
+    assert f"is off by {rms} % of relative humidity (root mean square), {mean} % on average" in " ".join(page.split())
