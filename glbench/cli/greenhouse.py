@@ -45,8 +45,11 @@ def new_command(page: PageFile = Path("greenhouse.toml")) -> None:
 def check_command(page: PageFile, as_json: AsJson = False) -> None:
     """Say what follows from a page, what is doubtful or cannot be, and what the greenhouse can do. Exits with 1 when it is refused."""
     from glbench.greenhouse import design, read_page
+    from glbench.greenhouse.writing import base_task
 
-    house = design(read_page(page))
+    settings = read_page(page)
+    base_task(settings)
+    house = design(settings)
     more = console.aside(f"Next: glbench greenhouse task {page} my_house.toml")
     code = 1 if house.refusals else 0
     parts = (*_parts(house), *(() if house.refusals else (more,)))
@@ -68,8 +71,8 @@ def task_command(
     """
     from glbench.greenhouse import design, read_page
     from glbench.greenhouse.season import try_season
-    from glbench.greenhouse.writing import rules_text, task_text
-    from glbench.resources import write_atomically
+    from glbench.greenhouse.writing import base_task, rules_text, task_text
+    from glbench.resources import data_folder, write_atomically
     from glbench.tasks import get_task
 
     if task.suffix != ".toml" or task.resolve() == page.resolve():
@@ -81,6 +84,7 @@ def task_command(
         msg = f"{' and '.join(present)} is there already. Give another name, or --replace."
         raise TaskError(msg)
     settings = read_page(page)
+    by_computer = base_task(settings).actuation.kind == "process_computer"
     house = design(settings)
     if house.refusals:
         console.show(console.View(_parts(house), lambda: _document(house), code=1), as_json=as_json)
@@ -88,10 +92,16 @@ def task_command(
     name = "".join(word[:1].upper() + word[1:] for word in re.findall(r"[A-Za-z0-9]+", task.stem)) or "House"
     write_atomically(task, task_text(settings, house, f"my/{name}-v1", page.name))
     spec = get_task(task)
-    card, numbers = rules_text(settings, spec)
+    if by_computer:  # the grower's page has set points, which no equipment scales
+        texts = {
+            name: (data_folder("baselines") / "grower" / name).read_text("utf-8")
+            for name in ("card.toml", "settings.toml")
+        }
+    else:
+        texts = rules_text(settings, spec)
     rules.mkdir(exist_ok=True)
-    write_atomically(rules / "card.toml", card)
-    write_atomically(rules / "rules.yml", numbers)
+    for name, text in texts.items():
+        write_atomically(rules / name, text)
     with console.messages().status("four seasons of the rules"):
         outcome = try_season(spec, rules)
 
@@ -103,7 +113,7 @@ def task_command(
         yield console.Line(f"  glbench evaluate {rules} --task {task}{split} --runs 4")
         yield console.Line(
             f"  glbench tune rules --task {task} --config {rules / 'rules.yml'}"
-            if split
+            if split and not by_computer
             else f"  glbench tasks show {task}"
         )
 

@@ -132,8 +132,8 @@ def _weather_lines(page: Page, base: TaskSpec) -> list[str]:
     return lines
 
 
-def rules_text(page: Page, task: TaskSpec) -> tuple[str, str]:
-    """A folder of rules for ``task``, the greenhouse of ``page``: the text of ``card.toml`` and of ``rules.yml``.
+def rules_text(page: Page, task: TaskSpec) -> dict[str, str]:
+    """A folder of rules for ``task``, the greenhouse of ``page``: the texts of ``card.toml`` and ``rules.yml``.
 
     They are the shipped rules of the base. Numbers that are shares of boiler or CO2 supply are scaled, so that they ask for the same heat
     and CO2 by the square metre; lamps burn in the page's hours.
@@ -182,7 +182,7 @@ def rules_text(page: Page, task: TaskSpec) -> tuple[str, str]:
             "sources = []",
         )
     )
-    return card + "\n", rules
+    return {"card.toml": card + "\n", "rules.yml": rules}
 
 
 def _text(words: str) -> str:

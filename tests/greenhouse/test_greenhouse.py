@@ -228,7 +228,7 @@ def test_the_task_has_the_house_and_rules_that_fit(tmp_path: Path, venlo: Greenh
     assert "cLeakage" in drawn["house"]
     rules = tmp_path / "rules"
     rules.mkdir()
-    for name, text in zip(("card.toml", "rules.yml"), rules_text(page, task), strict=True):
+    for name, text in rules_text(page, task).items():
         (rules / name).write_text(text, encoding="utf-8")
     numbers = read_rule_page(rules / "rules.yml").numbers
     base = read_rule_page(Path(__file__).parents[2] / "baselines" / "rule_based_tuned" / "rules" / "spring.yml").numbers
@@ -274,12 +274,18 @@ def test_the_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert (tmp_path / "mine.toml").read_text(encoding="utf-8") == EMPTY_PAGE.read_text(encoding="utf-8")
     again = run.invoke(cli.app, ["new", "mine.toml"])
     assert isinstance(again.exception, TaskError)
+    page_of(tmp_path, 'base = "SpringSetpoints-v1"\n' + FLOOR)
+    at_computer = run.invoke(cli.app, ["task", "greenhouse.toml", "points.toml", "--json"])
+    assert json.loads(at_computer.stdout)["season"]["heat"] > 20.0
+    assert "heating" in (tmp_path / "points_rules" / "settings.toml").read_text(encoding="utf-8")
     page_of(tmp_path, '[house]\nfloor_area = "144 m2"\n[heating]\nboiler = "2 MW"')
     refusal = run.invoke(cli.app, ["task", "greenhouse.toml", "my.toml", "--json"])
     assert refusal.exit_code == 1
     assert json.loads(refusal.stdout)["verdict"] == "refused"
     assert not (tmp_path / "my.toml").exists()
     assert isinstance(run.invoke(cli.app, ["task", "greenhouse.toml", "greenhouse.toml"]).exception, TaskError)
+    page_of(tmp_path, 'base = "Sprong-v1"\n' + FLOOR)
+    assert "Did you mean" in str(run.invoke(cli.app, ["check", "greenhouse.toml"]).exception)
     check = run.invoke(cli.app, ["check", page_of(tmp_path, VENLO).name, "--json"])
     document = json.loads(check.stdout)
     assert (check.exit_code, document["verdict"]) == (0, "usable")
