@@ -69,8 +69,8 @@ def serve(
     address = listener.getsockname()[0]
     if not ipaddress.ip_address(address.partition("%")[0]).is_loopback:
         print_warning(
-            f"Whoever reaches this machine at {address} can start seasons and act in them: there is no password. Use it in a network "
-            "that you trust."
+            f"Whoever reaches this machine over the network (--host {host}) can start seasons and act in them: there is no password. "
+            "Use it in a network that you trust."
         )
     name = f"[{address}]" if ":" in address else address
     tell(

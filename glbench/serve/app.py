@@ -290,11 +290,11 @@ def application(sessions: Sessions, hosts: Sequence[str] = ("localhost",), origi
 
     @app.get("/", include_in_schema=False)
     async def front(request: Request) -> HTMLResponse:
-        idle = ", ".join(f"{one.idle:g}" for one in sessions.task.actions)
-        example = ", ".join(f'"{one.name}": {one.idle:g}' for one in sessions.task.actions)
+        idle = ", ".join(f"{one.value(one.idle):g}" for one in sessions.task.actions)
+        example = ", ".join(f'"{one.name}": {one.value(one.idle):g}' for one in sessions.task.actions)
         words = {
             "title": title, "id": sessions.task.id, "version": __version__, "splits": ", ".join(sessions.splits),
-            "address": str(request.base_url).rstrip("/"), "action": f"{{{example}}}", "split": sessions.splits[0],
+            "address": str(request.base_url).rstrip("/"), "values": f"{{{example}}}", "split": sessions.splits[0],
             "list": f"[{idle}]",
         }  # fmt: skip
         content = page.substitute({name: escape(str(text), quote=False) for name, text in words.items()})

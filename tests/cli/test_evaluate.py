@@ -100,6 +100,7 @@ def test_one_agent_that_cannot_be_made_does_not_stop_the_next(glbench: Command, 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (("http://127.0.0.1:8000", *ARGUMENTS), "an agent behind an address gets no score: the sandbox has no network"),
         (("nowhere.py", *ARGUMENTS), "There is no file or folder nowhere.py"),
         (("rule_base", *ARGUMENTS), "Did you mean 'rule_based'"),
         (("steady.py", "--task", "Schiphol2010-Delta1-v1"), "Did you mean 'Schiphol2010-Delta1"),

@@ -79,6 +79,20 @@ def refused(*arguments: str) -> str:
     return ended.stderr
 
 
+@pytest.mark.slow
+def test_letting_other_machines_in_is_said() -> None:
+    process = subprocess.Popen([*COMMAND, "--port", "0", "--host", "0.0.0.0"], stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stderr is not None
+        assert (
+            "Whoever reaches this machine over the network (--host 0.0.0.0) can start seasons"
+            in process.stderr.readline()
+        )
+    finally:
+        process.kill()
+        process.communicate()
+
+
 def test_answers_are_sent_at_once() -> None:
     """asyncio turns Nagle's algorithm off for sockets that name TCP; otherwise every answer takes 40 ms."""
     with app.bind("127.0.0.1", 0) as listener:

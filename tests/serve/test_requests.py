@@ -246,6 +246,10 @@ def test_the_page_loads_nothing_from_elsewhere_and_names_this_server(client: Cli
     assert status == 200
     assert set(re.findall(r"https?://[\w.:]+", page)) == {f"http://127.0.0.1:{client.port}"}
     assert "<b>my/Spring-v1</b>" in page
+    (start,) = re.findall(r"-d '(\{\"split\".*?\})'", page)
+    (act,) = re.findall(r"-d '(\{\"steps\".*?\})'", page)
+    name = client.ok("POST", "/sessions", json.loads(start))["session"]
+    assert client.ok("POST", f"/sessions/{name}/step", json.loads(act))["step"] == 4
     assert "webwrite" in page
 
 
