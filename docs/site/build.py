@@ -16,6 +16,10 @@ from docs.site.pages import ROOT, SiteError, put_together
 SHIM = "https://unpkg.com/iframe-worker/shim"
 """What pages would load from the internet for the search in pages that are opened as files."""
 
+READ_LATER = ("reference/", "adr/", "changelog.html", "leaderboard.html", "files/", "architecture.html", "contributing.html", "maintain.html")
+"""Pages, or the beginnings of their places, whose titles the search passes over."""
+JOINER = "\u2060"
+
 
 def build(out: Path, version: str) -> Path:
     """Build the site of this checkout as ``out``/``version``, and return the first page of ``out``.
@@ -48,6 +52,7 @@ def build(out: Path, version: str) -> Path:
             raise SiteError(msg)
         (site / "404.html").unlink()  # it would have to know where the site is served from
         load_from_here(site)
+        rank_pages(site)
         problems = dead_links(site)
         if problems:
             raise SiteError("\n".join(problems))
@@ -64,6 +69,25 @@ def load_from_here(site: Path) -> None:
         text = page.read_text(encoding="utf-8")
         up = "../" * (len(page.relative_to(site).parts) - 1)
         page.write_text(text.replace(SHIM, f"{up}assets/iframe-worker.js"), encoding="utf-8")
+
+
+def rank_pages(site: Path) -> None:
+    """Let the search look for titles of pages that are read first, and in all others for their text only.
+
+    The search puts titles before text, so that attributes of Python called ``co2`` would come before every page about CO2. A word joiner
+    before each word of their titles, which nobody sees or types, hides these from the search; the same words in their text are found. The
+    text gets a title that is no part of it.
+    """
+    file = site / "search.json"
+    index = json.loads(file.read_text(encoding="utf-8"))
+    for item in index["items"]:
+        if item["location"].startswith(READ_LATER):
+            item["text"] += f" <p>{item['title']}</p>"
+            item["title"] = re.sub(r"[^\W_]+", JOINER + r"\g<0>", item["title"])
+            item["path"] = [re.sub(r"[^\W_]+", JOINER + r"\g<0>", part) for part in item["path"]]
+    text = json.dumps(index, ensure_ascii=False)
+    file.write_text(text, encoding="utf-8")
+    (site / "search.js").write_text(f"var __index = {text}", encoding="utf-8")
 
 
 def tell(out: Path, version: str) -> Path:
