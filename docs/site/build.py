@@ -16,7 +16,10 @@ from docs.site.pages import ROOT, SiteError, put_together
 SHIM = "https://unpkg.com/iframe-worker/shim"
 """What pages would load from the internet for the search in pages that are opened as files."""
 
-READ_LATER = ("reference/", "adr/", "changelog.html", "leaderboard.html", "files/", "architecture.html", "contributing.html", "maintain.html")
+READ_LATER = (
+    "reference/", "adr/", "files/", "changelog.html", "leaderboard.html", "architecture.html", "contributing.html", "maintain.html",
+    "model-symbols.html", "crop-symbols.html", "nomenclature.html",
+)  # fmt: skip
 """Pages, or the beginnings of their places, whose titles the search passes over."""
 JOINER = "\u2060"
 
@@ -87,7 +90,7 @@ def rank_pages(site: Path) -> None:
             item["path"] = [re.sub(r"[^\W_]+", JOINER + r"\g<0>", part) for part in item["path"]]
     text = json.dumps(index, ensure_ascii=False)
     file.write_text(text, encoding="utf-8")
-    (site / "search.js").write_text(f"var __index = {text}", encoding="utf-8")
+    (site / "search.js").write_text(f"var __index = {text};", encoding="utf-8")
 
 
 def tell(out: Path, version: str) -> Path:

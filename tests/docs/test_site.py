@@ -141,3 +141,16 @@ def test_search_and_menu_of_versions_work_from_files(out: Path, browser_page: Pa
     browser_page.keyboard.type("hygrometer")
     found = browser_page.locator("a[href*='reference/']").filter(has_text="AirAlong")
     found.first.wait_for(timeout=30_000)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine to look at the site with")
+@pytest.mark.parametrize("word", ["screen", "heating", "CO2", "yield", "vent", "lamp", "gas", "humidity"])
+def test_a_word_of_greenhouses_finds_a_page_for_growers_first(out: Path, browser_page: Page, word: str) -> None:
+    browser_page.set_viewport_size({"width": 1400, "height": 900})
+    browser_page.goto((out / "dev" / "index.html").as_uri())
+    browser_page.keyboard.press("Control+k")
+    browser_page.keyboard.type(word)
+    found = browser_page.locator(f"a[href*='?h={word}']")
+    found.first.wait_for(timeout=30_000)
+    assert "greenhouse-words.html" in str(found.first.get_attribute("href"))
+    assert [href for place in range(2) if "/reference/" in (href := str(found.nth(place).get_attribute("href")))] == []
