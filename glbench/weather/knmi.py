@@ -188,6 +188,9 @@ def record_from_knmi(
 ) -> WeatherRecord:
     """Checked record of one station of a KNMI table. Raises ``WeatherError`` as ``read_knmi`` does."""
     present = sorted({int(number) for number in table.columns["STN"]})
+    if station is None and not present:
+        msg = f"{table.file} holds no hourly values. Is it the right file, and whole?"
+        raise WeatherError(msg)
     if station is None and len(present) > 1:
         msg = f"{table.file} holds the stations {', '.join(map(str, present))}: choose one with --station."
         raise WeatherError(msg)

@@ -131,6 +131,9 @@ def record_of(
         what = f"one real year ({years[0]})" if len(years) == 1 else f"the real years {years[0]} to {years[-1]}"
         msg = f"{file} holds the weather of {what}: --year is only for typical years. Leave it out."
         raise WeatherError(msg)
+    if not -14 <= reading.utc_offset <= 14:
+        msg = f"{file}: a clock that is {reading.utc_offset:g} h from UTC does not exist. Correct the time zone in the file's heading."
+        raise WeatherError(msg)
     shift = round(reading.utc_offset * HOUR)
     if typical:
         rows, turned = _nominal_year(rows, dates, step, year or NOMINAL_YEAR, shift, fill_gaps)

@@ -176,7 +176,11 @@ def _pvgis_table(text: str, file: str) -> tuple[TextTable, dict[str, float | str
             raise WeatherError(msg) from error
         return TextTable(file, WeatherError, (), titles, rows, range(1, len(rows) + 1)), facts
     lines = text.split("\n")
-    first = next(i for i, line in enumerate(lines) if re.match(r"\s*\"?time\s*(\(UTC\))?\"?\s*[,;\t]", line))
+    titles_pattern = re.compile(r"\s*\"?time\s*(\(UTC\))?\"?\s*[,;\t]")
+    first = next((i for i, line in enumerate(lines) if titles_pattern.match(line)), None)
+    if first is None:
+        msg = f"{file} holds no hourly values of PVGIS: there is no line of titles such as 'time(UTC),T2m,RH,G(h)'. Export it again."
+        raise WeatherError(msg)
     last = next((i for i in range(first, len(lines)) if not lines[i].strip(" ,;\t")), len(lines))
     for line in lines[:first]:
         match = re.match(r"\s*\"?([A-Za-z ]+?)\s*(?:\([^)]*\))?\s*:\s*(.*?)[\s,;\"]*$", line)

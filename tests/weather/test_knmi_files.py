@@ -247,6 +247,8 @@ def test_a_web_page_is_no_knmi_file(tmp_path: Path) -> None:
 def test_a_header_without_rows_is_refused(tmp_path: Path) -> None:
     with pytest.raises(WeatherError, match="holds no station at all, not station 240"):
         read_knmi(knmi_file(tmp_path, knmi_text([])), station=240)
+    with pytest.raises(WeatherError, match="holds no hourly values"):
+        read_knmi(knmi_file(tmp_path, knmi_text([])))
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:

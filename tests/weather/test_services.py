@@ -102,6 +102,16 @@ def test_an_nsrdb_file_without_temperature_is_refused(read: Callable[..., Weathe
         read(nsrdb(60).replace(",Temperature,", ",Other,"))
 
 
+def test_a_clock_that_does_not_exist_is_refused(read: Callable[..., WeatherRecord]) -> None:
+    with pytest.raises(WeatherError, match=r"a clock that is 7e\+07 h from UTC does not exist"):
+        read(nsrdb(60, zone=70000000))
+
+
+def test_a_file_of_pvgis_without_titles_is_refused(read: Callable[..., WeatherRecord]) -> None:
+    with pytest.raises(WeatherError, match="holds no hourly values of PVGIS: there is no line of titles"):
+        read(pvgis_hourly().replace("time,", "moment,"), file_format="pvgis")
+
+
 def test_a_value_of_an_nsrdb_file_is_named(read: Callable[..., WeatherRecord]) -> None:
     with pytest.raises(WeatherError, match=r"export\.csv, row 4, column 'GHI': 'x' is not a number"):
         read(nsrdb(60).replace(",30,0,10", ",30,x,10", 1))
