@@ -85,10 +85,10 @@ def check_command(
 
     Exits with 1 if one is wrong.
     """
+    from glbench.model.plausibility import find_doubts
     from glbench.registration import DRAFTS, draft_files
     from glbench.tasks import TaskSpec
     from glbench.tasks.library import price_doubts, series_in_words
-    from glbench.tasks.plausibility import find_doubts
 
     drafts = {} if tasks else {f"tasks/{DRAFTS}/{path.name}": path for path in draft_files()}
     outcomes = {name: _check(name) for name in tasks} if tasks else check_all()

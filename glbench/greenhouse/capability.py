@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from glbench.errors import ParameterError
 from glbench.model import TOMATO, saturation_vapour_pressure
 from glbench.model.states import ClimateState
+from glbench.tasks.set_points import BLACKOUT, SCREEN
 
 Array = NDArray[np.float64]
 Parameters = Mapping[str, float]
@@ -127,7 +128,7 @@ def screen_saving(parameters: Parameters) -> float:
 def capability(parameters: Parameters, *, energy_screen: bool = True, blackout_screen: bool = True) -> Capability:
     """What a greenhouse with all these parameters of the model, by name, can do."""
     p, floor = _vector(TOMATO.parameter_names, **parameters), parameters["aFlr"]
-    screens = {"uThScr": float(energy_screen), "uBlScr": float(blackout_screen)}
+    screens = {SCREEN: float(energy_screen), BLACKOUT: float(blackout_screen)}
     cold = outdoors(COLD_NIGHT)
     night = balance(p, cold, uBoil=1.0, **screens)
     day, warm = outdoors(20.0, wind=3.0), TOMATO.start("mature_crop", outdoors(20.0), 26.0, p)

@@ -9,8 +9,8 @@ from glbench.greenhouse.capability import HOT_PIPES, Capability, capability, scr
 from glbench.greenhouse.draft import Draft, Entry
 from glbench.greenhouse.page import Lamps, Page
 from glbench.model import TOMATO
+from glbench.model.plausibility import find_doubts
 from glbench.realism.houses import mix_lamps
-from glbench.tasks.plausibility import find_doubts
 from glbench.tasks.set_points import BLACKOUT, DOSING, LAMPS, SCREEN, WORKED
 
 _CLOTHS = {

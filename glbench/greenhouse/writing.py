@@ -13,7 +13,7 @@ from glbench.greenhouse.parameters import Greenhouse
 from glbench.model import TOMATO
 from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task
-from glbench.tasks.set_points import WORKED
+from glbench.tasks.set_points import LAMPS, WORKED
 from glbench.untrusted import quoted
 
 _FIELDS = ("boiler_outside", "boiler_daylight", "boiler_humidity", "boiler_trend")
@@ -156,7 +156,7 @@ def rules_text(page: Page, task: TaskSpec) -> dict[str, str]:
         name: rounded(min(max(value, numbers.bounds(name)[0]), numbers.bounds(name)[1]))
         for name, value in scaled.items()
     }
-    if not of_energy and "uLamp" in task.actuation.controls:
+    if not of_energy and LAMPS in task.actuation.controls:
         season = page.season
         changes |= {
             "lamps_from": season.lamps_from,

@@ -21,8 +21,8 @@ from glbench.greenhouse.season import try_season
 from glbench.greenhouse.writing import rules_text, task_text
 from glbench.kernel import make_kernel
 from glbench.model import PARAMETER_SETS, TOMATO
+from glbench.model.plausibility import find_doubts
 from glbench.tasks import get_task, list_tasks
-from glbench.tasks.plausibility import find_doubts
 
 VENLO = """
 title = "Venlo"

@@ -1,6 +1,6 @@
 """Figures of a greenhouse that a grower would doubt: parameters by the square metre of floor, against what is built.
 
-Nothing here is forbidden to a task. A figure beyond its possible range mostly has another unit than the parameter: kW taken for W, the
+Nothing here is forbidden. A figure beyond its possible range mostly has another unit than the parameter: kW taken for W, the
 boiler of a hectare on 144 m2.
 """
 
