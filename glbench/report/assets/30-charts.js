@@ -10,9 +10,10 @@ const DASHES = ["", "7 4", "2 3"];
 const cycleOf = (agent) => Math.floor(AGENTS[agent].index / 8) % 3;
 const symbolOf = (agent) => SYMBOLS[AGENTS[agent].index % 8] + (cycleOf(agent) ? "-open" : "");
 const dashOf = (agent) => ["solid", "dash", "dot"][cycleOf(agent)];
+let printing = false;
 const darkNow = () => {
   const chosen = document.documentElement.dataset.theme;
-  return chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+  return printing ? false : chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
 };
 const colourAt = (index) => COLOURS[darkNow() ? "dark" : "light"][index % 8];
 const colourOf = (agent) => colourAt(AGENTS[agent].index);
@@ -50,12 +51,11 @@ const seen = new IntersectionObserver((entries) => {
   for (const entry of entries) if (entry.isIntersecting) { seen.unobserve(entry.target); draw(entry.target); }
 }, { rootMargin: "300px" });
 
-const draw = async (element) => {
-  const Plotly = await plotly();
-  if (!element.isConnected) return;
+// Without waiting where plotly.js is open already: nothing waits before printing.
+const draw = (element) => (window.Plotly ? drawNow(element) : plotly().then(() => element.isConnected && drawNow(element)));
+const drawNow = (element) => {
   const { traces, layout: look } = drawn.get(element)();
-  await Plotly.react(element, traces, { ...look, height: Number(element.dataset.height) }, CONFIG);
-  element.dataset.drawn = "yes";
+  return window.Plotly.react(element, traces, { ...look, height: Number(element.dataset.height), width: printing ? element.clientWidth : undefined }, CONFIG).then(() => { element.dataset.drawn = "yes"; });
 };
 
 // A figure with a caption and, for those who cannot see it, what it shows. `build` gives traces and layout in today's colours.
@@ -70,6 +70,24 @@ const forgetCharts = () => {
   for (const element of drawn.keys()) { seen.unobserve(element); if (window.Plotly && element.dataset.drawn) window.Plotly.purge(element); }
   drawn.clear();
 };
+// Before printing every chart of an open part is drawn, in light colours and as wide as paper; plotly.js is opened early, so that this takes no waiting.
+const PAPER = 703; // pixels that A4 has between margins of 12 mm
+const PRINT_STYLE = [...document.styleSheets[0].cssRules].find((rule) => rule.media?.mediaText === "print");
+const forPaper = (now) => {
+  if (printing === now) return;
+  printing = now;
+  PRINT_STYLE.media.mediaText = now ? "all" : "print"; // what is measured now is what is printed
+  document.documentElement.style.width = now ? `${PAPER}px` : "";
+  recolour(false);
+  for (const place of document.querySelectorAll(".drawn")) place.redraw();
+  for (const table of document.querySelectorAll("main .scroll > table")) {
+    const wide = table.scrollWidth / table.parentElement.clientWidth;
+    table.style.zoom = now && wide > 1 ? (0.99 / wide).toFixed(3) : "";
+  }
+  if (window.Plotly) for (const element of drawn.keys()) if (element.checkVisibility() && (now || element.dataset.drawn)) draw(element);
+};
+addEventListener("beforeprint", () => forPaper(true));
+addEventListener("afterprint", () => forPaper(false));
 const redrawCharts = () => { for (const element of drawn.keys()) if (element.dataset.drawn) draw(element); };
 const redrawChart = (element) => { if (element.dataset.drawn) draw(element); };
 

@@ -9,17 +9,17 @@ const sortable = ({ caption, columns, rows, state, className = "", rowClass = ()
   const explanation = h("p", { class: "explain", "aria-live": "polite" });
   const heads = new Map();
   const fill = () => {
-    const column = columns.find((one) => one.key === state.key) ?? columns[0];
+    const column = columns.find((one) => one.key === state.key) ?? (state.key ? columns[0] : null);
     const turn = state.direction === "ascending" ? 1 : -1;
     const rank = (row) => column.value(row) ?? null;
-    const sorted = [...rows].sort((a, b) => {
+    const sorted = !column ? rows : [...rows].sort((a, b) => {
       const [x, y] = [rank(a), rank(b)];
       if (x === null || y === null) return (x === null) - (y === null);
       return turn * (typeof x === "string" ? x.localeCompare(y) : x - y);
     });
     body.replaceChildren(...sorted.flatMap((row) => [row, ...below(row)]).map((row) => h("tr", { class: rowClass(row) }, columns.map((one) => one.cell(row)))));
-    for (const [key, head] of heads) key === column.key ? head.setAttribute("aria-sort", state.direction) : head.removeAttribute("aria-sort");
-    explanation.replaceChildren(...(column.explain ?? []));
+    for (const [key, head] of heads) key === column?.key ? head.setAttribute("aria-sort", state.direction) : head.removeAttribute("aria-sort");
+    explanation.replaceChildren(...(column?.explain ?? []));
   };
   const head = (column) => {
     const label = [h("span", { class: "label" }, column.label), column.unit ? h("span", { class: "unit" }, column.unit) : null];
@@ -43,23 +43,22 @@ const sortable = ({ caption, columns, rows, state, className = "", rowClass = ()
 };
 
 // The interval of a mean as a bar on an axis that all rows share.
-// From where to where bars are drawn. One in four at most that lies far from the others would press these together: it gets an arrow instead.
-const barRange = (estimates) => {
-  const kept = estimates.filter((one) => one.mean !== null).sort((a, b) => a.mean - b.mean), span = (list) => list.at(-1).mean - list[0].mean;
+// From where to where bars are drawn. Doing nothing, and one in three at most of the others that lie far from the rest, would press these together:
+// they get an arrow and the words "off scale". `agents` are the names of the estimates.
+const barRange = (estimates, agents = []) => {
+  const known = estimates.map((one, i) => ({ ...one, agent: agents[i] })).filter((one) => one.mean !== null), awake = known.filter((one) => one.agent !== NOTHING);
+  const kept = (awake.length > 1 ? awake : known).sort((a, b) => a.mean - b.mean), span = (list) => list.at(-1).mean - list[0].mean;
   if (!kept.length) return [0, 0];
-  for (let spare = Math.floor(kept.length / 4); spare > 0; spare--) {
-    const [lower, upper] = [kept.slice(1), kept.slice(0, -1)], rest = span(lower) < span(upper) ? lower : upper;
-    if (!(span(rest) > 0) || span(kept) < 3 * span(rest)) break;
-    kept.splice(0, kept.length, ...rest);
-  }
-  return [Math.min(...kept.map((one) => one.low)), Math.max(...kept.map((one) => one.high))];
+  const most = Math.floor(kept.length / 3), pairs = Array.from({ length: most + 1 }, (_, few) => Array.from({ length: most + 1 - few }, (_, others) => kept.slice(few, kept.length - others))).flat();
+  const rest = pairs.filter((list) => span(list) > 0 && span(kept) > 2 * span(list)).sort((a, b) => b.length - a.length || span(a) - span(b))[0] ?? kept;
+  return [Math.min(...rest.map((one) => one.low)), Math.max(...rest.map((one) => one.high))];
 };
 
 const bar = ({ mean: center, low, high }, [from, to], agent, isRange = false) => {
   if (center === null) return null;
   const place = (value) => `${to > from ? 5 + (90 * (value - from)) / (to - from) : 50}%`;
   const width = to > from ? `${(90 * (high - low)) / (to - from)}%` : "0";
-  if (to > from && (center < from || center > to)) return h("span", { class: `bar off ${center < from ? "below" : "above"}`, "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } }, h("b", {}));
+  if (to > from && (center < from || center > to)) return h("span", { class: `bar off ${center < from ? "below" : "above"}`, "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } }, h("b", {}), h("small", {}, "off scale"));
   return h("span", { class: "bar", "aria-hidden": "true", "data-agent": agent, style: { "--colour": colourOf(agent) } },
     high > low ? h("i", { class: isRange ? "range" : null, style: { left: place(low), width } }) : null, h("b", { style: { left: place(center) } }));
 };

@@ -31,7 +31,7 @@ const regretFigure = (task, rows) => {
   const words = wordsOf(task), { decimals, unit } = words.metric[SCORE], more = unit ? decimals : decimals + 1, ordered = [...results].sort((a, b) => a.regret.total[0] - b.regret.total[0]);
   const parts = ordered.map((result) => regretParts(result.regret));
   const reach = (sign) => parts.map((both) => sum(both.map((part) => Math.max(0, sign * part))));
-  const [right, left] = [1, -1].map(reach), ends = [right, left].map((side) => Math.max(1e-9, barRange(side.map((mean) => ({ mean, low: 0, high: mean })))[1]));
+  const [right, left] = [1, -1].map(reach), ends = [right, left].map((side) => Math.max(1e-9, barRange(side.map((mean) => ({ mean, low: 0, high: mean })), ordered.map((result) => result.agent))[1]));
   // What is longer than the scale is drawn to its end, with its parts in proportion.
   const cut = (part, i) => part * (part > 0 ? Math.min(1, ends[0] / right[i]) : Math.min(1, ends[1] / left[i] || 1));
   const off = ordered.map((_, i) => right[i] > ends[0] * 1.001), kinds = [["Profit given away", "accent", 0], [capital(`${violationWord(task)} added`), "warm", 1]];
@@ -42,7 +42,7 @@ const regretFigure = (task, rows) => {
         type: "bar", orientation: "h", name, y: ordered.map((_, i) => i), x: parts.map((both, i) => cut(both[k], i)), marker: { color: variable(colour) },
         customdata: parts.map((both) => number(both[k], more, true)), hovertemplate: `${name} %{customdata}<extra></extra>`,
       })),
-      { type: "scatter", mode: "text", y: ordered.map((_, i) => i), x: ordered.map((_, i) => Math.min(right[i], ends[0])), text: ordered.map((_, i) => `  ${off[i] ? "\u25b6 " : ""}${net(i)}`), textposition: "middle right", cliponaxis: false, hoverinfo: "skip", textfont: { color: variable("ink") } },
+      { type: "scatter", mode: "text", y: ordered.map((_, i) => i), x: ordered.map((_, i) => Math.min(right[i], ends[0])), text: ordered.map((_, i) => `  ${off[i] ? "\u25b6 " : ""}${net(i)}${off[i] ? ", off the scale" : ""}`), textposition: "middle right", cliponaxis: false, hoverinfo: "skip", textfont: { color: variable("ink") } },
     ],
     layout: layout({
       barmode: "relative", bargap: 0.4, hovermode: "closest", margin: { l: 8, r: 12, t: 10, b: 8 },

@@ -13,8 +13,7 @@ const rankColumns = (task, rows, refill) => {
   const metricColumn = (metric) => {
     const of = (row) => estimate(row.result, metric.name);
     const shown = rows.filter((row) => row.rank !== null);
-    const spread = (shown.length ? shown : rows).map(of);
-    const range = barRange(spread);
+    const drawn = shown.length ? shown : rows, range = barRange(drawn.map(of), drawn.map((row) => row.result.agent));
     return {
       key: metric.name, label: metric.label, unit: metric.unit || "\u00a0", value: (row) => of(row).mean,
       start: metric.better === "low" ? "ascending" : "descending",
@@ -35,11 +34,10 @@ const rankColumns = (task, rows, refill) => {
       explain: [h("b", {}, "Agent"), ": open one to see where it earns its money, a typical day, the season and its worst run."],
       cell: (row) => h("th", { scope: "row", class: "agent" }, row.result.member_of ? null : swatch(row.result.agent),
         h("a", { href: link("agent", row.result.agent, task.short) }, row.result.member_of ? `seed ${row.result.training_seed}` : breakable(row.result.agent)),
-        row.result.members ? [" ", unfold(row.result, refill)] : row.result.trainings ? h("span", { class: "of" }, plural(row.result.trainings, "training")) : null,
+        row.result.privileged && !row.result.member_of ? h("span", { class: "of" }, "privileged") : null, row.result.members ? [" ", unfold(row.result, refill)] : row.result.trainings ? h("span", { class: "of" }, plural(row.result.trainings, "training")) : null,
         row.result.failed ? h("span", { class: "of loss" }, `${row.result.failed} of ${row.result.runs} runs failed`) : null, row.result.remark ? h("span", { class: "of" }, row.result.remark) : null,
         row.result.saw_scored ? h("span", { class: "of loss" }, `\u00a7 ${row.result.saw_scored}`) : null) },
     metricColumn(first), regretColumn(task, rows), ...others.filter((metric) => metric.kind !== "amount" || !isUnused(metric, rows)).map(metricColumn),
-    ...aboutColumns((row) => ({ ...row.result, steps: row.result.training?.steps, hours: trainingWords(row.result.training), name: row.result.agent })),
   ].filter(Boolean);
 };
 
@@ -60,8 +58,14 @@ const unfold = (result, refill) => h("button", {
   onclick: () => { unfolded.has(result.agent) ? unfolded.delete(result.agent) : unfolded.add(result.agent); refill(); document.querySelector(`[data-unfold="${CSS.escape(result.agent)}"]`)?.focus(); },
 }, plural(result.trainings, "training"));
 
-// How an agent came to its decisions, and how far one can trust the result: the same columns for a task and for a suite.
+// How an agent came to its decisions, and how far one can trust the result: the same table for a task and for a suite.
+const aboutState = { key: null, direction: "ascending" };
 const seesNothing = (row) => Boolean(row.sees?.startsWith("nothing"));
+const aboutTable = (rows, head, of) => [
+  h("h2", {}, "How they decide, and how far to trust it"),
+  sortable({ caption: "What each agent sees, how long it decides and was trained, and where its result comes from", rows, state: aboutState, className: "about board", columns: [head, ...aboutColumns(of)] }).element,
+  h("p", { class: "small soft" }, STATED),
+];
 const aboutColumns = (of) => [
   { key: "decision", label: "Decision", unit: "ms", value: (row) => of(row).decision, start: "ascending", explain: otherWords("Decision"),
     cell: (row) => h("td", {}, number(of(row).decision, of(row).decision < 0.1 ? 3 : of(row).decision < 10 ? 2 : 0)) },
@@ -124,10 +128,10 @@ const familyFigure = (family) => {
 const leaderboardPage = (short) => {
   const task = BY_SHORT[short] ?? TASKS[D.start], rows = ranked(task.id), family = familyOf(task.id);
   const best = rows[0].result;
-  const table = sortable({
+  const columns = rankColumns(task, rows, () => table.fill()), table = sortable({
     caption: `${taskName(task)}: mean over ${plural(best.seeds.length, "seeded run")}${pricesDiffer(task) ? ", at other prices" : ""}. Bars show 95 % intervals over the ${wordsOf(task).draws} and one training, of several trainings (hollow) the range from the lowest to the highest; an arrow is off their scale.${unusedWords(task, rows)}`,
-    columns: rankColumns(task, rows, () => table.fill()), rows, state: rankState,
-    below: (row) => (unfolded.has(row.result.agent) ? trainingsOf(row.result).map((result) => ({ result, rank: null })) : []), className: "ranks", rowClass: (row) => (row.result.member_of ? "member" : row.rank === null ? "unranked" : null),
+    columns, rows, state: rankState,
+    below: (row) => (unfolded.has(row.result.agent) ? trainingsOf(row.result).map((result) => ({ result, rank: null })) : []), className: "ranks board", rowClass: (row) => (row.result.member_of ? "member" : row.rank === null ? "unranked" : null),
   });
   return {
     title: "Leaderboard",
@@ -138,10 +142,10 @@ const leaderboardPage = (short) => {
       h("div", { class: "fields" }, taskField(task.short, (value) => go("", value))),
       priceField(task, (focus) => show(focus)),
       table.element,
-      h("p", { class: "small soft" }, STATED),
       h("p", { class: "small" }, h("a", { href: link("task", task.short) }, "What exactly is this task?"), " \u00b7 ", h("a", { href: link("guide") }, "How to read this page")),
       regretFigure(task, rows),
       family ? familyFigure(family) : null,
+      aboutTable(rows, { ...columns[1], cell: (row) => h("th", { scope: "row", class: "agent" }, swatch(row.result.agent), breakable(row.result.agent)) }, (row) => ({ ...row.result, steps: row.result.training?.steps, hours: trainingWords(row.result.training) })),
     ],
   };
 };

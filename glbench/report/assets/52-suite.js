@@ -15,11 +15,12 @@ const agentHead = (name, extra = null) => h("th", { scope: "row", class: "agent"
 
 const suiteAgent = (row) => agentHead(row.agent, [row.missing.length ? h("span", { class: "of" }, `lacks ${plural(row.missing.length, "task")}`) : null, trainingsWords(row) ? h("span", { class: "of" }, trainingsWords(row)) : null]);
 
+const AGENT_COLUMN = { key: "agent", label: "Agent", value: (row) => row.agent, left: true, start: "ascending", className: "agent", explain: [h("b", {}, "Agent"), ": open one to see its days, its season and its money."], cell: suiteAgent };
 const SCORE_COLUMNS = [["mean", "Mean", "Score"], ["iqm", "IQM", "IQM"], ["median", "Median", "Median"], ["optimality_gap", "Optimality gap", "Optimality gap"]];
 
 // Only for suites whose tasks all score money, and only at the tasks' prices: at others, other runs may be the best known.
 const moneyColumn = ([key, label, start], rows) => {
-  const ends = ([center, low, high]) => ({ mean: center, low, high }), range = barRange(rows.map((row) => (row[key] ? ends(row[key]) : UNKNOWN)));
+  const ends = ([center, low, high]) => ({ mean: center, low, high }), range = barRange(rows.map((row) => (row[key] ? ends(row[key]) : UNKNOWN)), rows.map((row) => row.agent));
   return {
     key, label, unit: "EUR/m\u00b2", value: (row) => row[key]?.[0] ?? null, start, explain: otherWords(label),
     cell: (row) => (row[key] ? h("td", {}, number(row[key][0], 2), bar(ends(row[key]), range, row.agent), h("span", { class: "of" }, row[key][2] > row[key][1] ? `${number(row[key][1], 2)} to ${number(row[key][2], 2)}` : "")) : h("td", {}, "\u2013")),
@@ -29,8 +30,7 @@ const moneyColumn = ([key, label, start], rows) => {
 const scoreTable = (suite) => {
   const shown = suite.rows.filter((row) => row.rank !== null), rows = suite.rows;
   const column = ([key, label, word]) => {
-    const all = (shown.length ? shown : rows).map((row) => row[key]);
-    const range = barRange(all.map(([center, low, high]) => ({ mean: center, low, high }))), isRange = (row) => key !== "mean" && row.trainings[1] > 1;
+    const drawn = shown.length > 2 ? shown : rows, range = barRange(drawn.map(({ [key]: [center, low, high] }) => ({ mean: center, low, high })), drawn.map((row) => row.agent)), isRange = (row) => key !== "mean" && row.trainings[1] > 1;
     return {
       key, label, value: (row) => row[key][0], start: key === "optimality_gap" ? "ascending" : "descending", explain: otherWords(word),
       cell: (row) => h("td", {}, score(row[key][0]), scoreBar(row[key], range, row.agent, isRange(row)), h("span", { class: "of" }, scoreSpan(isRange(row), row[key]))),
@@ -38,11 +38,10 @@ const scoreTable = (suite) => {
   };
   return sortable({
     caption: `${suiteTitle(suite.name)}: normalised scores over ${plural(suite.tasks.length, "task")} and all their runs. 0 is doing nothing, 1 the best known result of each task. Numbers below a score are a 95 % interval over ${wordsOf(suite).draws}, of a mean also over trainings, or the lowest and the highest training (\u2194); intervals narrower than ${D.score_step} are left out, because ${wordsOf(suite).beyond} can move a score by more.`,
-    rows, state: overallState, className: "ranks scores", rowClass: (row) => (row.rank === null ? "unranked" : null),
+    rows, state: overallState, className: "ranks scores board", rowClass: (row) => (row.rank === null ? "unranked" : null),
     columns: [
       { key: "rank", label: "#", value: (row) => row.rank, start: "ascending", className: "rank", explain: otherWords("Rank"), cell: (row) => h("td", { class: "rank" }, row.rank ?? "\u2013") },
-      { key: "agent", label: "Agent", value: (row) => row.agent, left: true, start: "ascending", className: "agent", explain: [h("b", {}, "Agent"), ": open one to see its days, its season and its money."],
-        cell: suiteAgent },
+      AGENT_COLUMN,
       ...SCORE_COLUMNS.map(column),
       ...[["against_rules", "More than the rules", "descending"], ["regret", "Regret", "ascending"]].filter(([key]) => rows.some((row) => row[key])).map((one) => moneyColumn(one, shown.length ? shown : rows)),
       { key: "runs", label: "Runs", value: (row) => row.runs, explain: [h("b", {}, "Runs"), ": of all tasks together. Failed ones count."], cell: (row) => h("td", {}, number(row.runs, 0), row.figures?.failed ? h("span", { class: "of" }, `${row.figures.failed} failed`) : null) },
@@ -57,10 +56,9 @@ const usedTable = (suite) => {
     explain: explained(metric), cell: (row) => h("td", {}, number(row.figures[metric.name] ?? null, metric.decimals)),
   });
   return sortable({
-    caption: "What they earned, grew and used: means over the tasks with results", rows, state: usedState, className: "ranks", columns: [
-      { key: "agent", label: "Agent", value: (row) => row.agent, left: true, start: "ascending", className: "agent", explain: [h("b", {}, "Agent"), ": its name."], cell: suiteAgent },
-      ...wordsOf(suite).columns.filter((metric) => metric.kind !== "score").map(metricColumn),
-      ...aboutColumns((row) => ({ ...row.figures, steps: row.figures.training, name: row.agent })),
+    caption: "What they earned, grew and used: means over the tasks with results", rows, state: usedState, className: "ranks board", columns: [
+      AGENT_COLUMN,
+      ...wordsOf(suite).columns.filter((metric) => metric.kind !== "score" && rows.some((row) => metric.name in row.figures)).map(metricColumn),
     ],
   });
 };
@@ -102,6 +100,7 @@ const closeUpFrom = (suite) => {
 const profilePart = (suite) => {
   const place = h("div", { class: "drawn", role: "img", "aria-label": `Performance profiles. ${suite.rows.filter((row) => row.rank !== null).map((row) => `${row.agent}: half of its runs score above ${score(half(suite, row.agent))}`).join("; ")}.` });
   const draw = () => { const width = Math.floor(place.clientWidth); if (width > 60) place.replaceChildren(profileDrawing(suite, width, width < 480 ? 260 : 330)); };
+  place.redraw = draw;
   new ResizeObserver(draw).observe(place);
   const legend = h("ul", { class: "legend", "aria-label": "Agents in the figure" }, Object.keys(suite.profiles).map((name) => h("li", {}, h("button", {
     type: "button", "aria-pressed": String(!suiteHidden.has(name)),
@@ -151,7 +150,8 @@ const suitePage = (name, chosen) => {
         : [h("b", {}, best.agent), rest > 0 ? ` and ${plural(rest, "other")} that cannot be told apart from it lead` : " leads", `, with ${number(100 * best.mean[0], 0)} % of the way from doing nothing to the best known result of each task.`]),
       D.suites.length > 1 ? h("div", { class: "fields" }, select("Suite", D.suites.map((one) => ({ value: one.name, text: `${suiteTitle(one.name)} (${plural(one.tasks.length, "task")})` })), suite.name, (value) => go("overall", value), "choose-suite")) : null,
       suite.tasks.some((id) => pricesDiffer(TASKS[id])) ? h("p", { class: "note" }, "These scores are at the tasks\u2019 prices; the other prices hold on the leaderboard of each task.") : null,
-      scoreTable(suite).element, usedTable(suite).element, h("p", { class: "small soft" }, STATED), profilePart(suite), improvementPart(suite, chosen),
+      scoreTable(suite).element, usedTable(suite).element, profilePart(suite), improvementPart(suite, chosen),
+      aboutTable(suite.rows.filter((row) => row.figures), AGENT_COLUMN, (row) => ({ ...row.figures, steps: row.figures.training })),
     ],
   };
 };

@@ -105,15 +105,16 @@ const earned = (result, task) => {
   const build = () => {
     const values = items.map((item) => item.sign * of(item.money).mean);
     const rest = of(PROFIT).mean - sum(values), failed = result.failed && Math.abs(rest) > 5e-3;
+    const steps = [0, ...values, ...(failed ? [rest] : [])].map(((total) => (value) => (total += value))(0)), ends = [Math.min(...steps), Math.max(...steps)], room = 0.14 * (ends[1] - ends[0] || 1);
     const labels = [...items.map((item) => item.label), ...(failed ? ["Missed steps"] : []), wordsOf(task).series[PROFIT].label];
     return {
       traces: [{
-        type: "waterfall", orientation: "v", x: labels, y: [...values, ...(failed ? [rest] : []), of(PROFIT).mean], measure: [...values.map(() => "relative"), ...(failed ? ["relative"] : []), "total"],
-        text: [...values, ...(failed ? [rest] : []), of(PROFIT).mean].map((value) => number(value, 2, true)), textposition: "outside", cliponaxis: false, hoverinfo: "skip",
+        type: "waterfall", orientation: "h", y: labels, x: [...values, ...(failed ? [rest] : []), of(PROFIT).mean], measure: [...values.map(() => "relative"), ...(failed ? ["relative"] : []), "total"],
+        text: [...values, ...(failed ? [rest] : []), of(PROFIT).mean].map((value) => number(value, 2, true)), textposition: "outside", constraintext: "none", cliponaxis: false, hoverinfo: "skip",
         increasing: { marker: { color: variable("gain") } }, decreasing: { marker: { color: variable("loss") } }, totals: { marker: { color: variable("ink") } },
         connector: { line: { color: variable("line"), width: 1 } }, textfont: { color: variable("ink") },
       }],
-      layout: layout({ margin: { l: 8, r: 10, t: 26, b: 8 }, hovermode: false, yaxis: { title: axisTitle("EUR/m\u00b2"), zeroline: true, zerolinewidth: 1.5, zerolinecolor: variable("soft") } }),
+      layout: layout({ margin: { l: 8, r: 56, t: 10, b: 8 }, hovermode: false, xaxis: { title: axisTitle("EUR/m\u00b2"), range: [ends[0] - room, ends[1] + room], zeroline: true, zerolinewidth: 1.5, zerolinecolor: variable("soft") }, yaxis: { autorange: "reversed", showgrid: false } }),
     };
   };
   const hours = () => ({
@@ -130,7 +131,7 @@ const earned = (result, task) => {
     h("p", { class: "small soft" }, result.members ? "Below each mean: the lowest and the highest training." : `Below each mean: its 95 % interval over the ${wordsOf(task).draws}, for this one training. ${capital(wordsOf(task).beyond)} or another training can lie far outside.`),
     uncertaintyPart(result, task), betterNotes([result]),
     h("div", { class: "grid two" },
-      chart(captionOf(`From ${sentence(sold.map((item) => lower(item.label))) || "cost"} to profit`, "EUR/m\u00b2, mean over the runs"), build, { height: 260, says: say([...items.map((item) => item.money), PROFIT]) }),
+      chart(captionOf(`From ${sentence(sold.map((item) => lower(item.label))) || "cost"} to profit`, "EUR/m\u00b2, mean over the runs"), build, { height: 90 + 30 * items.length, says: say([...items.map((item) => item.money), PROFIT]) }),
       violations.length ? chart(captionOf("Time outside each limit", "hours, mean over the runs"), hours, { height: 260, says: say(violations.map((metric) => metric.name)) }) : null),
   ];
 };
@@ -155,9 +156,10 @@ const provenance = (result) => h("details", { class: "data" }, h("summary", {}, 
 const missingPage = (text) => ({ title: "Not found", content: [h("h1", {}, "Not found"), h("p", {}, text), h("p", {}, h("a", { href: "#/" }, "To the leaderboard"))] });
 
 // A place for what has to be opened first; it keeps its height, so that nothing jumps.
+const waiting = [];
 const later = (height, make) => {
   const place = h("div", { style: { "min-height": `${height}px` }, "aria-busy": "true" });
-  make().then((content) => { place.replaceChildren(...content.flat(Infinity).filter(Boolean)); place.style.minHeight = ""; place.removeAttribute("aria-busy"); });
+  waiting.push(make().then((content) => { place.replaceChildren(...content.flat(Infinity).filter(Boolean)); place.style.minHeight = ""; place.removeAttribute("aria-busy"); }));
   return place;
 };
 

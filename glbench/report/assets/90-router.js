@@ -27,14 +27,14 @@ const show = (focus = null) => {
 
 const themeButton = document.getElementById("theme");
 const nameTheme = () => { themeButton.textContent = darkNow() ? "Light" : "Dark"; themeButton.setAttribute("aria-label", `Switch to ${darkNow() ? "light" : "dark"} colours`); };
-const recolour = () => { nameTheme(); for (const one of document.querySelectorAll("[data-agent]")) one.style.setProperty("--colour", colourOf(one.dataset.agent)); redrawCharts(); };
+const recolour = (charts = true) => { nameTheme(); for (const one of document.querySelectorAll("[data-agent]")) one.style.setProperty("--colour", colourOf(one.dataset.agent)); if (charts) redrawCharts(); };
 themeButton.addEventListener("click", () => {
   const theme = darkNow() ? "light" : "dark";
   document.documentElement.dataset.theme = theme;
   try { localStorage.setItem("glbench-theme", theme); } catch { /* a folder's pages may keep nothing */ }
   recolour();
 });
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", recolour);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => recolour());
 
 let wasAt = null;
 addEventListener("hashchange", () => {
@@ -47,3 +47,6 @@ addEventListener("hashchange", () => {
 nameTheme();
 show();
 wasAt = parse()[0];
+// The page is loaded when it can be printed whole.
+await Promise.all(waiting);
+if (drawn.size) await plotly();
