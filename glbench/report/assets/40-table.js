@@ -44,13 +44,13 @@ const sortable = ({ caption, columns, rows, state, className = "", rowClass = ()
 
 // The interval of a mean as a bar on an axis that all rows share.
 // From where to where bars are drawn. Doing nothing, and one in three at most of the others that lie far from the rest, would press these together:
-// they get an arrow and the words "off scale". `agents` are the names of the estimates.
-const barRange = (estimates, agents = []) => {
+// they get an arrow and the words "off scale". Only at the worse end: who leads is always on the scale. `agents` are the names of the estimates.
+const barRange = (estimates, agents = [], better = "high") => {
   const known = estimates.map((one, i) => ({ ...one, agent: agents[i] })).filter((one) => one.mean !== null), awake = known.filter((one) => one.agent !== NOTHING);
   const kept = (awake.length > 1 ? awake : known).sort((a, b) => a.mean - b.mean), span = (list) => list.at(-1).mean - list[0].mean;
   if (!kept.length) return [0, 0];
-  const most = Math.floor(kept.length / 3), pairs = Array.from({ length: most + 1 }, (_, few) => Array.from({ length: most + 1 - few }, (_, others) => kept.slice(few, kept.length - others))).flat();
-  const rest = pairs.filter((list) => span(list) > 0 && span(kept) > 2 * span(list)).sort((a, b) => b.length - a.length || span(a) - span(b))[0] ?? kept;
+  const tails = Array.from({ length: Math.floor(kept.length / 3) }, (_, k) => (better === "high" ? kept.slice(k + 1) : kept.slice(0, kept.length - k - 1)));
+  const rest = tails.find((list) => span(list) > 0 && span(kept) > 2 * span(list)) ?? kept;
   return [Math.min(...rest.map((one) => one.low)), Math.max(...rest.map((one) => one.high))];
 };
 

@@ -31,7 +31,7 @@ const regretFigure = (task, rows) => {
   const words = wordsOf(task), { decimals, unit } = words.metric[SCORE], more = unit ? decimals : decimals + 1, ordered = [...results].sort((a, b) => a.regret.total[0] - b.regret.total[0]);
   const parts = ordered.map((result) => regretParts(result.regret));
   const reach = (sign) => parts.map((both) => sum(both.map((part) => Math.max(0, sign * part))));
-  const [right, left] = [1, -1].map(reach), ends = [right, left].map((side) => Math.max(1e-9, barRange(side.map((mean) => ({ mean, low: 0, high: mean })), ordered.map((result) => result.agent))[1]));
+  const [right, left] = [1, -1].map(reach), ends = [right, left].map((side) => Math.max(1e-9, barRange(side.map((mean) => ({ mean, low: 0, high: mean })), ordered.map((result) => result.agent), "low")[1]));
   // What is longer than the scale is drawn to its end, with its parts in proportion.
   const cut = (part, i) => part * (part > 0 ? Math.min(1, ends[0] / right[i]) : Math.min(1, ends[1] / left[i] || 1));
   const off = ordered.map((_, i) => right[i] > ends[0] * 1.001), kinds = [["Profit given away", "accent", 0], [capital(`${violationWord(task)} added`), "warm", 1]];

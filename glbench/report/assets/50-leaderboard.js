@@ -13,7 +13,7 @@ const rankColumns = (task, rows, refill) => {
   const metricColumn = (metric) => {
     const of = (row) => estimate(row.result, metric.name);
     const shown = rows.filter((row) => row.rank !== null);
-    const drawn = shown.length ? shown : rows, range = barRange(drawn.map(of), drawn.map((row) => row.result.agent));
+    const drawn = shown.length ? shown : rows, range = barRange(drawn.map(of), drawn.map((row) => row.result.agent), metric.better);
     return {
       key: metric.name, label: metric.label, unit: metric.unit || "\u00a0", value: (row) => of(row).mean,
       start: metric.better === "low" ? "ascending" : "descending",
@@ -102,6 +102,11 @@ const familyFigure = (family) => {
     }),
     layout: layout({ xaxis: { title: { text: "delta, %", standoff: 6 }, tickvals: tasks.map((task) => task.delta) }, yaxis: { title: axisTitle(METRICS[metric].unit || METRICS[metric].label) }, hovermode: "x unified" }),
   });
+  const leaders = new Map();
+  for (const task of tasks) {
+    const { first, tied } = standing(task);
+    if (first) leaders.set(first.result.agent, [...(leaders.get(first.result.agent) ?? []), `${task.delta} %${tied.length ? " (shared)" : ""}`]);
+  }
   const figures = HEADLINES.map((metric) => chart([METRICS[metric].label, METRICS[metric].unit ? h("span", {}, ` ${METRICS[metric].unit}`) : null],
     build(metric), { height: 280, says: `${METRICS[metric].label} of ${sentence(names)} against delta; the same numbers are in the table below.` }));
   const legend = h("ul", { class: "legend", "aria-label": "Agents in the figure" }, names.map((name) => h("li", {}, h("button", {
@@ -118,6 +123,7 @@ const familyFigure = (family) => {
   })]);
   return [
     h("h2", {}, "How each agent copes with a crop it does not know"),
+    h("p", {}, `${[...leaders].map(([name, levels]) => `${name} leads at ${sentence(levels)}`).join("; ")}. Shared: others cannot be told apart from it.`),
     h("p", { class: "soft" }, `${suiteTitle(family.name)}: mean over the runs with its 95 % interval, of several trainings with their range, against delta, the share by which the crop\u2019s properties may be off. Intervals cover the ${wordsOf(tasks[0]).draws} and one training. Choose agents below.${names.includes(NOTHING) && hidden.has(NOTHING) ? ` ${NOTHING} is switched off at first: beside it all others would look alike.` : ""}`),
     legend, h("div", { class: "grid three" }, figures),
     h("details", { class: "data" }, h("summary", {}, "These figures as tables"), HEADLINES.map((metric) =>
@@ -137,9 +143,10 @@ const leaderboardPage = (short) => {
     title: "Leaderboard",
     content: [
       h("h1", {}, "Who grows the most for the least?"),
+      h("p", { class: "story" }, leadWords(task)),
       task.draws ? h("p", { class: "note" }, `This board: ${task.draws}. It is never mixed with results of other draws.`) : null,
-      h("p", { class: "lead" }, wordsOf(task).lead),
       h("div", { class: "fields" }, taskField(task.short, (value) => go("", value))),
+      h("p", { class: "soft" }, wordsOf(task).lead),
       priceField(task, (focus) => show(focus)),
       table.element,
       h("p", { class: "small" }, h("a", { href: link("task", task.short) }, "What exactly is this task?"), " \u00b7 ", h("a", { href: link("guide") }, "How to read this page")),

@@ -3,7 +3,7 @@
 const overallState = { key: "mean", direction: "descending" };
 const usedState = { key: PROFIT, direction: "descending" };
 const suiteHidden = new Set();
-let closeUp = false;
+let closeUp = true;
 
 const scoreBar = (interval, range, agent, isRange) => bar({ mean: interval[0], low: interval[1], high: interval[2] }, range, agent, isRange);
 const score = (value) => number(value, 3);
@@ -20,7 +20,7 @@ const SCORE_COLUMNS = [["mean", "Mean", "Score"], ["iqm", "IQM", "IQM"], ["media
 
 // Only for suites whose tasks all score money, and only at the tasks' prices: at others, other runs may be the best known.
 const moneyColumn = ([key, label, start], rows) => {
-  const ends = ([center, low, high]) => ({ mean: center, low, high }), range = barRange(rows.map((row) => (row[key] ? ends(row[key]) : UNKNOWN)), rows.map((row) => row.agent));
+  const ends = ([center, low, high]) => ({ mean: center, low, high }), range = barRange(rows.map((row) => (row[key] ? ends(row[key]) : UNKNOWN)), rows.map((row) => row.agent), key === "regret" ? "low" : "high");
   return {
     key, label, unit: "EUR/m\u00b2", value: (row) => row[key]?.[0] ?? null, start, explain: otherWords(label),
     cell: (row) => (row[key] ? h("td", {}, number(row[key][0], 2), bar(ends(row[key]), range, row.agent), h("span", { class: "of" }, row[key][2] > row[key][1] ? `${number(row[key][1], 2)} to ${number(row[key][2], 2)}` : "")) : h("td", {}, "\u2013")),
@@ -30,7 +30,7 @@ const moneyColumn = ([key, label, start], rows) => {
 const scoreTable = (suite) => {
   const shown = suite.rows.filter((row) => row.rank !== null), rows = suite.rows;
   const column = ([key, label, word]) => {
-    const drawn = shown.length > 2 ? shown : rows, range = barRange(drawn.map(({ [key]: [center, low, high] }) => ({ mean: center, low, high })), drawn.map((row) => row.agent)), isRange = (row) => key !== "mean" && row.trainings[1] > 1;
+    const drawn = shown.length > 2 ? shown : rows, range = barRange(drawn.map(({ [key]: [center, low, high] }) => ({ mean: center, low, high })), drawn.map((row) => row.agent), key === "optimality_gap" ? "low" : "high"), isRange = (row) => key !== "mean" && row.trainings[1] > 1;
     return {
       key, label, value: (row) => row[key][0], start: key === "optimality_gap" ? "ascending" : "descending", explain: otherWords(word),
       cell: (row) => h("td", {}, score(row[key][0]), scoreBar(row[key], range, row.agent, isRange(row)), h("span", { class: "of" }, scoreSpan(isRange(row), row[key]))),
@@ -99,7 +99,13 @@ const closeUpFrom = (suite) => {
 
 const profilePart = (suite) => {
   const place = h("div", { class: "drawn", role: "img", "aria-label": `Performance profiles. ${suite.rows.filter((row) => row.rank !== null).map((row) => `${row.agent}: half of its runs score above ${score(half(suite, row.agent))}`).join("; ")}.` });
-  const draw = () => { const width = Math.floor(place.clientWidth); if (width > 60) place.replaceChildren(profileDrawing(suite, width, width < 480 ? 260 : 330)); };
+  const left = h("p", { class: "small soft" });
+  const draw = () => {
+    const width = Math.floor(place.clientWidth), from = closeUp ? closeUpFrom(suite) : -Infinity;
+    const off = Object.keys(suite.profiles).filter((name) => !suiteHidden.has(name) && suite.thresholds.every((value, i) => value < from || suite.profiles[name][0][i] < 5));
+    left.textContent = off.length ? `\u25c0 Off the scale to the left: ${off.map((name) => `${name}, half of its runs score above ${score(half(suite, name))}`).join("; ")}.` : "";
+    if (width > 60) place.replaceChildren(profileDrawing(suite, width, width < 480 ? 260 : 330));
+  };
   place.redraw = draw;
   new ResizeObserver(draw).observe(place);
   const legend = h("ul", { class: "legend", "aria-label": "Agents in the figure" }, Object.keys(suite.profiles).map((name) => h("li", {}, h("button", {
@@ -112,7 +118,7 @@ const profilePart = (suite) => {
   return [
     h("h2", { id: "profiles" }, "How often does an agent reach a score?"),
     h("p", { class: "soft" }, `Go along the scores: the height of a line is the share of an agent\u2019s runs that score more than that, averaged over the tasks (a performance profile), the band its 95 % interval over the ${wordsOf(suite).draws} and these trainings. A line that is higher everywhere belongs to the better agent; a slow fall means luck, a sudden one a steady hand.`),
-    legend, h("div", { class: "fields tight" }, lens), h("figure", {}, place),
+    legend, h("div", { class: "fields tight" }, lens), h("figure", {}, place, left),
     h("details", { class: "data" }, h("summary", {}, "This figure as a table"), plainTable("Share of runs with a score above", ["Agent", ...shares.map((value) => number(value, 2))], Object.keys(suite.profiles).map((name) => [breakable(name), ...shares.map((value) => `${number(shareAbove(name, value) / 10, 0)}\u00a0%`)]))),
   ];
 };
@@ -140,14 +146,12 @@ const improvementPart = (suite, chosen) => {
 
 const suitePage = (name, chosen) => {
   if (!D.suites.length) return { title: "Overall", content: [h("h1", {}, "Who is best over all tasks?"), h("p", {}, "No suite has results that can be averaged yet. It takes a result of doing nothing and a better one on a published task.")] };
-  const suite = D.suites.find((one) => one.name === name) ?? D.suites[0], best = suite.rows[0];
-  const rest = suite.rows.filter((row) => row.rank === 1).length - 1;
+  const suite = D.suites.find((one) => one.name === name) ?? D.suites[0];
   return {
     title: "Overall",
     content: [
       h("h1", {}, "Who is best over all tasks?"),
-      h("p", { class: "lead" }, best.rank === null ? "No agent has results on all tasks of this suite yet."
-        : [h("b", {}, best.agent), rest > 0 ? ` and ${plural(rest, "other")} that cannot be told apart from it lead` : " leads", `, with ${number(100 * best.mean[0], 0)} % of the way from doing nothing to the best known result of each task.`]),
+      h("p", { class: "story" }, suiteWords(suite)),
       D.suites.length > 1 ? h("div", { class: "fields" }, select("Suite", D.suites.map((one) => ({ value: one.name, text: `${suiteTitle(one.name)} (${plural(one.tasks.length, "task")})` })), suite.name, (value) => go("overall", value), "choose-suite")) : null,
       suite.tasks.some((id) => pricesDiffer(TASKS[id])) ? h("p", { class: "note" }, "These scores are at the tasks\u2019 prices; the other prices hold on the leaderboard of each task.") : null,
       scoreTable(suite).element, usedTable(suite).element, profilePart(suite), improvementPart(suite, chosen),

@@ -1,17 +1,23 @@
 // One agent on one task: what it earned and where, a typical day, the season, broken limits, its worst run.
 
 const agentsPage = () => {
-  const rows = ENTRIES.map((agent) => ({ agent, results: D.results.filter((result) => result.agent === agent.name) }));
+  const rows = ENTRIES.map((agent) => ({ agent, results: D.results.filter((result) => result.agent === agent.name) })), leads = new Map();
+  for (const task of D.tasks) {
+    const { first, usual, tied } = standing(task);
+    if (first && usual) for (const row of [first, ...tied]) leads.set(row.result.agent, (leads.get(row.result.agent) ?? 0) + 1);
+  }
+  const [most] = [...leads].sort((a, b) => b[1] - a[1]), privileged = rows.filter(({ results }) => results.every((result) => result.privileged)).map(({ agent }) => agent.name);
   return {
     title: "Agents",
     content: [
       h("h1", {}, "Agents"),
-      h("p", { class: "lead" }, "Everything that has results here. Open one for its money, its typical day, its season and its worst run."),
-      plainTable("All agents: what they see and on how many tasks they were evaluated", ["Agent", "Sees", "Source", "Trainings", "Tasks", "First places"], rows.map(({ agent, results }) => [
+      h("p", { class: "story" }, most ? [h("b", {}, most[0]), ` leads most often: alone, or not told apart from the agent with the highest mean, on ${most[1]} of the ${plural(rows.find(({ agent }) => agent.name === most[0]).results.length, "task")} that it was evaluated on. Only agents that see no more than observations are counted${privileged.length ? `; ${sentence(privileged)} ${privileged.length === 1 ? "is" : "are"} privileged` : ""}.`] : "No result here is ranked."),
+      h("p", { class: "soft" }, "Everything that has results here. Open one for its money, its typical day, its season and its worst run."),
+      plainTable("All agents: what they see and on how many tasks they were evaluated", ["Agent", "Sees", "Source", "Trainings", "Tasks", "Leads, alone or shared"], rows.map(({ agent, results }) => [
         [swatch(agent.name), h("a", { href: link("agent", agent.name) }, agent.name), " ", tag(agent.kind)],
         agent.information, [...new Set(results.map(sourceOf))].join("; "),
         trainingsWords({ trainings: [Math.min(...results.map((result) => result.trainings || 1)), Math.max(...results.map((result) => result.trainings || 1))] }).replace(/ trainings/, "") || "1",
-        number(results.length, 0), number(results.filter((result) => result.rank === 1).length, 0),
+        number(results.length, 0), number(leads.get(agent.name) ?? 0, 0),
       ]), [0, 1]),
     ],
   };
@@ -28,14 +34,13 @@ const agentPage = (name, short) => {
     content: [
       h("h1", {}, swatch(name), labelOf(result), result.privileged ? [" ", tag("privileged")] : null, [" ", tag(sourceOf(result))], result.reproduced ? [" ", tag("\u2713 reproduced", "ok")] : null),
       result.member_of ? h("p", { class: "small" }, `The training of ${result.member_of} with seed ${result.training_seed}. `, h("a", { href: link("agent", result.member_of, task.short) }, "All trainings")) : null,
-      h("p", { class: "lead" }, `Sees: ${result.sees.replace(/^privileged: /, "")}.`),
-      h("p", { class: "small soft" }, `Trained on: ${result.trained_on}${result.trained_on === "unknown" ? "" : ", as its card states"}.`),
+      h("p", { class: "story" }, story(result, task)),
+      h("p", { class: "small soft" }, `Sees: ${result.sees.replace(/^privileged: /, "")}. Trained on: ${result.trained_on}${result.trained_on === "unknown" ? "" : ", as its card states"}.`),
       result.saw_scored ? h("p", { class: "note" }, `\u00a7 ${name} ${result.saw_scored}, as its card states.`) : null,
       cardPart(result),
       h("div", { class: "fields" }, agentField("Agent", name, (value) => go("agent", value, task.short), [...ENTRIES.map((agent) => agent.name), ...(result.member_of ? [name] : [])], "choose-agent"),
         taskField(task.short, (value) => go("agent", name, value), results.map((one) => TASKS[one.task])),
         others.length && !result.member_of ? h("a", { class: "small", href: link("compare", name, others[0].agent, task.short) }, "Compare it with another agent") : null),
-      h("p", { class: "story" }, story(result, task)),
       failures(result),
       priceField(task, (focus) => show(focus)),
       trainingsPart(result, task),
@@ -64,23 +69,20 @@ const trainingsPart = (result, task) => {
 // The agent in a few sentences.
 const story = (result, task) => {
   const words = wordsOf(task), of = (metric) => estimate(result, metric).mean, days = (task.steps * task.step_seconds) / 86400;
-  const row = ranked(task.id).find((one) => one.result === result) ?? { rank: null }, profit = of(PROFIT);
-  const costs = words.bought.map((item) => [lower(item.label), of(item.money)]).sort((a, b) => b[1] - a[1]);
+  const profit = of(PROFIT);
+  const costs = words.bought.map((item) => [lower(item.label), of(item.money), gasOf(task, item.column, of(item.amount))]).sort((a, b) => b[1] - a[1]);
   const unused = words.bought.filter((item) => of(item.amount) !== null && of(item.amount) < 5e-3).map((item) => lower(item.label));
-  const best = ranked(task.id)[0].result, gap = (metric) => estimate(best, metric).mean - of(metric);
   const outside = words.outside ? of(words.outside) : 0, hours = (task.steps * task.step_seconds) / 3600;
   // Heat and power are sold, but do not grow.
   const isEnergy = (item) => Boolean(words.metric[item.amount]?.unit.startsWith("kWh")), worth = words.sold.filter((item) => Math.abs(of(item.money)) >= 5e-3);
   const grown = worth.filter((item) => !isEnergy(item)), traded = worth.filter(isEnergy);
   const limits = words.violations.map((metric) => [lower(metric.label), of(metric.name)]).sort((a, b) => b[1] - a[1]);
   return [
-    `In the ${number(days, 0)} days of ${task.short} it ${grown.length ? `grew ${sentence(grown.map((item) => `${withUnit(of(item.amount), 1, words.metric[item.amount]?.unit)} of ${lower(item.label)} worth ${withUnit(of(item.money), 2, "EUR/m\u00b2")}`))}${traded.length ? ", " : " and "}` : ""}${traded.length ? `got ${sentence(traded.map((item) => `${withUnit(of(item.money), 2, "EUR/m\u00b2")} for ${lower(item.label)}`))}, and ` : ""}${profit >= 0 ? "earned" : "lost"} `,
+    standingWords(result, task), `In the ${number(days, 0)} days it ${grown.length ? `grew ${sentence(grown.map((item) => `${withUnit(of(item.amount), 1, words.metric[item.amount]?.unit)} of ${lower(item.label)} worth ${withUnit(of(item.money), 2, "EUR/m\u00b2")}`))}${traded.length ? ", " : " and "}` : ""}${traded.length ? `got ${sentence(traded.map((item) => `${withUnit(of(item.money), 2, "EUR/m\u00b2")} for ${lower(item.label)}`))}, and ` : ""}${profit >= 0 ? "earned" : "lost"} `,
     h("b", { class: profit >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit), 2, "EUR/m\u00b2")),
-    costs[0]?.[1] > 0 ? `. Most of the cost was ${costs[0][0]} (${withUnit(costs[0][1], 2, "EUR/m\u00b2")}). ` : ". ",
+    costs[0]?.[1] > 0 ? `. Most of the cost was ${costs[0][0]} (${withUnit(costs[0][1], 2, "EUR/m\u00b2")}${costs[0][2] ? `, ${costs[0][2]}` : ""}). ` : ". ",
     outside > 0 ? `The climate was outside its limits for ${withUnit(outside, 0, "h")}, ${number((100 * outside) / hours, 0)} % of the time, above all ${limits[0][0]} (${withUnit(limits[0][1], 0, "h")}).` : "The climate never left its limits.",
     unused.length ? ` It used no ${sentence(unused).replace(" and ", " and no ")}.` : "",
-    best && best !== result && row.rank ? [" The best here, ", h("a", { href: link("agent", best.agent, task.short) }, best.agent), `, has a ${lower(words.metric[SCORE].label)} ${amountOf(task, SCORE, gap(SCORE))} higher, with ${withUnit(Math.abs(gap(PROFIT)), 2, "EUR/m\u00b2")} ${gap(PROFIT) >= 0 ? "more" : "less"} profit and ${moreViolations(task, gap(PENALTY))}.`] : "",
-    row.rank ? ` Rank ${row.rank} of ${ranked(task.id).filter((one) => one.rank !== null).length} on this task.` : "",
   ];
 };
 
@@ -128,7 +130,7 @@ const earned = (result, task) => {
   return [
     h("h2", {}, "What it earned, and where"),
     h("dl", { class: "tiles" }, tiles, regretTile(result, task)),
-    h("p", { class: "small soft" }, result.members ? "Below each mean: the lowest and the highest training." : `Below each mean: its 95 % interval over the ${wordsOf(task).draws}, for this one training. ${capital(wordsOf(task).beyond)} or another training can lie far outside.`),
+    h("p", { class: "small soft" }, result.members ? "Below each mean: the lowest and the highest training." : `Below each mean: its 95 % interval over the ${wordsOf(task).draws}${isFixed(result) ? "" : ", for this one training"}. ${capital(wordsOf(task).beyond)}${isFixed(result) ? "" : " or another training"} can lie far outside.`),
     uncertaintyPart(result, task), betterNotes([result]),
     h("div", { class: "grid two" },
       chart(captionOf(`From ${sentence(sold.map((item) => lower(item.label))) || "cost"} to profit`, "EUR/m\u00b2, mean over the runs"), build, { height: 90 + 30 * items.length, says: say([...items.map((item) => item.money), PROFIT]) }),

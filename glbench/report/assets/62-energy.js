@@ -21,6 +21,7 @@ const energyPart = (profile, task) => {
   if (!profile.energy) return null;
   const hourly = Object.fromEntries(Object.entries(profile.energy.columns).map(([name, packed]) => [name, unpack(packed)]));
   const of = (name) => sum(hourly[name].filter((value) => value !== null));
+  const burnt = of("gas"), made = of("electricity_made"), shareOf = (part, whole) => `${number(whole > 0 ? (100 * part) / whole : 0, 0)}\u00a0%`;
   const all = energyFlows(of), most = Math.max(...all.map(([, , amount]) => amount)), flows = all.filter(([, , amount]) => amount > 0.003 * most);
   if (!flows.length) return null;
   const unit = "kWh/m\u00b2 a day", grams = (value) => `${number(1000 * value, 1)}\u00a0g/m\u00b2`, words = flows.map(([from, to, amount]) => `${from} to ${lower(to)} ${number(amount, 2)}`);
@@ -45,7 +46,7 @@ const energyPart = (profile, task) => {
   const prices = Object.entries(profile.energy.prices).map(([money, packed], i) => ({ label: wordsOf(task).items.find((item) => item.money === money)?.label ?? money, values: unpack(packed), ink: SOLD + i }));
   return h("section", { id: "energy" },
     h("h2", {}, "A day of energy"),
-    h("p", { class: "soft" }, `The mean day, over all days and runs: where gas and power go. Of the CO\u2082 in the gas, ${grams(of("co2_made"))} a day, ${grams(of("co2_from_flue"))} were dosed; ${grams(of("co2_bought"))} were bought. What buffer, engine and prices earned: `, h("code", {}, "glbench episodes dispatch RESULT.json"), "."),
+    h("p", { class: "soft" }, `The mean day, over all days and runs. The boiler burns ${shareOf(burnt - of("engine_gas"), burnt)} of the gas and the engine ${shareOf(of("engine_gas"), burnt)}. The engine makes ${withUnit(made, 2, "kWh/m\u00b2")} of power a day, of which ${shareOf(of("electricity_sold"), made)} is sold; ${withUnit(of("electricity_bought"), 2, "kWh/m\u00b2")} is bought. Of the CO\u2082 in the gas, ${grams(of("co2_made"))} a day, ${grams(of("co2_from_flue"))} were dosed; ${grams(of("co2_bought"))} were bought. What buffer, engine and prices earned: `, h("code", {}, "glbench episodes dispatch RESULT.json"), "."),
     chart(captionOf("Gas, heat and power", unit), sankey, { height: 330, says: words.join("; ") }),
     h("details", { class: "data" }, h("summary", {}, "This figure as a table"), plainTable("Flows of energy on the mean day", ["", unit], flows.map(([from, to, amount]) => [`${from} \u2192 ${lower(to)}`, number(amount, 3)]))),
     h("div", { class: "grid two" },

@@ -50,12 +50,16 @@ const sharedWords = (one, two) => {
 };
 
 const verdict = (one, two, task) => {
-  const profit = difference(one, two, PROFIT), reward = difference(one, two, SCORE), penalty = difference(one, two, PENALTY), runs = sharedRuns(one, two).length;
-  const clear = profit.low !== null && profit.high > profit.low && profit.low * profit.high > 0;
-  const sure = number(profit.low, 2) !== number(profit.high, 2) ? ` (95 % interval over the ${wordsOf(task).draws} ${number(profit.low, 2, true)} to ${number(profit.high, 2, true)})` : "";
+  const gap = (name) => difference(one, two, name), profit = gap(PROFIT), penalty = gap(PENALTY), reward = gap(task.metric), runs = sharedRuns(one, two).length;
+  const rows = ranked(task.id), [a, b] = [one, two].map((result) => rows.find((row) => row.result === result)), clear = apart(a, b, task), { label, decimals, unit } = wordsOf(task).metric[task.metric];
+  const differ = (figure, metric) => `differ by ${amountOf(task, metric, figure.mean)}${betweenWords(figure, wordsOf(task).metric[metric].decimals)}`, amounts = amountWords(one, two, task), notes = [one, two].filter((result) => trainingNote(result)).map((result) => `${result.agent} is ${result.members ? "the " : ""}${trainingNote(result)}`);
   return [
-    h("b", {}, one.agent), ` earns `, h("b", { class: profit.mean >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit.mean), 2, "EUR/m\u00b2")), ` ${profit.mean >= 0 ? "more" : "less"} than `, h("b", {}, two.agent),
-    `${sure}${clear || !(profit.high > profit.low) ? "" : ", which may be chance"}. ${inMoney(task, PENALTY) ? `Its violations cost ${amountOf(task, PENALTY, Math.abs(penalty.mean))} ${penalty.mean >= 0 ? "more" : "less"}` : `Its penalty is ${amountOf(task, PENALTY, Math.abs(penalty.mean))} ${penalty.mean >= 0 ? "higher" : "lower"}`}, its ${lower(wordsOf(task).metric[SCORE].label)} is ${amountOf(task, SCORE, Math.abs(reward.mean))} ${reward.mean >= 0 ? "higher" : "lower"}, ${runs ? `over ${plural(runs, "shared seed")}` : "with no shared seed"} of ${task.short}.`,
+    clear ? [h("b", {}, one.agent), ` has a ${lower(label)} `, h("b", { class: reward.mean >= 0 ? "gain" : "loss" }, withUnit(Math.abs(reward.mean), decimals, unit)), ` ${reward.mean >= 0 ? "higher" : "lower"} than `, h("b", {}, two.agent), `${betweenWords(reward, decimals)}: the two are told apart`]
+      : [h("b", {}, one.agent), " and ", h("b", {}, two.agent), runs ? ` cannot be told apart: their ${lower(label)}s ${differ(reward, task.metric)}` : ` share no seed, so nothing tells chance from a difference: their ${lower(label)}s ${differ(reward, task.metric)}`],
+    `, over ${runs ? plural(runs, "shared seed") : "each agent\u2019s own runs"} of ${task.short}. `,
+    isClear(profit) && Math.abs(profit.mean) >= 5e-3 ? `${one.agent} earns ${withUnit(Math.abs(profit.mean), 2, "EUR/m\u00b2")} ${profit.mean >= 0 ? "more than" : "less than"} ${two.agent}${betweenWords(profit, 2)}` : `Their profits ${differ(profit, PROFIT)}, which may be chance`,
+    isClear(penalty) ? `; it has ${moreViolations(task, penalty.mean)}` : `; the difference of their ${violationWord(task)} may be chance`,
+    amounts.length ? `. It ${sentence(amounts)}.` : ".", notes.length ? ` ${sentence(notes)}.` : "",
   ];
 };
 
@@ -104,7 +108,7 @@ const byHour = (one, two, task) => later(1500, async () => {
   const penalty = gap(PENALTY, () => -1), profit = penalty.map((row, hour) => row.map((_, run) => sum(parts.map((part) => part.runs[hour][run]))));
   const spread = profit.map((values) => [mean(values), ...(values.length > 1 ? interval(values) : [mean(values), mean(values)])]);
   const hours = Array.from({ length: 24 }, (_, hour) => hour + 0.5);
-  const ranges = sentence(stretches(spread.map(([value]) => value > 0.005 * Math.max(...spread.map(([v]) => Math.abs(v))))));
+  const ranges = sentence(stretches(spread.map(([value, low]) => low > 0 && value > 0.005 * Math.max(...spread.map(([v]) => Math.abs(v))))));
   const money = () => ({
     traces: [
       ...parts.map((part) => ({ type: "bar", name: part.label, x: hours, y: part.runs.map(mean), marker: { color: colourAt(part.ink), opacity: 0.8 }, hovertemplate: "%{y:+,.3f}" })),
@@ -119,7 +123,7 @@ const byHour = (one, two, task) => later(1500, async () => {
   });
   return [
     h("h2", {}, "By hour of the day"),
-    h("p", { class: "soft" }, ranges ? `${one.agent} earns more than ${two.agent} ${ranges}` : `${one.agent} earns more than ${two.agent} in no hour of the day`, `. Sums over the whole season, A minus B, ${pairs ? "mean over the shared seeds" : "means over each agent\u2019s own runs"}; hours are ${task.clock}.`, atEnd.length ? ` Not by the hour: ${sentence(atEnd.map((item) => lower(item.label)))}.` : "", averaged.length ? ` Its price changes with the calendar, so at its mean price: ${sentence(averaged.map((item) => lower(item.label)))}.` : ""),
+    h("p", { class: "soft" }, ranges ? `${one.agent} earns more than ${two.agent} ${ranges}, beyond chance` : `${one.agent} earns more than ${two.agent}, beyond chance, in no hour of the day`, `. Sums over the whole season, A minus B, ${pairs ? "mean over the shared seeds" : "means over each agent\u2019s own runs"}; hours are ${task.clock}.`, atEnd.length ? ` Not by the hour: ${sentence(atEnd.map((item) => lower(item.label)))}.` : "", averaged.length ? ` Its price changes with the calendar, so at its mean price: ${sentence(averaged.map((item) => lower(item.label)))}.` : ""),
     chart(captionOf("Profit, A minus B", "EUR/m\u00b2; above the line, A is better"), money, { height: 330, says: `Profit by hour of the day, ${one.agent} minus ${two.agent}: ${spread.map(([value], hour) => `${hour} h ${number(value, 2, true)}`).join(", ")}` }),
     h("div", { style: { height: "14px" } }),
     chart(captionOf(`${spared} spared, A against B`, `${inMoney(task, PENALTY) ? `${wordsOf(task).metric[PENALTY].unit}; ` : ""}above the line, A keeps the limits better`), limits, { height: 200, says: `${spared} spared by hour: ${penalty.map((values, hour) => `${hour} h ${number(mean(values), inMoney(task, PENALTY) ? 3 : 1, true)}`).join(", ")}` }),

@@ -1,16 +1,18 @@
 // Tasks: the list, and one in words with its limits, prices, weather and versions.
 
-const tasksPage = () => ({
-  title: "Tasks",
-  content: [
+const tasksPage = () => {
+  const standings = new Map(D.tasks.map((task) => [task, standing(task)])), clear = [...standings.values()].filter(({ first, tied, next }) => first && next && !tied.length).length;
+  return { title: "Tasks", content: [
     h("h1", {}, "Tasks"),
-    h("p", { class: "lead" }, "A task fixes everything that decides a result: weather, greenhouse, crop, what is uncertain, what an agent sees and does, limits, prices and seeds."),
-    taskGroups().map(({ title, members }) => [h("h2", {}, title), plainTable(`${title}: ${plural(members.length, "task")} with results`, ["Task", "Delta", "Results", "Best agent", "Its score"], members.map((task) => {
-      const rows = ranked(task.id), best = rows[0];
-      return [h("a", { href: link("task", task.short) }, taskName(task)), task.delta === undefined ? "\u2013" : `${task.delta}\u00a0%`, number(rows.length, 0), best.rank ? labelOf(best.result) : "\u2013", best.rank ? number(estimate(best.result, task.metric).mean, wordsOf(task).metric[task.metric].decimals) : "\u2013"];
+    h("p", { class: "story" }, `Of ${plural(D.tasks.length, "task")} with results, ${clear} ${clear === 1 ? "has" : "have"} one agent in the lead that is told apart from every other that sees no more than observations; on the rest the lead is shared, or only one agent is ranked.`),
+    h("p", { class: "soft" }, "A task fixes everything that decides a result: weather, greenhouse, crop, what is uncertain, what an agent sees and does, limits, prices and seeds."),
+    taskGroups().map(({ title, members }) => [h("h2", {}, title), plainTable(`${title}: ${plural(members.length, "task")} with results`, ["Task", ...(members.some((task) => task.delta !== undefined) ? ["Delta"] : []), "Results", "Leads", "Its score or reward"], members.map((task) => {
+      const { first, tied } = standings.get(task), { decimals, unit } = wordsOf(task).metric[task.metric];
+      return [h("a", { href: link("task", task.short) }, taskName(task)), ...(members.some((one) => one.delta !== undefined) ? [task.delta === undefined ? "\u2013" : `${task.delta}\u00a0%`] : []), number(resultsOf(task.id).length, 0),
+        first ? [labelOf(first.result), tied.length ? h("span", { class: "of" }, `not told apart: ${namesOf(tied)}`) : null] : "\u2013", first ? withUnit(estimate(first.result, task.metric).mean, decimals, unit) : "\u2013"];
     }))]),
-  ],
-});
+  ] };
+};
 
 const taskPage = (short) => {
   const task = BY_SHORT[short];
@@ -19,7 +21,8 @@ const taskPage = (short) => {
     title: taskName(task),
     content: [
       h("h1", {}, taskName(task)),
-      h("p", { class: "lead" }, task.description || "A task of somebody\u2019s own."),
+      h("p", { class: "story" }, leadWords(task)),
+      h("p", { class: "soft" }, task.description || "A task of somebody\u2019s own."),
       h("div", { class: "fields" }, taskField(task.short, (value) => go("task", value)), h("a", { class: "small", href: link("", task.short) }, "Its leaderboard")),
       task.words ? definition(task) : h("div", { class: "missing" }, "The definition of this task is not stored with its results: it is in the file that they were made with."),
       task.weather ? weatherPart(task) : task.words ? h("div", { class: "missing" }, h("b", {}, "Its weather is not stored with these results. "), "Evaluate an agent again, or run ", h("code", {}, "glbench report --complete"), ".") : null,
