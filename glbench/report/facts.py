@@ -30,7 +30,7 @@ from glbench.leaderboard.regret import PARTS
 from glbench.leaderboard.statistics import SCORES, Estimate, Interval
 from glbench.leaderboard.suites import SuiteTable
 from glbench.quantities import capitalised, pretty_unit
-from glbench.report.task_words import clock_of, definition_in_words, figures
+from glbench.report.task_words import clock_of, definition_in_words, figures, for_growers
 from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, list_suites, read_lock
 
@@ -85,6 +85,7 @@ class LabelSets:
             "beyond": labels.beyond,
             **({} if charts is None else asdict(charts)),
         }
+        words = json.loads(json.dumps(words, ensure_ascii=False).replace("CO2", "CO₂"))
         number = self._numbers.setdefault(json.dumps(words, sort_keys=True), len(self.all))
         if number == len(self.all):
             self.all.append(words)
@@ -118,7 +119,8 @@ def task_facts(table: TaskTable, steps: int, step_seconds: float) -> dict[str, A
         "suites": list(spec.suites),
         **({"delta": 100 * spec.uncertainty.delta} if spec.conventions.shows_delta else {}),
         "description": " ".join(spec.description.split()),
-        "words": [asdict(section) for section in definition_in_words(spec)],
+        "words": [asdict(section) for section in for_growers(spec)],
+        "keys": [asdict(section) for section in definition_in_words(spec)],
         "versions": [
             {"id": version, "digest": entry.digest, "model": entry.fingerprint.model_version}
             for version, entry in lock.items()

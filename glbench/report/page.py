@@ -128,7 +128,9 @@ def page_data(
         "settings": facts.numbered(results, "settings"),
         "start": usual_task(task_ids) or task_ids[0],
         "words": labels.all,
-        "other_words": [[one["word"], one["meaning"]] for one in tomllib.loads(asset("words.toml"))["word"]],
+        "other_words": [
+            [one["word"], one["meaning"], one.get("marks", [])] for one in tomllib.loads(asset("words.toml"))["word"]
+        ],
         "tasks": tasks,
         "families": facts.families(tables),
         "resolution": RESOLUTION,

@@ -1,8 +1,13 @@
-"""A task's definition in words and tables, section after section: what ``glbench tasks show`` prints and the page shows."""
+"""A task's definition in words and tables, section after section.
+
+``for_growers`` names quantities by their labels, in the units that people write: the page begins with it. ``definition_in_words`` has every
+key and number as the task file names them: ``glbench tasks show`` prints it, and the page keeps it in a fold.
+"""
 
 from __future__ import annotations
 
 import datetime as dt
+import re
 from calendar import month_name
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,11 +19,11 @@ from zoneinfo import ZoneInfo
 
 from glbench import tasks
 from glbench.errors import GlbenchError
-from glbench.leaderboard.catalogue import catalogue
-from glbench.quantities import pretty_unit, unit_sold
+from glbench.leaderboard.catalogue import catalogue, charts_of
+from glbench.quantities import in_sentence, pretty_unit, sentence, unit_sold
 from glbench.tasks.ledger import FLOW, LIMITED, VIOLATION_PRICES
 from glbench.tasks.tables import ForecastTable, SplitsTable, SplitTable
-from glbench.tasks.vocabulary import FORECAST_ERRORS
+from glbench.tasks.vocabulary import FORECAST_ERRORS, OBSERVATION_MODULES
 
 _MOST_ROWS, _FIRST_ROWS = 64, 40
 
@@ -56,6 +61,169 @@ def definition_in_words(task: tasks.TaskSpec) -> Iterator[Section]:
         yield from _interface(task, card)
     yield from _money(task, card)
     yield from _scoring(task)
+
+
+_TOPICS: Mapping[str, str] = MappingProxyType(
+    {
+        "weather": "the season and its weather",
+        "model": "the model of greenhouse and crop",
+        "initial": "the start",
+        "scenario": "what is drawn at random",
+        "uncertainty": "what is drawn at random",
+        "sensors": "the errors of sensors",
+        "observation": "what the agent sees",
+        "actuation": "what the agent controls",
+        "ledger": "what is sold and paid for",
+        "price_tables": "prices",
+        "constraints": "the limits of the climate",
+        "violation_prices": "the price of a violation",
+        "reward": "what is scored",
+        "evaluation": "the number of runs",
+        "splits": "the seasons to learn from and to be judged by",
+    }
+)
+"""What the tables of a task file are about."""
+_WRITTEN: Mapping[str, str] = MappingProxyType(
+    {"degC": "°C", "CO2": "CO₂", " m2": " m²", "EUR m-2": "EUR/m²", "kg m-2": "kg/m²", "kWh m-2": "kWh/m²"}
+)
+"""Units and signs of the definition as people write them."""
+
+
+def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
+    """What a task asks and pays, by labels and with units: no key of the task file, no symbol of the model."""
+    words, definition = catalogue(task), {section.heading: section for section in definition_in_words(task)}
+    series, scenario, model = charts_of(task).series, task.scenario, task.model_value
+    tables = {
+        item.price: words_of.label
+        for words_of in words.items
+        for item in task.ledger.items
+        if item.name == words_of.money
+    }
+
+    def plain(
+        heading: str, lines: Sequence[str], columns: Sequence[str] = (), rows: Sequence[Sequence[str]] = ()
+    ) -> Section:
+        def written(text: str) -> str:
+            text = re.sub(r"'(\w+)'", lambda word: word[1].replace("_", " "), text)
+            for sign, usual in _WRITTEN.items():
+                text = text.replace(sign, usual)
+            return text
+
+        table = [[written(cell) for cell in row] for row in rows]
+        return Section(heading, [written(line) for line in lines], columns, (), table)
+
+    if task.base is not None:
+        topics = dict.fromkeys(_TOPICS.get(change.key.split(".")[0], "other numbers") for change in task.changes)
+        yield plain(
+            "Compared with another task", [f"As {task.base.partition('/')[2]}, but for {sentence(list(topics))}."]
+        )
+    yield plain("Season and place", definition["Period and place"].lines)
+    if "Seasons" in definition:
+        yield plain("Seasons to learn from and to be judged by", definition["Seasons"].lines)
+    start = f"Start: {_meaning(tasks.INITIAL_STATES, task.initial.kind)} ({task.initial.air_temperature:g} degC)."
+    groups = [(group.name, group.parameters, group.half_width, _WHEN[group.redraw]) for group in scenario.groups]
+    if task.conventions.shows_delta and task.uncertainty.half_width:
+        moment = _WHEN["step" if task.uncertainty.redraw == "step" else "episode"]
+        groups = [("crop", tuple(task.uncertain_parameters()), task.uncertainty.half_width, moment)]
+    meanings = {one.name: one.meaning for one in model.table} | {one.name: one.meaning for one in model.states}
+    drawn = [(meanings[name], f"±{100 * half:g} %", moment) for _, names, half, moment in groups for name in names]
+    drawn += [
+        (meanings[name], f"±{100 * one.half_width:g} %", "at the start")
+        for one in scenario.start_groups
+        for name in one.states
+    ]
+    lines = [
+        start,
+        f"{len(drawn)} properties differ from run to run; the agent does not know by how much."
+        if drawn
+        else "Nothing differs from run to run but what the season brings.",
+    ]
+    yield plain("Greenhouse and crop", lines)
+    if drawn:
+        yield plain("What differs from run to run", (), ("Property", "By up to", "Drawn"), drawn)
+    sensors = "Sensors inside; what is judged is the truth"
+    if sensors in definition:
+        yield plain("Errors of the sensors (the climate is judged by its true values)", definition[sensors].lines)
+    seen = [
+        model.observation_modules.get(name)
+        or (OBSERVATION_MODULES[name].meaning if name in OBSERVATION_MODULES else name.replace("_", " "))
+        for name in task.observation.modules
+    ]
+    yield plain("What the agent sees at every decision", [f"{line[:1].upper()}{line[1:]}." for line in seen])
+    try:
+        card = tasks.task_card(task)
+    except GlbenchError:  # the weather record is not installed here
+        return
+    by_name = {capacity.name: capacity for capacity in card.controls}
+
+    def full(capacity: tasks.Capacity, fraction: float) -> str:
+        if capacity.unit == "-":
+            return f"{100 * capacity.at_one * fraction:g} %"
+        dose = f" ({36 * capacity.at_one * fraction:.3g} kg/ha an hour)" if capacity.unit == "mg m-2 s-1" else ""
+        return f"{capacity.at_one * fraction:.3g} {pretty_unit(capacity.unit)}{dose}"
+
+    actions = [
+        (
+            series.get(one.name, {}).get("label", capacity.meaning),
+            capacity.meaning,
+            full(capacity, 1.0),
+            full(capacity, card.max_change),
+        )
+        if (capacity := by_name.get(one.name)) is not None
+        else (one.meaning, "set point", f"{one.lowest:g} to {one.highest:g} {one.unit}", "")
+        for one in card.actions
+    ]
+    held = [
+        f"The {in_sentence(series[name]['label'])} runs at {100 * one.lowest:g} to 100 % or not at all, "
+        f"and stays on or off for at least {one.hold_minutes:g} minutes."
+        for name, one in task.on_off.items()
+    ]
+    yield plain(
+        "What the agent controls",
+        held,
+        ("Control", "What it does", "Fully open or on", f"Most in {minutes(task.step_seconds)}"),
+        actions,
+    )
+    limits = []
+    for one in card.constraints:
+        unit, cost = pretty_unit(one.unit), f"{one.scale:g} {one.unit} cost 1 point a step"
+        if one.price is not None:
+            each = 1 if one.price >= 1e-3 else 100
+            cost = f"{each * one.price:.2g} EUR/m² for every {'' if each == 1 else '100 '}{unit} and hour"
+        limits.append((words.limits[one.name], f"{one.low:g} {unit}", f"{one.high:g} {unit}", cost))
+    if limits:
+        yield plain("Limits of the climate", (), ("Quantity", "Lowest", "Highest", "What a violation costs"), limits)
+    prices = []
+    for of_money in words.items:
+        item = next(one for one in task.ledger.items if one.name == of_money.money)
+        if isinstance(item.price, str):
+            table = task.price_tables[item.price]
+            low, high = table.limits
+            by = "by the hour of the day" if table.hourly else "by the hour, with sun and wind"
+            by = "with the date" if table.dated else "by the hour, as in a table" if table.series else by
+            price = f"changes {by}, {low:g} to {high:g} {pretty_unit(table.unit)}"
+            if table.source in tables:
+                price += f"; that of {in_sentence(tables[table.source])}{f' and {table.plus:g}' if table.plus else ''}"
+        else:
+            price = f"{item.price:g} {of_money.unit}"
+            if item.beyond is not None:
+                price += f", {item.beyond.price:g} beyond {item.beyond.amount:g} {item.amount_unit}"
+        prices.append(
+            (of_money.label, "earned" if of_money.sign > 0 else "paid", price, item.amount_meaning or item.label)
+        )
+    yield plain("Prices", (), ("Item", "", "Price", "Of what"), prices)
+    score, profit, penalty = words.score, words.profit, words.of_kind("penalty")[0]
+    counted = (
+        f"{profit.label} minus {in_sentence(penalty.label)}"
+        if "epi" in task.reward.modules
+        else "profit on a scale from 0 to 1 a step, minus the penalty for broken limits"
+    )
+    lines = [
+        f"{score.label} of a run: {in_sentence(counted)}, summed over all {task.steps:,} decisions.",
+        f"Agents are ranked by the mean over {task.evaluation.runs} runs. Every decision that a failed run misses costs "
+        f"{abs(task.evaluation.failed_step.reward):.2g} {pretty_unit(score.unit) or 'points'}.",
+    ]
+    yield plain("What counts", lines)
 
 
 def figures(task: tasks.TaskSpec) -> dict[str, Any]:

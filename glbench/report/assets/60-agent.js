@@ -161,7 +161,7 @@ const missingPage = (text) => ({ title: "Not found", content: [h("h1", {}, "Not 
 const waiting = [];
 const later = (height, make) => {
   const place = h("div", { style: { "min-height": `${height}px` }, "aria-busy": "true" });
-  waiting.push(make().then((content) => { place.replaceChildren(...content.flat(Infinity).filter(Boolean)); place.style.minHeight = ""; place.removeAttribute("aria-busy"); }));
+  waiting.push(make().then((content) => { place.replaceChildren(...content.flat(Infinity).filter(Boolean)); place.style.minHeight = ""; place.removeAttribute("aria-busy"); explainTerms(); }));
   return place;
 };
 

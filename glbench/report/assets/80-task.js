@@ -34,9 +34,14 @@ const taskPage = (short) => {
   };
 };
 
+// In growers’ words; below, in a fold, as the task file has it.
 const definition = (task) => [
-  h("div", { class: "columns" }, task.words.filter((part) => part.lines.length).map((part) => h("section", {}, h("h3", {}, part.heading), part.lines.map((words) => h("p", {}, words))))),
-  task.words.filter((part) => part.rows.length).map((part) => h("details", { class: "data", open: part.rows.length < 8 }, h("summary", {}, part.heading),
+  h("section", { id: "definition" }, definitionParts(task.words)),
+  h("details", { class: "data", id: "keys" }, h("summary", {}, "For programmers: the definition with its keys, as ", h("code", {}, `glbench tasks show ${task.short}`), " prints it"), h("div", { class: "small" }, definitionParts(task.keys))),
+];
+const definitionParts = (parts) => [
+  h("div", { class: "columns" }, parts.filter((part) => part.lines.length).map((part) => h("section", {}, h("h3", {}, part.heading), part.lines.map((words) => h("p", {}, words))))),
+  parts.filter((part) => part.rows.length).map((part) => h("details", { class: "data", open: part.rows.length < 12 }, h("summary", {}, part.heading),
     plainTable(part.heading, part.columns, part.rows, part.columns.map((_, i) => i).filter((i) => !part.right.includes(part.columns[i]))))),
 ];
 

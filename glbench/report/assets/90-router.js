@@ -19,6 +19,8 @@ const show = (focus = null) => {
   const { title, content } = PAGES[name](...parts);
   const main = document.getElementById("main");
   main.replaceChildren(...content.flat(Infinity).filter(Boolean));
+  showMeaning(null);
+  explainTerms();
   document.title = `${title} \u00b7 glbench`;
   document.getElementById("nav").replaceChildren(...NAVIGATION.map(([label, target, names]) => h("a", { href: link(target), "aria-current": names.includes(name) ? "page" : null }, label)));
   if (focus) document.getElementById(focus)?.focus();
