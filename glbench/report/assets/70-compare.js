@@ -66,7 +66,7 @@ const verdict = (one, two, task) => {
 const byItem = (one, two, task) => {
   const words = wordsOf(task), METRICS = words.metric, items = [...words.items.map((item) => [item.money, item.sign]), [PROFIT, 1]];
   const gaps = items.map(([name, sign]) => { const d = difference(one, two, name); return { name, label: name === PROFIT ? words.series[PROFIT].label : METRICS[name].label, value: sign * d.mean, low: sign > 0 ? d.low : -d.high, high: sign > 0 ? d.high : -d.low }; });
-  const ends = [Math.min(0, ...gaps.map((gap) => gap.value)), Math.max(0, ...gaps.map((gap) => gap.value))], room = 0.3 * (ends[1] - ends[0] || 1);
+  const ends = [Math.min(0, ...gaps.map((gap) => gap.value)), Math.max(0, ...gaps.map((gap) => gap.value))], room = 0.45 * (ends[1] - ends[0] || 1);
   const build = () => ({
     traces: [{
       type: "bar", orientation: "h", y: gaps.map((gap) => gap.label), x: gaps.map((gap) => gap.value), text: gaps.map((gap) => ` ${number(gap.value, 2, true)} `), textposition: "outside", cliponaxis: false, hoverinfo: "skip",
