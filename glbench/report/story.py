@@ -26,7 +26,9 @@ from glbench.evaluation import Result, load_result
 from glbench.evaluation.saving import recorded_actions, task_of_result
 from glbench.extras import require
 from glbench.kernel import make_kernel
+from glbench.leaderboard.catalogue import catalogue
 from glbench.leaderboard.pairs import failures
+from glbench.leaderboard.statistics import estimate_difference
 from glbench.quantities import in_sentence, plain_unit, pretty_unit, sentence
 from glbench.report.task_words import clock_of
 
@@ -329,7 +331,7 @@ def decimals_of(line: Line) -> int:
 
 
 def headline(story: Story) -> str:
-    """Who earns more, how much, in how many runs, and in which part of the day."""
+    """Who earns more and how sure that is, in how many runs, in which part of the day, and with how much more heat, power and fruit."""
     one, other = story.agents
     profit, violations, score = (story.line(kind) for kind in ("profit", "violations", "score"))
     totals = story.sums.sum(axis=2)  # (2, runs, lines)
@@ -339,15 +341,46 @@ def headline(story: Story) -> str:
     parts = [
         f"{number(float(value), 2, signed=True)} {_when(place)}" for place, value in enumerate(story.gaps()[:, profit])
     ]
-    better = _more(story.lines[score], float(gaps[:, score].mean()), "higher", "lower")
     what, cost = story.lines[score], story.lines[violations]
-    return (
-        f"{one} earns {_amount(abs(gap), line.unit, 2)} {'more' if gap >= 0 else 'less'} than {other} "
+
+    def certainty(place: int, places: int) -> tuple[bool, str]:
+        """Whether the difference of a line is beyond chance, and its interval in words."""
+        spread = estimate_difference([totals[0, :, place]], [totals[1, :, place]]).interval()
+        if runs == 1:
+            return False, "one run: it says nothing about others"
+        if spread.high <= spread.low:
+            return True, "all runs differ alike"
+        ends = f"95 % interval {number(spread.low, places, signed=True)} to {number(spread.high, places, signed=True)}"
+        return spread.low * spread.high > 0, ends
+
+    clear, words = certainty(profit, 2)
+    figures = (
         f"({number(float(totals[0, :, profit].mean()), 2)} against {number(float(totals[1, :, profit].mean()), 2)}; "
-        f"more in {more} of {runs} runs): "
-        f"{sentence(parts)}. "
-        f"{_penalty(cost, float(gaps[:, violations].mean()))}; its {in_sentence(what.title)} is {better}."
+        f"{words}; more in {more} of {runs} runs)"
     )
+    if (clear or runs == 1) and abs(gap) >= _CENT:
+        first = f"{one} earns {_amount(abs(gap), line.unit, 2)} {'more' if gap >= 0 else 'less'} than {other} {figures}"
+    else:
+        first = f"The profits of {one} and {other} cannot be told apart, {_amount(gap, line.unit, 2, signed=True)} {figures}"
+    better = _more(what, float(gaps[:, score].mean()), "higher", "lower")
+    clear, words = certainty(score, decimals_of(what))
+    chance = "" if clear or runs == 1 else ", which may be chance"
+    amounts = _amount_words(story, gaps.mean(axis=0))
+    return (
+        f"{first}: {sentence(parts)}. {_penalty(cost, float(gaps[:, violations].mean()))}; "
+        f"its {in_sentence(what.title)} is {better} ({words}){chance}."
+        + (f" Over the whole run, {one} against {other}: {', '.join(amounts)}." if amounts else "")
+    )
+
+
+def _amount_words(story: Story, gaps: Floats) -> list[str]:
+    """What grew and was used more or less, of those amounts that differ visibly; ``gaps`` by line."""
+    largest = np.abs(story.sums.mean(axis=1).sum(axis=1)).max(axis=0)  # of each line, the larger of the two agents
+    return [
+        f"{in_sentence(line.title)} {_amount(abs(gap), line.unit, decimals_of(line))} {'more' if gap > 0 else 'less'}"
+        for line, gap, most in zip(story.lines, gaps, largest, strict=True)
+        if line.kind in ("grown", "used") and most > 0 and abs(gap) >= _SHARE * most
+    ]
 
 
 def _more(line: Line, gap: float, above: str, below: str) -> str:
@@ -377,12 +410,7 @@ def paragraphs(story: Story) -> list[str]:
             f"{in_sentence(curve.title)} {number(here, places)} instead of {number(there, places)}\u00a0{unit_of(curve)}"
             for curve, here, there, places in _differing(story, period)
         ]
-        largest = np.abs(story.sums.mean(axis=1).sum(axis=1)).max(axis=0)  # of each line, the larger of the two agents
-        amounts = [
-            f"{in_sentence(line.title)} {_amount(abs(gap), line.unit, decimals_of(line))} {'more' if gap > 0 else 'less'}"
-            for line, gap, most in zip(story.lines, gaps, largest, strict=True)
-            if line.kind in ("grown", "used") and most > 0 and abs(gap) >= _SHARE * most
-        ]
+        amounts = _amount_words(story, gaps)
         money = [
             f"{in_sentence(line.title)} {number(worth, 2, signed=True)}"
             for line, worth in ((line, _worth(line, gaps[place])) for place, line in enumerate(story.lines))
@@ -519,7 +547,10 @@ def page_of(story: Story) -> str:
             ledger=ledger_table(story),
             weeks=[week_table(story, side) for side in (0, 1)],
             charts=charts,
-            meanings=list(zip(map(_sentence, PERIODS), MEANINGS, strict=True)),
+            meanings=[
+                *((one.label, one.explanation) for one in catalogue(story.task).of_kind("score", "profit", "penalty")),
+                *zip(map(_sentence, PERIODS), MEANINGS, strict=True),
+            ],
             gas=f"{3.6 * KWH_A_CUBIC_METRE:.2f}",
             style=asset("style.css"),
             version=__version__,

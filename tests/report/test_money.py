@@ -25,12 +25,12 @@ OF_POINTS = re.compile(r"\breward\b|\bpenalty\b|\bEPI\b", re.IGNORECASE)
 SENTENCES = {
     "#/Money-v1": ("Score", "Violations"),
     "#/agent/lavish/Money-v1": (
-        r"has a score \d+\.\d\d.EUR/m² higher, with .* profit and violations that cost \d+\.\d\d.EUR/m² (more|less)\.",
+        r"is \d+\.\d\d.EUR/m² higher .*, with .* profit and violations that cost \d+\.\d\d.EUR/m² (more|less)\.",
         r"got a score of .?\d+\.\d\d.EUR/m², \d+\.\d\d.EUR/m² below the mean of all runs:",
         r"with violations that cost \d+\.\d\d.EUR/m²\.",
     ),
     "#/compare/lavish/thrifty/Money-v1": (
-        r"Its violations cost \d+\.\d\d.EUR/m² (more|less), its score is \d+\.\d\d.EUR/m² (higher|lower)",
+        r"has a score \d+\.\d\d.EUR/m² (higher|lower) than .* it has violations that cost \d+\.\d\d.EUR/m² (more|less)",
         "Violations spared",
     ),
 }

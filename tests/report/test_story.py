@@ -105,7 +105,19 @@ def test_the_words_say_the_numbers(told):
 def test_what_hardly_differs_is_not_told(told):
     alike = replace(told, means=told.means[[0, 0]], sums=told.sums[[0, 0]])
     assert all("climate and controls hardly differ" in words for words in paragraphs(alike))
-    assert "0.00\u00a0EUR/m² more" in headline(alike)
+    assert "The profits of thrifty and lavish cannot be told apart, 0.00\u00a0EUR/m²" in headline(alike)
+
+
+def test_a_difference_that_may_be_chance_is_not_called_more(told):
+    sums, profit = told.sums.copy(), told.line("profit")
+    sums[0] = sums[1]
+    sums[0, :, 0, profit] += np.array([3.0, -2.5, 0.1])
+    words = headline(replace(told, sums=sums))
+    assert "The profits of thrifty and lavish cannot be told apart, +0.20\u00a0EUR/m²" in words
+    assert "earns" not in words
+    one = headline(replace(told, sums=sums[:, :1], seeds=told.seeds[:1]))
+    assert "earns 3.00\u00a0EUR/m² more" in one
+    assert "one run: it says nothing about others" in one
 
 
 def test_the_page_shows_charts_with_axis_titles_and_needs_no_script(told):

@@ -10,10 +10,10 @@ const DASHES = ["", "7 4", "2 3"];
 const cycleOf = (agent) => Math.floor(AGENTS[agent].index / 8) % 3;
 const symbolOf = (agent) => SYMBOLS[AGENTS[agent].index % 8] + (cycleOf(agent) ? "-open" : "");
 const dashOf = (agent) => ["solid", "dash", "dot"][cycleOf(agent)];
-let printing = false;
+let printing = false, themeBefore;
 const darkNow = () => {
   const chosen = document.documentElement.dataset.theme;
-  return printing ? false : chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+  return chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
 };
 const colourAt = (index) => COLOURS[darkNow() ? "dark" : "light"][index % 8];
 const colourOf = (agent) => colourAt(AGENTS[agent].index);
@@ -76,6 +76,9 @@ const PRINT_STYLE = [...document.styleSheets[0].cssRules].find((rule) => rule.me
 const forPaper = (now) => {
   if (printing === now) return;
   printing = now;
+  if (now) themeBefore = document.documentElement.dataset.theme;
+  if (now || themeBefore) document.documentElement.dataset.theme = now ? "light" : themeBefore;
+  else delete document.documentElement.dataset.theme;
   PRINT_STYLE.media.mediaText = now ? "all" : "print"; // what is measured now is what is printed
   document.documentElement.style.width = now ? `${PAPER}px` : "";
   recolour(false);

@@ -49,8 +49,9 @@ const barRange = (estimates, agents = [], better = "high") => {
   const known = estimates.map((one, i) => ({ ...one, agent: agents[i] })).filter((one) => one.mean !== null), awake = known.filter((one) => one.agent !== NOTHING);
   const kept = (awake.length > 1 ? awake : known).sort((a, b) => a.mean - b.mean), span = (list) => list.at(-1).mean - list[0].mean;
   if (!kept.length) return [0, 0];
-  const tails = Array.from({ length: Math.floor(kept.length / 3) }, (_, k) => (better === "high" ? kept.slice(k + 1) : kept.slice(0, kept.length - k - 1)));
-  const rest = tails.find((list) => span(list) > 0 && span(kept) > 2 * span(list)) ?? kept;
+  const fewest = kept.length - Math.floor(kept.length / 3), without = (list, k) => (better === "high" ? list.slice(k) : list.slice(0, list.length - k));
+  let rest = kept;
+  for (let k = 1; k <= rest.length - fewest; k++) if (span(without(rest, k)) > 0 && span(rest) > 2 * span(without(rest, k))) [rest, k] = [without(rest, k), 0];
   return [Math.min(...rest.map((one) => one.low)), Math.max(...rest.map((one) => one.high))];
 };
 

@@ -52,10 +52,10 @@ const standingWords = (result, task) => {
   const value = estimate(result, task.metric), note = trainingNote(result), [best] = rows;
   const words = [h("b", {}, result.agent), ` has a mean ${lower(label)} of ${withUnit(value.mean, decimals, unit)}${result.members ? "" : betweenWords(value, decimals, "", false)} on ${task.short}`], trained = note ? `It is ${result.members ? "the " : ""}${note}. ` : "";
   if (!row) return [...words, result.member_of ? ". " : "; it is not ranked. ", trained];
-  const others = rows.filter((one) => one !== row), alike = others.filter((one) => !apart(row, one, task)), gap = best === row ? null : difference(best.result, result, task.metric);
+  const others = rows.filter((one) => one !== row), alike = others.filter((one) => !apart(row, one, task)), gap = best === row ? null : difference(best.result, result, task.metric), more = (name) => difference(best.result, result, name).mean, profit = more(PROFIT);
   return [
     ...words, `: rank ${row.rank} of ${rows.length}. `, trained, alike.length ? `${namesOf(alike)} cannot be told apart from it. ` : others.length ? "It is told apart from every other agent here. " : "",
-    gap && apart(best, row, task) ? ["The best here, ", h("a", { href: link("agent", best.result.agent, task.short) }, best.result.agent), best.result.privileged ? " (privileged)" : "", `, is ${withUnit(gap.mean, decimals, unit)} higher${betweenWords(gap, decimals, "", false)}. `] : "",
+    gap && apart(best, row, task) ? ["The best here, ", h("a", { href: link("agent", best.result.agent, task.short) }, best.result.agent), best.result.privileged ? " (privileged)" : "", `, is ${withUnit(gap.mean, decimals, unit)} higher${betweenWords(gap, decimals, "", false)}, with ${withUnit(Math.abs(profit), 2, "EUR/m\u00b2")} ${profit >= 0 ? "more" : "less"} profit and ${moreViolations(task, more(PENALTY))}. `] : "",
   ];
 };
 

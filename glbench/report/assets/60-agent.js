@@ -116,7 +116,7 @@ const earned = (result, task) => {
         increasing: { marker: { color: variable("gain") } }, decreasing: { marker: { color: variable("loss") } }, totals: { marker: { color: variable("ink") } },
         connector: { line: { color: variable("line"), width: 1 } }, textfont: { color: variable("ink") },
       }],
-      layout: layout({ margin: { l: 8, r: 56, t: 10, b: 8 }, hovermode: false, xaxis: { title: axisTitle("EUR/m\u00b2"), range: [ends[0] - room, ends[1] + room], zeroline: true, zerolinewidth: 1.5, zerolinecolor: variable("soft") }, yaxis: { autorange: "reversed", showgrid: false } }),
+      layout: layout({ margin: { l: 8, r: 56, t: 10, b: 8 }, hovermode: false, xaxis: { title: axisTitle("EUR/m\u00b2"), range: [ends[0] - room, ends[1] + room], zeroline: true, zerolinewidth: 1.5, zerolinecolor: variable("soft") }, yaxis: { autorange: "reversed", showgrid: false, tickmode: "linear", dtick: 1 } }),
     };
   };
   const hours = () => ({
@@ -124,7 +124,7 @@ const earned = (result, task) => {
       type: "bar", orientation: "h", y: violations.map((metric) => metric.label), x: violations.map((metric) => of(metric.name).mean), marker: { color: variable("warm") },
       text: violations.map((metric) => ` ${number(of(metric.name).mean, 0)} h`), textposition: "outside", cliponaxis: false, hoverinfo: "skip", textfont: { color: variable("ink") },
     }],
-    layout: layout({ hovermode: false, margin: { l: 8, r: 44, t: 10, b: 8 }, xaxis: { title: axisTitle("hours"), showgrid: false, showticklabels: false, rangemode: "tozero" }, yaxis: { autorange: "reversed", showgrid: false }, bargap: 0.45 }),
+    layout: layout({ hovermode: false, margin: { l: 8, r: 44, t: 10, b: 8 }, xaxis: { title: axisTitle("hours"), showgrid: false, showticklabels: false, rangemode: "tozero" }, yaxis: { autorange: "reversed", showgrid: false, tickmode: "linear", dtick: 1 }, bargap: 0.45 }),
   });
   const say = (names) => names.map((name) => `${METRICS[name].label} ${withUnit(of(name).mean, METRICS[name].decimals, METRICS[name].unit)}`).join(", ");
   return [

@@ -72,7 +72,7 @@ const byItem = (one, two, task) => {
       type: "bar", orientation: "h", y: gaps.map((gap) => gap.label), x: gaps.map((gap) => gap.value), text: gaps.map((gap) => ` ${number(gap.value, 2, true)} `), textposition: "outside", cliponaxis: false, hoverinfo: "skip",
       marker: { color: gaps.map((gap) => variable(gap.value >= 0 ? "gain" : "loss")), opacity: gaps.map((gap) => (gap.name === PROFIT ? 1 : 0.75)) }, textfont: { color: variable("ink") },
     }],
-    layout: layout({ hovermode: false, bargap: 0.4, yaxis: { autorange: "reversed", showgrid: false }, xaxis: { range: [ends[0] - room, ends[1] + room], zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5, title: axisTitle("EUR/m\u00b2, A minus B") } }),
+    layout: layout({ hovermode: false, bargap: 0.4, yaxis: { autorange: "reversed", showgrid: false, tickmode: "linear", dtick: 1 }, xaxis: { range: [ends[0] - room, ends[1] + room], zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5, title: axisTitle("EUR/m\u00b2, A minus B") } }),
   });
   const runs = sharedRuns(one, two).length, over = runs ? `means over ${plural(runs, "shared seed")}` : "means over each agent\u2019s own runs";
   const rows = [...items.map(([name]) => name), ...words.columns.map((metric) => metric.name).filter((name) => name !== PROFIT), ...words.ofKind("unknown").map((metric) => metric.name)].map((name) => {

@@ -8,7 +8,7 @@ const tasksPage = () => {
     h("p", { class: "soft" }, "A task fixes everything that decides a result: weather, greenhouse, crop, what is uncertain, what an agent sees and does, limits, prices and seeds."),
     taskGroups().map(({ title, members }) => [h("h2", {}, title), plainTable(`${title}: ${plural(members.length, "task")} with results`, ["Task", ...(members.some((task) => task.delta !== undefined) ? ["Delta"] : []), "Results", "Leads", "Its score or reward"], members.map((task) => {
       const { first, tied } = standings.get(task), { decimals, unit } = wordsOf(task).metric[task.metric];
-      return [[h("a", { href: link("task", task.short) }, task.short), h("span", { class: "of" }, task.title)], ...(members.some((one) => one.delta !== undefined) ? [task.delta === undefined ? "\u2013" : `${task.delta}\u00a0%`] : []), number(resultsOf(task.id).length, 0),
+      return [[h("a", { href: link("task", task.short) }, task.short), ": ", h("span", { class: "of" }, task.title)], ...(members.some((one) => one.delta !== undefined) ? [task.delta === undefined ? "\u2013" : `${task.delta}\u00a0%`] : []), number(resultsOf(task.id).length, 0),
         first ? [labelOf(first.result), tied.length ? h("span", { class: "of" }, `not told apart: ${namesOf(tied)}`) : null] : "\u2013", first ? withUnit(estimate(first.result, task.metric).mean, decimals, unit) : "\u2013"];
     }))]),
   ] };
