@@ -109,7 +109,7 @@ def draw_everything(page: Page, tall: int = TALL) -> None:
 
 
 def order(page: Page) -> list[str]:
-    return [text.split()[0] for text in page.locator("table.ranks tbody th").all_inner_texts()]
+    return [text.split("\n")[0] for text in page.locator("table.ranks tbody th").all_inner_texts()]
 
 
 def figure(text: str) -> float:
