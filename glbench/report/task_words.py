@@ -83,7 +83,7 @@ _TOPICS: Mapping[str, str] = MappingProxyType(
     }
 )
 """What the tables of a task file are about."""
-_WRITTEN: Mapping[str, str] = MappingProxyType(
+_SPELLINGS: Mapping[str, str] = MappingProxyType(
     {"degC": "°C", "CO2": "CO₂", " m2": " m²", "EUR m-2": "EUR/m²", "kg m-2": "kg/m²", "kWh m-2": "kWh/m²"}
 )
 """Units and signs of the definition as people write them."""
@@ -103,14 +103,14 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
     def plain(
         heading: str, lines: Sequence[str], columns: Sequence[str] = (), rows: Sequence[Sequence[str]] = ()
     ) -> Section:
-        def written(text: str) -> str:
+        def spelling(text: str) -> str:
             text = re.sub(r"'(\w+)'", lambda word: word[1].replace("_", " "), text)
-            for sign, usual in _WRITTEN.items():
+            for sign, usual in _SPELLINGS.items():
                 text = text.replace(sign, usual)
             return text
 
-        table = [[written(cell) for cell in row] for row in rows]
-        return Section(heading, [written(line) for line in lines], columns, (), table)
+        table = [[spelling(cell) for cell in row] for row in rows]
+        return Section(heading, [spelling(line) for line in lines], columns, (), table)
 
     if task.base is not None:
         topics = dict.fromkeys(_TOPICS.get(change.key.split(".")[0], "other numbers") for change in task.changes)
@@ -126,30 +126,30 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
         moment = _WHEN["step" if task.uncertainty.redraw == "step" else "episode"]
         groups = [("crop", tuple(task.uncertain_parameters()), task.uncertainty.half_width, moment)]
     meanings = {one.name: one.meaning for one in model.table} | {one.name: one.meaning for one in model.states}
-    drawn = [(meanings[name], f"±{100 * half:g} %", moment) for _, names, half, moment in groups for name in names]
-    drawn += [
+    properties = [(meanings[name], f"±{100 * half:g} %", moment) for _, names, half, moment in groups for name in names]
+    properties += [
         (meanings[name], f"±{100 * one.half_width:g} %", "at the start")
         for one in scenario.start_groups
         for name in one.states
     ]
     lines = [
         start,
-        f"{len(drawn)} properties differ from run to run; the agent does not know by how much."
-        if drawn
+        f"{len(properties)} properties differ from run to run; the agent does not know by how much."
+        if properties
         else "Nothing differs from run to run but what the season brings.",
     ]
     yield plain("Greenhouse and crop", lines)
-    if drawn:
-        yield plain("What differs from run to run", (), ("Property", "By up to", "Drawn"), drawn)
+    if properties:
+        yield plain("What differs from run to run", (), ("Property", "By up to", "Drawn"), properties)
     sensors = "Sensors inside; what is judged is the truth"
     if sensors in definition:
         yield plain("Errors of the sensors (the climate is judged by its true values)", definition[sensors].lines)
-    seen = [
+    observations = [
         model.observation_modules.get(name)
         or (OBSERVATION_MODULES[name].meaning if name in OBSERVATION_MODULES else name.replace("_", " "))
         for name in task.observation.modules
     ]
-    yield plain("What the agent sees at every decision", [f"{line[:1].upper()}{line[1:]}." for line in seen])
+    yield plain("What the agent sees at every decision", [f"{line[:1].upper()}{line[1:]}." for line in observations])
     try:
         card = tasks.task_card(task)
     except GlbenchError:  # the weather record is not installed here
@@ -173,14 +173,14 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
         else (one.meaning, "set point", f"{one.lowest:g} to {one.highest:g} {one.unit}", "")
         for one in card.actions
     ]
-    held = [
+    machines = [
         f"The {in_sentence(series[name]['label'])} runs at {100 * one.lowest:g} to 100 % or not at all, "
         f"and stays on or off for at least {one.hold_minutes:g} minutes."
         for name, one in task.on_off.items()
     ]
     yield plain(
         "What the agent controls",
-        held,
+        machines,
         ("Control", "What it does", "Fully open or on", f"Most in {minutes(task.step_seconds)}"),
         actions,
     )
