@@ -14,15 +14,16 @@ import csv
 import datetime as dt
 import functools
 import gzip
+import json
 import math
 import re
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 from zipfile import BadZipFile
 from zoneinfo import ZoneInfo
 
@@ -46,27 +47,10 @@ IntArray = NDArray[np.int64]
 
 LARGEST_TABLE: Final = 256 * MIB
 MISSING: Final = frozenset(
-    {
-        "",
-        "-",
-        "--",
-        "n/e",
-        "n/a",
-        "na",
-        "n.a.",
-        "nan",
-        "null",
-        "none",
-        "missing",
-        "#n/a",
-        "#n/v",
-        "#nv",
-        "#value!",
-        "nodata",
-        "no data",
-    }
-)
-"""Texts that stand for a missing value, in lower case."""
+    ("n/e", "n/a", "na", "n.a.", "n.b.", "nan", "null", "none", "missing", "nodata", "no data", "error",
+     "fault", "fout", "storing", "fehler")
+)  # fmt: skip
+"""Texts that stand for a missing value, in lower case; others are signs alone (``#####``, ``---``) and Excel's errors (``#DIV/0!``)."""
 DELIMITERS: Final = (";", "\t", ",", "|")
 HOUR: Final = 3600
 DAY: Final = 86400
@@ -80,15 +64,26 @@ _NOT_TABLES: Final = (
 _MARKUP: Final = re.compile(r"\s*<(!doctype|html|\?xml|[a-z_:]+[ >])", re.IGNORECASE)
 _SAMPLE_LINES = 40
 _EXCEL_EPOCH = -2209161600  # 1899-12-30 in seconds since 1970
+_INTERVAL = re.compile(r"[\d)Z]\s+[-\u2013]\s+\d")
+_OF_DAY = re.compile(r"\b(uur|tijd|hour|time|stunde|heure)", re.IGNORECASE)
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[ '\u00a0\u202f]\d{3})*|\d{1,3}(?:[.,]\d{3})+)?(?:[.,]\d+)?(?:[eE][+-]?\d+)?")
+_VALUE = re.compile(r"[+\u2212-]?[.,]?\d")
 _ISO_DATE = re.compile(r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})|(\d{4})(\d\d)(\d\d)")
 _OTHER_DATE = re.compile(r"(\d{1,2})([-/.])(\d{1,2})\2(\d{4}|\d\d)")
 STAMP: Final = re.compile(
     r"(?P<date>\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{8}|\d{1,2}[-/.]\d{1,2}[-/.](?:\d{4}|\d\d))"
     r"(?:(?:[T_ ,]|\s)+(?P<hour>\d{1,2}):?(?P<minute>\d\d)?(?::(?P<second>\d\d)(?:[.,]\d+)?)?\s*(?P<half>[AaPp]\.?[Mm]\.?)?"
-    r"\s*(?P<offset>Z|UTC|GMT|[+-]\d\d:?(?:\d\d)?)?(?:\s*\(?[A-Z]{3,4}\)?)?)?"
+    r"\s*(?P<offset>Z|UTC|GMT|[+-]\d\d:?(?:\d\d)?)?(?:\s*\(?(?P<zone>[A-Z]{3,4})\)?)?)?"
 )
 """A date, with a time of day and its offset from UTC where there are any."""
+_ZONES: Final = {"CET": "+01:00", "MEZ": "+01:00", "CEST": "+02:00", "MESZ": "+02:00"}
+_MONTHS: Final = {
+    "jan": 1, "feb": 2, "fév": 2, "maa": 3, "mrt": 3, "mar": 3, "mär": 3, "apr": 4, "avr": 4, "mei": 5, "may": 5, "mai": 5, "jun": 6,
+    "juin": 6, "jul": 7, "juil": 7, "aug": 8, "aoû": 8, "sep": 9, "okt": 10, "oct": 10, "nov": 11, "dec": 12, "dez": 12, "déc": 12,
+}  # fmt: skip
+"""How months in words begin: Dutch, English, German, French."""
+_WRITTEN_DATE: Final = re.compile(r"(?:(\d{1,2})[-./ ]+)?([^\W\d_]{3,9})[-./ ]+(\d{4}|\d\d)\b(.*)")
+_MONTH: Final = re.compile(r"(\d{4})[-/](\d\d)|(\d\d)[-/](\d{4})")
 DateOrder = Literal["year first", "day first", "month first"]
 
 
@@ -217,6 +212,8 @@ class TextTable:
         Number of each row's line in the file, from 1.
     decimal
         ``,`` where numbers have decimal commas.
+    notes
+        Rows that were left out, and the like.
     """
 
     file: str
@@ -226,6 +223,7 @@ class TextTable:
     rows: Sequence[Sequence[str]]
     lines: Sequence[int]
     decimal: str = "."
+    notes: tuple[str, ...] = ()
 
     def refuse(self, problem: str, row: int | None = None, title: str | None = None) -> GlbenchError:
         """The error to raise for ``problem``, with the row (from 0, by its line in the file) and the column."""
@@ -273,7 +271,7 @@ def parse_number(text: str, decimal: str = ".") -> float | None:
     Thousands may be set apart by spaces, apostrophes, or by the other one of point and comma.
     """
     text = text.strip().replace("\u2212", "-")
-    if text.lower() in MISSING:
+    if text.lower() in MISSING or text.startswith("#") or not re.search(r"\w", text):
         return math.nan
     try:
         if decimal == "." and "," not in text and "_" not in text:
@@ -322,6 +320,8 @@ def split_table(
     refusal
         When there are no titles or no rows, a row has too few or too many fields, or the decimal sign is unclear; names the row.
     """
+    if re.match(r"\s*(\{|\[\s*\{)", text):
+        text = _of_json(text, file, refusal)
     lines = text.split("\n")
     delimiter = _delimiter(lines)
     try:
@@ -346,6 +346,12 @@ def split_table(
             for title, unit in zip(titles, body[0][1], strict=True)
         ]
         body = body[1:]
+    notes: list[str] = []
+    while is_titles is None and len(body) > 1 and _VALUE.match(body[0][1][0]) and not _VALUE.match(body[-1][1][0]):
+        number, fields = body.pop()
+        notes.insert(0, f"row {number} below the values is left out: '{visible(' '.join(filter(None, fields))[:60])}'")
+    if is_titles is None and len({*titles}) < len(titles):
+        titles = _told_apart(titles, parsed[first - 1][1] if first else ())
     while (
         titles
         and not titles[-1]
@@ -366,8 +372,41 @@ def split_table(
     if not rows:
         msg = f"{file} has titles but no values. Is it the right file, and whole?"
         raise refusal(msg)
-    table = TextTable(file, refusal, (*preamble, *comments), tuple(titles), rows, numbers)
-    return TextTable(file, refusal, table.preamble, table.titles, rows, numbers, decimal or _decimal(table))
+    table = TextTable(file, refusal, (*preamble, *comments), tuple(titles), rows, numbers, notes=tuple(notes))
+    return replace(table, decimal=decimal or _decimal(table, delimiter))
+
+
+def _of_json(text: str, file: str, refusal: type[GlbenchError]) -> str:
+    """The longest list of records in a JSON document, as lines of a table with tabs between its columns."""
+    records: list[dict[str, object]] = []
+    try:
+        documents: list[Any] = [json.loads(text)]
+    except (ValueError, RecursionError):
+        documents = []
+    while documents:
+        document = documents.pop()
+        if isinstance(document, list) and all(isinstance(entry, dict) for entry in document):
+            records = max(records, document, key=len)
+        documents += list(document.values()) if isinstance(document, dict) else []
+    if not records:
+        msg = f"{file} looks like JSON, but is damaged or has no list of records. Download it again, or choose the export as CSV."
+        raise refusal(msg)
+    lines: list[list[object]] = [[*records[0]], *([entry.get(title) for title in records[0]] for entry in records)]
+    return "\n".join(
+        "\t".join("" if field is None else " ".join(str(field).split()) for field in line) for line in lines
+    )
+
+
+def _told_apart(titles: Sequence[str], above: Sequence[str]) -> list[str]:
+    """Titles of which some are the same, with the groups from the line above them in front, and then numbered: ``Temp (2)``."""
+    if len(above) >= len(titles) - 1 and sum(map(bool, above)) > 1 and not _holds_values(above):
+        groups = [next(filter(None, above[i::-1]), "") for i in range(len(titles))]
+        titles = [f"{group} {title}".strip() for group, title in zip(groups, titles, strict=True)]
+    before = [titles[:i].count(title) for i, title in enumerate(titles)]
+    return [
+        re.sub(r"( \[.*)?$", rf" ({times + 1})\1", title, count=1) if times and title else title
+        for title, times in zip(titles, before, strict=True)
+    ]
 
 
 def _delimiter(lines: Sequence[str]) -> str:
@@ -412,7 +451,7 @@ def _first_titles(
 def _holds_values(fields: Sequence[str]) -> bool:
     """Whether at least half of the fields that are not empty begin as numbers and dates do."""
     values = [field for field in fields if field]
-    return bool(values) and sum(re.match(r"[+-]?[.,]?\d", field) is not None for field in values) * 2 >= len(values)
+    return bool(values) and sum(_VALUE.match(field) is not None for field in values) * 2 >= len(values)
 
 
 def _are_units(fields: Sequence[str], width: int) -> bool:
@@ -420,13 +459,16 @@ def _are_units(fields: Sequence[str], width: int) -> bool:
     signs = re.compile(r"°|%|/|\b(W|C|K|m|s|ppm|degC|hPa|J|km|EUR|h|mm|min)\b")
     return (
         len(fields) == width
+        and not any(re.match(r"datum|date|tijd|time|zeit", field, re.IGNORECASE) for field in fields)
         and all(len(field) <= 20 and not re.match(r"[+-]?\d", field) for field in fields)
         and any(signs.search(field) for field in fields)
     )
 
 
-def _decimal(table: TextTable) -> str:
+def _decimal(table: TextTable, delimiter: str) -> str:
     """The decimal sign of a table's numbers.
+
+    Where all commas could set thousands apart, semicolons between the columns tell: programs write them where numbers have commas.
 
     Raises
     ------
@@ -453,11 +495,11 @@ def _decimal(table: TextTable) -> str:
         first = min(comma, point)
         problem = f"{field} has another decimal sign than {first[2]} in row {table.lines[first[0]]}. Use one of them in the whole file."
         raise table.refuse(problem, i, title)
-    if thousands and not comma and not point:
+    if thousands and not comma and not point and delimiter != ";":
         i, title, field = thousands
         problem = f"it is unclear whether {field} is {field.replace(',', '.')} or {field.replace(',', '')}. Write numbers with a point."
         raise table.refuse(problem, i, title)
-    return "," if comma else "."
+    return "," if comma or (thousands and not point) else "."
 
 
 @dataclass(frozen=True)
@@ -474,12 +516,57 @@ class Stamps:
         Length of the intervals [s], where a stamp is a beginning and an end; else ``None``.
     order
         In which order dates are written.
+    ends
+        Whether midnight is 24:00 and never 0:00: the stamps are ends of intervals.
     """
 
     seconds: IntArray
     zoned: bool
     length: int | None = None
     order: DateOrder = "year first"
+    ends: bool = False
+
+
+def stamp_in(text: str) -> re.Match[str] | None:
+    """The parts of a moment (``STAMP``), also with a month in words (``1-mrt-24 7:05``) or of a whole month (``2024-03``, ``mei 2024``)."""
+    text = text.strip()
+    if match := STAMP.fullmatch(text):
+        return match
+    if written := _WRITTEN_DATE.fullmatch(text.lower()):
+        day, word, year, rest = written.groups()
+        month = _MONTHS.get(word[:4]) or _MONTHS.get(word[:3])
+        return STAMP.fullmatch(f"{year if len(year) == 4 else f'20{year}'}-{month}-{day or 1}{rest}") if month else None
+    if whole := _MONTH.fullmatch(text):
+        return STAMP.fullmatch(f"{whole[1] or whole[4]}-{whole[2] or whole[3]}-01")
+    return None
+
+
+def time_titles(table: TextTable) -> tuple[str, ...]:
+    """The column of stamps, or those of dates and of times of day, by their first values; one that calls itself UTC before others."""
+    titles = sorted(table.titles, key=lambda title: not says_utc(title))
+    first = {title: table.texts(title)[0] for title in titles}
+    matches = {title: match for title, text in first.items() if (match := stamp_in(text)) or _INTERVAL.search(text)}
+    whole = next((title for title, match in matches.items() if match is None or match["hour"]), None)
+    if whole is not None:
+        return (whole,)
+    clock = next(
+        (
+            title
+            for title, text in first.items()
+            if re.fullmatch(r"\d{1,2}:\d\d(:\d\d)?( ?[AaPp][Mm])?", text)
+            or (_OF_DAY.search(title) and all(re.fullmatch(r"\d|[01]\d|2[0-4]", text) for text in table.texts(title)))
+        ),
+        None,
+    )
+    if matches:
+        return (next(iter(matches)), *([clock] if clock else []))
+    # counts: Excel's days, Unix seconds
+    return tuple(title for title, text in first.items() if re.fullmatch(r"\d{5}[.,]\d+|1?\d{9}|1?\d{12}", text))[:1]
+
+
+def says_utc(text: str) -> bool:
+    """Whether a title calls its times UTC, such as ``MTU (UTC)`` or ``datum_utc``."""
+    return re.search(r"(?<![A-Za-z])(UTC|GMT)(?![A-Za-z]|\s*[+-])", text, re.IGNORECASE) is not None
 
 
 def read_stamps(table: TextTable, titles: Sequence[str], order: DateOrder | None = None) -> Stamps:
@@ -505,14 +592,18 @@ def read_stamps(table: TextTable, titles: Sequence[str], order: DateOrder | None
     texts = columns[0] if len(columns) == 1 else [" ".join(parts) for parts in zip(*columns, strict=True)]
     name = titles[0]
     length = None
-    if all(re.search(r"\d\s+[-\u2013]\s+\d", text) for text in texts):
+    if all(map(_INTERVAL.search, texts)):
         parts = [re.split(r"\s+[-\u2013]\s+", text, maxsplit=1) for text in texts]
         starts = _parsed_stamps(table, [part[0] for part in parts], name, order)
         ends = _parsed_stamps(table, [part[1] for part in parts], name, starts.order)
         lengths = ends.seconds - starts.seconds
         length = int(np.median(lengths))
         return Stamps(starts.seconds, starts.zoned, length, starts.order)
-    return _parsed_stamps(table, texts, name, order)
+    stamps = _parsed_stamps(table, texts, name, order)
+    if stamps.ends and len(columns) == 2 and ":" not in "".join(columns[1]):
+        # the hours of a day are numbered from 1 to 24: number 1 begins at midnight
+        return replace(stamps, seconds=stamps.seconds - HOUR, length=HOUR, ends=False)
+    return stamps
 
 
 def _parsed_stamps(table: TextTable, texts: Sequence[str], name: str, order: DateOrder | None) -> Stamps:
@@ -521,14 +612,16 @@ def _parsed_stamps(table: TextTable, texts: Sequence[str], name: str, order: Dat
         return counts
     matches: list[re.Match[str]] = []
     for i, text in enumerate(texts):
-        match = STAMP.fullmatch(text.strip())
+        match = stamp_in(text)
         if match is None:
             problem = (
                 f"'{visible(text[:60])}' is not a time such as 2024-02-13 23:00 or 13-02-2024 23:00. Correct the file."
             )
             raise table.refuse(problem, i, name)
         matches.append(match)
-    offsets = [match["offset"] is not None for match in matches]
+    # the names of zones in some rows alone mark the hour that an autumn clock shows twice
+    named = all(match["zone"] in _ZONES for match in matches)
+    offsets = [named or match["offset"] is not None for match in matches]
     zoned = offsets[0]
     if any(offset != zoned for offset in offsets):
         i = offsets.index(not zoned)
@@ -537,12 +630,13 @@ def _parsed_stamps(table: TextTable, texts: Sequence[str], name: str, order: Dat
     order = order or _date_order(table, [match["date"] for match in matches], name)
     seconds = np.empty(len(texts), dtype=np.int64)
     for i, match in enumerate(matches):
-        moment = _moment_of(match, order)
+        moment = _moment_of(match, order, named)
         if moment is None:
             problem = f"the time '{visible(texts[i][:60])}' does not exist (read with the {order}). Correct the file."
             raise table.refuse(problem, i, name)
         seconds[i] = moment
-    return Stamps(seconds, zoned, None, order)
+    whole_hours = {match["hour"].zfill(2) for match in matches if match["hour"] and not int(match["minute"] or 0)}
+    return Stamps(seconds, zoned, None, order, ends="24" in whole_hours and "00" not in whole_hours)
 
 
 def _counted_stamps(texts: Sequence[str]) -> Stamps | None:
@@ -570,15 +664,16 @@ def _date_order(table: TextTable, dates: Sequence[str], name: str) -> DateOrder:
     if not day_first and next(iter(parts.values()))[2] == ".":
         return "day first"
     if not day_first and len(parts) > 1:
-        # Neither is above 12: dates that follow each other by a day tell, for the other order jumps by a month.
+        # Neither is above 12: dates that follow each other by a day tell, for the other order jumps by a month. The first days of months
+        # are days in a row in the other order, and then dashes tell.
         steps: dict[DateOrder, set[int]] = {"day first": set(), "month first": set()}
         for order, following in steps.items():
             days = [_day_number(date, order) for date in parts]
             following.update(
-                later - earlier for earlier, later in pairwise(days) if later is not None and earlier is not None
+                abs(later - earlier) for earlier, later in pairwise(days) if later is not None and earlier is not None
             )
-        fitting = [order for order, following in steps.items() if following <= {1}]
-        if len(fitting) == 1:
+        fitting = [order for order, following in steps.items() if following <= {1} or following <= {28, 29, 30, 31}]
+        if len(fitting) == 1 or (fitting and next(iter(parts.values()))[2] == "-"):
             return fitting[0]
     example = next(iter(parts))
     problem = (
@@ -606,7 +701,7 @@ def _day_number(date: str, order: DateOrder) -> int | None:
         return None
 
 
-def _moment_of(match: re.Match[str], order: DateOrder) -> int | None:
+def _moment_of(match: re.Match[str], order: DateOrder, named: bool) -> int | None:
     """Seconds since 1970-01-01, in UTC where the stamp has an offset; 24:00 is the end of the day."""
     day = _day_number(match["date"], order)
     hour, minute, second = int(match["hour"] or 0), int(match["minute"] or 0), int(match["second"] or 0)
@@ -617,11 +712,20 @@ def _moment_of(match: re.Match[str], order: DateOrder) -> int | None:
     if day is None or minute > 59 or second > 60 or hour > 24 or (hour == 24 and (minute or second)):
         return None
     seconds = day * DAY + hour * HOUR + minute * 60 + second
-    offset = match["offset"]
+    offset = match["offset"] or (_ZONES.get(match["zone"]) if named else None)
     if offset and offset[0] in "+-":
         digits = offset[1:].replace(":", "")
         seconds -= (1 if offset[0] == "+" else -1) * (int(digits[:2]) * HOUR + int(digits[2:] or 0) * 60)
     return seconds
+
+
+def oldest_first(table: TextTable, stamps: Stamps) -> tuple[TextTable, Stamps]:
+    """The table and its stamps, turned round with a note where most rows are older than the one above."""
+    if np.sign(np.diff(stamps.seconds)).sum() >= 0:
+        return table, stamps
+    note = "the newest row is on top: read from the last row to the first"
+    turned = replace(table, rows=table.rows[::-1], lines=table.lines[::-1], notes=(*table.notes, note))
+    return turned, replace(stamps, seconds=stamps.seconds[::-1])
 
 
 def utc_of_local(table: TextTable, seconds: IntArray, zone: ZoneInfo, name: str, step: int = HOUR) -> IntArray:

@@ -21,14 +21,18 @@ from glbench.errors import TaskError
 from glbench.outside_tables import (
     DAY,
     HOUR,
-    STAMP,
     FloatArray,
     IntArray,
     TextTable,
+    oldest_first,
     parse_number,
     read_stamps,
     read_text,
+    says_utc,
     split_table,
+    stamp_in,
+    step_of,
+    time_titles,
     utc_of_local,
 )
 from glbench.untrusted import visible
@@ -52,6 +56,8 @@ _UNIT: Final = re.compile(
 )
 _PRICE: Final = re.compile(r"price|prijs|preis|prix|precio|day.?ahead|auction|spot|tari", re.IGNORECASE)
 _EPEX_HOUR: Final = re.compile(r"(?:hour|stunde|heure|uur|h)\s*(\d{1,2})\s*([AB]?)(?:\s*\(.*\))?", re.IGNORECASE)
+_PLAIN_TIMES: Final = ("time", "hour")
+"""Titles of the times in a plain file."""
 _PLAIN_FILE: Final = (
     "A plain file has the header time,price and lines such as 2010-03-01T00:00,0.09, or the header hour,EUR/MWh and "
     "lines such as 2023-03-01T00:00+01:00,87.5 for a table in EUR kWh-1."
@@ -125,38 +131,55 @@ def read_prices(
             f"it has {len(table.rows):,} prices, and a task may have {MOST_PRICES:,}. Keep the years that the runs use."
         )
         raise table.refuse(problem)
+    doubts: list[str] = []
     hours = {title: match for title in table.titles if (match := _EPEX_HOUR.fullmatch(title))}
-    zone, named_clock = _clock_of(table, clock)
+    times = (
+        time_titles(table)
+        or tuple(
+            title
+            for title in table.titles
+            if re.search("time|hour|date|datum|tijd|zeit|uur|mtu|maand", title, re.IGNORECASE)
+        )[:1]
+    )
+    zone, named_clock = _clock_of(table, " ".join(times), clock)
     if len(hours) >= 24:
         seconds, prices = _days_of_hours(table, list(hours), zone or ZoneInfo(EXCHANGE_CLOCK))
         lines, price_title = np.zeros(seconds.size, dtype=np.int64), table.titles[0]
     else:
         price_title = _price_column(table, column)
-        others = [title for title in table.titles if title != price_title]
-        by_name = [
-            title for title in others if re.search("time|hour|date|datum|tijd|zeit|uur|mtu", title, re.IGNORECASE)
-        ]
-        times = [title for title in others if _is_time(table, title)] or by_name
         if not times:
             problem = f"no column holds times; its columns are {visible(', '.join(table.titles)[:300])}. {_PLAIN_FILE}"
             raise table.refuse(problem)
-        stamps = read_stamps(table, times[:1])
+        table, stamps = oldest_first(table, read_stamps(table, times))
         seconds = stamps.seconds
-        if not stamps.zoned and zone is not None:
+        if stamps.zoned:
+            named_clock = ""
+        elif zone is not None:
             seconds = utc_of_local(table, seconds, zone, times[0])
+        elif not (
+            table.titles[0] in _PLAIN_TIMES
+            or says_utc(" ".join((*table.titles, *table.preamble)))
+            or step_of(seconds) >= DAY
+        ):
+            doubts.append(
+                "its times have no offset and are read as UTC. If they are on a local clock, all prices are an hour or two late: name it, "
+                'clock = "Europe/Amsterdam" in the price table (or --clock)'
+            )
+        if stamps.ends:
+            seconds = seconds - step_of(seconds)
+            doubts.append("midnight is 24:00, so each time is taken for the end of the hour that its price is for")
         prices = table.numbers(price_title)
         lines = np.array(table.lines, dtype=np.int64)
         for i, (before, here) in enumerate(pairwise(seconds.tolist()), start=1):
             if here <= before:
                 problem = (
                     f"{visible(table.texts(times[0])[i])} {'comes again' if here == before else 'is earlier than the row above'}. Times "
-                    'rise. If the stamps are on a local clock, whose autumn has an hour twice, name it: clock = "Europe/Amsterdam" in '
-                    "the price table (or --clock)."
+                    "rise, and each comes once. On a local clock, whose autumn has an hour twice, name it: clock = "
+                    '"Europe/Amsterdam" in the price table (or --clock). Of several series below each other, keep one.'
                 )
                 raise table.refuse(problem, i, times[0])
     factor, own_unit, unit_note = _conversion(table, price_title, unit, file_unit)
-    notes = [*([named_clock] if named_clock else []), *([unit_note] if unit_note else [])]
-    doubts: list[str] = []
+    notes = [*table.notes, *([named_clock] if named_clock else []), *([unit_note] if unit_note else [])]
     missing = np.isnan(prices)
     if missing.all():
         problem = "it has no price at all."
@@ -187,7 +210,7 @@ def _amount(unit: re.Match[str]) -> str:
     return unit["amount"].lower().replace("³", "3").replace("-", "")
 
 
-def _clock_of(table: TextTable, clock: object) -> tuple[ZoneInfo | None, str]:
+def _clock_of(table: TextTable, time: str, clock: object) -> tuple[ZoneInfo | None, str]:
     """The clock of stamps without an offset, and a note on it; ``None`` is UTC."""
     if clock is not None:
         try:
@@ -196,7 +219,7 @@ def _clock_of(table: TextTable, clock: object) -> tuple[ZoneInfo | None, str]:
             msg = f"{table.file}: clock = '{visible(str(clock))}' is no time zone of the IANA database. Write a name such as Europe/Paris."
             raise TaskError(msg) from error
     titles = " ".join((*table.titles, *table.preamble))
-    if re.search(r"\b(UTC|GMT)\b(?!\s*[+-])", titles):
+    if says_utc(time) or says_utc(titles):
         return None, ""
     if re.search(r"\b(CET|MEZ|CEST|MESZ)\b", titles):
         return ZoneInfo(EXCHANGE_CLOCK), f"times read on the clock of {EXCHANGE_CLOCK}, as the titles say CET"
@@ -205,7 +228,7 @@ def _clock_of(table: TextTable, clock: object) -> tuple[ZoneInfo | None, str]:
 
 def _is_time(table: TextTable, title: str) -> bool:
     text = next((text for text in table.texts(title) if text), "")
-    return STAMP.fullmatch(text) is not None or re.match(r"\d.*\d\s+[-\u2013]\s+\d", text) is not None
+    return stamp_in(text) is not None or re.match(r"\d.*\d\s+[-\u2013]\s+\d", text) is not None
 
 
 def _price_column(table: TextTable, column: object) -> str:

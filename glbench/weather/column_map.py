@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
 
@@ -18,14 +19,17 @@ from pydantic import Field, field_validator
 
 from glbench.errors import WeatherError, did_you_mean
 from glbench.outside_tables import (
-    STAMP,
     DateOrder,
+    IntArray,
     TextTable,
+    oldest_first,
     parse_number,
     read_stamps,
     read_text,
+    says_utc,
     split_table,
     step_of,
+    time_titles,
     utc_of_local,
 )
 from glbench.resources import write_atomically
@@ -42,19 +46,25 @@ UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "relative_humidity": {"%": (1.0, 0.0), "fraction": (100.0, 0.0)},
     "wind_speed": {"m/s": (1.0, 0.0), "km/h": (1 / 3.6, 0.0), "mph": (0.44704, 0.0), "kn": (1852 / 3600, 0.0)},
     # 2.3 umol of PAR a joule of sunlight (Vanthoor 2011, tables 8.1 and 9.1), as in the greenhouse model
-    "global_radiation": {"W/m2": (1.0, 0.0), **dict.fromkeys(_JOULES, (1.0, 0.0)), "umol/m2/s": (1 / 2.3, 0.0)},
+    "global_radiation": {
+        "W/m2": (1.0, 0.0),
+        **dict.fromkeys(_JOULES, (1.0, 0.0)),
+        "J/cm2/h": (1e4 / 3600, 0.0),
+        "umol/m2/s": (1 / 2.3, 0.0),
+    },
     "cloud_cover": {"octants": (1.0, 0.0), "tenths": (0.8, 0.0), "%": (0.08, 0.0)},
     "sky_infrared": {"W/m2": (1.0, 0.0)},
     "sky_temperature": {"degC": (1.0, 0.0), "K": (1.0, -KELVIN), "degF": (5 / 9, -160 / 9)},
 }
 """For every column, the units it may come in: factor and offset to the canonical unit. Sums of energy are also divided by the interval."""
 _SPELLINGS: Mapping[str, str] = {
-    "c": "degC", "celsius": "degC", "gradc": "degC", "oc": "degC", "f": "degF", "degf": "degF", "kelvin": "K", "pct": "%", "percent": "%",
+    "c": "degC", "celsius": "degC", "gradc": "degC",  "oc": "degC", "f": "degF", "degf": "degF", "kelvin": "K", "pct": "%", "percent": "%",
     "procent": "%", "%rh": "%", "%rv": "%", "0-1": "fraction", "-": "fraction", "ms-1": "m/s", "m.s-1": "m/s", "m/sec": "m/s",
-    "kmh": "km/h", "kph": "km/h", "km/u": "km/h", "mp/h": "mph", "kt": "kn", "kts": "kn", "knots": "kn", "wm-2": "W/m2", "watt/m2": "W/m2",
+    "kmh": "km/h", "kph": "km/h", "km/u": "km/h",  "mp/h": "mph", "kt": "kn", "kts": "kn", "knots": "kn", "wm-2": "W/m2", "watt/m2": "W/m2",
     "w/m^2": "W/m2", "w.m-2": "W/m2", "jcm-2": "J/cm2", "j/cm^2": "J/cm2", "whm-2": "Wh/m2", "wh/m^2": "Wh/m2", "kjm-2": "kJ/m2",
     "mjm-2": "MJ/m2", "okta": "octants", "oktas": "octants", "octas": "octants", "1/8": "octants", "umolm-2s-1": "umol/m2/s",
-    "umol/m2s": "umol/m2/s",
+    "umol/m2s": "umol/m2/s", "gradenc": "degC", "graden": "degC", "grc": "degC", "j/cm2/uur": "J/cm2/h", "j/cm2h": "J/cm2/h",
+    "km/uur": "km/h", "w": "W/m2", "watt": "W/m2",
 }  # fmt: skip
 """Other spellings of units, in lower case, without spaces and degree signs, with a plain 2 and u."""
 TIME_COLUMNS: Mapping[str, Literal["end", "start"]] = {"slot_end [UTC]": "end", "slot_start [UTC]": "start"}
@@ -73,12 +83,16 @@ EXPECTED_HEADER = (
 REQUIRED_KEYS = ("latitude", "longitude", "altitude", "timezone")
 TEXT_KEYS = ("station", "source", "licence")
 _INSIDE = r"kas|greenhouse|indoor|inside|binnen|innen|set|wens|berekend|calc|bodem|soil|pijp|pipe|rail|water|blad|leaf|gewas|crop|cpu"
+_INSIDE += r"|\bafd|compartment|stook|heat|verwarm|scherm|screen|mat\b|buffer|ketel|boiler"
 _GUESSES: Mapping[str, tuple[str, str]] = {
     "relative_humidity": (
-        r"\brv\b|\brh\b|rel.*hum|humid|vocht|feuchte|^hum\b|rv_|_rv|rh_|_rh",
+        r"\brv\b|\brh\b|rv.?bui|rel.*hum|humid|vocht|feuchte|^hum\b|rv_|_rv|rh_|_rh",
         rf"{_INSIDE}|abs|deficit|vpd|\bvd\b",
     ),
-    "wind_speed": (r"wind|vent\b|viento|^ws$", rf"{_INSIDE}|dir|richting|gust|stoot|window|luwe"),
+    "wind_speed": (
+        r"wind|\bwsn|vent\b|viento|^ws$",
+        rf"{_INSIDE}|dir|richting|gust|stoot|window|luwe|raam|zijde|side|roof|lee",
+    ),
     "sky_infrared": (r"pyrgeo|long.?wave|infrared|langwel", rf"{_INSIDE}|net|up"),
     "sky_temperature": (r"sky.?temp|hemeltemp", _INSIDE),
     "cloud_cover": (r"cloud|bewolk|wolken|nubos|\boctants\b", _INSIDE),
@@ -87,11 +101,14 @@ _GUESSES: Mapping[str, tuple[str, str]] = {
         rf"{_INSIDE}|uitstraling|\bnet|long|diff|direct|\bdni\b|\bdhi\b",
     ),
     "air_temperature": (
-        r"temp|tair|t_air|tout|t_out|t_buiten|^t$|\bta\b|dry.?bulb",
+        r"temp|tair|t.?bui|t_air|tout|t_out|t_buiten|^t$|\bta\b|dry.?bulb",
         rf"{_INSIDE}|dauw|dew|wet|natte|sky|hemel",
     ),
 }
 """What titles of each quantity look like, and what rules them out; in lower case. The first that fits is taken."""
+
+
+_OUTSIDE = re.compile(r"buiten|bui\b|out|ext|au(ss|ß)en|meteo|weer|weather", re.IGNORECASE)
 
 
 class ColumnEntry(Table):
@@ -168,9 +185,9 @@ class ColumnMap(Table):
 
 def canonical_unit(quantity: str, unit: str) -> str | None:
     """The unit of ``UNITS`` that ``unit`` is a spelling of; ``None`` for one that the quantity cannot have."""
-    plain = re.sub("[ °º]", "", unit.lower()).translate(str.maketrans("²µμ⁻¹", "2uu-1"))
+    plain = re.sub("[ °ºâ]", "", unit.lower()).translate(str.maketrans("²µμ⁻¹", "2uu-1"))
     spelling = _SPELLINGS.get(plain, plain).lower()
-    return next((name for name in UNITS[quantity] if name.lower() == spelling), None)
+    return next((name for name in UNITS.get(quantity, ()) if name.lower() == spelling), None)
 
 
 def read_csv(
@@ -287,7 +304,7 @@ def read_columns(
 def _record_of(
     table: TextTable, columns: ColumnMap, origin: record.Origin, timing: Mapping[str, record.Timing], fill_gaps: int
 ) -> record.WeatherRecord:
-    stamps = read_stamps(table, columns.time, columns.dates)
+    table, stamps = oldest_first(table, read_stamps(table, columns.time, columns.dates))
     zone = record.time_zone(columns.clock)
     seconds = stamps.seconds if stamps.zoned else utc_of_local(table, stamps.seconds, zone, columns.time[0])
     step = step_of(seconds) if seconds.size > 1 else record.SLOT_SECONDS
@@ -297,8 +314,7 @@ def _record_of(
         numbers = table.numbers(entry.column, sentinels=(-999.0, -9999.0))
         unit = cast(str, canonical_unit(quantity, entry.unit))
         if entry.total == "day":
-            rises = np.diff(numbers, prepend=np.nan)
-            numbers = np.where(rises >= 0, rises, numbers)  # it starts again at midnight
+            numbers = _rises(numbers, seconds, step)
         factor, offset = UNITS[quantity][unit]
         # one rounded division, so that J/cm2 and Wh/m2 come out whole
         values[quantity] = numbers * _JOULES[unit] / step if unit in _JOULES else np.asarray(numbers * factor + offset)
@@ -306,7 +322,20 @@ def _record_of(
     usable = slice(1 if running else 0, None)  # the first of a running sum has none before it
     values = {quantity: numbers[usable] for quantity, numbers in values.items()}
     rows = record.Rows(table.file, ends[usable], values, dict(timing), np.array(table.lines, dtype=np.int64)[usable])
-    return hourly_record(rows, origin, fill_gaps=fill_gaps)
+    return hourly_record(rows, replace(origin, notes=(*origin.notes, *table.notes)), fill_gaps=fill_gaps)
+
+
+def _rises(sums: record.FloatArray, seconds: IntArray, step: int) -> record.FloatArray:
+    """What a sum since midnight gains in each row's ``step`` [s], over missing rows its mean; NaN where a gap hides when it began again."""
+    rises = np.full(sums.size, np.nan)
+    valid = np.flatnonzero(~np.isnan(sums))
+    gains, times = np.diff(sums[valid]), np.diff(seconds[valid])
+    again = gains < 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rises[valid[1:]] = np.where(
+            again, np.where(times > step, np.nan, sums[valid[1:]]), gains * np.minimum(step / times, 1.0)
+        )
+    return rises
 
 
 def _documented_columns(table: TextTable) -> tuple[dict[str, ColumnEntry], str]:
@@ -350,9 +379,11 @@ def _documented_columns(table: TextTable) -> tuple[dict[str, ColumnEntry], str]:
 
 
 def _split_title(title: str) -> tuple[str, str]:
-    """Words and unit of a title such as ``Buitentemp [°C]`` or ``wind (m/s)``; the unit is empty where there is none."""
-    match = re.fullmatch(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*", title)
-    return (match[1].strip(), match[2].strip()) if match else (title.strip(), "")
+    """Words and unit of a title such as ``Buitentemp [°C]``, ``wind (m/s)`` or ``Straling W/m2``; the unit is empty where there is none."""
+    match = re.fullmatch(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*", title) or re.fullmatch(r"(.*\S)\s+(\S+)\s*", title)
+    if match and (title.rstrip()[-1:] in "])" or any(canonical_unit(quantity, match[2]) for quantity in UNITS)):
+        return match[1].strip(), match[2].strip()
+    return title.strip(), ""
 
 
 def guess_quantity(title: str) -> str | None:
@@ -377,13 +408,12 @@ def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[
         When the file is not a table, or no column looks like the time or one of the quantities that the model needs.
     """
     table = split_table(read_text(Path(path), WeatherError), str(path), WeatherError)
-    time = _time_titles(table)
+    time = time_titles(table)
     entries: dict[str, ColumnEntry] = {}
     checks: dict[str, str] = {}
-    # titles that name the outside before those that do not
-    order = sorted(
-        table.titles, key=lambda title: re.search(r"buiten|out|ext|au(ss|ß)en|meteo|weer", title.lower()) is None
-    )
+    # titles that name the outside before those that do not, and those with a unit of their quantity before others
+    unit_of = {title: canonical_unit(guess_quantity(title) or "", _split_title(title)[1]) for title in table.titles}
+    order = sorted(table.titles, key=lambda title: (_OUTSIDE.search(title) is None, unit_of[title] is None))
     for title in (title for title in order if title not in time):
         quantity = guess_quantity(title)
         if quantity is None:
@@ -392,7 +422,9 @@ def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[
             checks[quantity] = f"or is it '{visible(title)}'?"
             continue
         _, unit = _split_title(title)
-        own_unit = canonical_unit(quantity, unit) if unit else None
+        own_unit = unit_of[title]
+        if _OUTSIDE.search(title) is None and quantity in ("air_temperature", "relative_humidity"):
+            checks[quantity] = "is it measured outside, not in the greenhouse?"
         if own_unit is None:
             own_unit = next(iter(UNITS[quantity]))
             checks[quantity] = (
@@ -402,7 +434,9 @@ def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[
             )
             if quantity == "relative_humidity" and np.nanmax(table.numbers(title)) <= 1.0:
                 own_unit = "fraction"
-        running = re.search(r"som|sum|total|cum|dag|day", title.lower()) is not None and own_unit in _JOULES
+            if quantity == "global_radiation" and _is_running(title, table.numbers(title)):
+                own_unit = "J/cm2"
+        running = own_unit in _JOULES and _is_running(title, table.numbers(title))
         entries[quantity] = ColumnEntry(column=title, unit=own_unit, total="day" if running else "interval")
     missing = [quantity for quantity in record.REQUIRED if quantity not in entries]
     if missing or not time:
@@ -417,7 +451,8 @@ def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[
     stamps = read_stamps(table, time)
     columns = ColumnMap(
         time=time,
-        clock="UTC" if stamps.zoned else "Europe/Amsterdam",
+        stamps="end" if stamps.ends else "start",
+        clock="UTC" if stamps.zoned or says_utc(" ".join(time)) else "Europe/Amsterdam",
         dates=stamps.order,
         decimal=cast(Any, table.decimal),
         columns={name: entries[name] for name in UNITS if name in entries},
@@ -426,25 +461,14 @@ def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[
     return columns, checks, [title for title in table.titles if title not in used]
 
 
-def _time_titles(table: TextTable) -> tuple[str, ...]:
-    """The column of stamps, or those of dates and of times of day, by their first values."""
-    first = dict(zip(table.titles, table.rows[0], strict=True))
-    matches = {
-        title: match
-        for title, text in first.items()
-        if (match := STAMP.fullmatch(text)) or re.search(r"\d\s+-\s+\d", text)
-    }
-    whole = next((title for title, match in matches.items() if match is None or match["hour"]), None)
-    if whole is not None:
-        return (whole,)
-    date = next(iter(matches), None)
-    clock = next(
-        (title for title, text in first.items() if re.fullmatch(r"\d{1,2}:\d\d(:\d\d)?( ?[AaPp][Mm])?", text)), None
-    )
-    if date is not None:
-        return (date, clock) if clock else (date,)
-    # counts: Excel's days, Unix seconds
-    return tuple(title for title, text in first.items() if re.fullmatch(r"\d{5}[.,]\d+|1?\d{9}", text))[:1]
+def _is_running(title: str, numbers: record.FloatArray) -> bool:
+    """Whether values rise until they fall to almost nothing, as a sum since midnight does; the title tells if none falls."""
+    values = numbers[~np.isnan(numbers)]
+    values = values[:: -1 if np.sign(np.diff(values)).sum() < 0 else 1]
+    falls = np.flatnonzero(np.diff(values) < 0)
+    if not falls.size:
+        return re.search("som|sum|total|cum", title.lower()) is not None
+    return float(np.mean(values[falls + 1] <= 0.1 * values[falls])) > 0.9
 
 
 def write_column_map(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import json
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,63 @@ def test_an_export_of_entso_e_has_an_hour_twice_in_autumn_and_none_in_spring(tmp
     assert utc(prices_of(tmp_path, spring)) == ["03-28 00:00", "03-28 01:00"]
     in_utc = spring.replace("CET/CEST", "UTC").replace("03:00 - 28.03.2010 04", "02:00 - 28.03.2010 03")
     assert utc(prices_of(tmp_path, in_utc)) == ["03-28 01:00", "03-28 02:00"]
+
+
+def test_times_come_in_two_columns_in_utc_beside_local_and_with_the_newest_on_top(tmp_path: Path) -> None:
+    expected = ["10-30 22:00", "10-30 23:00", "10-31 00:00", "10-31 01:00", "10-31 02:00"]
+    local = [("31-10-2010", f"{hour:02d}:00") for hour in (0, 1, 2, 2, 3)]
+    rows = [f"{day};{hour};{i},125" for i, (day, hour) in enumerate(local)]
+    prices = prices_of(tmp_path, "\n".join(["Datum;Tijd;Prijs (ct/kWh)", *rows]), clock="Europe/Amsterdam")
+    assert utc(prices) == expected
+    np.testing.assert_allclose(prices.prices, [0.00125, 0.01125, 0.02125, 0.03125, 0.04125])
+    turned = prices_of(tmp_path, "\n".join(["Datum;Tijd;Prijs (ct/kWh)", *rows[::-1]]), clock="Europe/Amsterdam")
+    assert utc(turned) == expected
+    np.testing.assert_allclose(turned.prices, prices.prices)
+    two_clocks = [
+        f"{day} {hour},2010-{stamp},{i}.5" for i, ((day, hour), stamp) in enumerate(zip(local, expected, strict=True))
+    ]
+    both = prices_of(tmp_path, "\n".join(["datum_nl,datum_utc,prijs", *two_clocks]), file_unit="EUR/MWh")
+    assert (utc(both), both.doubts) == (expected, ())
+    names = [f"{day} {hour} {'CET' if i > 2 else 'CEST'},{i}.5" for i, (day, hour) in enumerate(local)]
+    assert utc(prices_of(tmp_path, "\n".join(["Tijd,Prijs (EUR/MWh)", *names]))) == expected
+    numbers = "\n".join(["Datum;Uur;Prijs (EUR/MWh)", *(f"30-10-2010;{hour};{hour},5" for hour in range(1, 25))])
+    numbered = prices_of(tmp_path, numbers, clock="Europe/Amsterdam")
+    assert (utc(numbered)[0], utc(numbered)[-1], numbered.prices[0]) == ("10-29 22:00", "10-30 21:00", 0.0015)
+
+
+def test_names_of_zones_in_the_hour_that_comes_twice_are_understood(tmp_path: Path) -> None:
+    autumn = entsoe(
+        "31.10.2010",
+        [("01:00", "02:00"), ("02:00 (CEST)", "02:00 (CET)"), ("02:00 (CET)", "03:00"), ("03:00", "04:00")],
+    )
+    assert utc(prices_of(tmp_path, autumn)) == ["10-30 23:00", "10-31 00:00", "10-31 01:00", "10-31 02:00"]
+
+
+def test_times_that_may_be_local_are_doubted(tmp_path: Path) -> None:
+    rows = [f"13-03-2010 {hour:02d}:00;{hour},5" for hour in range(24)]
+    text = "\n".join(["Tijdstip;Prijs (EUR/MWh)", *rows])
+    (doubt,) = prices_of(tmp_path, text).doubts
+    assert "its times have no offset and are read as UTC" in doubt
+    assert prices_of(tmp_path, text, clock="Europe/Amsterdam").doubts == ()
+    assert prices_of(tmp_path, text.replace("Tijdstip", "Tijdstip UTC")).doubts == ()
+
+
+@pytest.mark.parametrize("months", ["2010-{0:02d}", "01-{0:02d}-2010", "{0:02d}/2010", "{1} 2010", "{1}-10"])
+def test_a_contract_has_a_price_for_each_month(tmp_path: Path, months: str) -> None:
+    names = ["jan", "feb", "mrt", "apr", "mei", "juni", "juli", "aug", "sept", "oktober", "november", "dec"]
+    rows = [f"{months.format(month, name)};0,{250 + month}" for month, name in enumerate(names, start=1)]
+    prices = prices_of(tmp_path, "\n".join(["Maand;Gasprijs (€/m3)", *rows]), unit="EUR m-3")
+    assert utc(prices) == [f"{month:02d}-01 00:00" for month in range(1, 13)]
+    assert (prices.prices[2], prices.doubts) == (0.253, ())
+
+
+def test_a_list_of_records_in_json_is_a_table(tmp_path: Path) -> None:
+    hours = [{"price": price, "readingDate": f"2010-03-01T0{hour}:00:00Z"} for hour, price in enumerate([0.12, None])]
+    text = json.dumps({"Prices": hours, "average": 1})
+    prices = prices_of(tmp_path, text)
+    assert (utc(prices), prices.prices.tolist()) == (["03-01 00:00"], [0.12])
+    with pytest.raises(TaskError, match="looks like JSON, but is damaged or has no list of records"):
+        prices_of(tmp_path, text[:60])
 
 
 def test_an_export_of_epex_has_a_row_a_day_and_a_column_an_hour(tmp_path: Path) -> None:

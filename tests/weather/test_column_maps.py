@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +85,103 @@ def test_sums_of_radiation_over_the_interval_and_over_the_day(tmp_path: Path) ->
     np.testing.assert_allclose(
         read_columns(path, of_interval, coordinates=(52.0, 5.0, 0.0)).values("global_radiation"), 100.0 * np.arange(12)
     )
+
+
+def test_a_running_sum_over_missing_rows_counts_no_energy_twice(tmp_path: Path) -> None:
+    # 100 W/m2 all the time: 3 J/cm2 in 5 minutes. Rows 130 to 136 and the sum of row 150 are missing.
+    sums = [3 * (i + 1) for i in range(288)]
+    rows = [
+        f"2024-06-0{day} {i // 12:02d}:{5 * (i % 12):02d},15,80,2,{'---' if i == 150 else sums[i]}"
+        for day in (1, 2)
+        for i in range(288)
+        if not 130 <= i <= 136
+    ]
+    path = export(tmp_path, "stamp (UTC),outside temp,outside rh,wind,radiation [J/cm2]", rows)
+    columns, _, _ = guess_column_map(path)
+    assert (columns.columns["global_radiation"].total, columns.clock) == ("day", "UTC")
+    running = read_columns(path, columns, coordinates=(52.0, 5.0, 0.0), fill_gaps=2)
+    np.testing.assert_allclose(running.values("global_radiation"), 100.0)
+
+
+def test_the_newest_row_may_be_on_top_also_when_the_clock_goes_back(tmp_path: Path) -> None:
+    hours = [(31, hour) for hour in (0, 1, 2, 2, 3, *range(4, 24))]
+    rows = [f"{day}-10-2010;{hour:02d}:00;{10 + i},5;80;2;0" for i, (day, hour) in enumerate(hours)]
+    titles = "Datum;Tijd;Buitentemp [°C];RV buiten [%];Wind [m/s];Straling [W/m2]"
+    oldest = export(tmp_path, titles, rows)
+    columns, _, _ = guess_column_map(oldest)
+    expected = read_columns(oldest, columns, coordinates=(52.0, 5.0, 0.0))
+    newest = export(tmp_path, titles, [*rows[::-1], "Gemiddeld;;22,5;80;2;0"])
+    record = read_columns(newest, columns, coordinates=(52.0, 5.0, 0.0))
+    assert (record.hours, record.digest) == (25, expected.digest)
+    assert "the newest row is on top: read from the last row to the first" in record.notes
+    assert any("row 27 below the values is left out: 'Gemiddeld 22,5" in note for note in record.notes)
+
+
+@pytest.mark.parametrize(
+    ("titles", "values", "expected"),
+    [
+        # units without brackets, a rate in J/cm2 an hour, the inside first
+        ("Meteo temp °C;Kas RV %;Meteo RV %;Meteo wind km/h;Straling J/cm2/uur", "5;80;90;18;36", (5.0, 90.0, 5.0, 100.0)),
+        # the position of windows is no wind, whatever its place
+        ("T bui °C;RV buiten %;Raamstand windzijde %;Wind m/s;Straling W/m2", "5;90;40;5;100", (5.0, 90.0, 5.0, 100.0)),
+        ("Temp buiten K;RV buiten;Wind [%];Windsnelheid [m/s];Straling W/m2", "278,15;90;40;5;100", (5.0, 90.0, 5.0, 100.0)),
+        # groups above the titles
+        (";;Afd 1;;Meteo;;;\nDatum;Tijd;Temp;RV;Temp;RV;Wind;Straling", "20;80;5;90;5;100", (5.0, 90.0, 5.0, 100.0)),
+    ],
+)  # fmt: skip
+def test_a_column_is_taken_with_its_unit_and_from_outside(
+    tmp_path: Path, titles: str, values: str, expected: tuple[float, ...]
+) -> None:
+    titles = titles if "\n" in titles else f"Datum;Tijd;{titles}"
+    path = export(tmp_path, titles, half_hours("13-02-2024", values))
+    columns, _, _ = guess_column_map(path)
+    record = read_columns(path, columns, coordinates=(52.0, 4.5, 0.0))
+    first = [
+        record.values(name)[0] for name in ("air_temperature", "relative_humidity", "wind_speed", "global_radiation")
+    ]
+    np.testing.assert_allclose(first, expected)
+
+
+def test_titles_that_do_not_say_outside_are_to_be_checked(tmp_path: Path) -> None:
+    path = export(
+        tmp_path,
+        "Datum;Tijd;Temperatuur [°C];RV [%];Wind [m/s];Straling [W/m2]",
+        half_hours("13-02-2024", "20,5;80;2;0"),
+    )
+    _, checks, _ = guess_column_map(path)
+    asked = "is it measured outside, not in the greenhouse?"
+    assert checks == {"air_temperature": asked, "relative_humidity": asked}
+
+
+@pytest.mark.parametrize(
+    ("stamp", "begin"),
+    [
+        (lambda hour: f"13-02-2024;{hour + 1}", "2024-02-12 23:00"),
+        (lambda hour: f"13-02-2024;{hour + 1:02d}:00", "2024-02-12 23:00"),
+        (lambda hour: f"13-feb-24;{hour}:00", "2024-02-12 23:00"),
+        (lambda hour: f"13 februari 2024;{hour}:00", "2024-02-12 23:00"),
+    ],
+)
+def test_hours_may_be_numbered_or_end_at_24_and_months_be_words(
+    tmp_path: Path, stamp: Callable[[int], str], begin: str
+) -> None:
+    rows = [f"{stamp(hour)};{hour};90;2;0" for hour in range(24)]
+    path = export(tmp_path, "Datum;Uur;Buitentemp [°C];RV buiten [%];Wind [m/s];Straling [W/m2]", rows)
+    columns, _, _ = guess_column_map(path)
+    record = read_columns(path, columns, coordinates=(52.0, 4.5, 0.0))
+    assert record.period == f"{begin} to 2024-02-13 23:00 UTC"
+    np.testing.assert_allclose(record.values("air_temperature"), np.arange(24.0))
+
+
+def test_errors_in_cells_are_missing_values(tmp_path: Path) -> None:
+    rows = half_hours("13-02-2024", "5,0;90;2;0")
+    for i, text in ((3, "#####"), (8, "---"), (13, "#DIV/0!"), (18, "Fout"), (22, "***")):
+        rows[i] = rows[i].replace("5,0", text)
+    path = export(tmp_path, "Datum;Tijd;Buitentemp [°C];RV buiten [%];Wind [m/s];Straling [W/m2]", rows)
+    columns, _, _ = guess_column_map(path)
+    record = read_columns(path, columns, coordinates=(52.0, 4.5, 0.0))
+    np.testing.assert_allclose(record.values("air_temperature"), 5.0)
+    assert any(note.startswith("5 h are means of an hour with missing rows") for note in record.notes)
 
 
 def test_a_map_is_proposed_written_and_read_again(tmp_path: Path) -> None:
