@@ -532,8 +532,8 @@ def stamp_in(text: str) -> re.Match[str] | None:
     text = text.strip()
     if match := STAMP.fullmatch(text):
         return match
-    if written := _WRITTEN_DATE.fullmatch(text.lower()):
-        day, word, year, rest = written.groups()
+    if in_words := _WRITTEN_DATE.fullmatch(text.lower()):
+        day, word, year, rest = in_words.groups()
         month = _MONTHS.get(word[:4]) or _MONTHS.get(word[:3])
         return STAMP.fullmatch(f"{year if len(year) == 4 else f'20{year}'}-{month}-{day or 1}{rest}") if month else None
     if whole := _MONTH.fullmatch(text):
