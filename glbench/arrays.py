@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 import tokenize
 import zipfile
 import zlib
@@ -49,6 +50,19 @@ def real_numbers(value: object) -> NDArray[Any] | None:
     except Exception:
         return None
     return None if array is None or array.dtype.kind not in "fiu" else array
+
+
+def unknown_type(value: object) -> str:
+    """A sentence about the number type of an array, tensor or list of them if NumPy does not know it, such as bfloat16; else nothing."""
+    try:
+        while isinstance(value, list | tuple) and value:
+            value = value[0]
+        kind = str(getattr(value, "dtype", "")).removeprefix("torch.")
+    except Exception:
+        return ""
+    if not re.fullmatch(r"bfloat\d+|float[468]_\w+|u?int[24]", kind):
+        return ""
+    return f'NumPy does not know numbers of type {kind}: make them float32 first, with .float() in PyTorch, .astype("float32") in JAX.'
 
 
 def packed(**arrays: Any) -> bytes:

@@ -52,6 +52,12 @@ Words = Annotated[Printable, pydantic.Field(min_length=1, max_length=200)]
 Names = Annotated[
     tuple[Words, ...], pydantic.FailFast(), pydantic.BeforeValidator(_as_tuple), pydantic.Field(max_length=100)
 ]
+LARGEST = 1e12
+"""No mean, standard deviation or bound of a policy is larger, in the unit of its column: nobody means such a number."""
+SMALLEST_SCALE = 1e-12
+"""The least standard deviation that observations are divided by, in the unit of their column."""
+SMALLEST_CLIP = 1e-6
+"""The least limit of normalised observations."""
 Number = Annotated[float, pydantic.Field(ge=-1e30, le=1e30)]
 Numbers = Annotated[
     tuple[Number, ...], pydantic.FailFast(), pydantic.BeforeValidator(_as_tuple), pydantic.Field(max_length=_MOST_ITEMS)
@@ -97,7 +103,7 @@ class Normalisation(_Table):
 
     mean: Numbers
     std: Numbers
-    clip: Annotated[float, pydantic.Field(gt=0, le=1e30, strict=False)] | None = None
+    clip: Annotated[float, pydantic.Field(ge=SMALLEST_CLIP, le=1e30, strict=False)] | None = None
 
     @pydantic.model_validator(mode="after")
     def _fits(self) -> Self:
@@ -107,6 +113,11 @@ class Normalisation(_Table):
         if any(value <= 0 for value in self.std):
             msg = "every std must be above 0"
             raise ValueError(msg)
+        for what, values, lowest in (("mean", self.mean, -LARGEST), ("std", self.std, SMALLEST_SCALE)):
+            wrong = next((i for i, value in enumerate(values) if not lowest <= value <= LARGEST), None)
+            if wrong is not None:
+                msg = f"{what} of column {wrong} is {values[wrong]:g}, expected {lowest:g} to {LARGEST:g}"
+                raise ValueError(msg)
         return self
 
 

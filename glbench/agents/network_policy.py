@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents import deterministic_math
+from glbench.agents.card import LARGEST, SMALLEST_CLIP, SMALLEST_SCALE
 from glbench.agents.controllers import controller
 from glbench.agents.protocol import check_runs
 from glbench.arrays import ArrayFile, checked_facts, packed
@@ -147,19 +148,34 @@ class NetworkPolicy:
             names = f"{', '.join(ACTIVATIONS)}; clip, tanh"
             msg = f"Unknown activation {quoted(self.activation)} or output {quoted(self.output)}. Known: {names}."
             raise ShapeError(msg)
-        arrays: tuple[NDArray[np.floating[Any]], ...] = (
-            self.low,
-            self.high,
-            self.mean,
-            self.scale,
-            *self.weights,
-            *self.biases,
-        )
-        if not all(np.isfinite(array).all() for array in arrays):
-            msg = "A policy has weights or bounds that are not finite."
+        for kind, columns in (("observation", self.observation_names), ("action", self.action_names)):
+            if len(set(columns)) < len(columns):
+                twice = next(name for name in columns if columns.count(name) > 1)
+                msg = (
+                    f"A policy has the {kind} {quoted(twice)} {columns.count(twice)} times; each has a name of its own."
+                )
+                raise ShapeError(msg)
+        for what, values, columns, lowest in (
+            ("mean", self.mean, self.observation_names, -LARGEST),
+            ("scale", self.scale, self.observation_names, SMALLEST_SCALE),
+            ("lower bound", self.low, self.action_names, -LARGEST),
+            ("upper bound", self.high, self.action_names, -LARGEST),
+        ):
+            wrong = np.flatnonzero(~((values >= lowest) & (values <= LARGEST)))  # NaN as well
+            if wrong.size:
+                msg = f"The {what} of {quoted(columns[wrong[0]])} is {values[wrong[0]]:g}, expected {lowest:g} to {LARGEST:g}."
+                raise ShapeError(msg)
+        if not all(np.isfinite(array).all() for array in (*self.weights, *self.biases)):
+            msg = "A policy has weights that are not finite."
             raise ShapeError(msg)
-        if not ((self.scale > 0.0).all() and (self.low < self.high).all() and self.clip > 0.0):
-            msg = "The policy has a scale or a clip of 0 or less, or a lower bound that is not below the upper bound."
+        if not (self.low < self.high).all():
+            msg = "The policy has a lower bound that is not below the upper bound."
+            raise ShapeError(msg)
+        if not self.clip >= SMALLEST_CLIP:
+            msg = f"The policy clips normalised observations at {self.clip:g}, expected {SMALLEST_CLIP:g} or more."
+            raise ShapeError(msg)
+        if not 0.0 <= self.delta < 1.0:
+            msg = f"The policy's delta is {self.delta:g}, expected a fraction from 0 to below 1."
             raise ShapeError(msg)
         layers = zip(self.weights, self.biases, strict=True)
         object.__setattr__(self, "_layers", [self.arithmetic.affine(matrix, bias) for matrix, bias in layers])

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.arrays import real_numbers
+from glbench.arrays import real_numbers, unknown_type
 from glbench.errors import ActionError, ShapeError
 
 if TYPE_CHECKING:
@@ -153,7 +153,8 @@ class PerRunAgent:
             row = real_numbers(answer)
             if row is None:
                 what = f"an array of {answer.dtype}" if type(answer) is np.ndarray else type(answer).__name__
-                msg = f"act returned {what} in run {run}. Expected a row of real numbers, one for each action."
+                expected = unknown_type(answer) or "Expected a row of real numbers, one for each action."
+                msg = f"act returned {what} in run {run}. {expected}"
                 raise ActionError(msg)
             if row.ndim != 1:
                 msg = f"act returned an array of shape {row.shape} in run {run}, expected one row of numbers, one for each action."
@@ -235,6 +236,9 @@ def _problem_of_the_whole(returned: object, task: TaskCard, n_runs: int) -> str 
         if len({len(row) if is_row else -1 for row, is_row in zip(parts, rows, strict=True)}) > 1:
             return f"act returned a {type(returned).__name__} of rows that differ in length; {_expected(task, n_runs)}"
         what = f"an array of {returned.dtype}" if type(returned) is np.ndarray else f"a {type(returned).__name__}"
+        unknown = unknown_type(returned)
+        if unknown:
+            return f"act returned {what}. {unknown}"
         return f"act returned {what}, which are no plain numbers; {_expected(task, n_runs)}"
     if array.shape != (n_runs, len(task.actions)):
         return f"act returned an array of shape {array.shape}; {_expected(task, n_runs)}"

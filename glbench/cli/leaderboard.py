@@ -217,7 +217,7 @@ def _parts(tables: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members
                 yield _note(f"{entry.agent}: {entry.failed} of {entry.runs} runs failed.")
             if entry.remark:
                 yield _note(f"{entry.agent} is {entry.remark}.")
-        for note in (*t.seen_notes(table), *t.fresh_notes(table)):
+        for note in (*t.card_notes(table), *t.fresh_notes(table)):
             yield _note(note, "yellow")
         for note in t.regret_notes(table):
             yield _note(note, "green")

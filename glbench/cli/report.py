@@ -50,6 +50,11 @@ def report(
     with console.messages().status("making the page"):
         path, page = write_report(out)
     warn_of(page.left_out)
+    if page.sealed:
+        console.print_warning(
+            "The page shows weather and climate of the runs of a sealed round. Publish it only after the round; before, "
+            "publish the tables of glbench leaderboard --write."
+        )
     size = path.stat().st_size / 1e6
     console.write(f"{path} ({page.results} results, {size:.1f} MB)")
     package = data_package()

@@ -386,6 +386,7 @@ def new_round(
 ) -> None:
     """Make the secret of a round, write it to FILE, and print the commitment, which is to be published with the closing time."""
     from glbench.tasks.sealed import Round, closing_time, round_weather, write_round
+    from glbench.weather import list_weather
 
     if (weather is None) != (not year):
         msg = "Weather of the round's own has a record and years: give --weather NAME and --year YEAR, or neither."
@@ -395,6 +396,16 @@ def new_round(
     write_round(sealed, file)
     console.write(sealed.commitment)
     console.tell(f"{file} is secret until the round is over: keep it, and a copy of it. Publish the commitment above.")
+    if (checkout := next((one for one in file.resolve().parents if (one / ".git").exists()), None)) is not None:
+        console.print_warning(
+            f"{file} is in the git checkout {checkout}, where it could be committed. Move it out of there."
+        )
+    public = {one.digest: one.name for one in list_weather() if one.origin == "shipped"} if sealed.weather else {}
+    if sealed.weather is not None and sealed.weather.digest in public:
+        console.print_warning(
+            f"The weather '{weather}' is the record '{public[sealed.weather.digest]}' that comes with glbench, so a submission "
+            "can carry it. Take a record that nobody else has."
+        )
     if closing is None:
         console.print_warning("This round never closes, so no result can be late. --closes gives it a closing time.")
     else:

@@ -11,7 +11,7 @@ import typer
 from glbench.cli import console
 from glbench.cli.console import Markup, plain
 from glbench.cli.options import AsJson, RoundFile, Workers, round_of
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, ResultError
 
 if TYPE_CHECKING:
     from glbench.verification import Verdict
@@ -88,11 +88,18 @@ def result_files(paths: list[Path]) -> list[Path]:
 
     Raises
     ------
+    ResultError
+        When a folder is missing that has results of trials beside it.
     typer.Exit
         With code 2 when there is none.
     """
     from glbench.verification import SUFFIX
 
+    for path in paths:
+        trials = path.parent / "trials" / path.name
+        if not path.exists() and trials.is_dir():
+            msg = f"There is no folder {path}, but there are results of trials (--runs): glbench verify {trials}"
+            raise ResultError(msg)
     files = [
         file
         for path in paths

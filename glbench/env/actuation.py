@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.arrays import real_numbers
+from glbench.arrays import real_numbers, unknown_type
 from glbench.env import process_computer
 from glbench.env.process_computer import Measured, at_least, held_switch, select, within
 from glbench.env.registries import PartRegistry
@@ -324,7 +324,7 @@ class ActionReader:
         numbers = real_numbers(values)
         if numbers is None:
             kind = f"array of {values.dtype}" if type(values) is np.ndarray else type(values).__name__
-            problem = f"The {self.what}s ({kind}) are not real numbers in rows of one length."
+            problem = unknown_type(values) or f"The {self.what}s ({kind}) are not real numbers in rows of one length."
             msg = f"{problem} {self._expected(n)} {TO_NUMBERS}"
             raise ActionError(msg)
         with np.errstate(over="ignore"):  # of a longdouble

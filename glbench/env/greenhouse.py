@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.arrays import real_numbers
+from glbench.arrays import real_numbers, unknown_type
 from glbench.env import rendering, spaces
 from glbench.env.actuation import TO_NUMBERS
 from glbench.env.info import FAILURE, STEP_REWARD, InfoWriter
@@ -185,7 +185,8 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             expected = f"Expected shape {self.action_space.shape}: {', '.join(one.name for one in self.task.actions)}."
             if numbers is None:
                 kind = f"array of {action.dtype}" if type(action) is np.ndarray else type(action).__name__
-                msg = f"The action ({kind}) cannot be read as numbers: its entries are not real numbers. {expected} {TO_NUMBERS}"
+                problem = unknown_type(action) or "Its entries are not real numbers."
+                msg = f"The action ({kind}) cannot be read. {problem} {expected} {TO_NUMBERS}"
             elif numbers.shape != self.action_space.shape:
                 msg = f"The action has shape {numbers.shape}. {expected}"
             else:

@@ -96,14 +96,47 @@ class SuiteTable(statistics.FrozenModel):
 def scores_by_task(
     stored: Iterable[StoredResult], expected: Mapping[str, Expectation]
 ) -> dict[str, dict[str, statistics.Array]]:
-    """What ranks of complete entries of published tasks ``(trainings, n)``, by task id and entry, in the order of the task's seeds."""
-    return {
-        task_id: {entry.name: entry.by_training(metric) for entry in complete}
+    """What ranks of complete entries of published tasks ``(trainings, n)``, by task id and entry, in the order of the task's seeds.
+
+    A training with one seed is in the same row of all tasks, as far as their numbers of trainings allow it.
+    """
+    complete = {
+        task_id: {
+            entry.name: entry for entry in entries if entry.complete and entry.states(metric_of(task_id, expected))
+        }
         for task_id, entries in of_one_version(entries_by_task(stored, expected)).items()
         if task_id in expected
-        for metric in (metric_of(task_id, expected),)
-        if (complete := [entry for entry in entries if entry.complete and entry.states(metric)])
     }
+    trained: dict[str, dict[str, tuple[int, ...]]] = {}
+    for task_id, entries in complete.items():
+        for name, entry in entries.items():
+            if len(entry.training_seeds) > 1:
+                trained.setdefault(name, {})[task_id] = entry.training_seeds
+    orders = {name: _same_rows(by_task) for name, by_task in trained.items()}
+    return {
+        task_id: {
+            name: entry.by_training(metric_of(task_id, expected))[orders.get(name, {}).get(task_id, slice(None))]
+            for name, entry in entries.items()
+        }
+        for task_id, entries in complete.items()
+        if entries
+    }
+
+
+def _same_rows(by_task: Mapping[str, Sequence[int]]) -> dict[str, list[int]]:
+    """For each task the order of its trainings in which one seed has the same row in all tasks that have it, where that is possible.
+
+    ``by_task`` has the seeds of the trainings, different within a task. Seeds that most tasks have are placed first.
+    """
+    rows: dict[str, list[int | None]] = {task: [None] * len(seeds) for task, seeds in by_task.items()}
+    having = {
+        seed: [task for task, seeds in by_task.items() if seed in seeds] for seeds in by_task.values() for seed in seeds
+    }
+    for seed, tasks in sorted(having.items(), key=lambda item: (-len(item[1]), item[0])):
+        free = set[int].intersection(*({i for i, one in enumerate(rows[task]) if one is None} for task in tasks))
+        for task in tasks:
+            rows[task][min(free) if free else rows[task].index(None)] = by_task[task].index(seed)
+    return {task: [one for one in order if one is not None] for task, order in rows.items()}
 
 
 def suite_table(

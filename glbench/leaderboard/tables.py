@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
+from glbench.agents.naming import without_seed
 from glbench.errors import ResultError, did_you_mean
 from glbench.leaderboard.catalogue import Catalogue, Metric, catalogue, of_published
 from glbench.leaderboard.entries import resolution_of
@@ -441,7 +442,7 @@ def to_markdown(
         parts += [*markdown(_task_columns(table), shown_rows(table, members=True)), ""]
         parts += [
             line
-            for note in [kernel_note(table), *seen_notes(table), *fresh_notes(table), *regret_notes(table)]
+            for note in [kernel_note(table), *card_notes(table), *fresh_notes(table), *regret_notes(table)]
             if note
             for line in (markdown_text(note), "")
         ]
@@ -798,9 +799,17 @@ def kernel_note(table: TaskTable) -> str:
     )
 
 
-def seen_notes(table: TaskTable) -> list[str]:
-    """Sentences that name agents trained on the test split or its years, and late results of a round."""
+def card_notes(table: TaskTable) -> list[str]:
+    """Sentences that name agents trained on the test split or its years, trainings with names of their own, and late results of a round."""
     notes = [f"{SEEN_MARK} {row.agent} {row.saw_scored}, as its card states." for row in table.rows if row.saw_scored]
+    for row in table.rows:
+        names = [one.agent for one in row.results]
+        if len({without_seed(name) for name in names}) > 1:
+            together = f"{', '.join(names[:-1])} and {names[-1]}"
+            notes.append(
+                f"{row.agent} is {together}: their cards state the same recipe and authors. Anyone can type those; ask whether they are "
+                "of one author."
+            )
     return [*notes, *table.late]
 
 

@@ -48,6 +48,8 @@ class Report:
     without_profile: tuple[Path, ...]
     left_out: tuple[ResultError, ...] = ()
     """Why result files are left out."""
+    sealed: bool = False
+    """Whether it shows runs of a sealed round."""
 
 
 def write_report(out: Path) -> tuple[Path, Report]:
@@ -98,7 +100,15 @@ def build_report(stored: Sequence[StoredResult]) -> Report:
         script="\n".join(asset(name) for name in script_names()),
         version=__version__,
     )  # fmt: skip
-    return Report(page, data, len(entries), tuple(item.stored.path for item in entries if item.profile is None))
+    return Report(
+        page,
+        data,
+        len(entries),
+        tuple(item.stored.path for item in entries if item.profile is None),
+        sealed=any(
+            item.profile is not None and item.stored.result.task.salt_commitment is not None for item in entries
+        ),
+    )
 
 
 def page_data(

@@ -11,6 +11,15 @@ from glbench.errors import ActionError, ShapeError
 from glbench.tasks import TaskCard
 
 
+class UnknownToNumpy:
+    """As a tensor of PyTorch in bfloat16."""
+
+    dtype = "torch.bfloat16"
+
+    def __array__(self, dtype: object = None, copy: object = None) -> NDArray[np.float32]:
+        raise TypeError("Got unsupported ScalarType BFloat16")
+
+
 class Counting:
     """Integrates its first observation: an agent whose memory shows mixed-up runs."""
 
@@ -132,6 +141,8 @@ def test_a_bad_value_is_the_problem_of_its_own_run(card: TaskCard) -> None:
         (np.zeros((2, 5)), "shape (2, 5); expected (2, 6): one row a run, in it uBoil, uCo2"),
         (np.zeros(6), "shape (6,)"),
         (None, "a NoneType, which are no plain numbers"),
+        (UnknownToNumpy(), "a UnknownToNumpy. NumPy does not know numbers of type bfloat16: make them float32 first"),
+        ([UnknownToNumpy()] * 2, "a list. NumPy does not know numbers of type bfloat16"),
         ("warm", "a str"),
         (np.zeros((2, 6), dtype=complex), "an array of complex128"),
         (np.zeros((2, 6), dtype=bool), "an array of bool"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import math
 from dataclasses import replace
@@ -137,9 +138,46 @@ def test_layers_that_do_not_fit_together_are_refused(card: TaskCard) -> None:
     with pytest.raises(ShapeError, match="layers of shapes"):
         replace(policy, weights=policy.weights[::-1])
     with pytest.raises(ShapeError, match="not finite"):
-        replace(policy, mean=policy.mean * np.nan)
+        replace(policy, biases=tuple(bias * np.float32(np.nan) for bias in policy.biases))
     with pytest.raises(ShapeError, match="Unknown activation 'Sin'"):
         replace(policy, activation="Sin")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("scale", 5e-324, "scale of '.*' is 4.94066e-324, expected 1e-12 to 1e\\+12"),
+        ("scale", 1e308, "scale of '.*' is 1e\\+308"),
+        ("mean", 1e308, "mean of '.*' is 1e\\+308, expected -1e\\+12 to 1e\\+12"),
+        ("mean", -1e308, "mean of '.*' is -1e\\+308"),
+        ("mean", np.nan, "mean of '.*' is nan"),
+        ("low", -1e308, "lower bound of '.*' is -1e\\+308"),
+        ("high", 1e308, "upper bound of '.*' is 1e\\+308"),
+        ("clip", 1e-320, "at 9.99989e-321, expected 1e-06 or more"),
+        ("delta", -0.1, "delta is -0.1, expected a fraction from 0 to below 1"),
+        ("delta", 1e300, "delta is 1e\\+300"),
+    ],
+)
+def test_numbers_that_nobody_means_are_refused(
+    card: TaskCard, tmp_path: Path, name: str, value: float, reason: str
+) -> None:
+    policy = policy_of(card)
+    old = getattr(policy, name)
+    new = value if isinstance(old, float) else np.append(old[:-1], value)
+    with np.load(io.BytesIO(policy.to_bytes()), allow_pickle=False) as file:
+        np.savez(tmp_path / "p.npz", **{**file, name: np.float64(new) if isinstance(old, float) else new})
+    with pytest.raises(ShapeError, match=reason):
+        replace(policy, **{name: new})
+    with pytest.raises(SubmissionError, match=r"p\.npz is not a glbench policy"):
+        read_policy(tmp_path / "p.npz")
+
+
+def test_one_name_of_all_observations_is_refused(card: TaskCard) -> None:
+    policy = policy_of(card)
+    with pytest.raises(ShapeError, match="has the observation 'co2' 22 times"):
+        replace(policy, observation_names=("co2",) * 22)
+    with pytest.raises(ShapeError, match=f"has the action 'x' {len(card.actions)} times"):
+        replace(policy, action_names=("x",) * len(card.actions))
 
 
 def test_the_policy_of_the_task_acts_else_that_of_the_nearest_uncertainty(card: TaskCard) -> None:

@@ -99,6 +99,15 @@ def test_words_are_no_actions(read: ActionReader) -> None:
         read([["open"] * 6], 1)
 
 
+def test_numbers_of_a_type_that_numpy_does_not_know_are_called_so(read: ActionReader) -> None:
+    """JAX's type comes as an array of numpy, PyTorch's as what numpy cannot read."""
+    bfloat16 = np.zeros((3, 6), pytest.importorskip("ml_dtypes").bfloat16)
+    with pytest.raises(
+        ActionError, match=r"NumPy does not know numbers of type bfloat16: make them float32 first, with .float\(\)"
+    ):
+        read(bfloat16, 3)
+
+
 def test_what_float32_rounding_puts_outside_is_the_bound_itself(read: ActionReader) -> None:
     assert read(np.full((1, 6), np.nextafter(np.float32(1.0), np.float32(2.0))), 1).max() == 1.0
     assert read(np.full((1, 6), -1.0 - 9e-7), 1).min() == -1.0

@@ -13,7 +13,7 @@ from glbench.leaderboard.entries import entries_by_task
 from glbench.leaderboard.pairs import compare_entries
 from glbench.leaderboard.statistics import aggregate
 from glbench.leaderboard.suites import scores_by_task, suite_table
-from glbench.leaderboard.tables import agent_label, kernel_note, runs_label
+from glbench.leaderboard.tables import agent_label, card_notes, kernel_note, runs_label
 from glbench.tasks.references import References
 from tests.leaderboard.synthetic import TASK, digest_of
 
@@ -203,6 +203,13 @@ def test_an_entry_is_compared_by_the_mean_over_its_trainings_and_by_what_they_di
     assert difference.high - 1.0 == pytest.approx(4.302653 * np.sqrt(100.0 / 3.0), rel=1e-6)
     # The first training is behind in every run, the second and the third are ahead.
     assert pair.improvement.value == pytest.approx(2 / 3)
+
+
+def test_a_board_names_trainings_that_cards_alone_join(store, trainings):
+    (table,) = rank(trainings, EXPECTED)
+    assert not card_notes(table)
+    (table,) = rank([*trainings[:2], store("stranger", [1.0, 2.0, 2.0, 3.0], recipe=("y-ppo", 2))], EXPECTED)
+    assert card_notes(table)[0].startswith("ppo is ppo, ppo_seed1 and stranger: their cards state the same recipe")
 
 
 def test_exports_keep_every_training_with_its_entry(trainings):

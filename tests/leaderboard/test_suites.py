@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from glbench.errors import TaskError
-from glbench.leaderboard import Expectation, rank
+from glbench.leaderboard import Expectation, rank, statistics
 from glbench.leaderboard.suites import references_from, scores_by_task, suite_table
 from glbench.leaderboard.tables import suite_frame, suite_markdown
 from glbench.tasks import references as references_module
@@ -59,6 +59,39 @@ def test_a_suite_ranks_agents_that_have_all_tasks_and_lists_the_others_with_what
     ]
     # 80/100 and 1600/2000
     assert table.rows[0].mean.value == pytest.approx(0.8, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("seeds", "rows"),
+    [
+        (((0, 1, 2), (0, 1, 2)), ((0, 1, 2), (0, 1, 2))),
+        (((0, 2, 4), (0, 1, 2)), ((0, 2, 4), (0, 2, 1))),
+        (((0, 1, 2, 3, 4), (2, 3, 4)), ((2, 3, 4, 0, 1), (2, 3, 4))),
+        (((5, 6), (0, 5)), ((5, 6), (5, 0))),
+        (((0, 3, 7), (7,)), ((0, 3, 7), (7,))),
+    ],
+)
+def test_trainings_with_one_seed_are_in_one_row_of_all_tasks(store, seeds, rows):
+    """The level of a training is its seed, so that the rows tell it."""
+    noise = np.random.default_rng(1).normal(0.0, 0.01, (2, 10, 30))
+    trained = [
+        store(
+            f"anna_seed{seed}",
+            list(seed + noise[task, seed]),
+            task_id=TASKS[task],
+            task_digest=digest_of(TASKS[task]),
+            recipe=("anna", seed),
+        )
+        for task, of_task in enumerate(seeds)
+        for seed in of_task
+    ]
+    scores = scores_by_task(trained, EXPECTED)
+    assert [tuple(np.rint(scores[task]["anna"].mean(axis=1)).astype(int)) for task in TASKS] == list(rows)
+    if seeds[0] != (0, 2, 4):
+        return
+    # Rows of one seed on both tasks vary together: seeds 0 and 2 in the first two rows, 4 and 1 in the third.
+    over_both = statistics.estimate_mean([scores[task]["anna"] for task in TASKS])
+    assert over_both.variance == pytest.approx(np.var([0.0, 2.0, 2.5], ddof=1) / 3, rel=0.02)
 
 
 def test_without_references_there_is_no_suite_table(stored):

@@ -37,6 +37,21 @@ def test_the_folder_with_public_results_still_has_the_released_ones(reports: Pat
     assert {item.released for item in own_and_released_results(reports)[0]} == {True, False}
 
 
+def test_verify_finds_the_trials_of_a_round(glbench: Command, tmp_path: Path) -> None:
+    (tmp_path / "trials" / "results").mkdir(parents=True)
+    answer = glbench("verify", tmp_path / "results")
+    assert answer.code != 0
+    assert f"results of trials (--runs): glbench verify {tmp_path / 'trials' / 'results'}" in answer.err
+
+
+def test_a_page_of_a_round_is_not_for_publication_and_says_so(glbench: Command, reports: Path, folder: Path) -> None:
+    pytest.importorskip("plotly")
+    of_round, public = glbench("report", "--out", folder), glbench("report", "--out", reports)
+    assert (of_round.code, public.code) == (0, 0)
+    assert "of a sealed round. Publish it only after the round" in of_round.err
+    assert "sealed round" not in public.err
+
+
 @pytest.mark.parametrize("name", ["test/Tiny-v1", "Tiny-v1", FIRST, FIRST.removeprefix("test/")])
 def test_the_only_board_of_a_task_is_found_by_the_name_of_the_task(glbench: Command, folder: Path, name: str) -> None:
     for command in (("leaderboard",), ("badge", "rule_based", "--file", folder / "badge.svg")):

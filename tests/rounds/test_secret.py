@@ -136,6 +136,16 @@ def test_commands_make_and_check_a_round(glbench: Command, tmp_path: Path) -> No
     assert not (tmp_path / "own.toml").exists()
 
 
+def test_a_secret_in_a_checkout_and_weather_that_everyone_has_are_pointed_out(glbench: Command, tmp_path: Path) -> None:
+    checkout, outside = tmp_path / "checkout", tmp_path / "outside.toml"
+    (checkout / ".git").mkdir(parents=True)
+    assert f"is in the git checkout {checkout}" in glbench("round", "new", checkout / "submissions" / "round.toml").err
+    made = glbench("round", "new", outside, "--weather", "schiphol", "--year", "2011")
+    assert made.code == 0
+    assert "is the record 'schiphol' that comes with glbench" in made.err
+    assert "git" not in made.err
+
+
 CLOSES = dt.datetime(2027, 3, 1, 18, 0, tzinfo=dt.timezone(dt.timedelta(hours=1)))
 
 
