@@ -986,7 +986,10 @@ CLAIMS: dict[str, list[Claim]] = {
     ],
     "docs/uncertainty.md": [
         ("forecasts are {} W/m2 too low by day,\n{} % of the radiation that came", radiation_bias),
-        ("by hours ahead, over {} seasons of the training split", lambda: uncertainty_figures.BIAS_SEASONS),
+        (
+            "by hours ahead, over {} seasons of the [training split](glossary.md#split)",
+            lambda: uncertainty_figures.BIAS_SEASONS,
+        ),
     ],
     "baselines/ppo_long/card.toml": [
         (
