@@ -50,7 +50,7 @@ FIGURES = (
         "thetaLampMax is electric power in W m-2, not light in umol m-2 s-1.",
     ),
     Figure(
-        "Light of the lamps", " umol m-2 s-1", (20.0, 600.0), (0.0, 2500.0),
+        "Lamp light", " umol m-2 s-1", (20.0, 600.0), (0.0, 2500.0),
         lambda p: p["thetaLampMax"] * p["etaLampPar"] * p["zetaLampPar"], "thetaLampMax etaLampPar zetaLampPar",
     ),
     Figure(

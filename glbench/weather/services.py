@@ -211,7 +211,7 @@ def parse_nsrdb(text: str, file: str) -> Reading:
     minutes = table.numbers(minute) if minute else np.zeros(len(table.rows))
     stamps = _stamps_of(table, calendar_columns) + minutes.astype(np.int64) * 60
     notes: list[str] = []
-    temperature = table.numbers(needed_title(table, "Temperature", "air temperature"), _MISSING)
+    temperature = table.numbers(needed_title(table, "Temperature", "air_temperature"), _MISSING)
     columns = {
         "air_temperature": temperature,
         "relative_humidity": humidity_column(

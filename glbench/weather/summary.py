@@ -174,13 +174,13 @@ def _doubts_of_values(record: WeatherRecord) -> list[str]:
     if wind.mean() > WINDIEST_MEAN:
         signs.append(f"the mean wind is {wind.mean():.1f} m/s. Is it in km/h or knots?")
     for name, values in (
-        ("air temperature", temperature),
-        ("relative humidity", np.where(humidity >= 100.0, np.nan, humidity)),
+        ("air_temperature", temperature),
+        ("relative_humidity", np.where(humidity >= 100.0, np.nan, humidity)),
     ):
         changes = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0, [True]]))
         longest = int(np.diff(changes).max())
         if longest >= STUCK_HOURS:
-            signs.append(f"the {name} stays the same for {longest} h in a row. Did the sensor fail?")
+            signs.append(f"the {name.replace('_', ' ')} stays the same for {longest} h in a row. Did the sensor fail?")
     if record.first.year < 1950 or record.last > dt.datetime.now(dt.UTC) + dt.timedelta(days=366):
         signs.append(f"the record is of {record.period}. Are the years right?")
     return signs
