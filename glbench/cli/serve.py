@@ -5,10 +5,10 @@ from __future__ import annotations
 import contextlib
 import ipaddress
 import logging
+import re
 import socket
 from pathlib import Path
 from typing import Annotated
-from urllib.parse import urlsplit
 
 import typer
 
@@ -53,7 +53,11 @@ def serve(
     if not FIRST_TRAINING_SEED <= first_seed <= LARGEST_INTEGER - 2**32:
         msg = f"--seed {seed:,} is not for trying agents: tasks are scored with such seeds. Use one from {FIRST_TRAINING_SEED:,} on."
         raise GlbenchError(msg)
-    origins = [_origin(text) for text in allow_origin or ()]
+    origins = [text.rstrip("/").lower() for text in allow_origin or ()]
+    for text in origins:
+        if not re.fullmatch(r"https?://([\w.-]+|\[[\da-f:]+\])(:\d+)?", text):
+            msg = f"--allow-origin {text} is not the origin of a web page. Give scheme, host and port, such as http://localhost:1880."
+            raise GlbenchError(msg)
     with messages().status("preparing the task"):
         from glbench.serve.app import application, bind, server_of
         from glbench.serve.sessions import Sessions
@@ -84,23 +88,3 @@ def serve(
         server_of(app, debug=debugging()).run(sockets=[listener])
     where = f" Their episodes are in {episodes}." if episodes is not None and seasons.at_end else ""
     tell(f"\nClosed, with {count(seasons.at_end, 'session')} open.{where}")
-
-
-def _origin(text: str) -> str:
-    """An origin as browsers send it.
-
-    Raises
-    ------
-    GlbenchError
-        When it is not one.
-    """
-    with contextlib.suppress(ValueError):
-        parts = urlsplit(text)
-        if (
-            parts.scheme in ("http", "https")
-            and parts.hostname
-            and text.rstrip("/") == f"{parts.scheme}://{parts.netloc}"
-        ):
-            return text.rstrip("/").lower()
-    msg = f"--allow-origin {text} is not the origin of a web page. Give scheme, host and port, such as http://localhost:1880."
-    raise GlbenchError(msg)

@@ -48,14 +48,7 @@ except ImportError as error:
 
 
 class {name}(GreenhouseSlave):
-    setup = FmuSetup(
-        task={task!r},
-        digest={digest!r},
-        definition={definition!r},
-        seed={seed!r},
-        split={split!r},
-        version={version!r},
-    )
+    setup = {setup!r}
 '''
 
 
@@ -92,23 +85,18 @@ def export_fmu(task: TaskSpec, file: Path, *, seed: int = 1, split: str | None =
 
     name = re.sub(r"\W", "_", task.short_id)
     definition = "" if task.id in task_ids() else json.dumps(task.attachment(), ensure_ascii=True)
-    program = _PROGRAM.format(
-        name=name, task=task.id, digest=task.digest, definition=definition, seed=int(seed), split=split, version=__version__
-    )  # fmt: skip
     setup = FmuSetup(task.id, task.digest, definition, int(seed), split, __version__)
-    module = (
-        f"{name}_{setup.fingerprint[:12]}"  # importers load several FMUs into one Python: each has a module of its own
-    )
+    program = _PROGRAM.format(name=name, task=task.id, setup=setup, version=__version__)
+    module = f"{name}_{setup.fingerprint[:12]}"  # importers load several into one Python: each is a module of its own
     path = list(sys.path)
     with tempfile.TemporaryDirectory(prefix="glbench-fmu-") as scratch:
         source, documentation = Path(scratch, "source"), Path(scratch, "documentation")
         (documentation / "licenses").mkdir(parents=True)
         source.mkdir()
         (source / f"{module}.py").write_text(program, encoding="utf-8")
-        licence = metadata.distribution("pythonfmu").read_text(
-            "licenses/LICENSE"
-        )  # it asks to be passed on with the program
-        (documentation / "licenses" / "pythonfmu.txt").write_text(licence or "PythonFMU: MIT licence", encoding="utf-8")
+        # The licence asks to be passed on with the program.
+        licence = metadata.distribution("pythonfmu").read_text("licenses/LICENSE") or "PythonFMU: MIT licence"
+        (documentation / "licenses" / "pythonfmu.txt").write_text(licence, encoding="utf-8")
         try:
             built = FmuBuilder.build_FMU(
                 source / f"{module}.py", Path(scratch, "greenhouse.fmu"), documentation_folder=documentation,

@@ -9,6 +9,7 @@ import base64
 import contextlib
 import logging
 from collections.abc import Iterator, Sequence
+from copy import copy
 from functools import partial
 from typing import Any, ClassVar
 from xml.etree.ElementTree import Element, SubElement
@@ -35,6 +36,8 @@ _TIME_TOLERANCE = 1e-6
 """Largest deviation of an importer's times from those of the control steps, in steps."""
 _ROUNDING = 1e-6
 """An input may be beyond its bounds by this share of its range, and is then taken as the bound."""
+_SAVED = ("_parameters", "_targets", "_initialised", "_start_time", "_numbers", "_totals", "_weather")
+"""What the rest of a season depends on, besides the simulation."""
 _STEPPED_CONTROLS = ("rate", "set_point")
 """Kinds of actuation whose inputs are positions of controls."""
 
@@ -132,11 +135,8 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
                 )
             )  # fmt: skip
         model = self.task.model_value
-        deficit = StepQuantity(
-            "vapour_pressure_deficit",
-            DEFICITS["vapour_pressure_deficit"].unit,
-            "vapour pressure deficit inside, true value",
-        )
+        name = "vapour_pressure_deficit"
+        deficit = StepQuantity(name, DEFICITS[name].unit, "vapour pressure deficit inside, true value")
         groups: list[tuple[str, str, Sequence[Any]]] = [
             ("", "", [*info_quantities(self.task)[1:], *((deficit,) if model.air else ())]),
             ("total.", ", added up since the start", self._added_up),
@@ -179,9 +179,9 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
         assert structure is not None
         outputs, unknowns = structure.find("Outputs"), SubElement(structure, "InitialUnknowns")
         assert outputs is not None
-        for output in (
-            outputs
-        ):  # no output looks through to an input of the same moment; at the start all follow from seed and split
+        for (
+            output
+        ) in outputs:  # none looks through to an input of the same moment; at the start all follow from seed and split
             SubElement(unknowns, "Unknown", output.attrib, dependencies="1 2")
             output.set("dependencies", "")
         return root
@@ -254,19 +254,18 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
         moved = [names.index(name) for name in task.actuation.controls]
         rows = []
         for _ in range(steps):
-            rate = task.actuation.kind == "rate"
-            change = (
-                np.clip((shares - simulation.u[0, moved]) / task.actuation.max_change, -1.0, 1.0) if rate else shares
-            )
+            change = shares
+            if task.actuation.kind == "rate":
+                change = np.clip((shares - simulation.u[0, moved]) / task.actuation.max_change, -1.0, 1.0)
             _, numbers, ended = simulation.step_single(change)
             rows.append(numbers[first:])
             if not simulation.over:
                 self._weather = simulation.d[0].tolist()
             if ended and simulation.result is not None and simulation.result.failed:
-                reason = simulation.result.failed[0].reason
-                self._report(
-                    f"The season has ended: a control step could not be computed. {reason}", Fmi2Status.warning
+                why = (
+                    f"The season has ended: a control step could not be computed. {simulation.result.failed[0].reason}"
                 )
+                self._report(why, Fmi2Status.warning)
                 break
         for place, quantity in enumerate(task.quantities):
             column = [row[place] for row in rows]
@@ -315,30 +314,21 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
 
     def _get_fmu_state(self) -> dict[str, Any]:
         """All that the rest of the season depends on, as values that JSON can hold."""
-        simulation = self._simulation
-        return {
-            "parameters": dict(self._parameters),
-            "targets": list(self._targets),
-            "initialised": self._initialised,
-            "start_time": self._start_time,
-            "snapshot": ""
-            if simulation is None
-            else base64.b64encode(simulation.snapshot().to_bytes()).decode("ascii"),
-            "numbers": self._numbers,
-            "totals": self._totals,
-            "weather": self._weather,
-        }
+        snapshot = b"" if self._simulation is None else self._simulation.snapshot().to_bytes()
+        saved = {name: copy(getattr(self, name)) for name in _SAVED}
+        return {**saved, "snapshot": base64.b64encode(snapshot).decode("ascii")}
 
     def _set_fmu_state(self, state: dict[str, Any]) -> None:
         """Continue from what ``_get_fmu_state`` gave, with the same bits."""
-        self._parameters.update(state["parameters"])
-        self._targets[:] = state["targets"]
-        self._initialised, self._start_time = state["initialised"], state["start_time"]
+        for own in (self._parameters, self._targets):  # in place: the variables of the FMU refer to them
+            own.clear()
+        self._parameters.update(state["_parameters"])
+        self._targets.extend(state["_targets"])
         self._simulation = None
         if state["snapshot"]:
             with self._failing_safely():
                 self._running().restore(Snapshot.from_bytes(base64.b64decode(state["snapshot"])))
-            self._numbers, self._totals, self._weather = (
-                list(state[name]) for name in ("numbers", "totals", "weather")
-            )
-            self._gather(self._running())
+        for name in _SAVED[2:]:
+            setattr(self, name, copy(state[name]))
+        if self._simulation is not None:
+            self._gather(self._simulation)

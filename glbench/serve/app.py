@@ -122,8 +122,8 @@ async def episode(session: str, request: Request) -> Response:
 
 
 @router.delete("/sessions/{session}")
-async def close(session: str, request: Request) -> messages.Closed:
-    """Close a session."""
+async def close(session: str, request: Request) -> messages.Account:
+    """Close a session. The answer has the account of its season."""
     return await act(request, lambda sessions: sessions.close(session))
 
 
@@ -141,9 +141,8 @@ def unreadable(error: RequestValidationError) -> RequestError:
     entry = fields.get(place[-1]) if place else None
     advice = "GET /v1/openapi.json lists the fields of every request, and the page at / has examples."
     if problem["type"] == "extra_forbidden":
-        return RequestError(
-            422, f"There is no field {quoted(field)} here.{did_you_mean(field, fields)}", advice, field, value
-        )
+        what = f"There is no field {quoted(field)} here.{did_you_mean(field, fields)}"
+        return RequestError(422, what, advice, field, value)
     if entry is not None:
         return RequestError(422, f"{field} has an impossible value.", f"Give {entry.description}.", field, value)
     return RequestError(422, "The request needs a JSON object.", advice, "body", value)
@@ -167,7 +166,7 @@ class Guard:
         headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
         try:
             self._check_sender(headers)
-            body = await self._body(scope["method"], headers, receive)
+            body = await self._body(scope, headers, receive)
         except RequestError as error:
             await refusal(error)(scope, receive, send)
             return
@@ -186,11 +185,12 @@ class Guard:
 
     def _check_sender(self, headers: dict[str, str]) -> None:
         host = headers.get("host", "")
-        try:
+        own = False
+        with contextlib.suppress(ValueError):
             name = (urlsplit(f"//{host}").hostname or "").lower()
-        except ValueError:
-            name = ""
-        if not (name in self._hosts or is_address(name)):
+            # An IP address is what no stranger's name server can redirect.
+            own = name in self._hosts or bool(ipaddress.ip_address(name.partition("%")[0]))
+        if not own:
             advice = "Call it by its address, such as http://127.0.0.1:8000, or start it with --host NAME."
             raise RequestError(403, "The server does not answer to this name.", advice, "Host", host)
         origin = headers.get("origin")
@@ -198,7 +198,7 @@ class Guard:
             advice = "If it is yours, start the server with --allow-origin and this origin."
             raise RequestError(403, "A web page of another origin may not call this server.", advice, "Origin", origin)
 
-    async def _body(self, method: str, headers: dict[str, str], receive: Receive) -> bytes:
+    async def _body(self, scope: Scope, headers: dict[str, str], receive: Receive) -> bytes:
         body, more = b"", True
         try:
             async with asyncio.timeout(BODY_SECONDS):
@@ -208,40 +208,28 @@ class Guard:
                     announced = headers.get("content-length", "0")
                     if len(body) > LARGEST_BODY or not announced.isdecimal() or int(announced[:20]) > LARGEST_BODY:
                         what = f"The request is larger than {LARGEST_BODY // 1024} KiB."
-                        raise RequestError(
-                            413, what, "Send one action, by name or as a list.", "body", f"{announced[:20]} bytes"
-                        )
+                        advice = "Send one action, by name or as a list."
+                        raise RequestError(413, what, advice, "body", f"{announced[:20]} bytes")
         except TimeoutError:
             what = f"The request did not arrive within {BODY_SECONDS:g} s."
             raise RequestError(408, what, "Send it again in one piece.") from None
-        kind = headers.get("content-type", "")
-        if method == "POST" and (body or kind) and kind.partition(";")[0].strip().lower() != "application/json":
+        kind, query, is_post = headers.get("content-type", ""), scope["query_string"], scope["method"] == "POST"
+        if is_post and query:
+            advice = 'Send what it says as JSON in the body, such as {"split": "validation"}.'
+            raise RequestError(422, "Nothing reads the address after '?'.", advice, "query", query.decode("latin-1"))
+        if is_post and (body or kind) and kind.partition(";")[0].strip().lower() != "application/json":
             advice = "Send JSON with Content-Type: application/json (in MATLAB: weboptions('MediaType', 'application/json'))."
             raise RequestError(415, "The request is not marked as JSON.", advice, "Content-Type", kind)
         if body:
             try:
                 parse_json(body)
             except ValueError as error:
-                place = (
-                    f" (line {error.lineno}, column {error.colno})"
-                    if isinstance(error, json.JSONDecodeError)
-                    else f": {reason_of(error)}"
-                )
-                raise RequestError(
-                    400,
-                    f"The request is not valid JSON{place}.",
-                    'Send an object such as {"steps": 4, "action": [...]}.',
-                ) from None
+                place = f": {reason_of(error)}"
+                if isinstance(error, json.JSONDecodeError):
+                    place = f" (line {error.lineno}, column {error.colno})"
+                advice = 'Send an object such as {"steps": 4, "action": [...]}.'
+                raise RequestError(400, f"The request is not valid JSON{place}.", advice) from None
         return body
-
-
-def is_address(host: str) -> bool:
-    """Whether a host is an IP address, which no stranger's name server can redirect."""
-    try:
-        ipaddress.ip_address(host.partition("%")[0])
-    except ValueError:
-        return False
-    return True
 
 
 def application(sessions: Sessions, hosts: Sequence[str] = ("localhost",), origins: Sequence[str] = ()) -> FastAPI:
@@ -280,6 +268,7 @@ def application(sessions: Sessions, hosts: Sequence[str] = ("localhost",), origi
         version=__version__,
         description=about,
         lifespan=lifespan,
+        redirect_slashes=False,  # curl does not follow: it would print nothing
         docs_url=None,  # Swagger's page loads its script from the internet
         redoc_url=None,
         openapi_url="/v1/openapi.json",
@@ -300,13 +289,11 @@ def application(sessions: Sessions, hosts: Sequence[str] = ("localhost",), origi
         content = page.substitute({name: escape(str(text), quote=False) for name, text in words.items()})
         return HTMLResponse(content, headers={"Content-Security-Policy": PAGE_POLICY})
 
-    @app.exception_handler(RequestError)
-    async def refused(_: Request, error: RequestError) -> JSONResponse:
-        return refusal(error)
-
     @app.exception_handler(GlbenchError)
-    async def failed(_: Request, error: GlbenchError) -> JSONResponse:
-        return refusal(RequestError(422, str(error), "Nothing more was done."))
+    async def refused(_: Request, error: GlbenchError) -> JSONResponse:
+        return refusal(
+            error if isinstance(error, RequestError) else RequestError(422, str(error), "Nothing more was done.")
+        )
 
     @app.exception_handler(RequestValidationError)
     async def unfit(_: Request, error: RequestValidationError) -> JSONResponse:
@@ -315,16 +302,11 @@ def application(sessions: Sessions, hosts: Sequence[str] = ("localhost",), origi
     @app.exception_handler(HTTPException)
     async def unknown(request: Request, error: HTTPException) -> JSONResponse:
         path, addresses = request.url.path, [route.path for route in router.routes if hasattr(route, "path")]
+        what = f"There is nothing at {quoted(path)}.{did_you_mean(path, addresses)}"
+        advice = "The page at / lists all addresses."
         if error.status_code == 405:
-            what, advice = (
-                f"{quoted(path)} does not take {quoted(request.method)}.",
-                f"It takes {(error.headers or {}).get('Allow', 'another')}.",
-            )
-        else:
-            what, advice = (
-                f"There is nothing at {quoted(path)}.{did_you_mean(path, addresses)}",
-                "The page at / lists all addresses.",
-            )
+            what = f"{quoted(path)} does not take {quoted(request.method)}."
+            advice = f"It takes {(error.headers or {}).get('Allow', 'another')}."
         answer = refusal(RequestError(error.status_code, what, advice))
         answer.headers.update(error.headers or {})
         return answer

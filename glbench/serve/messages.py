@@ -107,6 +107,9 @@ class Account(BaseModel):
     account: dict[str, float]
     units: dict[str, str]
     meanings: dict[str, str]
+    episode: str | None = Field(
+        default=None, description="the file on the server's machine, of a closed session, if it writes episodes"
+    )
 
 
 class Ahead(BaseModel):
@@ -127,15 +130,6 @@ class Forecast(BaseModel):
     time: Moment
     forecast: dict[str, Ahead]
     note: str
-
-
-class Closed(BaseModel):
-    """A session that is gone."""
-
-    session: str
-    step: int
-    account: dict[str, float] = Field(description="sums of its season")
-    episode: str | None = Field(description="the file on the server's machine, if it writes episodes")
 
 
 class Health(BaseModel):

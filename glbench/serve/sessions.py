@@ -177,14 +177,10 @@ class Session:
         return messages.Account(
             session=self.name,
             step=len(self._actions),
-            account=self.sums(),
+            account=dict(zip(self._metrics.names, self._totals.tolist(), strict=True)),
             units={metric.name: metric.unit for metric in listed},
             meanings={metric.name: metric.meaning for metric in listed},
         )
-
-    def sums(self) -> dict[str, float]:
-        """Sums of the season so far by name."""
-        return dict(zip(self._metrics.names, self._totals.tolist(), strict=True))
 
     def episode(self) -> Episode:
         """The record of the season so far, as an evaluation writes it; the agent is called ``served``."""
@@ -269,11 +265,11 @@ def read_action(task: TaskSpec, request: messages.StepRequest) -> NDArray[np.flo
         where = f"{field}.{one.name}"
         if isinstance(entry, bool) or not isinstance(entry, int | float):
             raise RequestError(422, f"{where} is not a number.", f"Give a number from {bounds}.", where, entry)
-        inside = low - ROUNDING <= entry <= high + ROUNDING  # also of an integer that is too large for a float
-        if not inside or not math.isfinite(entry):
-            kind = f"outside its range, {bounds}" if isinstance(entry, int) or math.isfinite(entry) else "not finite"
+        if isinstance(entry, float) and not math.isfinite(entry):
+            raise RequestError(422, f"{where} is not finite.", f"Give a number from {bounds}.", where, entry)
+        if not low - ROUNDING <= entry <= high + ROUNDING:  # also of an integer that is too large for a float
             advice = f"Limit it to {bounds} before the step; nothing was simulated."
-            raise RequestError(422, f"{where} is {kind}.", advice, where, entry)
+            raise RequestError(422, f"{where} is outside its range, {bounds}.", advice, where, entry)
         limited = min(max(float(entry), low), high)  # what rounding added
         action[place] = one.of(limited) if in_units else entry
     return action
@@ -322,7 +318,7 @@ class Sessions:
         self.close_idle()
         split = self.splits[0] if request.split is None else request.split
         if split not in self.splits:
-            what = f"{self.task.id} is not served in a split {quoted(split)}."
+            what = f"{self.task.id} is not served in a split {quoted(split)}.{did_you_mean(split, self.splits)}"
             if split == "test":
                 what = "The test split is for scores: nobody may try or tune an agent in its seasons, so they are not served."
             advice = f"Use {' or '.join(map(repr, self.splits))}. {NO_SCORES}"
@@ -354,17 +350,12 @@ class Sessions:
         self._open[name].last_use = self._clock()
         return self._open[name]
 
-    def close(self, name: str) -> messages.Closed:
+    def close(self, name: str) -> messages.Account:
         """Close a session, after its episode is written."""
         session = self.get(name)
         path = self._write(session)
         del self._open[name]
-        return messages.Closed(
-            session=name,
-            step=session.steps,
-            account=session.sums(),
-            episode=None if path is None else str(path),
-        )
+        return session.account().model_copy(update={"episode": None if path is None else str(path)})
 
     def close_idle(self) -> None:
         """Close the sessions that were not used for too long."""

@@ -26,6 +26,7 @@ from glbench.training.card import CARD, POLICY, read_card, to_toml
 from glbench.training.constant_columns import without_constant_columns
 from glbench.training.folder import DAMAGED
 from glbench.training.vec_env import Normalizer
+from glbench.untrusted import reason_of
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -44,6 +45,10 @@ def load_model(file: Path, algorithm: str, normalization: Path | None) -> tuple[
     TrainingError
         When one of them cannot be read.
     """
+    for path in filter(None, (file, normalization)):
+        if not path.is_file():
+            msg = f"Cannot read the model: {path} is not a file. Give the model.zip that was saved, or a folder of glbench train."
+            raise TrainingError(msg)
     try:
         model = algorithm_class(algorithm).load(file, device="cpu")
         if normalization is None:
@@ -51,7 +56,7 @@ def load_model(file: Path, algorithm: str, normalization: Path | None) -> tuple[
         with normalization.open("rb") as opened:
             content = pickle.load(opened)
     except DAMAGED as error:
-        msg = f"Cannot read the model {file} ({algorithm}) and its normalisation {normalization}: {error}."
+        msg = f"Cannot read the model {file} ({algorithm}) and its normalisation {normalization}: {reason_of(error)}."
         raise TrainingError(msg) from error
     if not isinstance(content, VecNormalize):
         msg = (

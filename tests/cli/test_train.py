@@ -234,7 +234,7 @@ def test_a_search_is_continued_and_its_best_trial_shown_first(glbench: Command, 
         (("sweep", "--config", "tiny.yml"), "cannot be used"),
         (("tune", "nowhere.npz"), "there is no policy file"),
         (("tune", "nowhere.npz", "--config", "tiny.yml"), "cannot be used"),
-        (("export", "nowhere.zip"), "Cannot read the model"),
+        (("export", "nowhere.zip"), "Cannot read the model: nowhere.zip is not a file. Give"),
         (("export", "."), "no finished training"),
     ],
 )

@@ -30,7 +30,7 @@ def step(**entries: object) -> str:
 
 
 IMPOSSIBLE_STEPS = {
-    "nan": (step(uBoil=float("nan")), 422, "action.uBoil", "not finite"),
+    "nan": (step(uBoil=float("nan")), 422, "action.uBoil", "not finite. Give a number from -1 to 1."),
     "infinity": (step(uVent=float("-inf")), 422, "action.uVent", "not finite"),
     "1e400": ('{"action": [1e400, 0, 0, 0, 0, 0]}', 422, "action.uBoil", "not finite"),
     "10**400": (f'{{"action": [0, {HUGE}, 0, 0, 0, 0]}}', 422, "action.uCo2", "outside its range, -1 to 1"),
@@ -87,6 +87,7 @@ def test_an_impossible_step_is_refused_in_words_and_nothing_is_simulated(
         ({"split": "test"}, 403, "split", "for scores"),
         ({"split": "test"}, 403, "split", "glbench evaluate my_agent.py"),
         ({"split": "preview"}, 422, "split", "'training' or 'validation'"),
+        ({"split": "Validation"}, 422, "split", "Did you mean 'validation'?"),
         ({"split": 3}, 422, "split", "such as 'validation'"),
         ({"seed": 10_000}, 422, "seed", "belong to scored runs"),
         ({"seed": -1}, 422, "seed", "a whole number from 10000000000"),
@@ -115,6 +116,8 @@ def test_an_impossible_season_is_refused_in_words(
         ("POST", "/v1/sessions/nobody/reset", 404, "never started"),
         ("DELETE", "/v1/sessions/%00%0a", 404, "There is no session"),
         ("GET", "/v1/sessions/nobody/forecasts", 404, "nothing at"),
+        ("POST", "/v1/sessions/", 404, "Did you mean '/v1/sessions'"),
+        ("POST", "/v1/sessions?split=validation", 422, "Send what it says as JSON in the body"),
         ("GET", "/docs", 404, "The page at / lists all addresses"),
         ("PUT", "/v1/task", 405, "It takes GET"),
         ("GET", "/v1/sessions", 405, "It takes POST"),
