@@ -488,6 +488,8 @@ def write_column_map(
         f"dates = {text(columns.dates)}",
         f"decimal = {text(columns.decimal)}",
         "",
+        '# timezone = "Europe/Amsterdam"  # clock of the greenhouse; that of the stamps by default',
+        "",
         "# Where the station is; --place and --timezone on the command line go before it.",
         "# [place]",
         "# latitude = 52.0    # degrees north",

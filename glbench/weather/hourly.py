@@ -149,7 +149,10 @@ def _checked_step(rows: Rows) -> int:
         i = int(backward[0])
         here, before = (utc_text(int(rows.slot_ends[k])) for k in (i + 1, i))
         what = f"{here} UTC appears twice" if here == before else f"{here} UTC follows {before} UTC"
-        msg = f"{rows.file}, row {rows.row_numbers[i + 1]}: the interval ending {what}. Sort the rows by time, and leave one of each."
+        msg = (
+            f"{rows.file}, row {rows.row_numbers[i + 1]}: the interval ending {what}. Sort the rows by time, and leave one of each; if it "
+            "is the hour that a clock shows twice in autumn, the clock of the stamps is one with summer time, such as Europe/Amsterdam."
+        )
         raise WeatherError(msg)
     if step > SLOT_SECONDS:
         msg = f"{rows.file}: its rows are {step / SLOT_SECONDS:g} h apart. The model needs a row an hour or finer; export finer values."

@@ -110,6 +110,8 @@ def test_the_newest_row_may_be_on_top_also_when_the_clock_goes_back(tmp_path: Pa
     oldest = export(tmp_path, titles, rows)
     columns, _, _ = guess_column_map(oldest)
     expected = read_columns(oldest, columns, coordinates=(52.0, 5.0, 0.0))
+    with pytest.raises(WeatherError, match="twice in autumn, the clock of the stamps is one with summer time"):
+        read_columns(oldest, columns.model_copy(update={"clock": "Etc/GMT-1"}), coordinates=(52.0, 5.0, 0.0))
     newest = export(tmp_path, titles, [*rows[::-1], "Gemiddeld;;22,5;80;2;0"])
     record = read_columns(newest, columns, coordinates=(52.0, 5.0, 0.0))
     assert (record.hours, record.digest) == (25, expected.digest)
