@@ -53,6 +53,7 @@ from glbench.realism import HouseComparison
 from glbench.realism.season import GROW_PIPE, RAIL_PIPE
 from glbench.speed import SpeedRecord, read_record
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card
+from glbench.tasks.price_files import MOST_PRICES
 from glbench.tasks.prices import RADIATION, SHAPE
 from glbench.tasks.tables import ProcessComputerTable
 from glbench.training.compiled_settings import CompiledSettings, read_compiled_settings
@@ -945,6 +946,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("{} in the hour from 8:00, and one in the evening, {} from 19:00", lambda: (SHAPE[8], SHAPE[19])),
         ("CO2 costs less up to {} kg m-2 than beyond", lambda: price_steps()[0]),
         ("are {} EUR for each kg up to it and {} EUR for each", lambda: price_steps()[1:]),
+        ("A file may have {} prices", lambda: float(MOST_PRICES)),
     ],
     "docs/submit.md": [
         ("These are the {} columns of the default task", lambda: len(HEADLINE.observed())),
@@ -1083,6 +1085,11 @@ EVERYWHERE = [
 
 ALLOWED: dict[str, list[tuple[str, str]]] = {
     "docs/jax.md": [("before 1.0: PureJaxRL", "a version")],
+    "docs/fmu.md": [
+        ("FMI 2.0", "a version"),
+        ("Python 3.11 and 3.13", "versions"),
+    ],
+    "docs/prices.md": [("days of 23 and 25 hours", "definition: the days on which summer time begins and ends")],
     **{
         page: [("An iteration takes about 3 s of one core", "measured by docs/season_plan_table.py")]
         for page in ("docs/best-known.md", "docs/control.md")
@@ -1299,7 +1306,10 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("at least 15 minutes", "definition: glbench/evaluation/profiles"),
         ("the 5, 25, 50, 75 and 95 % quantiles", "definition: glbench/evaluation/profiles"),
         ("1/3000", "definition: glbench/report/profile_encoding.py"),
-        ("a desk of 1250", "definition: tests/report/test_browser.py"),
+        ("a desk of 1250 or 1400", "definition: tests/report/test_overall.py, tests/report/test_look.py"),
+        ("with its 95 % interval", "definition"),
+        ("a decimal comma (0.05 or 0,05)", "an example"),
+        ('"1.234,5" and "1,234.5" are refused', "an example; tests/report/test_look.py"),
         ("from 1 h before the first light of a day until 2 h after it", "definition: glbench/report/story.py"),
         ("from 5 W/m² of global radiation", "definition: glbench/report/story.py"),
         ("31.65 MJ/m³", "definition: glbench/episodes/signals.py"),
