@@ -23,7 +23,7 @@ def fmu(
             "--split", help="training or validation; the importing program can change it. Default: validation."
         ),
     ] = None,
-    replace: Annotated[bool, typer.Option("--replace", help="Replace a file that is there.")] = False,
+    replace: Annotated[bool, typer.Option("--replace", help="Replace a file that exists.")] = False,
 ) -> None:
     """Write the greenhouse of a task as an FMU for co-simulation (FMI 2.0), with weather, crop, sensors and ledger.
 

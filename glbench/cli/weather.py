@@ -43,7 +43,7 @@ Years = Annotated[str, typer.Option("--years", help="Years to draw from: 2008-20
 Days = Annotated[int, typer.Option("--days", min=1, help="Length of a season [d].")]
 Replace = Annotated[bool, typer.Option("--replace", help="Replace your own record of that name.")]
 FillGaps = Annotated[
-    int, typer.Option("--fill-gaps", min=0, max=48, help="Fill up to so many missing hours in a row linearly; noted.")
+    int, typer.Option("--fill-gaps", min=0, max=48, help="Fill up to this many missing hours in a row linearly; noted.")
 ]
 
 
@@ -114,7 +114,7 @@ def import_file(
     ] = "auto",
     timezone: Annotated[
         str | None,
-        typer.Option(help="IANA zone of the local clock, such as Europe/Amsterdam; before that of the file."),
+        typer.Option(help="IANA zone of the local clock, such as Europe/Amsterdam; overrides that of the file."),
     ] = None,
     year: Annotated[int | None, typer.Option(help="Typical years: the common year that they get (2001).")] = None,
     station: Annotated[int | None, typer.Option(help="KNMI: number of the station, in a file of several.")] = None,
@@ -123,7 +123,7 @@ def import_file(
         typer.Option(
             "--place",
             metavar="LAT,LON[,ALT]",
-            help="Degrees north, degrees east, metres above the sea; before those of the file.",
+            help="Degrees north, degrees east, metres above sea level; overrides those of the file.",
         ),
     ] = None,
     columns: Annotated[
@@ -283,7 +283,7 @@ def generate(
     picture: Annotated[
         Path | None, typer.Option("--picture", help="Also a picture (.png): the season beside the real years.")
     ] = None,
-    replace: Annotated[bool, typer.Option("--replace", help="Replace files that are there.")] = False,
+    replace: Annotated[bool, typer.Option("--replace", help="Replace files that exist.")] = False,
 ) -> None:
     """Make a season that never was, from blocks of days of real years."""
     if picture is not None:

@@ -490,7 +490,7 @@ def write_column_map(
         "",
         '# timezone = "Europe/Amsterdam"  # clock of the greenhouse; that of the stamps by default',
         "",
-        "# Where the station is; --place and --timezone on the command line go before it.",
+        "# Where the station is; --place and --timezone on the command line override it.",
         "# [place]",
         "# latitude = 52.0    # degrees north",
         "# longitude = 4.5    # degrees east",

@@ -27,7 +27,7 @@ const amountWords = (one, two, task) => {
   const hours = words.outside ? difference(one, two, words.outside) : UNKNOWN, side = (gap) => (gap > 0 ? "more" : "less");
   return [
     ...gaps.map(({ item, metric, gap }) => { const gas = gasOf(task, item.column, Math.abs(gap.mean)); return `${item.sign > 0 ? "brings" : "uses"} ${withUnit(Math.abs(gap.mean), metric.decimals, metric.unit)} ${side(gap.mean)} ${lower(metric.label)}${gas ? ` (${gas})` : ""}`; }),
-    ...(isClear(hours) && Math.abs(hours.mean) >= 0.5 ? [`is ${withUnit(Math.abs(hours.mean), 0, "h")} ${side(hours.mean)} outside the limits`] : []),
+    ...(isClear(hours) && Math.abs(hours.mean) >= 0.5 ? [`spends ${withUnit(Math.abs(hours.mean), 0, "h")} ${side(hours.mean)} outside the limits`] : []),
   ];
 };
 
