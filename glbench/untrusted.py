@@ -221,8 +221,8 @@ def quoted(value: object) -> str:
 
 
 def visible(text: str, keep: str = "") -> str:
-    """``text`` as it may be displayed: a question mark for every character that is not printable and not in ``keep``."""
-    return "".join(letter if letter.isprintable() or letter in keep else "?" for letter in text)
+    """``text`` as it may be displayed: a question mark for every character that is neither printable, nor a no-break space, nor in ``keep``."""
+    return "".join(letter if letter.isprintable() or letter in f"\u00a0{keep}" else "?" for letter in text)
 
 
 def html_of(

@@ -23,8 +23,8 @@ TASK = "Schiphol2010-Delta10-v1"
 Picture = tuple[str, tuple[int, int], str, int | str]
 PICTURES: dict[str, Picture] = {
     "report-leaderboard": (f"#/{TASK}", (1250, 1340), "light", 0),
-    "report-overall": ("#/overall", (1250, 960), "light", "#profiles"),
-    "report-compare": (f"#/compare/ppo/rule_based/{TASK}", (1250, 790), "light", 1040),
+    "report-overall": ("#/overall", (1250, 1320), "light", "#profiles"),
+    "report-compare": (f"#/compare/ppo/rule_based/{TASK}", (1250, 700), "light", "#hours"),
     "report-phone": (f"#/agent/ppo/{TASK}", (390, 1000), "dark", 0),
 }
 """Name, view, size in pixels, colours, and how far down it is scrolled, or to which element."""
@@ -52,7 +52,7 @@ def take(browser: Browser, page_file: str, name: str, picture: Picture) -> None:
     file = Path(__file__).with_name(f"{name}.png")
     page.screenshot(path=file)
     with Image.open(file) as taken:  # flat colours: a palette says the same in a third of the bytes
-        taken.convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+        taken.convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, kmeans=2, dither=Image.Dither.NONE).save(
             file, optimize=True
         )
 

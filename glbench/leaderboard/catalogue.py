@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
+from itertools import cycle
 from typing import TYPE_CHECKING, Any, Literal
 
 from glbench import quantities
@@ -204,7 +205,12 @@ def _of_task(task: TaskSpec) -> Catalogue:
                 one.name, profit, usual=usual, money=bool(one.unit == MONEY and task.violation_prices)
             )
         metrics.append(Metric(one.name, one.unit, **words) if words else unknown_metric(one.name, one.unit))
-    known_items = [_item(item, place, amounts.get(item.amount, item.amount)) for place, item in enumerate(ledger_items)]
+    fixed = [entry.colour if (entry := _entry(item)) else None for item in ledger_items]
+    free = cycle(sorted(set(range(_COLOURS)) - set(fixed)) or range(_COLOURS))
+    known_items = [
+        _item(item, next(free) if colour is None else colour, amounts.get(item.amount, item.amount))
+        for item, colour in zip(ledger_items, fixed, strict=True)
+    ]
     places = {name: place for place, item in enumerate(known_items) for name in (item.money, item.amount)}
     metrics.sort(key=lambda metric: (_ORDER.index(metric.kind), places.get(metric.name, 0)))
     lead = (
@@ -288,7 +294,7 @@ def _amount_words(item: LedgerItem) -> dict[str, Any]:
     }
 
 
-def _item(item: LedgerItem, place: int, amount: str) -> Item:
+def _item(item: LedgerItem, colour: int, amount: str) -> Item:
     label, entry, sold = _label(item), _entry(item) or quantities.Entry(item.flow), unit_sold(item.amount_unit)
     return Item(
         money=item.name,
@@ -299,7 +305,7 @@ def _item(item: LedgerItem, place: int, amount: str) -> Item:
         short=entry.short or in_sentence(label),
         words=entry.words or in_sentence(label),
         unit=f"EUR/{sold or 'piece'}" if "m-2" in item.amount_unit else f"EUR/(m² {item.amount_unit})",
-        colour=place % _COLOURS if entry.colour is None else entry.colour,
+        colour=colour,
         least=entry.least,
         table=isinstance(item.price, str),
     )

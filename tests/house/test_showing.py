@@ -11,7 +11,7 @@ from glbench.evaluation import load_result
 from glbench.leaderboard import collect_results, rank
 from glbench.resources import data_folder
 from glbench.tasks import get_task, list_tasks
-from glbench.untrusted import html_of
+from glbench.untrusted import html_of, visible
 
 
 class Balanced(HTMLParser):
@@ -65,3 +65,8 @@ def test_a_result_and_a_leaderboard_show_their_means() -> None:
     assert re.search(
         rf"1 {row.agent} {row.estimates['reward'].mean:.4g} ", re.sub(r" +", " ", words(table._repr_html_()))
     )
+
+
+def test_a_no_break_space_before_a_unit_is_shown_and_marks_that_turn_text_are_not() -> None:
+    assert visible("1.49\u00a0EUR/m²") == "1.49\u00a0EUR/m²"
+    assert visible("a\u202eb\x1b") == "a?b?"

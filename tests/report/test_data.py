@@ -23,7 +23,7 @@ from glbench.report import build_report, complete_profiles
 from glbench.report.facts import families, optional_facts
 from glbench.report.page import asset, script_names
 from glbench.report.profile_encoding import LEVELS
-from glbench.tasks import PAPER_TASK, list_tasks
+from glbench.tasks import PAPER_TASK, get_task, list_tasks
 
 
 def blocks_of(html: str) -> dict:
@@ -266,3 +266,9 @@ def test_a_result_that_shares_its_digest_under_another_task_does_not_speak_for_t
     short = {task["id"]: task["short"] for task in data["tasks"]}
     assert short[original.result.task.id] == "Schiphol2010-Delta10-v1"
     assert short[task.id] == task.id
+
+
+@pytest.mark.parametrize("task", ["Spring-v1", "FullSeason-v1", "Lettuce-v1", "Schiphol2010-Delta10-v1"])
+def test_what_is_sold_and_bought_has_colours_of_its_own(task):
+    colours = [item.colour for item in catalogue(get_task(task)).items]
+    assert len(set(colours)) == len(colours)

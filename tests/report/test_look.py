@@ -335,3 +335,37 @@ def test_terms_are_explained_where_they_are_met_and_listed_at_the_end(visit, wil
     )
     go(page, "#/overall/control")
     assert {"IQM", "Optimality gap", "Performance profile"} <= set(page.locator("#terms dt").all_inner_texts())
+
+
+def test_terms_flow_with_the_text_and_open_from_the_keyboard(visit, wild):
+    page = visit("#/Spring-v1", PHONE, file=wild[0])
+    term = page.locator("main .term", has_text="told apart")
+    assert term.evaluate("one => getComputedStyle(one).display") == "inline", "a box of its own breaks after a bracket"
+    for key in ("Enter", " "):
+        term.focus()
+        page.keyboard.press(key)
+        assert "beyond chance" in page.locator("#meaning").inner_text()
+        page.keyboard.press("Escape")
+        assert page.locator("#meaning").is_hidden()
+
+
+REACHES_OUT = """(chart) => [...chart.querySelectorAll('text')].filter((one) => one.textContent.trim()).filter((one) => {
+    const [here, all] = [one.getBoundingClientRect(), chart.getBoundingClientRect()];
+    return here.right > all.right + 1 || here.left < all.left - 1;
+}).map((one) => one.textContent)"""
+
+
+def test_on_a_phone_labels_of_charts_stay_inside_and_legends_above(visit, wild):
+    page = visit("#/Spring-v1", PHONE, file=wild[0])
+    regret = page.locator("figure", has_text="Regret").locator(".chart")
+    regret.scroll_into_view_if_needed()
+    page.wait_for_function("(chart) => chart.dataset.drawn === 'yes'", arg=regret.element_handle())
+    assert "▶" in regret.inner_text()
+    assert regret.evaluate(REACHES_OUT) == []
+    go(page, "#/compare/ppo_memory/rule_based_tuned/Spring-v1")
+    hours = page.locator("figure", has_text="Profit, A minus B").locator(".chart")
+    hours.scroll_into_view_if_needed()
+    page.wait_for_function("(chart) => chart.dataset.drawn === 'yes'", arg=hours.element_handle())
+    legend, plot = (hours.locator(part).first.bounding_box() for part in (".legend", ".plot"))
+    assert legend["height"] > 20
+    assert legend["y"] + legend["height"] <= plot["y"] + 3

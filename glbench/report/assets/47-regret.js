@@ -42,12 +42,12 @@ const regretFigure = (task, rows) => {
         type: "bar", orientation: "h", name, y: ordered.map((_, i) => i), x: parts.map((both, i) => cut(both[k], i)), marker: { color: variable(colour) },
         customdata: parts.map((both) => number(both[k], more, true)), hovertemplate: `${name} %{customdata}<extra></extra>`,
       })),
-      { type: "scatter", mode: "text", y: ordered.map((_, i) => i), x: ordered.map((_, i) => Math.min(right[i], ends[0])), text: ordered.map((_, i) => `  ${off[i] ? "\u25b6 " : ""}${net(i)}${off[i] ? ", off the scale" : ""}`), textposition: "middle right", cliponaxis: false, hoverinfo: "skip", textfont: { color: variable("ink") } },
+      { type: "scatter", mode: "text", y: ordered.map((_, i) => i), x: ordered.map((_, i) => Math.min(right[i], ends[0])), text: ordered.map((_, i) => `  ${off[i] ? "\u25b6 " : ""}${net(i)}`), textposition: "middle right", cliponaxis: false, hoverinfo: "skip", textfont: { color: variable("ink") } },
     ],
     layout: layout({
       barmode: "relative", bargap: 0.4, hovermode: "closest", margin: { l: 8, r: 12, t: 10, b: 8 },
       yaxis: { autorange: "reversed", showgrid: false, zeroline: false, tickvals: ordered.map((_, i) => i), ticktext: ordered.map((result) => plain(result.agent)) },
-      xaxis: { range: [left.some((value) => value > 0) ? -1.05 * ends[1] : 0, ends[0] + 0.3 * wide], zeroline: true, zerolinewidth: 1.5, zerolinecolor: variable("soft"), title: axisTitle(unit || "points of reward") },
+      xaxis: { range: [left.some((value) => value > 0) ? -1.05 * ends[1] : 0, ends[0] + 0.4 * wide], zeroline: true, zerolinewidth: 1.5, zerolinecolor: variable("soft"), title: axisTitle(unit || "points of reward") },
     }),
   });
   const span = (result, [, low, high], places) => (high > low ? `${number(low, places)} ${result.members ? "\u2194" : "to"} ${number(high, places)}` : "\u2013");

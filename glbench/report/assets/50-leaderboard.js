@@ -22,7 +22,7 @@ const rankColumns = (task, rows, refill) => {
         const one = of(row);
         const title = spanWords(row.result, one, metric.decimals + 1);
         return h("td", { title: metric.interval ? title : null }, number(one.mean, metric.decimals), metric.interval ? bar(one, range, row.result.agent, Boolean(row.result.members)) : null,
-          metric.name === task.metric && row.result.worst_tenth && !pricesDiffer(task) ? h("span", { class: "of", title: `Mean of the worst tenth of the runs (CVaR10)${row.result.members ? ", mean over the trainings" : ""}` }, "worst tenth", h("br"), number(row.result.worst_tenth[0], metric.decimals)) : null,
+          metric.name === task.metric && row.result.worst_tenth && !pricesDiffer(task) ? h("span", { class: "of", title: `Mean of the worst tenth of the runs (CVaR10)${row.result.members ? ", mean over the trainings" : ""}` }, "worst tenth ", h("br"), number(row.result.worst_tenth[0], metric.decimals)) : null,
           metric.name === task.metric && row.result.fresh_draws ? freshWords(row.result.fresh_draws, metric) : null,
           metric.interval ? h("span", { class: "visually-hidden" }, ` (${title})`) : null);
       },

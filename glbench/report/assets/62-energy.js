@@ -40,7 +40,7 @@ const energyPart = (profile, task) => {
   });
   const hours = Array.from({ length: 24 }, (_, hour) => hour + 0.5), bars = (y, label, ink) => ({ type: "bar", name: label, x: hours, y, marker: { color: colourAt(ink), opacity: 0.8 }, hovertemplate: "%{y:,.3f}" });
   const over = (y, label, colour) => line(hours, y, colour, { name: label, hovertemplate: "%{y:,.3f}" });
-  const look = (yaxis = {}) => layout({ barmode: "stack", bargap: 0.15, showlegend: true, legend: { orientation: "h", traceorder: "normal", y: 1.16, x: 0, font: { color: variable("ink") } }, margin: { l: 8, r: 10, t: 34, b: 8 }, xaxis: HOUR_AXIS, yaxis: { zeroline: true, zerolinecolor: variable("soft"), ...yaxis } });
+  const look = (yaxis = {}) => layout({ barmode: "stack", bargap: 0.15, showlegend: true, legend: { orientation: "h", traceorder: "normal", y: 1.02, yanchor: "bottom", x: 0, font: { color: variable("ink") } }, margin: { l: 8, r: 10, t: 34, b: 8 }, xaxis: HOUR_AXIS, yaxis: { zeroline: true, zerolinecolor: variable("soft"), ...yaxis } });
   const figure = (label, its, traces, yaxis) => chart(captionOf(label, its), () => ({ traces: traces(), layout: look({ title: axisTitle(its.split(" ")[0]), ...yaxis }) }), { height: 230, says: `${label} by hour of the day, mean over days and runs.` });
   const own = hourly.electricity_made.map((made, hour) => (made === null ? null : made - hourly.electricity_sold[hour]));
   const prices = Object.entries(profile.energy.prices).map(([money, packed], i) => ({ label: wordsOf(task).items.find((item) => item.money === money)?.label ?? money, values: unpack(packed), ink: SOLD + i }));

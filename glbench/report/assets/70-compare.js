@@ -114,7 +114,7 @@ const byHour = (one, two, task) => later(1500, async () => {
       ...parts.map((part) => ({ type: "bar", name: part.label, x: hours, y: part.runs.map(mean), marker: { color: colourAt(part.ink), opacity: 0.8 }, hovertemplate: "%{y:+,.3f}" })),
       line(hours, spread.map(([value]) => value), variable("ink"), { name: wordsOf(task).series[PROFIT].label, mode: "lines+markers", marker: { size: 5 }, hovertemplate: "%{y:+,.3f}", error_y: { type: "data", symmetric: false, array: spread.map(([m, , high]) => high - m), arrayminus: spread.map(([m, low]) => m - low), thickness: 1, width: 2, color: variable("ink") } }),
     ],
-    layout: layout({ barmode: "relative", bargap: 0.15, showlegend: true, legend: { orientation: "h", y: 1.12, x: 0, font: { color: variable("ink") } }, margin: { l: 8, r: 10, t: 34, b: 8 }, xaxis: HOUR_AXIS, yaxis: { title: axisTitle("EUR/m\u00b2, A minus B"), zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
+    layout: layout({ barmode: "relative", bargap: 0.15, showlegend: true, legend: { orientation: "h", y: 1.02, yanchor: "bottom", x: 0, font: { color: variable("ink") } }, margin: { l: 8, r: 10, t: 34, b: 8 }, xaxis: HOUR_AXIS, yaxis: { title: axisTitle("EUR/m\u00b2, A minus B"), zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
   });
   const spared = wordsOf(task).metric[PENALTY].label;
   const limits = () => ({
@@ -122,7 +122,7 @@ const byHour = (one, two, task) => later(1500, async () => {
     layout: layout({ bargap: 0.15, xaxis: HOUR_AXIS, yaxis: { title: axisTitle(inMoney(task, PENALTY) ? `${wordsOf(task).metric[PENALTY].unit}, spared` : "spared"), zeroline: true, zerolinecolor: variable("soft"), zerolinewidth: 1.5 } }),
   });
   return [
-    h("h2", {}, "By hour of the day"),
+    h("h2", { id: "hours" }, "By hour of the day"),
     h("p", { class: "soft" }, ranges ? `${one.agent} earns more than ${two.agent} ${ranges}, beyond chance` : `${one.agent} earns more than ${two.agent}, beyond chance, in no hour of the day`, `. Sums over the whole season, A minus B, ${pairs ? "mean over the shared seeds" : "means over each agent\u2019s own runs"}; hours are ${task.clock}.`, atEnd.length ? ` Not by the hour: ${sentence(atEnd.map((item) => lower(item.label)))}.` : "", averaged.length ? ` Its price changes with the calendar, so at its mean price: ${sentence(averaged.map((item) => lower(item.label)))}.` : ""),
     chart(captionOf("Profit, A minus B", "EUR/m\u00b2; above the line, A is better"), money, { height: 330, says: `Profit by hour of the day, ${one.agent} minus ${two.agent}: ${spread.map(([value], hour) => `${hour} h ${number(value, 2, true)}`).join(", ")}` }),
     h("div", { style: { height: "14px" } }),

@@ -1,5 +1,5 @@
 // Terms of the field, explained where they are met first on a page: a tap, a click or the keyboard opens the meaning, and the end of the page, which
-// prints, lists them all.
+// prints, lists them all. They are no button elements: those break no line, and lines break before them.
 
 const TERMS = D.other_words.filter(([, , marks]) => marks.length).map(([word, meaning, marks]) => ({ word, meaning, pattern: new RegExp(`(?<![\\w-])(?:${marks.join("|")})(?![\\w-])`) }));
 const NO_TERMS = "code, select, svg, .chart, input, output, h1, #terms, dl.words", INTERACTIVE = "a, button, summary, label, legend";
@@ -16,7 +16,7 @@ const explainTerms = () => {
       const closed = node.parentElement.closest(INTERACTIVE);
       met.set(term.word, closed && !closed.matches(".term") ? "listed" : "open");
       if (closed) continue;
-      const rest = node.splitText(match.index), button = h("button", { type: "button", class: "term", "aria-expanded": "false", "data-term": term.word }, match[0]);
+      const rest = node.splitText(match.index), button = h("span", { role: "button", tabindex: "0", class: "term", "aria-expanded": "false", "data-term": term.word }, match[0]);
       rest.data = rest.data.slice(match[0].length);
       node.after(button);
       texts.currentNode = node; // the rest comes next
@@ -41,4 +41,9 @@ const showMeaning = (button) => {
   meaningBox.style.top = `${bottom + scrollY + 6}px`;
 };
 document.addEventListener("click", ({ target }) => { const button = target.closest?.(".term"); showMeaning(button && button.getAttribute("aria-expanded") !== "true" ? button : null); });
-document.addEventListener("keydown", ({ key }) => { if (key === "Escape") showMeaning(null); });
+document.addEventListener("keydown", (event) => {
+  if (event.key === "Escape") showMeaning(null);
+  if (!["Enter", " "].includes(event.key) || !event.target.matches?.(".term")) return;
+  event.preventDefault(); // a space would scroll
+  event.target.click();
+});
