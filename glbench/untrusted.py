@@ -221,7 +221,7 @@ def quoted(value: object) -> str:
 
 
 def visible(text: str, keep: str = "") -> str:
-    """``text`` as it may be displayed: a question mark for every character that is neither printable, nor a no-break space, nor in ``keep``."""
+    """``text`` as it may be displayed: a question mark for all that is not printable, no no-break space and not in ``keep``."""
     return "".join(letter if letter.isprintable() or letter in f"\u00a0{keep}" else "?" for letter in text)
 
 
