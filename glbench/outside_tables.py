@@ -607,9 +607,15 @@ def read_stamps(table: TextTable, titles: Sequence[str], order: DateOrder | None
 
 
 def _parsed_stamps(table: TextTable, texts: Sequence[str], name: str, order: DateOrder | None) -> Stamps:
-    counts = _counted_stamps(texts)
-    if counts is not None:
-        return counts
+    # counts: Excel's days on an unnamed clock, Unix seconds or milliseconds in UTC
+    for pattern, scale, offset, zoned in (
+        (r"\d{5}[.,]\d+", DAY, _EXCEL_EPOCH, False),
+        (r"1?\d{9}", 1, 0, True),
+        (r"1?\d{12}", 1e-3, 0, True),
+    ):
+        if all(re.fullmatch(pattern, text) for text in texts):
+            counts = [round(float(text.replace(",", ".")) * scale) + offset for text in texts]
+            return Stamps(np.array(counts, dtype=np.int64), zoned)
     matches: list[re.Match[str]] = []
     for i, text in enumerate(texts):
         match = stamp_in(text)
@@ -637,20 +643,6 @@ def _parsed_stamps(table: TextTable, texts: Sequence[str], name: str, order: Dat
         seconds[i] = moment
     whole_hours = {match["hour"].zfill(2) for match in matches if match["hour"] and not int(match["minute"] or 0)}
     return Stamps(seconds, zoned, None, order, ends="24" in whole_hours and "00" not in whole_hours)
-
-
-def _counted_stamps(texts: Sequence[str]) -> Stamps | None:
-    """Moments that are counts: Excel's days on an unnamed clock, Unix seconds or milliseconds in UTC."""
-    for pattern, to_seconds, zoned in (
-        (r"\d{5}[.,]\d+", lambda number: round(number * DAY) + _EXCEL_EPOCH, False),
-        (r"1?\d{9}", round, True),
-        (r"1?\d{12}", lambda number: round(number / 1000), True),
-    ):
-        if all(re.fullmatch(pattern, text) for text in texts):
-            return Stamps(
-                np.array([to_seconds(float(text.replace(",", "."))) for text in texts], dtype=np.int64), zoned
-            )
-    return None
 
 
 def _date_order(table: TextTable, dates: Sequence[str], name: str) -> DateOrder:

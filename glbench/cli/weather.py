@@ -140,10 +140,20 @@ def import_file(
     replace: Replace = False,
 ) -> None:
     """Check a weather file and keep it under a name."""
+    from glbench.errors import WeatherError
     from glbench.weather import read_weather, save_weather
     from glbench.weather.store import check_new_name
 
     check_new_name(name, overwrite=replace)
+    coordinates = None
+    if place is not None:
+        parts = place.split(",")
+        try:
+            latitude, longitude, altitude = (float(part) for part in (parts if len(parts) == 3 else [*parts, "0"]))
+        except ValueError:
+            msg = f"--place '{place}' is not a latitude and a longitude in degrees, such as 52.0,4.5, or 52.0,4.5,-4 with the altitude [m]."
+            raise WeatherError(msg) from None
+        coordinates = (latitude, longitude, altitude)
     record = read_weather(
         file,
         file_format,
@@ -151,27 +161,12 @@ def import_file(
         timezone=timezone,
         year=year,
         station=station,
-        coordinates=None if place is None else _coordinates(place),
+        coordinates=coordinates,
         columns=columns,
         estimate_humidity=estimate_humidity,
         fill_gaps=fill_gaps,
     )
     _report_saved(record, save_weather(record, name, overwrite=replace))
-
-
-def _coordinates(text: str) -> tuple[float, float, float]:
-    """Degrees north, degrees east and metres of a ``--place``."""
-    from glbench.errors import WeatherError
-
-    try:
-        latitude, longitude, *rest = (float(part) for part in text.split(","))
-        altitude, *more = rest or [0.0]
-    except ValueError:
-        more = [0.0]
-    if more:
-        msg = f"--place '{text}' is not a latitude and a longitude in degrees, such as 52.0,4.5, or 52.0,4.5,-4 with the altitude [m]."
-        raise WeatherError(msg)
-    return latitude, longitude, altitude
 
 
 @app.command("columns")

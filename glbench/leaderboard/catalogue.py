@@ -182,7 +182,12 @@ def _layout() -> Mapping[str, Any]:
 def _of_task(task: TaskSpec) -> Catalogue:
     from glbench.evaluation.metrics import metrics_of
 
-    limits, usual = [name for name, _ in task.constraints.items()], _is_usual(task)
+    limits = [name for name, _ in task.constraints.items()]
+    usual = (  # the items, the limits and the reward of the paper
+        {item.flow for item in task.ledger.items if _entry(item)} == set(_layout()["usual"]["flows"])
+        and set(limits) == quantities.AIR.keys()
+        and "scaled_epi" in task.reward.modules
+    )
     coverage = _layout()["coverage"]["several" if has_several_seasons(task) else "one"]
     # What is known comes first: a stored task has its tables in another order than the file that it came from.
     items, flows = task.ledger.items, list(quantities.FLOWS)
@@ -225,15 +230,6 @@ def _of_task(task: TaskSpec) -> Catalogue:
         draws=coverage["draws"],
         beyond=coverage["beyond"],
         caution=_layout()["usual"]["caution"] if usual else "",
-    )
-
-
-def _is_usual(task: TaskSpec) -> bool:
-    """Whether a task has the items, the limits and the reward of the paper."""
-    return (
-        {item.flow for item in task.ledger.items if _entry(item)} == set(_layout()["usual"]["flows"])
-        and {name for name, _ in task.constraints.items()} == quantities.AIR.keys()
-        and "scaled_epi" in task.reward.modules
     )
 
 

@@ -74,7 +74,20 @@ def hourly_record(rows: Rows, origin: Origin, *, fill_gaps: int = 0) -> WeatherR
     present = {name: values for name, values in rows.columns.items() if name in REQUIRED or not np.isnan(values).all()}
     rows, notes = _sensors_within_limits(replace(rows, columns=present))
     check_values(rows)
-    step = _checked_step(rows)
+    step = step_of(rows.slot_ends)
+    backward = np.flatnonzero(np.diff(rows.slot_ends) <= 0)
+    if backward.size:
+        i = int(backward[0])
+        here, before = (utc_text(int(rows.slot_ends[k])) for k in (i + 1, i))
+        what = f"{here} UTC appears twice" if here == before else f"{here} UTC follows {before} UTC"
+        msg = (
+            f"{rows.file}, row {rows.row_numbers[i + 1]}: the interval ending {what}. Sort the rows by time, and leave one of each; if it "
+            "is the hour that a clock shows twice in autumn, the clock of the stamps is one with summer time, such as Europe/Amsterdam."
+        )
+        raise WeatherError(msg)
+    if step > SLOT_SECONDS:
+        msg = f"{rows.file}: its rows are {step / SLOT_SECONDS:g} h apart. The model needs a row an hour or finer; export finer values."
+        raise WeatherError(msg)
     if step != SLOT_SECONDS or rows.slot_ends[0] % SLOT_SECONDS:
         rows, averaged = _averaged(rows, step)
         notes += averaged
@@ -139,25 +152,6 @@ def _sensors_within_limits(rows: Rows) -> tuple[Rows, tuple[str, ...]]:
                 f"{name}: {int(beyond.sum()):,} values as far as {extreme:g} {unit} set to {limit:g} {unit} ({why})"
             )
     return replace(rows, columns=columns), tuple(notes)
-
-
-def _checked_step(rows: Rows) -> int:
-    """Usual distance of the rows [s]; at most an hour, and in order of time."""
-    step = step_of(rows.slot_ends)
-    backward = np.flatnonzero(np.diff(rows.slot_ends) <= 0)
-    if backward.size:
-        i = int(backward[0])
-        here, before = (utc_text(int(rows.slot_ends[k])) for k in (i + 1, i))
-        what = f"{here} UTC appears twice" if here == before else f"{here} UTC follows {before} UTC"
-        msg = (
-            f"{rows.file}, row {rows.row_numbers[i + 1]}: the interval ending {what}. Sort the rows by time, and leave one of each; if it "
-            "is the hour that a clock shows twice in autumn, the clock of the stamps is one with summer time, such as Europe/Amsterdam."
-        )
-        raise WeatherError(msg)
-    if step > SLOT_SECONDS:
-        msg = f"{rows.file}: its rows are {step / SLOT_SECONDS:g} h apart. The model needs a row an hour or finer; export finer values."
-        raise WeatherError(msg)
-    return step
 
 
 def _averaged(rows: Rows, step: int) -> tuple[Rows, tuple[str, ...]]:

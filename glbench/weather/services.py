@@ -65,14 +65,22 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Rea
         When columns are missing, or the plane is tilted; a row that does not fit is named.
     """
     table, facts = _pvgis_table(text, file)
-    stamps = _pvgis_stamps(table)
+    # stamps such as 20200101:0010
+    title = needed_title(table, "time(UTC)")
+    texts = [[re.sub(r"^(\d{8}):", r"\1 ", text)] for text in table.texts(title)]
+    stamps = read_stamps(TextTable(table.file, table.refusal, (), (title,), texts, table.lines), (title,)).seconds
     notes: list[str] = []
     tilted = [title for title in ("G(i)", "Gb(i)", "Gd(i)", "Gr(i)") if title in table.titles]
     typical = "G(h)" in table.titles
     if not typical and not tilted:
         problem = f"there is no column of radiation, G(h) or G(i). It has: {', '.join(table.titles)}."
         raise table.refuse(problem)
-    if not typical and not _is_horizontal(table, facts):
+    slope = facts.get("slope")
+    reflects = "Gr(i)" in table.titles and table.numbers("Gr(i)").any()
+    is_horizontal = (
+        slope == 0.0 if isinstance(slope, float) else slope is None and "Gr(i)" in table.titles and not reflects
+    )
+    if not typical and not is_horizontal:
         msg = (
             f"{file}: its radiation is that on a tilted plane (slope {facts.get('slope', 'not stated')}). The greenhouse needs "
             "global horizontal radiation: export it again with slope 0, or take the typical year of PVGIS."
@@ -129,24 +137,9 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Rea
     )
 
 
-def _pvgis_stamps(table: TextTable) -> record.IntArray:
-    """Stamps such as 20200101:0010 [s since 1970-01-01 UTC]."""
-    title = needed_title(table, "time(UTC)")
-    texts = [[re.sub(r"^(\d{8}):", r"\1 ", text)] for text in table.texts(title)]
-    return read_stamps(TextTable(table.file, table.refusal, (), (title,), texts, table.lines), (title,)).seconds
-
-
 def _fact(facts: Mapping[str, float | str], key: str) -> float | None:
     value = facts.get(key)
     return value if isinstance(value, float) else None
-
-
-def _is_horizontal(table: TextTable, facts: Mapping[str, float | str]) -> bool:
-    slope = facts.get("slope")
-    if isinstance(slope, float):
-        return slope == 0.0
-    reflected = next((title for title in table.titles if title == "Gr(i)"), None)
-    return slope is None and reflected is not None and not table.numbers(reflected).any()
 
 
 def _pvgis_table(text: str, file: str) -> tuple[TextTable, dict[str, float | str]]:
@@ -209,7 +202,10 @@ def parse_nsrdb(text: str, file: str) -> Reading:
     calendar_columns = [table.numbers(needed_title(table, name)) for name in ("Year", "Month", "Day", "Hour")]
     minute = title_of(table, "Minute")
     minutes = table.numbers(minute) if minute else np.zeros(len(table.rows))
-    stamps = _stamps_of(table, calendar_columns) + minutes.astype(np.int64) * 60
+    hours = zip(*calendar_columns, strict=True)
+    texts = [[f"{year:04.0f}-{month:02.0f}-{day:02.0f} {hour:02.0f}:00"] for year, month, day, hour in hours]
+    dates = TextTable(table.file, table.refusal, (), ("Year, Month, Day, Hour",), texts, table.lines)
+    stamps = read_stamps(dates, dates.titles).seconds + minutes.astype(np.int64) * 60
     notes: list[str] = []
     temperature = table.numbers(needed_title(table, "Temperature", "air_temperature"), _MISSING)
     columns = {
@@ -260,15 +256,6 @@ def _heading(lines: Sequence[str]) -> dict[str, str]:
     if len(rows) < 2:
         return {}
     return {name.strip().lower(): text.strip() for name, text in zip(rows[0], rows[1], strict=False)}
-
-
-def _stamps_of(table: TextTable, calendar_columns: Sequence[record.FloatArray]) -> record.IntArray:
-    year, month, day, hour = calendar_columns
-    texts = [f"{y:04.0f}-{m:02.0f}-{d:02.0f} {h:02.0f}:00" for y, m, d, h in zip(year, month, day, hour, strict=True)]
-    dates = TextTable(
-        table.file, table.refusal, (), ("Year, Month, Day, Hour",), [[text] for text in texts], table.lines
-    )
-    return read_stamps(dates, dates.titles).seconds
 
 
 def parse_open_meteo(text: str, file: str) -> Reading:

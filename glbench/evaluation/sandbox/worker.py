@@ -280,7 +280,9 @@ class Listener:
         if not self._on:
             return
         if event in {"socket.connect", "socket.getaddrinfo"}:
-            self._add(self._addresses, _address(event, arguments))
+            place: Any = arguments[0] if event == "socket.getaddrinfo" else arguments[1]
+            in_parts = isinstance(place, tuple) and len(place) >= 2
+            self._add(self._addresses, f"{place[0]}:{place[1]}" if in_parts else str(place))
         elif event == "socket.__new__" and arguments[1] in _NETWORK:
             self._network = True  # a sandbox refuses here, before any address is named
         elif event in _REMOVING or (event == "open" and isinstance(arguments[2], int) and arguments[2] & _WRITING):
@@ -298,13 +300,6 @@ class Listener:
     def _add(entries: list[str], what: str) -> None:
         if what not in entries and len(entries) < _MOST_HEARD:
             entries.append(what)
-
-
-def _address(event: str, arguments: tuple[object, ...]) -> str:
-    if event == "socket.getaddrinfo":
-        return str(arguments[0])
-    address = arguments[1]
-    return f"{address[0]}:{address[1]}" if isinstance(address, tuple) and len(address) >= 2 else str(address)
 
 
 def main(descriptor: int, *, walls: bool) -> NoReturn:

@@ -93,7 +93,12 @@ def check_submission(
     book.add(results, "card")
     # A wrong card hides what lies behind it: what is wrong with the rest is found out as if there was none.
     broken_card = card is None and any(finding.level == "problem" for finding in results)
-    identity = _identity(path, book) if not broken_card else None
+    identity = protection = None
+    if not broken_card:
+        try:
+            identity = read_identity(path)
+        except SubmissionError as error:
+            book.add([problem("files", str(error))], "files")
     name, what = path.resolve().stem if path.is_file() else path.resolve().name, "a submission"
     if identity is not None:
         what = FORM_WORDS[identity.form]
@@ -102,7 +107,11 @@ def check_submission(
         book.facts["files"] = findings.size_in_words(identity)
         book.add(findings.package_findings(identity), "packages")
         book.add(findings.policy_findings(identity, task_card(spec)))
-        protection = _protection(identity, sandbox, book) if not book.hopeless else None
+        if not book.hopeless:
+            try:
+                protection = protection_of(identity, sandbox)
+            except SandboxError as error:
+                book.add([problem("loading", str(error))])
         if protection is not None:
             book.facts["loading"] = _WHERE[protection]
             remaining = max(2.0, seconds - (time.monotonic() - began))
@@ -150,23 +159,6 @@ class _Book:
         return any(
             finding.level == "problem" and finding.subject in {"loading", "packages"} for finding in self.findings
         )
-
-
-def _identity(path: Path, book: _Book) -> Identity | None:
-    try:
-        return read_identity(path)
-    except SubmissionError as error:
-        book.add([problem("files", str(error))], "files")
-        return None
-
-
-def _protection(identity: Identity, choice: SandboxChoice, book: _Book) -> Protection | None:
-    """How the agent runs; ``None`` when it may not, which is reported."""
-    try:
-        return protection_of(identity, choice)
-    except SandboxError as error:
-        book.add([problem("loading", str(error))])
-        return None
 
 
 class _DryRun:

@@ -263,7 +263,11 @@ def _place(
     """Folder and name of a library, and the flags that it is compiled with."""
     compiler = find_compiler()
     flags = compiler.flags(width)
-    facts = (compiler.command, compiler.version, flags, machine_digest(), _casadi_version())
+    try:
+        casadi_version = version("casadi")
+    except PackageNotFoundError:
+        casadi_version = "unknown"
+    facts = (compiler.command, compiler.version, flags, machine_digest(), casadi_version)
     kind = f"{_file_name(model)}-sensitivities" if sensitivities else _file_name(model)
     name = f"{kind}-{_digest([repr(facts).encode(), prebuilt_key(model, traits).encode()])[:20]}"
     return cache_folder() / "kernel", name, flags
@@ -375,13 +379,6 @@ def _digest(parts: Iterable[bytes]) -> str:
     for part in parts:
         digest.update(len(part).to_bytes(8, "big") + part)
     return digest.hexdigest()
-
-
-def _casadi_version() -> str:
-    try:
-        return version("casadi")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 @cache
