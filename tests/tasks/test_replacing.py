@@ -120,7 +120,7 @@ def test_of_splits_without_years_the_numbers_alone_change() -> None:
         (PAPER, {3: 4}, "3 is not a key of a task"),
         (PAPER, {"weather..days": 4}, "'weather..days' is not a key of a task"),
         (PAPER, {"base": SPRING}, "'base' is not a key or table of a task"),
-        (PAPER, {"price_tables.gas": {"unit": "EUR kWh-1", "file": "nothing.csv"}}, 'file = "nothing.csv": it cannot be read'),
+        (PAPER, {"price_tables.gas": {"unit": "EUR kWh-1", "file": "nothing.csv"}}, 'Cannot read nothing.csv: No such file or directory'),
         (SPRING, {"schema": 1}, "has schema 2, which schema 1 cannot say"),
         (SPRING, {"splits.training.years": [2011]}, "the table [splits.test] is missing"),
         (
