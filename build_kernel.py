@@ -37,9 +37,7 @@ class KernelHook(BuildHookInterface[Any]):
         libraries.mkdir()
         if not self._compile(libraries):
             return
-        build_data["force_include"] |= {
-            str(path): f"glbench/_data/kernel/{path.name}" for path in sorted(libraries.iterdir())
-        }
+        build_data["force_include"] |= {str(path): f"glbench/_data/kernel/{path.name}" for path in sorted(libraries.iterdir())}
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-linux_{platform.machine()}"
 
@@ -81,9 +79,7 @@ class KernelHook(BuildHookInterface[Any]):
             if (model.id, model.variant, metered) in asked
         ]
         try:
-            made = [
-                one for model in models for one in prebuild(folder, model, traits_of(model, absent_equipment(model)))
-            ]
+            made = [one for model in models for one in prebuild(folder, model, traits_of(model, absent_equipment(model)))]
         except CompiledUnavailable as reason:
             self.app.display_warning(f"The wheel carries no compiled kernel. {reason}")
             return False

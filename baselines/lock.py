@@ -71,9 +71,7 @@ def task_of(name: str) -> TaskSpec:
 def tasks_of(baseline: str) -> list[str]:
     """Tasks of ``DRIVERS`` for which a baseline has released results, or whose inputs it recorded."""
     results = ROOT / "reports" / "released" / "results"
-    return [
-        name for name, driver in DRIVERS.items() if driver == baseline or any(results.glob(f"*{name}*/{baseline}.json"))
-    ]
+    return [name for name, driver in DRIVERS.items() if driver == baseline or any(results.glob(f"*{name}*/{baseline}.json"))]
 
 
 def record(name: str) -> dict[str, NDArray[Any]]:
@@ -154,9 +152,7 @@ def main() -> int:
         for baseline in set(baseline_names()) - set(entries):
             actions = {name: list(number) for name, number in behaviour(baseline).items()}
             if not actions:
-                print(
-                    f"{baseline}: not locked, as it has no released results. Commit it and make them first: {_RELEASE}"
-                )
+                print(f"{baseline}: not locked, as it has no released results. Commit it and make them first: {_RELEASE}")
                 continue
             entries[baseline] = {"digest": shipped_digest(baseline), "actions": actions}
         blocks = [

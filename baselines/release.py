@@ -73,10 +73,7 @@ def plan() -> list[Job]:
     results, problems = read_folder(RELEASED / "results")
     if problems:
         raise problems[0]
-    jobs = [
-        Job(one.agent.name, one.task.id, one.results_digest, one.fresh_draws is not None)
-        for one in (item.result for item in results)
-    ]
+    jobs = [Job(one.agent.name, one.task.id, one.results_digest, one.fresh_draws is not None) for one in (item.result for item in results)]
     return sorted(jobs, key=lambda job: (job.task_id, job.agent))
 
 
@@ -85,9 +82,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--work", type=Path, required=True, help="folder for evaluations before they are released")
     parser.add_argument("--only", nargs="*", default=[], metavar="AGENT", help="some of the agents")
-    parser.add_argument(
-        "--task", nargs="*", default=[], metavar="ID", help="some of the tasks; with --only, also new ones"
-    )
+    parser.add_argument("--task", nargs="*", default=[], metavar="ID", help="some of the tasks; with --only, also new ones")
     parser.add_argument("--new-digests", action="store_true", help="accept scores that differ from the released ones")
     parser.add_argument("--list", action="store_true", help="say what is done and leave")
     parser.add_argument("--out", type=Path, default=RELEASED, help="another folder than reports/released, to try it")
@@ -241,9 +236,7 @@ def write_tables(out: Path) -> int:
         commands.insert(0, ["tasks", "references", "--write"])
     for command in commands:
         log.info("glbench %s", " ".join(command))
-        code = subprocess.run(
-            [sys.executable, "-m", "glbench", *command], stdout=subprocess.DEVNULL, check=False
-        ).returncode
+        code = subprocess.run([sys.executable, "-m", "glbench", *command], stdout=subprocess.DEVNULL, check=False).returncode
         if code != 0:
             return code
     return 0

@@ -90,9 +90,7 @@ class Job:
 def plan() -> list[Job]:
     """Every training, in order."""
     paper = [Job(recipe, _paper(level), 0) for level in LEVELS for recipe in ("ppo", "sac")]
-    seeds = [
-        Job(recipe, _paper(level), seed) for seed in (1, 2) for level in SEEDED_LEVELS for recipe in ("ppo", "sac")
-    ]
+    seeds = [Job(recipe, _paper(level), seed) for seed in (1, 2) for level in SEEDED_LEVELS for recipe in ("ppo", "sac")]
     fast = [Job("ppo_fast", task, seed) for task in (*OF_CONTROL, *map(_paper, SEEDED_LEVELS)) for seed in range(3)]
     memory = [Job("ppo_memory", task, seed) for task in OF_CONTROL for seed in range(3)]
     long = [Job("ppo_long", task, seed) for task in OF_CONTROL[:3] for seed in range(3)]
@@ -142,9 +140,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder of the trainings")
     parser.add_argument("--only", nargs="*", default=[], metavar="NAME", help="some of them, such as ppo_delta10_seed0")
     parser.add_argument("--list", action="store_true", help="say what is done and leave")
-    parser.add_argument(
-        "--ship", action="store_true", help="copy policies, learning curves and cards of what is done to baselines/"
-    )
+    parser.add_argument("--ship", action="store_true", help="copy policies, learning curves and cards of what is done to baselines/")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s", datefmt="%H:%M:%S", stream=sys.stdout)
     names = [job.name for job in plan()]

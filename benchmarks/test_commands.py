@@ -40,6 +40,4 @@ def test_command(command: str, reference: float, benchmark: Any, tmp_path: Path)
     processor_seconds(*arguments)  # writes bytecode
     spent: list[float] = []
     benchmark.pedantic(lambda: spent.append(processor_seconds(*arguments)), rounds=_ROUNDS)
-    benchmark.extra_info.update(
-        processor_seconds=median(spent), reference_seconds=reference, ratio=median(spent) / reference
-    )
+    benchmark.extra_info.update(processor_seconds=median(spent), reference_seconds=reference, ratio=median(spent) / reference)

@@ -55,6 +55,4 @@ def test_a_decision(task_id: str, runs: int, benchmark: Any) -> None:
     linearising = best(lambda: kernel.linearise_trajectory(states[:, :s], plan, scenario.d[:HORIZON], own)) / runs
     benchmark.pedantic(lambda: controller.decide(*given), rounds=5, warmup_rounds=1)
     seconds = best(lambda: controller.decide(*given)) / runs
-    benchmark.extra_info.update(
-        ms_per_decision=seconds * 1e3, ms_linearising=linearising * 1e3, ratio_to_linearising=seconds / linearising
-    )
+    benchmark.extra_info.update(ms_per_decision=seconds * 1e3, ms_linearising=linearising * 1e3, ratio_to_linearising=seconds / linearising)

@@ -86,9 +86,7 @@ def springs() -> dict[str, TaskSpec]:
     ],
     ids=["differs", "sensors", "default"],
 )
-def test_a_minute_of_learning_carries_over(
-    recipe: str, learns: str, scored: tuple[str, ...], benchmark: Any, tmp_path: Path
-) -> None:
+def test_a_minute_of_learning_carries_over(recipe: str, learns: str, scored: tuple[str, ...], benchmark: Any, tmp_path: Path) -> None:
     tasks = springs()
     paper = get_task(NOMINAL)
     settings = read_compiled_settings(data_folder("baselines") / "ppo" / recipe, paper, STEPS)

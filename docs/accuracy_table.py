@@ -134,9 +134,7 @@ def errors(states: Array, exact: Array) -> Errors:
     return Errors(difference.max(axis=(0, 1)), np.sqrt((difference**2).mean(axis=(0, 1))))
 
 
-def compare(
-    kind: str, seeds: Sequence[int], days: int, presets: Sequence[str]
-) -> tuple[Errors, dict[str, tuple[Errors, float]]]:
+def compare(kind: str, seeds: Sequence[int], days: int, presets: Sequence[str]) -> tuple[Errors, dict[str, tuple[Errors, float]]]:
     """Errors of CVODES, and for each preset its errors and substeps a step."""
     inputs = make_inputs(kind, seeds, days)
     exact, _ = run_compiled(inputs, EXACT)
@@ -149,10 +147,7 @@ def compare(
 
 def report(cvodes: Errors, found: dict[str, tuple[Errors, float]]) -> str:
     """The comparison as text: errors of CVODES, and the errors of each preset as multiples of them."""
-    lines = [
-        f"{'state':<10}{'CVODES max':>12}{'CVODES rms':>12}"
-        + "".join(f"{p + ' max':>16}{p + ' rms':>16}" for p in found)
-    ]
+    lines = [f"{'state':<10}{'CVODES max':>12}{'CVODES rms':>12}" + "".join(f"{p + ' max':>16}{p + ' rms':>16}" for p in found)]
     ratios = {preset: own.ratio(cvodes) for preset, (own, _) in found.items()}
     for i, name in enumerate(TOMATO.state_names):
         row = f"{name:<10}{cvodes.largest[i]:12.2e}{cvodes.mean_square[i]:12.2e}"

@@ -43,8 +43,7 @@ DRAWS, OTHER_DRAWS, RECORDED = "design", "design, drawn anew", "design, recorded
 """Salts: of the scenarios, of others to show what knowing the first ones is worth under a secret salt, and of the recorded run."""
 
 MY_AGENT, PI, CONSTANT, NOTHING, ONE_PAGE = (
-    str(ROOT / "submissions" / f"{name}.py")
-    for name in ("my_agent", "pi_controller", "constant_setpoints", "do_nothing", "setpoints")
+    str(ROOT / "submissions" / f"{name}.py") for name in ("my_agent", "pi_controller", "constant_setpoints", "do_nothing", "setpoints")
 )
 FAIR_UNLIT = "rule_based_fair_unlit"
 """The unlit rules playing by observations, as rule_based_fair plays the lit ones: a card that is made here."""
@@ -115,8 +114,7 @@ def with_factors(kept: Sequence[str], name: str = "Spring") -> TaskSpec:
     """Spring-v1, or another family, with some of the factors of Spring-v1 only; seasons are always unseen."""
     written = get_task("glbench/Spring-v1").as_tables()
     changes = {
-        f"scenario.{kind}": [group for group in written["scenario"][kind] if group["name"] in kept]
-        for kind in ("parameters", "start")
+        f"scenario.{kind}": [group for group in written["scenario"][kind] if group["name"] in kept] for kind in ("parameters", "start")
     }
     if "sensors" in kept:
         return design(name, DRAWS, sensors=written["sensors"], **changes)
@@ -171,9 +169,7 @@ class Job:
         where = work / re.sub(r"\W+", "-", f"{self.label} recorded")
         evaluate(self.recorded, agent, runs=1, out=where)
         shutil.rmtree(folder, ignore_errors=True)
-        write_recording(
-            result_path(where / TRIALS, self.recorded.id, stem), self.recorded.evaluation.first_seed, folder
-        )
+        write_recording(result_path(where / TRIALS, self.recorded.id, stem), self.recorded.evaluation.first_seed, folder)
         return str(folder)
 
 
@@ -224,11 +220,7 @@ def jobs() -> list[Job]:
         found += [Job(name, task, agent, recorded) for agent in acting]
     found.append(Job("SpringYears", design("SpringYears", DRAWS), "recording"))
     found += [Job("SpringYears real", real("SpringYears"), agent) for agent in REAL_AGENTS]
-    found += [
-        Job(f"{name} anew", design(name, OTHER_DRAWS), agent)
-        for name in ("SpringMismatch", "Spring")
-        for agent in CHOICE[name]
-    ]
+    found += [Job(f"{name} anew", design(name, OTHER_DRAWS), agent) for name in ("SpringMismatch", "Spring") for agent in CHOICE[name]]
     for factor, kept in FACTORS.items():
         if factor != "all":  # Spring itself
             found += [Job(f"factors {factor}", with_factors(kept), agent) for agent in FACTOR_AGENTS]
@@ -257,9 +249,7 @@ def evaluated(
     found: dict[str, dict[str, dict[str, list[float]]]] = {}
     for job, result in zip(asked, results, strict=True):
         there = [key for key in kept if key in result.runs[0].metrics]
-        found.setdefault(job.label, {})[job.name] = {
-            key: [round(run.metrics[key], 4) for run in result.runs] for key in there
-        }
+        found.setdefault(job.label, {})[job.name] = {key: [round(run.metrics[key], 4) for run in result.runs] for key in there}
     return found
 
 
@@ -267,14 +257,7 @@ def first_days(task: TaskSpec) -> list[int]:
     """Day of the year on which each run starts, 0 on 1 January."""
     starts = [run_weather(task.scored, seed).times[0] for seed in task.evaluation.seeds]
     return [
-        int(
-            (day.astype("datetime64[h]") + np.timedelta64(12, "h"))
-            .astype("datetime64[D]")
-            .astype(object)
-            .timetuple()
-            .tm_yday
-        )
-        - 1
+        int((day.astype("datetime64[h]") + np.timedelta64(12, "h")).astype("datetime64[D]").astype(object).timetuple().tm_yday) - 1
         for day in starts
     ]
 
@@ -293,9 +276,7 @@ def scores_of(figures: Mapping[str, Any], label: str, agents: Iterable[str]) -> 
 def controllers(figures: Mapping[str, Any], label: str, *, lit: bool) -> dict[str, Scores]:
     """Scores of all agents that control: no recordings, and not the one that does nothing. Those that use lamps only if ``lit``."""
     names = figures["evaluations"][label]
-    kept = [
-        name for name in names if not name.startswith("recording") and name != "do_nothing" and (lit or name not in LIT)
-    ]
+    kept = [name for name in names if not name.startswith("recording") and name != "do_nothing" and (lit or name not in LIT)]
     return scores_of(figures, label, kept)
 
 
@@ -404,9 +385,7 @@ def score_table(families: Mapping[str, Mapping[str, Any]]) -> str:
         score, profit, violations = (float(np.mean(found[agent][key])) for key in MONEY)
         return f"**{plain(score)}** = {plain(profit)} − {plain(violations)}"
 
-    return grid(
-        ["Agent", *families], ([f"`{agent}`", *(cell(found, agent) for found in families.values())] for agent in agents)
-    )
+    return grid(["Agent", *families], ([f"`{agent}`", *(cell(found, agent) for found in families.values())] for agent in agents))
 
 
 def factor_table(figures: Mapping[str, Any]) -> str:
@@ -418,10 +397,7 @@ def factor_table(figures: Mapping[str, Any]) -> str:
             labels["all"] = "Spring"
         runs = {factor: scores_of(figures, label, [agent])[agent] for factor, label in labels.items()}
         seasons = runs.pop("seasons")
-        changes = [
-            f"{signed(float((with_it - seasons).mean()))} ± {(with_it - seasons).std(ddof=1):.2f}"
-            for with_it in runs.values()
-        ]
+        changes = [f"{signed(float((with_it - seasons).mean()))} ± {(with_it - seasons).std(ddof=1):.2f}" for with_it in runs.values()]
         rows.append([f"`{agent}`", f"{plain(seasons.mean())} ± {seasons.std(ddof=1):.2f}", *changes])
     return grid(["Agent", "Unseen seasons alone", *(factor for factor in FACTORS if factor != "seasons")], rows)
 
@@ -559,9 +535,7 @@ def write(about: str | None, figures: Path, page: Path, tables: Tables, measure:
     parser = argparse.ArgumentParser(description=about)
     parser.add_argument("--work", type=Path, default=ROOT / "runs" / "design", help="folder of the evaluations")
     parser.add_argument("--processes", type=int, default=2, help="evaluations at a time")
-    parser.add_argument(
-        "--only-page", action="store_true", help="do not evaluate: write the tables from the figures that are there"
-    )
+    parser.add_argument("--only-page", action="store_true", help="do not evaluate: write the tables from the figures that are there")
     given = parser.parse_args()
     if not given.only_page:
         write_atomically(figures, json.dumps(measure(given.work, given.processes)) + "\n")

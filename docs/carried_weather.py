@@ -109,9 +109,7 @@ class CarriedOutlook(Outlook):
         for run in np.flatnonzero(self.places >= 0).tolist():
             rows = self.places[run] + np.arange(steps)
             times = self._begin[run] + (self._k + np.arange(steps)) * STEP
-            temperature = (
-                self._record["tOut"][rows] + self._now[run, self._columns["tOut"]] - self._record["tOut"][rows[0]]
-            )
+            temperature = self._record["tOut"][rows] + self._now[run, self._columns["tOut"]] - self._record["tOut"][rows[0]]
             until = self._agreed(run, temperature)
             here, there = self.climatology.clear(times), self.climatology.clear(self._times[rows])
             share = np.where(np.minimum(here, there) > BRIGHT, here / np.maximum(there, 1.0), 1.0)

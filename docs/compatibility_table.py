@@ -96,9 +96,7 @@ def _version(name: str) -> str | None:
 def table(found: dict[str, Any]) -> str:
     """A row for each library that was tried."""
     rows = [
-        " | ".join(
-            ("", one.library, entry["version"], entry["gymnasium"], one.words, entry["result"], entry["on"], "")
-        ).strip()
+        " | ".join(("", one.library, entry["version"], entry["gymnasium"], one.words, entry["result"], entry["on"], "")).strip()
         for one in CLIENTS
         if (entry := found.get(one.library)) is not None
     ]

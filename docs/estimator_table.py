@@ -56,9 +56,7 @@ def measured(task_id: str, runs: int = RUNS, days: int = DAYS) -> dict[str, Any]
     names = [column.name for column in task.observed()]
     readings = [names.index(name) for name in AIR]
     truth, found, open_loop, raw = [], [], [], []
-    ahead: dict[str, dict[int, list[Floats]]] = {
-        who: {lead: [] for lead in LEADS} for who in ("outlook", "persistence", "climatology")
-    }
+    ahead: dict[str, dict[int, list[Floats]]] = {who: {lead: [] for lead in LEADS} for who in ("outlook", "persistence", "climatology")}
     for k in range(days * task.steps_per_day):
         if k % 3 == 0:
             now, times = outlook.ahead(LEADS[-1] + 1).d, weather[:, k : k + LEADS[-1] + 1]
@@ -92,13 +90,11 @@ def measured(task_id: str, runs: int = RUNS, days: int = DAYS) -> dict[str, Any]
         size = rms(true[..., place])
         if size > 0.0:
             table["states"][name] = {
-                who: rms(np.array(part)[..., place] - true[..., place]) / size
-                for who, part in (("estimate", found), ("replay", open_loop))
+                who: rms(np.array(part)[..., place] - true[..., place]) / size for who, part in (("estimate", found), ("replay", open_loop))
             }
     for place, name in enumerate(model.disturbance_names[:7]):
         table["ahead"][name] = {
-            who: {f"{lead}": rms(np.array(errors)[..., place]) for lead, errors in by.items()}
-            for who, by in ahead.items()
+            who: {f"{lead}": rms(np.array(errors)[..., place]) for lead, errors in by.items()} for who, by in ahead.items()
         }
     return table
 

@@ -81,9 +81,7 @@ def evaluated(name: str, runs: int | None, out: Path) -> Result:
     elif name == "carries_plans":
         ref = str(out / name)
         if not (out / name).exists():
-            write_carrier(
-                out / name, task, read_book(data_folder("baselines") / "best_known" / "plans" / f"{TASK}.npz")
-            )
+            write_carrier(out / name, task, read_book(data_folder("baselines") / "best_known" / "plans" / f"{TASK}.npz"))
     job = Job(task, ref, protect(ref, "auto"), Options(out, runs))
 
     def run(part: Job) -> Result:

@@ -78,15 +78,10 @@ def measured() -> dict[str, Any]:
             units = {**weeks[0].attrs["units"], "days": "day"}
             found[name] = {
                 "weeks": {
-                    f"{column} [{units[column]}]": np.mean([one[column][:count] for one in weeks], axis=0)
-                    .round(6)
-                    .tolist()
+                    f"{column} [{units[column]}]": np.mean([one[column][:count] for one in weeks], axis=0).round(6).tolist()
                     for column in weeks[0].columns
                 },
-                "seasons": [
-                    {key: round(value, 6) for key, value in run.metrics.items() if value is not None}
-                    for run in result.runs
-                ],
+                "seasons": [{key: round(value, 6) for key, value in run.metrics.items() if value is not None} for run in result.runs],
             }
     return {"task": TASK, "digest": task.digest, "split": "validation", "strategies": found}
 
@@ -141,9 +136,7 @@ def filled(page: str, found: Mapping[str, Any]) -> str:
         "gas, m³/m²": lambda one: f"{gas(one):.1f}",
         "lamps, kWh/m²": lambda one: f"{mean(one, 'electricity'):.0f}",
         "picked, kg/m²": lambda one: f"{mean(one, 'fruit_picked'):.1f}",
-        "fruit sold and standing, EUR/m²": lambda one: (
-            f"{mean(one, 'revenue_harvest') + mean(one, 'revenue_growth'):.2f}"
-        ),
+        "fruit sold and standing, EUR/m²": lambda one: f"{mean(one, 'revenue_harvest') + mean(one, 'revenue_growth'):.2f}",
         "heat, EUR/m²": lambda one: f"{mean(one, 'cost_heat'):.2f}",
         "lamps, EUR/m²": lambda one: f"{mean(one, 'cost_electricity'):.2f}",
         "CO2, EUR/m²": lambda one: f"{mean(one, 'cost_co2'):.2f}",
@@ -153,9 +146,7 @@ def filled(page: str, found: Mapping[str, Any]) -> str:
         "**score, EUR/m²**": lambda one: f"**{mean(one, 'reward'):.2f}**",
     }
     compared = [f"| | {' | '.join(WORDS[name] for name in strategies)} |", f"|---|{'---:|' * len(strategies)}"]
-    compared += [
-        f"| {title} | {' | '.join(cell(one) for one in strategies.values())} |" for title, cell in lines.items()
-    ]
+    compared += [f"| {title} | {' | '.join(cell(one) for one in strategies.values())} |" for title, cell in lines.items()]
     return with_tables(page, {"season": "\n".join(season), "strategies": "\n".join(compared)})
 
 

@@ -25,9 +25,7 @@ INK, RED, BLUE, GREEN, GOLD, GREY = "#222222", "#c23b22", "#1f6fb4", "#2e8b57", 
 
 def course() -> dict[str, np.ndarray]:
     """The day, step by step: what is measured and asked for at its start, and what is in force during it."""
-    task = get_task(BASE).replace(
-        schema=2, actuation={"kind": "process_computer"}, weather={"preprocessing": "conserving"}
-    )
+    task = get_task(BASE).replace(schema=2, actuation={"kind": "process_computer"}, weather={"preprocessing": "conserving"})
     agent, simulation = GrowerAgent(read_grower_settings(SETTINGS)), Simulation(task, 1)
     places, set_points = RunScenarios(task).slots.of("actuation"), task.actions
     agent.reset(task_card(task), 1)

@@ -101,9 +101,7 @@ def curves(points: Points) -> str:
     for place, (metric, title) in enumerate(CURVES):
         shown = {key[:2]: point for key, point in points.items() if key[2] == metric and _drawn(key[0], metric)}
         lows, highs = [p.low for p in shown.values()], [p.high for p in shown.values()]
-        ticks = round_ticks(
-            min([*lows, 0.0] if metric != "reward" else lows), max([*highs, 0.0] if metric != "reward" else highs)
-        )
+        ticks = round_ticks(min([*lows, 0.0] if metric != "reward" else lows), max([*highs, 0.0] if metric != "reward" else highs))
         x0 = place * width + left
 
         def x(level: float, x0: float = x0) -> float:
@@ -114,9 +112,7 @@ def curves(points: Points) -> str:
 
         parts.append(text(place * width + width / 2 + 20, 34, title, size=13, anchor="middle"))
         for tick in ticks:
-            parts.append(
-                f'<line x1="{x(0):.1f}" x2="{x(30):.1f}" y1="{y(tick):.1f}" y2="{y(tick):.1f}" stroke="#e4e4e4"/>'
-            )
+            parts.append(f'<line x1="{x(0):.1f}" x2="{x(30):.1f}" y1="{y(tick):.1f}" y2="{y(tick):.1f}" stroke="#e4e4e4"/>')
             parts.append(text(x(0) - 8, y(tick) + 4, f"{tick:g}", anchor="end"))
         parts += [text(x(level), height - 26, str(level), anchor="middle") for level in LEVELS]
         parts.append(text((x(0) + x(30)) / 2, height - 8, "uncertainty of the crop, ± %", anchor="middle"))
@@ -125,13 +121,9 @@ def curves(points: Points) -> str:
             line = " ".join(f"{at:.1f},{y(point.mean):.1f}" for at, point in course)
             parts.append(f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="2"/>')
             for at, point in course:
-                parts.append(
-                    f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{y(point.low):.1f}" y2="{y(point.high):.1f}" stroke="{colour}"/>'
-                )
+                parts.append(f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{y(point.low):.1f}" y2="{y(point.high):.1f}" stroke="{colour}"/>')
                 fill = "#fff" if agent in TRAININGS and point.trainings == 1 else colour
-                parts.append(
-                    f'<circle cx="{at:.1f}" cy="{y(point.mean):.1f}" r="3.2" fill="{fill}" stroke="{colour}"/>'
-                )
+                parts.append(f'<circle cx="{at:.1f}" cy="{y(point.mean):.1f}" r="3.2" fill="{fill}" stroke="{colour}"/>')
     present = [agent for agent in AGENTS if any(key[0] == agent for key in points)]
     legend = [
         f'<circle cx="{40 + 120 * i}" cy="12" r="4" fill="{AGENTS[agent]}"/>' + text(48 + 120 * i, 16, agent)
@@ -145,9 +137,7 @@ def money(points: Points) -> str:
     points = headline(points)
     chosen = [(agent, level) for level in (0, 10, 30) for agent in AGENTS if (agent, level, "revenue") in points]
     highest = max(points[agent, level, "revenue"].mean for agent, level in chosen)
-    lowest = -max(
-        sum(points[agent, level, name].mean for name, *_, sign in MONEY if sign < 0) for agent, level in chosen
-    )
+    lowest = -max(sum(points[agent, level, name].mean for name, *_, sign in MONEY if sign < 0) for agent, level in chosen)
     ticks = round_ticks(lowest, highest)
     bar, left, top, height = 46, 62, 40, 380
     bottom = height - 96
@@ -177,9 +167,7 @@ def money(points: Points) -> str:
             value = points[agent, level, name].mean
             high, low = (value, 0.0) if sign > 0 else (-down, -down - value)
             down += 0.0 if sign > 0 else value
-            parts.append(
-                f'<rect x="{x:.1f}" y="{y(high):.1f}" width="{bar - 12}" height="{y(low) - y(high):.1f}" fill="{colour}"/>'
-            )
+            parts.append(f'<rect x="{x:.1f}" y="{y(high):.1f}" width="{bar - 12}" height="{y(low) - y(high):.1f}" fill="{colour}"/>')
         earned = y(points[agent, level, "epi"].mean)
         parts.append(f'<rect x="{x - 3:.1f}" y="{earned - 1.5:.1f}" width="{bar - 6}" height="3" fill="#000"/>')
         parts.append(
@@ -196,9 +184,7 @@ def table(points: Points, metric: str, digits: int) -> str:
     for agent in AGENTS:
         cells = [points.get((agent, level, metric)) for level in LEVELS]
         if any(cells):
-            rows.append(
-                f"| `{agent}` | " + " | ".join("–" if cell is None else _cell(cell, digits) for cell in cells) + " |"
-            )
+            rows.append(f"| `{agent}` | " + " | ".join("–" if cell is None else _cell(cell, digits) for cell in cells) + " |")
     return "\n".join(rows)
 
 

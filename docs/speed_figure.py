@@ -69,9 +69,7 @@ def machine_lines(record: SpeedRecord) -> list[str]:
         f"{record.created[:10]}, glbench {record.versions.glbench}. Reference: {record.reference}{cost}."
     ]
     if record.first_use is not None:
-        lines.append(
-            f"First use on an empty cache: {record.first_use.seconds:.1f} s, at most {record.first_use.megabytes:,.0f} MB."
-        )
+        lines.append(f"First use on an empty cache: {record.first_use.seconds:.1f} s, at most {record.first_use.megabytes:,.0f} MB.")
     if record.memory is not None:
         memory = record.memory
         lines.append(

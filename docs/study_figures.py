@@ -31,9 +31,7 @@ ADDED = {
 }
 """What the second task adds to the first; both have the same seasons and crops, run by run."""
 NOISE = tuple(f"Schiphol2010-Delta{level:02d}-v1" for level in (0, 10, 30))
-TRANSFER = tuple(
-    f"Transfer-{name}-v1" for name in ("Greensboro", "Miami", "SandPoint", "House-HPS2021", "House-LED2021")
-)
+TRANSFER = tuple(f"Transfer-{name}-v1" for name in ("Greensboro", "Miami", "SandPoint", "House-HPS2021", "House-LED2021"))
 RULES = "rule_based_tuned"
 AGENTS = {
     "rule_based_fair": "#aaaaaa",
@@ -68,8 +66,7 @@ class Study:
         expected = published_expectations()
         tables = {table.task_id.rpartition("/")[2]: table for table in rank(stored, expected)}
         entries = {
-            task.rpartition("/")[2]: {entry.name: entry for entry in found}
-            for task, found in entries_by_task(stored, expected).items()
+            task.rpartition("/")[2]: {entry.name: entry for entry in found} for task, found in entries_by_task(stored, expected).items()
         }
         return cls(tables, entries)
 
@@ -101,9 +98,7 @@ class Study:
                 if regret is not None and regret.profit is not None and regret.violations is not None:
                     gaps = [f"{part.mean:.2f}" for part in (regret.total, regret.profit, regret.violations)]
                 tail = "–" if worst is None else f"{worst.value:.2f}"
-                rows.append(
-                    [f"`{task}`", f"`{agent}`", f"{score.mean:.2f}", f"{span.low:.2f} to {span.high:.2f}", tail, *gaps]
-                )
+                rows.append([f"`{task}`", f"`{agent}`", f"{score.mean:.2f}", f"{span.low:.2f} to {span.high:.2f}", tail, *gaps])
         head = ["task", "agent", "score", "95 %", "worst tenth", "regret", "of it profit", "of it violations"]
         return _table(head, rows, words=2)
 
@@ -185,9 +180,7 @@ def picture(study: Study) -> str:
     parts = []
     for place, task in enumerate(CONTROL):
         rows = study.rows(task, DRAWN)
-        spans = {
-            agent: row.estimates[RANKING_METRIC].overall or row.estimates[RANKING_METRIC] for agent, row in rows.items()
-        }
+        spans = {agent: row.estimates[RANKING_METRIC].overall or row.estimates[RANKING_METRIC] for agent, row in rows.items()}
         marks = round_ticks(min(span.low for span in spans.values()), max(span.high for span in spans.values()))
         x0, y0 = (place % 2) * width, (place // 2) * height
 
@@ -197,9 +190,7 @@ def picture(study: Study) -> str:
         parts.append(text(x0 + left, y0 + 24, task, size=13))
         bottom = y0 + top + row_height * len(DRAWN)
         for mark in marks:
-            parts.append(
-                f'<line x1="{x(mark):.1f}" x2="{x(mark):.1f}" y1="{y0 + top - 8}" y2="{bottom - 8}" stroke="#e4e4e4"/>'
-            )
+            parts.append(f'<line x1="{x(mark):.1f}" x2="{x(mark):.1f}" y1="{y0 + top - 8}" y2="{bottom - 8}" stroke="#e4e4e4"/>')
             parts.append(text(x(mark), bottom + 6, f"{mark:g}", anchor="middle"))
         parts.append(text((x(marks[0]) + x(marks[-1])) / 2, bottom + 22, "score, EUR/m² a season", anchor="middle"))
         for line, (agent, row) in enumerate(rows.items()):

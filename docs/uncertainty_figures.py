@@ -106,9 +106,7 @@ def tables(task: TaskSpec) -> dict[str, list[str]]:
         groups.append(f"| `{group.name}` | {names} | 1 ± {100 * group.half_width:g} % | the season |")
     for start in task.scenario.start_groups:
         names = ", ".join(f"`{name}`" for name in start.states)
-        groups.append(
-            f"| `{start.name}` | states on the first day: {names} | 1 ± {100 * start.half_width:g} % | the start |"
-        )
+        groups.append(f"| `{start.name}` | states on the first day: {names} | 1 ± {100 * start.half_width:g} % | the start |")
     splits = ["| split | years | seasons | used for |", "|---|---|---:|---|"]
     uses = ("`gymnasium.make`, `glbench train`", "choosing between agents", "`glbench evaluate`: the score")
     for split, use in zip(SPLITS, uses, strict=True):
@@ -141,9 +139,7 @@ def forecast_bias(task: TaskSpec) -> dict[str, tuple[float, Floats]]:
     hours, training = np.array(task.observation.forecast_hours), task.in_split("training")
     rows = task.steps // 4 - hours.max()
     seasons = [hourly(training, number, task.steps // 4) for number in range(BIAS_SEASONS)]
-    came = np.stack(
-        [[truth[h - 1 : h - 1 + rows] for h in hours] for _, truth in seasons]
-    )  # (season, ahead, issue, quantity)
+    came = np.stack([[truth[h - 1 : h - 1 + rows] for h in hours] for _, truth in seasons])  # (season, ahead, issue, quantity)
     issued = np.stack([[table[:rows, :, h - 1] for h in hours] for table, _ in seasons])
     found = {}
     for place, (label, unit) in enumerate(FORECAST):
@@ -179,9 +175,7 @@ def sensors(task: TaskSpec) -> Any:
     for seed in range(10000, 10100):
         shown, true = controlled(task, seed, 12 * days)
         hangs = np.diff(shown[:, 0], prepend=np.nan) == 0.0
-        begins = [
-            k for k in range(days, len(hangs) - length) if hangs[k] and not hangs[k - 1] and 7 <= (k % days) / 4 <= 10
-        ]
+        begins = [k for k in range(days, len(hangs) - length) if hangs[k] and not hangs[k - 1] and 7 <= (k % days) / 4 <= 10]
         runs = [k for k in begins if hangs[k : k + 6].all() and not hangs[k : k + 24].all()]
         if runs:
             first = (runs[0] // days - 1) * days
@@ -189,9 +183,7 @@ def sensors(task: TaskSpec) -> Any:
     day = np.arange(length) / days
     figure, axes = plt.subplots(3, 1, figsize=(8.0, 6.2), sharex=True)
     part = slice(first, first + length)
-    for place, (axis, label) in enumerate(
-        zip(axes, ("air temperature [°C]", "CO₂ [ppm]", "relative humidity [%]"), strict=True)
-    ):
+    for place, (axis, label) in enumerate(zip(axes, ("air temperature [°C]", "CO₂ [ppm]", "relative humidity [%]"), strict=True)):
         hung = np.diff(shown[part, place], prepend=np.nan) == 0.0
         axis.plot(day, shown[part, place], color=ORANGE, lw=0.9, label="reading, which the agent sees")
         axis.plot(day, true[part, place], color=BLUE, lw=1.6, label="truth, which is judged")
@@ -234,9 +226,7 @@ def forecast(task: TaskSpec) -> Any:
         span = np.arange(first - 5, later + 25)
         axis.plot(span - first + 0.5, came[span, place], color=BLACK, lw=1.8, label="what came")
         for issue, colour, text in ((first, BLUE, "forecast at 0"), (later, ORANGE, "forecast 6 hours later")):
-            axis.plot(
-                issue - first + np.arange(24) + 0.5, issued[issue, place], color=colour, marker=".", lw=1.0, label=text
-            )
+            axis.plot(issue - first + np.arange(24) + 0.5, issued[issue, place], color=colour, marker=".", lw=1.0, label=text)
             axis.axvline(issue - first, color=colour, lw=0.8, ls=":")
         axis.set_ylabel(f"{label} [{unit}]")
         if place == 0:
@@ -259,9 +249,7 @@ def forecast_error(task: TaskSpec) -> Any:
         for number in range(30):
             issued, came = hourly(task.in_split("test"), number, 1400)
             errors.append([issued[: 1400 - 24, place, h - 1] - came[h - 1 : h - 1 + 1376, place] for h in hours])
-        axis.plot(
-            hours, np.std(np.concatenate(errors, axis=1), axis=1), ".", color=BLACK, label="medium: 30 test seasons"
-        )
+        axis.plot(hours, np.std(np.concatenate(errors, axis=1), axis=1), ".", color=BLACK, label="medium: 30 test seasons")
         axis.set_xlabel("hours ahead")
         axis.set_ylabel(f"sd of the error in {FORECAST[place][0]} [{'K' if place == 1 else FORECAST[place][1]}]")
         axis.set_ylim(0)
@@ -308,14 +296,10 @@ def starts(task: TaskSpec) -> Any:
         chosen = task.in_split(split)
         pool, number = WeatherPool.of(chosen), getattr(task.splits, split).seasons
         late = SeasonMaker(chosen, pool.times[0]).start_days(np.arange(number))
-        axes[0].step(
-            np.arange(29), np.bincount(late, minlength=29), where="mid", color=colour, label=f"{number} of {split}"
-        )
+        axes[0].step(np.arange(29), np.bincount(late, minlength=29), where="mid", color=colour, label=f"{number} of {split}")
         _, rows = pool.starts(range(30))
         length = task.weather.days * pool.day
-        means = np.array(
-            [pool.tables.measured[row : row + length, 1].reshape(-1, pool.day).mean(axis=1) for row in rows]
-        )
+        means = np.array([pool.tables.measured[row : row + length, 1].reshape(-1, pool.day).mean(axis=1) for row in rows])
         day = np.arange(task.weather.days) + 1
         low, middle, high = np.quantile(means, [0.1, 0.5, 0.9], axis=0)
         axes[1].fill_between(day, low, high, color=colour, alpha=0.2, lw=0)

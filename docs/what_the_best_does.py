@@ -75,9 +75,7 @@ class Season:
             msg = f"the plan does not fit: {reason}"
             raise ValueError(msg)
         given = Scenario.of(task, SEED)
-        return cls(
-            given, np.clip(given.u_before + given.max_change * np.cumsum(book.plan(SEED), axis=0), 0.0, given.high)
-        )
+        return cls(given, np.clip(given.u_before + given.max_change * np.cumsum(book.plan(SEED), axis=0), 0.0, given.high))
 
     @cached_property
     def states(self) -> Floats:
@@ -234,9 +232,7 @@ def lamps(seasons: dict[str, Season]) -> Any:
     hours = np.arange(day) * 24.0 / day
     for colour, (month, days) in zip((BLUE, GREEN), MONTHS.items(), strict=True):
         right.plot(hours, cheap.control("uLamp").reshape(-1, day)[days].mean(axis=0), color=colour, label=month)
-    right.set(
-        xlabel="hour of the day (UTC)", ylabel="lamps, mean [%]", xlim=(0, 24), xticks=range(0, 25, 6), ylim=(0, None)
-    )
+    right.set(xlabel="hour of the day (UTC)", ylabel="lamps, mean [%]", xlim=(0, 24), xticks=range(0, 25, 6), ylim=(0, None))
     right.legend()
     return figure
 
@@ -252,9 +248,7 @@ COLUMNS = {"policy": f"`{POLICY}`", "best": "best known plan", "cheap": "electri
 def season_table(seasons: dict[str, Season]) -> list[str]:
     """What the 60 days yield and use."""
     rows = {
-        "reward, at the paper's prices": [
-            f"{seasons[name].reward:,.1f}" if name != "cheap" else "" for name in COLUMNS
-        ],
+        "reward, at the paper's prices": [f"{seasons[name].reward:,.1f}" if name != "cheap" else "" for name in COLUMNS],
         "profit [EUR/m2]": [f"{one.profit:.2f}" for one in in_order(seasons)],
         "fruit [kg/m2]": [f"{one.used('fruit_fresh'):.2f}" for one in in_order(seasons)],
         "heat [kWh/m2]": [f"{one.used('heat'):.1f}" for one in in_order(seasons)],
@@ -275,21 +269,13 @@ def climate_table(seasons: dict[str, Season]) -> list[str]:
         steps = np.zeros(len(next(iter(seasons.values())).controls), bool)
         day = paper_task().steps_per_day
         steps[days.start * day : days.stop * day] = True
-        rows[f"{month}: air in the dark [°C]"] = [
-            mean(one.air[:, 0], steps & (one.light < DARK), "") for one in in_order(seasons)
-        ]
+        rows[f"{month}: air in the dark [°C]"] = [mean(one.air[:, 0], steps & (one.light < DARK), "") for one in in_order(seasons)]
         noon = (one_hour := paper_hours()) >= 11.0
         noon &= one_hour < 15.0
-        rows[f"{month}: air from 11 to 15 h [°C]"] = [
-            mean(one.air[:, 0], steps & noon, "") for one in in_order(seasons)
-        ]
+        rows[f"{month}: air from 11 to 15 h [°C]"] = [mean(one.air[:, 0], steps & noon, "") for one in in_order(seasons)]
         rows[f"{month}: mean of 24 h [°C]"] = [mean(one.air[:, 0], steps, "") for one in in_order(seasons)]
-        rows[f"{month}: CO2 by day [ppm]"] = [
-            mean(one.air[:, 1], steps & (one.light > 50.0), "ppm") for one in in_order(seasons)
-        ]
-        rows[f"{month}: vents from 11 to 15 h [%]"] = [
-            mean(one.control("uVent"), steps & noon, "") for one in in_order(seasons)
-        ]
+        rows[f"{month}: CO2 by day [ppm]"] = [mean(one.air[:, 1], steps & (one.light > 50.0), "ppm") for one in in_order(seasons)]
+        rows[f"{month}: vents from 11 to 15 h [%]"] = [mean(one.control("uVent"), steps & noon, "") for one in in_order(seasons)]
     rows["steps with humidity from 84.5 to 85.5 % [%]"] = [
         f"{100.0 * np.mean(np.abs(one.air[:, 2] - 85.0) <= 0.5):.0f}" for one in in_order(seasons)
     ]

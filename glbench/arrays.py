@@ -42,8 +42,7 @@ def real_numbers(value: object) -> NDArray[Any] | None:
         # numpy makes numbers of booleans and of masked entries that are among numbers.
         entries = (one for part in parts for one in (part if isinstance(part, list | tuple) else (part,)))
         converted = any(
-            isinstance(one, bool | np.bool_)
-            or (isinstance(one, np.ndarray) and (one.dtype == np.bool_ or np.ma.is_masked(one)))
+            isinstance(one, bool | np.bool_) or (isinstance(one, np.ndarray) and (one.dtype == np.bool_ or np.ma.is_masked(one)))
             for one in entries
         )
         array = None if converted else np.asarray(value)

@@ -51,9 +51,7 @@ _LARGEST_SAVED = 256 * 2**20
 _RAY_STARTS = 3
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Several workers share a machine, and bits may depend on the number of threads."""
-_WORKER_LOST = frozenset(
-    {"WorkerCrashedError", "OutOfMemoryError", "NodeDiedError", "ObjectLostError", "LocalRayletDiedError"}
-)
+_WORKER_LOST = frozenset({"WorkerCrashedError", "OutOfMemoryError", "NodeDiedError", "ObjectLostError", "LocalRayletDiedError"})
 
 Item = TypeVar("Item")
 Files = Mapping[str, bytes]
@@ -222,9 +220,7 @@ class Executor(ABC):
                 self._pending.remove(future)
                 yield future
 
-    def map_as_completed(
-        self, submit: Callable[[Item], Future], items: Iterable[Item]
-    ) -> Iterator[tuple[Item, Future]]:
+    def map_as_completed(self, submit: Callable[[Item], Future], items: Iterable[Item]) -> Iterator[tuple[Item, Future]]:
         """Submit a job for each item, at most ``workers`` at a time; yield each item with its job when it has ended.
 
         An item is taken from ``items`` when there is room for it. If ``submit`` raises an error of glbench, that is the job's outcome.
@@ -390,9 +386,7 @@ def _serve(connection: Connection) -> None:
             call = connection.recv_bytes()
             try:
                 function, arguments, folder = pickle.loads(call)
-                answer = pickle.dumps(
-                    ("done", _run(function, arguments, _PipeContext(folder, connection))), pickle.HIGHEST_PROTOCOL
-                )
+                answer = pickle.dumps(("done", _run(function, arguments, _PipeContext(folder, connection))), pickle.HIGHEST_PROTOCOL)
             except Exception as error:  # what cannot be pickled
                 answer = pickle.dumps(("done", (None, portable_error(error))))
             connection.send_bytes(answer)
@@ -611,9 +605,7 @@ class JobStore:
         self._updates.pop(key, None)
         return self._files.get(key, {})
 
-    def tell(
-        self, key: str, attempt: str, progress: Any, events: Sequence[tuple[Any, bool]], files: Files | None
-    ) -> None:
+    def tell(self, key: str, attempt: str, progress: Any, events: Sequence[tuple[Any, bool]], files: Files | None) -> None:
         """Record a job's progress, events and files."""
         if self._attempts.get(key) != attempt:
             return

@@ -67,11 +67,7 @@ def missing(*modules: str) -> list[str]:
 
 def how_to_install(module: str) -> str:
     """The sentence with the command that installs ``module``."""
-    return (
-        f"Install it with: pip install 'glbench[{EXTRAS[module]}]'"
-        if module in EXTRAS
-        else f"Install it: pip install {module}"
-    )
+    return f"Install it with: pip install 'glbench[{EXTRAS[module]}]'" if module in EXTRAS else f"Install it: pip install {module}"
 
 
 def lazy_names(package: str, places: Mapping[str, tuple[str, ...]]) -> Callable[[str], object]:
@@ -89,9 +85,7 @@ def lazy_names(package: str, places: Mapping[str, tuple[str, ...]]) -> Callable[
             msg = f"module {package!r} has no attribute {name!r}"
             raise AttributeError(msg)
         home = homes[name]
-        value: object = getattr(
-            importlib.import_module(home if home.startswith("glbench.") else f"{package}.{home}"), name
-        )
+        value: object = getattr(importlib.import_module(home if home.startswith("glbench.") else f"{package}.{home}"), name)
         setattr(sys.modules[package], name, value)  # found without this function from now on
         return value
 

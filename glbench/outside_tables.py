@@ -31,16 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import GlbenchError, did_you_mean
-from glbench.untrusted import (
-    MIB,
-    gunzip,
-    open_regular,
-    opened_archive,
-    read_pieces,
-    read_regular,
-    reason_of,
-    visible,
-)
+from glbench.untrusted import MIB, gunzip, open_regular, opened_archive, read_pieces, read_regular, reason_of, visible
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -156,9 +147,7 @@ def decode(data: bytes) -> str:
     elif data.startswith((b"\xff\xfe", b"\xfe\xff")):
         text = data.decode("utf-16", errors="replace")
     elif sample.count(0) > len(sample) // 4:
-        text = data.decode(
-            "utf-16-be" if sample[::2].count(0) > sample[1::2].count(0) else "utf-16-le", errors="replace"
-        )
+        text = data.decode("utf-16-be" if sample[::2].count(0) > sample[1::2].count(0) else "utf-16-le", errors="replace")
     else:
         try:
             text = data.decode("utf-8")
@@ -282,11 +271,7 @@ def parse_number(text: str, decimal: str = ".") -> float | None:
         return None
     other = "," if decimal == "." else "."
     whole, _, fraction = text.partition(decimal)
-    if (
-        other in fraction
-        or decimal in fraction
-        or (other in whole and not re.fullmatch(rf"[+-]?\d{{1,3}}(\{other}\d{{3}})+", whole))
-    ):
+    if other in fraction or decimal in fraction or (other in whole and not re.fullmatch(rf"[+-]?\d{{1,3}}(\{other}\d{{3}})+", whole)):
         return None
     plain = re.sub(r"[ '\u00a0\u202f]", "", whole.replace(other, "")) + ("." + fraction if fraction else "")
     try:
@@ -327,9 +312,7 @@ def split_table(
     try:
         # the number of the line on which each row ends, from 1, and its fields; empty lines are left out
         reader = csv.reader((line + "\n" for line in lines), delimiter=delimiter, skipinitialspace=True, strict=True)
-        parsed = [
-            (reader.line_num, [field.strip() for field in fields]) for fields in reader if any(map(str.strip, fields))
-        ]
+        parsed = [(reader.line_num, [field.strip() for field in fields]) for fields in reader if any(map(str.strip, fields))]
     except csv.Error as error:
         msg = f"{file} cannot be split into columns: a quotation mark is never closed, or a field is too long. Correct the file."
         raise refusal(msg) from error
@@ -341,10 +324,7 @@ def split_table(
     titles = [field.strip() for field in parsed[first][1]]
     body = [(number, fields) for number, fields in parsed[first + 1 :] if any(fields) and not fields[0].startswith("#")]
     if body and is_titles is None and _are_units(body[0][1], len(titles)):
-        titles = [
-            f"{title} [{unit.strip(' []()')}]" if unit else title
-            for title, unit in zip(titles, body[0][1], strict=True)
-        ]
+        titles = [f"{title} [{unit.strip(' []()')}]" if unit else title for title, unit in zip(titles, body[0][1], strict=True)]
         body = body[1:]
     notes: list[str] = []
     while is_titles is None and len(body) > 1 and _VALUE.match(body[0][1][0]) and not _VALUE.match(body[-1][1][0]):
@@ -352,11 +332,7 @@ def split_table(
         notes.insert(0, f"row {number} below the values is left out: '{visible(' '.join(filter(None, fields))[:60])}'")
     if is_titles is None and len({*titles}) < len(titles):
         titles = _told_apart(titles, parsed[first - 1][1] if first else ())
-    while (
-        titles
-        and not titles[-1]
-        and all(len(fields) < len(titles) or not fields[len(titles) - 1] for _, fields in body)
-    ):
+    while titles and not titles[-1] and all(len(fields) < len(titles) or not fields[len(titles) - 1] for _, fields in body):
         titles.pop()  # a delimiter at the end of every line
     preamble = [lines[number - 1] for number, _ in parsed[:first]]
     comments = [lines[number - 1] for number, fields in parsed[first + 1 :] if fields and fields[0].startswith("#")]
@@ -392,9 +368,7 @@ def _of_json(text: str, file: str, refusal: type[GlbenchError]) -> str:
         msg = f"{file} looks like JSON, but is damaged or has no list of records. Download it again, or choose the export as CSV."
         raise refusal(msg)
     lines: list[list[object]] = [[*records[0]], *([entry.get(title) for title in records[0]] for entry in records)]
-    return "\n".join(
-        "\t".join("" if field is None else " ".join(str(field).split()) for field in line) for line in lines
-    )
+    return "\n".join("\t".join("" if field is None else " ".join(str(field).split()) for field in line) for line in lines)
 
 
 def _told_apart(titles: Sequence[str], above: Sequence[str]) -> list[str]:
@@ -411,9 +385,7 @@ def _told_apart(titles: Sequence[str], above: Sequence[str]) -> list[str]:
 
 def _delimiter(lines: Sequence[str]) -> str:
     """What separates the columns: what divides the last lines into the same number of fields; a comma only where nothing else does."""
-    sample = [line for line in lines[-4 * _SAMPLE_LINES :] if line.strip() and not line.lstrip().startswith("#")][
-        -_SAMPLE_LINES:
-    ]
+    sample = [line for line in lines[-4 * _SAMPLE_LINES :] if line.strip() and not line.lstrip().startswith("#")][-_SAMPLE_LINES:]
     best, most = ",", 0.0
     for delimiter in DELIMITERS:
         counts = Counter(re.sub(r'"[^"]*"', "", line).count(delimiter) for line in sample)
@@ -424,9 +396,7 @@ def _delimiter(lines: Sequence[str]) -> str:
     return best
 
 
-def _first_titles(
-    parsed: Sequence[tuple[int, list[str]]], is_titles: Callable[[Sequence[str]], bool] | None
-) -> int | None:
+def _first_titles(parsed: Sequence[tuple[int, list[str]]], is_titles: Callable[[Sequence[str]], bool] | None) -> int | None:
     if is_titles is not None:
         return next((i for i, (_, fields) in enumerate(parsed) if is_titles(fields)), None)
     widths = Counter(len(fields) for _, fields in parsed[-_SAMPLE_LINES:] if not fields[0].startswith("#"))
@@ -438,11 +408,7 @@ def _first_titles(
                 for j, (_, titles) in enumerate(parsed[:i])
                 if len(titles) >= width - 1 and not _holds_values(titles) and not titles[0].startswith("#")
             ]
-            if (
-                len(above) > 1
-                and above[-1] == above[-2] + 1
-                and _are_units(parsed[above[-1]][1], len(parsed[above[-2]][1]))
-            ):
+            if len(above) > 1 and above[-1] == above[-2] + 1 and _are_units(parsed[above[-1]][1], len(parsed[above[-2]][1])):
                 return above[-2]
             return above[-1] if above else None
     return None
@@ -620,9 +586,7 @@ def _parsed_stamps(table: TextTable, texts: Sequence[str], name: str, order: Dat
     for i, text in enumerate(texts):
         match = stamp_in(text)
         if match is None:
-            problem = (
-                f"'{visible(text[:60])}' is not a time such as 2024-02-13 23:00 or 13-02-2024 23:00. Correct the file."
-            )
+            problem = f"'{visible(text[:60])}' is not a time such as 2024-02-13 23:00 or 13-02-2024 23:00. Correct the file."
             raise table.refuse(problem, i, name)
         matches.append(match)
     # the names of zones in some rows alone mark the hour that an autumn clock shows twice
@@ -661,9 +625,7 @@ def _date_order(table: TextTable, dates: Sequence[str], name: str) -> DateOrder:
         steps: dict[DateOrder, set[int]] = {"day first": set(), "month first": set()}
         for order, following in steps.items():
             days = [_day_number(date, order) for date in parts]
-            following.update(
-                abs(later - earlier) for earlier, later in pairwise(days) if later is not None and earlier is not None
-            )
+            following.update(abs(later - earlier) for earlier, later in pairwise(days) if later is not None and earlier is not None)
         fitting = [order for order, following in steps.items() if following <= {1} or following <= {28, 29, 30, 31}]
         if len(fitting) == 1 or (fitting and next(iter(parts.values()))[2] == "-"):
             return fitting[0]
@@ -747,10 +709,7 @@ def utc_of_local(table: TextTable, seconds: IntArray, zone: ZoneInfo, name: str,
     def offsets(hour: int) -> tuple[int, int, bool]:
         """Offset [s] the first and the second time, and whether the clock skips this hour."""
         local = dt.datetime(1970, 1, 1) + dt.timedelta(seconds=hour * 900)
-        first, second = (
-            round((local.replace(tzinfo=zone, fold=fold).utcoffset() or dt.timedelta()).total_seconds())
-            for fold in (0, 1)
-        )
+        first, second = (round((local.replace(tzinfo=zone, fold=fold).utcoffset() or dt.timedelta()).total_seconds()) for fold in (0, 1))
         return first, second, first < second
 
     utc = np.empty(seconds.size, dtype=np.int64)

@@ -69,10 +69,7 @@ _TODAY = "_today"
 
 def _entries() -> dict[str, Mapping[str, Entry]]:
     groups = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
-    return {
-        group: MappingProxyType({name: Entry(name, **words) for name, words in entries.items()})
-        for group, entries in groups.items()
-    }
+    return {group: MappingProxyType({name: Entry(name, **words) for name, words in entries.items()}) for group, entries in groups.items()}
 
 
 GROUPS = MappingProxyType(_entries())

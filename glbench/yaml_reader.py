@@ -18,8 +18,7 @@ _MOST_VALUES: Final = 10_000
 _MOST_DIGITS: Final = 30
 _TAG: Final = "tag:yaml.org,2002:"
 _RULE: Final = (
-    "Every line is 'name: value' and begins at the left edge. "
-    "Lines below a name are indented alike; brackets and quotes are closed."
+    "Every line is 'name: value' and begins at the left edge. Lines below a name are indented alike; brackets and quotes are closed."
 )
 
 
@@ -54,11 +53,7 @@ def read_yaml(file: Path, what: str, error_type: type[GlbenchError]) -> dict[str
         where, reason, cause = "", f"byte {error.start + 1:,} is not UTF-8. Save the file as UTF-8 text.", error
     except _RefusedError as error:
         lines = text.splitlines()
-        where = (
-            ""
-            if error.line is None
-            else f" at line {error.line + 1}, {quoted(''.join(lines[error.line : error.line + 1]))}"
-        )
+        where = "" if error.line is None else f" at line {error.line + 1}, {quoted(''.join(lines[error.line : error.line + 1]))}"
         reason, cause = f"{error}", error
     msg = f"Cannot read {what} {file}{where}: {reason}"
     raise error_type(msg) from cause
@@ -158,9 +153,7 @@ class _Loader(yaml.SafeLoader):
             msg = f"a number has a decimal point: {advice}. A list has brackets, and text has quotes."
             raise _RefusedError(msg, node.start_mark)
         try:
-            value = (
-                self.yaml_constructors[node.tag](self, node) if len(text) <= _MOST_DIGITS or kind == "str" else math.nan
-            )
+            value = self.yaml_constructors[node.tag](self, node) if len(text) <= _MOST_DIGITS or kind == "str" else math.nan
         except (ValueError, OverflowError):  # such as 0x_
             value = math.nan
         if isinstance(value, str) and any("\ud800" <= letter <= "\udfff" for letter in value):

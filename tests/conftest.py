@@ -74,9 +74,7 @@ def pytest_make_collect_report(
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(
-    item: pytest.Item, call: pytest.CallInfo[None]
-) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     """Skip a test that imports PyTorch where there is none."""
     report = yield
     if report.failed and _is_for_want_of_pytorch(call.excinfo):
@@ -96,9 +94,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     ]
     files = sorted({name.partition("::")[0] for name in skipped})
     if files:
-        terminalreporter.write_line(
-            f"Not tested, or in part, for want of PyTorch (`uv run --group all pytest` has it): {', '.join(files)}"
-        )
+        terminalreporter.write_line(f"Not tested, or in part, for want of PyTorch (`uv run --group all pytest` has it): {', '.join(files)}")
 
 
 def _is_for_want_of_pytorch(excinfo: pytest.ExceptionInfo[BaseException] | None) -> bool:

@@ -52,9 +52,7 @@ def take(browser: Browser, page_file: str, name: str, picture: Picture) -> None:
     file = Path(__file__).with_name(f"{name}.png")
     page.screenshot(path=file)
     with Image.open(file) as taken:  # flat colours: a palette says the same in a third of the bytes
-        taken.convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, kmeans=2, dither=Image.Dither.NONE).save(
-            file, optimize=True
-        )
+        taken.convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, kmeans=2, dither=Image.Dither.NONE).save(file, optimize=True)
 
 
 if __name__ == "__main__":

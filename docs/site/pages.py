@@ -75,9 +75,7 @@ def put_together(folder: Path) -> None:
     for source, place in pages.items():
         page = out / place
         page.parent.mkdir(exist_ok=True)
-        text = (
-            page_of(ROOT / source, page) if source.endswith(".ipynb") else (ROOT / source).read_text(encoding="utf-8")
-        )
+        text = page_of(ROOT / source, page) if source.endswith(".ipynb") else (ROOT / source).read_text(encoding="utf-8")
         page.write_text(with_diagrams(linked(text, source, pages, out), source, place, out), encoding="utf-8")
 
 

@@ -118,9 +118,7 @@ class Baseline:
         SubmissionError
             When it reads the state of another model, or cannot be made with its settings.
         """
-        if self.sees == "state" and not set(get_model(PAPER_MODEL).state_names) <= set(
-            get_model(task.model).state_names
-        ):
+        if self.sees == "state" and not set(get_model(PAPER_MODEL).state_names) <= set(get_model(task.model).state_names):
             msg = (
                 f"'{self.card.controller}' reads the state of {PAPER_MODEL}, and {task.id} has {task.model}, which lacks some of it. "
                 "Evaluate an agent that works with observations, such as rule_based_fair."

@@ -151,9 +151,7 @@ class ObservedController(ABC):
         # Rows of an array of their own: numpy may take another path, with another last bit, through the columns of a larger one.
         rows = observations.T[self._places].astype(np.float64, order="C")
         positions = rows[len(self._names) :] / self._at_one
-        return self.decide(
-            dict(zip(self._names, rows, strict=False)), dict(zip(self._position_names, positions, strict=True))
-        )
+        return self.decide(dict(zip(self._names, rows, strict=False)), dict(zip(self._position_names, positions, strict=True)))
 
     def begin(
         self,
@@ -181,9 +179,7 @@ class ObservedController(ABC):
         required = dict.fromkeys([*needed, *(control.quantity for control in read)])
         missing = [name for name in required if name not in columns]
         if missing:
-            msg = (
-                f"{task.id} does not show the observations {', '.join(missing)}, without which {self.title} cannot act."
-            )
+            msg = f"{task.id} does not show the observations {', '.join(missing)}, without which {self.title} cannot act."
             raise SubmissionError(msg)
         self._names = [*needed, *(name for name in optional if name in columns and name not in needed)]
         self._position_names = [control.name for control in read]

@@ -55,14 +55,10 @@ class EnergyRuleSettings(TunedRuleSettings):
     lamps_fruit: float = number(0.0, 0.5, "kg kWh-1", "they are on while power costs less than so much fruit")
     lamps_light: float = number(0.0, 500.0, "W m-2", "of radiation that they count as, for heating and CO2")
 
-    engine_price: float = number(
-        -0.05, 0.4, "EUR kWh-1", "it runs while power is worth more, buffer empty", section="Engine"
-    )
+    engine_price: float = number(-0.05, 0.4, "EUR kWh-1", "it runs while power is worth more, buffer empty", section="Engine")
     engine_full: float = number(0.0, 0.4, "EUR kWh-1", "more with a full buffer (in proportion with others)")
     engine_cold: float = number(0.0, 0.01, "EUR kWh-1 K-1", "less for each degree below 18 degC of the coming night")
-    engine_wait: float = number(
-        0.0, 1.0, "-", "more by this part of what a dearer hour is above it, in proportion with the buffer"
-    )
+    engine_wait: float = number(0.0, 1.0, "-", "more by this part of what a dearer hour is above it, in proportion with the buffer")
     engine_stay: float = number(0.0, 0.05, "EUR kWh-1", "less while it runs")
 
     buffer_full: float = number(0.0, 100.0, "%", "engine and boiler fill it up to here", section="Buffer and boiler")
@@ -79,9 +75,7 @@ class EnergyRuleSettings(TunedRuleSettings):
         tuned=False,
     )
     engine_flue: float = number(0.1, 20.0, "-", "the same of the engine", tuned=False)
-    engine_heat: float = number(
-        0.0, 5.0, "-", "heat of the engine at full load, in full loads of the boiler", tuned=False
-    )
+    engine_heat: float = number(0.0, 5.0, "-", "heat of the engine at full load, in full loads of the boiler", tuned=False)
 
     @classmethod
     def is_for(cls, scope: Sequence[str], reward: Sequence[str], task_id: str) -> bool:
@@ -115,9 +109,7 @@ class EnergyRulesAgent(TunedRulesAgent):
         """
         super().reset(task, n_runs)
         self._hours_ahead = tuple(name for name in task.observation_names if name.startswith(_AHEAD))
-        self._fruit = next(
-            (one.price for one in task.ledger if one.name == _GROWTH and not isinstance(one.price, str)), 0.0
-        )
+        self._fruit = next((one.price for one in task.ledger if one.name == _GROWTH and not isinstance(one.price, str)), 0.0)
         self._lit = np.zeros(n_runs)
 
     def _find_columns(self, task: TaskCard, n_runs: int) -> None:
@@ -160,9 +152,7 @@ class EnergyRulesAgent(TunedRulesAgent):
             positions,
         )
 
-    def _energy(
-        self, readings: dict[str, Array], positions: dict[str, Array], controls: dict[str, Array]
-    ) -> dict[str, Array]:
+    def _energy(self, readings: dict[str, Array], positions: dict[str, Array], controls: dict[str, Array]) -> dict[str, Array]:
         """Engine, boiler, pipes and CO2, from the heat and the CO2 that the climate asks for."""
         n, share, power = self._numbers, readings[_SHARE], readings[POWER]
         filled = share / 100.0

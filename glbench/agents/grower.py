@@ -202,9 +202,7 @@ class GrowerAgent(ObservedController):
         by_day = (hour >= rise - periods.day_before_sunrise) & (hour < fall - periods.pre_night_before_sunset)
         since_sunset = np.mod(hour - fall, 24.0)
         # A night may go on after midnight.
-        by_night = (since_sunset >= periods.night_after_sunset) & (
-            since_sunset < 24.0 - periods.pre_night_before_sunset
-        )
+        by_night = (since_sunset >= periods.night_after_sunset) & (since_sunset < 24.0 - periods.pre_night_before_sunset)
         period = np.where(by_day, 0.0, np.where(by_night, 2.0, 1.0))
         rules = self._set_points(period, self._mean, readings.get(_VENTS, self._shut))
         low, high = self.task.action_bounds

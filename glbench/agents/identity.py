@@ -490,9 +490,7 @@ def _belongs(file: Path, folder: Path) -> bool:
     return file.is_file() and file.resolve().is_relative_to(folder) and is_part_of_submission(file.resolve(), folder)
 
 
-def _statistics(
-    entry: Path, form: Form, root: Path, files: tuple[Path, ...], card: SubmissionCard | None
-) -> Path | None:
+def _statistics(entry: Path, form: Form, root: Path, files: tuple[Path, ...], card: SubmissionCard | None) -> Path | None:
     """The file with statistics of the observations: the card's, else by its name; ``files`` are those of a folder."""
     if card is not None and card.normalisation is not None:
         if not isinstance(card.normalisation, str):

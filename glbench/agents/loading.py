@@ -315,11 +315,7 @@ def find_submission(ref: str | Path) -> Path:
         )
         raise SubmissionError(msg)
     if path.suffix in identity.FORMS or len(path.parts) > 1:
-        beside = (
-            [item.name for item in path.parent.iterdir() if item.suffix in identity.FORMS]
-            if path.parent.is_dir()
-            else []
-        )
+        beside = [item.name for item in path.parent.iterdir() if item.suffix in identity.FORMS] if path.parent.is_dir() else []
         near = did_you_mean(path.name, beside, list_few=False)
         msg = f"There is no file or folder {path}.{near} {identity.EXPECTED}."
         if (data_folder("submissions") / path.name).is_file():
@@ -342,9 +338,7 @@ def _baseline(ref: str | Path, name: str, kind: Literal["submission", "baseline"
 
     baseline: Baseline = read_baseline(ref)
     training = baseline.training if kind == "submission" else None
-    return LoadedAgent(
-        name, kind, baseline.digest, baseline.sees, baseline.information, baseline.make, training=training
-    )
+    return LoadedAgent(name, kind, baseline.digest, baseline.sees, baseline.information, baseline.make, training=training)
 
 
 Kind = Literal["rule", "sb3", "torch", "mpc"]

@@ -151,9 +151,7 @@ class NetworkPolicy:
         for kind, columns in (("observation", self.observation_names), ("action", self.action_names)):
             if len(set(columns)) < len(columns):
                 twice = next(name for name in columns if columns.count(name) > 1)
-                msg = (
-                    f"A policy has the {kind} {quoted(twice)} {columns.count(twice)} times; each has a name of its own."
-                )
+                msg = f"A policy has the {kind} {quoted(twice)} {columns.count(twice)} times; each has a name of its own."
                 raise ShapeError(msg)
         for what, values, columns, lowest in (
             ("mean", self.mean, self.observation_names, -LARGEST),
@@ -329,9 +327,7 @@ class Actor:
         )
         if not well or not np.isfinite([self.low, self.high]).all():
             traces = f"traces of the columns {quoted(self.traced.tolist())} with shares {quoted(self.shares.tolist())}"
-            changes = (
-                f"changes of {quoted(self.max_change.tolist())} a step, such bounds, or a recurrent unit of other sizes"
-            )
+            changes = f"changes of {quoted(self.max_change.tolist())} a step, such bounds, or a recurrent unit of other sizes"
             msg = f"A policy of {columns} columns and {actions} actions cannot have {traces}, {changes}."
             raise ShapeError(msg)
 
@@ -534,9 +530,7 @@ def _network(file: ArrayFile) -> NetworkPolicy:
 
 def _mismatch(columns: tuple[str, ...], actions: tuple[str, ...], low: Floats, task: TaskCard) -> str | None:
     if task.observation_names != columns:
-        mine, theirs = (
-            f"{len(names)} observations ({', '.join(names[:3])}, ...)" for names in (columns, task.observation_names)
-        )
+        mine, theirs = (f"{len(names)} observations ({', '.join(names[:3])}, ...)" for names in (columns, task.observation_names))
         return f"it was trained on {mine}, and {task.id} shows {theirs}"
     if task.action_names != actions or [action.low for action in task.actions] != low.tolist():
         return f"its actions are not those of {task.id}"

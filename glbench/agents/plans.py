@@ -82,9 +82,7 @@ class PlanBook:
             raise ShapeError(msg)
 
     @classmethod
-    def of(
-        cls, task: TaskSpec, seeds: Sequence[int], actions: ArrayLike, about: Mapping[str, str | int | float]
-    ) -> PlanBook:
+    def of(cls, task: TaskSpec, seeds: Sequence[int], actions: ArrayLike, about: Mapping[str, str | int | float]) -> PlanBook:
         """A book with one plan, ``actions`` ``(steps, actions)``, for the runs of ``task`` with ``seeds``.
 
         Raises

@@ -108,13 +108,11 @@ class _Steering:
     "mpc_true_state",
     read=read_predictive_settings,
     version=(
-        "bbd462e65f9c85feeb5dd0e56292bdbe07adaaf95fccb7736293c77bec062442 "
-        "c9c4998d8192f4ffa4551be3802850d2ba3bf26ea79904fc849cf112ef9afa2f"
+        "bbd462e65f9c85feeb5dd0e56292bdbe07adaaf95fccb7736293c77bec062442 c9c4998d8192f4ffa4551be3802850d2ba3bf26ea79904fc849cf112ef9afa2f"
     ),
     sees="scenario",
     information=(
-        "privileged: true states, all weather to come, the parameters of the run in every step to come; acts through the task's "
-        "actuation"
+        "privileged: true states, all weather to come, the parameters of the run in every step to come; acts through the task's actuation"
     ),
 )
 class TrueStateController:
@@ -167,8 +165,7 @@ class TrueStateController:
     "mpc",
     read=read_predictive_settings,
     version=(
-        "bbd462e65f9c85feeb5dd0e56292bdbe07adaaf95fccb7736293c77bec062442 "
-        "89f3d6f9cd3064159e1a8013ac4e48bf5340ebb6788e92ff418da40687dab753"
+        "bbd462e65f9c85feeb5dd0e56292bdbe07adaaf95fccb7736293c77bec062442 89f3d6f9cd3064159e1a8013ac4e48bf5340ebb6788e92ff418da40687dab753"
     ),
     information="observations, the public definition of the task, and the mean days of its training years",
 )
@@ -216,7 +213,5 @@ class PredictiveAgent:
         ahead, off = self._outlook.ahead(steps), self._estimator.weather_errors(steps)
         days_left = (self._task.steps - k) / self._task.steps_per_day
         return self._steering.towards(
-            self._controller.decide(
-                states, controls, ahead.d + off, self._estimator.parameters, ahead.calendar, days_left
-            )
+            self._controller.decide(states, controls, ahead.d + off, self._estimator.parameters, ahead.calendar, days_left)
         )

@@ -194,9 +194,7 @@ def value_problems(actions: NDArray[np.float64], task: TaskCard) -> dict[int, st
         if np.isfinite(value):
             reason = f"{value:.9g}, outside its bounds {action.low:g} to {action.high:g}"
             if action.stands_for is not None:
-                reason += (
-                    f", which stand for {action.lowest:g} to {action.highest:g} {action.unit} (Action.of converts)"
-                )
+                reason += f", which stand for {action.lowest:g} to {action.highest:g} {action.unit} (Action.of converts)"
         else:
             reason = f"{value}, which is not a finite number"
         problems[int(run)] = f"the action for {action.name} is {reason}"

@@ -192,9 +192,7 @@ class PolicyAgent:
         Whether answers are clipped to the bounds of the actions.
     """
 
-    def __init__(
-        self, ask: EvenRows, normalise: Normalise, actions: int, state: int = 0, *, clip: bool = False
-    ) -> None:
+    def __init__(self, ask: EvenRows, normalise: Normalise, actions: int, state: int = 0, *, clip: bool = False) -> None:
         self._ask, self._normalise, self._clip = ask, normalise, clip
         self._actions, self._state_width = actions, state
         self._state: NDArray[np.float32] = np.zeros((0, state), dtype=np.float32)
@@ -232,9 +230,7 @@ class PolicyAgent:
 
 _KINDS: dict[str, type[np.floating]] = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 _ONLY_ERRORS = 3
-_HOW = (
-    'Write one with: torch.jit.script(policy).save("policy.pt"), or torch.jit.trace(policy, example).save("policy.pt").'
-)
+_HOW = 'Write one with: torch.jit.script(policy).save("policy.pt"), or torch.jit.trace(policy, example).save("policy.pt").'
 
 
 def onnx_agent(submission: Identity, task: TaskCard) -> PolicyAgent:

@@ -291,9 +291,7 @@ def space_complaints(archive: Archive, task: TaskCard, name: str) -> list[str]:
             "Use an algorithm for continuous actions, such as PPO or SAC, or write a Python agent that translates."
         )
     elif archive.actions != actions:
-        complaints.append(
-            f"{name} gives {archive.actions} actions, the task has {actions} ({', '.join(task.action_names)})."
-        )
+        complaints.append(f"{name} gives {archive.actions} actions, the task has {actions} ({', '.join(task.action_names)}).")
     return complaints
 
 
@@ -313,9 +311,7 @@ def statistics_complaints(archive: Archive, submission: Identity) -> list[str]:
 def _load(algorithm: Algorithm, file: Path) -> Any:
     """The policy alone: no buffers, no optimisers, and of the pickles only those that it is built from."""
     saving = need("stable_baselines3.common.save_util", f"The {algorithm.name} model {file.name}")
-    unneeded = dict.fromkeys(
-        set(archive_data(file)) - {"policy_class", "observation_space", "action_space", "policy_kwargs", "use_sde"}
-    )
+    unneeded = dict.fromkeys(set(archive_data(file)) - {"policy_class", "observation_space", "action_space", "policy_kwargs", "use_sde"})
     try:
         with without_warnings():
             data, parameters, _ = saving.load_from_zip_file(file, device="cpu", custom_objects=unneeded)
@@ -353,9 +349,7 @@ def _recurrent(policy: Any, columns: int) -> Any:
         n = len(rows)
         before = rows[:, columns:].reshape(n, 2, layers, width).transpose(1, 2, 0, 3)
         state = (np.ascontiguousarray(before[0]), np.ascontiguousarray(before[1]))
-        actions, after = policy.predict(
-            rows[:, :columns], state=state, episode_start=np.zeros(n, dtype=bool), deterministic=True
-        )
+        actions, after = policy.predict(rows[:, :columns], state=state, episode_start=np.zeros(n, dtype=bool), deterministic=True)
         columns_after = np.stack(after).transpose(2, 0, 1, 3).reshape(n, -1)
         return np.concatenate([actions, columns_after], axis=1)
 

@@ -84,9 +84,7 @@ class TunedRuleSettings(Table):
     heating_light_from: float = number(0.0, 400.0, "W m-2", "the raise begins")
     heating_light_span: float = number(50.0, 800.0, "W m-2", "so much later it is complete")
 
-    boiler_band: float = number(
-        0.5, 10.0, "K", "too cold for the boiler to go from nothing to full power", section="Boiler"
-    )
+    boiler_band: float = number(0.5, 10.0, "K", "too cold for the boiler to go from nothing to full power", section="Boiler")
     boiler_outside: float = number(0.0, 0.05, "share K-1", "for each degree that it is colder outside than wanted")
     boiler_daylight: float = number(0.0, 0.4, "share", "in daylight, besides")
     boiler_humidity: float = number(0.0, 0.3, "share %-1", "against humidity, for each percent")
@@ -101,9 +99,7 @@ class TunedRuleSettings(Table):
     co2_band: float = number(20.0, 600.0, "ppm", "too little for the supply to go from nothing to full")
     co2_dark: float = number(0.0, 60.0, "W m-2", "in less light than this none is dosed")
 
-    vents_humidity_day: float = number(
-        -12.0, 2.0, "%", "above the limit (below it when negative) is wanted by day", section="Vents"
-    )
+    vents_humidity_day: float = number(-12.0, 2.0, "%", "above the limit (below it when negative) is wanted by day", section="Vents")
     vents_humidity_night: float = number(-12.0, 2.0, "%", "the same in the dark")
     vents_gain: float = number(0.0, 2.0, "share %-1 h-1", "they open in an hour for each percent too much (integral)")
     vents_trend: float = number(0.0, 0.3, "share %-1", "they open for each percent of rise (proportional)")
@@ -122,16 +118,12 @@ class TunedRuleSettings(Table):
     screen_gap: float = number(0.0, 0.3, "share %-1", "for each percent, of the screen")
     screen_gap_most: float = number(0.0, 1.0, "share", "widest gap")
 
-    temperature_smoothing: float = number(
-        0.0, 3.0, "h", "the sensor of temperature is smoothed over", section="Sensors"
-    )
+    temperature_smoothing: float = number(0.0, 3.0, "h", "the sensor of temperature is smoothed over", section="Sensors")
     humidity_smoothing: float = number(0.0, 3.0, "h", "the sensor of humidity is smoothed over")
 
     lamps_from: float = number(0.0, 24.0, "h", "of the day they may be on", section="Lamps (not tuned)", tuned=False)
     lamps_until: float = number(0.0, 24.0, "h", "of the same day they go off", tuned=False)
-    lamps_radiation: float = number(
-        0.0, 1000.0, "W m-2", "they are off from here on; 0: they are never on", tuned=False
-    )
+    lamps_radiation: float = number(0.0, 1000.0, "W m-2", "they are off from here on; 0: they are never on", tuned=False)
 
     @classmethod
     def bounds(cls, name: str) -> tuple[float, float]:
@@ -222,9 +214,7 @@ def read_rule_pages(place: Path, kind: type[TunedRuleSettings] = TunedRuleSettin
         raise SubmissionError(msg)
     pages = {file: read_rule_page(file, kind) for file in files}
     scopes = [page.scope for page in pages.values()]
-    claims: list[tuple[str, ...]] = (
-        scopes if kind is TunedRuleSettings else [(name,) for scope in scopes for name in scope]
-    )
+    claims: list[tuple[str, ...]] = scopes if kind is TunedRuleSettings else [(name,) for scope in scopes for name in scope]
     twice = next((claim for claim in claims if claims.count(claim) > 1), None)
     if twice is not None:
         msg = f"The pages of {kind.title} in {place} name the same {kind.scope_key} twice, {', '.join(twice)}. Leave one of them."
@@ -363,9 +353,7 @@ class TunedRulesAgent(ObservedController):
             BLACKOUT: np.where(radiation <= 0.0, lamps, 0.0),
         }
 
-    def _shares(
-        self, hour: Array, day: Array, radiation: Array, temperature: Array, outdoor: Array, wind: Array
-    ) -> _Shares:
+    def _shares(self, hour: Array, day: Array, radiation: Array, temperature: Array, outdoor: Array, wind: Array) -> _Shares:
         """All shares at once: numpy takes as long for one of them as for ten."""
         n = self._numbers
         rise, fall = self._sun.hours(day)
@@ -439,9 +427,7 @@ def _share(value: Array, span: Array) -> Array:
     return np.minimum(np.maximum(value / span, 0.0), 1.0)
 
 
-def _boiler(
-    n: Any, s: _Shares, heating: Array, temperature: Array, warming: Array, outdoor: Array, above: Array
-) -> Array:
+def _boiler(n: Any, s: _Shares, heating: Array, temperature: Array, warming: Array, outdoor: Array, above: Array) -> Array:
     """P-band, feed-forward on what is lost to the outside, minimum heat by day and against humidity."""
     power = (heating - temperature) / n.boiler_band + n.boiler_outside * (heating - outdoor)
     power = power + n.boiler_daylight * s.daylight - n.boiler_trend * warming

@@ -109,11 +109,7 @@ class EnergyDemand:
         flows = flow_amounts(task, (*_OUTPUTS, *_DEMANDS), x, u)
         store = task.model_value.state_index(BUFFER)
         demand = cls(task.step_seconds, flows, _prices(task, episode), float(x[0, store]), float(x[-1, store]))
-        paid = -sum(
-            item.sign * episode[item.name].sum()
-            for item in task.ledger.items
-            if item.valued == FLOW and item.flow in flows
-        )
+        paid = -sum(item.sign * episode[item.name].sum() for item in task.ledger.items if item.valued == FLOW and item.flow in flows)
         if not np.isclose(cost(demand.flows, demand.prices), paid, rtol=1e-6, atol=1e-9):
             msg = (
                 f"The run with seed {episode.run.seed} paid {paid:.6f} EUR m-2 for its energy and CO2; at the prices of {task.id} "
@@ -141,9 +137,7 @@ class EnergyDemand:
     def worth(self, equipment: Equipment) -> float:
         """What heat in the buffer counts at [EUR kWh-1]: what the boiler pays for it, mean over the steps."""
         outputs = equipment.makes()
-        return sum(
-            float(self.prices[name].mean()) * outputs[name]["boiler"] for name in ("gas", "heat") if name in self.prices
-        )
+        return sum(float(self.prices[name].mean()) * outputs[name]["boiler"] for name in ("gas", "heat") if name in self.prices)
 
 
 @dataclass(frozen=True, eq=False)

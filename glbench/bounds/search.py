@@ -212,9 +212,7 @@ class Search:
         task, name = PackedTask.of(self.task), self.start.agent.name
         return [PlanJob(task, seeds, u, name, self.iterations) for seeds, u in zip(groups, controls, strict=True)]
 
-    def run(
-        self, jobs: Sequence[PlanJob], *, engine: str = "local", listener: Listener | None = None
-    ) -> Iterator[PlanOutcome]:
+    def run(self, jobs: Sequence[PlanJob], *, engine: str = "local", listener: Listener | None = None) -> Iterator[PlanOutcome]:
         """Search for plans, and save each one as soon as it is found.
 
         Raises
@@ -271,9 +269,7 @@ class _ControlsRecorder:
         self.controls.append(np.array(simulation.u))
 
 
-def agent_controls(
-    task: TaskSpec, agent: Protected, seeds: Sequence[int], progress: Callable[[Progress], None] | None = None
-) -> Floats:
+def agent_controls(task: TaskSpec, agent: Protected, seeds: Sequence[int], progress: Callable[[Progress], None] | None = None) -> Floats:
     """The controls of an agent in the runs of ``task`` with ``seeds``, ``(n, steps, controls)``.
 
     Raises

@@ -131,9 +131,7 @@ def candidates(file: Path) -> Iterator[tuple[TaskSpec, PlanBook]]:
         log, task = recorded_actions(result, file), task_of_result(result, file)
         agent = log.provenance.agent
         if agent.acts != "actions" or task.salt_commitment is not None:
-            msg = (
-                f"{file} holds no plans: {agent.name} sets controls past the task's actuation, or its draws are secret."
-            )
+            msg = f"{file} holds no plans: {agent.name} sets controls past the task's actuation, or its draws are secret."
             raise SubmissionError(msg)
         about = {"method": f"actions of {agent.name}", "agent_digest": agent.digest, "glbench": __version__}
         whole = [row for row, run in enumerate(log.runs) if run.status == "ok"]

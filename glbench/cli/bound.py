@@ -37,12 +37,8 @@ _EARNS = {
 
 def bound(
     task: Annotated[str | None, typer.Argument(metavar="[TASK]", help="Task id or task file (.toml).")] = None,
-    scenario: Annotated[
-        list[int] | None, typer.Option("--scenario", help="Seed of a run; repeatable. Default: all scored runs.")
-    ] = None,
-    split: Annotated[
-        str, typer.Option("--split", help="Split whose runs are planned, if the task has splits.")
-    ] = "test",
+    scenario: Annotated[list[int] | None, typer.Option("--scenario", help="Seed of a run; repeatable. Default: all scored runs.")] = None,
+    split: Annotated[str, typer.Option("--split", help="Split whose runs are planned, if the task has splits.")] = "test",
     start: Annotated[
         str | None,
         typer.Option(
@@ -52,9 +48,7 @@ def bound(
     ] = None,
     iterations: Annotated[
         int,
-        typer.Option(
-            "--iterations", "-n", min=1, help="Iterations per plan; one takes about 3 s of one core for 5,760 steps."
-        ),
+        typer.Option("--iterations", "-n", min=1, help="Iterations per plan; one takes about 3 s of one core for 5,760 steps."),
     ] = 35,
     out: Annotated[
         Path | None,
@@ -107,9 +101,7 @@ def bound(
                 console.print_warning(f"No plan for seed {one.seeds[0]}: {one.reason}")
             elif one.value is not None and not console.messages().is_terminal:
                 gain = one.value
-                console.tell(
-                    f"seed {one.seeds[0]}: reward {gain.reward:,.2f}, profit {gain.epi:,.2f} EUR/m2, penalty {gain.penalty:,.2f}"
-                )
+                console.tell(f"seed {one.seeds[0]}: reward {gain.reward:,.2f}, profit {gain.epi:,.2f} EUR/m2, penalty {gain.penalty:,.2f}")
     console.show(console.View(plan_parts(search, results), code=1 if any(one.reason for one in results) else 0))
 
 
@@ -207,9 +199,7 @@ def plan_parts(search: Search, results: Sequence[PlanOutcome]) -> Iterator[conso
         row = next((row for row, seed in enumerate(planned) if seed != planned[0] + row), len(planned))
         some = "" if planned == list(search.task.evaluation.seeds) else f" --seed {planned[0]} --runs {row}"
         split = "" if search.task.split in (None, "test") else f" --split {search.task.split}"
-        yield console.aside(
-            f"Evaluate the plans with: glbench evaluate {search.folder} --task {search.task.source}{split}{some}"
-        )
+        yield console.aside(f"Evaluate the plans with: glbench evaluate {search.folder} --task {search.task.source}{split}{some}")
 
 
 def submission_parts(plans: Sequence[PlanComparison]) -> Iterator[console.Part]:
@@ -229,9 +219,7 @@ def submission_parts(plans: Sequence[PlanComparison]) -> Iterator[console.Part]:
             )
         yield view
         better = sum(one.is_better for one in of_task)
-        yield console.Line(
-            f"{better} of {len(of_task)} plans for {task_id} are better than the best known and take their places."
-        )
+        yield console.Line(f"{better} of {len(of_task)} plans for {task_id} are better than the best known and take their places.")
 
 
 def dispatch(
@@ -242,9 +230,7 @@ def dispatch(
             help="Result file (.json) of a task with an energy system; its recorded actions are beside it.",
         ),
     ],
-    run: Annotated[
-        list[int] | None, typer.Option("--run", help="Seed of a run to compare; repeatable. Default: all runs.")
-    ] = None,
+    run: Annotated[list[int] | None, typer.Option("--run", help="Seed of a run to compare; repeatable. Default: all runs.")] = None,
     buffer: Annotated[
         float | None,
         typer.Option("--buffer", min=0, help="Try a buffer of this size [MJ m-2]. Default: the task's."),

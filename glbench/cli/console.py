@@ -412,9 +412,7 @@ def leaving_at_once() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _handled_by(handler: Callable[[int, FrameType | None], NoReturn]) -> Iterator[None]:
-    if (
-        threading.current_thread() is not threading.main_thread()
-    ):  # Python allows signal handlers in the main thread only
+    if threading.current_thread() is not threading.main_thread():  # Python allows signal handlers in the main thread only
         yield
         return
     # Ignored signals stay ignored (nohup), and handlers that were not set from Python cannot be put back.

@@ -26,9 +26,7 @@ ResultFile = Annotated[Path, typer.Argument(metavar="RESULT", help="A result fil
 
 @app.command()
 def info(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="An episode, or the recorded actions of a result (.mcap).")
-    ],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="An episode, or the recorded actions of a result (.mcap).")],
 ) -> None:
     """Show what a record holds: where it comes from, how the run ended, columns with units."""
     from glbench.episodes import is_action_log, read_episode, read_log
@@ -58,9 +56,7 @@ def export(
     to: Annotated[Path | None, typer.Option("--to", help="Table to write from an episode: .parquet or .csv.")] = None,
     minari: Annotated[
         str | None,
-        typer.Option(
-            "--minari", metavar="DATASET", help="Minari dataset to write from agents, such as glbench/spring/mixed-v0."
-        ),
+        typer.Option("--minari", metavar="DATASET", help="Minari dataset to write from agents, such as glbench/spring/mixed-v0."),
     ] = None,
     task: options.OneTask = None,
     runs: Annotated[int, typer.Option("--runs", "-n", min=1, help="Runs per agent.")] = 10,
@@ -78,9 +74,7 @@ def export(
         typer.Option("--seed", help="Seed of the first run, 10,000,000,000 or more. Default: 40,000,000,000."),
     ] = None,
     author: Annotated[str | None, typer.Option("--author", help="Author of the dataset, for its metadata.")] = None,
-    email: Annotated[
-        str | None, typer.Option("--author-email", help="Address of the author, for its metadata.")
-    ] = None,
+    email: Annotated[str | None, typer.Option("--author-email", help="Address of the author, for its metadata.")] = None,
     permalink: Annotated[
         str | None, typer.Option("--code-permalink", help="Address of the code that made the agents, for its metadata.")
     ] = None,
@@ -155,9 +149,7 @@ def write_dataset_of(
             if bar.is_time():
                 bar.move(completed)
 
-        result = write_dataset(
-            dataset, spec, protected, runs, noise=noise, first_seed=first, about=about, progress=advance
-        )
+        result = write_dataset(dataset, spec, protected, runs, noise=noise, first_seed=first, about=about, progress=advance)
     from glbench.leaderboard.catalogue import catalogue
 
     score = catalogue(spec).score
@@ -166,18 +158,13 @@ def write_dataset_of(
         rewards = [season.reward for season in result.seasons if season.agent == agent.agent.name]
         view.add(agent.agent.name, str(len(rewards)), score.number(sum(rewards) / len(rewards)))
     console.put_parts([view])
-    console.tell(
-        f"Written: {result.folder} ({result.steps:,} steps, {result.size / 1e6:.1f} MB). "
-        f'Next: minari.load_dataset("{dataset}")'
-    )
+    console.tell(f'Written: {result.folder} ({result.steps:,} steps, {result.size / 1e6:.1f} MB). Next: minari.load_dataset("{dataset}")')
 
 
 @app.command()
 def recover(
     file: File,
-    to: Annotated[
-        Path | None, typer.Option("--to", help="File to write. Default: FILE with .recovered.mcap as its ending.")
-    ] = None,
+    to: Annotated[Path | None, typer.Option("--to", help="File to write. Default: FILE with .recovered.mcap as its ending.")] = None,
 ) -> None:
     """Make a whole file of what a killed writer left. The file itself stays as it is."""
     from glbench.episodes import recover as recover_file
@@ -196,9 +183,7 @@ def recover(
 def make(
     result: ResultFile,
     episodes: options.Episodes = "best,worst,median",
-    to: Annotated[
-        Path | None, typer.Option("--to", help="Folder to write to. Default: where evaluate puts them.")
-    ] = None,
+    to: Annotated[Path | None, typer.Option("--to", help="Folder to write to. Default: where evaluate puts them.")] = None,
     round_file: options.RoundFile = None,
 ) -> None:
     """Make full episodes of a stored result by replaying its recorded actions. The agent is not needed."""

@@ -46,27 +46,17 @@ _PROTECTIONS = {
 def evaluate(
     agents: Annotated[
         list[str],
-        typer.Argument(
-            metavar="AGENT", help="Submissions (.py, .zip, .pt, .ts, .onnx, or a folder) or names of baselines."
-        ),
+        typer.Argument(metavar="AGENT", help="Submissions (.py, .zip, .pt, .ts, .onnx, or a folder) or names of baselines."),
     ],
     task: Annotated[
         list[str] | None,
         typer.Option("--task", "-t", help="Task id or task file (.toml); repeatable. Default: the benchmark's."),
     ] = None,
-    suite: Annotated[
-        list[str] | None, typer.Option("--suite", help="All tasks of a suite, such as paper; repeatable.")
-    ] = None,
-    runs: Annotated[
-        int | None, typer.Option("--runs", "-n", min=1, help="Number of runs. Default: what the task says.")
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option("--seed", min=0, help="Seed of the first run. Default: what the task says.")
-    ] = None,
+    suite: Annotated[list[str] | None, typer.Option("--suite", help="All tasks of a suite, such as paper; repeatable.")] = None,
+    runs: Annotated[int | None, typer.Option("--runs", "-n", min=1, help="Number of runs. Default: what the task says.")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the first run. Default: what the task says.")] = None,
     workers: options.Workers = None,
-    out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for results/ and for the checkpoint of unfinished work.")
-    ] = REPORTS,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for results/ and for the checkpoint of unfinished work.")] = REPORTS,
     episodes: options.Episodes = "best,worst,median",
     as_json: options.AsJson = False,
     live: Annotated[
@@ -74,17 +64,13 @@ def evaluate(
         typer.Option("--live", help="Watch the first run in the viewer while it is simulated (needs glbench[view])."),
     ] = False,
     sandbox: options.SandboxChoice = options.Sandbox.AUTO,
-    show_prints: Annotated[
-        bool, typer.Option("--show-prints", help="Show what sandboxed agents print, also when nothing fails.")
-    ] = False,
+    show_prints: Annotated[bool, typer.Option("--show-prints", help="Show what sandboxed agents print, also when nothing fails.")] = False,
     engine: Annotated[
         options.EngineName,
         typer.Option("--engine", help="Where evaluations run: local, or ray (a Ray cluster; needs glbench[ray])."),
     ] = options.EngineName.LOCAL,
     address: options.Address = None,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Evaluate again even if the result is there, and forget unfinished work.")
-    ] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Evaluate again even if the result is there, and forget unfinished work.")] = False,
     fresh_draws: Annotated[
         bool,
         typer.Option(
@@ -95,9 +81,7 @@ def evaluate(
     round_file: options.RoundFile = None,
     split: Annotated[
         str,
-        typer.Option(
-            "--split", help="Scenarios: test, which scores, or validation, to choose between agents (a trial)."
-        ),
+        typer.Option("--split", help="Scenarios: test, which scores, or validation, to choose between agents (a trial)."),
     ] = "test",
     late: Annotated[
         bool,
@@ -194,9 +178,7 @@ def _engine(name: options.EngineName, address: str | None, workers: int | None) 
     return LocalEngine() if name is options.EngineName.LOCAL else RayEngine(address, workers)
 
 
-def select_tasks(
-    names: Sequence[str], suites: Sequence[str], sealed: Round | None, split: str = "test"
-) -> list[TaskSpec]:
+def select_tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | None, split: str = "test") -> list[TaskSpec]:
     """The tasks of these names, each once, with the draws of a ``sealed`` round if there is one; the default task when none is named.
 
     Raises
@@ -360,9 +342,7 @@ def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result
 
     def consequence() -> str:
         if evaluation.interrupted:
-            return (
-                "What could be written is kept: the same command (without --fresh) continues from the last checkpoint."
-            )
+            return "What could be written is kept: the same command (without --fresh) continues from the last checkpoint."
         return "Interrupted before the first checkpoint; the same command starts over."
 
     try:
@@ -399,9 +379,7 @@ def _agents_print_to_stderr(as_json: bool) -> Iterator[None]:
         os.close(copy)
 
 
-def _evaluate_many(
-    jobs: Sequence[Job], engine: Engine, unusable: dict[str, str], printer: console.Printer, *, prints: bool
-) -> bool:
+def _evaluate_many(jobs: Sequence[Job], engine: Engine, unusable: dict[str, str], printer: console.Printer, *, prints: bool) -> bool:
     """Do all ``jobs`` and print how each ended, as JSON or as text; return whether every agent succeeded in at least one run.
 
     ``unusable`` names the agents that could not be loaded, with the reasons. With ``prints`` everything that agents print is shown, else
@@ -534,17 +512,11 @@ def score_in_words(result: Result, metric: Metric) -> str:
     return metric.phrase(one.mean) + (f" ({metric.number(one.low)} to {metric.number(one.high)})" if spread else "")
 
 
-def print_lines(
-    name: str, prints: str, *, everything: bool, last: int = _MOST_PRINTS, indent: str = ""
-) -> Iterator[console.Line]:
+def print_lines(name: str, prints: str, *, everything: bool, last: int = _MOST_PRINTS, indent: str = "") -> Iterator[console.Line]:
     """What the sandboxed agent ``name`` printed: all that was kept of it, or its last lines."""
     lines = prints.rstrip().splitlines()
     selection = lines if everything else lines[-last:]
-    more = (
-        f" (the last {len(selection)} of {len(lines)} lines; --show-prints shows more)"
-        if len(selection) < len(lines)
-        else ""
-    )
+    more = f" (the last {len(selection)} of {len(lines)} lines; --show-prints shows more)" if len(selection) < len(lines) else ""
     if lines:
         yield console.aside(f"{indent}What {name} printed{more}:")
     for line in selection:

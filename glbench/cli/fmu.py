@@ -14,14 +14,9 @@ from glbench.extras import require
 def fmu(
     task: Annotated[str, typer.Argument(help="Id of a task, its short form, or a .toml file.", metavar="ID|FILE")],
     out: Annotated[Path, typer.Option("--out", "-o", help="The FMU to write (.fmu).")],
-    seed: Annotated[
-        int, typer.Option("--seed", min=0, help="Selects the season; the importing program can change it.")
-    ] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Selects the season; the importing program can change it.")] = 1,
     split: Annotated[
-        str | None,
-        typer.Option(
-            "--split", help="training or validation; the importing program can change it. Default: validation."
-        ),
+        str | None, typer.Option("--split", help="training or validation; the importing program can change it. Default: validation.")
     ] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Replace a file that exists.")] = False,
 ) -> None:

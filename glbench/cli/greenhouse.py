@@ -19,9 +19,7 @@ if TYPE_CHECKING:
     from glbench.greenhouse.season import Outcome
     from glbench.tasks import TaskSpec
 
-app = typer.Typer(
-    help="Describe your own greenhouse, see what it can do, and make a task with it.", no_args_is_help=True
-)
+app = typer.Typer(help="Describe your own greenhouse, see what it can do, and make a task with it.", no_args_is_help=True)
 
 PageFile = Annotated[Path, typer.Argument(metavar="PAGE", help="The page of your greenhouse (.toml).")]
 _COLOURS = {"usable": "green", "usable, but": "yellow", "refused": "red"}
@@ -59,9 +57,7 @@ def check_command(page: PageFile, as_json: AsJson = False) -> None:
 @app.command("task")
 def task_command(
     page: PageFile,
-    task: Annotated[
-        Path, typer.Argument(metavar="TASK", help="The task file to write (.toml); rules come into a folder beside it.")
-    ],
+    task: Annotated[Path, typer.Argument(metavar="TASK", help="The task file to write (.toml); rules come into a folder beside it.")],
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite the task file and the rules.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -93,10 +89,7 @@ def task_command(
     write_atomically(task, task_text(settings, house, f"my/{name}-v1", page.name))
     spec = get_task(task)
     if by_computer:  # the grower's page has set points, which no equipment scales
-        texts = {
-            name: (data_folder("baselines") / "grower" / name).read_text("utf-8")
-            for name in ("card.toml", "settings.toml")
-        }
+        texts = {name: (data_folder("baselines") / "grower" / name).read_text("utf-8") for name in ("card.toml", "settings.toml")}
     else:
         texts = rules_text(settings, spec)
     rules.mkdir(exist_ok=True)
@@ -118,10 +111,7 @@ def task_command(
         )
 
     console.show(
-        console.View(
-            parts(), lambda: _document(house) | {"task": str(task), "rules": str(rules), "season": outcome.sums}
-        ),
-        as_json=as_json,
+        console.View(parts(), lambda: _document(house) | {"task": str(task), "rules": str(rules), "season": outcome.sums}), as_json=as_json
     )
 
 

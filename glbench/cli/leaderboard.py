@@ -30,9 +30,7 @@ _SPAN = "95 % interval\nor range ↔"
 def leaderboard(
     task: Annotated[
         list[str] | None,
-        typer.Option(
-            "--task", "-t", help="Show this task: id or file (.toml); repeatable. Default: the one evaluated last."
-        ),
+        typer.Option("--task", "-t", help="Show this task: id or file (.toml); repeatable. Default: the one evaluated last."),
     ] = None,
     suite: Annotated[
         list[str] | None,
@@ -52,9 +50,7 @@ def leaderboard(
     strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 when a result file cannot be used.")] = False,
     round_file: Annotated[
         Path | None,
-        typer.Option(
-            "--round", help="The file of a sealed round (docs/maintain.md): name entries made after it closed."
-        ),
+        typer.Option("--round", help="The file of a sealed round (docs/maintain.md): name entries made after it closed."),
     ] = None,
 ) -> None:
     """Rank all results, with 95 % intervals. Nothing is written unless you ask for it (--write).
@@ -72,9 +68,7 @@ def leaderboard(
     stored, problems = own_and_released_results(out)
     options.warn_of(problems)
     if not stored:
-        msg = (
-            f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."
-        )
+        msg = f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."
         raise ResultError(msg)
     expected, suites = published_expectations(), list_suites()
     for name in suite:
@@ -102,9 +96,7 @@ def leaderboard(
         for item in stored:
             if item.confirmed and item.board in boards:
                 name = item.result.agent.name
-                yield console.Line(
-                    f"Your own result of {name} on {item.board} is the same as the released one.", wrap="always"
-                )
+                yield console.Line(f"Your own result of {name} on {item.board} is the same as the released one.", wrap="always")
         hidden = len({item.board for item in stored}) - len(boards) if boards else 0
         if hidden > 0:
             have = "task has" if hidden == 1 else "tasks have"
@@ -125,9 +117,7 @@ def badge(
     agent: Annotated[str, typer.Argument(help="Name of an agent that has a result.")],
     task: Annotated[
         str | None,
-        typer.Option(
-            "--task", "-t", help="Of this task: id or file (.toml). Default: the default task, if it has results."
-        ),
+        typer.Option("--task", "-t", help="Of this task: id or file (.toml). Default: the default task, if it has results."),
     ] = None,
     out: options.Out = REPORTS,
     file: Annotated[Path, typer.Option("--file", "-f", help="Where the picture goes.")] = Path("badge.svg"),
@@ -144,9 +134,7 @@ def badge(
     options.warn_of(problems)
     tables = rank(stored, published_expectations())
     has = [table.task_id for table in tables if any(row.agent == agent for row in table.rows)]
-    (table,) = _by_names(
-        tables, options.task_ids([task]) if task else [usual_task(has) or next(iter(has), DEFAULT_TASK)]
-    )
+    (table,) = _by_names(tables, options.task_ids([task]) if task else [usual_task(has) or next(iter(has), DEFAULT_TASK)])
     write_atomically(file, draw(table, agent))
     console.tell(f"Written: {file}")
 
@@ -279,9 +267,7 @@ def _task_tables(table: TaskTable, *, members: bool) -> Iterator[console.Table]:
         t.TableColumn("Runs", runs, gives_way=7),
         replace(t.SOURCE, cell=lambda row: "" if row.training_seed is not None else str(row.origin)),
     ]
-    ranks = t.TableColumn(
-        "#", lambda row: "" if row.training_seed is not None else t.NONE if row.rank is None else str(row.rank)
-    )
+    ranks = t.TableColumn("#", lambda row: "" if row.training_seed is not None else t.NONE if row.rank is None else str(row.rank))
     title = f"{plain(visible(table.title))}\n{styled(visible(table.task_id), 'dim')}"
     if table.draws:
         title += f"\n{styled(table.draws, 'yellow')}"
@@ -316,10 +302,7 @@ def _suite_tables(table: SuiteTable) -> Iterator[console.Table]:
         score("Mean", "mean", 0),
         t.TableColumn("95 %\ninterval", lambda row: t.span_text(row.mean, is_range=False) or t.NONE, gives_way=2),
         score("IQM", "iqm", 1),
-        *(
-            replace(one, heading=one.heading.replace(" ", "\n"))
-            for one in t.money_columns(table.rows, (1, 2), spans=False)
-        ),
+        *(replace(one, heading=one.heading.replace(" ", "\n")) for one in t.money_columns(table.rows, (1, 2), spans=False)),
         score("Median", "median", 5),
         score("Optimality\ngap", "optimality_gap", 3),
         t.TableColumn("Runs", lambda row: str(row.runs), gives_way=4),
@@ -346,9 +329,7 @@ def _resources(metrics: Sequence[Any], before: int) -> list[TableColumn]:
     return [replace(column, heading=column.heading.replace(" ", "\n")) for column in columns]
 
 
-def _table(
-    title: str, columns: Sequence[TableColumn], rows: Sequence[Any], is_dim: Callable[[Any], bool]
-) -> console.Table:
+def _table(title: str, columns: Sequence[TableColumn], rows: Sequence[Any], is_dim: Callable[[Any], bool]) -> console.Table:
     """A table that fits the terminal: agents' names fold, numbers are never cut, columns give way."""
     view = console.Table(Markup(title), [], look={"padding": (0, 1, 0, 0), "show_edge": False})
     for row in rows:

@@ -38,14 +38,10 @@ class EngineName(StrEnum):
     RAY = "ray"
 
 
-OneTask = Annotated[
-    str | None, typer.Option("--task", "-t", help="Task id or task file (.toml). Default: the benchmark's.")
-]
+OneTask = Annotated[str | None, typer.Option("--task", "-t", help="Task id or task file (.toml). Default: the benchmark's.")]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder with results/ in it.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
-Workers = Annotated[
-    int | None, typer.Option("--workers", "-w", min=1, help="Cores to work with; changes no number. Default: all.")
-]
+Workers = Annotated[int | None, typer.Option("--workers", "-w", min=1, help="Cores to work with; changes no number. Default: all.")]
 Address = Annotated[
     str | None,
     typer.Option("--address", help="Address of a Ray cluster, such as auto. Default: start one on this machine."),
@@ -70,20 +66,12 @@ SandboxChoice = Annotated[
 ]
 RoundFile = Annotated[
     Path | None,
-    typer.Option(
-        "--round", help="The file of a sealed round (docs/maintain.md), which holds its secret. Default: public draws."
-    ),
+    typer.Option("--round", help="The file of a sealed round (docs/maintain.md), which holds its secret. Default: public draws."),
 ]
-Config = Annotated[
-    Path | None, typer.Option("--config", "-c", help="Settings (YAML; docs/training.md). Default: those of the docs.")
-]
-TrainingFolder = Annotated[
-    Path | None, typer.Option("--out", "-o", help="Folder of the training. Default: runs/WHAT-TASK-seedSEED.")
-]
+Config = Annotated[Path | None, typer.Option("--config", "-c", help="Settings (YAML; docs/training.md). Default: those of the docs.")]
+TrainingFolder = Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the training. Default: runs/WHAT-TASK-seedSEED.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all that is random in the training.")]
-Resume = Annotated[
-    bool, typer.Option("--resume", help="Go on from the last checkpoint; nothing is lost but the minutes after it.")
-]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint; nothing is lost but the minutes after it.")]
 
 
 def check_address(address: str | None, engine: EngineName) -> None:

@@ -17,25 +17,16 @@ app = typer.Typer(help="Read files of prices: exports of exchanges, contracts, m
 
 @app.command("import")
 def import_file(
-    file: Annotated[
-        Path, typer.Argument(help="An export of ENTSO-E, EPEX or SMARD, or any table of times and prices.")
-    ],
+    file: Annotated[Path, typer.Argument(help="An export of ENTSO-E, EPEX or SMARD, or any table of times and prices.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="The plain file of prices (.csv), beside your task.")],
     table: Annotated[str, typer.Option("--table", help="Name of the price table.")] = "power",
     unit: Annotated[str, typer.Option("--unit", help="Unit of the price table.")] = "EUR kWh-1",
     clock: Annotated[
-        str | None,
-        typer.Option("--clock", help="IANA zone of times without an offset, such as Europe/Amsterdam; else UTC."),
+        str | None, typer.Option("--clock", help="IANA zone of times without an offset, such as Europe/Amsterdam; else UTC.")
     ] = None,
-    column: Annotated[
-        str | None, typer.Option("--column", help="Title of the prices, where there are several.")
-    ] = None,
-    file_unit: Annotated[
-        str | None, typer.Option("--file-unit", help="Unit of the prices, where the title has none.")
-    ] = None,
-    base: Annotated[
-        str | None, typer.Option("--base", help="Task that the prices are for; prints a task of your own.")
-    ] = None,
+    column: Annotated[str | None, typer.Option("--column", help="Title of the prices, where there are several.")] = None,
+    file_unit: Annotated[str | None, typer.Option("--file-unit", help="Unit of the prices, where the title has none.")] = None,
+    base: Annotated[str | None, typer.Option("--base", help="Task that the prices are for; prints a task of your own.")] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Replace a file that exists.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -57,22 +48,12 @@ def import_file(
     check = Check(prices.notes, (*prices.doubts, *doubts_of_prices(unit, series.mean, table)))
     rows = [f"{moment:%Y-%m-%dT%H:%MZ},{price!r}" for moment, price in series.series]
     write_atomically(out, "\n".join(["time,price", *rows]) + "\n")
-    lines = (
-        []
-        if task is None
-        else [f'base = "{task.id}"', f'id = "mylab/{task.short_id}"', f'title = "{task.title}, own prices"']
-    )
+    lines = [] if task is None else [f'base = "{task.id}"', f'id = "mylab/{task.short_id}"', f'title = "{task.title}, own prices"']
     old = None if task is None else task.price_tables.get(table)
     if old is not None:
         lines.append(f'without = ["price_tables.{table}"]')
     if task is not None and (old is None or old.unit != unit):
-        check = Check(
-            check.notes,
-            (
-                *check.doubts,
-                f"{task.id} has no price table '{table}' in {unit}; see `glbench tasks show`.",
-            ),
-        )
+        check = Check(check.notes, (*check.doubts, f"{task.id} has no price table '{table}' in {unit}; see `glbench tasks show`."))
     lines += [f"[price_tables.{table}]", f'unit = "{unit}"', f'file = "{out.name}"']
 
     parts = [
@@ -83,12 +64,5 @@ def import_file(
         console.Line("In the file of your task:"),
         *(console.Line(f"  {line}") for line in lines),
     ]
-    document = {
-        "file": str(out),
-        "prices": len(rows),
-        "unit": unit,
-        "mean": series.mean,
-        **asdict(check),
-        "task": "\n".join(lines),
-    }
+    document = {"file": str(out), "prices": len(rows), "unit": unit, "mean": series.mean, **asdict(check), "task": "\n".join(lines)}
     console.show(console.View(parts, document), as_json=as_json)

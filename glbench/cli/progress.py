@@ -221,9 +221,7 @@ class TrainingBar(Bar):
         words = catalogue(task)
         self._metrics = {one.name: one for one in words.of_kind("score", "profit", "penalty")}
         self._score = words.score
-        self._announced: str | None = (
-            f"Each evaluation is the mean of {seasons_in_words(task, evaluation)}, without exploration."
-        )
+        self._announced: str | None = f"Each evaluation is the mean of {seasons_in_words(task, evaluation)}, without exploration."
         if task.splits is not None:
             test = task.scored
             self._announced += (

@@ -60,14 +60,10 @@ def report(
     package = data_package()
     elsewhere = package is not None and package.folder is None
     if elsewhere:
-        console.print_warning(
-            f"The page lacks days, seasons and worst runs of the results that came with glbench. {how_to_get_data()}"
-        )
+        console.print_warning(f"The page lacks days, seasons and worst runs of the results that came with glbench. {how_to_get_data()}")
     missing = [path for path in page.without_profile if not (elsewhere and is_released(path))]
     if missing and not complete:
-        which = (
-            "No result has" if len(missing) == page.results else f"{len(missing)} of {page.results} results do not have"
-        )
+        which = "No result has" if len(missing) == page.results else f"{len(missing)} of {page.results} results do not have"
         own_first = sorted(missing, key=lambda path: not path.is_relative_to(out))
         console.print_warning(
             f"{which} a profile, so that the page lacks typical day, season and worst run of {_names(own_first)}. "
@@ -118,9 +114,7 @@ def story(
             f"Default: {_RULES}; of a task with an energy system {_ENERGY_RULES}.",
         ),
     ] = None,
-    page: Annotated[
-        Path | None, typer.Option("--page", help="Write a page (.html) with tables and charts, too.")
-    ] = None,
+    page: Annotated[Path | None, typer.Option("--page", help="Write a page (.html) with tables and charts, too.")] = None,
     show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     as_json: AsJson = False,
     workers: Workers = None,

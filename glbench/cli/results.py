@@ -43,9 +43,7 @@ def show(
     result: Annotated[str, typer.Argument(metavar="RESULT|AGENT", help="A result file, or the name of an agent.")],
     task: Annotated[
         list[str] | None,
-        typer.Option(
-            "--task", "-t", help="Of an agent: this task, id or file (.toml); repeatable. Default: the default task."
-        ),
+        typer.Option("--task", "-t", help="Of an agent: this task, id or file (.toml); repeatable. Default: the default task."),
     ] = None,
     show_all: Annotated[bool, typer.Option("--all", help="Of an agent: all its tasks.")] = False,
     out: options.Out = REPORTS,
@@ -150,22 +148,14 @@ def _run_lines(stored: StoredResult, words: Catalogue, score: Metric) -> Iterato
     if scores[0] < scores[-1]:
         spark = f"{score.number(scores[0])} {sparkline(scores)} {score.number(scores[-1])}"
         yield console.Line(Markup(f"\n[bold]{score.heading or score.label}s[/], worst to best: {spark}"))
-    years = [
-        f"{one.year} {score.number(one.mean)} ({count(one.runs, 'run')})" for one in means_by_year([stored], score.name)
-    ]
+    years = [f"{one.year} {score.number(one.mean)} ({count(one.runs, 'run')})" for one in means_by_year([stored], score.name)]
     if years:
-        yield console.Line(
-            f"By year (the year of most days of a season): {', '.join(years)}. Intervals do not cover other years."
-        )
-    yield console.Line(
-        f"Mean of the worst tenth (CVaR10): {score.phrase(float(worst_tenth(np.array(scores))))}", wrap="always"
-    )
+        yield console.Line(f"By year (the year of most days of a season): {', '.join(years)}. Intervals do not cover other years.")
+    yield console.Line(f"Mean of the worst tenth (CVaR10): {score.phrase(float(worst_tenth(np.array(scores))))}", wrap="always")
     worst = min(result.runs, key=lambda run: run.metrics[score.name])
     profit = worst.metrics.get(words.profit.name)
     earned = "" if profit is None or score is words.profit else f", {words.profit.phrase(profit)}"
-    yield console.Line(
-        f"Worst run: seed {worst.seed}, {score.phrase(worst.metrics[score.name])}{earned}", wrap="always"
-    )
+    yield console.Line(f"Worst run: seed {worst.seed}, {score.phrase(worst.metrics[score.name])}{earned}", wrap="always")
 
 
 def _best_known_lines(stored: StoredResult, score: Metric) -> list[str]:
@@ -337,9 +327,7 @@ def compare(
     show_view(comparison_view([(ours[task_id], theirs[task_id]) for task_id in common]), as_json=as_json)
 
 
-def _entries(
-    name: str, tasks: Sequence[str], out: Path, by_task: Callable[[], Mapping[str, Sequence[Entry]]]
-) -> dict[str, Entry]:
+def _entries(name: str, tasks: Sequence[str], out: Path, by_task: Callable[[], Mapping[str, Sequence[Entry]]]) -> dict[str, Entry]:
     """By task what ``name`` means: an agent with all its trainings, one training, or a result file. ``by_task`` reads all results."""
     from glbench.leaderboard.entries import entry_of
 
@@ -362,14 +350,10 @@ def comparison_view(entries: Sequence[tuple[Entry, Entry]]) -> console.View:
 
     pairs = [compare_entries(ours, theirs) for ours, theirs in entries]
     tests = list(zip(pairs, corrected_p_values(pairs), strict=True))
-    return console.View(
-        _comparison_parts(entries, tests), lambda: [_document(pair, p_value) for pair, p_value in tests]
-    )
+    return console.View(_comparison_parts(entries, tests), lambda: [_document(pair, p_value) for pair, p_value in tests])
 
 
-def _comparison_parts(
-    entries: Sequence[tuple[Entry, Entry]], tests: Sequence[tuple[Pair, float]]
-) -> Iterator[console.Part]:
+def _comparison_parts(entries: Sequence[tuple[Entry, Entry]], tests: Sequence[tuple[Pair, float]]) -> Iterator[console.Part]:
     from glbench.leaderboard.catalogue import together
 
     pairs = [pair for pair, _ in tests]
@@ -400,13 +384,9 @@ def _comparison_parts(
     for pair in pairs[:_SENTENCES]:
         if pair.by_year:
             metric = pair.words.metrics[pair.ranks_by]
-            years = ", ".join(
-                f"{year} {metric.text(gap)} ({count(runs, 'run')})" for year, (runs, gap) in pair.by_year.items()
-            )
+            years = ", ".join(f"{year} {metric.text(gap)} ({count(runs, 'run')})" for year, (runs, gap) in pair.by_year.items())
             where = _place(pair, named=several).replace(":", ",")
-            yield console.paragraph(
-                f"{where}A - B in {metric.words} by year: {years}. Intervals and p do not cover other years."
-            )
+            yield console.paragraph(f"{where}A - B in {metric.words} by year: {years}. Intervals and p do not cover other years.")
     for entry in entries[0]:
         if len(entry.trainings) > 1:
             yield console.aside(f"{entry.name} is the mean of {len(entry.trainings)} trainings.", "dim")
@@ -423,8 +403,7 @@ def _failures(one: Entry, other: Entry) -> list[str]:
 
     shared = set(one.seeds) & set(other.seeds)
     reports = [
-        failures(entry.name, [run for item in entry.trainings for run in item.result.runs if run.seed in shared])
-        for entry in (one, other)
+        failures(entry.name, [run for item in entry.trainings for run in item.result.runs if run.seed in shared]) for entry in (one, other)
     ]
     return [f"{words}; their missing steps count at the task's price of a failed step" for words in reports if words]
 

@@ -19,26 +19,19 @@ from glbench.extras import require
 
 
 def serve(
-    task: Annotated[
-        str | None, typer.Argument(metavar="[TASK]", help="Task id or task file (.toml). Default: the benchmark's.")
-    ] = None,
+    task: Annotated[str | None, typer.Argument(metavar="[TASK]", help="Task id or task file (.toml). Default: the benchmark's.")] = None,
     port: Annotated[int, typer.Option("--port", "-p", min=0, max=65535, help="Port; 0 takes any free one.")] = 8000,
-    host: Annotated[
-        str, typer.Option("--host", help="Address to listen at. Another than this one lets other machines in.")
-    ] = "127.0.0.1",
+    host: Annotated[str, typer.Option("--host", help="Address to listen at. Another than this one lets other machines in.")] = "127.0.0.1",
     sessions: Annotated[int, typer.Option("--sessions", min=1, max=1000, help="Most seasons open at once.")] = 16,
     idle_minutes: Annotated[
         float, typer.Option("--idle-minutes", min=0.1, help="Close a session that was not used for so long [min].")
     ] = 60.0,
-    seed: Annotated[
-        int | None, typer.Option("--seed", help="Seed of the first season that names none. Default: 10,000,000,000.")
-    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", help="Seed of the first season that names none. Default: 10,000,000,000.")] = None,
     episodes: Annotated[
         Path | None, typer.Option("--episodes", help="Write the season of every session here when it ends (.mcap).")
     ] = None,
     allow_origin: Annotated[
-        list[str] | None,
-        typer.Option("--allow-origin", help="Origin of a web page that may call it, such as http://localhost:1880."),
+        list[str] | None, typer.Option("--allow-origin", help="Origin of a web page that may call it, such as http://localhost:1880.")
     ] = None,
 ) -> None:
     """Serve seasons of a task over HTTP: a climate computer, MATLAB, Node-RED, a browser or a language model acts.
@@ -62,9 +55,7 @@ def serve(
         from glbench.serve.app import application, bind, server_of
         from glbench.serve.sessions import Sessions
 
-        seasons = Sessions(
-            task_or_default(task), most=sessions, idle_minutes=idle_minutes, first_seed=first_seed, folder=episodes
-        )
+        seasons = Sessions(task_or_default(task), most=sessions, idle_minutes=idle_minutes, first_seed=first_seed, folder=episodes)
         if episodes is not None:
             episodes.mkdir(parents=True, exist_ok=True)
         listener = bind(host, port)
@@ -77,9 +68,7 @@ def serve(
             "Use it in a network that you trust."
         )
     name = f"[{address}]" if ":" in address else address
-    tell(
-        f"{seasons.task.id} is at http://{name}:{listener.getsockname()[1]}/ (open it in a browser). Ctrl-C closes it."
-    )
+    tell(f"{seasons.task.id} is at http://{name}:{listener.getsockname()[1]}/ (open it in a browser). Ctrl-C closes it.")
     if debugging():
         logger = logging.getLogger("glbench.serve")
         logger.setLevel(logging.DEBUG)

@@ -26,13 +26,9 @@ _WIDTHS = (28, 9, 9, 8, 13)
 def bench(
     what: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="[WHAT]...", help="Groups or single measurements, such as step or vector/512. Default: all of them."
-        ),
+        typer.Argument(metavar="[WHAT]...", help="Groups or single measurements, such as step or vector/512. Default: all of them."),
     ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="The most telling measurements only, in half a minute.")
-    ] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="The most telling measurements only, in half a minute.")] = False,
     rounds: Annotated[int, typer.Option(min=1, help="How often each is set against the reference.")] = 7,
     out: Annotated[Path | None, typer.Option(help="Save the figures as JSON in this file.")] = None,
 ) -> None:
@@ -110,27 +106,19 @@ def validate(
     ],
     sets: Annotated[
         list[str] | None,
-        typer.Option(
-            "--set", "-s", help="Parameter set to compare, such as paper or mixed_2021; repeatable. Default: all."
-        ),
+        typer.Option("--set", "-s", help="Parameter set to compare, such as paper or mixed_2021; repeatable. Default: all."),
     ] = None,
     settings: Annotated[
         Path | None,
-        typer.Option(
-            "--settings", help="Page of assumptions (TOML): lamps, plants, set points. Default: that of glbench."
-        ),
+        typer.Option("--settings", help="Page of assumptions (TOML): lamps, plants, set points. Default: that of glbench."),
     ] = None,
     warmer: Annotated[
         float,
-        typer.Option(
-            "--warmer", min=-10.0, max=10.0, help="Heat and ventilate at so much more than the page says [K]."
-        ),
+        typer.Option("--warmer", min=-10.0, max=10.0, help="Heat and ventilate at so much more than the page says [K]."),
     ] = 0.0,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", "-o", help=f"Folder for {_FIGURES} (sums and statistics) and {_PICTURE} (days; needs matplotlib)."
-        ),
+        typer.Option("--out", "-o", help=f"Folder for {_FIGURES} (sums and statistics) and {_PICTURE} (days; needs matplotlib)."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -159,13 +147,9 @@ def validate(
     if out is not None:
         realism.save_comparison(comparison, out / _FIGURES)
         realism.write_picture(archive, seasons, page, out / _PICTURE)
-    console.show(
-        console.View(comparison_parts(comparison), lambda: comparison.model_dump(mode="json")), as_json=as_json
-    )
+    console.show(console.View(comparison_parts(comparison), lambda: comparison.model_dump(mode="json")), as_json=as_json)
     if out is not None:
-        console.tell(
-            f"Saved {out / _FIGURES} and {out / _PICTURE}. The picture shows measured days: mind the archive's licence."
-        )
+        console.tell(f"Saved {out / _FIGURES} and {out / _PICTURE}. The picture shows measured days: mind the archive's licence.")
 
 
 def comparison_parts(comparison: Comparison) -> Iterator[console.Part]:

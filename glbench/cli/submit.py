@@ -30,9 +30,7 @@ _TRAINING_SECONDS = 300
 
 @app.command("check")
 def check(
-    path: Annotated[
-        str, typer.Argument(metavar="PATH", help="A .py file, a saved policy (.zip, .pt, .ts, .onnx), or a folder.")
-    ],
+    path: Annotated[str, typer.Argument(metavar="PATH", help="A .py file, a saved policy (.zip, .pt, .ts, .onnx), or a folder.")],
     task: OneTask = None,
     sandbox: SandboxChoice = Sandbox.AUTO,
     as_json: AsJson = False,
@@ -57,9 +55,7 @@ def check(
         "measured": report.facts,
         "seconds": round(report.seconds, 2),
     }
-    console.show(
-        console.View(_parts(report, path, task), document, code=0 if report.ok else 1, indent=None), as_json=as_json
-    )
+    console.show(console.View(_parts(report, path, task), document, code=0 if report.ok else 1, indent=None), as_json=as_json)
 
 
 @app.command("new")

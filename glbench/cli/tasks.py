@@ -51,15 +51,11 @@ def list_command(
         deprecated = read_deprecated()
         for task in tasks:
             if task.id in deprecated:
-                yield console.Line(
-                    Markup(f"[yellow]Deprecated:[/yellow] {plain(deprecated[task.id].in_words(task.id))}")
-                )
+                yield console.Line(Markup(f"[yellow]Deprecated:[/yellow] {plain(deprecated[task.id].in_words(task.id))}"))
         words = f"Commands without --task take {DEFAULT_TASK}. `glbench tasks show ID` explains a task."
         yield console.Line(words, "dim", aside=True, wrap="always")
 
-    console.show(
-        console.View(parts(), lambda: [_summary(task, digests.get(task.id)) for task in tasks]), as_json=as_json
-    )
+    console.show(console.View(parts(), lambda: [_summary(task, digests.get(task.id)) for task in tasks]), as_json=as_json)
 
 
 @app.command("show")
@@ -118,9 +114,7 @@ def check_command(
         number = sum(map(len, doubts.values())) + sum(
             len(price_doubts(one)) for one in outcomes.values() if isinstance(one, TaskSpec) and not one.locked
         )
-        verdict = (
-            f"{wrong} wrong" if wrong else f"usable, but {count(number, 'doubt')} above" if number else "nothing wrong"
-        )
+        verdict = f"{wrong} wrong" if wrong else f"usable, but {count(number, 'doubt')} above" if number else "nothing wrong"
         yield console.aside(f"{total}, {verdict}.")
 
     def document() -> list[dict[str, Any]]:
@@ -370,18 +364,12 @@ def new_round(
     file: RoundPath,
     weather: Annotated[
         str | None,
-        typer.Option(
-            "--weather", help="Weather record of the round's own, in place of the task's (glbench weather list)."
-        ),
+        typer.Option("--weather", help="Weather record of the round's own, in place of the task's (glbench weather list)."),
     ] = None,
-    year: Annotated[
-        list[int] | None, typer.Option("--year", help="A whole year of that record to draw from; repeatable.")
-    ] = None,
+    year: Annotated[list[int] | None, typer.Option("--year", help="A whole year of that record to draw from; repeatable.")] = None,
     closes: Annotated[
         str | None,
-        typer.Option(
-            "--closes", help="Closing time, such as 2027-03-01T18:00+01:00. Results made after it count as late."
-        ),
+        typer.Option("--closes", help="Closing time, such as 2027-03-01T18:00+01:00. Results made after it count as late."),
     ] = None,
 ) -> None:
     """Make the secret of a round, write it to FILE, and print the commitment, which is to be published with the closing time."""
@@ -397,9 +385,7 @@ def new_round(
     console.write(sealed.commitment)
     console.tell(f"{file} is secret until the round is over: keep it, and a copy of it. Publish the commitment above.")
     if (checkout := next((one for one in file.resolve().parents if (one / ".git").exists()), None)) is not None:
-        console.print_warning(
-            f"{file} is in the git checkout {checkout}, where it could be committed. Move it out of there."
-        )
+        console.print_warning(f"{file} is in the git checkout {checkout}, where it could be committed. Move it out of there.")
     public = {one.digest: one.name for one in list_weather() if one.origin == "shipped"} if sealed.weather else {}
     if sealed.weather is not None and sealed.weather.digest in public:
         console.print_warning(
@@ -415,9 +401,7 @@ def new_round(
 @round_app.command("check")
 def check_round(
     file: RoundPath,
-    commitment: Annotated[
-        str | None, typer.Argument(metavar="[COMMITMENT]", help="The commitment that was published.")
-    ] = None,
+    commitment: Annotated[str | None, typer.Argument(metavar="[COMMITMENT]", help="The commitment that was published.")] = None,
 ) -> None:
     """Check that the secret in FILE fits its commitment, and the one that was published; print the commitment, and say if it is open."""
     from glbench.tasks import read_round
@@ -430,11 +414,5 @@ def check_round(
     weather = sealed.weather
     own = "" if weather is None else f" Weather {weather.digest}, years {', '.join(map(str, weather.years))}."
     state = "closed" if sealed.is_late(dt.datetime.now(dt.UTC)) else "open"
-    until = (
-        " It has no closing time."
-        if sealed.closes is None
-        else f" The round is {state}: it closes at {sealed.closing_words}."
-    )
-    console.tell(
-        f"The secret in {file} fits.{own}{until.replace('it closes', 'it closed') if state == 'closed' else until}"
-    )
+    until = " It has no closing time." if sealed.closes is None else f" The round is {state}: it closes at {sealed.closing_words}."
+    console.tell(f"The secret in {file} fits.{own}{until.replace('it closes', 'it closed') if state == 'closed' else until}")

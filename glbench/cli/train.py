@@ -44,14 +44,10 @@ def train(
     task: options.OneTask = None,
     config: options.Config = None,
     seed: options.Seed = 0,
-    steps: Annotated[
-        int | None, typer.Option("--steps", min=1, help="Environment steps. Default: the settings'.")
-    ] = None,
+    steps: Annotated[int | None, typer.Option("--steps", min=1, help="Environment steps. Default: the settings'.")] = None,
     out: options.TrainingFolder = None,
     resume: options.Resume = False,
-    wandb: Annotated[
-        bool, typer.Option("--wandb", help="Log to Weights & Biases too (WANDB_MODE=offline needs no account).")
-    ] = False,
+    wandb: Annotated[bool, typer.Option("--wandb", help="Log to Weights & Biases too (WANDB_MODE=offline needs no account).")] = False,
     tensorboard: Annotated[bool, typer.Option(help="Write files for TensorBoard.")] = True,
     seeds: Annotated[
         str | None,
@@ -150,9 +146,7 @@ def compiled_plan(task: TaskSpec, config: Path | None, steps: int | None) -> Pla
     amount = f"{total:,} steps in rollouts of {settings.rollout:,}"
     advice = f"A different number of steps is a different training: {how}."
     name = f"ppo-{task.short_id}"
-    return Plan(
-        train_compiled, settings, name, total, amount, lambda folder: (folder / LEARNER).is_file(), {}, advice, how
-    )
+    return Plan(train_compiled, settings, name, total, amount, lambda folder: (folder / LEARNER).is_file(), {}, advice, how)
 
 
 def sb3_plan(task: TaskSpec, algorithm: str, config: Path | None, steps: int | None, *, tensorboard: bool) -> Plan:
@@ -204,28 +198,18 @@ tune = typer.Typer(
 def tune_rules(
     task: Annotated[
         list[str] | None,
-        typer.Option(
-            "--task", "-t", help="Task id or file; several for the mean of their rewards. Default: the benchmark's."
-        ),
+        typer.Option("--task", "-t", help="Task id or file; several for the mean of their rewards. Default: the benchmark's."),
     ] = None,
-    config: Annotated[
-        Path | None, typer.Option("--config", "-c", help="Rules to begin with (YAML). Default: the shipped ones.")
-    ] = None,
+    config: Annotated[Path | None, typer.Option("--config", "-c", help="Rules to begin with (YAML). Default: the shipped ones.")] = None,
     seed: options.Seed = 0,
     seasons: Annotated[
         int | None,
-        typer.Option(
-            "--seasons", "-n", min=1, help="Simulated runs in all, rounded up to whole generations. Default: 6,400."
-        ),
+        typer.Option("--seasons", "-n", min=1, help="Simulated runs in all, rounded up to whole generations. Default: 6,400."),
     ] = None,
-    population: Annotated[
-        int | None, typer.Option("--population", "-p", min=4, help="Candidates a generation. Default: 64.")
-    ] = None,
+    population: Annotated[int | None, typer.Option("--population", "-p", min=4, help="Candidates a generation. Default: 64.")] = None,
     sigma: Annotated[
         float | None,
-        typer.Option(
-            "--sigma", min=1e-6, max=1.0, help="First spread, in widths of the numbers' bounds. Default: 0.1."
-        ),
+        typer.Option("--sigma", min=1e-6, max=1.0, help="First spread, in widths of the numbers' bounds. Default: 0.1."),
     ] = None,
     out: options.TrainingFolder = None,
 ) -> None:
@@ -255,15 +239,11 @@ def tune_rules(
 
 @tune.command("policy")
 def tune_policy(
-    policy: Annotated[
-        Path, typer.Argument(metavar="POLICY", help="Policy file (policy.npz), or a folder of glbench train.")
-    ],
+    policy: Annotated[Path, typer.Argument(metavar="POLICY", help="Policy file (policy.npz), or a folder of glbench train.")],
     task: options.OneTask = None,
     config: options.Config = None,
     seed: options.Seed = 0,
-    generations: Annotated[
-        int | None, typer.Option("--generations", "-g", min=1, help="Generations. Default: the settings'.")
-    ] = None,
+    generations: Annotated[int | None, typer.Option("--generations", "-g", min=1, help="Generations. Default: the settings'.")] = None,
     out: options.TrainingFolder = None,
     resume: options.Resume = False,
 ) -> None:
@@ -299,9 +279,7 @@ export.command("fmu")(fmu)
 
 @export.command("policy")
 def export_policy(
-    model: Annotated[
-        Path, typer.Argument(metavar="MODEL", help="model.zip of Stable-Baselines3, or a folder of glbench train.")
-    ],
+    model: Annotated[Path, typer.Argument(metavar="MODEL", help="model.zip of Stable-Baselines3, or a folder of glbench train.")],
     task: options.OneTask = None,
     algorithm: Annotated[
         str | None, typer.Option("--algorithm", "-a", help="Of a model.zip: ppo (the default), sac, or a class path.")
@@ -344,9 +322,7 @@ def export_policy(
 
 def sweep(
     config: Annotated[Path, typer.Option("--config", "-c", help="What is searched (YAML; docs/training.md).")],
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder of study and trials. Default: sweeps/NAME.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of study and trials. Default: sweeps/NAME.")] = None,
     workers: Annotated[
         int | None,
         typer.Option("--workers", "-w", min=1, help="Trials at a time, a core each. Default: 1; on Ray all cores."),
@@ -355,9 +331,7 @@ def sweep(
         options.EngineName, typer.Option("--engine", help="Where trials are trained: here, or on a Ray cluster.")
     ] = options.EngineName.LOCAL,
     address: options.Address = None,
-    wandb: Annotated[
-        bool, typer.Option("--wandb", help="Let Weights & Biases choose the trials (needs an account).")
-    ] = False,
+    wandb: Annotated[bool, typer.Option("--wandb", help="Let Weights & Biases choose the trials (needs an account).")] = False,
 ) -> None:
     """Search hyperparameters: an Optuna study in a local file. The same command resumes an interrupted search."""
     options.check_address(address, engine)
@@ -390,9 +364,7 @@ def sweep(
         executor = None
         if engine is options.EngineName.RAY or (workers or 1) > 1:
             executor = stack.enter_context(executor_of(Where(engine is options.EngineName.RAY, address, workers), spec))
-        trials = run_sweep(
-            search, folder, executor=executor, report=lambda trial: console.tell(trial_in_words(trial, score))
-        )
+        trials = run_sweep(search, folder, executor=executor, report=lambda trial: console.tell(trial_in_words(trial, score)))
     console.put_parts([trials_table(trials, score)])
     if not any(trial.state != "fail" for trial in trials):
         msg = f"None of the {len(trials)} trials succeeded; the reasons are above. Correct {config} and choose a new folder with --out."
@@ -471,15 +443,11 @@ def train_with_seeds(
     folders = {seed: place / f"{name}-seed{seed}" for seed in seeds}
     policies: dict[int, Trained] = {}
     failures = 0
-    stop = (
-        "Run the same command again to continue: finished seeds are kept, the rest resume from their last checkpoints."
-    )
+    stop = "Run the same command again to continue: finished seeds are kept, the rest resume from their last checkpoints."
     with console.interruption(stop), executor_of(where, task) as executor:
         words = f"{len(folders)} seeds, {min(executor.workers, len(folders))} at a time, in {place}"
         console.put_parts([console.paragraph(words, aside=True)])
-        outcomes = train_seeds(
-            executor, training, task, settings, folders, listeners=lambda seed: [TrainingLines(seed, score)], **extras
-        )
+        outcomes = train_seeds(executor, training, task, settings, folders, listeners=lambda seed: [TrainingLines(seed, score)], **extras)
         for seed, trained in outcomes:
             if isinstance(trained, GlbenchError):
                 failures += 1
@@ -511,9 +479,7 @@ def trial_in_words(trial: TrialReport, score: Metric) -> str:
 def trials_table(trials: list[TrialReport], score: Metric) -> console.Table:
     """The best trials."""
     headings = ("trial", "state", f"best {score.words}", "settings")
-    view = console.table(
-        "Trials, best first", *headings, numbers=headings[::2], fold=headings, box=HEAVY_HEAD, title_style=None
-    )
+    view = console.table("Trials, best first", *headings, numbers=headings[::2], fold=headings, box=HEAVY_HEAD, title_style=None)
     for trial in trials[:_MOST_TRIALS]:
         view.add(str(trial.number), trial.state, *_reward_and_choices(trial, score))
     return view

@@ -28,9 +28,7 @@ _HEADINGS = {
 def verify(
     results: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="RESULT", help="Result files (.json), each with its .actions.mcap beside it; or folders of them."
-        ),
+        typer.Argument(metavar="RESULT", help="Result files (.json), each with its .actions.mcap beside it; or folders of them."),
     ],
     episodes: Annotated[
         Path | None,
@@ -41,15 +39,11 @@ def verify(
     ] = None,
     task: Annotated[
         Path | None,
-        typer.Option(
-            "--task", "-t", help="Task file of a task that is not published. Default: the copy in the record."
-        ),
+        typer.Option("--task", "-t", help="Task file of a task that is not published. Default: the copy in the record."),
     ] = None,
     round_file: RoundFile = None,
     workers: Workers = None,
-    proof: Annotated[
-        bool, typer.Option(help="Leave a note (.proof.json) beside each reproduced result, which leaderboards show.")
-    ] = True,
+    proof: Annotated[bool, typer.Option(help="Leave a note (.proof.json) beside each reproduced result, which leaderboards show.")] = True,
     as_json: AsJson = False,
 ) -> None:
     """Simulate every run again from task, seed and recorded actions, and compare it with what the result says.
@@ -67,11 +61,7 @@ def verify(
         with console.messages().status(f"simulating {plain(path.name)} again"):
             verdict = verify_result(path, episodes=episodes, task=task, sealed=sealed, workers=workers)
         codes.append(verdict.exit_code)
-        if (
-            sealed is not None
-            and verdict.outcome == "reproduced"
-            and sealed.is_late(created := load_result(path).created)
-        ):
+        if sealed is not None and verdict.outcome == "reproduced" and sealed.is_late(created := load_result(path).created):
             closed = f"the round closed at {sealed.closing_words}"
             console.print_warning(f"{path.name} is late: it states that it was made at {created}, and {closed}.")
         if proof and not is_released(path):  # released results keep the note that came with them

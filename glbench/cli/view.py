@@ -33,26 +33,18 @@ def view(
             help="Results (.json), of which one run each is shown, or episodes (.mcap); up to six, of one task.",
         ),
     ],
-    run: Annotated[
-        str, typer.Option("--run", "-r", help="Which run of each result: best, worst, median, or a seed.")
-    ] = "median",
+    run: Annotated[str, typer.Option("--run", "-r", help="Which run of each result: best, worst, median, or a seed.")] = "median",
     first_day: Annotated[
         dt.datetime | None,
-        typer.Option(
-            "--from", formats=["%Y-%m-%d"], help="First day shown closely. Default: where limits were broken most."
-        ),
+        typer.Option("--from", formats=["%Y-%m-%d"], help="First day shown closely. Default: where limits were broken most."),
     ] = None,
     days: Annotated[int, typer.Option("--days", min=1, help="Number of days shown closely.")] = 2,
     save: Annotated[Path | None, typer.Option("--save", "-s", help="Save a recording (.rrd) and open nothing.")] = None,
-    picture: Annotated[
-        Path | None, typer.Option("--picture", help="Save a picture (.png) of the overview and open nothing.")
-    ] = None,
+    picture: Annotated[Path | None, typer.Option("--picture", help="Save a picture (.png) of the overview and open nothing.")] = None,
     web: Annotated[bool, typer.Option("--web", help="Show it in the browser instead of a window.")] = False,
     port: Annotated[
         int | None,
-        typer.Option(
-            "--port", min=1, max=65534, help="Port of the page (its data come from the next). Default: any free."
-        ),
+        typer.Option("--port", min=1, max=65534, help="Port of the page (its data come from the next). Default: any free."),
     ] = None,
 ) -> None:
     """Show what happened in recorded runs: climate within its limits, crop, controls, weather, money and violations.

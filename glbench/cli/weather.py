@@ -42,9 +42,7 @@ Source = Annotated[str, typer.Option("--source", help="Name of a record, as in `
 Years = Annotated[str, typer.Option("--years", help="Years to draw from: 2008-2010, or 2008,2010.")]
 Days = Annotated[int, typer.Option("--days", min=1, help="Length of a season [d].")]
 Replace = Annotated[bool, typer.Option("--replace", help="Replace your own record of that name.")]
-FillGaps = Annotated[
-    int, typer.Option("--fill-gaps", min=0, max=48, help="Fill up to this many missing hours in a row linearly; noted.")
-]
+FillGaps = Annotated[int, typer.Option("--fill-gaps", min=0, max=48, help="Fill up to this many missing hours in a row linearly; noted.")]
 
 
 @app.command("list")
@@ -70,9 +68,7 @@ def list_records(as_json: AsJson = False) -> None:
 @app.command("show")
 def show_record(
     name: Annotated[str, typer.Argument(help="Name of a record, as in `glbench weather list`.")],
-    month: Annotated[
-        str | None, typer.Option("--month", help="Only this month: 2010-03, or 3 for every March.", metavar="MONTH")
-    ] = None,
+    month: Annotated[str | None, typer.Option("--month", help="Only this month: 2010-03, or 3 for every March.", metavar="MONTH")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Show where a record comes from, and its monthly means and sums."""
@@ -108,33 +104,25 @@ def import_file(
     file_format: Annotated[
         str,
         typer.Option(
-            "--format",
-            help="auto (looks at the content), knmi, epw, tmy, pvgis, nsrdb, openmeteo, solaranywhere, csv or parquet.",
+            "--format", help="auto (looks at the content), knmi, epw, tmy, pvgis, nsrdb, openmeteo, solaranywhere, csv or parquet."
         ),
     ] = "auto",
     timezone: Annotated[
-        str | None,
-        typer.Option(help="IANA zone of the local clock, such as Europe/Amsterdam; overrides that of the file."),
+        str | None, typer.Option(help="IANA zone of the local clock, such as Europe/Amsterdam; overrides that of the file.")
     ] = None,
     year: Annotated[int | None, typer.Option(help="Typical years: the common year that they get (2001).")] = None,
     station: Annotated[int | None, typer.Option(help="KNMI: number of the station, in a file of several.")] = None,
     place: Annotated[
         str | None,
         typer.Option(
-            "--place",
-            metavar="LAT,LON[,ALT]",
-            help="Degrees north, degrees east, metres above sea level; overrides those of the file.",
+            "--place", metavar="LAT,LON[,ALT]", help="Degrees north, degrees east, metres above sea level; overrides those of the file."
         ),
     ] = None,
     columns: Annotated[
-        Path | None,
-        typer.Option("--columns", help="Column map (TOML) of the file, as `glbench weather columns` writes it."),
+        Path | None, typer.Option("--columns", help="Column map (TOML) of the file, as `glbench weather columns` writes it.")
     ] = None,
     estimate_humidity: Annotated[
-        bool,
-        typer.Option(
-            "--estimate-humidity", help="PVGIS, hourly series: take the day's lowest temperature for the dew point."
-        ),
+        bool, typer.Option("--estimate-humidity", help="PVGIS, hourly series: take the day's lowest temperature for the dew point.")
     ] = False,
     fill_gaps: FillGaps = 0,
     replace: Replace = False,
@@ -172,9 +160,7 @@ def import_file(
 @app.command("columns")
 def columns_of(
     file: Annotated[Path, typer.Argument(help="A table, such as the export of a climate computer.")],
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="The map's file; FILE with .columns.toml by default.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="The map's file; FILE with .columns.toml by default.")] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Replace a map that exists.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -189,17 +175,13 @@ def columns_of(
     columns, checks, unused = guess_column_map(file)
     write_column_map(columns, checks, unused, file, path)
     view = console.table(f"Columns of {file.name}", "quantity", "column", "unit", "check", fold=("column", "check"))
-    view.add(
-        "time", " and ".join(columns.time), columns.dates or "", "start, middle or end of the interval? which clock?"
-    )
+    view.add("time", " and ".join(columns.time), columns.dates or "", "start, middle or end of the interval? which clock?")
     for quantity, entry in columns.columns.items():
         view.add(quantity, entry.column, entry.unit, checks.get(quantity, ""))
     lines = [
         *([console.Line(f"Left out: {', '.join(unused)}")] if unused else []),
         console.Line(f"Written: {path}. Check it, then:"),
-        console.Line(
-            f"  glbench weather import {file} --name NAME --columns {path} --place LATITUDE,LONGITUDE,ALTITUDE"
-        ),
+        console.Line(f"  glbench weather import {file} --name NAME --columns {path} --place LATITUDE,LONGITUDE,ALTITUDE"),
     ]
     document = {**columns.model_dump(exclude_none=True), "check": checks, "unused": unused, "file": str(path)}
     console.show(console.View([view, *lines], document), as_json=as_json)
@@ -228,19 +210,11 @@ def export(
 def fetch(
     station: Annotated[int, typer.Option("--station", help="KNMI's number of the station; 240 is Schiphol.")],
     year: Annotated[int, typer.Option("--year", help="Calendar year (UT).")],
-    name: Annotated[
-        str | None, typer.Option("--name", help="Name of the new record; knmi-STATION-YEAR by default.")
-    ] = None,
-    url: Annotated[
-        str | None, typer.Option("--url", help="Address of the service.", envvar="GLBENCH_KNMI_URL", show_envvar=True)
-    ] = None,
+    name: Annotated[str | None, typer.Option("--name", help="Name of the new record; knmi-STATION-YEAR by default.")] = None,
+    url: Annotated[str | None, typer.Option("--url", help="Address of the service.", envvar="GLBENCH_KNMI_URL", show_envvar=True)] = None,
     timeout: Annotated[float, typer.Option("--timeout", min=0.1, help="Longest silence of the service [s].")] = 60.0,
-    total_timeout: Annotated[
-        float, typer.Option("--total-timeout", min=0.1, help="Longest time of the whole download [s].")
-    ] = 600.0,
-    refresh: Annotated[
-        bool, typer.Option("--refresh", help="Ask the service even if the answer is in the cache.")
-    ] = False,
+    total_timeout: Annotated[float, typer.Option("--total-timeout", min=0.1, help="Longest time of the whole download [s].")] = 600.0,
+    refresh: Annotated[bool, typer.Option("--refresh", help="Ask the service even if the answer is in the cache.")] = False,
     fill_gaps: FillGaps = 0,
     replace: Replace = False,
 ) -> None:
@@ -275,9 +249,7 @@ def generate(
     start: Annotated[str, typer.Option("--start", help="First day, such as 2010-03-01.")] = "2010-03-01",
     days: Days = 60,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Another seed, another season.")] = 1,
-    picture: Annotated[
-        Path | None, typer.Option("--picture", help="Also a picture (.png): the season beside the real years.")
-    ] = None,
+    picture: Annotated[Path | None, typer.Option("--picture", help="Also a picture (.png): the season beside the real years.")] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Replace files that exist.")] = False,
 ) -> None:
     """Make a season that never was, from blocks of days of real years."""
@@ -301,9 +273,7 @@ def generate(
     season = generator.season(_date(start), days, np.random.default_rng(seed).random(generator.numbers(days)))
     record = dataclasses.replace(season.record, notes=(*season.record.notes, f"seed {seed}, {days} days from {start}"))
     write_record(record, out)
-    console.write(
-        f"Season of {days} days from {start}, seed {seed}: {record.period}, SHA-256 {record.digest[:12]}, in {out}"
-    )
+    console.write(f"Season of {days} days from {start}, seed {seed}: {record.period}, SHA-256 {record.digest[:12]}, in {out}")
     console.write(f"Its source: {record.source}")
     console.write(f"Keep it under a name: glbench weather import {out} --name NAME")
     if picture is not None:
@@ -315,25 +285,15 @@ def generate(
 def statistics(
     source: Source = "schiphol",
     years: Years = "2008-2010",
-    start: Annotated[
-        str, typer.Option("--start", help="First possible first day; its year does not matter.")
-    ] = "2010-02-15",
-    within_days: Annotated[
-        int, typer.Option("--within-days", min=0, help="How many later first days are possible.")
-    ] = 28,
+    start: Annotated[str, typer.Option("--start", help="First possible first day; its year does not matter.")] = "2010-02-15",
+    within_days: Annotated[int, typer.Option("--within-days", min=0, help="How many later first days are possible.")] = 28,
     days: Days = 60,
     seasons: Annotated[int, typer.Option("--seasons", min=20, help="Number of generated seasons.")] = 1000,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of their random numbers.")] = 1,
-    shortest: Annotated[
-        int | None, typer.Option("--shortest", min=1, help="Shortest block [d], to try another generator.")
-    ] = None,
+    shortest: Annotated[int | None, typer.Option("--shortest", min=1, help="Shortest block [d], to try another generator.")] = None,
     longest: Annotated[int | None, typer.Option("--longest", min=1, help="Longest block [d].")] = None,
-    window: Annotated[
-        int | None, typer.Option("--window", min=1, help="Days of the year around a block's place.")
-    ] = None,
-    nearest: Annotated[
-        int | None, typer.Option("--nearest", min=1, help="Number of best matches to draw from.")
-    ] = None,
+    window: Annotated[int | None, typer.Option("--window", min=1, help="Days of the year around a block's place.")] = None,
+    nearest: Annotated[int | None, typer.Option("--nearest", min=1, help="Number of best matches to draw from.")] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Also write the figures to this file (JSON).")] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -351,9 +311,7 @@ def statistics(
     if out is not None:
         write_atomically(out, json.dumps(document, indent=2, allow_nan=False) + "\n")
     title = f"{seasons} seasons of {days} days generated from {', '.join(map(str, outcome.years))} of {source}"
-    view = console.table(
-        title, "figure", "value", "limits", "", "the worst", numbers=("value",), fold=("figure", "the worst")
-    )
+    view = console.table(title, "figure", "value", "limits", "", "the worst", numbers=("value",), fold=("figure", "the worst"))
     for figure in outcome.figures:
         verdict = styled("kept", "green") if figure.within_limits else styled("missed", "bold red")
         mark = Markup(verdict if figure.limits else "")
@@ -432,9 +390,7 @@ def _report_saved(record: WeatherRecord, path: Path) -> None:
     from glbench.weather.summary import doubts, in_figures
 
     check = Check(record.notes, tuple(doubts(record)))
-    console.write(
-        f"Weather '{path.stem}': {record.period}, {record.hours:,} h, SHA-256 {record.digest[:12]}, in {path}"
-    )
+    console.write(f"Weather '{path.stem}': {record.period}, {record.hours:,} h, SHA-256 {record.digest[:12]}, in {path}")
     for note in check.notes:
         console.write(f"Note: {note}")
     for figures in in_figures(record):

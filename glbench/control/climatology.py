@@ -138,9 +138,7 @@ class Climatology:
         seasons = [season for season in by_year.values() if season is not None]
         years = tuple(year for year, season in by_year.items() if season is not None)
         if not seasons:
-            msg = (
-                f"The weather record of {task.id} has no year that a climatology could be made of. Name some: years=..."
-            )
+            msg = f"The weather record of {task.id} has no year that a climatology could be made of. Name some: years=..."
             raise TaskError(msg)
         weather = task.weather
         bare = cls(
@@ -152,10 +150,7 @@ class Climatology:
         deviations = _Deviations.of(mean, task, seasons)
         # How the sky's depression follows from recent clearness, temperature and humidity: least squares.
         causes = np.concatenate(
-            [
-                np.stack([one.lately[:, CLEARNESS], one.now[:, TEMPERATURE], one.now[:, HUMIDITY]], axis=1)
-                for one in deviations
-            ]
+            [np.stack([one.lately[:, CLEARNESS], one.now[:, TEMPERATURE], one.now[:, HUMIDITY]], axis=1) for one in deviations]
         )
         depression = np.concatenate([one.true[:, SKY] for one in deviations])
         sky = np.linalg.solve(causes.T @ causes + _RIDGE * np.eye(3), causes.T @ depression)
@@ -202,18 +197,13 @@ class Climatology:
         if weather.source != self.source:
             reasons.append(f"it is of the weather '{self.source}', and the task has '{weather.source}'")
         if weather.preprocessing != self.preprocessing:
-            reasons.append(
-                f"it is of weather prepared as '{self.preprocessing}', and the task has '{weather.preprocessing}'"
-            )
+            reasons.append(f"it is of weather prepared as '{self.preprocessing}', and the task has '{weather.preprocessing}'")
         elif _middle(task) != self.middle:
             reasons.append(f"its steps are {2.0 * self.middle:g} s long, and those of the task {task.step_seconds:g} s")
         if not (self.days[0] - REACH <= begin and end <= self.days[-1] + REACH):
             new_year = dt.date(2001, 1, 1)
             own, needed = (
-                " to ".join(
-                    f"{date.day} {date:%B}"
-                    for date in (new_year + dt.timedelta(days=int(self.first + day)) for day in days)
-                )
+                " to ".join(f"{date.day} {date:%B}" for date in (new_year + dt.timedelta(days=int(self.first + day)) for day in days))
                 for days in (self.days[[0, -1]], (begin, end))
             )
             reasons.append(f"it has the days from {own}, and the task needs {needed}")
@@ -286,10 +276,7 @@ class Climatology:
         """How much colder than the air the sky is [K], from means and deviations ``(..., quantities)``."""
         by = self.sky
         depression: Floats = (
-            mean[..., SKY]
-            + by[0] * deviations[..., CLEARNESS]
-            + by[1] * deviations[..., TEMPERATURE]
-            + by[2] * deviations[..., HUMIDITY]
+            mean[..., SKY] + by[0] * deviations[..., CLEARNESS] + by[1] * deviations[..., TEMPERATURE] + by[2] * deviations[..., HUMIDITY]
         )
         return depression
 
@@ -317,9 +304,7 @@ class Climatology:
         hours = np.array(self.forecast_hours, dtype=np.float64)
         middles = issued[:, None] + HOUR * (hours - 0.5)
         mean = self.mean(middles - self.middle)
-        bright = np.mean(
-            [self.clear(middles - self.middle + HOUR * part) for part in (-0.375, -0.125, 0.125, 0.375)], axis=0
-        )
+        bright = np.mean([self.clear(middles - self.middle + HOUR * part) for part in (-0.375, -0.125, 0.125, 0.375)], axis=0)
         at = times + self.middle
         for row, quantity in enumerate(_FORECAST):
             if quantity == CLEARNESS:
@@ -535,9 +520,7 @@ def _weights(climatology: Climatology, task: TaskSpec, seasons: list[_Season], o
         if season.forecast is not None:
             begin = begin[: len(season.forecast)]
             times = season.times[begin, None] + HOUR * np.arange(LEADS)
-            forecast = climatology.forecast_deviations(
-                season.forecast[: len(begin)], season.times[begin], times, one.lately[begin]
-            )
+            forecast = climatology.forecast_deviations(season.forecast[: len(begin)], season.times[begin], times, one.lately[begin])
         begins.append(begin)
         forecasts.append(forecast)
     for quantity in range(SKY):
@@ -571,9 +554,7 @@ def sine_of_elevation(seconds: Floats, latitude: float, longitude: float) -> Flo
         0.006918 - 0.399912 * np.cos(a) + 0.070257 * np.sin(a) - 0.006758 * np.cos(2 * a) + 0.000907 * np.sin(2 * a)
         - 0.002697 * np.cos(3 * a) + 0.00148 * np.sin(3 * a)
     )  # fmt: skip
-    minutes = 229.18 * (
-        0.000075 + 0.001868 * np.cos(a) - 0.032077 * np.sin(a) - 0.014615 * np.cos(2 * a) - 0.04089 * np.sin(2 * a)
-    )
+    minutes = 229.18 * (0.000075 + 0.001868 * np.cos(a) - 0.032077 * np.sin(a) - 0.014615 * np.cos(2 * a) - 0.04089 * np.sin(2 * a))
     solar_hour = seconds % 86400.0 / 3600.0 + longitude / 15.0 + minutes / 60.0
     angle, north = np.radians(15.0 * (solar_hour - 12.0)), np.radians(latitude)
     sine: Floats = np.sin(north) * np.sin(declination) + np.cos(north) * np.cos(declination) * np.cos(angle)

@@ -132,9 +132,7 @@ class Outlook:
                 f"and {task.id} has those of {hours}. Make one: Climatology.of(task)."
             )
             raise TaskError(msg)
-        self._forecast = np.array(
-            [[names.index(f"{one.name}_in_{hour}h") for hour in hours] for one in FORECAST] if hours else [], np.intp
-        )
+        self._forecast = np.array([[names.index(f"{one.name}_in_{hour}h") for hour in hours] for one in FORECAST] if hours else [], np.intp)
         self._rows_ahead = [
             (ahead, quantity, names.index(f"{name}_ahead_{ahead}"))
             for ahead in range(1, task.observation.forecast_steps + 1)
@@ -180,9 +178,7 @@ class Outlook:
         lag = 1 if self._late and not first else 0
         if np.isnan(observed[:, self._weather]).any():
             since = 0 if first else 1 + self._lag - lag
-            observed[:, self._weather] = _with_expected(
-                observed[:, self._weather], self._values(np.array([since]))[0][:, 0]
-            )
+            observed[:, self._weather] = _with_expected(observed[:, self._weather], self._values(np.array([since]))[0][:, 0])
         self._k, self._lag, self._observed = self._k + (not first), lag, observed
         if not (self._late and self._k == 1):  # with "published" the first row is shown twice
             self._deviations.add(self._begin + (self._k - self._lag) * self._step, observed[:, self._weather])

@@ -101,9 +101,7 @@ class StateEstimator:
         self._nominal = task.parameters()
         groups = [group for group in task.scenario.groups if group.half_width > 0.0]
         self._episode = _UncertainParameters(task, [group for group in groups if parameters and group.redraw != "step"])
-        self._by_step = _UncertainParameters(
-            task, [group for group in groups if not parameters or group.redraw == "step"]
-        )
+        self._by_step = _UncertainParameters(task, [group for group in groups if not parameters or group.redraw == "step"])
         unseen = {name: UNSEEN[name] for name in model.disturbance_names if name in UNSEEN}
         self._unseen = [model.disturbance_names.index(name) for name in unseen]
         self._sensors = Sensors.of(task)
@@ -118,10 +116,7 @@ class StateEstimator:
             ]
         )
         self._fading = np.exp(
-            -hours
-            / np.array(
-                [*self._episode.hours, *(hours_left for _, hours_left in unseen.values()), *([np.inf] * 2 * count)]
-            )
+            -hours / np.array([*self._episode.hours, *(hours_left for _, hours_left in unseen.values()), *([np.inf] * 2 * count)])
         )
         self._places = np.cumsum([self._s, len(self._episode.spread), len(self._unseen), 2 * count])
         self._start_spread = _start_spread(task)
@@ -218,12 +213,8 @@ class StateEstimator:
         self._z[:, :s] = [self.task.start_state(row) for row in d]
         size = np.abs(self._z[:, :s])
         size = np.where(size > 0.0, size, 1.0)
-        self._scale = np.concatenate(
-            [size, np.tile(np.where(self._first > 0.0, self._first, 1.0), (self._n, 1))], axis=1
-        )
-        spread = np.concatenate(
-            [np.tile(self._start_spread, (self._n, 1)), (self._first > 0.0) * np.ones_like(self._scale[:, s:])], axis=1
-        )
+        self._scale = np.concatenate([size, np.tile(np.where(self._first > 0.0, self._first, 1.0), (self._n, 1))], axis=1)
+        spread = np.concatenate([np.tile(self._start_spread, (self._n, 1)), (self._first > 0.0) * np.ones_like(self._scale[:, s:])], axis=1)
         self._covariance = spread[:, :, None] ** 2 * np.eye(spread.shape[1])
 
     def _predict(self, d: Floats, u: Floats) -> None:

@@ -148,11 +148,7 @@ class PredictiveController:
         self._plan = np.zeros((self._runs, 0, len(self._high)))
         if controls is not None:
             first = np.asarray(controls, dtype=np.float64)
-            if (
-                first.ndim not in (2, 3)
-                or first.shape[-1] != len(self._high)
-                or first.shape[:-2] not in ((), (self._runs,))
-            ):
+            if first.ndim not in (2, 3) or first.shape[-1] != len(self._high) or first.shape[:-2] not in ((), (self._runs,)):
                 msg = f"The first controls are (steps, {len(self._high)}), for each run or for all {self._runs}; got {first.shape}."
                 raise ShapeError(msg)
             self._plan = np.array(np.broadcast_to(first, (self._runs, *first.shape[-2:])))
@@ -333,9 +329,7 @@ class PredictiveController:
         row, length = (part.ravel() for part in np.meshgrid(np.arange(n), np.arange(lengths), indexing="ij"))
         while len(row):
             try:
-                states[row, length] = self._judge.rollout(
-                    start[row], candidates[row, length], d[row], _of(judged_p, row)
-                )
+                states[row, length] = self._judge.rollout(start[row], candidates[row, length], d[row], _of(judged_p, row))
                 break
             except RolloutError as failed:
                 row, length = np.delete(row, failed.horizon), np.delete(length, failed.horizon)
@@ -349,19 +343,13 @@ class PredictiveController:
     ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
         """The inputs of ``decide``, one row a run."""
         n = self._runs
-        states, before, weather, parameters, dates = (
-            np.asarray(a, dtype=np.float64) for a in (x, u_before, d, p, calendar)
-        )
+        states, before, weather, parameters, dates = (np.asarray(a, dtype=np.float64) for a in (x, u_before, d, p, calendar))
         count = len(self.task.model_value.states)
         if states.shape not in ((n, count), (n, self._states)):
             raise ShapeError(_wrong("states", states, f"({n}, {count})"))
         if before.shape != (n, len(self._high)):
             raise ShapeError(_wrong("controls in force", before, f"({n}, {len(self._high)})"))
-        if (
-            weather.ndim not in (2, 3)
-            or weather.shape[:-2] not in ((), (n,))
-            or not 1 <= weather.shape[-2] <= self.horizon
-        ):
+        if weather.ndim not in (2, 3) or weather.shape[:-2] not in ((), (n,)) or not 1 <= weather.shape[-2] <= self.horizon:
             raise ShapeError(_wrong("disturbances", weather, f"(T, d) or ({n}, T, d), with T from 1 to {self.horizon}"))
         weather = np.broadcast_to(weather, (n, *weather.shape[-2:]))
         if parameters.ndim not in (1, 2, 3) or parameters.shape[-1] < self._parameters:

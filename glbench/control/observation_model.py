@@ -53,9 +53,7 @@ class ObservationModel:
             by_name = ByName(model.states, states)
             air: dict[str, Any] = {}
             if model.air:
-                air = dict(
-                    zip(AIR, air_quantities(*(states[model.state_index(name)] for name in model.air)), strict=True)
-                )
+                air = dict(zip(AIR, air_quantities(*(states[model.state_index(name)] for name in model.air)), strict=True))
             for module in task.observation.modules:
                 observed = task.observed_by(module)
                 of_model = model.observed(module, task.observation_context().horizon)
@@ -79,9 +77,7 @@ class ObservationModel:
                 first += len(observed)
         self.columns, self.names = np.array(columns, np.intp), tuple(names)
         self.sensor = np.array(sensors, np.intp)
-        self._derivatives = TapeDerivatives(
-            recorder.tape(), [("observation", place) for place in range(len(columns))], ("after",)
-        )
+        self._derivatives = TapeDerivatives(recorder.tape(), [("observation", place) for place in range(len(columns))], ("after",))
 
         observed_names, capacities = [column.name for column in task.observed()], task.capacities()
         self.control_columns: NDArray[np.intp] | None = None
@@ -123,9 +119,7 @@ def checked_observations(task: TaskSpec, observations: Any, n: int, names: Seque
     return values
 
 
-def refuse_missing(
-    observations: Floats, columns: Sequence[int] | NDArray[np.intp], task: TaskSpec, names: Sequence[str], why: str
-) -> None:
+def refuse_missing(observations: Floats, columns: Sequence[int] | NDArray[np.intp], task: TaskSpec, names: Sequence[str], why: str) -> None:
     """Refuse observations that lack a reading (NaN) of these columns, and say ``why``.
 
     Raises

@@ -175,9 +175,7 @@ class _Search:
     def improve(self, smoothing: float) -> float:
         """One iteration; gives what it gained."""
         plan, stage, calendar = self.plan, StageReward(self.near, smoothing=smoothing), self.scenario.calendar
-        linearisation = self.plain.linearise_trajectory(
-            plan.states[0, : self.s], plan.controls, self.scenario.d, self.p
-        )
+        linearisation = self.plain.linearise_trajectory(plan.states[0, : self.s], plan.controls, self.scenario.d, self.p)
         _, slopes = stage.gradient(linearisation.x, plan.controls, calendar)
         # What the rest of the season makes of a state: without the end of the step that led there.
         worth = linearisation.pull(slopes.states).costates
@@ -214,10 +212,7 @@ class _Search:
         scenario, n = self.scenario, len(controls)
         p = scenario.p if scenario.p.ndim == 1 else scenario.p[None]
         states = self.kernel.rollout(np.tile(scenario.x0, (n, 1)), controls, scenario.d, p)
-        return [
-            SeasonPlan(scenario, u, x, self.reward(x, u, scenario.calendar))
-            for u, x in zip(controls, states, strict=True)
-        ]
+        return [SeasonPlan(scenario, u, x, self.reward(x, u, scenario.calendar)) for u, x in zip(controls, states, strict=True)]
 
     def _feasible(self, controls: Floats) -> Floats:
         return feasible(controls, self.scenario.u_before, self.scenario.high, self.scenario.max_change)
@@ -270,9 +265,7 @@ class EndValue:
         GlbenchError
             When there is no plan, or plans differ in model or length.
         """
-        kinds = {
-            (plan.scenario.task.model_id, plan.scenario.task.steps, plan.scenario.task.step_seconds) for plan in plans
-        }
+        kinds = {(plan.scenario.task.model_id, plan.scenario.task.steps, plan.scenario.task.step_seconds) for plan in plans}
         if len(kinds) != 1:
             msg = f"An end value is the mean over plans of one model and one length; got {len(plans)} plans of {len(kinds)} kinds."
             raise GlbenchError(msg)
@@ -289,9 +282,7 @@ class EndValue:
             changes += np.abs(np.diff(daily, axis=0)).mean(axis=0) / len(plans)
         values, days_left, hour = np.concatenate(worth), np.concatenate(days), np.concatenate(hours)
         blocks = np.arange(0.0, task.steps / task.steps_per_day, _DAYS)
-        by_days = np.array(
-            [values[(days_left > start) & (days_left <= start + _DAYS)].mean(axis=0) for start in blocks]
-        )
+        by_days = np.array([values[(days_left > start) & (days_left <= start + _DAYS)].mean(axis=0) for start in blocks])
         ends = np.minimum(blocks + _DAYS, days_left.max())
         starts = np.arange(0.0, 24.0, _HOURS)
         of_hours = np.array([values[(hour >= start) & (hour < start + _HOURS)].mean(axis=0) for start in starts])
@@ -323,9 +314,7 @@ class EndValue:
                 np.array([entry["by_hour"] for entry in states.values()], dtype=np.float64).T,
             )
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-            msg = (
-                "This is no end value. Expected days_left, a list of numbers, and states with by_days_left and by_hour."
-            )
+            msg = "This is no end value. Expected days_left, a list of numbers, and states with by_days_left and by_hour."
             raise GlbenchError(msg) from error
         days, count = value.days_left, len(value.states)
         rising = days.ndim == 1 and days.size > 0 and days[0] == 0.0 and bool((np.diff(days) > 0.0).all())

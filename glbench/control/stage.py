@@ -170,9 +170,7 @@ class StageReward:
         read, shape = self._inputs(x, u, calendar)
         return self._stages(self._derivatives.values(read), shape)
 
-    def gradient(
-        self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None = None
-    ) -> tuple[StageValues, StageGradient]:
+    def gradient(self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None = None) -> tuple[StageValues, StageGradient]:
         """What the steps of a trajectory earn, and the derivatives of each step's reward. Parameters and errors as of a call."""
         read, shape = self._inputs(x, u, calendar)
         states, controls = self._sizes
@@ -267,8 +265,6 @@ def air_of(model: Model, states: ArrayLike) -> AirAlong:
 def _air(model: Model) -> TapeDerivatives:
     assert model.air is not None
     with Recorder() as recorder:
-        for place, value in enumerate(
-            air_quantities(*(recorder.input("after", model.state_index(name)) for name in model.air))
-        ):
+        for place, value in enumerate(air_quantities(*(recorder.input("after", model.state_index(name)) for name in model.air))):
             recorder.output("table", place, value)
     return TapeDerivatives(recorder.tape(), [("table", place) for place in range(len(AIR))], ("after",))

@@ -24,9 +24,7 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
 _PAPER = paper_v1(
-    PricesTable.model_construct(
-        fruit=1.0, dry_matter_content=1.0, co2=1.0, heat=1.0, electricity=1.0
-    )  # names, not prices
+    PricesTable.model_construct(fruit=1.0, dry_matter_content=1.0, co2=1.0, heat=1.0, electricity=1.0)  # names, not prices
 )
 
 QUANTITIES: tuple[StepQuantity, ...] = step_quantities(_PAPER, LIMITED)
@@ -224,8 +222,7 @@ class Accounts:
                 total = self.flows[item.flow].total
                 assert total is not None
                 start, end = (
-                    np.maximum(_times(total(record), item.factor) - item.beyond.amount, 0.0)
-                    for record in (step.before, step.after)
+                    np.maximum(_times(total(record), item.factor) - item.beyond.amount, 0.0) for record in (step.before, step.after)
                 )
                 worth = worth + (end - start) * (item.beyond.price - now)
             money[item.name] = worth

@@ -196,10 +196,7 @@ def _provide(name: str, position: _Position) -> None:
         if task.on_off:
             return _only_recorded(task)
         return lambda controls, actions: np.stack(
-            [
-                position(task, controls[:, column], actions[:, column], column, None)
-                for column in range(actions.shape[1])
-            ],
+            [position(task, controls[:, column], actions[:, column], column, None) for column in range(actions.shape[1])],
             axis=1,
         )
 
@@ -232,9 +229,7 @@ def _computed(task: TaskSpec, inputs: ActuationInputs) -> tuple[Mapping[str, Any
 
 
 def _only_recorded(task: TaskSpec) -> Actuation:
-    what = (
-        f"of {', '.join(task.on_off)} remembers" if task.on_off else f"'{task.actuation.kind}' remembers and measures"
-    )
+    what = f"of {', '.join(task.on_off)} remembers" if task.on_off else f"'{task.actuation.kind}' remembers and measures"
     msg = f"The actuation {what}: it works in the step of a Simulation only."
     raise TaskError(msg)
 

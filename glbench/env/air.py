@@ -126,24 +126,19 @@ class Sensors:
         if table is None:
             return Sensors((), 0.0, 0.0, task.steps)
         if not task.model_value.air:
-            msg = (
-                f"{task.source}: [sensors] {task.model_id} has no air that a sensor could measure. Leave the table out."
-            )
+            msg = f"{task.source}: [sensors] {task.model_id} has no air that a sensor could measure. Leave the table out."
             raise TaskError(msg)
         model, horizon = task.model_value, task.observation_context().horizon
         columns = [column for module in model.observation_modules for column in model.observed(module, horizon) or ()]
         bounds = {  # of the columns in which the model can show each quantity of its air
-            column.source: (column.low / column.factor, column.high / column.factor)
-            for column in columns
-            if column.source in AIR
+            column.source: (column.low / column.factor, column.high / column.factor) for column in columns if column.source in AIR
         }
         for name in dict(table.items()):
             if name not in bounds:
                 msg = f"{task.source}: [sensors.{name}] {task.model_id} never shows '{name}'. Leave the table out."
                 raise TaskError(msg)
         sensors = tuple(
-            Sensor(name, list(AIR).index(name), entry.noise, entry.bias, entry.drift, *bounds[name])
-            for name, entry in table.items()
+            Sensor(name, list(AIR).index(name), entry.noise, entry.bias, entry.drift, *bounds[name]) for name, entry in table.items()
         )
         out = stays = 0.0
         if table.dropouts is not None:

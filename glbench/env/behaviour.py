@@ -82,11 +82,7 @@ def behaviour(task: TaskSpec) -> dict[str, Number]:
     return {
         **{f"weather.{name}": weighted_sum(values) for name, values in columns.items()},
         **{f"step.{name}": weighted_sum(values) for name, values in _step(task).items()},
-        **(
-            {f"draw.{name}": weighted_sum(values) for name, values in _draws(task).items()}
-            if task.conventions.freezes_draws
-            else {}
-        ),
+        **({f"draw.{name}": weighted_sum(values) for name, values in _draws(task).items()} if task.conventions.freezes_draws else {}),
     }
 
 
@@ -123,11 +119,7 @@ def check_behaviour(task: TaskSpec) -> None:
 def lock_behaviour(tasks: Iterable[TaskSpec]) -> tuple[str, ...]:
     """Write the numbers of those ``tasks`` that have none yet, and return their ids."""
     entries = dict(read_behaviour())
-    new = {
-        task.id: {name: number.value for name, number in behaviour(task).items()}
-        for task in tasks
-        if task.id not in entries
-    }
+    new = {task.id: {name: number.value for name, number in behaviour(task).items()} for task in tasks if task.id not in entries}
     if new:
         entries.update(new)
         blocks = [_HEADER]
@@ -155,9 +147,7 @@ def read_behaviour() -> Mapping[str, Mapping[str, float]]:
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
         return {
-            task_id: {
-                f"{group}.{name}": float(value) for group, numbers in groups.items() for name, value in numbers.items()
-            }
+            task_id: {f"{group}.{name}": float(value) for group, numbers in groups.items() for name, value in numbers.items()}
             for task_id, groups in content.items()
         }
     except (OSError, ValueError, TypeError, AttributeError) as error:

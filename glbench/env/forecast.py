@@ -90,9 +90,7 @@ class ForecastTable:
             raise TaskError(msg)
         reach = -(-hours[-1] // 24) * task.steps_per_day
         level = task.observation.forecast.error  # type: ignore[union-attr]  # tasks with hours have the table
-        return ForecastTable(
-            hours, level, HOUR // step, reach, len(FORECAST) * len(hours), task, task.season_record().place
-        )
+        return ForecastTable(hours, level, HOUR // step, reach, len(FORECAST) * len(hours), task, task.season_record().place)
 
     def _clear_sky(self, times: NDArray[np.datetime64]) -> Floats:
         """Global radiation under a clear sky [W m-2] in the hours that ``times`` begin, which may be half hours of UTC."""

@@ -112,9 +112,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.task = spaces.task_of_environment(task, split, overrides)
         self._normalisation = Normalisation.of(self.task.observed()) if normalise else None
         self.render_mode = rendering.checked_render_mode(render_mode)
-        if (
-            render_mode == rendering.PICTURES
-        ):  # Gymnasium would refuse to render, before ``render`` can say what to install
+        if render_mode == rendering.PICTURES:  # Gymnasium would refuse to render, before ``render`` can say what to install
             self.metadata = {**self.metadata, "render_modes": list(rendering.RENDER_MODES)}
         self.observation_space = spaces.observation_space(self.task, self._normalisation)
         self.action_space = spaces.action_space(self.task)
@@ -131,9 +129,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def spec(self, spec: EnvSpec | None) -> None:
         self._spec = spaces.with_horizon(spec, self.task)
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Start an episode.
 
         Parameters

@@ -89,9 +89,7 @@ class InfoWriter:
             columns.update(zip(self._of_step[len(self._of_info) :], result.table, strict=True))
         return columns
 
-    def masked(
-        self, columns: dict[str, NDArray[np.generic]], rows: NDArray[np.bool_], stepped: NDArray[np.bool_]
-    ) -> dict[str, Any]:
+    def masked(self, columns: dict[str, NDArray[np.generic]], rows: NDArray[np.bool_], stepped: NDArray[np.bool_]) -> dict[str, Any]:
         """Columns with Gymnasium's masks: quantities of a step hold for the rows in ``stepped``, the others for ``rows``.
 
         Where a column does not hold it is 0.

@@ -84,9 +84,7 @@ class PythonParts:
     air: slice
     actuation: Callable[[Floats, Floats], Floats] | None = None
     reward: tuple[int, Callable[[Floats, Floats, Floats, Floats], Floats]] | None = None
-    observation: tuple[
-        tuple[slice, Callable[[ObservationInputs, NDArray[np.bool_]], NDArray[np.floating[Any]]]], ...
-    ] = ()
+    observation: tuple[tuple[slice, Callable[[ObservationInputs, NDArray[np.bool_]], NDArray[np.floating[Any]]]], ...] = ()
     deviations: tuple[Deviation, ...] = ()
     followers: DerivedParameters | None = None
 
@@ -121,9 +119,7 @@ class NumpyEnvironments(Environments):
             return self._advance(moved)
         controls = np.zeros_like(self.u)
         running = ~self.ended
-        read = self._reader(
-            self.x, self.x, self.u, self._program.actuation, self.k, actions=actions, weather_steps=self.k
-        )
+        read = self._reader(self.x, self.x, self.u, self._program.actuation, self.k, actions=actions, weather_steps=self.k)
         for target, index, values in self._program.actuation.play(read):
             if target == "memory":
                 self.memory[running, index] = np.broadcast_to(values, self._n)[running]
@@ -263,9 +259,7 @@ class NumpyEnvironments(Environments):
         valid[[failure.row for failure in self._failures]] = False
         return valid
 
-    def _look(
-        self, before: Floats, after: Floats, steps_before: NDArray[np.int64], *, controls_before: Floats | None
-    ) -> None:
+    def _look(self, before: Floats, after: Floats, steps_before: NDArray[np.int64], *, controls_before: Floats | None) -> None:
         """Fill table and observations after a step, or without one: then there are no ``controls_before``."""
         program, parts = self._program, self._parts
         read = self._reader(before, after, self.u, program.outcome, steps_before, controls_before=controls_before)
@@ -277,9 +271,7 @@ class NumpyEnvironments(Environments):
             clock, weather = (self.first + self.k)[:, None] + ahead, self._shown_steps()[:, None] + ahead
             rows = clock if lookup.clocked else self._weather_rows(weather)
             width = lookup.rows * lookup.table.shape[1]
-            self.observations[:, lookup.at : lookup.at + width] = lookup.table[rows // lookup.every].reshape(
-                self._n, width
-            )
+            self.observations[:, lookup.at : lookup.at + width] = lookup.table[rows // lookup.every].reshape(self._n, width)
         if parts.reward is not None and controls_before is not None:
             column, reward = parts.reward
             self.table[:, column] = reward(self.table, before, after, self.u)
@@ -299,9 +291,7 @@ class ParameterDraws:
 
     def __init__(self, program: Program, parts: PythonParts, n: int) -> None:
         deviations = parts.deviations or (DISTRIBUTIONS[UNIFORM],) * len(program.parameter_noise)
-        self._groups = [
-            _Group(noise, deviation, n) for noise, deviation in zip(program.parameter_noise, deviations, strict=True)
-        ]
+        self._groups = [_Group(noise, deviation, n) for noise, deviation in zip(program.parameter_noise, deviations, strict=True)]
         self._python_followers, self._followers = parts.followers, program.followers
         self._p = np.empty((n, len(program.nominal)))
 

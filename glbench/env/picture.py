@@ -112,9 +112,7 @@ class Picture:
             self._figure.text(x, 0.988, "", fontsize=9, color=_INK, fontweight=weight, ha=side, va="top", animated=True)
             for x, weight, side in ((0.012, "bold", "left"), (0.988, "normal", "right"))
         )
-        self._subtitle = self._figure.text(
-            0.012, 0.952, "", fontsize=7.5, color=_QUIET, ha="left", va="top", animated=True
-        )
+        self._subtitle = self._figure.text(0.012, 0.952, "", fontsize=7.5, color=_QUIET, ha="left", va="top", animated=True)
         horizon = task.observation_context().horizon
         self._deficits = task.model_value.observed("vapour_deficit", horizon) or ()
         self._light = DailyLightSums(task).columns
@@ -124,9 +122,7 @@ class Picture:
         self._airs = len(AIR) if task.model_value.air else 0  # a history begins with so many columns of air
         self._climate = self._make_climate()
         self._controls = tuple(
-            (index, capacity)
-            for index, capacity in enumerate(task.capacities())
-            if capacity.name in task.actuation.controls
+            (index, capacity) for index, capacity in enumerate(task.capacities()) if capacity.name in task.actuation.controls
         )
         self._lanes, self._amounts, lanes = self._make_lanes()
         money = self._axes(_RIGHT, _BOTTOM, 0.175, labelled=True)
@@ -139,13 +135,10 @@ class Picture:
             for _ in range(math.ceil(HOURS_SHOWN / 24.0))
         ]
         self._dates = [
-            lanes.text(0.0, -0.13, "", fontsize=7, color=_QUIET, ha="center", va="bottom", animated=True)
-            for _ in self._midnights
+            lanes.text(0.0, -0.13, "", fontsize=7, color=_QUIET, ha="center", va="bottom", animated=True) for _ in self._midnights
         ]
         moving = self._figure.findobj(lambda artist: bool(artist.get_animated()), include_self=False)
-        self._texts = {
-            text: _Place.of(text, lanes if text in self._dates else None) for text in moving if isinstance(text, Text)
-        }
+        self._texts = {text: _Place.of(text, lanes if text in self._dates else None) for text in moving if isinstance(text, Text)}
         self._background: Any = None
 
     def __call__(self, history: RecentHistory, simulation: Simulation, row: int) -> NDArray[np.uint8]:
@@ -166,9 +159,7 @@ class Picture:
         )
         self._place.set_text(f"step {simulation.k[row]} of {self._task.steps}")
         self._seed.set_text(f"seed {simulation.seeds[row]}")
-        changed = [
-            curve.axes for column, curve in self._climate.items() if self._show_air(curve, hours, points[:, column])
-        ]
+        changed = [curve.axes for column, curve in self._climate.items() if self._show_air(curve, hours, points[:, column])]
         if self._show_money(hours, points.T[MONEY], history.first_step):
             changed.append(self._money.axes)
         if self._look_back(-float(hours[0])):
@@ -285,15 +276,11 @@ class Picture:
             self._money.axes.set_title(title, fontsize=8, color=_INK, loc="left", pad=3)
         low, high = float(values.min()), float(values.max())
         step = 10.0 ** math.ceil(math.log10(max(high - low, 0.01))) / 4.0
-        return (
-            self._money.cover(((math.floor(low / step) - 0.2) * step, (math.ceil(high / step) + 0.2) * step)) or renamed
-        )
+        return self._money.cover(((math.floor(low / step) - 0.2) * step, (math.ceil(high / step) + 0.2) * step)) or renamed
 
     def _show_controls(self, hours: Floats, controls: Floats) -> None:
         edges = np.repeat(hours, 2)[:-1]  # a control was in force from the point before until its own
-        for lane, ((index, capacity), fill, amount) in enumerate(
-            zip(self._controls, self._lanes, self._amounts, strict=True)
-        ):
+        for lane, ((index, capacity), fill, amount) in enumerate(zip(self._controls, self._lanes, self._amounts, strict=True)):
             values = controls[:, index]
             shares = values / capacity.at_one if capacity.at_one else values
             base = lane + _LANE
@@ -356,11 +343,7 @@ class _Brush:
             pixels[..., channel] = buffer[..., channel]
         for text, place in texts.items():
             if text.get_visible() and text.get_text():
-                x = (
-                    place.x
-                    if place.axes is None
-                    else self._pixels(place.axes, np.array([[text.get_position()[0], 0.0]]))[0, 0]
-                )
+                x = place.x if place.axes is None else self._pixels(place.axes, np.array([[text.get_position()[0], 0.0]]))[0, 0]
                 place.write(pixels, text.get_text(), x, _ink(text.get_color()))
         for line in midnights:
             axes, hours = line.axes, line.get_xdata()
@@ -404,9 +387,7 @@ class _Place:
         x, y = text.get_transform().transform(text.get_position())
         size = float(text.get_fontsize()) * _DPI / 72.0
         baseline = HEIGHT - y + {"top": 0.76, "bottom": -0.24}[text.get_verticalalignment()] * size
-        return cls(
-            float(x), float(baseline), text.get_horizontalalignment(), _font(size, str(text.get_fontweight())), axes
-        )
+        return cls(float(x), float(baseline), text.get_horizontalalignment(), _font(size, str(text.get_fontweight())), axes)
 
     def write(self, pixels: NDArray[np.uint8], text: str, x: float, ink: tuple[int, int, int]) -> None:
         """Draw one line of text word by word; words are cached, because most occur in every picture."""
@@ -416,9 +397,7 @@ class _Place:
         for word in words:
             row, column = round(self.baseline) + word.y, round(x) + word.x
             there = pixels[row : row + word.cover.shape[0], column : column + word.cover.shape[1]]
-            there += (
-                (word.cover * (np.array(ink) - there)).astype(np.int16).astype(np.uint8)
-            )  # modulo 256, which the sum undoes
+            there += (word.cover * (np.array(ink) - there)).astype(np.int16).astype(np.uint8)  # modulo 256, which the sum undoes
             x += word.advance + gap
 
 

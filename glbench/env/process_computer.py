@@ -118,9 +118,7 @@ class _Step:
         self.heat_installed = {capacity.name: capacity.at_one for capacity in task.capacities()}.get(points.BOILER, 0.0)
         self.next_memory: dict[str, Any] = {"begun": 1.0}
         self.heating, self.ventilation = self._temperatures()
-        self.too_humid: Any = (
-            0.0  # how far the air is below the humidity deficit of the set point, as a share of the band
-        )
+        self.too_humid: Any = 0.0  # how far the air is below the humidity deficit of the set point, as a share of the band
         if points.HUMIDITY in set_points:
             self.too_humid = share(set_points[points.HUMIDITY] - measured.humidity_deficit, 0.0, settings.humidity_band)
 

@@ -162,9 +162,7 @@ def _actuation(task: TaskSpec, kind: actuation.RecordedActuation, scenarios: Run
         measured, air = None, _true_air(task, recorder, "before")
         if air:  # as the sensors show it
             temperature, co2, humidity = scenarios.sensors.readings(recorder, air, scenarios.memory_layout)
-            radiation, outside, wind = (
-                recorder.input("weather", COLUMNS.index(name)) for name in ("iGlob", "tOut", "wind")
-            )
+            radiation, outside, wind = (recorder.input("weather", COLUMNS.index(name)) for name in ("iGlob", "tOut", "wind"))
             hour = recorder.input("calendar", CLOCK.index("hour_of_day"))
             deficit = with_simplification(humidity_deficit, temperature, humidity)
             measured = Measured(temperature, co2, deficit, radiation, outside, wind, hour)
@@ -184,9 +182,7 @@ def _true_air(task: TaskSpec, recorder: Recorder, moment: Literal["before", "aft
     return list(air_quantities(*(recorder.input(moment, model.state_index(name)) for name in model.air)))
 
 
-def _outcome(
-    task: TaskSpec, scenarios: RunScenarios, update: Recorder
-) -> tuple[Tape, tuple[Lookup, ...], int, Any, Any]:
+def _outcome(task: TaskSpec, scenarios: RunScenarios, update: Recorder) -> tuple[Tape, tuple[Lookup, ...], int, Any, Any]:
     """The tape after the step, the lookups, the number of observed columns, and the reward and observations that are Python.
 
     What the observation keeps for the next step is recorded in ``update``.
@@ -209,22 +205,14 @@ def _outcome(
     return recorder.tape(), lookups, columns, reward, parts
 
 
-def _quantities(
-    task: TaskSpec, recorder: Recorder, controls: list[Any], air: list[Any]
-) -> tuple[list[Any], tuple[int, Any] | None]:
+def _quantities(task: TaskSpec, recorder: Recorder, controls: list[Any], air: list[Any]) -> tuple[list[Any], tuple[int, Any] | None]:
     """In the order of ``task.quantities``; the reward as Python when a part of it is."""
     accounts, tables = make_accounts(task), list(task.price_tables)
     places = accounts.ledger_states()
     before, after = ({place: recorder.input(source, place) for place in places} for source in ("before", "after"))
     columns = [len(CLOCK) + tables.index(name) for name in accounts.price_tables]
-    prices, later = (
-        [recorder.input(source, column) for column in columns] for source in ("calendar_before", "calendar")
-    )
-    controls_before = (
-        [recorder.input("controls_before", index) for index in range(len(controls))]
-        if TRAVEL in accounts.names
-        else None
-    )
+    prices, later = ([recorder.input(source, column) for column in columns] for source in ("calendar_before", "calendar"))
+    controls_before = [recorder.input("controls_before", index) for index in range(len(controls))] if TRAVEL in accounts.names else None
     rows = accounts.of_step(before, after, controls, air, prices, later, controls_before)
     reward = make_reward(task, accounts)
     if all(REWARDS.recorded(name) for name in task.reward.modules):
@@ -297,9 +285,7 @@ def _sum_since_midnight(task: TaskSpec, column: ObservedColumn, recorder: Record
 
     def rate(*values: Any) -> Any:
         assert column.today is not None
-        return column.today(
-            model.Controls(*values[: len(controls)]), model.Disturbances(*values[len(controls) :]), nominal
-        )
+        return column.today(model.Controls(*values[: len(controls)]), model.Disturbances(*values[len(controls) :]), nominal)
 
     hour = CLOCK.index("hour_of_day")
     before, now = recorder.input("calendar_before", hour), recorder.input("calendar", hour)

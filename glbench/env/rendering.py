@@ -172,9 +172,7 @@ def _quantities(simulation: Simulation, row: int, columns: Sequence[ObservedColu
             return float(column.of_air(Air(*simulation.air[:, row].tolist())))
         return float(sources[column.source] * column.factor)
 
-    return ", ".join(
-        f"{_words(column.name)} {value(column):.4g} {column.unit}" for column in columns if column.today is None
-    )
+    return ", ".join(f"{_words(column.name)} {value(column):.4g} {column.unit}" for column in columns if column.today is None)
 
 
 def _words(name: str) -> str:

@@ -132,9 +132,7 @@ class RunScenarios:
         for group in self.in_episode:
             places = list(self.places((group,)))
             numbers = _episode_numbers(self.scenario, seeds, parameter_stream(group), len(places))
-            parameters[:, places] = self.nominal[places] * (
-                1.0 + DISTRIBUTIONS[group.distribution](numbers, group.half_width)
-            )
+            parameters[:, places] = self.nominal[places] * (1.0 + DISTRIBUTIONS[group.distribution](numbers, group.half_width))
         self._derived.complete(parameters)
         return parameters
 
@@ -158,9 +156,7 @@ def season_names(task: TaskSpec, seeds: Sequence[int]) -> tuple[str | None, ...]
     if len(scenario.seasons) == 1 or scenario.generated is not None:
         return (None,) * len(seeds)
     several = len({season.source for season in scenario.seasons}) > 1
-    years = [
-        f"{season.source} {season.start.year}" if several else f"{season.start.year}" for season in scenario.seasons
-    ]
+    years = [f"{season.source} {season.start.year}" if several else f"{season.start.year}" for season in scenario.seasons]
     return tuple(years[number] for number in _season_numbers(scenario, seeds))
 
 

@@ -140,9 +140,7 @@ class Simulation:
         Draws the scenario of a run from its seed.
     """
 
-    def __init__(
-        self, task: TaskSpec | str, n: int, kernel: Stepper | str | None = None, *, fused: bool = True
-    ) -> None:
+    def __init__(self, task: TaskSpec | str, n: int, kernel: Stepper | str | None = None, *, fused: bool = True) -> None:
         check_runs(n)
         self.task = task = the_task(task)
         check_kernel(kernel, task)

@@ -60,9 +60,7 @@ class Snapshot:
     def take(self, rows: int | list[int] | NDArray[np.intp]) -> Snapshot:
         """Some of the rows, in the order given; the same row may be taken several times, to try several ways from it."""
         places = np.atleast_1d(np.asarray(rows, dtype=np.intp))
-        picked: dict[str, Any] = {
-            name: getattr(self, name)[places] for name in ("states", "controls", "steps", "seeds", "ended", "memory")
-        }
+        picked: dict[str, Any] = {name: getattr(self, name)[places] for name in ("states", "controls", "steps", "seeds", "ended", "memory")}
         if len(self.generators):
             picked["generators"] = self.generators[places]
         return replace(self, **picked)

@@ -39,9 +39,7 @@ def the_task(task: TaskSpec | str) -> TaskSpec:
     return task if isinstance(task, TaskSpec) else get_task(task)
 
 
-def task_of_environment(
-    task: TaskSpec | str, split: str | None = None, overrides: Mapping[str, Any] | None = None
-) -> TaskSpec:
+def task_of_environment(task: TaskSpec | str, split: str | None = None, overrides: Mapping[str, Any] | None = None) -> TaskSpec:
     """The task with what ``overrides`` changes, in ``split``; where none is named, for training.
 
     A task with only a test split gives previews (``TaskSpec.in_split``) unless ``split`` is ``"test"``.
@@ -114,9 +112,7 @@ def state_option(options: Mapping[str, Any], seed: object) -> Snapshot | None:
     if snapshot is None:
         return None
     if not isinstance(snapshot, Snapshot):
-        msg = (
-            f"The option 'state' is a {type(snapshot).__name__}; expected what snapshot() or Snapshot.from_bytes gave."
-        )
+        msg = f"The option 'state' is a {type(snapshot).__name__}; expected what snapshot() or Snapshot.from_bytes gave."
         raise GlbenchError(msg)
     if seed is not None or options.get(RESET_MASK) is not None:
         msg = "A snapshot brings its own seeds and rows: call reset with the option 'state' and nothing else."

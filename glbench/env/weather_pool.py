@@ -38,9 +38,7 @@ CLOCK = ("hour_of_day", "day_of_year")
 HOURS_A_DAY = 24.0
 DAYS_A_YEAR = 365.0
 
-_RADIATION, _TEMPERATURE, _PRESSURE, _CO2, _WIND = (
-    COLUMNS.index(name) for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind")
-)
+_RADIATION, _TEMPERATURE, _PRESSURE, _CO2, _WIND = (COLUMNS.index(name) for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind"))
 _MEASURED_RADIATION, _MEASURED_WIND = 0, 4  # their columns in ``WeatherTables.measured``
 _PUBLISHED = [_RADIATION, _TEMPERATURE, _PRESSURE, _CO2, _WIND]
 
@@ -113,18 +111,14 @@ class SeasonPrices:
             msg = f"{task.source}: [{by_hour[0]}] is hourly; step_seconds = {step} does not divide an hour. Use 900."
             raise TaskError(msg)
         coming = 0 if ahead is None or DAY_AHEAD not in modules else len(ahead.prices) * len(ahead.hours)
-        return SeasonPrices(
-            task, max(HOUR // step, 1), (len(tables) if PRICES in modules else 0, coming), bool(markets)
-        )
+        return SeasonPrices(task, max(HOUR // step, 1), (len(tables) if PRICES in modules else 0, coming), bool(markets))
 
     def room(self, rows: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Tables of the prices of now and of coming hours for so many rows of a calendar."""
         now, coming = (np.zeros((rows if width else 0, width), np.float32) for width in self.widths)
         return now, coming
 
-    def rows(
-        self, number: int, times: NDArray[np.datetime64], hour_of_day: Floats, measured: NDArray[np.floating]
-    ) -> Floats:
+    def rows(self, number: int, times: NDArray[np.datetime64], hour_of_day: Floats, measured: NDArray[np.floating]) -> Floats:
         """Prices at each row of the calendar of the season ``number``, ``(rows, price tables)``.
 
         Parameters
@@ -167,10 +161,7 @@ class SeasonPrices:
         if len(coming):
             ahead, names = self.task.day_ahead, list(self.task.price_tables)
             assert ahead is not None
-            columns = [
-                day_ahead(prices[:, names.index(name)], times, hour_of_day, self.every, ahead.hours)
-                for name in ahead.prices
-            ]
+            columns = [day_ahead(prices[:, names.index(name)], times, hour_of_day, self.every, ahead.hours) for name in ahead.prices]
             coming[at] = np.concatenate(columns, axis=1)
 
 
@@ -240,9 +231,7 @@ class WeatherPool:
                 self._season_prices.show((self.tables.prices, self.tables.day_ahead), slot, prices, times, hours)
             self._ready.add(number)
         slots = np.array(numbers, np.int64) * rows
-        return slots if self._season_prices is not None else maker.start_days(
-            np.array(numbers, np.int64)
-        ) * self.day, slots
+        return slots if self._season_prices is not None else maker.start_days(np.array(numbers, np.int64)) * self.day, slots
 
 
 _ALIVE: WeakValueDictionary[TaskSpec, WeatherPool] = WeakValueDictionary()
@@ -287,9 +276,7 @@ def _make_pool(task: TaskSpec) -> WeatherPool:
         else:
             calendar, price_tables = _priced(priced, times, clock, [(0, len(times))], np.zeros((len(times), 5)))
         weather_tables = WeatherTables(measured, published, turns, _room(forecast, rows), *price_tables)
-        return WeatherPool(
-            values, times, calendar, tables, (0,), day, days, weather_tables, maker, forecast, of_seasons
-        )
+        return WeatherPool(values, times, calendar, tables, (0,), day, days, weather_tables, maker, forecast, of_seasons)
     values = seasons[0].values if len(seasons) == 1 else np.concatenate([season.values for season in seasons])
     firsts = tuple(int(row) for row in np.cumsum([0, *(len(season.values) for season in seasons[:-1])]))
     measured_rows = _measured(values)
@@ -331,11 +318,7 @@ def _priced(
 
 
 def _room(forecast: ForecastTable | None, rows: int) -> NDArray[np.float32]:
-    return (
-        np.zeros((0, 0), np.float32)
-        if forecast is None
-        else np.zeros((rows // forecast.every, forecast.columns), np.float32)
-    )
+    return np.zeros((0, 0), np.float32) if forecast is None else np.zeros((rows // forecast.every, forecast.columns), np.float32)
 
 
 def _measured(values: Floats) -> Floats:

@@ -229,8 +229,7 @@ def _log(content: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], numb
             raise ValueError(msg)
         if tuple(counted[:, row]) != (run.actions, run.steps):
             msg = (
-                f"the run with seed {run.seed} has {counted[0, row]} of {run.actions} actions "
-                f"and {counted[1, row]} of {run.steps} rewards"
+                f"the run with seed {run.seed} has {counted[0, row]} of {run.actions} actions and {counted[1, row]} of {run.steps} rewards"
             )
             raise ValueError(msg)
     return ActionLog(provenance, content.attachments[TASK], runs, actions, rewards, final)
@@ -255,9 +254,7 @@ def _fields(number: str | None) -> FileDescriptorSet:
     """
     file = FileDescriptorProto(name="glbench/RunPart.proto", package="glbench", syntax="proto3")
     message = file.message_type.add(name="RunPart")
-    message.field.add(
-        name="first_step", number=1, type=FieldDescriptorProto.TYPE_UINT32, label=FieldDescriptorProto.LABEL_OPTIONAL
-    )
+    message.field.add(name="first_step", number=1, type=FieldDescriptorProto.TYPE_UINT32, label=FieldDescriptorProto.LABEL_OPTIONAL)
     for index, name in enumerate(("actions", "rewards", "final_state"), start=2):
         if number is None:
             message.field.add(name=name, number=index, type=_BYTES, label=FieldDescriptorProto.LABEL_OPTIONAL)

@@ -183,9 +183,7 @@ class Episode:
         for group in self.groups:
             columns |= {name: self.tables[group.name][:, index] for index, name in enumerate(group.names)}
         index = pd.RangeIndex(1, self.steps + 1, name="step")
-        frame = pd.DataFrame(
-            columns, index=index if by == "step" else pd.DatetimeIndex(self.times[1:], tz="UTC", name="time")
-        )
+        frame = pd.DataFrame(columns, index=index if by == "step" else pd.DatetimeIndex(self.times[1:], tz="UTC", name="time"))
         listed = [column for group in self.groups for column in group.columns]
         starting = {
             group.name: dict(zip(group.names, self.start[group.name].tolist(), strict=True))
@@ -288,9 +286,7 @@ class EpisodeWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         if kind is None:
             self.close()
 
@@ -332,9 +328,7 @@ def write_into(file: IO[bytes], episode: Episode, remarks: Mapping[str, Mapping[
         writer.begin(episode.times[0], episode.start)
         for first in range(0, episode.steps, length):
             last = min(first + length, episode.steps)
-            writer.steps(
-                episode.times[first : last + 1], {name: table[first:last] for name, table in episode.tables.items()}
-            )
+            writer.steps(episode.times[first : last + 1], {name: table[first:last] for name, table in episode.tables.items()})
 
 
 def write_episode(path: Path, episode: Episode) -> None:
@@ -443,9 +437,7 @@ def _episode(path: Path, content: Scan, provenance: Provenance, run: RunFacts) -
     if any((messages["sequence"] != np.arange(1, steps + 1)).any() for messages in tops.values()):
         msg = f"{path}: the steps are not numbered 1, 2, 3 ...: steps are missing or in another order."
         raise EpisodeError(msg)
-    tables: dict[str, Table] = {
-        name: layout.values(rows[channel.id], group.field) for name, (channel, layout, group) in groups.items()
-    }
+    tables: dict[str, Table] = {name: layout.values(rows[channel.id], group.field) for name, (channel, layout, group) in groups.items()}
     start = {name: first_layout.values(first, group.field)[0] for name, (_, _, group) in starting.items()}
     utc = np.concatenate([first_layout.table(first)["log_time"], tops[channel.id]["log_time"]]).astype("datetime64[ns]")
     listed = tuple(group for _, _, group in groups.values())
@@ -466,18 +458,14 @@ def _groups(channel: Channel, layout: Layout) -> list[Group]:
     moment: Moment = "start" if about.get("moment") == "start" else "end"
     groups = []
     for part in layout.parts:
-        columns = tuple(
-            Column(name, about.get(f"unit.{name}", "?"), about.get(f"meaning.{name}", "")) for name in part.names
-        )
+        columns = tuple(Column(name, about.get(f"unit.{name}", "?"), about.get(f"meaning.{name}", "")) for name in part.names)
         at_start = about.get(f"at_start.{part.field}") == "true"
         for column in columns:
             one_line(column.name + column.unit + column.meaning)
             if not column.name.isidentifier():  # in a spreadsheet it could be a formula
                 msg = f"a column is called {quoted(column.name)}"
                 raise ValueError(msg)
-        groups.append(
-            Group(about.get(f"group.{part.field}", part.field), part.field, part.message, moment, at_start, columns)
-        )
+        groups.append(Group(about.get(f"group.{part.field}", part.field), part.field, part.message, moment, at_start, columns))
     return groups
 
 

@@ -85,9 +85,7 @@ class RunFacts(Facts):
     def _counts_fit(self) -> Self:
         expected = self.steps + (1 if self.status == "simulation_failed" else 0)
         if self.actions not in (expected, self.steps) or (self.status == "ok") != (self.reason is None):
-            msg = (
-                f"the run with seed {self.seed} is '{self.status}' after {self.steps} steps with {self.actions} actions"
-            )
+            msg = f"the run with seed {self.seed} is '{self.status}' after {self.steps} steps with {self.actions} actions"
             raise ValueError(msg)
         return self
 
@@ -117,9 +115,7 @@ def provenance_of(task: TaskSpec, agent: LoadedAgent, kernel: dict[str, str | fl
         When the task's title cannot be shown on one line.
     """
     if any(steers(letter) for letter in task.title):
-        msg = (
-            f"The title of the task {task.id} is {task.title!r}: it must stand on one line, without control characters."
-        )
+        msg = f"The title of the task {task.id} is {task.title!r}: it must stand on one line, without control characters."
         raise TaskError(msg)
     prints = task.fingerprint()
     all_controls = task.model_value.control_names

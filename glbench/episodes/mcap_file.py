@@ -184,9 +184,7 @@ class Layout:
         file = FileDescriptorProto(name=f"{PACKAGE}/{self.name}.proto", package=PACKAGE, syntax="proto3")
         whole = file.message_type.add(name=self.name)
         for part in self.parts:
-            _add_field(
-                whole, part.field, part.index, FieldDescriptorProto.TYPE_MESSAGE
-            ).type_name = f".{PACKAGE}.{part.message}"
+            _add_field(whole, part.field, part.index, FieldDescriptorProto.TYPE_MESSAGE).type_name = f".{PACKAGE}.{part.message}"
             message = file.message_type.add(name=part.message)
             kind = next(kind for kind, number in _KINDS.items() if number == part.number)
             for number, name in enumerate(part.names, start=1):
@@ -204,9 +202,7 @@ def layout_from(descriptor: bytes, full_name: str) -> Layout:
         When there is no such message type, or it is not made of parts whose fields are numbers of one type.
     """
     types = {
-        f"{file.package}.{message.name}": message
-        for file in FileDescriptorSet.FromString(descriptor).file
-        for message in file.message_type
+        f"{file.package}.{message.name}": message for file in FileDescriptorSet.FromString(descriptor).file for message in file.message_type
     }
     parts: list[Part] = []
     for item in types[full_name].field if full_name in types else ():
@@ -215,9 +211,7 @@ def layout_from(descriptor: bytes, full_name: str) -> Layout:
         if part is None or len(kinds) != 1 or not kinds <= set(_KINDS):
             parts = []
             break
-        parts.append(
-            Part(item.name, item.number, part.name, tuple(inner.name for inner in part.field), _KINDS[kinds.pop()])
-        )
+        parts.append(Part(item.name, item.number, part.name, tuple(inner.name for inner in part.field), _KINDS[kinds.pop()]))
     if not parts:
         msg = f"The record describes no message type '{full_name}' made of groups of numbers. It was not written by glbench."
         raise EpisodeError(msg)
@@ -310,9 +304,7 @@ class McapWriter:
             self._append(head + entries.tobytes())
             self._counts[channel] += len(times)
         index_length = self._position - offset - length
-        self._chunks.append(
-            ChunkIndex(length, offset, "zstd", len(packed), ended, index_length, places, started, len(messages))
-        )
+        self._chunks.append(ChunkIndex(length, offset, "zstd", len(packed), ended, index_length, places, started, len(messages)))
         self._file.flush()
 
     def finish(self) -> None:

@@ -59,9 +59,7 @@ class Trace:
         """The chosen runs of a table, which lie along ``axis``."""
         return table if self._subset is None else table.take(self._subset, axis=axis)
 
-    def episode(
-        self, task: TaskSpec, row: int, provenance: Provenance, run: RunFacts, actions: NDArray[np.floating]
-    ) -> Episode:
+    def episode(self, task: TaskSpec, row: int, provenance: Provenance, run: RunFacts, actions: NDArray[np.floating]) -> Episode:
         """The episode of the simulation's ``row``, whose raw actions were ``actions`` ``(steps or more, m)``."""
         place, steps = self.rows.index(row), run.steps
         weather = run_weather(task, run.seed)
@@ -129,9 +127,7 @@ class Recorder:
         actions, rewards = self.actions, self.rewards
         for row, run in enumerate(runs):
             actions[run.actions :, row], rewards[run.steps :, row] = 0.0, 0.0
-        return ActionLog(
-            provenance, definition_json(simulation.task), runs, exactly(actions), rewards, np.array(simulation.x)
-        )
+        return ActionLog(provenance, definition_json(simulation.task), runs, exactly(actions), rewards, np.array(simulation.x))
 
 
 def check_round(task: TaskSpec, provenance: Provenance) -> None:
@@ -168,9 +164,7 @@ class Replay:
         When the draws of ``task`` are not those of ``log``: one of them is of a sealed round, or they are of two.
     """
 
-    def __init__(
-        self, task: TaskSpec, log: ActionLog, rows: Sequence[int] | None = None, kernel: Stepper | None = None
-    ) -> None:
+    def __init__(self, task: TaskSpec, log: ActionLog, rows: Sequence[int] | None = None, kernel: Stepper | None = None) -> None:
         check_round(task, log.provenance)
         self.rows = tuple(range(len(log.runs)) if rows is None else rows)
         self._log = log
@@ -193,9 +187,7 @@ class Replay:
             yield take(self._actions[step])
 
 
-def replayed_episodes(
-    task: TaskSpec, log: ActionLog, rows: Sequence[int], kernel: Stepper | None = None
-) -> Iterator[Episode]:
+def replayed_episodes(task: TaskSpec, log: ActionLog, rows: Sequence[int], kernel: Stepper | None = None) -> Iterator[Episode]:
     """Full episodes of the runs ``rows`` of ``log``, by simulating them again.
 
     Raises

@@ -220,9 +220,7 @@ def provenance_words(episodes: Sequence[Episode]) -> dict[str, str]:
     words = {"task": first.task.id, "task_digest": first.task.digest, "glbench": first.versions["glbench"]}
     for number, episode in enumerate(episodes, 1):
         agent, run = episode.provenance.agent, episode.run
-        words[f"run_{number}"] = (
-            f"{agent.name}, digest {agent.digest}, seed {run.seed}, {run.status}, {run.steps} steps"
-        )
+        words[f"run_{number}"] = f"{agent.name}, digest {agent.digest}, seed {run.seed}, {run.status}, {run.steps} steps"
     return words
 
 
@@ -245,8 +243,7 @@ def show_together(task: TaskSpec, trajectories: Sequence[Trajectory]) -> RunSet:
             raise GlbenchError(msg)
     names = [trajectory.controller for trajectory in trajectories]
     labels = tuple(
-        name if names.count(name) == 1 else f"{name} (seed {trajectory.seed})"
-        for name, trajectory in zip(names, trajectories, strict=True)
+        name if names.count(name) == 1 else f"{name} (seed {trajectory.seed})" for name, trajectory in zip(names, trajectories, strict=True)
     )
     for label in labels:
         if labels.count(label) > 1:
@@ -257,17 +254,13 @@ def show_together(task: TaskSpec, trajectories: Sequence[Trajectory]) -> RunSet:
     missing = {name for trajectory in trajectories for name in derived.difference(trajectory.columns)}
     first = trajectories[0].times[0]
     if any(one.times[0] != first for one in trajectories):  # runs of several seasons on the dates of the first
-        trajectories = [
-            replace(one, times=one.times - one.times[0] + first, began=_day(one.times[0])) for one in trajectories
-        ]
+        trajectories = [replace(one, times=one.times - one.times[0] + first, began=_day(one.times[0])) for one in trajectories]
     return RunSet(task, tuple(trajectories), labels, signals.lacking(missing))
 
 
 def _day(start: np.datetime64) -> dt.date:
     """The day that begins at ``start``, which is midnight on some clock [UTC]."""
-    day: dt.date = (
-        (start.astype("datetime64[h]") + np.timedelta64(HOURS_PER_DAY // 2, "h")).astype("datetime64[D]").item()
-    )
+    day: dt.date = (start.astype("datetime64[h]") + np.timedelta64(HOURS_PER_DAY // 2, "h")).astype("datetime64[D]").item()
     return day
 
 
@@ -332,9 +325,7 @@ def weeks_card(runs: RunSet) -> str:
         lines += [f"**{label}**", "", f"| Week from | {' | '.join(heads)} |", f"|---|{'---:|' * len(heads)}"]
         for first, days, sums in zip(weeks.first, weeks.days, weeks.sums, strict=True):
             short = "" if days == weeks.days[0] else f" ({days} days)"
-            lines.append(
-                f"| {first}{short} | {' | '.join(f'{sums[place]:.2f}'.replace('-', '−') for place in places)} |"
-            )
+            lines.append(f"| {first}{short} | {' | '.join(f'{sums[place]:.2f}'.replace('-', '−') for place in places)} |")
         lines.append("")
     return "\n".join([*lines, "Light is the mean of a day. Natural gas by its lower heating value, 31.65 MJ m⁻³."])
 
@@ -400,9 +391,7 @@ def load_blueprint() -> Any:
     return importlib.import_module("rerun.blueprint")
 
 
-def save_recording(
-    runs: RunSet, path: Path, properties: Mapping[str, str] | None = None, *, plain: bool = False
-) -> None:
+def save_recording(runs: RunSet, path: Path, properties: Mapping[str, str] | None = None, *, plain: bool = False) -> None:
     """Write ``runs`` with their blueprint to ``path`` (.rrd), whole or not at all.
 
     Parameters
@@ -503,9 +492,7 @@ def _entity(curve: Curve, label: str | None) -> str:
     return path
 
 
-def _send_curve(
-    stream: rr.RecordingStream, path: str, curve: Curve, trajectory: Trajectory, first: int, hours: str
-) -> None:
+def _send_curve(stream: rr.RecordingStream, path: str, curve: Curve, trajectory: Trajectory, first: int, hours: str) -> None:
     rerun = load_rerun()
     moments = slice(first, -1) if curve.moment == "start" else slice(first + 1, None)
     indexes = [
@@ -594,9 +581,7 @@ class _Layout:
         rrb, by_path = self._rrb, {curve.path: curve for curve in self._run_set.signals.curves}
         # The sums, which leave their corner free, bear the legend for all.
         columns = [
-            rrb.Vertical(
-                *(self._plot(by_path[path], legend=by_path[path].whole) for path in paths), name=f"Overview {number}"
-            )
+            rrb.Vertical(*(self._plot(by_path[path], legend=by_path[path].whole) for path in paths), name=f"Overview {number}")
             for number, paths in enumerate(self._run_set.signals.overview, 1)
         ]
         card = rrb.TextDocumentView(origin="card", name="Task and controllers")
@@ -614,9 +599,7 @@ class _Layout:
         return rrb.TimeSeriesView(
             origin=curve.path,
             name=curve.heading if limit is None else f"{curve.heading}, limits {limit.low:g} to {limit.high:g}",
-            axis_x=rrb.TimeAxis(
-                link=rrb.components.LinkAxis.Independent, view_range=self._episode if curve.whole else self._days
-            ),
+            axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.Independent, view_range=self._episode if curve.whole else self._days),
             axis_y=None if values is None else rrb.ScalarAxis(range=values),
             plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftBottom if falls else rrb.Corner2D.LeftTop, visible=legend),
         )

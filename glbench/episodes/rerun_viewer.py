@@ -118,9 +118,7 @@ def window_for_stream() -> str:
     program = viewer_program()
     require_screen()
     port = free_port()
-    with Viewer(
-        program, [*_listening(port), "--hide-welcome-screen", "--expect-data-soon", "--detach-process"]
-    ) as viewer:
+    with Viewer(program, [*_listening(port), "--hide-welcome-screen", "--expect-data-soon", "--detach-process"]) as viewer:
         viewer.await_port(port, may_end=True)
     return stream_address(port)
 
@@ -219,9 +217,7 @@ class Viewer:
         self._output = tempfile.TemporaryFile()  # noqa: SIM115  closed on leaving
         # A window that outlives this process belongs to no one: its program starts another process and ends.
         start: type[subprocess.Popen[Any]] = subprocess.Popen if "--detach-process" in arguments else Child
-        self._process = start(
-            [str(program), *arguments], stdin=subprocess.DEVNULL, stdout=self._output, stderr=self._output
-        )
+        self._process = start([str(program), *arguments], stdin=subprocess.DEVNULL, stdout=self._output, stderr=self._output)
 
     def wait(self) -> None:
         """Wait until it ends; a GlbenchError when it ends with an error."""
@@ -232,9 +228,7 @@ class Viewer:
     def await_port(self, port: int, *, may_end: bool = False) -> None:
         """Wait until it, or what it left behind where it ``may_end``, listens on ``port``."""
         until = time.monotonic() + _START_SECONDS
-        while time.monotonic() < until and (
-            self._process.poll() is None or (may_end and self._process.returncode == 0)
-        ):
+        while time.monotonic() < until and (self._process.poll() is None or (may_end and self._process.returncode == 0)):
             try:
                 socket.create_connection((LOOPBACK, port), timeout=0.2).close()
             except OSError:
@@ -292,16 +286,13 @@ class LiveView:
         self._times = weather.times[: task.steps + 1].astype("datetime64[ns]")
         self._signals = signals = signals_of(task)
         self._tables: dict[Source, Floats] = {
-            source: np.zeros((task.steps, len(signals.vector(source))))
-            for source in ("state", "derived", "control", "air", "quantity")
+            source: np.zeros((task.steps, len(signals.vector(source)))) for source in ("state", "derived", "control", "air", "quantity")
         }
         self._weather = weather.values[: task.steps]
         self._clock = weather.hour_of_day[: task.steps + 1, None]
         sources = {**self._tables, "disturbance": self._weather, "clock": self._clock[1:]}
         self._columns = {
-            one.name: sources[one.source][:, one.index]
-            for one in signals.recorded
-            if one.name in (*signals.needed, signals.clock)
+            one.name: sources[one.source][:, one.index] for one in signals.recorded if one.name in (*signals.needed, signals.clock)
         }
         self._started = False
         self._steps = self._sent = 0
@@ -342,9 +333,7 @@ class LiveView:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, place: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, place: TracebackType | None) -> None:
         self.close()
 
     def _send(self) -> None:

@@ -449,10 +449,7 @@ def _recorded(task: TaskSpec) -> tuple[Signal, ...]:
     """Controls, weather, climate, crop, other states, clock, what is derived, money and amounts, violations."""
     model = task.model_value
     crop = model.crop_states
-    states = [
-        Signal(s.name, s.unit, s.meaning, "crop" if s.name in crop else "state", "state", i)
-        for i, s in enumerate(model.states)
-    ]
+    states = [Signal(s.name, s.unit, s.meaning, "crop" if s.name in crop else "state", "state", i) for i, s in enumerate(model.states)]
     amounts = [
         Signal(q.name, q.unit, q.meaning, "violations" if beyond else "economics", "quantity", i)
         for i, q in enumerate(task.quantities)
@@ -469,10 +466,7 @@ def _recorded(task: TaskSpec) -> tuple[Signal, ...]:
         *sorted((one for one in states if one.group == "crop"), key=lambda one: crop.index(one.name)),
         *(one for one in states if one.group == "state"),
         Signal(_HOUR, quantities.CLOCK[_HOUR].unit, quantities.CLOCK[_HOUR].meaning, "clock", "clock", 0),
-        *(
-            Signal(column.name, column.unit, column.meaning, "derived", "derived", i)
-            for i, (column, _) in enumerate(_derived(task))
-        ),
+        *(Signal(column.name, column.unit, column.meaning, "derived", "derived", i) for i, (column, _) in enumerate(_derived(task))),
         *(one for one in amounts if one.group == "economics"),
         *(one for one in amounts if one.group == "violations"),
     )
@@ -506,10 +500,7 @@ def _derived(task: TaskSpec) -> list[tuple[Column, Formula]]:
         elif series.today is not None:
             columns.append((column, of_day(series.today)))
     if model.air is not None:
-        columns += [
-            (Column(name, entry.unit, entry.label), of_air(_DEFICITS[name]))
-            for name, entry in quantities.DEFICITS.items()
-        ]
+        columns += [(Column(name, entry.unit, entry.label), of_air(_DEFICITS[name])) for name, entry in quantities.DEFICITS.items()]
     return columns
 
 
@@ -530,31 +521,21 @@ def _pages(task: TaskSpec) -> tuple[Page, ...]:
             for name, entry in quantities.DEFICITS.items()
         )
     earned = [item for item in _by_amount(task.ledger.earned) if not _is_energy(item)]
-    if (
-        len(earned) > 1 and len({item.amount_unit for item in earned}) == 1
-    ):  # such as fruit on the plants and fruit picked
+    if len(earned) > 1 and len({item.amount_unit for item in earned}) == 1:  # such as fruit on the plants and fruit picked
         first, *others = (_amount_title(item) for item in earned)
         title = f"{' and '.join([first, *map(quantities.in_sentence, others)])}, summed"
         unit = quantities.raised_unit(earned[0].amount_unit)
         curves["crop"].append(Curve("crop/harvest", title, unit, tuple(item.amount for item in earned), "sum"))
-    curves["crop"] += (
-        _summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued == FLOW
-    )
+    curves["crop"] += (_summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued == FLOW)
     for series in model.signals():
         curves.setdefault(series.path.partition("/")[0], []).append(_curve(model, series))
-    curves["crop"] += (
-        _summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued != FLOW
-    )
+    curves["crop"] += (_summed(f"crop/{item.amount}", _amount_title(item), item) for item in earned if item.valued != FLOW)
     curves.setdefault("energy", []).extend(_energy(task))
     for quantity in task.quantities:
         if quantity.name in quantities.STEP and (page := quantities.STEP[quantity.name].page):
             title, unit = f"{quantities.STEP[quantity.name].label}, summed", _unit_of(quantity.unit)
             curves.setdefault(page, []).append(Curve(f"{page}/{quantity.name}", title, unit, (quantity.name,), "sum"))
-    pages = [
-        Page(_TITLES.get(group) or quantities.capitalised(group), tuple(listed))
-        for group, listed in curves.items()
-        if listed
-    ]
+    pages = [Page(_TITLES.get(group) or quantities.capitalised(group), tuple(listed)) for group, listed in curves.items() if listed]
     return (*pages, Page("Money", _money(task)), Page("Violations", _violations(task, limited)))
 
 
@@ -683,14 +664,8 @@ def _money(task: TaskSpec) -> tuple[Curve, ...]:
     profit = "Economic performance" if ledger.meaning.startswith("economic performance") else "Profit"
     return (
         summed("epi", f"{profit} (EPI)", "EUR m⁻²"),
-        *(
-            summed(i.name, f"Revenue of the {quantities.in_sentence(_label(i))}", quantities.raised_unit(i.unit))
-            for i in ledger.earned
-        ),
-        *(
-            summed(i.name, f"Cost of {quantities.in_sentence(_label(i))}", quantities.raised_unit(i.unit))
-            for i in ledger.paid
-        ),
+        *(summed(i.name, f"Revenue of the {quantities.in_sentence(_label(i))}", quantities.raised_unit(i.unit)) for i in ledger.earned),
+        *(summed(i.name, f"Cost of {quantities.in_sentence(_label(i))}", quantities.raised_unit(i.unit)) for i in ledger.paid),
         summed("reward", _total("reward", units["reward"]), _unit_of(units["reward"])),
     )
 

@@ -76,9 +76,7 @@ def prepare(
     _keep_secret(task, protected)
     seeds = _seeds(task, runs, first_seed)
     selection = parse_selection(episodes)
-    chosen_rows(
-        selection, seeds, [0.0] * len(seeds)
-    )  # a seed that no run has is reported now, not after the evaluation
+    chosen_rows(selection, seeds, [0.0] * len(seeds))  # a seed that no run has is reported now, not after the evaluation
     workers = None if workers is None else whole_number(workers, "The number of workers")
     if workers is not None and workers < 1:
         msg = f"An evaluation needs at least one worker; got {workers}."
@@ -275,10 +273,7 @@ def _finished(
         msg = f"{path} holds a result with other draws than these. Choose another folder with --out."
         raise ResultError(msg)
     made_by = (stored.task.digest, stored.agent.digest, stored.evaluation.kernel, stored.versions.glbench)
-    if (
-        made_by != (task.digest, agent.digest, kernel, __version__)
-        or stored.agent.training != agent_record(agent).training
-    ):
+    if made_by != (task.digest, agent.digest, kernel, __version__) or stored.agent.training != agent_record(agent).training:
         return None
     if protection == "bubblewrap" and stored.evaluation.sandbox != "bubblewrap":
         return None
@@ -458,9 +453,7 @@ class Evaluation:
         else:
             from glbench.evaluation.sandbox.runners import SandboxedAgent, sandboxed_runner
 
-            runner = sandboxed_runner(
-                SandboxedAgent.of(self.submission, self.task, n, self.limits, self.sizes, self.prints)
-            )
+            runner = sandboxed_runner(SandboxedAgent.of(self.submission, self.task, n, self.limits, self.sizes, self.prints))
         if self.is_part and not runner.one_by_one:
             runner.close()
             msg = f"'{self.agent.name}' decides for all runs at once: they cannot be computed apart."

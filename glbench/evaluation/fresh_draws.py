@@ -107,9 +107,7 @@ def add_fresh_draws(job: Job, run: Run) -> Result:
     fresh = run(again)
     actions = again.prepare().path
     if actions is None or fresh.record is None:
-        msg = (
-            f"The evaluation of '{job.agent_name}' with fresh draws has no recorded actions, so it cannot be verified."
-        )
+        msg = f"The evaluation of '{job.agent_name}' with fresh draws has no recorded actions, so it cannot be verified."
         raise ResultError(msg)
     target = fresh_actions_path(result_path(evaluation.out, task.id, job.agent_name))
     fresh_draws = FreshDraws(

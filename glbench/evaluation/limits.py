@@ -121,9 +121,7 @@ class Answer(Generic[T]):
     seconds: float
 
 
-def guarded(
-    call: Callable[[], T], seconds: float, what: str, through: tuple[type[BaseException], ...] = (KeyboardInterrupt,)
-) -> Answer[T]:
+def guarded(call: Callable[[], T], seconds: float, what: str, through: tuple[type[BaseException], ...] = (KeyboardInterrupt,)) -> Answer[T]:
     """Run an agent's code with a time limit; ``what`` names the call in the failure's reason, ``through`` is not caught."""
     began = time.perf_counter()
     value: T | None = None

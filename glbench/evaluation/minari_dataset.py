@@ -340,9 +340,7 @@ def _new_storage(
     import minari
     from minari.dataset.minari_storage import MinariStorage
 
-    storage: MinariStorage = MinariStorage.new(
-        data, observation_space(task), action_space(task), env_spec=_spec(task), data_format=FORMAT
-    )
+    storage: MinariStorage = MinariStorage.new(data, observation_space(task), action_space(task), env_spec=_spec(task), data_format=FORMAT)
     evaluated = _spec(task.chosen_on)
     storage.update_metadata(
         {
@@ -394,9 +392,7 @@ def _description(task: TaskSpec, agents: Sequence[Protected], noise: float) -> s
     names = ", ".join(agent.agent.name for agent in agents)
     where = "seeds that no task is scored with" if task.split is None else "its training split"
     noisy = f", with Gaussian noise of {noise:g} of half the range on every action" if noise else ""
-    return (
-        f"Seasons of {task.steps} steps of {task.id} ({task.title}) on {where}, under {names}{noisy}. {_licence(task)}"
-    )
+    return f"Seasons of {task.steps} steps of {task.id} ({task.title}) on {where}, under {names}{noisy}. {_licence(task)}"
 
 
 def _licence(task: TaskSpec) -> str:

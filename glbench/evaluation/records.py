@@ -56,9 +56,7 @@ def _agent_name(name: str) -> str:
 class Record(pydantic.BaseModel):
     """Base of the records: frozen, no unknown fields, no NaN."""
 
-    model_config = pydantic.ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True
-    )
+    model_config = pydantic.ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True)
 
 
 class Sparse(Record):
@@ -279,9 +277,7 @@ class Result(Sparse):
         for run in self.runs:
             if set(run.metrics) != set(self.units):
                 missing, more = sorted(set(self.units) - set(run.metrics)), sorted(set(run.metrics) - set(self.units))
-                msg = (
-                    f"run with seed {run.seed} lacks metrics that have a unit {missing}, or has some without one {more}"
-                )
+                msg = f"run with seed {run.seed} lacks metrics that have a unit {missing}, or has some without one {more}"
                 raise ValueError(msg)
             if any(abs(value) > _LARGEST_METRIC for value in run.metrics.values()):
                 msg = f"run with seed {run.seed} has a metric above {_LARGEST_METRIC:g}"
@@ -385,9 +381,7 @@ class Result(Sparse):
             for name, unit in self.units.items()
             if any(values := self.values(name))
         ]
-        return html_of(
-            f"{self.agent.name} on {self.task.id}", facts, ("metric", "unit", "mean", "lowest", "highest"), rows
-        )
+        return html_of(f"{self.agent.name} on {self.task.id}", facts, ("metric", "unit", "mean", "lowest", "highest"), rows)
 
     def to_json(self) -> str:
         """The text of the result file: JSON, two spaces, floats in the shortest form that reads back to the same bits."""
@@ -405,9 +399,7 @@ def summarise(runs: tuple[RunResult, ...]) -> Summary:
     return Summary(runs=len(runs), ok=ok, failed=len(runs) - ok, statuses=statuses, mean=mean)
 
 
-def results_digest(
-    task_digest: str, agent: AgentRecord, runs: tuple[RunResult, ...], salt_commitment: str | None = None
-) -> str:
+def results_digest(task_digest: str, agent: AgentRecord, runs: tuple[RunResult, ...], salt_commitment: str | None = None) -> str:
     """SHA-256 over the canonical JSON (RFC 8785) of what must repeat bit for bit: task, commitment to a salt, agent, and every run."""
     deterministic: dict[str, Any] = {
         "task": task_digest,
@@ -443,9 +435,7 @@ def current_versions(model: str) -> Versions:
 
 def this_machine() -> Machine:
     """Processor, cores that this process may use, operating system."""
-    return Machine(
-        processor=_processor(), architecture=platform.machine(), cores=usable_cores(), system=platform.platform()
-    )
+    return Machine(processor=_processor(), architecture=platform.machine(), cores=usable_cores(), system=platform.platform())
 
 
 def usable_cores() -> int:

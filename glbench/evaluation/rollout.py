@@ -85,11 +85,7 @@ class RunTotals:
             steps = int(self.steps[row])
             sums = dict(zip(self._metrics.names, self.totals[:, row].tolist(), strict=True))
             metrics = with_missing_steps(sums, self._task.steps - steps, prices)
-            failures.append(
-                RunResult(
-                    seed=seed, status=status, reason=reason, steps=steps, metrics=metrics, cluster=self._seasons[row]
-                )
-            )
+            failures.append(RunResult(seed=seed, status=status, reason=reason, steps=steps, metrics=metrics, cluster=self._seasons[row]))
         return tuple(failures)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -252,10 +248,7 @@ class RolloutLoop:
         if np.maximum.reduce(seconds) <= limit:
             return []
         late = np.flatnonzero(seconds > limit)
-        return [
-            Failure(int(row), "timed_out", f"the run's decisions together took longer than their limit of {limit:g} s")
-            for row in late
-        ]
+        return [Failure(int(row), "timed_out", f"the run's decisions together took longer than their limit of {limit:g} s") for row in late]
 
     def _report(self, step: int, *, replaying: bool = False, waiting: str = "act", limit: float | None = None) -> None:
         if self._progress is not None:

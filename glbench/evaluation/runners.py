@@ -94,9 +94,7 @@ class AgentRunner(ABC):
         """Let go of whatever the agent holds outside this process."""
 
 
-def make_runner(
-    agent: LoadedAgent, task: TaskSpec, card: TaskCard, seeds: Sequence[int], limits: TimeLimits
-) -> AgentRunner:
+def make_runner(agent: LoadedAgent, task: TaskSpec, card: TaskCard, seeds: Sequence[int], limits: TimeLimits) -> AgentRunner:
     """A fresh agent for the runs of ``task`` with ``seeds``, in this process, in the harness that fits it.
 
     Raises
@@ -121,9 +119,7 @@ def make_runner(
     return runner
 
 
-def _make_agent(
-    agent: LoadedAgent, card: TaskCard, limits: TimeLimits
-) -> Agent | PrivilegedController | ScenarioController:
+def _make_agent(agent: LoadedAgent, card: TaskCard, limits: TimeLimits) -> Agent | PrivilegedController | ScenarioController:
     answer = guarded(lambda: agent.make(card), limits.start, "make_agent", through=(KeyboardInterrupt, SubmissionError))
     if answer.value is None:
         reason = answer.failure.reason if answer.failure else "make_agent returned nothing"
@@ -185,9 +181,7 @@ class PrivilegedRunner(BatchRunner):
 
     _call = "controls (for all runs)"
 
-    def __init__(
-        self, controller: PrivilegedController, task: TaskSpec, card: TaskCard, n: int, limits: TimeLimits
-    ) -> None:
+    def __init__(self, controller: PrivilegedController, task: TaskSpec, card: TaskCard, n: int, limits: TimeLimits) -> None:
         controls = tuple(Action(name, 0.0, 1.0) for name in task.model_value.control_names)
         super().__init__(cast(Agent, controller), replace(card, actions=controls), n, limits)
         self._task = card
@@ -224,9 +218,7 @@ class PrivilegedRunner(BatchRunner):
 class ScenarioRunner(BatchRunner):
     """A controller of glbench that knows everything that is given in its runs and is shown the true states."""
 
-    def __init__(
-        self, controller: ScenarioController, task: TaskSpec, card: TaskCard, seeds: Sequence[int], limits: TimeLimits
-    ) -> None:
+    def __init__(self, controller: ScenarioController, task: TaskSpec, card: TaskCard, seeds: Sequence[int], limits: TimeLimits) -> None:
         super().__init__(cast(Agent, controller), card, len(seeds), limits)
         self._runs = task, tuple(seeds)
 

@@ -219,9 +219,7 @@ def write_episodes(
     return _write(episodes, episodes_folder(path))
 
 
-def make_episodes(
-    selection: Sequence[str], result: Result, path: Path, task: TaskSpec, folder: Path | None = None
-) -> tuple[Path, ...]:
+def make_episodes(selection: Sequence[str], result: Result, path: Path, task: TaskSpec, folder: Path | None = None) -> tuple[Path, ...]:
     """Make the chosen full episodes of a stored result by replaying; those that are there already stay as they are.
 
     Raises
@@ -249,9 +247,9 @@ def task_of_result(result: Result, path: Path, sealed: Round | None = None) -> T
     EpisodeError
         When the result is of another version of the task, or its recorded actions cannot be used.
     """
-    task = (
-        get_task(result.task.id) if result.task.id in task_ids() else recorded_actions(result, path).task()
-    ).scored_in(result.task.split)
+    task = (get_task(result.task.id) if result.task.id in task_ids() else recorded_actions(result, path).task()).scored_in(
+        result.task.split
+    )
     if task.digest != result.task.digest:
         msg = (
             f"{path} is of another version of {task.id} (digest {result.task.digest[:12]}..., here {task.digest[:12]}...): "
@@ -357,6 +355,4 @@ def _card(agent: str, task: str, seed: int) -> str:
         "made": f"glbench evaluate {agent} --task {task} --seed {seed} --runs 1, then glbench episodes recording RESULT --run {seed}",
     }
     # A string of JSON is one of TOML; names come from a result, which may be a stranger's.
-    return (
-        "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in card.items()) + "sources = []\n"
-    )
+    return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in card.items()) + "sources = []\n"

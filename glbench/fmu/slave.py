@@ -65,9 +65,7 @@ def _amount(value: float, unit: str) -> str:
 class _Real(pythonfmu.Real):  # type: ignore[misc]  # PythonFMU has no types
     """A real variable with unit and bounds, which PythonFMU's own does not write."""
 
-    def __init__(
-        self, name: str, unit: str, low: float | None = None, high: float | None = None, **options: Any
-    ) -> None:
+    def __init__(self, name: str, unit: str, low: float | None = None, high: float | None = None, **options: Any) -> None:
         super().__init__(name, **options)
         self.unit, self._bounds = unit, {"min": low, "max": high}
 
@@ -179,9 +177,7 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
         assert structure is not None
         outputs, unknowns = structure.find("Outputs"), SubElement(structure, "InitialUnknowns")
         assert outputs is not None
-        for (
-            output
-        ) in outputs:  # none looks through to an input of the same moment; at the start all follow from seed and split
+        for output in outputs:  # none looks through to an input of the same moment; at the start all follow from seed and split
             SubElement(unknowns, "Unknown", output.attrib, dependencies="1 2")
             output.set("dependencies", "")
         return root
@@ -262,9 +258,7 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
             if not simulation.over:
                 self._weather = simulation.d[0].tolist()
             if ended and simulation.result is not None and simulation.result.failed:
-                why = (
-                    f"The season has ended: a control step could not be computed. {simulation.result.failed[0].reason}"
-                )
+                why = f"The season has ended: a control step could not be computed. {simulation.result.failed[0].reason}"
                 self._report(why, Fmi2Status.warning)
                 break
         for place, quantity in enumerate(task.quantities):

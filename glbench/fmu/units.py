@@ -23,8 +23,7 @@ def fmi_unit(unit: str) -> str:
     """The name of ``unit`` in an FMU: ``mg.m-2.s-1`` for ``mg m-2 s-1``, ``degC`` for degrees Celsius; empty for none."""
     exponents = parse_unit(unit)
     return ".".join(
-        ("degC" if symbol == "°C" else symbol) + ("" if exponent == 1 else f"{exponent:g}")
-        for symbol, exponent in exponents.items()
+        ("degC" if symbol == "°C" else symbol) + ("" if exponent == 1 else f"{exponent:g}") for symbol, exponent in exponents.items()
     )
 
 

@@ -76,9 +76,7 @@ def outdoors(temperature: float, wind: float = WIND) -> Array:
     """Disturbances of a night outside with this air temperature [degC] and wind [m s-1]."""
     vapour = HUMIDITY * float(saturation_vapour_pressure(temperature))
     sky = temperature - SKY_BELOW
-    return _vector(
-        TOMATO.disturbance_names, tOut=temperature, vpOut=vapour, co2Out=750.0, wind=wind, tSky=sky, tSoOut=SOIL
-    )
+    return _vector(TOMATO.disturbance_names, tOut=temperature, vpOut=vapour, co2Out=750.0, wind=wind, tSky=sky, tSoOut=SOIL)
 
 
 def balance(parameters: Array, weather: Array, **controls: float) -> Array:

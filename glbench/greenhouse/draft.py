@@ -61,11 +61,7 @@ class Draft:
         for band in ("Par", "Nir"):
             self.add(f"tau{layer}{band}", light, reason)
             reflected = min(self.book[f"rho{layer}{band}"], max(1.0 - _ABSORBED - light, 0.0))
-            self.add(
-                f"rho{layer}{band}",
-                reflected,
-                f"what the light leaves, at most {self.book[f'rho{layer}{band}']:g} of the book",
-            )
+            self.add(f"rho{layer}{band}", reflected, f"what the light leaves, at most {self.book[f'rho{layer}{band}']:g} of the book")
 
     def add_supply(self, name: str, supply: Supply | None, entry: str, factor: float, unit: str) -> None:
         """Set what is installed of the whole greenhouse; ``factor`` leads from the parameter's unit to ``unit``, of the floor."""

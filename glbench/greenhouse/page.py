@@ -30,9 +30,7 @@ _M2_HA = 1e4
 def _amount(text: Any, units: Mapping[str, float], example: str) -> tuple[float, str]:
     """A number in the unit that the factors lead to, and its own unit as ``units`` spells it."""
     if not isinstance(text, str):
-        msg = (
-            f"{quoted(text)} has no unit. Write number and unit in quotes, such as {example}; units: {', '.join(units)}"
-        )
+        msg = f"{quoted(text)} has no unit. Write number and unit in quotes, such as {example}; units: {', '.join(units)}"
         raise ValueError(msg)  # noqa: TRY004 -- pydantic takes it for a wrong value
     advice = decimal_point(text)
     number = _NUMBER.fullmatch(text.strip())
@@ -53,9 +51,7 @@ def _quantity(units: Mapping[str, float], example: str, lowest: float = 0.0, hig
     def read(text: Any) -> float:
         value, unit = _amount(text, units, example)
         if not lowest <= value <= highest:
-            msg = (
-                f"{quoted(text)}: it must be from {lowest / units[unit]:,.10g} to {highest / units[unit]:,.10g} {unit}"
-            )
+            msg = f"{quoted(text)}: it must be from {lowest / units[unit]:,.10g} to {highest / units[unit]:,.10g} {unit}"
             raise ValueError(msg)
         return value
 
@@ -115,21 +111,13 @@ class House(settings.Table):
         draft.add("psi", slope, "roof_slope")
         gutter = draft.value_or(self.gutter_height, book["hAir"] + SCREEN_BELOW_GUTTER, "gutter_height", "m")
         rise = 0.5 * SPAN * math.tan(math.radians(slope))
-        ridge = draft.value_or(
-            self.ridge_height, gutter + rise, "ridge_height", "m", f"spans of {SPAN:g} m with this slope"
-        )
+        ridge = draft.value_or(self.ridge_height, gutter + rise, "ridge_height", "m", f"spans of {SPAN:g} m with this slope")
         length = draft.value_or(self.length, math.sqrt(floor), "length", "m", "a square floor")
         width = floor / length
         walls, gables = 2.0 * (length + width) * gutter, min(length, width) * (ridge - gutter)
         roof = floor / math.cos(math.radians(slope))
-        draft.add(
-            "aCov",
-            roof + walls + gables,
-            f"roof {roof:,.0f} m2 (floor / cos slope), walls and gables {walls + gables:,.0f} m2",
-        )
-        draft.add(
-            "hAir", gutter - SCREEN_BELOW_GUTTER, f"gutter height minus {SCREEN_BELOW_GUTTER:g} m: below the screens"
-        )
+        draft.add("aCov", roof + walls + gables, f"roof {roof:,.0f} m2 (floor / cos slope), walls and gables {walls + gables:,.0f} m2")
+        draft.add("hAir", gutter - SCREEN_BELOW_GUTTER, f"gutter height minus {SCREEN_BELOW_GUTTER:g} m: below the screens")
         draft.add("hGh", 0.5 * (gutter + ridge), "mean of gutter and ridge height")
         light = draft.value_or(self.roof_light, book["tauRfPar"], "roof_light", "%")
         if self.roof_light is not None:
@@ -150,9 +138,7 @@ class Heating(settings.Table):
         diameter = draft.value_or(self.pipe_diameter, book["phiPipeE"], "pipe_diameter", "m")
         draft.add("phiPipeE", diameter, "pipe_diameter")
         if self.pipe_diameter is not None:
-            draft.add(
-                "phiPipeI", diameter - 2.0 * PIPE_WALL, f"pipe_diameter minus two walls of {1e3 * PIPE_WALL:g} mm"
-            )
+            draft.add("phiPipeI", diameter - 2.0 * PIPE_WALL, f"pipe_diameter minus two walls of {1e3 * PIPE_WALL:g} mm")
         draft.add("lPipe", draft.value_or(self.pipe_length, book["lPipe"], "pipe_length", "m/m2"), "pipe_length")
 
 

@@ -13,11 +13,7 @@ from glbench.model.plausibility import find_doubts
 from glbench.realism.houses import mix_lamps
 from glbench.tasks.set_points import BLACKOUT, DOSING, LAMPS, SCREEN, WORKED
 
-_CLOTHS = {
-    "epsThScrFir": (0.05, 0.95),
-    "tauThScrFir": (0.0, 0.5),
-    "kThScr": (1e-6, 2e-3),
-}
+_CLOTHS = {"epsThScrFir": (0.05, 0.95), "tauThScrFir": (0.0, 0.5), "kThScr": (1e-6, 2e-3)}
 """Heat radiation that an energy screen takes up and lets through [-], air that it lets through [m s-1 K-0.66]: of the densest and of the
 most open cloth. Between them lie those that save less and less."""
 _SAVING_TOLERANCE = 0.02
@@ -66,15 +62,11 @@ def lamp_properties(lamps: Lamps, kind: str, draft: Draft) -> tuple[float, dict[
     if lamps.power is not None:
         power = lamps.power.total(draft.floor) / draft.floor
     elif light is not None:
-        power = draft.value_or(
-            None, light / efficacy, f"{entry}.power", "W/m2", f"{efficacy:.3g} umol/J of the book {kind}_2021"
-        )
+        power = draft.value_or(None, light / efficacy, f"{entry}.power", "W/m2", f"{efficacy:.3g} umol/J of the book {kind}_2021")
     else:
         power = draft.value_or(None, properties["thetaLampMax"], f"{entry}.power", "W/m2", f"the book {kind}_2021")
     if light is None:
-        light = draft.value_or(
-            None, power * efficacy, f"{entry}.light", "umol/m2/s", f"{efficacy:.3g} umol/J of the book {kind}_2021"
-        )
+        light = draft.value_or(None, power * efficacy, f"{entry}.light", "umol/m2/s", f"{efficacy:.3g} umol/J of the book {kind}_2021")
     share = light / (power * photons) if power > 0.0 else 0.0 if light == 0.0 else float("inf")
     if share > 1.0 - properties["etaLampNir"]:
         msg = (
@@ -92,11 +84,7 @@ def design(page: Page) -> Greenhouse:
     for table in tables:
         if table is not None:
             table.fill(draft)
-    absent = [
-        name
-        for name, table in ((SCREEN, page.energy_screen), (BLACKOUT, page.blackout_screen), (DOSING, page.co2))
-        if table is None
-    ]
+    absent = [name for name, table in ((SCREEN, page.energy_screen), (BLACKOUT, page.blackout_screen), (DOSING, page.co2)) if table is None]
     if page.co2 is None:
         draft.add("phiExtCo2", 0.0, "no [co2] on the page")
     kinds = {kind: lamps for kind, lamps in (("hps", page.hps_lamps), ("led", page.led_lamps)) if lamps is not None}
@@ -138,9 +126,7 @@ def design(page: Page) -> Greenhouse:
             f"{ability.boiler:.0f} W/m2 below {HOT_PIPES:.0f} degC. The house may have more pipes (pipe_length), or a smaller boiler."
         )
     if ability is not None and ability.boiler < 0.8 * ability.cold_heat:
-        doubts.append(
-            f"The boiler gives {ability.boiler:.0f} W/m2; 18 degC at -10 degC outside would need {ability.cold_heat:.0f} W/m2."
-        )
+        doubts.append(f"The boiler gives {ability.boiler:.0f} W/m2; 18 degC at -10 degC outside would need {ability.cold_heat:.0f} W/m2.")
     controls = tuple(name for name in WORKED if name not in absent)
     entries, assumptions = tuple(draft.entries.values()), tuple(draft.assumptions)
     return Greenhouse(page.book, entries, assumptions, tuple(doubts), tuple(refusals), controls, ability)
@@ -154,12 +140,10 @@ def _fit_screen(saving: float, draft: Draft, values: dict[str, float]) -> None:
         """From 0, the densest, over 1, the book's, to 2, the most open."""
         weight = openness if openness <= 1.0 else openness - 1.0
         ends = {
-            name: (dense, draft.book[name]) if openness <= 1.0 else (draft.book[name], open_)
-            for name, (dense, open_) in _CLOTHS.items()
+            name: (dense, draft.book[name]) if openness <= 1.0 else (draft.book[name], open_) for name, (dense, open_) in _CLOTHS.items()
         }
         return {
-            name: low * (high / low) ** weight if name == "kThScr" else low + weight * (high - low)
-            for name, (low, high) in ends.items()
+            name: low * (high / low) ** weight if name == "kThScr" else low + weight * (high - low) for name, (low, high) in ends.items()
         }
 
     def excess(openness: float) -> float:
@@ -174,7 +158,5 @@ def _fit_screen(saving: float, draft: Draft, values: dict[str, float]) -> None:
         draft.refusals.append(msg)
         return
     for name, value in cloth(float(brentq(excess, 0.0, 2.0, xtol=1e-3))).items():
-        draft.add(
-            name, value, f"a cloth that saves {100.0 * saving:g} % of the heat at 0 degC outside (energy_screen.saving)"
-        )
+        draft.add(name, value, f"a cloth that saves {100.0 * saving:g} % of the heat at 0 degC outside (energy_screen.saving)")
         values[name] = value

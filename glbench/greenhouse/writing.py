@@ -71,10 +71,7 @@ def task_text(page: Page, house: Greenhouse, task_id: str, source: str) -> str:
     for entry in house.entries:
         lines.append(f'{entry.name:<{width}} = {{ value = {entry.value!r}, unit = "{entry.unit}" }}  # {entry.reason}')
     if house.assumptions:
-        lines += [
-            "",
-            f"# The page does not say these. What holds instead, besides all other parameters of the book {house.book}:",
-        ]
+        lines += ["", f"# The page does not say these. What holds instead, besides all other parameters of the book {house.book}:"]
         lines += [f"#   {assumption}" for assumption in house.assumptions]
     lines += [f"# Doubt: {doubt}" for doubt in house.doubts]
     controls = [name for name in base.actuation.controls if name not in WORKED or name in house.controls]
@@ -89,16 +86,10 @@ def task_text(page: Page, house: Greenhouse, task_id: str, source: str) -> str:
                 TOMATO.parameters.default(house.book, own | {name: values[name] * (1.0 + group.half_width)})
                 variable.append(name)
         lines += ["", "[[scenario.parameters]]", f'name = "{group.name}"', f"parameters = {_list(variable)}"]
-        lines += [
-            f"half_width = {group.half_width!r}",
-            f'redraw = "{group.redraw}"',
-            f'distribution = "{group.distribution}"',
-        ]
+        lines += [f"half_width = {group.half_width!r}", f'redraw = "{group.redraw}"', f'distribution = "{group.distribution}"']
         if len(variable) < len(group.parameters):
             constant = ", ".join(name for name in group.parameters if name not in variable)
-            lines.append(
-                f"# The same in all runs, because {100.0 * group.half_width:g} % more would be more than all: {constant}"
-            )
+            lines.append(f"# The same in all runs, because {100.0 * group.half_width:g} % more would be more than all: {constant}")
     return "\n".join(lines) + "\n"
 
 
@@ -152,17 +143,10 @@ def rules_text(page: Page, task: TaskSpec) -> dict[str, str]:
     heat, dosing = ((after[name] / after["aFlr"]) / (before[name] / before["aFlr"]) for name in ("pBoil", "phiExtCo2"))
     scaled = {name: getattr(numbers, name) / heat for name in _FIELDS} if heat > 0.0 else {}
     scaled |= {"boiler_band": numbers.boiler_band * heat, "co2_band": numbers.co2_band * dosing}
-    changes = {
-        name: rounded(min(max(value, numbers.bounds(name)[0]), numbers.bounds(name)[1]))
-        for name, value in scaled.items()
-    }
+    changes = {name: rounded(min(max(value, numbers.bounds(name)[0]), numbers.bounds(name)[1])) for name, value in scaled.items()}
     if not of_energy and LAMPS in task.actuation.controls:
         season = page.season
-        changes |= {
-            "lamps_from": season.lamps_from,
-            "lamps_until": season.lamps_until,
-            "lamps_radiation": season.lamps_radiation,
-        }
+        changes |= {"lamps_from": season.lamps_from, "lamps_until": season.lamps_until, "lamps_radiation": season.lamps_radiation}
     scope = (task.id,) if of_energy else tuple(task.reward.modules)
     heading = [
         f"Rules for {task.id}: those that glbench ships for {base.id}. Shares of boiler and CO2 supply were scaled to what is installed",

@@ -71,9 +71,7 @@ class Door:
         return 2 * (self.states + self.controls + self.memory)
 
 
-def open_door(
-    task: TaskSpec, seeds: Sequence[int], places: int, preset: str, workers: int, info: Sequence[str]
-) -> Door:
+def open_door(task: TaskSpec, seeds: Sequence[int], places: int, preset: str, workers: int, info: Sequence[str]) -> Door:
     """Open the door of ``task`` with the scenarios of ``seeds``; one that is open already is used again.
 
     Raises
@@ -93,13 +91,9 @@ def open_door(
     program, parts = make_program(task)
     if parts is not NO_PARTS:
         raise _not_served(task, f"{', '.join(_python_parts(task))} is Python")
-    environments = make_kernel(task.model_value, task.step_seconds, workers=workers, preset=preset).environments(
-        program, 1
-    )
+    environments = make_kernel(task.model_value, task.step_seconds, workers=workers, preset=preset).environments(program, 1)
     if not isinstance(environments, CompiledEnvironments):
-        raise _not_served(
-            task, why_not_compiled(task.model_value) or "its program is too large for the compiled kernel"
-        )
+        raise _not_served(task, why_not_compiled(task.model_value) or "its program is too large for the compiled kernel")
     facts = (task.id, task.digest, task.split, task.sealed, tuple(seeds), places, preset, workers, tuple(info))
     name = f"{task.id} {preset} {hashlib.sha256(repr(facts).encode()).hexdigest()[:24]}"
     if name not in _OPEN:

@@ -227,9 +227,7 @@ class Environment:
             For an action that is not finite. Under ``jit`` it may be raised when a later result is waited for.
         """
         key_cut, key_end = jax.random.split(key)
-        observation, state, reward, done, info = self._step(
-            state, action, self._scenario(key_end, params), autoreset=True
-        )
+        observation, state, reward, done, info = self._step(state, action, self._scenario(key_end, params), autoreset=True)
         limit = None if params is None else params.max_steps_in_episode
         if limit is not None and not (isinstance(limit, int) and limit >= self.task.steps):
             cut = ~done & (state.step >= limit)
@@ -297,9 +295,7 @@ class Environment:
             _of((len(self.info),), real),
         )
         call = jax.ffi.ffi_call(STEP, kinds, vmap_method="broadcast_all")
-        *now, observation, reward, done, failed, values = call(
-            *state, action, fresh, name=door.name, autoreset=autoreset
-        )
+        *now, observation, reward, done, failed, values = call(*state, action, fresh, name=door.name, autoreset=autoreset)
         info = {name: values[place] for place, name in enumerate(self.info)}
         info |= {"failed": failed, "discount": jnp.where(done, 0.0, 1.0)}
         return self._normalise(observation), State(*now), reward, done, info

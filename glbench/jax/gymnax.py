@@ -130,9 +130,7 @@ class GymnaxEnvironment(gymnax_environment.Environment):  # type: ignore[misc]
         """Whether the season has ended, or a step could not be integrated."""
         return state.greenhouse.ended
 
-    def observe(
-        self, key: jax.Array, state: GymnaxState, action: jax.Array | None, params: GymnaxParams | None = None
-    ) -> jax.Array:
+    def observe(self, key: jax.Array, state: GymnaxState, action: jax.Array | None, params: GymnaxParams | None = None) -> jax.Array:
         """Not available: the compiled step gives the observation.
 
         Raises

@@ -154,9 +154,7 @@ class CvodesBackend:
         self._clock_rate = np.zeros(reduced.clocks.size)
         self._start = np.zeros(reduced.moving.size)
         self._end = np.zeros(reduced.moving.size)
-        self._prepare = _Buffered(
-            reduced.prepare, {0: self._u, 1: self._d, 2: self._p}, [self._constants, self._clock_rate]
-        )
+        self._prepare = _Buffered(reduced.prepare, {0: self._u, 1: self._d, 2: self._p}, [self._constants, self._clock_rate])
         integrator = ca.integrator(
             "control_step",
             "cvodes",
@@ -192,9 +190,7 @@ class CvodesBackend:
 
     def differentiator(self) -> Differentiator:
         """Return what differentiates the steps."""
-        return CvodesDifferentiator(
-            self._model.sizes, self._reduced, _options(self._settings), self._step_seconds, self.advance
-        )
+        return CvodesDifferentiator(self._model.sizes, self._reduced, _options(self._settings), self._step_seconds, self.advance)
 
     def bind(self, rows: Rows, out: FloatArray) -> BoundStep:
         """A step of these very rows without checks; see ``Kernel.bind``."""
@@ -275,9 +271,7 @@ def paper_cvodes(model: Model, tolerance: float, step_seconds: float, *, jit: bo
             "compiler": "shell",
             "jit_options": {"flags": ["-O3", "-march=native"], "verbose": False, "cleanup": False},
         }
-    return ca.integrator(
-        "cvodes_step", "cvodes", {"x": x, "p": ca.vertcat(u, d), "ode": rate}, 0.0, step_seconds, options
-    )
+    return ca.integrator("cvodes_step", "cvodes", {"x": x, "p": ca.vertcat(u, d), "ode": rate}, 0.0, step_seconds, options)
 
 
 def _options(settings: CvodesSettings) -> dict[str, Any]:
@@ -333,9 +327,7 @@ class CvodesDifferentiator:
         self._options = options | {"fsens_err_con": True}
         self._step_seconds = step_seconds
         self._advance = advance
-        self._along, self._backward = (
-            lru_cache(maxsize=4)(make) for make in (self._step_function.forward, self._step_function.reverse)
-        )
+        self._along, self._backward = (lru_cache(maxsize=4)(make) for make in (self._step_function.forward, self._step_function.reverse))
 
     def forward(self, rows: Rows, directions: Directions) -> Forward:
         """Step and differentiate along directions."""

@@ -184,9 +184,7 @@ class Kernel(Trajectories):
         if self.threads < 1:
             msg = f"The number of threads is at least 1, not {self.threads}."
             raise ShapeError(msg)
-        self._backend = make_backend(
-            backend, model, step_seconds=self.step_seconds, preset=preset, threads=self.threads
-        )
+        self._backend = make_backend(backend, model, step_seconds=self.step_seconds, preset=preset, threads=self.threads)
         self.backend = self._backend.name
         self._names = model.names
         self._differentiator: Differentiator | None = None
@@ -225,9 +223,7 @@ class Kernel(Trajectories):
             raise StepError(self._failure(failures, len(rows.x)))
         return stepped[0] if np.ndim(x) == 1 else stepped
 
-    def try_step(
-        self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike
-    ) -> tuple[FloatArray, list[StepFailure]]:
+    def try_step(self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> tuple[FloatArray, list[StepFailure]]:
         """Step a batch (n, states); a row that fails keeps its old state and is reported, the others are stepped.
 
         Inputs and errors as for ``step``, but without StepError for rows that fail.
@@ -247,9 +243,7 @@ class Kernel(Trajectories):
         """Like ``rollout``, for a caller who has checked the horizons already; see ``Trajectories.walk``."""
         return self._backend.walk(horizons, states)
 
-    def step_into(
-        self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike, out: FloatArray
-    ) -> None:
+    def step_into(self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike, out: FloatArray) -> None:
         """The same as ``step``, with the result in an array of the caller's.
 
         Parameters
@@ -346,9 +340,7 @@ def make_kernel(
     preset: str = "reference",
 ) -> Kernel:
     """Kernel whose rows ``workers`` cores share, where it is compiled; the bits are the same. Errors as for ``Kernel``."""
-    return Kernel(
-        model, step_seconds, backend=backend, preset=preset, threads=whole_number(workers, "The number of workers")
-    )
+    return Kernel(model, step_seconds, backend=backend, preset=preset, threads=whole_number(workers, "The number of workers"))
 
 
 def _positive_seconds(step_seconds: float) -> float:

@@ -112,9 +112,7 @@ def as_rows(names: Names, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, 
                 "Values that are not finite are never stepped: look for their origin, or drop the row."
             )
             raise ShapeError(msg)
-    if rows.u.size and not (
-        np.minimum.reduce(rows.u, axis=None) >= 0.0 and np.maximum.reduce(rows.u, axis=None) <= 1.0
-    ):
+    if rows.u.size and not (np.minimum.reduce(rows.u, axis=None) >= 0.0 and np.maximum.reduce(rows.u, axis=None) <= 1.0):
         row, column = np.argwhere((rows.u < 0.0) | (rows.u > 1.0))[0]
         msg = (
             f"Control {names['u'][column]} of row {row} is {rows.u[row, column]!r}; controls are fractions of the "
@@ -124,9 +122,7 @@ def as_rows(names: Names, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, 
     return rows
 
 
-def bound_rows(
-    names: Names, x: FloatArray, u: FloatArray, d: FloatArray, p: FloatArray, out: FloatArray
-) -> tuple[Rows, FloatArray]:
+def bound_rows(names: Names, x: FloatArray, u: FloatArray, d: FloatArray, p: FloatArray, out: FloatArray) -> tuple[Rows, FloatArray]:
     """The same memory as rows (n, ·) and results (n, states).
 
     Raises

@@ -305,11 +305,7 @@ class Differentiable(ABC):
             table = table[None, None]
         elif one and table.ndim == 2 and shape[1] == size:
             table = table[None]
-        elif (
-            not one
-            and shape[-1:] == (size,)
-            and (shape[:-1] == (count,) or (table.ndim == 3 and shape[0] in (1, count)))
-        ):
+        elif not one and shape[-1:] == (size,) and (shape[:-1] == (count,) or (table.ndim == 3 and shape[0] in (1, count))):
             table = table[:, None] if table.ndim == 2 else table
         else:
             expected = f"({size},) or (m, {size})" if one else f"({size},), ({count}, {size}) or ({count}, m, {size})"
@@ -325,9 +321,7 @@ class Differentiable(ABC):
         self._check(rows, result.failed, [result.tangents])
         return result
 
-    def _check(
-        self, rows: Rows, failed: npt.NDArray[np.bool_], derivatives: Sequence[FloatArray], *, steps: int = 0
-    ) -> None:
+    def _check(self, rows: Rows, failed: npt.NDArray[np.bool_], derivatives: Sequence[FloatArray], *, steps: int = 0) -> None:
         """Raise StepError for rows that failed, or whose derivatives are not finite.
 
         Rows of horizons, ``steps`` of each, are named by horizon and step.
@@ -361,9 +355,7 @@ def checked_inputs(inputs: Sequence[str]) -> tuple[str, ...]:
 
 
 @lru_cache(maxsize=32)
-def all_directions(
-    sizes: tuple[tuple[str, int], ...], parameters: tuple[int, ...], inputs: tuple[str, ...] = INPUTS
-) -> Directions:
+def all_directions(sizes: tuple[tuple[str, int], ...], parameters: tuple[int, ...], inputs: tuple[str, ...] = INPUTS) -> Directions:
     """One direction for each entry of the chosen inputs and for each chosen parameter, shared by all rows."""
     size = dict(sizes)
     widths = {key: size[key] if key in inputs else 0 for key in INPUTS} | {"p": len(parameters)}

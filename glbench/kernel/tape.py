@@ -132,11 +132,7 @@ class Recorder:
         self._open.close()
         self._recording = False
         if isinstance(error, RuntimeError | TypeError | NotImplementedError) and not isinstance(error, GlbenchError):
-            what = (
-                "decides by a number that is known only in the step"
-                if "truth value" in str(error)
-                else f"fails ({error})"
-            )
+            what = "decides by a number that is known only in the step" if "truth value" in str(error) else f"fails ({error})"
             msg = f"A formula {what}, which cannot be recorded."
             raise RecordingError(msg) from error
 
@@ -293,9 +289,7 @@ def _read(
                 first = numbers.setdefault(("constant", factor.hex()), len(numbers)) if factor else sources[0]
                 sources = [first, sources[0]]
             if code not in _PLACES:
-                name = next(
-                    (name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code), code
-                )
+                name = next((name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code), code)
                 msg = f"A formula uses CasADi's operation {name}, which cannot be recorded."
                 raise RecordingError(msg)
             # An operation with one operand has it in both places.
@@ -369,9 +363,7 @@ _OPERATIONS: tuple[tuple[str, int, int, Callable[[Any, Any], Any]], ...] = (
 """Name, CasADi code, number of operands and NumPy function of each operator, in the order of ``glb::Operator`` in native/tape.hpp."""
 OPERATORS = tuple(name for name, *_ in _OPERATIONS)
 _IN_NUMPY = tuple(function for *_, function in _OPERATIONS)
-_PLACES = {code: place for place, (_, code, _, _) in enumerate(_OPERATIONS)} | {
-    casadi.OP_CONSTPOW: OPERATORS.index("power")
-}
+_PLACES = {code: place for place, (_, code, _, _) in enumerate(_OPERATIONS)} | {casadi.OP_CONSTPOW: OPERATORS.index("power")}
 _SHORT = {
     casadi.OP_SQ: (casadi.OP_MUL, 0.0),
     casadi.OP_TWICE: (casadi.OP_MUL, 2.0),
@@ -380,9 +372,7 @@ _SHORT = {
 """CasADi's one-operand operations written with two operands: the constant first; 0.0 stands for the operand itself."""
 
 
-def _expressions(
-    tape: Tape, changes: Mapping[int, Callable[[Any], Any]] = MappingProxyType({})
-) -> tuple[list[Any], list[Any], list[Any]]:
+def _expressions(tape: Tape, changes: Mapping[int, Callable[[Any], Any]] = MappingProxyType({})) -> tuple[list[Any], list[Any], list[Any]]:
     """Source and index of the inputs, their symbols, and all registers as expressions; some of them changed."""
     keys = [(SOURCES[source], index) for source, index in tape.inputs.tolist()]
     symbols = [casadi.SX.sym(f"{source}{index}") for source, index in keys]
@@ -398,9 +388,7 @@ def _expressions(
 def _needed(tape: Tape, registers: Sequence[int]) -> list[int]:
     """The registers and all registers that they depend on, in order."""
     needed = set(registers)
-    for number, (_, a, b) in reversed(
-        list(enumerate(tape.operations.tolist(), len(tape.constants) + len(tape.inputs)))
-    ):
+    for number, (_, a, b) in reversed(list(enumerate(tape.operations.tolist(), len(tape.constants) + len(tape.inputs)))):
         if number in needed:
             needed.update((a, b))
     return sorted(needed)

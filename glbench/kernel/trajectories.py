@@ -233,9 +233,7 @@ class Trajectory:
         """Those with respect to d[t] (T, states, disturbances); (T, states, 0) when they were not asked for."""
         return self._columns("d")
 
-    def push(
-        self, du: npt.ArrayLike | None = None, dx0: npt.ArrayLike | None = None, dd: npt.ArrayLike | None = None
-    ) -> FloatArray:
+    def push(self, du: npt.ArrayLike | None = None, dx0: npt.ArrayLike | None = None, dd: npt.ArrayLike | None = None) -> FloatArray:
         """How all states change, to first order, when the inputs do.
 
         Parameters
@@ -451,9 +449,7 @@ class Trajectories(Differentiable):
         gradients = {key: a.reshape(n, steps, a.shape[1]) for key, a in result.gradients.items()}
         costates = table.copy()
         costates[:, :-1] += gradients["x"]
-        x0, own_u, own_d, costates = (
-            a[0] if one else a for a in (costates[:, 0], gradients["u"], gradients["d"], costates)
-        )
+        x0, own_u, own_d, costates = (a[0] if one else a for a in (costates[:, 0], gradients["u"], gradients["d"], costates))
         own_p = None
         if parameters:
             by_step = np.ndim(p) == (2 if one else 3)
@@ -477,9 +473,7 @@ class Trajectories(Differentiable):
         return reached
 
 
-def reverse_by_steps(
-    differentiator: Differentiator, rows: Rows, steps: int, cotangents: FloatArray, *, parameters: bool
-) -> Reverse:
+def reverse_by_steps(differentiator: Differentiator, rows: Rows, steps: int, cotangents: FloatArray, *, parameters: bool) -> Reverse:
     """``Differentiator.reverse_horizons`` by calls of ``reverse``, one a step."""
     count = len(rows.x)
     firsts = np.arange(0, count, max(steps, 1))

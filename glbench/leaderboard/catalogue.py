@@ -193,9 +193,7 @@ def _of_task(task: TaskSpec) -> Catalogue:
     items, flows = task.ledger.items, list(quantities.FLOWS)
     places = {item.name: flows.index(item.flow) - len(flows) if _entry(item) else items.index(item) for item in items}
     ledger_items = sorted(items, key=lambda item: (-item.sign, places[item.name]))
-    earned, paid = (
-        sentence([in_sentence(_label(item)) for item in ledger_items if item.sign == sign]) for sign in (1, -1)
-    )
+    earned, paid = (sentence([in_sentence(_label(item)) for item in ledger_items if item.sign == sign]) for sign in (1, -1))
     profit = " minus ".join(side for side in (earned, paid) if side)
     of_money = {item.name: item for item in ledger_items}
     of_amount = {item.amount: item for item in task.ledger.items}
@@ -206,9 +204,7 @@ def _of_task(task: TaskSpec) -> Catalogue:
         elif one.quantity in of_amount:
             words, amounts[one.quantity] = _amount_words(of_amount[one.quantity]), one.name
         else:
-            words = _counted_words(
-                one.name, profit, usual=usual, money=bool(one.unit == MONEY and task.violation_prices)
-            )
+            words = _counted_words(one.name, profit, usual=usual, money=bool(one.unit == MONEY and task.violation_prices))
         metrics.append(Metric(one.name, one.unit, **words) if words else unknown_metric(one.name, one.unit))
     fixed = [entry.colour if (entry := _entry(item)) else None for item in ledger_items]
     free = cycle(sorted(set(range(_COLOURS)) - set(fixed)) or range(_COLOURS))
@@ -318,9 +314,7 @@ def together(catalogues: Sequence[Catalogue]) -> Catalogue:
             metrics[metric.name] = replace(other, explanation=f"{other.explanation} Or: {metric.explanation}")
     ordered = sorted(metrics.values(), key=lambda metric: _ORDER.index(metric.kind))
     alike = len({one.draws for one in catalogues}) == 1
-    coverage = (
-        {"draws": catalogues[0].draws, "beyond": catalogues[0].beyond} if alike else _layout()["coverage"]["both"]
-    )
+    coverage = {"draws": catalogues[0].draws, "beyond": catalogues[0].beyond} if alike else _layout()["coverage"]["both"]
     return Catalogue(
         metrics={metric.name: metric for metric in ordered},
         items=tuple({item.money: item for one in reversed(catalogues) for item in one.items}.values()),
@@ -346,16 +340,13 @@ def charts_of(task: TaskSpec | None) -> Charts:
             unit, flow = pretty_unit(item.amount_unit), quantities.FLOWS.get(item.flow)
             words: dict[str, Any] = {"name": item.amount, "label": _label(item), "decimals": 3}
             words |= {"unit": f"{unit} an hour", "daily": f"{unit} a day"}
-            words |= ({"amount": True} if item.valued == FLOW else {}) | (
-                {"gas": flow.gas} if flow and flow.gas else {}
-            )
+            words |= ({"amount": True} if item.valued == FLOW else {}) | ({"gas": flow.gas} if flow and flow.gas else {})
             series[item.amount] = words
         elif item.flow in quantities.FLOWS and not _entry(item):  # the ledger has a label of its own
             series[item.amount] = series[item.amount] | {"label": _label(item)}
     series |= {name: {"name": name, "label": labels[name], **share} for name in controls}
     sides = {
-        side: tuple(dict.fromkeys(item.amount for item in items))
-        for side, items in (("earned", ledger.earned), ("paid", ledger.paid))
+        side: tuple(dict.fromkeys(item.amount for item in items)) for side, items in (("earned", ledger.earned), ("paid", ledger.paid))
     }
     charts = {
         chart: tuple(dict.fromkeys(name for column in columns for name in sides.get(column, (column,))))

@@ -212,9 +212,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
             if problem is not None:
                 problems.append(ResultError(problem))
                 continue
-            is_trial = folder.parent.name in (TRIALS, VALIDATION) or (
-                published is not None and published.seeds != result.evaluation.seeds
-            )
+            is_trial = folder.parent.name in (TRIALS, VALIDATION) or (published is not None and published.seeds != result.evaluation.seeds)
             own.append(replace(item, trial=is_trial))
         single, doubles = _one_each(own, folder.parent)
         problems += doubles
@@ -258,9 +256,7 @@ def _name_problem(
     )
 
 
-def _one_each(
-    stored: Iterable[StoredResult], out: Path | None = None
-) -> tuple[dict[tuple[str, str], StoredResult], list[ResultError]]:
+def _one_each(stored: Iterable[StoredResult], out: Path | None = None) -> tuple[dict[tuple[str, str], StoredResult], list[ResultError]]:
     """One result an agent and task, the one in its place below ``out`` before all others; and an error for each other."""
     results: dict[tuple[str, str], StoredResult] = {}
     problems = []

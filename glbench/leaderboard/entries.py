@@ -89,9 +89,7 @@ class Entry:
         return np.asarray(values[0] if len(values) == 1 else values.mean(axis=0), dtype=np.float64)
 
 
-def entries_by_task(
-    stored: Iterable[StoredResult], expected: Mapping[str, Expectation]
-) -> dict[str, tuple[Entry, ...]]:
+def entries_by_task(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, tuple[Entry, ...]]:
     """Entries of every board, by its name: the task's id, or more where draws are kept apart. Within a board their names differ.
 
     Parameters
@@ -133,9 +131,7 @@ def of_one_version(by_task: Mapping[str, Iterable[Entry]]) -> dict[str, tuple[En
         for entry in entries:
             times.setdefault(entry.name, {}).setdefault(_version(entry), []).append(entry.first.created)
     version = {name: max(of, key=lambda one: (len(of[one]), max(of[one]))) for name, of in times.items()}
-    return {
-        task: tuple(one for one in entries if _version(one) == version[one.name]) for task, entries in by_task.items()
-    }
+    return {task: tuple(one for one in entries if _version(one) == version[one.name]) for task, entries in by_task.items()}
 
 
 def _version(entry: Entry) -> str:
@@ -144,9 +140,7 @@ def _version(entry: Entry) -> str:
     return entry.first.agent.digest if not entry.training_seeds else "" if training is None else training.recipe
 
 
-def _joined(
-    items: Iterable[StoredResult], seeds: tuple[int, ...]
-) -> dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]]:
+def _joined(items: Iterable[StoredResult], seeds: tuple[int, ...]) -> dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]]:
     """Trainings on one board, by recipe and seeds of the evaluation, in the order of the seeds that they were trained with.
 
     Each policy occurs once (the same rewards in all runs mean the same policy). A recipe with the same seed twice is left out.

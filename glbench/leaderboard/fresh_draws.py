@@ -29,21 +29,15 @@ FEWEST: Final = 5
 class FreshScore(FrozenModel):
     """Mean of the ranking metric over runs with fresh draws, and the drop compared with reference agents."""
 
-    mean: float = Field(
-        description="mean of the ranking metric with the fresh draws; of several trainings the mean over them"
-    )
-    drop: float = Field(
-        description="drop from the published to the fresh draws, minus that of the reference agent 'reference'"
-    )
+    mean: float = Field(description="mean of the ranking metric with the fresh draws; of several trainings the mean over them")
+    drop: float = Field(description="drop from the published to the fresh draws, minus that of the reference agent 'reference'")
     low: float | None = Field(
         description="lower end of the one-sided 99.9 % interval of the drop, or of that by ranks if only this one is above the margin; "
         "null with too few runs"
     )
     margin: float = Field(description="largest difference between the drops of two reference agents")
     reference: str = Field(description="the reference agent with the smallest lower end")
-    failed: int = Field(
-        description="runs with fresh draws that failed; of several trainings those of the one that dropped most"
-    )
+    failed: int = Field(description="runs with fresh draws that failed; of several trainings those of the one that dropped most")
     marked: bool = Field(description="whether the lower end is above the margin for every reference agent")
 
 
@@ -94,9 +88,7 @@ def drop_beside(published: Array, fresh: Array, error: float = ERROR) -> tuple[f
         return drop, -math.inf
     if sum(parts) == 0.0:
         return drop, drop
-    freedom = sum(parts) ** 2 / sum(
-        part**2 / (len(values) - 1) for part, values in zip(parts, (published, fresh), strict=True)
-    )
+    freedom = sum(parts) ** 2 / sum(part**2 / (len(values) - 1) for part, values in zip(parts, (published, fresh), strict=True))
     return drop, drop - float(special.stdtrit(freedom, 1.0 - error)) * math.sqrt(sum(parts))
 
 
@@ -131,11 +123,7 @@ def fresh_note(agent: str, score: FreshScore, metric: Metric) -> str:
         f"With fresh draws {agent} drops by {metric.number(score.drop)} more in {metric.words} than {score.reference} "
         f"in the same seasons, by at least {metric.number(score.low or 0.0)}; the drops of reference agents differ by "
         f"{metric.number(score.margin)}. "
-        + (
-            f"{score.failed} of its runs with fresh draws failed."
-            if score.failed
-            else "It may know the published draws."
-        )
+        + (f"{score.failed} of its runs with fresh draws failed." if score.failed else "It may know the published draws.")
     )
 
 

@@ -128,8 +128,7 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
     metrics = {}
     for name in words.known_first([*first.runs[0].metrics, *second.runs[0].metrics]):
         ours, theirs = (
-            entry.by_training(name)[:, place] if entry.states(name) else None
-            for entry, place in zip((one, other), places, strict=True)
+            entry.by_training(name)[:, place] if entry.states(name) else None for entry, place in zip((one, other), places, strict=True)
         )
         metrics[name] = _metric(words.metric(name, units).unit, ours, theirs, (one.is_fixed, other.is_fixed))
     runs = [entry.by_training(ranks_by)[:, place] for entry, place in zip((one, other), places, strict=True)]
@@ -164,9 +163,7 @@ def _regret(one: Entry, other: Entry, seeds: list[int]) -> dict[str, MetricPair]
     if ours is None or theirs is None or best is None:
         return {}
     return {
-        part: _metric(
-            best.units[METRICS[part]], getattr(ours, part), getattr(theirs, part), (one.is_fixed, other.is_fixed)
-        )
+        part: _metric(best.units[METRICS[part]], getattr(ours, part), getattr(theirs, part), (one.is_fixed, other.is_fixed))
         for part in PARTS
     }
 

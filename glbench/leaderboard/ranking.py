@@ -50,9 +50,7 @@ class Row(statistics.FrozenModel):
     information: str = Field(description="what it sees, in words")
     runs: int
     failed: int = Field(serialization_alias="failed_runs")
-    origin: Origin = Field(
-        description="released with glbench, the user's own, or a trial with other seeds than the task's"
-    )
+    origin: Origin = Field(description="released with glbench, the user's own, or a trial with other seeds than the task's")
     reproduced: bool = Field(description="whether glbench verify simulated all runs again and got the same numbers")
     decision_milliseconds: float = Field(
         serialization_alias="decision_ms",
@@ -63,9 +61,7 @@ class Row(statistics.FrozenModel):
         description="control steps that it was trained for; 0 when not trained, null when not stated; not checked",
     )
     training_hours: float | None = Field(default=None, description="hours that the training took [h]; not checked")
-    sandbox: Sandbox | None = Field(
-        default=None, description="how it ran; null in results of glbench without sandboxes; not checked"
-    )
+    sandbox: Sandbox | None = Field(default=None, description="how it ran; null in results of glbench without sandboxes; not checked")
     kernel: str = Field(description="backend and preset of the kernel that stepped the model")
     build: str = Field(
         serialization_alias="kernel_build",
@@ -87,14 +83,10 @@ class Row(statistics.FrozenModel):
         "year, or the task is not known",
     )
     trained_on: TrainingData = Field(default=TrainingData(), description="what its training saw; not checked")
-    saw_scored: str = Field(
-        default="", description="why it is marked as trained on what is scored; empty where it is not"
-    )
+    saw_scored: str = Field(default="", description="why it is marked as trained on what is scored; empty where it is not")
     results_digest: str = Field(description="of several trainings that of the first")
     estimates: dict[str, statistics.Estimate] = Field(serialization_alias="metrics")
-    training_seed: int | None = Field(
-        default=None, description="of one training among several: the seed it was trained with"
-    )
+    training_seed: int | None = Field(default=None, description="of one training among several: the seed it was trained with")
     trainings: tuple[Row, ...] = Field(default=(), description="trainings of the entry, by seed")
     task_id: str = Field(exclude=True)
     task_digest: str = Field(exclude=True)
@@ -187,9 +179,7 @@ class TaskTable(statistics.FrozenModel):
         return {kernel: tuple(agents) for kernel, agents in ordered}
 
 
-def with_late_entries(
-    tables: Sequence[TaskTable], stored: Sequence[StoredResult], sealed: Round
-) -> tuple[TaskTable, ...]:
+def with_late_entries(tables: Sequence[TaskTable], stored: Sequence[StoredResult], sealed: Round) -> tuple[TaskTable, ...]:
     """The tables, with the late results of the round ``sealed`` named: those that state a time after it closed."""
     closed = f"the round closed at {sealed.closing_words}"
     late = [
@@ -200,10 +190,7 @@ def with_late_entries(
         for item in stored
         if item.result.task.salt_commitment == sealed.commitment and sealed.is_late(item.result.created)
     ]
-    return tuple(
-        table.model_copy(update={"late": tuple(words for board, words in late if board == table.task_id)})
-        for table in tables
-    )
+    return tuple(table.model_copy(update={"late": tuple(words for board, words in late if board == table.task_id)}) for table in tables)
 
 
 def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> tuple[TaskTable, ...]:

@@ -53,13 +53,9 @@ class Regret(FrozenModel):
 
     unit: str = Field(description="unit of the regret and of its part from violations; '-' for none")
     total: Estimate = Field(description="reward of the best known run minus that of the run")
-    profit: Estimate | None = Field(
-        description="profit that is given away [EUR m-2]: EPI of the best known run minus its own"
-    )
+    profit: Estimate | None = Field(description="profit that is given away [EUR m-2]: EPI of the best known run minus its own")
     violations: Estimate | None = Field(description="its penalty minus that of the best known run")
-    runs_ahead: int = Field(
-        description="runs with a higher reward than the best known run; of several trainings of all of them"
-    )
+    runs_ahead: int = Field(description="runs with a higher reward than the best known run; of several trainings of all of them")
 
 
 class BestKnownMeans(FrozenModel):
@@ -85,9 +81,7 @@ def best_known_means(result: Result) -> BestKnownMeans | None:
     best = best_known_of(result)
     if best is None:
         return None
-    means = {
-        name: float(np.mean([getattr(run, name) for run in best.runs])) for name in (RANKING_METRIC, PROFIT, PENALTY)
-    }
+    means = {name: float(np.mean([getattr(run, name) for run in best.runs])) for name in (RANKING_METRIC, PROFIT, PENALTY)}
     return BestKnownMeans(agent=best.agent, **means)
 
 
@@ -144,9 +138,7 @@ def _acts_through_actuation(name: str) -> bool:
         return False
 
 
-def best_runs(
-    stored: Iterable[StoredResult], expected: Mapping[str, Expectation]
-) -> dict[str, list[tuple[Result, RunResult]]]:
+def best_runs(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, list[tuple[Result, RunResult]]]:
     """The best known run of every seed of the published tasks, with the result it is of, in the metric that ranks.
 
     Only complete results of a task as it is published count, and only those of agents that act through the actuation.

@@ -125,9 +125,7 @@ def resampling_indices(size: int, resamples: int, seed: int) -> NDArray[np.intp]
 
 def resampled(strata: Sequence[Array], resamples: int = RESAMPLES, seed: int = 0) -> list[Array]:
     """Each stratum resampled: arrays ``(n_i,)`` to arrays ``(resamples, n_i)``, independently of one another."""
-    return [
-        stratum[resampling_indices(stratum.size, resamples, seed + number)] for number, stratum in enumerate(strata)
-    ]
+    return [stratum[resampling_indices(stratum.size, resamples, seed + number)] for number, stratum in enumerate(strata)]
 
 
 def bootstrap_interval(
@@ -267,9 +265,7 @@ def estimate_difference(
 
 def draws_nothing(differences: Array, scale: float = 1.0) -> bool:
     """Whether two or more values ``(n,)`` are the same number up to the rounding of numbers as large as ``scale``."""
-    return differences.size > 1 and float(np.ptp(differences)) <= _ROUNDING * max(
-        scale, float(np.abs(differences).max())
-    )
+    return differences.size > 1 and float(np.ptp(differences)) <= _ROUNDING * max(scale, float(np.abs(differences).max()))
 
 
 def _matrices(tasks: Sequence[Array]) -> list[Array]:
@@ -297,9 +293,7 @@ def _estimate(
     scale = max(float(np.abs(one).max()) for side in sides for one in side)
     random = [not draws_nothing(one, scale) for one in runs]
     over_runs = _variance_over_runs(runs, random, scenarios)
-    runs_degrees = min(
-        (one.size - 1.0 for one, by_chance in zip(runs, random, strict=True) if by_chance), default=math.inf
-    )
+    runs_degrees = min((one.size - 1.0 for one, by_chance in zip(runs, random, strict=True) if by_chance), default=math.inf)
     between = [_over_trainings(side) for side in sides]
     several = [one for one in between if one is not None]
     parts = [(one.of_mean, one.degrees) for one in several]
@@ -320,16 +314,10 @@ def _estimate(
     return MeanEstimate(value, variance, degrees)
 
 
-def _variance_over_runs(
-    runs: Sequence[Array], random: Sequence[bool], scenarios: Sequence[Sequence[Hashable]] | None
-) -> float:
+def _variance_over_runs(runs: Sequence[Array], random: Sequence[bool], scenarios: Sequence[Sequence[Hashable]] | None) -> float:
     """Variance of the mean over tasks of the mean of runs; runs of different tasks with the same name vary together."""
     if scenarios is None:
-        each = [
-            one.var(ddof=1) / one.size
-            for one, by_chance in zip(runs, random, strict=True)
-            if by_chance and one.size > 1
-        ]
+        each = [one.var(ddof=1) / one.size for one, by_chance in zip(runs, random, strict=True) if by_chance and one.size > 1]
         return float(sum(each)) / len(runs) ** 2
     by_name: dict[Hashable, float] = {}
     for task, (one, by_chance) in enumerate(zip(runs, random, strict=True)):
@@ -385,9 +373,7 @@ def _over_trainings(tasks: Sequence[Array]) -> _OverTrainings | None:
         count, size = one.shape
         unexplained.append(float(np.square(rest).sum() / max((count - 1) * (size - 1), 1)) / size)
     residuals = np.array(unexplained) / len(tasks) ** 2
-    return _OverTrainings(
-        of_mean + alone, of_one + alone, degrees, float((residuals / counts).sum()), float(residuals.sum())
-    )
+    return _OverTrainings(of_mean + alone, of_one + alone, degrees, float((residuals / counts).sum()), float(residuals.sum()))
 
 
 def _checked(values: Values) -> Array:
@@ -518,9 +504,7 @@ def pooled(tasks: Sequence[Array]) -> list[Array]:
     return [runs.ravel() for runs in tasks]
 
 
-def performance_profile(
-    agent: str, tasks: Sequence[Array], thresholds: Array, *, resamples: int = 2_000, seed: int = 0
-) -> Profile:
+def performance_profile(agent: str, tasks: Sequence[Array], thresholds: Array, *, resamples: int = 2_000, seed: int = 0) -> Profile:
     """Share of runs above each threshold, averaged over tasks, with pointwise 95 % bands.
 
     Raises
@@ -568,9 +552,7 @@ def probability_of_improvement(
         raise ResultError(msg)
     sides: tuple[list[Array], list[Array]] = ([], [])
     pairs = []
-    for x, y in zip(
-        _matrices([ours[task] for task in common]), _matrices([theirs[task] for task in common]), strict=True
-    ):
+    for x, y in zip(_matrices([ours[task] for task in common]), _matrices([theirs[task] for task in common]), strict=True):
         if x.shape[1] != y.shape[1]:
             msg = f"A paired probability needs the same runs of both agents; got {x.shape[1]} and {y.shape[1]}."
             raise ResultError(msg)
@@ -598,9 +580,7 @@ class Estimate(FrozenModel):
         description="lower end of the 95 % interval of the mean (Student's t, over runs); of several trainings the lowest of their means"
     )
     high: float = Field(description="upper end of it; of several trainings the highest of their means")
-    deviation: float | None = Field(
-        default=None, description="of several trainings: standard deviation of their means (n - 1)"
-    )
+    deviation: float | None = Field(default=None, description="of several trainings: standard deviation of their means (n - 1)")
     overall: Bounds | None = Field(
         default=None,
         description="of several trainings: 95 % interval of the mean over trainings and runs (Student's t, crossed); else null",

@@ -93,17 +93,13 @@ class SuiteTable(statistics.FrozenModel):
     profiles: tuple[statistics.Profile, ...] = ()
 
 
-def scores_by_task(
-    stored: Iterable[StoredResult], expected: Mapping[str, Expectation]
-) -> dict[str, dict[str, statistics.Array]]:
+def scores_by_task(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, dict[str, statistics.Array]]:
     """What ranks of complete entries of published tasks ``(trainings, n)``, by task id and entry, in the order of the task's seeds.
 
     A training with one seed is in the same row of all tasks, as far as their numbers of trainings allow it.
     """
     complete = {
-        task_id: {
-            entry.name: entry for entry in entries if entry.complete and entry.states(metric_of(task_id, expected))
-        }
+        task_id: {entry.name: entry for entry in entries if entry.complete and entry.states(metric_of(task_id, expected))}
         for task_id, entries in of_one_version(entries_by_task(stored, expected)).items()
         if task_id in expected
     }
@@ -129,9 +125,7 @@ def _same_rows(by_task: Mapping[str, Sequence[int]]) -> dict[str, list[int]]:
     ``by_task`` has the seeds of the trainings, different within a task. Seeds that most tasks have are placed first.
     """
     rows: dict[str, list[int | None]] = {task: [None] * len(seeds) for task, seeds in by_task.items()}
-    having = {
-        seed: [task for task, seeds in by_task.items() if seed in seeds] for seeds in by_task.values() for seed in seeds
-    }
+    having = {seed: [task for task, seeds in by_task.items() if seed in seeds] for seeds in by_task.values() for seed in seeds}
     for seed, tasks in sorted(having.items(), key=lambda item: (-len(item[1]), item[0])):
         free = set[int].intersection(*({i for i, one in enumerate(rows[task]) if one is None} for task in tasks))
         for task in tasks:
@@ -180,9 +174,7 @@ def suite_table(
             normalised.setdefault(agent, {})[task] = statistics.normalise(rewards, reference.nothing, reference.best)
     whole = {agent: by_task for agent, by_task in normalised.items() if len(by_task) == len(usable)}
     of_task = {table.task_id: resolution_of(table.metric, table.task) for table in tables}
-    resolutions = [
-        of_task.get(task, statistics.RESOLUTION) / (references[task].best - references[task].nothing) for task in usable
-    ]
+    resolutions = [of_task.get(task, statistics.RESOLUTION) / (references[task].best - references[task].nothing) for task in usable]
     names = None if scenarios is None else [scenarios[task] for task in usable]
     rows_of: dict[str, list[Row]] = {}
     for row in (row for table in tables if table.task_id in usable for row in table.rows if row.rank is not None):
@@ -194,13 +186,9 @@ def suite_table(
     rows: list[SuiteRow] = []
     for tier in order:
         shared = len(rows) + 1
-        rows += [
-            _row(agent, shared, whole[agent], usable, rows_of.get(agent, ()), scenarios, **in_money.get(agent, {}))
-            for agent in tier
-        ]
+        rows += [_row(agent, shared, whole[agent], usable, rows_of.get(agent, ()), scenarios, **in_money.get(agent, {})) for agent in tier]
     rows += [
-        _row(agent, None, normalised[agent], usable, rows_of.get(agent, ()), scenarios)
-        for agent in sorted(set(normalised) - set(whole))
+        _row(agent, None, normalised[agent], usable, rows_of.get(agent, ()), scenarios) for agent in sorted(set(normalised) - set(whole))
     ]
     improvements = []
     for one, other in combinations([agent for tier in order for agent in tier], 2):
@@ -227,14 +215,10 @@ def suite_tables(
         task_id: best
         for task_id in scores
         if (best := read_best_known(task_id)) is not None
-        and (best.task_digest, best.seeds, RANKING_METRIC)
-        == (expected[task_id].digest, expected[task_id].seeds, expected[task_id].metric)
+        and (best.task_digest, best.seeds, RANKING_METRIC) == (expected[task_id].digest, expected[task_id].seeds, expected[task_id].metric)
     }
     names = {task_id: scenario_names(task_id, expected[task_id].seeds) for task_id in scores}
-    suites = [
-        suite_table(name, tuple(ids), scores, references, tables, best_known, names)
-        for name, ids in list_suites().items()
-    ]
+    suites = [suite_table(name, tuple(ids), scores, references, tables, best_known, names) for name, ids in list_suites().items()]
     return tuple(table for table in suites if table is not None)
 
 
@@ -298,9 +282,7 @@ def _in_money(
     return intervals
 
 
-def _profiles(
-    whole: Mapping[str, Mapping[str, statistics.Array]], tasks: Sequence[str]
-) -> tuple[statistics.Profile, ...]:
+def _profiles(whole: Mapping[str, Mapping[str, statistics.Array]], tasks: Sequence[str]) -> tuple[statistics.Profile, ...]:
     """Profiles over thresholds from the lowest score that matters to a little above the best."""
     if not whole:
         return ()
@@ -324,9 +306,7 @@ def references_from(stored: Iterable[StoredResult], expected: Mapping[str, Expec
     nothing = {
         item.board: item.result
         for item in items
-        if item.board in expected
-        and item.result.agent.name == NOTHING
-        and item.result.evaluation.seeds == expected[item.board].seeds
+        if item.board in expected and item.result.agent.name == NOTHING and item.result.evaluation.seeds == expected[item.board].seeds
     }
     references = {}
     for task_id, runs in best_runs(items, expected).items():

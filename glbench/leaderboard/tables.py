@@ -100,10 +100,7 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     extra += [REGRET_NOTE] * any(map(has_regret, tables))
     profit = profit or (_PROFIT if name == "Profit" else f"the profit: {_PROFIT}")
     words = catalogue(*tasks)
-    notes = [
-        note.format(name=name, profit=profit, units=units, covers=covers(words), beyond=words.beyond)
-        for note in FOOTNOTES
-    ]
+    notes = [note.format(name=name, profit=profit, units=units, covers=covers(words), beyond=words.beyond) for note in FOOTNOTES]
     if any(resolution_of(table.metric, table.task) for table in tables) or not tables:
         notes.insert(RESOLUTION_PLACE, RESOLUTION_NOTE)
     return [*notes, *extra]
@@ -151,9 +148,7 @@ _LATEX = str.maketrans(
         "²": "$^2$", "–": "--", "↔": r"$\leftrightarrow$", "×": r"$\times$", "†": r"\dag", "§": r"\S", "¶": r"\P",
     }
 )  # fmt: skip
-_MARKDOWN = str.maketrans(
-    {"&": "&amp;", "<": "&lt;", ">": "&gt;", "|": r"\|", "`": r"\`", "[": r"\[", "]": r"\]", "*": r"\*", "\\": r"\\"}
-)
+_MARKDOWN = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", "|": r"\|", "`": r"\`", "[": r"\[", "]": r"\]", "*": r"\*", "\\": r"\\"})
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -235,9 +230,7 @@ def ranked_columns(table: TaskTable) -> list[Metric]:
 def _task_columns(table: TaskTable) -> list[TableColumn]:
     first, *others = ranked_columns(table)
     return [
-        TableColumn(
-            "#", lambda row: NONE if row.rank is None else "" if row.training_seed is not None else str(row.rank)
-        ),
+        TableColumn("#", lambda row: NONE if row.rank is None else "" if row.training_seed is not None else str(row.rank)),
         TableColumn("Agent", agent_label, words=True, free=True),
         *map(with_interval, (first, *others)),
         TableColumn(f"{first.heading}, IQM", lambda row: number_text(iqm_of(row, first), first.digits)),
@@ -274,9 +267,7 @@ def worst_column(metric: Metric, gives_way: int = 0) -> TableColumn:
     return TableColumn("CVaR10", text, number=True, gives_way=gives_way)
 
 
-def regret_columns(
-    table: TaskTable, gives_way: tuple[int, int, int] = (0, 0, 0), *, spans: bool = True
-) -> list[TableColumn]:
+def regret_columns(table: TaskTable, gives_way: tuple[int, int, int] = (0, 0, 0), *, spans: bool = True) -> list[TableColumn]:
     """Regret and its parts, profit and violations; with their intervals or ranges unless told otherwise."""
     words = table.words
     metrics = (words.score, words.profit, words.of_kind("penalty")[0])
@@ -346,9 +337,7 @@ def iqm_of(row: Row, metric: Metric) -> float | None:
 def _score_columns(table: SuiteTable) -> list[TableColumn]:
     def score(name: str) -> TableColumn:
         heading = "IQM" if name == "iqm" else name.replace("_", " ").capitalize()
-        return TableColumn(
-            heading, lambda row: format_interval(getattr(row, name), is_range=name != "mean" and row.trainings[1] > 1)
-        )
+        return TableColumn(heading, lambda row: format_interval(getattr(row, name), is_range=name != "mean" and row.trainings[1] > 1))
 
     return [
         TableColumn("#", lambda row: NONE if row.rank is None else str(row.rank)),
@@ -359,9 +348,7 @@ def _score_columns(table: SuiteTable) -> list[TableColumn]:
     ]
 
 
-def money_columns(
-    rows: Sequence[SuiteRow], gives_way: tuple[int, int] = (0, 0), *, spans: bool = True
-) -> list[TableColumn]:
+def money_columns(rows: Sequence[SuiteRow], gives_way: tuple[int, int] = (0, 0), *, spans: bool = True) -> list[TableColumn]:
     """Columns of a suite whose tasks all score money: score minus that of the tuned rules, and regret, with intervals or without."""
 
     def column(name: str, heading: str, gives_way: int) -> TableColumn:
@@ -369,9 +356,7 @@ def money_columns(
             interval: Interval | None = getattr(row, name)
             if interval is None:
                 return NONE
-            center, low, high = (
-                signless(number_text(part, 3)) for part in (interval.value, interval.low, interval.high)
-            )
+            center, low, high = (signless(number_text(part, 3)) for part in (interval.value, interval.low, interval.high))
             return f"{center} [{low}, {high}]" if spans and interval.low < interval.high else center
 
         return TableColumn(heading, text, gives_way=gives_way)
@@ -391,9 +376,7 @@ def of_figures(column: TableColumn) -> TableColumn:
 
 def resources(words: Catalogue, *, without_intervals: bool = False) -> list[Metric]:
     """Metrics that are columns besides the score; without those that are shown with intervals, too."""
-    return [
-        metric for metric in words.columns if not (metric.interval if without_intervals else metric.kind == "score")
-    ]
+    return [metric for metric in words.columns if not (metric.interval if without_intervals else metric.kind == "score")]
 
 
 def markdown(columns: Sequence[TableColumn], rows: Iterable[Any]) -> list[str]:
@@ -401,10 +384,7 @@ def markdown(columns: Sequence[TableColumn], rows: Iterable[Any]) -> list[str]:
     return [
         _line([column.heading for column in columns]),
         "|" + "|".join("---" if column.words else "---:" for column in columns) + "|",
-        *(
-            _line([markdown_text(column.cell(row)) if column.free else column.cell(row) for column in columns])
-            for row in rows
-        ),
+        *(_line([markdown_text(column.cell(row)) if column.free else column.cell(row) for column in columns]) for row in rows),
     ]
 
 

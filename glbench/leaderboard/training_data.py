@@ -127,9 +127,7 @@ class TrainingData(FrozenModel):
     """What a training saw: tasks, the last of their splits, the years of the weather, and the first and last seed of its episodes."""
 
     tasks: tuple[str, ...] = ()
-    split: str | None = Field(
-        default=None, description="training, validation, test, or none of any season; null when not stated"
-    )
+    split: str | None = Field(default=None, description="training, validation, test, or none of any season; null when not stated")
     years: tuple[int, ...] = ()
     seeds: tuple[int, ...] = ()
 

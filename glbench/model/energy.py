@@ -199,10 +199,7 @@ class ChpBoilerBuffer(Addition):
             ("co2_bought", "CO2 bought to be dosed", "CO₂ bought", _co2_bought),
         )
         return (
-            *(
-                Flow(name, "kWh m-2", words, label, _summed(of, 1 / JOULES_PER_KWH))
-                for name, words, label, of in energies
-            ),
+            *(Flow(name, "kWh m-2", words, label, _summed(of, 1 / JOULES_PER_KWH)) for name, words, label, of in energies),
             *(Flow(name, "kg m-2", words, label, _summed(of, KG_PER_MG)) for name, words, label, of in masses),
             Flow("engine_hours", "h", "time that the engine runs", "Engine", _engine_hours),
             Flow("engine_starts", "-", "starts of the engine", "Starts of the engine", _engine_starts),
@@ -226,10 +223,7 @@ class ChpBoilerBuffer(Addition):
             Signal("controls/pipe_heat", "Heating: buffer to pipes", "%", "uPipe", 100.0),
             Signal("energy/buffer", "Heat in the buffer", "MJ m⁻²", "eBuf"),
             Signal("energy/buffer_share", "Buffer filled", "%", "", of=filled),
-            *(
-                Signal(f"energy/{name}", label, unit, "", today=_a_second(of, per_unit[unit]))
-                for name, label, unit, of in daily
-            ),
+            *(Signal(f"energy/{name}", label, unit, "", today=_a_second(of, per_unit[unit])) for name, label, unit, of in daily),
         )
 
     def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
@@ -305,7 +299,5 @@ PIPE_HEAT = Meter(
 )
 """The heat that the greenhouse gets."""
 
-DUMPED = Meter(
-    "h_dump_out", "heat_dumped", "J m-2", "heat that a full buffer refused", "Heat dumped", scale=1e6, small=1e4
-)
+DUMPED = Meter("h_dump_out", "heat_dumped", "J m-2", "heat that a full buffer refused", "Heat dumped", scale=1e6, small=1e4)
 """The heat that is lost because the buffer is full."""

@@ -181,10 +181,7 @@ class Greenhouse(Model):
     def _start(self, word: str) -> Start:
         def start(d: Disturbances, air_temperature: float, p: Record) -> Record:
             p_climate, p_crop, *p_added = self._parameters_of(p)
-            added = (
-                _values(part, "start", part.start(d, air_temperature, own))
-                for part, own in zip(self.additions, p_added, strict=True)
-            )
+            added = (_values(part, "start", part.start(d, air_temperature, own)) for part, own in zip(self.additions, p_added, strict=True))
             return self.State(
                 *_values(self.climate, "start", self.climate.start(d, air_temperature, p_climate)),
                 *_values(self.crop, "starts", self.crop.starts()[word](air_temperature, p_crop)),
@@ -242,9 +239,7 @@ class Greenhouse(Model):
 
     @cached_property
     def _metered(self) -> type[Any]:
-        return _annotated(
-            "Metered", {m.attribute: Variable(m.unit, m.meaning, scale=m.scale, small=m.small) for m in self.meters}
-        )
+        return _annotated("Metered", {m.attribute: Variable(m.unit, m.meaning, scale=m.scale, small=m.small) for m in self.meters})
 
     def _states_of(self, x: Record) -> Iterator[Record]:
         """The state of each submodel."""

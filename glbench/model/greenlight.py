@@ -143,9 +143,7 @@ class GreenLightClimate(Climate):
     def rates(self, x: ClimateState, fluxes: ClimateFluxes, uptake: CropExchange, p: ClimateParameters) -> ClimateState:
         return climate_balances(p, fluxes, uptake)
 
-    def without(
-        self, rates: ClimateState, fluxes: ClimateFluxes, extraction: AirExchange, p: ClimateParameters
-    ) -> ClimateState:
+    def without(self, rates: ClimateState, fluxes: ClimateFluxes, extraction: AirExchange, p: ClimateParameters) -> ClimateState:
         return without(rates, p, fluxes, extraction)
 
     def derived(self, p: ClimateParameters) -> ClimateParameters:
@@ -195,9 +193,7 @@ class GreenLightClimate(Climate):
             ("lamps", "W m-2", p["thetaLampMax"], "electric power of the lamps", "Lamps"),
             ("blackout_screen", "-", 1.0, "closure of the blackout screen", "Blackout screen"),
         )
-        return tuple(
-            Capacity(control.name, *entry) for control, entry in zip(table_of(self.Controls), installed, strict=True)
-        )
+        return tuple(Capacity(control.name, *entry) for control, entry in zip(table_of(self.Controls), installed, strict=True))
 
     def flows(self) -> tuple[Flow, ...]:
         return (
@@ -231,10 +227,7 @@ class GreenLightClimate(Climate):
             "Pa": (0.0, LARGEST_VAPOUR_PRESSURE),
             "°C": (COLDEST, HOTTEST),
         }
-        return {
-            state.name: (COLDEST, HOTTEST_METAL) if state.name in _METAL else by_unit[state.unit]
-            for state in states_of(ClimateState)
-        }
+        return {state.name: (COLDEST, HOTTEST_METAL) if state.name in _METAL else by_unit[state.unit] for state in states_of(ClimateState)}
 
     def observed(self, module: str, horizon: Horizon) -> tuple[ObservedColumn, ...] | None:
         temperature, co2, humidity = (
@@ -254,9 +247,7 @@ class GreenLightClimate(Climate):
         )
         brightest = highest_light_sums(horizon)
         radiation, par = (
-            ObservedColumn(
-                name, LIGHT[name].unit, f"{LIGHT[name].meaning}, summed since midnight", "", 0.0, most, today=rate
-            )
+            ObservedColumn(name, LIGHT[name].unit, f"{LIGHT[name].meaning}, summed since midnight", "", 0.0, most, today=rate)
             for name, most, rate in (
                 ("radiation_today", brightest[0], _radiation),
                 ("par_today", brightest[1], _photons),
@@ -274,9 +265,7 @@ def _flow(entry: Entry, amount: Callable[[Step], Expr]) -> Flow:
     return Flow(entry.name, entry.unit, entry.meaning, entry.amount_label or entry.item_label, amount)
 
 
-def _signal(
-    path: str, entry: Entry, source: str, today: Callable[[Record, Record, Record], Expr] | None = None
-) -> Signal:
+def _signal(path: str, entry: Entry, source: str, today: Callable[[Record, Record, Record], Expr] | None = None) -> Signal:
     return Signal(path, entry.label, raised_unit(entry.unit), source, today=today)
 
 

@@ -49,9 +49,7 @@ _BEYOND = 0.01
 class HarvestState(NamedTuple):
     """State of the buffers."""
 
-    e_buf_cold: Annotated[
-        Expr, Variable("MJ m-2", "heat in the cold buffer, above that of its coldest water", scale=1.0, small=1e-3)
-    ]
+    e_buf_cold: Annotated[Expr, Variable("MJ m-2", "heat in the cold buffer, above that of its coldest water", scale=1.0, small=1e-3)]
     e_buf_hot: Annotated[Expr, Variable("MJ m-2", "heat in the hot buffer", scale=1.0, small=1e-3)]
 
 
@@ -107,9 +105,7 @@ def charge_share(stored: Expr, full: Expr, p: HarvestParameters) -> Expr:
     return 1 - exp(fmin((stored - full) / p.e_mech_edge, 0))
 
 
-def cooler(
-    t_air: Expr, vp_air: Expr, power: Expr, latent_heat: Expr, p: HarvestParameters
-) -> tuple[Expr, Expr, Expr, Expr]:
+def cooler(t_air: Expr, vp_air: Expr, power: Expr, latent_heat: Expr, p: HarvestParameters) -> tuple[Expr, Expr, Expr, Expr]:
     """What the cooler takes from air of a temperature [°C] and vapour pressure [Pa] with a power [W m-2].
 
     Katzin (2021) eqs 7.51 to 7.55, with the ``latent_heat`` of water [J kg-1]. The surface has one
@@ -135,15 +131,11 @@ def to_pipes(x: HarvestState, u: Record, p: HarvestParameters) -> Expr:
     return u.u_buf_hot * p.p_buf_hot * discharge_share(x.e_buf_hot, p)
 
 
-def fluxes(
-    x: HarvestState, t_air: Expr, vp_air: Expr, u: Record, latent_heat: Expr, p: HarvestParameters
-) -> HarvestFluxes:
+def fluxes(x: HarvestState, t_air: Expr, vp_air: Expr, u: Record, latent_heat: Expr, p: HarvestParameters) -> HarvestFluxes:
     """All fluxes, from temperature [°C] and vapour pressure [Pa] of the main air and all controls. Katzin (2021) eqs 7.51 to 7.65."""
     power = u.u_mech * (p.cop_mech * p.p_mech) * charge_share(x.e_buf_cold, p.e_buf_cold_max, p)
     hec, sensible, condensed, latent = cooler(t_air, vp_air, power, latent_heat, p)
-    electric = (
-        u.u_heat_pump * p.p_heat_pump * discharge_share(x.e_buf_cold, p) * charge_share(x.e_buf_hot, p.e_buf_hot_max, p)
-    )
+    electric = u.u_heat_pump * p.p_heat_pump * discharge_share(x.e_buf_cold, p) * charge_share(x.e_buf_hot, p.e_buf_hot_max, p)
     return HarvestFluxes(
         hec_air_mech=hec,
         h_air_mech=sensible,
@@ -170,9 +162,7 @@ class HeatHarvesting(Addition):
         Order("eMechEdge", "eBufColdMax", "an edge is a part of the buffer"),
         Order("eMechEdge", "eBufHotMax", "an edge is a part of the buffer"),
     )
-    observation_modules: ClassVar[Mapping[str, str]] = {
-        "heat_harvesting": "heat in the cold and in the hot buffer, and how full they are"
-    }
+    observation_modules: ClassVar[Mapping[str, str]] = {"heat_harvesting": "heat in the cold and in the hot buffer, and how full they are"}
 
     def supply(self, act: Actuators, x: HarvestState, u: Record, p: HarvestParameters) -> Actuators:
         return act._replace(h_boil_pipe=act.h_boil_pipe + to_pipes(x, u, p))
@@ -208,9 +198,7 @@ class HeatHarvesting(Addition):
         return (
             Capacity("uMech", "cooler", "W m-2", cooled, "heat that the cooler takes from warm, moist air", "Cooler"),
             Capacity("uHeatPump", "heat_pump", "W m-2", pumped, "heat of the heat pump to the hot buffer", "Heat pump"),
-            Capacity(
-                "uBufHot", "hot_buffer", "W m-2", p["pBufHot"], "heat of the hot buffer to the rail pipes", "Hot buffer"
-            ),
+            Capacity("uBufHot", "hot_buffer", "W m-2", p["pBufHot"], "heat of the hot buffer to the rail pipes", "Hot buffer"),
         )
 
     def flows(self) -> tuple[Flow, ...]:

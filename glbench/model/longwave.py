@@ -99,9 +99,7 @@ def black_body(temperature: Expr, p: ClimateParameters) -> Expr:
     return p.sigma * square(square(kelvin(temperature)))
 
 
-def long_wave(
-    f: Views, x: ClimateState, o: Optics, u: Controls, d: Disturbances, p: ClimateParameters, variant: Variant
-) -> LongWave:
+def long_wave(f: Views, x: ClimateState, o: Optics, u: Controls, d: Disturbances, p: ClimateParameters, variant: Variant) -> LongWave:
     """All far-infrared fluxes, in the order of Vanthoor's table 8.3 and Katzin's table 7.4."""
     can, cov_in, cov_e = black_body(x.t_can, p), black_body(x.t_cov_in, p), black_body(x.t_cov_e, p)
     th_scr, bl_scr = black_body(x.t_th_scr, p), black_body(x.t_bl_scr, p)

@@ -428,9 +428,7 @@ class Model(ABC):
         if values.shape != (len(self.table),):
             msg = f"The initial state needs {len(self.table)} nominal parameters; got shape {values.shape}."
             raise ShapeError(msg)
-        state = starts[kind](
-            self.Disturbances(*row.tolist()), float(air_temperature), self.Parameters(*values.tolist())
-        )
+        state = starts[kind](self.Disturbances(*row.tolist()), float(air_temperature), self.Parameters(*values.tolist()))
         if len(state) != len(self.states):
             msg = f"The start '{kind}' of {self.id} gives {len(state)} values for {len(self.states)} states."
             raise ShapeError(msg)
@@ -447,9 +445,7 @@ class Model(ABC):
             When a rate is not finite; the message names model, state and value.
         """
         rates = self.rhs(x, np.zeros(len(self.controls)), d, p)
-        self._refuse_not_finite(
-            rates, f"At the start, with all controls at 0, the equations of {self.id} give as rate of"
-        )
+        self._refuse_not_finite(rates, f"At the start, with all controls at 0, the equations of {self.id} give as rate of")
 
     def _refuse_not_finite(self, values: Array, opening: str) -> None:
         for name, value in zip(self.state_names, values.tolist(), strict=True):

@@ -56,9 +56,7 @@ HARVEST = Meter(
 """The harvest of a control step: what is picked can be paid when it is picked."""
 
 
-CO2_DOSED = Meter(
-    "mc_ext_air", "co2_metered", "mg m-2", "CO2 dosed, metered since the start", "CO₂", scale=1e6, small=1e3
-)
+CO2_DOSED = Meter("mc_ext_air", "co2_metered", "mg m-2", "CO2 dosed, metered since the start", "CO₂", scale=1e6, small=1e3)
 """The CO2 dosed: what has flowed since the start can decide what more of it costs."""
 
 
@@ -72,9 +70,7 @@ def tomato_harvest(variant: str = "author") -> Greenhouse:
         When there is no such variant.
     """
     reading = get_variant(variant)
-    return compose(
-        GreenLightClimate(reading), VanthoorTomato(reading), meters=(HARVEST,), name="greenlight-tomato-harvest"
-    )
+    return compose(GreenLightClimate(reading), VanthoorTomato(reading), meters=(HARVEST,), name="greenlight-tomato-harvest")
 
 
 TOMATO = tomato()
@@ -83,9 +79,7 @@ TOMATO = tomato()
 LETTUCE = compose(GreenLightClimate(), VanHentenLettuce())
 """The same greenhouse with lettuce in it."""
 
-TOMATO_SEASON = compose(
-    GreenLightClimate(), VanthoorTomato(), meters=(HARVEST, CO2_DOSED), name="greenlight-tomato-season"
-)
+TOMATO_SEASON = compose(GreenLightClimate(), VanthoorTomato(), meters=(HARVEST, CO2_DOSED), name="greenlight-tomato-season")
 """The tomato greenhouse with meters on harvest and CO2."""
 
 TOMATO_ENERGY = compose(
@@ -241,9 +235,7 @@ def _load_plugins() -> tuple[str, ...]:
         except Exception as error:  # a broken package is no reason to refuse the models of others
             package = entry.dist.name if entry.dist else "an unknown package"
             cause = str(error) or "no message"
-            failed.append(
-                f" The entry point '{entry.name} = {entry.value}' of {package} failed: {type(error).__name__}: {cause}"
-            )
+            failed.append(f" The entry point '{entry.name} = {entry.value}' of {package} failed: {type(error).__name__}: {cause}")
     return tuple(failed)
 
 

@@ -87,10 +87,7 @@ def check_together(
             raise ParameterError(msg)
     for order in orders:
         if not values[order.smaller] < values[order.larger]:
-            msg = (
-                f"{order.smaller} ({values[order.smaller]:g}) must be below {order.larger} ({values[order.larger]:g}): "
-                f"{order.reason}."
-            )
+            msg = f"{order.smaller} ({values[order.smaller]:g}) must be below {order.larger} ({values[order.larger]:g}): {order.reason}."
             raise ParameterError(msg)
     for info in table:
         check_value(info, values[info.name])

@@ -80,9 +80,7 @@ class ParameterValues:
         """Public names, in the order of the vector."""
         return tuple(info.name for info in self.table)
 
-    def default(
-        self, set_name: str = BENCHMARK, overrides: Mapping[str, Override] | None = None
-    ) -> NDArray[np.float64]:
+    def default(self, set_name: str = BENCHMARK, overrides: Mapping[str, Override] | None = None) -> NDArray[np.float64]:
         """Parameter vector of a named set, with overrides and with the derived entries computed from the base entries.
 
         Parameters
@@ -135,9 +133,7 @@ class ParameterValues:
             When there is no such group or set.
         """
         _require_set(set_name)
-        members = {
-            info.name: _own_value(info, set_name) for info in self.table if info.group == group and not info.is_derived
-        }
+        members = {info.name: _own_value(info, set_name) for info in self.table if info.group == group and not info.is_derived}
         if not members:
             groups = dict.fromkeys(info.group for info in self.table)
             msg = f"There is no group of parameters '{group}'.{did_you_mean(group, groups)}"

@@ -117,9 +117,7 @@ def solar_nir(lai: Expr, o: Optics, p: ClimateParameters) -> Layer:
 def par_above(o: Optics, a: Actuators, d: Disturbances, p: ClimateParameters) -> Par:
     """PAR of the sun under the screens, of the top lamps and of the interlights. Vanthoor (2011) eq. 8.26, Katzin (2021) eqs 7.7-7.8."""
     sun_inside = (1 - p.eta_glob_air) * d.i_glob
-    return Par(
-        o.tau_cov_par * p.eta_glob_par * sun_inside, p.eta_lamp_par * a.q_lamp_in, p.eta_int_lamp_par * a.q_int_lamp_in
-    )
+    return Par(o.tau_cov_par * p.eta_glob_par * sun_inside, p.eta_lamp_par * a.q_lamp_in, p.eta_int_lamp_par * a.q_int_lamp_in)
 
 
 def photons_of(par: Par, p: ClimateParameters) -> Expr:
@@ -166,11 +164,7 @@ def short_wave(lai: Expr, o: Optics, a: Actuators, d: Disturbances, p: ClimatePa
         r_nir_lamp_flr=nir_lamp * top.nir_floor,
         r_nir_int_lamp_flr=nir_int_lamp * inter.nir_floor,
         r_lamp_air=lamp - par_lamp * (top.par_canopy + top.par_floor) - nir_lamp * (top.nir_canopy + top.nir_floor),
-        r_int_lamp_air=int_lamp
-        - par_int_lamp * (inter.par_canopy + inter.par_floor)
-        - nir_int_lamp * (inter.nir_canopy + inter.nir_floor),
-        r_glob_sun_air=p.eta_glob_air
-        * d.i_glob
-        * (o.tau_cov_par * p.eta_glob_par + (nir_canopy + nir_floor) * p.eta_glob_nir),
+        r_int_lamp_air=int_lamp - par_int_lamp * (inter.par_canopy + inter.par_floor) - nir_int_lamp * (inter.nir_canopy + inter.nir_floor),
+        r_glob_sun_air=p.eta_glob_air * d.i_glob * (o.tau_cov_par * p.eta_glob_par + (nir_canopy + nir_floor) * p.eta_glob_nir),
         r_glob_sun_cov_e=(o.a_cov_par * p.eta_glob_par + o.a_cov_nir * p.eta_glob_nir) * d.i_glob,
     )

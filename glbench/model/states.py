@@ -17,9 +17,7 @@ class ClimateState(NamedTuple):
     co2_air: Annotated[Expr, Variable("mg m-3", "CO2 density of the main air", scale=1000.0, small=1.0)]
     co2_top: Annotated[
         Expr,
-        Variable(
-            "mg m-3", "CO2 density of the top air, above the screens", scale=1000.0, small=1.0, balance=0.5, fast=True
-        ),
+        Variable("mg m-3", "CO2 density of the top air, above the screens", scale=1000.0, small=1.0, balance=0.5, fast=True),
     ]
     t_air: Annotated[Expr, Variable("°C", "temperature of the main air", balance=2.0)]
     t_top: Annotated[Expr, Variable("°C", "temperature of the top air", balance=0.4, fast=True)]
@@ -35,23 +33,17 @@ class ClimateState(NamedTuple):
     t_so4: Annotated[Expr, Variable("°C", "temperature of soil layer 4")]
     t_so5: Annotated[Expr, Variable("°C", "temperature of soil layer 5, the deepest")]
     vp_air: Annotated[Expr, Variable("Pa", "vapour pressure of the main air", scale=1000.0, small=10.0, balance=0.4)]
-    vp_top: Annotated[
-        Expr, Variable("Pa", "vapour pressure of the top air", scale=1000.0, small=10.0, balance=0.5, fast=True)
-    ]
+    vp_top: Annotated[Expr, Variable("Pa", "vapour pressure of the top air", scale=1000.0, small=10.0, balance=0.5, fast=True)]
     t_lamp: Annotated[Expr, Variable("°C", "temperature of the top lamps", fast=True)]
     t_int_lamp: Annotated[Expr, Variable("°C", "temperature of the interlights, the lamps within the canopy")]
     t_gro_pipe: Annotated[Expr, Variable("°C", "temperature of the grow pipes, the pipes within the canopy")]
-    t_bl_scr: Annotated[
-        Expr, Variable("°C", "temperature of the blackout screen", sharper=0.3, balance=0.15, fast=True)
-    ]
+    t_bl_scr: Annotated[Expr, Variable("°C", "temperature of the blackout screen", sharper=0.3, balance=0.15, fast=True)]
 
 
 class TomatoState(NamedTuple):
     """The tomato crop."""
 
-    t_can24: Annotated[
-        Expr, Variable("°C", "canopy temperature averaged over about 24 h (first-order low-pass)", balance=1e-3)
-    ]
+    t_can24: Annotated[Expr, Variable("°C", "canopy temperature averaged over about 24 h (first-order low-pass)", balance=1e-3)]
     c_buf: Annotated[
         Expr,
         Variable(

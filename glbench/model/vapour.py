@@ -53,9 +53,7 @@ def condensation(hec: Expr, pressure: Expr) -> Expr:
     return LEWIS_FACTOR * hec * pressure
 
 
-def carried_vapour(
-    flow: Expr, vp_from: Expr, vp_to: Expr, t_from: Expr, t_to: Expr, p: ClimateParameters, variant: Variant
-) -> Expr:
+def carried_vapour(flow: Expr, vp_from: Expr, vp_to: Expr, t_from: Expr, t_to: Expr, p: ClimateParameters, variant: Variant) -> Expr:
     """Vapour carried by an air exchange [m3 m-2 s-1] [kg m-2 s-1]. Vanthoor (2011) eq. 8.45.
 
     Rows 4 and 5: the published code rounds ``mWater/R`` and 273.15.
@@ -65,9 +63,7 @@ def carried_vapour(
     return factor * flow * (vp_from / (t_from + zero) - vp_to / (t_to + zero))
 
 
-def vapour(
-    x: ClimateState, v: Ventilation, h: Convection, d: Disturbances, p: ClimateParameters, variant: Variant
-) -> Vapour:
+def vapour(x: ClimateState, v: Ventilation, h: Convection, d: Disturbances, p: ClimateParameters, variant: Variant) -> Vapour:
     """All vapour fluxes apart from transpiration. Vanthoor (2011) eqs 8.42-8.45, Katzin (2021) eqs 7.39-7.41.
 
     Nothing evaporates from screens and cover to the top air, apart from the small negative lobe of `condensing_pressure`;

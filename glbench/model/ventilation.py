@@ -82,9 +82,7 @@ def air_density(temperature: Expr, p: ClimateParameters) -> Expr:
     return p.m_air * p.pressure / (p.R * kelvin(temperature))
 
 
-def f_through_screen(
-    closure: Expr, permeability: Expr, x: ClimateState, v: Densities, p: ClimateParameters, variant: Variant
-) -> Expr:
+def f_through_screen(closure: Expr, permeability: Expr, x: ClimateState, v: Densities, p: ClimateParameters, variant: Variant) -> Expr:
     """Exchange that one screen allows [m3 m-2 s-1]: through its cloth, and through the gap that it leaves open.
 
     Vanthoor (2011) eq. 8.41, Katzin (2021) eq. 7.37. Erratum by the model's author: the printed equation compares the

@@ -237,9 +237,7 @@ def compare(
             HouseComparison(
                 name=season.house.name,
                 description=season.house.description,
-                compartments=tuple(
-                    _compartment(archive, season, i, settings) for i in range(len(archive.compartments))
-                ),
+                compartments=tuple(_compartment(archive, season, i, settings) for i in range(len(archive.compartments))),
                 heat_rmse=_rms(season.heat - heat),
                 heat_rmse_of_mean=_rms((season.heat - heat).mean(axis=1)),
             )
@@ -275,9 +273,7 @@ def _compartment(archive: Archive, season: Season, place: int, settings: Setting
             simulated_from=_harvest_start(archive, fruit),
             bias_by_month={name: float((fruit - measured.harvest)[days].sum()) for name, days in by_month.items()},
         ),
-        lamps=Supply(
-            measured=float((measured.high + measured.low).sum()), simulated=float(season.lamps[:, place].sum())
-        ),
+        lamps=Supply(measured=float((measured.high + measured.low).sum()), simulated=float(season.lamps[:, place].sum())),
         co2=Supply(measured=float(measured.co2.sum()), simulated=float(season.co2[:, place].sum())),
         air_temperature=float(season.air_temperature[:, place].mean()),
         humidity=float(season.humidity[:, place].mean()),

@@ -144,9 +144,7 @@ HOUSES: Mapping[str, House] = MappingProxyType(
             ),
             House("hps_2021", "modern 4 ha greenhouse, HPS lamps", "hps_2021"),
             House("led_2021", "modern 4 ha greenhouse, LEDs", "led_2021"),
-            House(
-                "mixed_2021", "modern 4 ha greenhouse, HPS lamps and LEDs", "led_2021", mixed=("hps_2021", "led_2021")
-            ),
+            House("mixed_2021", "modern 4 ha greenhouse, HPS lamps and LEDs", "led_2021", mixed=("hps_2021", "led_2021")),
         )
     }
 )

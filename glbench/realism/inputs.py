@@ -76,22 +76,17 @@ def outdoors(archive: Archive, clock: str, co2_ppm: float) -> Outdoors:
     ArchiveError
         When more than ``LONGEST_GAP_HOURS`` are missing at once, or the weather does not reach over all days.
     """
-    begin, end = (
-        preprocessing.to_utc_seconds(archive.first + dt.timedelta(days=days), clock) for days in (0, archive.days)
-    )
+    begin, end = (preprocessing.to_utc_seconds(archive.first + dt.timedelta(days=days), clock) for days in (0, archive.days))
     readings = np.arange(begin, end, _ROW_SECONDS, dtype=np.int64)
     numbers = (readings + preprocessing.utc_offsets(readings, clock)) // _ROW_SECONDS + _EPOCH * ROWS_A_DAY
     places = np.minimum(np.searchsorted(archive.weather.rows, numbers), archive.weather.rows.size - 1)
     has_row = archive.weather.rows[places] == numbers
-    radiation, temperature, humidity, wind, net = (
-        np.where(has_row, archive.weather.columns[name][places], np.nan) for name in WEATHER
-    )
+    radiation, temperature, humidity, wind, net = (np.where(has_row, archive.weather.columns[name][places], np.nan) for name in WEATHER)
     missing = np.isnan(radiation + temperature + humidity + wind + net)
     notes = _check(archive.weather, missing, numbers)
     present = np.flatnonzero(~missing)
     radiation, temperature, humidity, wind, net = (
-        np.interp(np.arange(values.size), present, values[present])
-        for values in (radiation, temperature, humidity, wind, net)
+        np.interp(np.arange(values.size), present, values[present]) for values in (radiation, temperature, humidity, wind, net)
     )
     sky = preprocessing.STEFAN_BOLTZMANN * (temperature + preprocessing.KELVIN) ** 4 + net
     vapour = preprocessing.vapour_pressure(temperature, np.minimum(humidity, 100.0))
@@ -186,9 +181,7 @@ def schedule(
     sunlit = radiation >= settings.periods.dark_below
     lamps = np.column_stack([lamp_shares(one, outside, settings.lamps) for one in compartments])
     lit = sunlit[:, None] | (lamps > 0.0)
-    dose = np.column_stack(
-        [np.minimum(co2_dose(one.co2, outside, lit[:, i]), most_co2) for i, one in enumerate(compartments)]
-    )
+    dose = np.column_stack([np.minimum(co2_dose(one.co2, outside, lit[:, i]), most_co2) for i, one in enumerate(compartments)])
     period = periods(lit, settings.periods.pre_night)
     heat, vents = settings.heating, settings.ventilation
     bright = np.clip((last_hour(radiation) - heat.light_from) / (heat.light_full - heat.light_from), 0.0, 1.0)

@@ -153,9 +153,7 @@ def read_archive(folder: Path) -> Archive:
         msg = f"The compartments in {folder} have no day in common ({spans}). Leave one of them out."
         raise ArchiveError(msg)
     if any((one.first, one.last) != (first, last) for one in used.values()):
-        notes.append(
-            f"The compartments cover different days; compared are those of all, {_date(first)} to {_date(last)}."
-        )
+        notes.append(f"The compartments cover different days; compared are those of all, {_date(first)} to {_date(last)}.")
     compartments = tuple(one.compartment(first, last, notes) for one in used.values())
     return Archive(_date(first), last - first + 1, weather, compartments, tuple(notes))
 
@@ -354,9 +352,7 @@ def _harvest(path: Path, first: int, last: int, notes: list[str]) -> FloatArray:
         counted = day
         if day < first:
             counted = next((later for later in days[place + 1 :].tolist() if later >= first), first)
-            notes.append(
-                f"{path.name}: a harvest is dated {_date(day)}, before the season; it is counted on {_date(counted)}."
-            )
+            notes.append(f"{path.name}: a harvest is dated {_date(day)}, before the season; it is counted on {_date(counted)}.")
         if counted > last:
             notes.append(f"{path.name}: the harvest of {_date(day)}, after the last day, is left out.")
         else:

@@ -99,10 +99,7 @@ def simulate(
             "model.parameters": house.parameters,
         }
     )
-    installed = {
-        one.name: one.capacity
-        for one in greenhouse.capacities(dict(zip(greenhouse.parameter_names, p.tolist(), strict=True)))
-    }
+    installed = {one.name: one.capacity for one in greenhouse.capacities(dict(zip(greenhouse.parameter_names, p.tolist(), strict=True)))}
     plan = schedule(archive.compartments, outside, settings, most_co2=installed[names.DOSING], warmer=warmer)
     kernel = Kernel(greenhouse, STEP_SECONDS)
     place = {name: greenhouse.state_index(name) for name in _READ}
@@ -110,10 +107,7 @@ def simulate(
     x = np.repeat(_planted(outside, p, settings)[None], count, axis=0)
     u = np.zeros((count, len(column)))
     memory: dict[str, Any] = {name: np.full(count, value) for name, value in MEMORY.items()}
-    sums = {
-        name: np.zeros((archive.days, count))
-        for name in ("heat", "pipes", "lamps", "co2", "harvest", "air", "humid", "ppm")
-    }
+    sums = {name: np.zeros((archive.days, count)) for name in ("heat", "pipes", "lamps", "co2", "harvest", "air", "humid", "ppm")}
     p_rows = np.repeat(p[None], count, axis=0)
     for step in range(outside.steps):
         day, d = int(outside.day[step]), outside.values[step]

@@ -131,9 +131,7 @@ def task_facts(table: TaskTable, steps: int, step_seconds: float) -> dict[str, A
 
 def families(tables: Sequence[TaskTable]) -> list[dict[str, Any]]:
     """Suites of the paper's form of which several tasks have results and differ in delta: what the figure over delta is drawn of."""
-    specs = {
-        table.task_id: table.task for table in tables if table.task is not None and table.task.conventions.shows_delta
-    }
+    specs = {table.task_id: table.task for table in tables if table.task is not None and table.task.conventions.shows_delta}
     suites = []
     for name, members in list_suites().items():
         tasks = sorted((m for m in members if m in specs), key=lambda m: specs[m].uncertainty.delta)
@@ -170,10 +168,7 @@ def suite_facts(table: SuiteTable) -> dict[str, Any]:
         "tasks": list(table.tasks),
         "rows": rows,
         "thresholds": [round(x, 4) for x in table.profiles[0].thresholds] if table.profiles else [],
-        "profiles": {
-            one.agent: [[round(1000 * x) for x in line] for line in (one.share, one.low, one.high)]
-            for one in table.profiles
-        },
+        "profiles": {one.agent: [[round(1000 * x) for x in line] for line in (one.share, one.low, one.high)] for one in table.profiles},
         "improvements": [[one.first, one.second, *_interval(one.probability)] for one in table.improvements],
     }
 
@@ -192,10 +187,7 @@ def agent_facts(tables: Sequence[TaskTable], entries: Sequence[ReportEntry]) -> 
             agents[row.agent] = of_result[row.task_id, row.results_digest]
             trainings |= {training_name(row, one): row.agent for one in row.trainings if row.is_range}
     ordered = sorted(agents.items(), key=lambda pair: (pair[1].kind == "baseline", pair[0]))
-    facts = [
-        {"name": name, "kind": one.kind, "privileged": one.privileged, "information": one.information}
-        for name, one in ordered
-    ]
+    facts = [{"name": name, "kind": one.kind, "privileged": one.privileged, "information": one.information} for name, one in ordered]
     return facts + [{"name": name, "training_of": entry} for name, entry in sorted(trainings.items())]
 
 
@@ -204,9 +196,7 @@ def training_name(entry: Row, training: Row) -> str:
     return f"{training.agent}_seed{training.training_seed}" if training.agent == entry.agent else training.agent
 
 
-def entry_facts(
-    entry: Row, entries: Mapping[tuple[str, str], ReportEntry], blocks: Mapping[tuple[str, str], str]
-) -> list[dict[str, Any]]:
+def entry_facts(entry: Row, entries: Mapping[tuple[str, str], ReportEntry], blocks: Mapping[tuple[str, str], str]) -> list[dict[str, Any]]:
     """What the page shows of one row of a leaderboard: a result, or several trainings as one and then one by one.
 
     ``entries`` are by task id and ``results_digest``, ``blocks`` are the names of their profiles. Of several
@@ -236,9 +226,7 @@ def entry_facts(
         "digest": "",
         "estimates": _estimates(entry),
         **_notes(entry),
-        "steps": [
-            float(np.mean(steps)) for steps in zip(*([run.steps for run in one.runs] for one in stored), strict=True)
-        ],
+        "steps": [float(np.mean(steps)) for steps in zip(*([run.steps for run in one.runs] for one in stored), strict=True)],
         "values": {
             name: [_short(float(np.mean(runs))) for runs in zip(*(one.values(name) for one in stored), strict=True)]
             for name in entry.estimates

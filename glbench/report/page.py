@@ -65,9 +65,7 @@ def write_report(out: Path) -> tuple[Path, Report]:
     require("The report", "report", "jinja2", "plotly")
     stored, problems = own_and_released_results(out)
     if not stored:
-        msg = (
-            f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."
-        )
+        msg = f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."
         raise ResultError(msg)
     ensure_writable(out)
     report = replace(build_report(stored), left_out=problems)
@@ -105,9 +103,7 @@ def build_report(stored: Sequence[StoredResult]) -> Report:
         data,
         len(entries),
         tuple(item.stored.path for item in entries if item.profile is None),
-        sealed=any(
-            item.profile is not None and item.stored.result.task.salt_commitment is not None for item in entries
-        ),
+        sealed=any(item.profile is not None and item.stored.result.task.salt_commitment is not None for item in entries),
     )
 
 
@@ -128,9 +124,7 @@ def page_data(
     ]
     task_ids = [table.task_id for table in tables]
     by_digest = {(item.row.task_id, item.row.results_digest): item for item in entries}
-    of_suites = [
-        {**facts.suite_facts(table), "words_of": labels.of(of_published(table.tasks), table.tasks)} for table in suites
-    ]
+    of_suites = [{**facts.suite_facts(table), "words_of": labels.of(of_published(table.tasks), table.tasks)} for table in suites]
     results = [one for table in tables for row in table.rows for one in facts.entry_facts(row, by_digest, profiles)]
     return {
         "version": __version__,
@@ -138,9 +132,7 @@ def page_data(
         "settings": facts.numbered(results, "settings"),
         "start": usual_task(task_ids) or task_ids[0],
         "words": labels.all,
-        "other_words": [
-            [one["word"], one["meaning"], one.get("marks", [])] for one in tomllib.loads(asset("words.toml"))["word"]
-        ],
+        "other_words": [[one["word"], one["meaning"], one.get("marks", [])] for one in tomllib.loads(asset("words.toml"))["word"]],
         "tasks": tasks,
         "families": facts.families(tables),
         "resolution": RESOLUTION,
@@ -198,9 +190,7 @@ class Completion:
     impossible: tuple[tuple[Path, str], ...]
 
 
-def complete_profiles(
-    stored: Iterable[StoredResult], workers: int = 1, progress: Callable[[Path], None] | None = None
-) -> Completion:
+def complete_profiles(stored: Iterable[StoredResult], workers: int = 1, progress: Callable[[Path], None] | None = None) -> Completion:
     """Make the profiles that are missing; results stay as they are. ``progress`` is called with each result that is replayed.
 
     Raises

@@ -45,9 +45,7 @@ def drawn_columns(task: TaskSpec | None) -> Mapping[str, frozenset[str]]:
     return {
         "day": frozenset((*drawing.controls, *charts["day"], *charts["more"], *charts["climate"], *charts["compared"])),
         "season": frozenset(charts["season"]),
-        "worst": frozenset(
-            (*penalty, *(line["column"] for panel in drawing.panels for line in panel["lines"] if "column" in line))
-        ),
+        "worst": frozenset((*penalty, *(line["column"] for panel in drawing.panels for line in panel["lines"] if "column" in line))),
         "hours": frozenset((*penalty, *(item.column for item in labels.items))),
     }
 
@@ -81,25 +79,16 @@ def profile_blocks(
     """Names of the profiles by task id and ``results_digest``, and of the weather by task id."""
     with_profile = [(item, item.profile) for item in entries if item.profile is not None]
     names = blocks.add("profile", (embedded_profile(one, tasks[item.row.task_id]) for item, one in with_profile))
-    profiles = {
-        (item.row.task_id, item.row.results_digest): name for (item, _), name in zip(with_profile, names, strict=True)
-    }
+    profiles = {(item.row.task_id, item.row.results_digest): name for (item, _), name in zip(with_profile, names, strict=True)}
     outside: dict[str, Profile] = {}
-    for item, one in sorted(
-        with_profile, key=lambda pair: not pair[0].stored.released
-    ):  # what came with glbench knows the weather best
+    for item, one in sorted(with_profile, key=lambda pair: not pair[0].stored.released):  # what came with glbench knows the weather best
         outside.setdefault(item.row.task_id, one)
     levels = LEVELS["weather"]
     embedded = (
         {
             "slot_seconds": one.document["day"]["slot_seconds"],
             "day": {name: _coarse(column, levels) for name, column in one.document["weather"]["day"].items()},
-            "season": {
-                "columns": {
-                    name: _coarse(column, levels)
-                    for name, column in one.document["weather"]["season"]["columns"].items()
-                }
-            },
+            "season": {"columns": {name: _coarse(column, levels) for name, column in one.document["weather"]["season"]["columns"].items()}},
             "hours": {name: _coarse(column, levels) for name, column in one.document["weather"]["hours"].items()},
         }
         for one in outside.values()
@@ -135,9 +124,7 @@ def _columns(part: str, drawn_of: Mapping[str, frozenset[str]], columns: Mapping
 
 def _coarse(packed: Mapping[str, Any], levels: int) -> dict[str, Any]:
     """Whole numbers times a coarser ``resolution``, each as the difference from the known one before it in its row."""
-    cells = np.array(
-        packed["values"], dtype=np.float64
-    )  # NaN where nothing is known; the rest are whole numbers below 2**53
+    cells = np.array(packed["values"], dtype=np.float64)  # NaN where nothing is known; the rest are whole numbers below 2**53
     factor = max(1, int(np.fmax.reduce(np.abs(cells), axis=None, initial=0.0)) // levels)
     return {
         "resolution": packed["resolution"] * factor,

@@ -147,10 +147,7 @@ def tell(path: Path, against: Path, workers: int = 1) -> Story:
     reasons = [failures(one.agent.name, runs) for one, runs in zip(results, common, strict=True)]
     failed = tuple(words for words in reasons if words)
     if not shared:
-        msg = (
-            f"{path} and {against} have no seed in common. "
-            "Evaluate one of them again with the seeds of the other (--seed, --runs)."
-        )
+        msg = f"{path} and {against} have no seed in common. Evaluate one of them again with the seeds of the other (--seed, --runs)."
         raise ResultError(msg)
     if not seeds:
         broken = " and ".join(str(place) for place, words in zip(paths, reasons, strict=True) if words)
@@ -182,9 +179,7 @@ def tell(path: Path, against: Path, workers: int = 1) -> Story:
 
 
 def _whose(result: Result) -> str:
-    return (
-        f"{result.task.id}{f' ({result.task.split})' if result.task.split else ''}, digest {result.task.digest[:12]}..."
-    )
+    return f"{result.task.id}{f' ({result.task.split})' if result.task.split else ''}, digest {result.task.digest[:12]}..."
 
 
 def levels_of(task: TaskSpec) -> tuple[Curve, ...]:
@@ -254,9 +249,7 @@ def _side(task: TaskSpec, log: ActionLog, seeds: Sequence[int], kernel: Stepper)
             values = [curve.values(columns) for curve in curves]
             by_hour.append(np.stack([np.bincount(hours, one, _HOURS) for one in values], axis=1))
             steps_by_hour.append(np.bincount(hours, minlength=_HOURS))
-            levels.append(
-                np.stack([np.bincount(places, one, size) for one in values], axis=1).reshape(count, parts, -1)
-            )
+            levels.append(np.stack([np.bincount(places, one, size) for one in values], axis=1).reshape(count, parts, -1))
             steps.append(np.bincount(places, minlength=size).reshape(count, parts))
             lines.append(sums_by(episode, signals, places, size).reshape(count, parts, -1))
             light.append(np.bincount(days, radiation, count))
@@ -338,9 +331,7 @@ def headline(story: Story) -> str:
     gaps, runs = totals[0] - totals[1], len(story.seeds)
     gap, line = float(gaps[:, profit].mean()), story.lines[profit]
     more = int((gaps[:, profit] > 0).sum())
-    parts = [
-        f"{number(float(value), 2, signed=True)} {_when(place)}" for place, value in enumerate(story.gaps()[:, profit])
-    ]
+    parts = [f"{number(float(value), 2, signed=True)} {_when(place)}" for place, value in enumerate(story.gaps()[:, profit])]
     what, cost = story.lines[score], story.lines[violations]
 
     def certainty(place: int, places: int) -> tuple[bool, str]:
@@ -418,8 +409,7 @@ def paragraphs(story: Story) -> list[str]:
         ]
         of_which = f" ({', '.join(money)})" if money else ""
         parts = [
-            f"{_sentence(_when(period))} ({story.times[period]:.0f} h a run): "
-            f"{'; '.join(levels) or 'climate and controls hardly differ'}.",
+            f"{_sentence(_when(period))} ({story.times[period]:.0f} h a run): {'; '.join(levels) or 'climate and controls hardly differ'}.",
             f"{_sentence(', '.join(amounts))}." if amounts else "",
             f"Profit {_amount(gaps[profit], 'EUR m-2', 2, signed=True)}{of_which}; "
             f"{in_sentence(_penalty(penalty, gaps[violations]))}; "

@@ -93,16 +93,9 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
     """What a task asks and pays, by labels and with units: no key of the task file, no symbol of the model."""
     words, definition = catalogue(task), {section.heading: section for section in definition_in_words(task)}
     series, scenario, model = charts_of(task).series, task.scenario, task.model_value
-    tables = {
-        item.price: words_of.label
-        for words_of in words.items
-        for item in task.ledger.items
-        if item.name == words_of.money
-    }
+    tables = {item.price: words_of.label for words_of in words.items for item in task.ledger.items if item.name == words_of.money}
 
-    def plain(
-        heading: str, lines: Sequence[str], columns: Sequence[str] = (), rows: Sequence[Sequence[str]] = ()
-    ) -> Section:
+    def plain(heading: str, lines: Sequence[str], columns: Sequence[str] = (), rows: Sequence[Sequence[str]] = ()) -> Section:
         def spelling(text: str) -> str:
             text = re.sub(r"'(\w+)'", lambda word: word[1].replace("_", " "), text)
             for sign, usual in _SPELLINGS.items():
@@ -114,9 +107,7 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
 
     if task.base is not None:
         topics = dict.fromkeys(_TOPICS.get(change.key.split(".")[0], "other numbers") for change in task.changes)
-        yield plain(
-            "Compared with another task", [f"As {task.base.partition('/')[2]}, but for {sentence(list(topics))}."]
-        )
+        yield plain("Compared with another task", [f"As {task.base.partition('/')[2]}, but for {sentence(list(topics))}."])
     yield plain("Season and place", definition["Period and place"].lines)
     if "Seasons" in definition:
         yield plain("Seasons to learn from and to be judged by", definition["Seasons"].lines)
@@ -127,11 +118,7 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
         groups = [("crop", tuple(task.uncertain_parameters()), task.uncertainty.half_width, moment)]
     meanings = {one.name: one.meaning for one in model.table} | {one.name: one.meaning for one in model.states}
     properties = [(meanings[name], f"±{100 * half:g} %", moment) for _, names, half, moment in groups for name in names]
-    properties += [
-        (meanings[name], f"±{100 * one.half_width:g} %", "at the start")
-        for one in scenario.start_groups
-        for name in one.states
-    ]
+    properties += [(meanings[name], f"±{100 * one.half_width:g} %", "at the start") for one in scenario.start_groups for name in one.states]
     lines = [
         start,
         f"{len(properties)} properties differ from run to run; the agent does not know by how much."
@@ -208,9 +195,7 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
             price = f"{item.price:g} {of_money.unit}"
             if item.beyond is not None:
                 price += f", {item.beyond.price:g} beyond {item.beyond.amount:g} {item.amount_unit}"
-        prices.append(
-            (of_money.label, "earned" if of_money.sign > 0 else "paid", price, item.amount_meaning or item.label)
-        )
+        prices.append((of_money.label, "earned" if of_money.sign > 0 else "paid", price, item.amount_meaning or item.label))
     yield plain("Prices", (), ("Item", "", "Price", "Of what"), prices)
     score, profit, penalty = words.score, words.profit, words.of_kind("penalty")[0]
     counted = (
@@ -323,9 +308,7 @@ def _period(task: tasks.TaskSpec, card: tasks.TaskCard | None) -> list[str]:
         if card.clock == "UTC" != at.timezone:  # how far the grower's own clock is ahead
             zone = ZoneInfo(at.timezone)
             moments = (dt.datetime.combine(date, dt.time(), dt.UTC) for date in (card.start, end))
-            shifts = dict.fromkeys(
-                (moment.astimezone(zone).utcoffset() or dt.timedelta()) / dt.timedelta(hours=1) for moment in moments
-            )
+            shifts = dict.fromkeys((moment.astimezone(zone).utcoffset() or dt.timedelta()) / dt.timedelta(hours=1) for moment in moments)
             clock += f" ({at.timezone} is UTC{' and later UTC'.join(f'{hours:+g} h' for hours in shifts)})"
         north, east = ("N" if at.latitude >= 0 else "S"), ("E" if at.longitude >= 0 else "W")
         place = f"{at.station}, {abs(at.latitude):g} {north}, {abs(at.longitude):g} {east}, {at.altitude:g} m"
@@ -359,9 +342,7 @@ def _splits(task: tasks.TaskSpec, splits: SplitsTable) -> Iterator[str]:
             seasons = f"the seasons of {years}"
         else:
             other = "other " if split.years in listed else ""
-            seasons = (
-                f"{split.seasons} {other}season{'s' if split.seasons != 1 else ''}, put together from days of {years}"
-            )
+            seasons = f"{split.seasons} {other}season{'s' if split.seasons != 1 else ''}, put together from days of {years}"
         listed.add(split.years)
         yield f"{_FOR[name]}: {seasons}."
     if task.scenario.generated is not None:

@@ -43,8 +43,7 @@ _KEEP_ALIVE_SECONDS = 600
 _SWEEP_SECONDS = 30.0
 
 PAGE_POLICY = (
-    "default-src 'none'; connect-src 'self'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
-    "frame-ancestors 'none'"
+    "default-src 'none'; connect-src 'self'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'"
 )
 """The page loads nothing, asks this server only, and cannot be put into another page."""
 
@@ -291,9 +290,7 @@ def application(sessions: Sessions, hosts: Sequence[str] = ("localhost",), origi
 
     @app.exception_handler(GlbenchError)
     async def refused(_: Request, error: GlbenchError) -> JSONResponse:
-        return refusal(
-            error if isinstance(error, RequestError) else RequestError(422, str(error), "Nothing more was done.")
-        )
+        return refusal(error if isinstance(error, RequestError) else RequestError(422, str(error), "Nothing more was done."))
 
     @app.exception_handler(RequestValidationError)
     async def unfit(_: Request, error: RequestValidationError) -> JSONResponse:
@@ -314,10 +311,7 @@ def application(sessions: Sessions, hosts: Sequence[str] = ("localhost",), origi
     app.add_middleware(Guard, hosts=hosts, origins=origins)
     if origins:
         app.add_middleware(
-            CORSMiddleware,
-            allow_origins=list(origins),
-            allow_methods=["GET", "POST", "DELETE"],
-            allow_headers=["Content-Type"],
+            CORSMiddleware, allow_origins=list(origins), allow_methods=["GET", "POST", "DELETE"], allow_headers=["Content-Type"]
         )
     return app
 

@@ -9,12 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.untrusted import LARGEST_INTEGER
 
-_ENTRIES = {
-    "anyOf": [
-        {"type": "object", "additionalProperties": {"type": "number"}},
-        {"type": "array", "items": {"type": "number"}},
-    ]
-}
+_ENTRIES = {"anyOf": [{"type": "object", "additionalProperties": {"type": "number"}}, {"type": "array", "items": {"type": "number"}}]}
 Entries = Annotated[Any, WithJsonSchema(_ENTRIES)]
 """An entry for each action of the task; ``sessions`` checks it, in its own words."""
 
@@ -28,9 +23,7 @@ class Request(BaseModel):
 class SeasonRequest(Request):
     """Which season to start."""
 
-    split: str | None = Field(
-        default=None, description="the name of a split in quotes, such as 'validation'. Default: training"
-    )
+    split: str | None = Field(default=None, description="the name of a split in quotes, such as 'validation'. Default: training")
     seed: int | None = Field(
         default=None,
         ge=FIRST_TRAINING_SEED,
@@ -52,9 +45,7 @@ class StepRequest(Request):
         default=None,
         description="the same in the units of the task card, each from lowest to highest of the card: set points in degC, for example",
     )
-    steps: int = Field(
-        default=1, ge=1, description="a whole number of steps to take with this action, at most those of a day"
-    )
+    steps: int = Field(default=1, ge=1, description="a whole number of steps to take with this action, at most those of a day")
 
 
 class Moment(BaseModel):
@@ -93,9 +84,7 @@ class StepAnswer(Observation):
     reward: float = Field(description="sum over these steps, in reward_unit")
     reward_unit: str
     account: dict[str, float] = Field(description="sums over these steps; GET .../account has units and meanings")
-    violations: dict[str, float] = Field(
-        description="mean over these steps of the distance beyond each limit, in its unit"
-    )
+    violations: dict[str, float] = Field(description="mean over these steps of the distance beyond each limit, in its unit")
     failure: str | None = Field(description="why a step could not be simulated, which ends the season")
 
 
@@ -107,9 +96,7 @@ class Account(BaseModel):
     account: dict[str, float]
     units: dict[str, str]
     meanings: dict[str, str]
-    episode: str | None = Field(
-        default=None, description="the file on the server's machine, of a closed session, if it writes episodes"
-    )
+    episode: str | None = Field(default=None, description="the file on the server's machine, of a closed session, if it writes episodes")
 
 
 class Ahead(BaseModel):
@@ -117,9 +104,7 @@ class Ahead(BaseModel):
 
     unit: str
     meaning: str
-    hours_ahead: list[float] = Field(
-        description="h; of the weather, the value is the mean over the hour that ends then"
-    )
+    hours_ahead: list[float] = Field(description="h; of the weather, the value is the mean over the hour that ends then")
     values: list[float]
 
 

@@ -64,9 +64,7 @@ class Session:
         self.simulation = Simulation(task, 1)
         self.last_use = 0.0
         self._columns, self._metrics = tuple(column.name for column in task.observed()), StepMetrics(task)
-        self._violations = [
-            (row, quantity.name) for row, quantity in enumerate(task.quantities) if quantity.name.startswith(VIOLATION)
-        ]
+        self._violations = [(row, quantity.name) for row, quantity in enumerate(task.quantities) if quantity.name.startswith(VIOLATION)]
         self._totals, self._actions, self._failure = np.zeros(len(self._metrics.names)), list[NDArray[np.float64]](), ""
         self._observation = self.simulation.reset([seed])[0]
         from glbench.episodes import Trace
@@ -145,10 +143,7 @@ class Session:
         hour = float(self.simulation.hour_of_day[0])
         (local,) = local_times(self.simulation.time, np.array([hour])).astype("datetime64[s]").tolist()
         return messages.Moment(
-            date=f"{local.day} {local:%B}",
-            clock=f"{local:%H:%M}",
-            hour_of_day=hour,
-            day_of_year=float(self.simulation.day_of_year[0]),
+            date=f"{local.day} {local:%B}", clock=f"{local:%H:%M}", hour_of_day=hour, day_of_year=float(self.simulation.day_of_year[0])
         )
 
     def forecast(self) -> messages.Forecast:
@@ -160,9 +155,7 @@ class Session:
                 continue
             hours = float(match["hours"] or int(match["steps"]) * self.task.step_seconds / 3600.0)
             meaning = column.meaning.rpartition(",")[0] or column.meaning
-            entry = ahead.setdefault(
-                match["quantity"], messages.Ahead(unit=column.unit, meaning=meaning, hours_ahead=[], values=[])
-            )
+            entry = ahead.setdefault(match["quantity"], messages.Ahead(unit=column.unit, meaning=meaning, hours_ahead=[], values=[]))
             entry.hours_ahead.append(hours)
             entry.values.append(value)
         if ahead:
@@ -207,9 +200,7 @@ class Session:
             steps=self.steps,
             actions=len(self._actions),
         )
-        provenance = provenance_of(
-            self.task, agent, shared_kernel(self.task.model_value, self.task.step_seconds).describe()
-        )
+        provenance = provenance_of(self.task, agent, shared_kernel(self.task.model_value, self.task.step_seconds).describe())
         return self._trace.episode(self.task, 0, provenance, run, actions)
 
     def record(self) -> tuple[str, bytes]:
@@ -392,9 +383,7 @@ class Sessions:
             return None
         from glbench.episodes import write_episode
 
-        path = next(
-            path for n in itertools.count(1) if not (path := self._folder / f"{session.label}-{n}.mcap").exists()
-        )
+        path = next(path for n in itertools.count(1) if not (path := self._folder / f"{session.label}-{n}.mcap").exists())
         self._folder.mkdir(parents=True, exist_ok=True)
         write_episode(path, session.episode())
         return path

@@ -110,10 +110,7 @@ def references(subjects: Iterable[Subject]) -> Iterator[dict[float, Reference]]:
     with tempfile.TemporaryDirectory(prefix="glbench-bench-") as folder:
         os.chdir(folder)
         try:
-            yield {
-                seconds: Reference(paper_cvodes(TOMATO, TOLERANCE, seconds, jit=compiled), compiled)
-                for seconds in lengths
-            }
+            yield {seconds: Reference(paper_cvodes(TOMATO, TOLERANCE, seconds, jit=compiled), compiled) for seconds in lengths}
         finally:
             os.chdir(before)
 

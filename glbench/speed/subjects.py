@@ -66,9 +66,7 @@ class Points:
     def parts(self, rows: int) -> tuple[Points, ...]:
         """The same points, ``rows`` at a time; what is left over is left out. More than there are: all of them, repeated."""
         if rows >= len(self.x):
-            return (
-                Points(*(np.ascontiguousarray(np.resize(a, (rows, a.shape[1]))) for a in (self.x, self.u, self.d))),
-            )
+            return (Points(*(np.ascontiguousarray(np.resize(a, (rows, a.shape[1]))) for a in (self.x, self.u, self.d))),)
         starts = range(0, len(self.x) - rows + 1, rows)
         return tuple(Points(self.x[i : i + rows], self.u[i : i + rows], self.d[i : i + rows]) for i in starts)
 

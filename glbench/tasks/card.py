@@ -151,9 +151,7 @@ def task_card(task: TaskSpec) -> TaskCard:
         max_change=task.actuation.max_change,
         controls=task.capacities(),
         constraints=tuple(
-            Constraint(
-                name, LIMITED[name], limits.low, limits.high, task.penalty_scales[name], task.violation_prices.get(name)
-            )
+            Constraint(name, LIMITED[name], limits.low, limits.high, task.penalty_scales[name], task.violation_prices.get(name))
             for name, limits in task.constraints.items()
         ),
         prices=None if task.file.prices is None else Prices(**task.file.prices.model_dump()),

@@ -106,9 +106,7 @@ def definition_of(task: TaskRecord) -> dict[str, Any]:
 
 def _definition_1(task: TaskRecord) -> dict[str, Any]:
     whole = task.file.plain(mode="json", by_alias=True, exclude=set(PROSE))
-    plain = {
-        table: {key: whole[table][key] for key in keys} if keys else whole[table] for table, keys in SCHEMA_1.items()
-    }
+    plain = {table: {key: whole[table][key] for key in keys} if keys else whole[table] for table, keys in SCHEMA_1.items()}
     if task.evaluation.time_limits is not None:  # a task that says nothing about time has the digest it always had
         plain["evaluation"]["time_limits"] = whole["evaluation"]["time_limits"]
     return plain
@@ -210,9 +208,7 @@ def _rounded(value: float) -> float:
     return float(f"{value:.{DIGITS}g}")
 
 
-_DEFINITIONS: Mapping[int, Callable[[TaskRecord], dict[str, Any]]] = MappingProxyType(
-    {1: _definition_1, 2: _definition_2}
-)
+_DEFINITIONS: Mapping[int, Callable[[TaskRecord], dict[str, Any]]] = MappingProxyType({1: _definition_1, 2: _definition_2})
 _PARTS: Mapping[int, Callable[[ResolvedTask], dict[str, Any]]] = MappingProxyType({1: _parts_1, 2: _parts_2})
 
 
@@ -249,11 +245,7 @@ def _read(path: Path, _modified: int, _size: int) -> Mapping[str, LockEntry]:
 
 def _entry(task_id: str, entry: object) -> LockEntry:
     names = {field.name for field in fields(Fingerprint)}
-    if (
-        not isinstance(entry, dict)
-        or set(entry) != {"file", *names}
-        or not all(isinstance(value, str) for value in entry.values())
-    ):
+    if not isinstance(entry, dict) or set(entry) != {"file", *names} or not all(isinstance(value, str) for value in entry.values()):
         msg = f"the entry of '{task_id}' is not complete"
         raise ValueError(msg)
     return LockEntry(task_id, entry["file"], Fingerprint(**{name: entry[name] for name in names}))

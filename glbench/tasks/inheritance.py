@@ -140,9 +140,7 @@ def read_tables(path: Path, above: tuple[Path, ...] = ()) -> TaskTables:
     return inherit(below.content, content, base, source, (*prices, real_path(under), *below.files))
 
 
-def inherit(
-    below: Mapping[str, Any], content: Mapping[str, Any], base: str, source: str, files: tuple[Path, ...] = ()
-) -> TaskTables:
+def inherit(below: Mapping[str, Any], content: Mapping[str, Any], base: str, source: str, files: tuple[Path, ...] = ()) -> TaskTables:
     """The tables ``content`` over ``below``, those of the task ``base``; ``source`` is what messages call the result.
 
     Raises
@@ -216,9 +214,7 @@ def _without(table: Mapping[str, Any], path: Sequence[str], refusal: str) -> dic
 def as_schema_2(content: Mapping[str, Any]) -> dict[str, Any]:
     """The tables of a task of schema 1, converted to schema 2; what is missing or wrong is left for the check of the tables."""
     others = {key: value for key, value in content.items() if key not in ("prices", "uncertainty")}
-    model, prices, noise = (
-        table if isinstance(table := content.get(key), dict) else {} for key in ("model", "prices", "uncertainty")
-    )
+    model, prices, noise = (table if isinstance(table := content.get(key), dict) else {} for key in ("model", "prices", "uncertainty"))
     dry = prices.get("dry_matter_content")
     dry_value = dry.get("value") if isinstance(dry, dict) else None
     fresh = 1e-6 / dry_value if isinstance(dry_value, int | float) and dry_value > 0 else 1e-6
@@ -235,9 +231,7 @@ def as_schema_2(content: Mapping[str, Any]) -> dict[str, Any]:
     return {**others, "schema": 2, "model": pinned, "ledger": ledger, "scenario": scenario}
 
 
-def take_over_prices(
-    content: Mapping[str, Any], folder: Path, source: str, below: Mapping[str, Any] | None = None
-) -> tuple[Path, ...]:
+def take_over_prices(content: Mapping[str, Any], folder: Path, source: str, below: Mapping[str, Any] | None = None) -> tuple[Path, ...]:
     """Replace ``file = "gas.csv"`` of a price table by the series in that file of ``folder``; the files of prices.
 
     The keys of ``PRICE_FILE_KEYS`` beside it say how to read the file.

@@ -99,9 +99,7 @@ class LedgerItem:
         amount = parse_unit(self.amount_unit)
         money = {"EUR": 1.0, "m": -2.0 - amount.pop("m", 0.0)}
         exponents = money | {symbol: -exponent for symbol, exponent in amount.items()}
-        return " ".join(
-            symbol if exponent == 1.0 else f"{symbol}{exponent:g}" for symbol, exponent in exponents.items() if exponent
-        )
+        return " ".join(symbol if exponent == 1.0 else f"{symbol}{exponent:g}" for symbol, exponent in exponents.items() if exponent)
 
 
 @dataclass(frozen=True)
@@ -126,11 +124,7 @@ class Ledger:
         return tuple(
             f"{'+' if item.sign > 0 else '-'} {item.name}: {item.amount_meaning or item.label} [{item.amount_unit}] x "
             + (f"the price '{item.price}'" if isinstance(item.price, str) else f"{item.price:g} {item.price_unit}")
-            + (
-                f", {item.beyond.price:g} {item.price_unit} beyond {item.beyond.amount:g} {item.amount_unit}"
-                if item.beyond
-                else ""
-            )
+            + (f", {item.beyond.price:g} {item.price_unit} beyond {item.beyond.amount:g} {item.amount_unit}" if item.beyond else "")
             + (", valued at the end minus at the start" if item.valued == STOCK else "")
             for item in (*self.earned, *self.paid)
         )
@@ -169,9 +163,7 @@ def step_quantities(
         of_catalogue("reward", unit=reward_unit),
         StepQuantity("epi", MONEY, profit),
         *(StepQuantity(item.name, item.unit, _money_words(item)) for item in (*earned, *paid)),
-        of_catalogue(
-            "penalty", **({key: STEP["penalty"].priced[key] for key in ("unit", "meaning")} if priced else {})
-        ),
+        of_catalogue("penalty", **({key: STEP["penalty"].priced[key] for key in ("unit", "meaning")} if priced else {})),
         *(StepQuantity(name, item.amount_unit, item.amount_meaning or item.label) for name, item in amounts.items()),
         *map(of_catalogue, extra),
         *(

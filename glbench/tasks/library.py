@@ -233,9 +233,7 @@ def price_doubts(task: TaskSpec) -> list[str]:
         return []
     in_splits = [task] if task.splits is None else [task.in_split(name) for name in task.splits.names]
     begin_and_days = {
-        (season.start, task.weather.days + one.scenario.start_within_days)
-        for one in in_splits
-        for season in one.scenario.seasons
+        (season.start, task.weather.days + one.scenario.start_within_days) for one in in_splits for season in one.scenario.seasons
     }
     seasons = [np.datetime64(begin, "h") + np.arange(24 * days) for begin, days in begin_and_days]
     hours = np.unique(np.concatenate(seasons))

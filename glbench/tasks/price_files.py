@@ -96,14 +96,7 @@ class PriceFile:
         ]
 
 
-def read_prices(
-    path: Path,
-    unit: object,
-    *,
-    clock: object = None,
-    column: object = None,
-    file_unit: object = None,
-) -> PriceFile:
+def read_prices(path: Path, unit: object, *, clock: object = None, column: object = None, file_unit: object = None) -> PriceFile:
     """Prices of a file in the ``unit`` of a price table.
 
     Parameters
@@ -127,19 +120,13 @@ def read_prices(
     text = read_text(path, TaskError)
     table = split_table(text, str(path), TaskError)
     if len(table.rows) > MOST_PRICES:
-        problem = (
-            f"it has {len(table.rows):,} prices, and a task may have {MOST_PRICES:,}. Keep the years that the runs use."
-        )
+        problem = f"it has {len(table.rows):,} prices, and a task may have {MOST_PRICES:,}. Keep the years that the runs use."
         raise table.refuse(problem)
     doubts: list[str] = []
     hours = {title: match for title in table.titles if (match := _EPEX_HOUR.fullmatch(title))}
     times = (
         time_titles(table)
-        or tuple(
-            title
-            for title in table.titles
-            if re.search("time|hour|date|datum|tijd|zeit|uur|mtu|maand", title, re.IGNORECASE)
-        )[:1]
+        or tuple(title for title in table.titles if re.search("time|hour|date|datum|tijd|zeit|uur|mtu|maand", title, re.IGNORECASE))[:1]
     )
     zone, named_clock = _clock_of(table, " ".join(times), clock)
     if len(hours) >= 24:
@@ -156,11 +143,7 @@ def read_prices(
             named_clock = ""
         elif zone is not None:
             seconds = utc_of_local(table, seconds, zone, times[0])
-        elif not (
-            table.titles[0] in _PLAIN_TIMES
-            or says_utc(" ".join((*table.titles, *table.preamble)))
-            or step_of(seconds) >= DAY
-        ):
+        elif not (table.titles[0] in _PLAIN_TIMES or says_utc(" ".join((*table.titles, *table.preamble))) or step_of(seconds) >= DAY):
             doubts.append(
                 "its times have no offset and are read as UTC. If they are on a local clock, all prices are an hour or two late: name it, "
                 'clock = "Europe/Amsterdam" in the price table (or --clock)'
@@ -245,10 +228,7 @@ def _price_column(table: TextTable, column: object) -> str:
     numeric = []
     for title in (title for title in table.titles if not _is_time(table, title)):
         values = [parse_number(text, table.decimal) for text in table.texts(title)[:200]]
-        if (
-            any(value is not None and value == value for value in values)
-            and sum(value is None for value in values) <= 1
-        ):
+        if any(value is not None and value == value for value in values) and sum(value is None for value in values) <= 1:
             numeric.append(title)
     by_rank = (
         [title for title in numeric if re.search(r"day.?ahead", title, re.IGNORECASE)],
@@ -260,9 +240,7 @@ def _price_column(table: TextTable, column: object) -> str:
     if len(candidates) != 1:
         what = "no column holds prices" if not candidates else "it is unclear which column holds the prices"
         titles = visible(", ".join(table.titles)[:400])
-        problem = (
-            f'{what}; its columns are {titles}. Name it: column = "..." in the price table (or --column). {_PLAIN_FILE}'
-        )
+        problem = f'{what}; its columns are {titles}. Name it: column = "..." in the price table (or --column). {_PLAIN_FILE}'
         raise table.refuse(problem)
     return candidates[0]
 
@@ -297,9 +275,7 @@ def _conversion(table: TextTable, title: str, unit: object, file_unit: object) -
     target = None if unit is None else _UNIT.search(str(unit))
     if match is None:
         if file_unit is not None:
-            msg = (
-                f"{table.file}: '{visible(str(file_unit))}' is not a unit of prices such as EUR/MWh, ct/kWh or EUR/m3."
-            )
+            msg = f"{table.file}: '{visible(str(file_unit))}' is not a unit of prices such as EUR/MWh, ct/kWh or EUR/m3."
             raise TaskError(msg)
         if unit is None:
             problem = 'neither the file nor the price table has a unit: write unit = "EUR kWh-1" in the table.'
@@ -312,9 +288,7 @@ def _conversion(table: TextTable, title: str, unit: object, file_unit: object) -
             raise table.refuse(problem)
         return 1.0, str(unit), ""
     if unit is None:
-        problem = (
-            f'the file is in {visible(match[0])}, and the price table has no unit: write unit = "EUR kWh-1" in it.'
-        )
+        problem = f'the file is in {visible(match[0])}, and the price table has no unit: write unit = "EUR kWh-1" in it.'
         raise table.refuse(problem)
     money = {"€": "EUR", "EURO": "EUR", "EUROS": "EUR", "CT": "EUR", "CTS": "EUR", "CENT": "EUR"}
     cents = match["money"].upper() in ("CT", "CTS", "CENT")
@@ -322,11 +296,7 @@ def _conversion(table: TextTable, title: str, unit: object, file_unit: object) -
     amounts = {name.lower(): entry for name, entry in _AMOUNTS.items()}
     amount, factor = amounts[_amount(match)]
     table_amount, table_factor = amounts[_amount(target)] if target else ("", 1.0)
-    if (
-        target is None
-        or money.get(target["money"].upper(), target["money"].upper()) != currency
-        or table_amount != amount
-    ):
+    if target is None or money.get(target["money"].upper(), target["money"].upper()) != currency or table_amount != amount:
         problem = f"its prices are in {visible(match[0])}, which cannot become {visible(str(unit))}. {_PLAIN_FILE}"
         raise table.refuse(problem)
     total = factor / table_factor * (0.01 if cents else 1.0)

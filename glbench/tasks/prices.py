@@ -73,9 +73,7 @@ class Market:
     lowest: float
     highest: float
 
-    def price(
-        self, hour: NDArray[np.int64], weekend: NDArray[np.bool_], sun: Floats, wind: Floats, path: Floats
-    ) -> Floats:
+    def price(self, hour: NDArray[np.int64], weekend: NDArray[np.bool_], sun: Floats, wind: Floats, path: Floats) -> Floats:
         """Prices of hours, all arguments ``(hours,)``: hour of day, whether a weekend, W m-2, m s-1, the unexplained part."""
         share = np.array(self.shape)[hour] + np.where(weekend, self.weekend, 0.0)
         share = share - self.sun * (sun / RADIATION) - self.wind * ((wind - WIND) / WIND) + self.spread * path
@@ -148,9 +146,7 @@ class PriceTable:
 
     def following(self, source: str, *, unit: str, times: float, plus: float) -> PriceTable:
         """The table that is this one, called ``source``, times ``times`` plus ``plus``."""
-        return replace(
-            self, unit=unit, source=self.source or source, times=self.times * times, plus=self.plus * times + plus
-        )
+        return replace(self, unit=unit, source=self.source or source, times=self.times * times, plus=self.plus * times + plus)
 
     def values(
         self,
@@ -201,9 +197,7 @@ class PriceTable:
         prices = np.array([price for _, price in self.series])
         if prices.size < 2:
             return float(self._adjusted(prices.mean()))
-        lengths = np.diff(
-            np.array([moment.replace(tzinfo=None) for moment, _ in self.series], dtype="datetime64[s]").astype(np.int64)
-        )
+        lengths = np.diff(np.array([moment.replace(tzinfo=None) for moment, _ in self.series], dtype="datetime64[s]").astype(np.int64))
         return float(self._adjusted(np.average(prices, weights=np.append(lengths, np.median(lengths)))))
 
     def is_stale(self, hours: NDArray[np.datetime64]) -> NDArray[np.bool_]:
@@ -226,9 +220,7 @@ class PriceTable:
         return np.asarray((place < 0) | (moments - points[np.maximum(place, 0)] > longest))
 
 
-def _market_prices(
-    market: Market, times: NDArray[np.datetime64], hour_of_day: Floats, season: SeasonOfPrices | None, name: str
-) -> Floats:
+def _market_prices(market: Market, times: NDArray[np.datetime64], hour_of_day: Floats, season: SeasonOfPrices | None, name: str) -> Floats:
     """Prices of a market at each row of a calendar; without its season those of a day without sun and at 5 m s-1 of wind."""
     days = local_times(times, hour_of_day).astype("datetime64[D]").astype(np.int64)
     weekend, hour = (days + 3) % 7 >= 5, _hours(hour_of_day)  # day 0 was a Thursday
@@ -237,9 +229,7 @@ def _market_prices(
         return market.price(hour, weekend, nothing, nothing + WIND, nothing)
     every, hours = season.every, -(-len(hour) // season.every)
     first = np.arange(hours) * every
-    sun, wind = (
-        np.add.reduceat(values, first) / np.diff([*first, len(hour)]) for values in (season.radiation, season.wind)
-    )
+    sun, wind = (np.add.reduceat(values, first) / np.diff([*first, len(hour)]) for values in (season.radiation, season.wind))
     prices = market.price(hour[first], weekend[first], sun, wind, season.paths[name][:hours])
     return np.repeat(prices, every)[: len(hour)]
 
@@ -283,9 +273,7 @@ def price_rows(
     return rows
 
 
-def day_ahead(
-    prices: Floats, times: NDArray[np.datetime64], hour_of_day: Floats, every: int, hours: Iterable[int]
-) -> Floats:
+def day_ahead(prices: Floats, times: NDArray[np.datetime64], hour_of_day: Floats, every: int, hours: Iterable[int]) -> Floats:
     """What a day-ahead market lets know of coming prices, ``(rows, hours)``: those until midnight.
 
     An hour after midnight has the price of 24 h before: that of the same hour today, unless the clock changes.

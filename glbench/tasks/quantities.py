@@ -228,18 +228,14 @@ def of_model(module: str) -> QuantityTable:
         if shown_columns is None:
             msg = f"{model.id} has no observation module '{module}'.{did_you_mean(module, model.observation_modules)}"
             raise UnknownNameError(msg)
-        return tuple(
-            Quantity(column.name, column.unit, column.low, column.high, column.meaning) for column in shown_columns
-        )
+        return tuple(Quantity(column.name, column.unit, column.low, column.high, column.meaning) for column in shown_columns)
 
     return columns
 
 
 def _of_catalogue(entries: Mapping[str, Entry], *names: str) -> tuple[Quantity, ...]:
     """Entries of the catalogue as columns: all, or those of these names."""
-    return tuple(
-        Quantity(e.name, e.unit, e.low, e.high, e.meaning) for e in (entries[name] for name in names or entries)
-    )
+    return tuple(Quantity(e.name, e.unit, e.low, e.high, e.meaning) for e in (entries[name] for name in names or entries))
 
 
 def _cycle(name: str, period: str) -> tuple[Quantity, Quantity]:
@@ -266,9 +262,7 @@ def published_time(context: ObservationContext) -> tuple[Quantity, ...]:
 
 def controls(context: ObservationContext) -> tuple[Quantity, ...]:
     """The controls as in force, in physical units, in the model's order."""
-    return tuple(
-        Quantity(c.quantity, c.unit, 0.0, c.at_one, c.meaning) for c in capacities(context.model, context.parameters)
-    )
+    return tuple(Quantity(c.quantity, c.unit, 0.0, c.at_one, c.meaning) for c in capacities(context.model, context.parameters))
 
 
 def control_fractions(context: ObservationContext) -> tuple[Quantity, ...]:
@@ -283,8 +277,7 @@ def switches(context: ObservationContext) -> tuple[Quantity, ...]:
     """For each control that stays on or off for a while, how long it still does; UnknownNameError where there is none."""
     if not context.holds:
         msg = (
-            "'switches' shows for how long machines stay on or off, and there is none: add [actuation.on_off.<control>] with "
-            "hold_minutes."
+            "'switches' shows for how long machines stay on or off, and there is none: add [actuation.on_off.<control>] with hold_minutes."
         )
         raise UnknownNameError(msg)
     by_name = {c.name: c for c in capacities(context.model, context.parameters)}
@@ -306,9 +299,7 @@ def prices(context: ObservationContext) -> tuple[Quantity, ...]:
     if not context.prices:
         msg = "'prices' shows prices that change with time, and there is none: add [price_tables.<name>]."
         raise UnknownNameError(msg)
-    return tuple(
-        Quantity(f"price_{name}", unit, low, high, f"price '{name}' of now") for name, unit, low, high in context.prices
-    )
+    return tuple(Quantity(f"price_{name}", unit, low, high, f"price '{name}' of now") for name, unit, low, high in context.prices)
 
 
 def day_ahead_prices(context: ObservationContext) -> tuple[Quantity, ...]:
@@ -325,9 +316,7 @@ def day_ahead_prices(context: ObservationContext) -> tuple[Quantity, ...]:
     )
 
 
-_WEATHER = _of_catalogue(
-    OUTDOOR, "global_radiation", "outdoor_temperature", "outdoor_relative_humidity", "outdoor_co2", "wind_speed"
-)
+_WEATHER = _of_catalogue(OUTDOOR, "global_radiation", "outdoor_temperature", "outdoor_relative_humidity", "outdoor_co2", "wind_speed")
 _PUBLISHED_FORECAST = _of_catalogue(
     OUTDOOR, "global_radiation", "outdoor_temperature", "outdoor_vapour_pressure", "outdoor_co2_density", "wind_speed"
 )

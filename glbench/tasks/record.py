@@ -307,8 +307,7 @@ class TaskRecord:
 
     def __eq__(self, other: object) -> bool:
         return self is other or (
-            isinstance(other, TaskRecord)
-            and (self.file, self.split, self.sealed) == (other.file, other.split, other.sealed)
+            isinstance(other, TaskRecord) and (self.file, self.split, self.sealed) == (other.file, other.split, other.sealed)
         )
 
     def __setattr__(self, name: str, value: object) -> None:

@@ -175,9 +175,7 @@ def read_references() -> Mapping[str, References]:
     TaskError
         When the file cannot be used.
     """
-    return _entries(
-        references_path(), References, "`glbench tasks references --write` makes it again from the results."
-    )
+    return _entries(references_path(), References, "`glbench tasks references --write` makes it again from the results.")
 
 
 Entry = TypeVar("Entry", bound=BaseModel)

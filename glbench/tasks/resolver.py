@@ -175,11 +175,7 @@ class ResolvedTask(TaskRecord):
             if self.judges_means:
                 from glbench.model import SIDES, limit_parameter
 
-                limits = {
-                    limit_parameter(name, side): getattr(entry, side)
-                    for name, entry in self.constraints.items()
-                    for side in SIDES
-                }
+                limits = {limit_parameter(name, side): getattr(entry, side) for name, entry in self.constraints.items() for side in SIDES}
             for name in limits.keys() & overrides.keys():
                 msg = f"'{name}' is a limit of the task: state it in [constraints]."
                 raise ParameterError(msg)
@@ -296,9 +292,7 @@ class ResolvedTask(TaskRecord):
                 late, ahead = self.scenario.start_within_days, (extra_rows + 1) / self.steps_per_day
                 parts = [f"{self.weather.days} days of a run"]
                 if late:
-                    parts.append(
-                        f"{late} days by which it may start later (scenario.start_within_days = {late}; 0 needs none)"
-                    )
+                    parts.append(f"{late} days by which it may start later (scenario.start_within_days = {late}; 0 needs none)")
                 parts.append(f"{ahead:.2g} days beyond its end, which are observed or forecast")
                 msg = f"{error} What was asked for is {', '.join(parts)}."
                 raise WeatherError(msg) from error
@@ -429,9 +423,7 @@ class ResolvedTask(TaskRecord):
         if table.factor == 1.0 and other != parse_unit(unit):
             msg = f"'{source}' is in {unit}, the amount in {amount_unit}: give the factor between them."
             raise ParameterError(msg)
-        beyond = (
-            None if table.beyond is None else self._beyond(table, table.beyond, amount_unit, str(price_unit), entry)
-        )
+        beyond = None if table.beyond is None else self._beyond(table, table.beyond, amount_unit, str(price_unit), entry)
         return LedgerItem(
             name, source, amount, amount_unit, table.factor, table.price, 1 if table.side == "earned" else -1,
             label=table.label or entry.label, valued=FLOW if kind == "flow" else STOCK,
@@ -491,9 +483,7 @@ class ResolvedTask(TaskRecord):
             for place, start in enumerate(scenario.start):
                 for name in start.states:
                     self.model_value.state_index(name)
-                starts.append(
-                    StartGroup(start.name or f"start {place}", start.states, start.distribution, start.half_width)
-                )
+                starts.append(StartGroup(start.name or f"start {place}", start.states, start.distribution, start.half_width))
         names_of_all = [name for one in groups for name in one.parameters]
         for name in names_of_all:
             if names_of_all.count(name) > 1:
@@ -557,9 +547,7 @@ def _amount_in_words(meaning: str, unit: str, amount_unit: str, factor: float) -
     if math.isclose(times, 1.0):
         return meaning
     same_kind = unit == amount_unit or times != factor
-    return (
-        f"{times:.4g} times the {meaning}" if same_kind else f"{factor:.4g} {amount_unit} for each {unit} of {meaning}"
-    )
+    return f"{times:.4g} times the {meaning}" if same_kind else f"{factor:.4g} {amount_unit} for each {unit} of {meaning}"
 
 
 def _in_year(day: dt.date, year: int) -> dt.date:

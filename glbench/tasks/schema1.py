@@ -71,8 +71,8 @@ class PaperForecastTable(Table):
 class PaperObservationTable(Table):
     """``[observation]``: what an agent sees, and from which moment."""
 
-    modules: Annotated[tuple[str, ...], list_of(words.OBSERVATION_MODULES.kind, "time", words.OBSERVATION_MODULES)] = (
-        Field(description="a list of observation modules")
+    modules: Annotated[tuple[str, ...], list_of(words.OBSERVATION_MODULES.kind, "time", words.OBSERVATION_MODULES)] = Field(
+        description="a list of observation modules"
     )
     timing: Literal["current", "published"] = Field(description='"current" or "published"')
     forecast: PaperForecastTable | None = None
@@ -265,9 +265,7 @@ def tables_of_attachment(plain: Mapping[str, Any]) -> dict[str, Any]:
         When the values do not define a task.
     """
     tables = {key: dict(value) if isinstance(value, Mapping) else value for key, value in plain.items()}
-    tables["model"]["overrides"] = {
-        name: {"value": value, "unit": unit} for name, (value, unit) in plain["model"]["overrides"].items()
-    }
+    tables["model"]["overrides"] = {name: {"value": value, "unit": unit} for name, (value, unit) in plain["model"]["overrides"].items()}
     for table, owner in (
         ("initial_state", tables),
         ("prices", tables),
@@ -279,9 +277,7 @@ def tables_of_attachment(plain: Mapping[str, Any]) -> dict[str, Any]:
         if owner.get(table) is None:  # a task that limits no time
             owner.pop(table, None)
             continue
-        owner[table] = {
-            key: {"value": value, "unit": units[key]} if key in units else value for key, value in owner[table].items()
-        }
+        owner[table] = {key: {"value": value, "unit": units[key]} if key in units else value for key, value in owner[table].items()}
     tables["observation"] = {key: value for key, value in tables["observation"].items() if value is not None}
     return tables
 

@@ -45,9 +45,7 @@ def file_of(content: Mapping[str, Any]) -> TaskFile2:
         When they define no task.
     """
     kind = schema_of(content)
-    return (
-        kind.of_content(content) if issubclass(kind, TaskFile2) else PaperTaskFile.of_file(kind.model_validate(content))
-    )
+    return kind.of_content(content) if issubclass(kind, TaskFile2) else PaperTaskFile.of_file(kind.model_validate(content))
 
 
 def file_of_attachment(plain: Mapping[str, Any]) -> TaskFile2:
@@ -183,9 +181,7 @@ def with_dates(tables: Mapping[str, Any]) -> dict[str, Any]:
     def convert(entries: object, key: str, parse: Callable[[str], dt.date]) -> None:
         for table in entries if isinstance(entries, list) else ():
             if isinstance(table, dict) and isinstance(table.get(key), str):
-                with contextlib.suppress(
-                    ValueError
-                ):  # the check of the tables says what a day or a moment must look like
+                with contextlib.suppress(ValueError):  # the check of the tables says what a day or a moment must look like
                     table[key] = parse(table[key])
 
     convert([copied.get("weather")], "start", dt.date.fromisoformat)
@@ -275,8 +271,5 @@ def _plain(value: object, key: str) -> object:
         return {str(name): _plain(entry, f"{key}.{name}") for name, entry in value.items()}
     if isinstance(value, str | bool | int | float | dt.date):
         return value
-    msg = (
-        f"{key} is a value of the type {type(value).__name__}. "
-        "A task holds text, numbers, True and False, dates, lists and tables."
-    )
+    msg = f"{key} is a value of the type {type(value).__name__}. A task holds text, numbers, True and False, dates, lists and tables."
     raise TaskError(msg)

@@ -97,8 +97,8 @@ class EvaluationTable(Table):
 
     first_seed: int = Field(ge=0, lt=2**32, description="a whole number, 0 or more")
     runs: int = Field(ge=1, le=10000, description="a whole number, 1 to 10000")
-    metric: Annotated[str, one_of(words.METRICS), BeforeValidator(lambda name: "epi" if name == "profit" else name)] = (
-        Field(description="a metric")
+    metric: Annotated[str, one_of(words.METRICS), BeforeValidator(lambda name: "epi" if name == "profit" else name)] = Field(
+        description="a metric"
     )
     failed_step: FailedStep
     time_limits: TimeLimitsTable | None = None
@@ -155,9 +155,7 @@ class PricesTable(Table):
     )
     co2: Annotated[float, in_unit("EUR kg-1")] = Field(ge=0.0, description="a price per kg of CO2, 0 or more")
     heat: Annotated[float, in_unit("EUR kWh-1")] = Field(ge=0.0, description="a price per kWh of heat, 0 or more")
-    electricity: Annotated[float, in_unit("EUR kWh-1")] = Field(
-        ge=0.0, description="a price per kWh of electricity, 0 or more"
-    )
+    electricity: Annotated[float, in_unit("EUR kWh-1")] = Field(ge=0.0, description="a price per kWh of electricity, 0 or more")
 
 
 class ForecastTable(Table):
@@ -167,9 +165,7 @@ class ForecastTable(Table):
     hours: Annotated[tuple[int, ...], BeforeValidator(as_tuple)] = Field(
         default=(), description="a list of whole hours ahead, such as [1, 2, 3, 6, 12, 18, 24]"
     )
-    error: Annotated[str, one_of(words.FORECAST_ERRORS)] = Field(
-        default=PERFECT, description="how much the forecast errs"
-    )
+    error: Annotated[str, one_of(words.FORECAST_ERRORS)] = Field(default=PERFECT, description="how much the forecast errs")
 
     @model_validator(mode="after")
     def _hours_rise(self) -> Self:
@@ -368,13 +364,9 @@ class ConstraintsTable(ClimateQuantityTable):
 class PenaltyScales(ClimateQuantityTable):
     """Violation that costs 1 per step, for each constraint."""
 
-    air_temperature: Annotated[float | None, in_unit(LIMITED["air_temperature"])] = Field(
-        default=None, gt=0.0, description="above 0 degC"
-    )
+    air_temperature: Annotated[float | None, in_unit(LIMITED["air_temperature"])] = Field(default=None, gt=0.0, description="above 0 degC")
     co2: Annotated[float | None, in_unit(LIMITED["co2"])] = Field(default=None, gt=0.0, description="above 0 ppm")
-    relative_humidity: Annotated[float | None, in_unit(LIMITED["relative_humidity"])] = Field(
-        default=None, gt=0.0, description="above 0 %"
-    )
+    relative_humidity: Annotated[float | None, in_unit(LIMITED["relative_humidity"])] = Field(default=None, gt=0.0, description="above 0 %")
 
 
 class ViolationPrices(ClimateQuantityTable):
@@ -383,9 +375,7 @@ class ViolationPrices(ClimateQuantityTable):
     air_temperature: Annotated[float | None, in_unit(VIOLATION_PRICES["air_temperature"])] = Field(
         default=None, gt=0.0, description="a price above 0"
     )
-    co2: Annotated[float | None, in_unit(VIOLATION_PRICES["co2"])] = Field(
-        default=None, gt=0.0, description="a price above 0"
-    )
+    co2: Annotated[float | None, in_unit(VIOLATION_PRICES["co2"])] = Field(default=None, gt=0.0, description="a price above 0")
     relative_humidity: Annotated[float | None, in_unit(VIOLATION_PRICES["relative_humidity"])] = Field(
         default=None, gt=0.0, description="a price above 0"
     )
@@ -470,9 +460,7 @@ class ItemTable(Table):
             msg = 'It must name either a flow or a stock: flow = "heat", or stock = "fruit".'
             raise ValueError(msg)
         if self.factor != 1.0 and (self.amount is None or self.unit is None):
-            msg = (
-                "With a factor the amount is another one than the flow: name it, and its unit: amount = ..., unit = ..."
-            )
+            msg = "With a factor the amount is another one than the flow: name it, and its unit: amount = ..., unit = ..."
             raise ValueError(msg)
         return self
 
@@ -480,12 +468,8 @@ class ItemTable(Table):
 class SeasonTable(Table):
     """A season that a run may be in."""
 
-    start: dt.date = Field(
-        ge=dt.date(1900, 1, 1), lt=dt.date(2200, 1, 1), description="a first day, such as 2010-03-01"
-    )
-    source: str | None = Field(
-        default=None, min_length=1, description="a weather record, in quotes; that of [weather] if none is named"
-    )
+    start: dt.date = Field(ge=dt.date(1900, 1, 1), lt=dt.date(2200, 1, 1), description="a first day, such as 2010-03-01")
+    source: str | None = Field(default=None, min_length=1, description="a weather record, in quotes; that of [weather] if none is named")
 
 
 class DrawTable(Table):
@@ -519,11 +503,7 @@ class SplitTable(Table):
 
     @model_validator(mode="after")
     def _different_years(self) -> Self:
-        if (
-            not self.years
-            or len(set(self.years)) < len(self.years)
-            or not all(1 <= year <= 9999 for year in self.years)
-        ):
+        if not self.years or len(set(self.years)) < len(self.years) or not all(1 <= year <= 9999 for year in self.years):
             msg = "years must be different years, at least one, each of which the weather record has."
             raise ValueError(msg)
         return self
@@ -616,16 +596,12 @@ class ScenarioTable(Table):
     parameters: Annotated[tuple[ParameterGroupTable, ...], BeforeValidator(as_tuple)] = Field(
         default=(), description="tables [[scenario.parameters]]"
     )
-    start: Annotated[tuple[StartGroupTable, ...], BeforeValidator(as_tuple)] = Field(
-        default=(), description="tables [[scenario.start]]"
-    )
+    start: Annotated[tuple[StartGroupTable, ...], BeforeValidator(as_tuple)] = Field(default=(), description="tables [[scenario.start]]")
 
     @model_validator(mode="after")
     def _one_list_of_seasons(self) -> Self:
         if self.seasons and self.years:
-            msg = (
-                "It has both seasons and years: years are seasons that start on the day of [weather]. Keep one of them."
-            )
+            msg = "It has both seasons and years: years are seasons that start on the day of [weather]. Keep one of them."
             raise ValueError(msg)
         if len(set(self.years)) < len(self.years) or not all(1 <= year <= 9999 for year in self.years):
             msg = "years must be different years, each of which the weather record has."
@@ -788,9 +764,7 @@ class TaskFile2(TaskFile):
                 msg = f"[price_tables.{name}] of = '{table.of}', which follows '{followed.of}' itself. Name that one."
                 raise ValueError(msg)
             if followed.unit != table.unit:
-                msg = (
-                    f"[price_tables.{name}] is in {table.unit}, and '{table.of}', which it follows, in {followed.unit}."
-                )
+                msg = f"[price_tables.{name}] is in {table.unit}, and '{table.of}', which it follows, in {followed.unit}."
                 raise ValueError(msg)
         return self
 

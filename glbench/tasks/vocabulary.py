@@ -144,9 +144,7 @@ DAY_AHEAD = "day_ahead_prices"
 """The observation module that shows prices of coming hours."""
 
 for _module in (
-    ObservationModule(
-        "indoor_climate", "air temperature, CO2, humidity; pipe temperature", tables.of_model("indoor_climate")
-    ),
+    ObservationModule("indoor_climate", "air temperature, CO2, humidity; pipe temperature", tables.of_model("indoor_climate")),
     ObservationModule("crop", "fruit mass, 24-hour mean temperature, temperature sum", tables.of_model("crop")),
     ObservationModule("time", "hour of day and day of year, each as sine and cosine", tables.time),
     ObservationModule("local_time", "hour of day and day of year as plain numbers", tables.local_time),
@@ -155,9 +153,7 @@ for _module in (
         "vapour pressure deficit and humidity deficit of the air as observed",
         tables.of_model("vapour_deficit"),
     ),
-    ObservationModule(
-        "light_today", "radiation outside and PAR above the canopy since midnight", tables.of_model("light_today")
-    ),
+    ObservationModule("light_today", "radiation outside and PAR above the canopy since midnight", tables.of_model("light_today")),
     ObservationModule("controls", "the controls in force, in physical units", tables.controls),
     ObservationModule("weather", "the five measured weather quantities", tables.weather),
     ObservationModule("full_state", "all states of the model, in its own units", tables.full_state),
@@ -169,12 +165,8 @@ for _module in (
         tables.weather_forecast,
     ),
     # The groups and units of the published code, so that a task can show its 263 columns (docs/observations.md).
-    ObservationModule(
-        "published_indoor_climate", "as indoor_climate, CO2 first", tables.of_model("published_indoor_climate")
-    ),
-    ObservationModule(
-        "published_crop", "as crop, temperature first, fruit in mg m-2", tables.of_model("published_crop")
-    ),
+    ObservationModule("published_indoor_climate", "as indoor_climate, CO2 first", tables.of_model("published_indoor_climate")),
+    ObservationModule("published_crop", "as crop, temperature first, fruit in mg m-2", tables.of_model("published_crop")),
     ObservationModule("switches", "minutes until machines that are on or off may be switched again", tables.switches),
     ObservationModule(PRICES, "the prices of now that change with time", tables.prices),
     ObservationModule(DAY_AHEAD, "prices of coming hours, known until midnight", tables.day_ahead_prices),
@@ -197,9 +189,7 @@ def _set_points(controls: tuple[str, ...]) -> tuple[Action, ...]:
 
 
 for _kind in (
-    ActuationKind(
-        "rate", "an action from -1 to 1 moves its control by up to max_change a step, within 0 and 1", -1.0, 1.0
-    ),
+    ActuationKind("rate", "an action from -1 to 1 moves its control by up to max_change a step, within 0 and 1", -1.0, 1.0),
     ActuationKind(
         "set_point",
         "an action from 0 to 1 asks for a control, which moves there by at most max_change a step",
@@ -215,9 +205,7 @@ for _kind in (
 ):
     ACTUATION_KINDS.add(_kind)
 
-INITIAL_STATES.add(
-    InitialState("mature_crop", "a bearing crop of leaf area index 2.5; all layers at the given air temperature")
-)
+INITIAL_STATES.add(InitialState("mature_crop", "a bearing crop of leaf area index 2.5; all layers at the given air temperature"))
 
 for _words, _entries in (
     (

@@ -28,9 +28,7 @@ if TYPE_CHECKING:
 
 CARD, POLICY = "card.toml", "policy.npz"
 _PACKAGES = ("torch", "stable-baselines3", "sb3-contrib", "cmaes", "jax", "numpy", "gymnasium", "casadi")
-_NOT_LEARNT = (
-    "Nothing was learnt: this is the policy that the training began with, which no later one of {:,} steps beat."
-)
+_NOT_LEARNT = "Nothing was learnt: this is the policy that the training began with, which no later one of {:,} steps beat."
 _SHARED = ("simulator", "policy", "learning")
 
 
@@ -77,9 +75,7 @@ def note_session(history: History, task: TaskSpec, steps: int) -> None:
         history.sessions.append(f"from step {steps}: {words}")
 
 
-def facts_of_training(
-    task: TaskSpec, settings: TrainingSettings, digest: str, seed: int, steps: int, ends: Sequence[int]
-) -> TrainingFacts:
+def facts_of_training(task: TaskSpec, settings: TrainingSettings, digest: str, seed: int, steps: int, ends: Sequence[int]) -> TrainingFacts:
     """What the card of a training with Stable-Baselines3 says; ``digest`` is the settings', ``ends`` where it ended before it went on."""
     name = settings.algorithm.rpartition(".")[2]
     paid = "" if settings.accrual is None else f" {settings.accrual.in_words}"

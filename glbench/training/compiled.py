@@ -158,9 +158,7 @@ class _Training:
                 weights = np.where(varying[:, None], arrays["weights"], np.float32(0.0))
                 gru = Gru(weights, arrays["bias"], arrays["recurrent"])
         except ShapeError as error:
-            msg = (
-                f"The training diverged within {self.steps:,} steps: {error} Lower the learning rate, or max_grad_norm."
-            )
+            msg = f"The training diverged within {self.steps:,} steps: {error} Lower the learning rate, or max_grad_norm."
             raise TrainingError(msg) from error
         network = without_constant_columns(network, np.append(varying, np.ones(units, np.bool_)))
         return Actor(network, learner.traced, learner.shares, learner.max_change, low, high, gru)

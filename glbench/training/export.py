@@ -59,9 +59,7 @@ def load_model(file: Path, algorithm: str, normalization: Path | None) -> tuple[
         msg = f"Cannot read the model {file} ({algorithm}) and its normalisation {normalization}: {reason_of(error)}."
         raise TrainingError(msg) from error
     if not isinstance(content, VecNormalize):
-        msg = (
-            f"{normalization} holds {type(content).__name__}, expected the VecNormalize that was saved with the model."
-        )
+        msg = f"{normalization} holds {type(content).__name__}, expected the VecNormalize that was saved with the model."
         raise TrainingError(msg)
     return model, content
 

@@ -47,9 +47,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
             _take(lock.fileno(), folder)
             yield
     except OSError as error:
-        msg = (
-            f"The work in {folder} stopped: {error}. Once this is fixed, --resume continues from the last saved state."
-        )
+        msg = f"The work in {folder} stopped: {error}. Once this is fixed, --resume continues from the last saved state."
         raise TrainingError(msg) from error
 
 
@@ -109,9 +107,7 @@ def claim(
         }.items()
         <= identity.items()
     )
-    if any(other is not None and other.exists() for other in others) or (
-        card is not None and not ours and state is None
-    ):
+    if any(other is not None and other.exists() for other in others) or (card is not None and not ours and state is None):
         msg = f"{folder} holds another training. Choose another folder with --out."
         raise TrainingError(msg)
     if card is not None and ours and all(card["training"][name] >= count for name, count in target.items()):

@@ -269,9 +269,7 @@ class Learner:
         limit = self.settings.normalize.clip_observations
         actor_input = jnp.clip((now.observations - columns.mean) / self.scale(columns), -limit, limit)
         floor = _LEAST * jnp.abs(privileged.mean) + _TINY
-        besides = jnp.clip(
-            (self._privileged_inputs(now) - privileged.mean) / jnp.sqrt(privileged.variance + floor**2), -limit, limit
-        )
+        besides = jnp.clip((self._privileged_inputs(now) - privileged.mean) / jnp.sqrt(privileged.variance + floor**2), -limit, limit)
         critic_input = jnp.concatenate([actor_input, jnp.where(now.is_first[:, None], 0.0, besides)], 1)
         gru, memory = learning.weights.get("gru"), now.memory
         if memory is not None:
@@ -292,9 +290,7 @@ class Learner:
             grown = info[s.accrual.state] - now.info[s.accrual.state]
             paid += jnp.where(now.is_first, 0.0, s.accrual.price * grown)
         discounted = now.discounted * s.gamma + paid
-        traces = now.observations[:, self.environment.obs_shape[0] :].reshape(
-            s.n_envs, len(self.shares), len(self.traced)
-        )
+        traces = now.observations[:, self.environment.obs_shape[0] :].reshape(s.n_envs, len(self.shares), len(self.traced))
         traces += self.shares[:, None].astype(np.float32) * (observation[:, None, self.traced] - traces)
         traces = jnp.where(ended[:, None, None], self._first_traces(observation), traces)
         after = Greenhouses(
@@ -364,9 +360,7 @@ class Learner:
         ratio = jnp.exp(_log_likelihood(_apply(weights["actor"], actor_input), weights["spread"], sample) - before)
         bounded = jnp.clip(ratio, 1.0 - s.clip_range, 1.0 + s.clip_range)
         wrong = ((_apply(weights["critic"], critic_input)[:, 0] - target) ** 2).mean()
-        return (
-            s.vf_coef * wrong - jnp.minimum(ratio * gain, bounded * gain).mean() - s.ent_coef * weights["spread"].sum()
-        )
+        return s.vf_coef * wrong - jnp.minimum(ratio * gain, bounded * gain).mean() - s.ent_coef * weights["spread"].sum()
 
     def _adam(self, weights: Any, moments: Moments, gradient: Any, rate: Any) -> tuple[Any, Moments]:
         size = jnp.sqrt(sum(jnp.sum(leaf**2) for leaf in jax.tree.leaves(gradient)))

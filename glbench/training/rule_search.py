@@ -214,9 +214,7 @@ class _Search:
             numbers = [self.candidates.numbers(one) for one in candidates]
         with clock.spend("simulator"):
             seed = self.settings.first_seed + self.generations
-            rewards = sum((runs.rewards(numbers, seed) for runs in self.runs), np.zeros(len(candidates))) / len(
-                self.runs
-            )
+            rewards = sum((runs.rewards(numbers, seed) for runs in self.runs), np.zeros(len(candidates))) / len(self.runs)
         with clock.spend("learning"):
             self.strategy.tell(candidates, rewards)
 
@@ -226,9 +224,7 @@ class _Search:
         with self.history.time.spend("evaluation"):
             sums = [runs.evaluate(page.numbers).sums for runs in self.runs]
             names = [name for name in sums[0] if all(name in other for other in sums)]
-            result = periodic_evaluation.ProbeResult(
-                {name: float(np.mean([one[name] for one in sums])) for name in names}
-            )
+            result = periodic_evaluation.ProbeResult({name: float(np.mean([one[name] for one in sums])) for name in names})
         if self.steps >= self.history.next_evaluation:  # an end between two evaluations moves none
             self.history.next_evaluation = self.steps + self.settings.evaluation.every
         return self.history.add(self.steps, result), page
@@ -286,9 +282,7 @@ def tune_rules(
         if card is not None:
             return Trained.of(folder, card, already_done=True)
         candidates = Candidates(page)
-        strategy = Strategy(
-            candidates.mean, settings.sigma, population=settings.population, seed=seed, bounds=candidates.bounds
-        )
+        strategy = Strategy(candidates.mean, settings.sigma, population=settings.population, seed=seed, bounds=candidates.bounds)
         runs = [_TaskRuns(task, settings) for task in tasks]
         search = _Search(tasks, settings, candidates, strategy, runs, periodic_evaluation.History())
         if state is not None:
@@ -323,9 +317,7 @@ def _run(
         _evaluate(search, folder, listeners, identity)
 
 
-def _evaluate(
-    search: _Search, folder: Path, listeners: Sequence[periodic_evaluation.Listener], identity: dict[str, Any]
-) -> None:
+def _evaluate(search: _Search, folder: Path, listeners: Sequence[periodic_evaluation.Listener], identity: dict[str, Any]) -> None:
     point, page = search.evaluate()
     if point.is_best:
         names = ", ".join(task.id for task in search.tasks)

@@ -101,9 +101,7 @@ class TrainingCallback(BaseCallback):
         self.history.time.learning += self._lap()
         if not self.history.curve or self.history.curve[-1]["steps"] < self.num_timesteps:
             self._evaluate()
-        if self.history.ends[-1:] != [
-            self.num_timesteps
-        ]:  # a kill may have come between the last checkpoint and the card
+        if self.history.ends[-1:] != [self.num_timesteps]:  # a kill may have come between the last checkpoint and the card
             self.history.ends.append(self.num_timesteps)
         self._save()
         self._tell()
@@ -131,9 +129,7 @@ class TrainingCallback(BaseCallback):
             listener.on_evaluation(point)
 
     def _save(self) -> None:
-        save_checkpoint(
-            self.folder / CHECKPOINT, self.model, self.env, self.normalization, self.history, self._identity
-        )
+        save_checkpoint(self.folder / CHECKPOINT, self.model, self.env, self.normalization, self.history, self._identity)
         self.history.time.saving += self._lap()
         self._saved = time.perf_counter()
         for listener in self._listeners:
@@ -233,9 +229,7 @@ def train(
         finally:
             env.close()
         reason = _export(folder, task, settings.algorithm, seed, history.best_steps)
-        facts = facts_of_training(
-            task, settings, identity["settings_digest"], seed, model.num_timesteps, history.ends[:-1]
-        )
+        facts = facts_of_training(task, settings, identity["settings_digest"], seed, model.num_timesteps, history.ends[:-1])
         card = write_card(folder, task, facts, settings.evaluation, history, start)
     return Trained.of(folder, card, already_done=False, not_exported=reason)
 

@@ -196,9 +196,7 @@ class _Search:
         start = _begun_anew(settings, task)
         self._batched = BatchedPolicy(start)
         self.variations = Variations(start, self._hidden_of_a_season(start), settings.directions)
-        self.strategy = Strategy(
-            np.zeros(self.variations.size), settings.sigma, population=settings.population, seed=seed
-        )
+        self.strategy = Strategy(np.zeros(self.variations.size), settings.sigma, population=settings.population, seed=seed)
         self.history = History()
 
     @property

@@ -113,9 +113,7 @@ class EvaluationPlan(FrozenSettings):
     def seeds(self, task: TaskSpec) -> list[int]:
         """Seeds of the runs."""
         scenario = task.scenario
-        is_drawn = any(one.half_width for one in scenario.groups) or any(
-            one.half_width for one in scenario.start_groups
-        )
+        is_drawn = any(one.half_width for one in scenario.groups) or any(one.half_width for one in scenario.start_groups)
         runs_differ = is_drawn or len(scenario.seasons) > 1 or scenario.start_within_days > 0
         runs = self.runs if runs_differ else 1
         return list(range(self.first_seed, self.first_seed + runs))
@@ -258,9 +256,7 @@ def numbers(content: Any) -> Any:
 def _overlaid(under: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
     """Both, with what ``over`` says where both say something; tables in them in the same way."""
     both = {
-        key: _overlaid(under[key], value)
-        for key, value in over.items()
-        if isinstance(value, dict) and isinstance(under.get(key), dict)
+        key: _overlaid(under[key], value) for key, value in over.items() if isinstance(value, dict) and isinstance(under.get(key), dict)
     }
     return {**under, **over, **both}
 

@@ -41,9 +41,7 @@ class Strategy:
         Lowest and highest value of each number, ``(numbers, 2)``.
     """
 
-    def __init__(
-        self, mean: Floats, sigma: float, *, population: int, seed: int, bounds: NDArray[np.float64] | None = None
-    ) -> None:
+    def __init__(self, mean: Floats, sigma: float, *, population: int, seed: int, bounds: NDArray[np.float64] | None = None) -> None:
         self.population = population
         self._cma = CMA(mean=mean, sigma=sigma, population_size=population, seed=seed, bounds=bounds)
         self.rewards: list[Floats] = []

@@ -223,9 +223,7 @@ def base_settings(search: Search) -> TrainingSettings:
     return read_settings(file, search.algorithm, get_task(search.task).id)
 
 
-def sweep(
-    search: Search, folder: Path, *, executor: Executor | None = None, report: Report | None = None
-) -> list[TrialReport]:
+def sweep(search: Search, folder: Path, *, executor: Executor | None = None, report: Report | None = None) -> list[TrialReport]:
     """Run the search in ``folder`` until it has all its trials; what is there already counts, and is continued.
 
     A trial that a kill interrupted does not count, and another one takes its place; one that failed counts. What a trial draws
@@ -340,9 +338,7 @@ class _Pruning(Listener):
 def open_study(search: Search, folder: Path) -> optuna.Study:
     """The study in ``folder``, begun where there is none."""
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-    storage = RDBStorage(
-        f"sqlite:///{(folder / STUDY).resolve()}", engine_kwargs={"connect_args": {"timeout": _LOCK_SECONDS}}
-    )
+    storage = RDBStorage(f"sqlite:///{(folder / STUDY).resolve()}", engine_kwargs={"connect_args": {"timeout": _LOCK_SECONDS}})
     pruner: optuna.pruners.BasePruner = optuna.pruners.NopPruner()
     if search.prune:
         pruner = optuna.pruners.MedianPruner(n_warmup_steps=1)  # the evaluation at step 0 says nothing
@@ -383,8 +379,6 @@ def _claim(study: optuna.Study, search: Search, settings: TrainingSettings, fold
 
 
 def _report_of(trial: FrozenTrial) -> TrialReport:
-    reward = (
-        trial.value if trial.state == TrialState.COMPLETE else max(trial.intermediate_values.values(), default=None)
-    )
+    reward = trial.value if trial.state == TrialState.COMPLETE else max(trial.intermediate_values.values(), default=None)
     reason = trial.user_attrs.get(_REASON, "its reward is not a number") if trial.state == TrialState.FAIL else None
     return TrialReport(trial.number, trial.state.name.lower(), reward, dict(trial.params), reason)

@@ -45,9 +45,7 @@ class WandbListener(Listener):
         except ImportError as error:
             raise TrainingError(_NOT_INSTALLED) from error
         folder.mkdir(parents=True, exist_ok=True)
-        fixed: dict[str, Any] = (
-            {} if name is None else {"name": name, "id": _NOT_IN_AN_ID.sub("-", name), "resume": "allow"}
-        )
+        fixed: dict[str, Any] = {} if name is None else {"name": name, "id": _NOT_IN_AN_ID.sub("-", name), "resume": "allow"}
         try:
             self._run = wandb.init(project=project, dir=str(folder), config=config, **fixed)
         except (wandb.errors.Error, OSError) as error:
@@ -125,7 +123,5 @@ def wandb_sweep(search: Search, folder: Path) -> None:
             project="glbench",
         )
     except (wandb.errors.Error, OSError) as error:
-        msg = (
-            f"Weights & Biases cannot run the sweep: {error} Log in with `wandb login`, or run it here without --wandb."
-        )
+        msg = f"Weights & Biases cannot run the sweep: {error} Log in with `wandb login`, or run it here without --wandb."
         raise TrainingError(msg) from error

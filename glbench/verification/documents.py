@@ -38,9 +38,7 @@ def read_result(path: Path) -> Result:
 def read_record(path: Path, result: Result) -> ActionLog:
     """The recorded actions of ``result``, after everything that can be compared without simulating."""
     if result.record is None:
-        cannot_tell(
-            "no_record", "The result names no recorded actions. Evaluate again with `glbench evaluate --fresh`."
-        )
+        cannot_tell("no_record", "The result names no recorded actions. Evaluate again with `glbench evaluate --fresh`.")
     file = path.with_name(result.record.file)
     if not file.exists():
         remedy = "Put the file back beside the result."
@@ -85,20 +83,14 @@ def _same_evaluation(result: Result, log: ActionLog) -> None:
         )
         refute("record_of_other_round", f"The recorded actions are of {recorded}, the result says {claimed}.")
     if (task.title, task.steps, task.step_seconds) != (result.task.title, result.task.steps, result.task.step_seconds):
-        refute(
-            "record_of_other_task", "Title, steps or step length of the task differ between the record and the result."
-        )
+        refute("record_of_other_task", "Title, steps or step length of the task differ between the record and the result.")
     for name in ("name", "kind", "digest", "privileged", "information"):
         recorded, claimed = getattr(agent, name), getattr(result.agent, name)
         if recorded != claimed:
-            reason = (
-                f"The recorded actions are of another agent: its {name} is {recorded!r}, the result says {claimed!r}."
-            )
+            reason = f"The recorded actions are of another agent: its {name} is {recorded!r}, the result says {claimed!r}."
             refute("record_of_other_agent", reason)
     if agent.acts == "controls" and not agent.privileged:
-        refute(
-            "privileged", "The agent set controls and says that it is not privileged. Only the privileged set controls."
-        )
+        refute("privileged", "The agent set controls and says that it is not privileged. Only the privileged set controls.")
     if log.provenance.kernel != result.evaluation.kernel:
         refute("other_kernel", "The record was made with another kernel than the result says.")
     versions = result.versions.model_dump()
@@ -122,9 +114,7 @@ def _same_runs(result: Result, log: ActionLog) -> None:
         refute("seeds", f"The result's runs have the seeds {seeds}, the recorded ones {recorded}.")
     for expected, run in zip(run_facts(result.runs), log.runs, strict=True):
         if run.steps != expected.steps:
-            reason = (
-                f"The record of the run with seed {run.seed} has {run.steps} steps, the result says {expected.steps}."
-            )
+            reason = f"The record of the run with seed {run.seed} has {run.steps} steps, the result says {expected.steps}."
             refute("shortened", reason)
         if run != expected:
             reason = (
@@ -140,9 +130,7 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
     try:
         own = task_of(log.definition) if file is None and not published else None
         if own is not None and own.steps > _MOST_STEPS:
-            reason = (
-                f"The task in the record has {own.steps:,} steps, more than {_MOST_STEPS:,}. Give its file with --task."
-            )
+            reason = f"The task in the record has {own.steps:,} steps, more than {_MOST_STEPS:,}. Give its file with --task."
             cannot_tell("no_task", reason)
         task = (own or get_task(result.task.id if published or file is None else file)).scored_in(result.task.split)
         fingerprint = task.fingerprint()
@@ -210,9 +198,7 @@ def check_sums(result: Result, log: ActionLog, task: TaskSpec) -> None:
     """The reward of a run is the sum of its recorded rewards and the price of missing steps: the same bits on every machine."""
     for row, run in enumerate(result.runs):
         total = float(np.add.accumulate(np.append(0.0, log.rewards[: run.steps, row]))[-1])
-        expected = with_missing_steps(
-            {"reward": total}, task.steps - run.steps, {"reward": task.evaluation.failed_step.reward}
-        )
+        expected = with_missing_steps({"reward": total}, task.steps - run.steps, {"reward": task.evaluation.failed_step.reward})
         if run.metrics["reward"] != expected["reward"]:
             reason = (
                 f"The run with seed {run.seed} has the reward {run.metrics['reward']!r} in the result; its recorded rewards add up "
@@ -239,9 +225,7 @@ def check_seeds(result: Result, task: TaskSpec) -> tuple[str, ...]:
 def check_setting(result: Result, log: ActionLog, task: TaskSpec) -> None:
     """Scores are made with the reference preset, for the task's step and equations, and with actions for its controls."""
     agent = log.provenance.agent
-    columns = (
-        task.model_value.control_names if agent.acts == "controls" else tuple(action.name for action in task.actions)
-    )
+    columns = task.model_value.control_names if agent.acts == "controls" else tuple(action.name for action in task.actions)
     if agent.columns != columns:
         reason = f"The recorded actions are of {', '.join(agent.columns)}, the task's of {', '.join(columns)}."
         refute("record_of_other_task", reason)
@@ -293,9 +277,7 @@ def _place(file: Path, episode: Episode, log: ActionLog) -> int:
         )
     if episode.provenance != log.provenance:
         what = "task" if episode.provenance.task != log.provenance.task else "agent"
-        reason = (
-            f"{file} is an episode of another evaluation: its {what}, kernel or versions are not those of the result."
-        )
+        reason = f"{file} is an episode of another evaluation: its {what}, kernel or versions are not those of the result."
         refute("swapped_episode", reason)
     row = log.seeds.index(run.seed)
     if not episode.complete:
@@ -317,9 +299,7 @@ def compare_episode(agreement: Agreement, episode: Episode, replayed: Episode) -
         refute("episode_columns", f"The {where} has other columns or units than this glbench records.")
     if (episode.times != replayed.times).any():
         step = int(np.flatnonzero(episode.times != replayed.times)[0])
-        refute(
-            "episode_time", f"The {where} has {episode.times[step]} as time {step}, the task {replayed.times[step]}."
-        )
+        refute("episode_time", f"The {where} has {episode.times[step]} as time {step}, the task {replayed.times[step]}.")
     if episode.tables["action"].tobytes() != replayed.tables["action"].tobytes():
         same = (episode.tables["action"] == replayed.tables["action"]).all(axis=1)
         step = int(np.flatnonzero(~same)[0]) if not same.all() else 0

@@ -349,9 +349,7 @@ def was_reproduced(result: Path) -> bool:
     if proof is None:
         return False
     seal = _seal(proof, create=False)
-    return is_released(result) or (
-        seal is not None and proof.seal is not None and hmac.compare_digest(seal, proof.seal)
-    )
+    return is_released(result) or (seal is not None and proof.seal is not None and hmac.compare_digest(seal, proof.seal))
 
 
 def _seal(proof: Proof, *, create: bool) -> str | None:
@@ -364,9 +362,7 @@ def _seal(proof: Proof, *, create: bool) -> str | None:
             try:
                 with os.fdopen(handle, "wb") as stream:
                     stream.write(secrets.token_bytes(32))
-                with contextlib.suppress(
-                    FileExistsError
-                ):  # of two processes that make a key at once the first one's stays
+                with contextlib.suppress(FileExistsError):  # of two processes that make a key at once the first one's stays
                     os.link(name, file)
             finally:
                 Path(name).unlink()

@@ -133,9 +133,7 @@ def _reproduced(
     units = units_of(spec)
     unknown = sorted(set(result.units) - set(units))
     if unknown:
-        proof.cannot_tell(
-            "unknown_metrics", f"This glbench does not measure {', '.join(unknown)}. Verify with the one that did."
-        )
+        proof.cannot_tell("unknown_metrics", f"This glbench does not measure {', '.join(unknown)}. Verify with the one that did.")
     other = {name: unit for name, unit in result.units.items() if unit != units[name]}
     if other:
         proof.refute(
@@ -181,9 +179,7 @@ def _reproduced(
     if profiled and result.profile is not None:
         profile = make_profile(spec, result, log, again.trace)
         if profile.digest != result.profile.digest:
-            reason = (
-                f"{result.profile.file} does not show what the recorded actions lead to. Delete it and evaluate again."
-            )
+            reason = f"{result.profile.file} does not show what the recorded actions lead to. Delete it and evaluate again."
             proof.refute("profile", reason)
     seeds = tuple(log.runs[row].seed for row, _ in whole)
     steps = sum(run.steps for run in result.runs)
@@ -223,9 +219,7 @@ def _with_fresh_draws(
         seeds = result.evaluation.seeds
         for one in fresh.references:
             for task, claims, draws in ((runs.task, one.published, "published"), (again.task, one.fresh, "fresh")):
-                reference = evaluate(
-                    task, one.name, runs=len(seeds), first_seed=seeds[0], workers=workers or usable_cores()
-                )
+                reference = evaluate(task, one.name, runs=len(seeds), first_seed=seeds[0], workers=workers or usable_cores())
                 values = reference.values(task.evaluation.metric)
                 if values != tuple(claims):
                     seed, was, now = next(row for row in zip(seeds, claims, values, strict=True) if row[1] != row[2])
@@ -249,9 +243,7 @@ def _with_fresh_draws(
     )
 
 
-def _stay_sealed(
-    path: Path, result: Result, log: ActionLog, spec: TaskSpec, workers: int | None, progress: Progress | None
-) -> NoReturn:
+def _stay_sealed(path: Path, result: Result, log: ActionLog, spec: TaskSpec, workers: int | None, progress: Progress | None) -> NoReturn:
     """End the verification of a result whose draws are secret; ``spec`` has the public ones, with which it must not be reproduced."""
     documents.check_sums(result, log, spec)
     _profile_is_there(path, result, spec)
@@ -266,9 +258,7 @@ def _stay_sealed(
         with _kernel(result, spec, workers) as kernel:
             agreement = _agreement(result, spec, log, _simulate(spec, public, (), kernel, progress))
         if agreement.largest <= proof.CHAOS:
-            proof.refute(
-                "public_draws", "The result says that its draws are sealed, and the public draws lead to its numbers."
-            )
+            proof.refute("public_draws", "The result says that its draws are sealed, and the public draws lead to its numbers.")
     proof.not_yet(
         f"Its draws belong to the sealed round {result.task.salt_commitment}, and nobody can simulate them without the round's secret. "
         "Checked: the result agrees with itself and with its recorded actions; task, seeds and kernel are right; the rewards add "
@@ -306,16 +296,10 @@ def _origin(result: Result, task: TaskSpec, kernel: Kernel) -> str:
     """What the result states of its machine, beside this one: an explanation of differences for people, and evidence of nothing."""
     here, there = this_machine(), result.machine
     versions = current_versions(recorded_versions(task)["model"]).model_dump()
-    others = [
-        name
-        for name, number in result.versions.model_dump().items()
-        if versions.get(name) != number and name != "gymnasium"
-    ]
+    others = [name for name, number in result.versions.model_dump().items() if versions.get(name) != number and name != "gymnasium"]
     differences = []
     if (here.processor, here.architecture) != (there.processor, there.architecture):
-        differences.append(
-            f"the processor {there.processor} ({there.architecture}; here {here.processor}, {here.architecture})"
-        )
+        differences.append(f"the processor {there.processor} ({there.architecture}; here {here.processor}, {here.architecture})")
     if others:
         differences.append(f"other versions of {', '.join(others)}")
     described, recorded = kernel.describe(), result.evaluation.kernel
@@ -324,11 +308,7 @@ def _origin(result: Result, task: TaskSpec, kernel: Kernel) -> str:
         differences.append(f"the kernel '{recorded.get('backend')}' (here '{described['backend']}')")
     elif kinds:
         differences.append(f"a kernel that differs in {', '.join(kinds)}")
-    return (
-        f"The result states {' and '.join(differences)}."
-        if differences
-        else "The result states this very machine and kernel."
-    )
+    return f"The result states {' and '.join(differences)}." if differences else "The result states this very machine and kernel."
 
 
 def _profile_is_there(path: Path, result: Result, task: TaskSpec) -> bool:
@@ -341,9 +321,7 @@ def _profile_is_there(path: Path, result: Result, task: TaskSpec) -> bool:
         proof.refute("profile", str(error))
 
 
-def _simulate(
-    task: TaskSpec, log: ActionLog, traced: Sequence[int], kernel: Kernel, progress: Progress | None
-) -> _Again:
+def _simulate(task: TaskSpec, log: ActionLog, traced: Sequence[int], kernel: Kernel, progress: Progress | None) -> _Again:
     """All runs again, booked as the evaluation books them."""
     replay = Replay(task, log, kernel=kernel)
     totals, rewards = RunTotals(task, log.seeds), np.zeros_like(log.rewards)
@@ -383,14 +361,10 @@ def _agreement(result: Result, task: TaskSpec, log: ActionLog, again: _Again) ->
     if tuple(run.cluster for run in result.runs) != tuple(run.cluster for run in again.runs):
         proof.refute("task_facts", "The seasons that the runs name (cluster) are not those that they are in.")
     names = tuple(name for name in units_of(task) if name in result.units)  # an earlier glbench may have measured fewer
-    metrics, earned = (
-        np.array([[run.metrics[name] for name in names] for run in runs]) for runs in (result.runs, again.runs)
-    )
+    metrics, earned = (np.array([[run.metrics[name] for name in names] for run in runs]) for runs in (result.runs, again.runs))
     for row, run in enumerate(result.runs):
         states, reached = log.final_states[row : row + 1], again.final_states[row : row + 1]
-        agreement = agreement.add(
-            "state", states, reached, task.model_value.state_names, f"final state of the run with seed {run.seed}"
-        )
+        agreement = agreement.add("state", states, reached, task.model_value.state_names, f"final state of the run with seed {run.seed}")
         where = f"metrics of the run with seed {run.seed}"
         agreement = agreement.add("metric", metrics[row : row + 1], earned[row : row + 1], names, where)
     return agreement

@@ -68,16 +68,9 @@ _SPELLINGS: Mapping[str, str] = {
 }  # fmt: skip
 """Other spellings of units, in lower case, without spaces and degree signs, with a plain 2 and u."""
 TIME_COLUMNS: Mapping[str, Literal["end", "start"]] = {"slot_end [UTC]": "end", "slot_start [UTC]": "start"}
-_EXPECTED = (
-    "slot_end [UTC]",
-    "air_temperature [degC]",
-    "relative_humidity [%]",
-    "wind_speed [m/s]",
-    "global_radiation [W/m2]",
-)
+_EXPECTED = ("slot_end [UTC]", "air_temperature [degC]", "relative_humidity [%]", "wind_speed [m/s]", "global_radiation [W/m2]")
 EXPECTED_HEADER = (
-    f"{','.join(_EXPECTED)}\n  Other units, cloud_cover, sky_infrared or sky_temperature, and the comment lines above it: "
-    "docs/weather.md."
+    f"{','.join(_EXPECTED)}\n  Other units, cloud_cover, sky_infrared or sky_temperature, and the comment lines above it: docs/weather.md."
 )
 """The line of titles that the documented CSV needs, and where the rest is explained."""
 REQUIRED_KEYS = ("latitude", "longitude", "altitude", "timezone")
@@ -89,10 +82,7 @@ _GUESSES: Mapping[str, tuple[str, str]] = {
         r"\brv\b|\brh\b|rv.?bui|rel.*hum|humid|vocht|feuchte|^hum\b|rv_|_rv|rh_|_rh",
         rf"{_INSIDE}|abs|deficit|vpd|\bvd\b",
     ),
-    "wind_speed": (
-        r"wind|\bwsn|vent\b|viento|^ws$",
-        rf"{_INSIDE}|dir|richting|gust|stoot|window|luwe|raam|zijde|side|roof|lee",
-    ),
+    "wind_speed": (r"wind|\bwsn|vent\b|viento|^ws$", rf"{_INSIDE}|dir|richting|gust|stoot|window|luwe|raam|zijde|side|roof|lee"),
     "sky_infrared": (r"pyrgeo|long.?wave|infrared|langwel", rf"{_INSIDE}|net|up"),
     "sky_temperature": (r"sky.?temp|hemeltemp", _INSIDE),
     "cloud_cover": (r"cloud|bewolk|wolken|nubos|\boctants\b", _INSIDE),
@@ -100,10 +90,7 @@ _GUESSES: Mapping[str, tuple[str, str]] = {
         r"straling|radiation|strahlung|solar|pyrano|glob|\bghi\b|irradi|rayonn|radiaci|^rad$|^sun|zon",
         rf"{_INSIDE}|uitstraling|\bnet|long|diff|direct|\bdni\b|\bdhi\b",
     ),
-    "air_temperature": (
-        r"temp|tair|t.?bui|t_air|tout|t_out|t_buiten|^t$|\bta\b|dry.?bulb",
-        rf"{_INSIDE}|dauw|dew|wet|natte|sky|hemel",
-    ),
+    "air_temperature": (r"temp|tair|t.?bui|t_air|tout|t_out|t_buiten|^t$|\bta\b|dry.?bulb", rf"{_INSIDE}|dauw|dew|wet|natte|sky|hemel"),
 }
 """What titles of each quantity look like, and what rules them out; in lower case. The first that fits is taken."""
 
@@ -211,17 +198,11 @@ def read_csv(
     path = Path(path)
     text = read_text(path, WeatherError)
     documented = re.search(rf"^[^#\n]*\b({'|'.join(UNITS)}|slot_end|slot_start) ?\[", text, re.MULTILINE) is not None
-    titles = (
-        (lambda fields: any(_split_title(field)[0] in (*UNITS, "slot_end", "slot_start") for field in fields))
-        if documented
-        else None
-    )
+    titles = (lambda fields: any(_split_title(field)[0] in (*UNITS, "slot_end", "slot_start") for field in fields)) if documented else None
     table = split_table(text, str(path), WeatherError, is_titles=titles)
     comments = {
         key.strip(): value.strip()
-        for key, colon, value in (
-            line.lstrip("# \t").partition(":") for line in table.preamble if line.lstrip().startswith("#")
-        )
+        for key, colon, value in (line.lstrip("# \t").partition(":") for line in table.preamble if line.lstrip().startswith("#"))
         if colon
     }
     entries, time = _documented_columns(table)
@@ -233,9 +214,7 @@ def read_csv(
             raise table.refuse(problem)
         if key.startswith("timing "):
             if value not in get_args(record.Timing):
-                problem = (
-                    f"'# {visible(key)}: {visible(value)}' must be instant (at the slot's end) or mean (over the slot)."
-                )
+                problem = f"'# {visible(key)}: {visible(value)}' must be instant (at the slot's end) or mean (over the slot)."
                 raise table.refuse(problem)
             timing[key.removeprefix("timing ")] = cast(record.Timing, value)
     if timing["global_radiation"] != "mean":
@@ -254,15 +233,10 @@ def read_csv(
                 problem = f"'{visible(comments[key])}' for {key} is not a number. Correct the file."
                 raise table.refuse(problem)
         coordinates = cast(record.Coordinates, tuple(numbers.values()))
-    place = record.Place(
-        comments.get("station", name or path.stem.lower()), *coordinates, timezone or comments["timezone"]
-    )
+    place = record.Place(comments.get("station", name or path.stem.lower()), *coordinates, timezone or comments["timezone"])
     columns = ColumnMap(time=(time,), stamps=TIME_COLUMNS[time], columns=entries)
     origin = record.Origin(
-        name or path.stem.lower(),
-        place,
-        comments.get("source", f"file {path.name}"),
-        comments.get("licence", "Not stated in the file."),
+        name or path.stem.lower(), place, comments.get("source", f"file {path.name}"), comments.get("licence", "Not stated in the file.")
     )
     return _record_of(table, columns, origin, timing, fill_gaps)
 
@@ -332,9 +306,7 @@ def _rises(sums: record.FloatArray, seconds: IntArray, step: int) -> record.Floa
     gains, times = np.diff(sums[valid]), np.diff(seconds[valid])
     again = gains < 0
     with np.errstate(divide="ignore", invalid="ignore"):
-        rises[valid[1:]] = np.where(
-            again, np.where(times > step, np.nan, sums[valid[1:]]), gains * np.minimum(step / times, 1.0)
-        )
+        rises[valid[1:]] = np.where(again, np.where(times > step, np.nan, sums[valid[1:]]), gains * np.minimum(step / times, 1.0))
     return rises
 
 
@@ -390,12 +362,7 @@ def guess_quantity(title: str) -> str | None:
     """The quantity that a title such as ``Buitentemp [°C]`` or ``RH (%)`` seems to mean."""
     words = re.sub(r"[_.]", " ", _split_title(title)[0].lower())
     return next(
-        (
-            quantity
-            for quantity, (fits, not_this) in _GUESSES.items()
-            if re.search(fits, words) and not re.search(not_this, words)
-        ),
-        None,
+        (quantity for quantity, (fits, not_this) in _GUESSES.items() if re.search(fits, words) and not re.search(not_this, words)), None
     )
 
 
@@ -427,11 +394,7 @@ def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[
             checks[quantity] = "is it measured outside, not in the greenhouse?"
         if own_unit is None:
             own_unit = next(iter(UNITS[quantity]))
-            checks[quantity] = (
-                f"the unit {visible(unit)!r} is not one of {', '.join(UNITS[quantity])}"
-                if unit
-                else "the title has no unit"
-            )
+            checks[quantity] = f"the unit {visible(unit)!r} is not one of {', '.join(UNITS[quantity])}" if unit else "the title has no unit"
             if quantity == "relative_humidity" and np.nanmax(table.numbers(title)) <= 1.0:
                 own_unit = "fraction"
             if quantity == "global_radiation" and _is_running(title, table.numbers(title)):
@@ -440,9 +403,7 @@ def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[
         entries[quantity] = ColumnEntry(column=title, unit=own_unit, total="day" if running else "interval")
     missing = [quantity for quantity in record.REQUIRED if quantity not in entries]
     if missing or not time:
-        lacking = ", ".join(
-            [*([] if time else ["the time"]), *(f"{name} [{record.QUANTITIES[name].unit}]" for name in missing)]
-        )
+        lacking = ", ".join([*([] if time else ["the time"]), *(f"{name} [{record.QUANTITIES[name].unit}]" for name in missing)])
         problem = (
             f"no column looks like {lacking}. Its columns are: {visible(', '.join(table.titles)[:600])}. "
             "Export these quantities, or write the map by hand (docs/weather.md)."
@@ -471,9 +432,7 @@ def _is_running(title: str, numbers: record.FloatArray) -> bool:
     return float(np.mean(values[falls + 1] <= 0.1 * values[falls])) > 0.9
 
 
-def write_column_map(
-    columns: ColumnMap, checks: Mapping[str, str], unused: Sequence[str], source: Path, path: Path
-) -> None:
+def write_column_map(columns: ColumnMap, checks: Mapping[str, str], unused: Sequence[str], source: Path, path: Path) -> None:
     """Write a column map as TOML with a comment for everything that a person has to check."""
 
     def text(value: object) -> str:

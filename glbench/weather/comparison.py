@@ -164,9 +164,7 @@ def _names(generator: SeasonGenerator) -> tuple[str, ...]:
     return (*FOLLOWED, "global_radiation", sky)
 
 
-def generated_seasons(
-    generator: SeasonGenerator, start: dt.date, within_days: int, days: int, seasons: int, seed: int
-) -> Seasons:
+def generated_seasons(generator: SeasonGenerator, start: dt.date, within_days: int, days: int, seasons: int, seed: int) -> Seasons:
     """``seasons`` generated seasons of so many days, their first days in turn from ``start`` to ``within_days`` later."""
     inner = slice(MARGIN_DAYS, MARGIN_DAYS + days)
     hours: dict[str, list[FloatArray]] = {name: [] for name in _names(generator)}
@@ -238,11 +236,7 @@ def _daily(generated: Seasons, real: Seasons) -> list[Figure]:
             rows.append(one.ravel())
     tables: list[FloatArray] = [np.asarray(np.corrcoef(np.stack(rows))) for rows in anomalies]
     names = list(theirs)
-    crossed = {
-        f"{names[i]} and {names[j]}": float(tables[0][i, j] - tables[1][i, j])
-        for i in range(len(names))
-        for j in range(i)
-    }
+    crossed = {f"{names[i]} and {names[j]}": float(tables[0][i, j] - tables[1][i, j]) for i in range(len(names)) for j in range(i)}
     low, high = min(ratio, key=ratio.__getitem__), max(ratio, key=ratio.__getitem__)
     return [
         _worst("bias of daily values [sd]", bias, limit=0.1),
@@ -255,9 +249,7 @@ def _daily(generated: Seasons, real: Seasons) -> list[Figure]:
 
 def midnight_changes(seasons: Seasons) -> dict[str, FloatArray]:
     """Change over each midnight inside the season (n, days - 1), of what runs on through the night."""
-    return {
-        name: hours[:, 1:, 0] - hours[:, :-1, -1] for name, hours in seasons.hours.items() if name != "global_radiation"
-    }
+    return {name: hours[:, 1:, 0] - hours[:, :-1, -1] for name, hours in seasons.hours.items() if name != "global_radiation"}
 
 
 def _midnights(generated: Seasons, real: Seasons) -> list[Figure]:
@@ -271,9 +263,7 @@ def _midnights(generated: Seasons, real: Seasons) -> list[Figure]:
     joined = generated.joints[:, 1:]
     signed, sizes = (
         {
-            name.replace("_", " "): float(
-                ks_2samp(of(ours[name][joined]), of(theirs[name].ravel()), method="asymp").statistic
-            )
+            name.replace("_", " "): float(ks_2samp(of(ours[name][joined]), of(theirs[name].ravel()), method="asymp").statistic)
             for name in ours
         }
         for of in (np.positive, np.abs)
@@ -293,10 +283,7 @@ def _sums(generated: Seasons, real: Seasons) -> list[Figure]:
     days = generated.calendar.shape[1]
     radiation, below = (
         [one.hours["global_radiation"].sum(axis=(1, 2)) * 3600e-6 for one in (generated, real)],
-        [
-            np.maximum(BASE_TEMPERATURE - one.hours["air_temperature"], 0.0).sum(axis=(1, 2))
-            for one in (generated, real)
-        ],
+        [np.maximum(BASE_TEMPERATURE - one.hours["air_temperature"], 0.0).sum(axis=(1, 2)) for one in (generated, real)],
     )
     for name, (ours, theirs) in ((f"radiation sum of {days} days", radiation), (f"degree-hours of {days} days", below)):
         limits = (0.98, 1.02) if name.startswith("radiation") else (None, None)
@@ -422,9 +409,7 @@ def _blocks(axes: Axes, generator: SeasonGenerator, dates: Any, sources: IntArra
         )
         if end - begin >= ROOM_OF_A_DATE:
             middle = dates[begin] - np.timedelta64(12, "h") + np.timedelta64(int(12 * (end - begin)), "h")
-            axes.text(
-                middle, 0.0, f"{first.day} {first:%b}\n{first.year}", ha="center", va="center", fontsize=7.5, color=INK
-            )
+            axes.text(middle, 0.0, f"{first.day} {first:%b}\n{first.year}", ha="center", va="center", fontsize=7.5, color=INK)
     axes.set_yticks([])
     axes.set_ylabel("taken from", fontsize=9, color=INK)
     axes.set_ylim(-0.5, 0.5)

@@ -173,12 +173,8 @@ def prepare(record: WeatherRecord, window: preprocessing.Window) -> preprocessin
             slots.step_means("vapour_pressure", steps),
             preprocessing.co2_density(temperature, window.co2_ppm),
             slots.step_means("wind_speed", steps),
-            preprocessing.sky_temperature(
-                record, lambda name: slots.step_means(name, steps), temperature, overcast=8.0
-            ),
-            preprocessing.soil_temperature(
-                preprocessing.seconds_into_year(np.asarray(window.times + window.step / 2.0, dtype=np.float64))
-            ),
+            preprocessing.sky_temperature(record, lambda name: slots.step_means(name, steps), temperature, overcast=8.0),
+            preprocessing.soil_temperature(preprocessing.seconds_into_year(np.asarray(window.times + window.step / 2.0, dtype=np.float64))),
             _radiation_sums(slots, begins, ends)[day_of_step],
             samples.of_constants(is_day),
             samples.of_constants(is_day_smooth),

@@ -118,9 +118,7 @@ class SeasonGenerator:
 
     def __init__(self, record: WeatherRecord, years: Sequence[int], blocks: Blocks = Blocks()) -> None:
         if not years:
-            msg = (
-                f"A season of weather '{record.name}' was asked for without years to draw from. Name at least one year."
-            )
+            msg = f"A season of weather '{record.name}' was asked for without years to draw from. Name at least one year."
             raise WeatherError(msg)
         self.record = record
         self.years = tuple(sorted({int(year) for year in years}))
@@ -199,9 +197,7 @@ class SeasonGenerator:
         for for_length, for_choice in numbers.reshape(-1, 2).tolist():
             if at == 0:
                 # What is left of the block that the season begins in, so that joints are equally likely on all days.
-                at_least = np.minimum(
-                    longest - np.arange(longest), longest - shortest + 1
-                )  # lengths of 1, 2, ... days or more
+                at_least = np.minimum(longest - np.arange(longest), longest - shortest + 1)  # lengths of 1, 2, ... days or more
                 running = np.cumsum(at_least)
                 length = 1 + int(np.searchsorted(running, for_length * running[-1], side="right"))
             else:
@@ -234,10 +230,7 @@ class SeasonGenerator:
                 break
         if not after:
             return begins
-        distance = (
-            np.square(self._features[begins - 1] - self._features[recent[-1]]).sum(axis=1)
-            / self._loneliness[begins - 1]
-        )
+        distance = np.square(self._features[begins - 1] - self._features[recent[-1]]).sum(axis=1) / self._loneliness[begins - 1]
         return begins[np.argsort(distance, kind="stable")[: blocks.nearest]]
 
 
@@ -283,9 +276,7 @@ class _Days:
         self.calendar = calendar_days(self.numbers)
         self.follows = np.diff(self.numbers, prepend=self.numbers[0]) == 1
         ends = np.append(np.flatnonzero(~self.follows)[1:], self.numbers.size)
-        self.runs = ends[np.searchsorted(ends, np.arange(self.numbers.size), side="right")] - np.arange(
-            self.numbers.size
-        )
+        self.runs = ends[np.searchsorted(ends, np.arange(self.numbers.size), side="right")] - np.arange(self.numbers.size)
         # A typical year is a circle: hours that its days lack at the end are those at its beginning.
         slots = (first_slots[:, None] + np.arange(DAY_HOURS)) % record.hours
         counts = np.stack([record.counts[name][slots] for name in self.names], axis=-1)
@@ -294,9 +285,7 @@ class _Days:
             np.minimum(sky, int(OVERCAST) * QUANTITIES["cloud_cover"].counts_per_unit, out=sky)
         self.grid = np.maximum(np.gcd.reduce(counts.reshape(-1, len(self.names)), axis=0), 1)
         self.counts = counts.astype(np.float64)  # (n, 24, columns); whole numbers
-        limits = [
-            (QUANTITIES[name].low, OVERCAST if name == "cloud_cover" else QUANTITIES[name].high) for name in self.names
-        ]
+        limits = [(QUANTITIES[name].low, OVERCAST if name == "cloud_cover" else QUANTITIES[name].high) for name in self.names]
         per_unit = np.array([QUANTITIES[name].counts_per_unit for name in self.names], dtype=np.float64)
         self.low, self.high = np.array(limits).T * per_unit
 
@@ -320,9 +309,7 @@ class _Days:
 
     def features(self, blocks: Blocks) -> FloatArray:
         """What two days are compared by (n, 14): squared differences of the rows add up to the distance."""
-        anomaly = (
-            self.values("air_temperature") - self.warmth[self.calendar] / QUANTITIES["air_temperature"].counts_per_unit
-        )
+        anomaly = self.values("air_temperature") - self.warmth[self.calendar] / QUANTITIES["air_temperature"].counts_per_unit
         sky = next(name for name in SKY if name in self.names)
         hourly = np.stack([anomaly, *(self.values(name) for name in (*MATCHED[1:], sky))], axis=-1)
         clear = np.maximum(self.clear_sky.mean(axis=1)[self.calendar], 1.0)
@@ -417,9 +404,7 @@ def clear_sky(place: Place, ahead: int) -> FloatArray:
     clock = (np.arange(DAY_HOURS * parts) + 0.5) / parts - ahead / SLOT_SECONDS  # UTC [h]
     solar = clock + place.longitude / 15.0 + minutes[:, None] / 60.0
     latitude, hour_angle = np.radians(place.latitude), np.radians(15.0 * (solar - 12.0))
-    sine = np.sin(latitude) * np.sin(declination[:, None]) + np.cos(latitude) * np.cos(declination[:, None]) * np.cos(
-        hour_angle
-    )
+    sine = np.sin(latitude) * np.sin(declination[:, None]) + np.cos(latitude) * np.cos(declination[:, None]) * np.cos(hour_angle)
     radiation = np.where(sine > 0.0, 1098.0 * sine * np.exp(-0.057 / np.maximum(sine, 1e-3)), 0.0)
     clear: FloatArray = radiation.reshape(YEAR_DAYS, DAY_HOURS, parts).mean(axis=-1)
     clear.setflags(write=False)

@@ -117,9 +117,7 @@ def clear_sky_radiation(begin: int, hours: int, place: Place) -> tuple[FloatArra
     return np.asarray(1098.0 * up * np.exp(-0.057 / up)).mean(axis=1), of_hour.max(axis=1)
 
 
-def sky_infrared(
-    temperature: FloatArray, humidity: FloatArray, radiation: FloatArray, begin: int, place: Place
-) -> FloatArray:
+def sky_infrared(temperature: FloatArray, humidity: FloatArray, radiation: FloatArray, begin: int, place: Place) -> FloatArray:
     """Infrared radiation from the sky [W m-2], estimated for each hour ``(hours,)`` after Crawford and Duchon (1999).
 
     Air temperature [degC], relative humidity [%] and global radiation [W m-2] are of the hours from ``begin`` [s since 1970-01-01 UTC].
@@ -148,9 +146,7 @@ def _sensors_within_limits(rows: Rows) -> tuple[Rows, tuple[str, ...]]:
         if beyond.any():
             extreme = values[beyond][np.argmax(np.abs(values[beyond] - limit))]
             columns[name] = np.where(beyond, limit, values)
-            notes.append(
-                f"{name}: {int(beyond.sum()):,} values as far as {extreme:g} {unit} set to {limit:g} {unit} ({why})"
-            )
+            notes.append(f"{name}: {int(beyond.sum()):,} values as far as {extreme:g} {unit} set to {limit:g} {unit} ({why})")
     return replace(rows, columns=columns), tuple(notes)
 
 
@@ -181,9 +177,7 @@ def _averaged(rows: Rows, step: int) -> tuple[Rows, tuple[str, ...]]:
     if not complete_hours.size:
         msg = f"{rows.file} covers no whole hour with all of {', '.join(REQUIRED)}. Export a longer period."
         raise WeatherError(msg)
-    inside = slice(
-        int(complete_hours[0]), int(complete_hours[-1]) + 1
-    )  # a beginning or end of which a part is missing is left out
+    inside = slice(int(complete_hours[0]), int(complete_hours[-1]) + 1)  # a beginning or end of which a part is missing is left out
     ends = (first_hour + np.arange(hours, dtype=np.int64) + 1)[inside] * SLOT_SECONDS
     numbers = rows.row_numbers[np.minimum(np.searchsorted(rows.slot_ends, ends), rows.slot_ends.size - 1)]
     what = (

@@ -44,8 +44,7 @@ from glbench.weather.record import (
 
 KNMI_SOURCE = "Royal Netherlands Meteorological Institute (KNMI), hourly observations"
 KNMI_LICENCE = (
-    "These data can be used freely provided that the following source is acknowledged: "
-    "Royal Netherlands Meteorological Institute"
+    "These data can be used freely provided that the following source is acknowledged: Royal Netherlands Meteorological Institute"
 )
 KNMI_TIMEZONE = "Europe/Amsterdam"
 NATIVE_COLUMNS = ("T", "U", "N", "FH", "Q")
@@ -75,9 +74,7 @@ def known_stations() -> Mapping[int, Place]:
     }
 
 
-def native_rows(
-    file: str, native: Mapping[str, IntArray] | Mapping[str, FloatArray], numbers: IntArray | None = None
-) -> Rows:
+def native_rows(file: str, native: Mapping[str, IntArray] | Mapping[str, FloatArray], numbers: IntArray | None = None) -> Rows:
     """Rows in canonical units from KNMI's own numbers.
 
     ``native`` holds YYYYMMDD, HH, T and FH [0.1 degC, 0.1 m/s], U [%], N [octants], Q [J/cm2]; NaN for a missing value.
@@ -318,9 +315,7 @@ def fetch_knmi(
     """
     station, year = whole_number(station, "The number of a KNMI station"), whole_number(year, "A year")
     if year < FIRST_YEAR:
-        msg = (
-            f"KNMI's hourly observations begin in {FIRST_YEAR}: the year {year} cannot be fetched. Choose a later year."
-        )
+        msg = f"KNMI's hourly observations begin in {FIRST_YEAR}: the year {year} cannot be fetched. Choose a later year."
         raise WeatherError(msg)
     address = url or os.environ.get(URL_VARIABLE) or KNMI_URL
     form = {
@@ -360,14 +355,10 @@ def fetch_knmi(
     return record
 
 
-def _download(
-    address: str, form: dict[str, str], timeout_seconds: float, total_seconds: float, progress: Progress | None
-) -> bytes:
+def _download(address: str, form: dict[str, str], timeout_seconds: float, total_seconds: float, progress: Progress | None) -> bytes:
     """The service's whole answer to the POST of ``form``."""
     if urllib.parse.urlsplit(address).scheme not in ("http", "https"):
-        msg = (
-            f"'{address}' is no web address. Give one that begins with https://, or leave {URL_VARIABLE} and --url out."
-        )
+        msg = f"'{address}' is no web address. Give one that begins with https://, or leave {URL_VARIABLE} and --url out."
         raise WeatherError(msg)
     request = urllib.request.Request(address, data=urllib.parse.urlencode(form).encode(), method="POST")
     received = bytearray()

@@ -79,9 +79,7 @@ def _five_minute_grid(record: WeatherRecord, first_slot: int, last_slot: int, co
     days = times // DAY_SECONDS
     days -= days[0]
     edges_before_record = first_slot * NODES_PER_SLOT
-    is_day, is_day_smooth = day_flags(
-        radiation > 0.0, edges_before_record, record.hours * NODES_PER_SLOT - edges_before_record
-    )
+    is_day, is_day_smooth = day_flags(radiation > 0.0, edges_before_record, record.hours * NODES_PER_SLOT - edges_before_record)
     return np.column_stack(
         [
             radiation,

@@ -163,9 +163,7 @@ def sky_temperature_from_infrared(infrared: FloatArray) -> FloatArray:
     return np.asarray((infrared / STEFAN_BOLTZMANN_ENERGYPLUS) ** 0.25 - KELVIN)
 
 
-def sky_temperature(
-    record: WeatherRecord, values: Callable[[str], FloatArray], temperature: FloatArray, *, overcast: float
-) -> FloatArray:
+def sky_temperature(record: WeatherRecord, values: Callable[[str], FloatArray], temperature: FloatArray, *, overcast: float) -> FloatArray:
     """Apparent sky temperature [degC]: measured where the record has it, else from what it has.
 
     ``values`` gives the record's columns at the moments of the air ``temperature`` [degC]; ``overcast`` is the cloud cover of a wholly

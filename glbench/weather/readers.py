@@ -87,9 +87,7 @@ def read_epw(
     WeatherError
         When the file is no EPW, or has gaps or impossible values; names file, row and value.
     """
-    return read_weather(
-        path, "epw", name=name, timezone=timezone, year=year, coordinates=coordinates, fill_gaps=fill_gaps
-    )
+    return read_weather(path, "epw", name=name, timezone=timezone, year=year, coordinates=coordinates, fill_gaps=fill_gaps)
 
 
 def read_tmy(
@@ -105,9 +103,7 @@ def read_tmy(
 
     Parameters and errors as for ``read_epw``.
     """
-    return read_weather(
-        path, "tmy", name=name, timezone=timezone, year=year, coordinates=coordinates, fill_gaps=fill_gaps
-    )
+    return read_weather(path, "tmy", name=name, timezone=timezone, year=year, coordinates=coordinates, fill_gaps=fill_gaps)
 
 
 def read_weather(
@@ -154,9 +150,7 @@ def read_weather(
             msg = f"{path} is read as {kind}, which takes no {option}. Leave it out, or choose the --format."
             raise WeatherError(msg)
     if kind == "knmi":
-        return read_knmi(
-            path, name=name, station=station, timezone=timezone, coordinates=coordinates, fill_gaps=fill_gaps
-        )
+        return read_knmi(path, name=name, station=station, timezone=timezone, coordinates=coordinates, fill_gaps=fill_gaps)
     if kind == "csv":
         return read_csv(path, name=name, timezone=timezone, coordinates=coordinates, fill_gaps=fill_gaps)
     if kind == "parquet":

@@ -114,9 +114,7 @@ def record_of(
         When the place is unknown, an option does not fit, or the rows have gaps or impossible values; names file, row and value.
     """
     rows, notes, file = reading.rows, list(reading.notes), reading.rows.file
-    latitude, longitude, altitude = (
-        (reading.latitude, reading.longitude, reading.altitude) if coordinates is None else coordinates
-    )
+    latitude, longitude, altitude = (reading.latitude, reading.longitude, reading.altitude) if coordinates is None else coordinates
     if latitude is None or longitude is None:
         msg = f"{file} does not say where it was measured. Give it with --place LATITUDE,LONGITUDE,ALTITUDE [deg north, deg east, m]."
         raise WeatherError(msg)
@@ -145,12 +143,7 @@ def record_of(
     return hourly_record(
         rows,
         record.Origin(
-            name,
-            record.Place(reading.station, latitude, longitude, altitude, zone),
-            reading.source,
-            reading.licence,
-            typical,
-            tuple(notes),
+            name, record.Place(reading.station, latitude, longitude, altitude, zone), reading.source, reading.licence, typical, tuple(notes)
         ),
         fill_gaps=fill_gaps,
     )
@@ -166,10 +159,7 @@ def _joins_years(dates: np.ndarray, step: int) -> bool:
         return bool(np.all(np.diff(calendar_months) >= 0) and np.all(np.diff(months)[seams] != 0))
     one_year = np.unique(months // 12).size == 1
     return bool(
-        one_year
-        and dates.size * step == YEAR_DAYS * DAY
-        and calendar.isleap(int(months[0]) // 12 + 1970)
-        and not _leap_days(dates).any()
+        one_year and dates.size * step == YEAR_DAYS * DAY and calendar.isleap(int(months[0]) // 12 + 1970) and not _leap_days(dates).any()
     )
 
 
@@ -178,9 +168,7 @@ def _leap_days(dates: np.ndarray) -> np.ndarray:
     return np.asarray((dates.astype("datetime64[M]").astype(np.int64) % 12 == 1) & (days == 28))
 
 
-def _nominal_year(
-    rows: record.Rows, dates: np.ndarray, step: int, year: int, shift: int, fill_gaps: int
-) -> tuple[record.Rows, list[str]]:
+def _nominal_year(rows: record.Rows, dates: np.ndarray, step: int, year: int, shift: int, fill_gaps: int) -> tuple[record.Rows, list[str]]:
     """The rows in the nominal ``year``, in UTC, turned so that they begin with the year; and notes."""
     if calendar.isleap(year):
         msg = f"{year} is a leap year and a typical year has no 29 February. Choose a common year with --year."
@@ -200,9 +188,7 @@ def _nominal_year(
     if wrong.size:
         i = int(wrong[0])
         here, before = (record.utc_text(int(moment) + shift)[5:] for moment in (ends[i + 1], ends[i]))
-        problem = (
-            f"{here} appears twice" if here == before else f"{here} follows {before}; rows must be in order of time"
-        )
+        problem = f"{here} appears twice" if here == before else f"{here} follows {before}; rows must be in order of time"
         msg = f"{rows.file}, row {numbers[i + 1]}: {problem}. Correct the file or fetch it again."
         raise WeatherError(msg)
     if ends.size * step != YEAR_DAYS * DAY and fill_gaps == 0:
@@ -256,19 +242,12 @@ def humidity_of_daily_minimum(ends: record.IntArray, temperature: record.FloatAr
     return humidity_of_dew_point(temperature, lowest[day])
 
 
-def without_constant_zero(
-    columns: Mapping[str, record.FloatArray], names: Sequence[str], notes: list[str]
-) -> dict[str, record.FloatArray]:
+def without_constant_zero(columns: Mapping[str, record.FloatArray], names: Sequence[str], notes: list[str]) -> dict[str, record.FloatArray]:
     """The columns, those of ``names`` left out that are 0 in every row of a long file, as where nobody measured; said in ``notes``."""
     present = dict(columns)
     for name in names:
         values = present.get(name)
-        if (
-            values is not None
-            and values.size > 100
-            and not np.any(values[~np.isnan(values)])
-            and not np.isnan(values).all()
-        ):
+        if values is not None and values.size > 100 and not np.any(values[~np.isnan(values)]) and not np.isnan(values).all():
             del present[name]
             notes.append(f"{name.replace('_', ' ')} is 0 in every row, which is taken as missing")
     return present

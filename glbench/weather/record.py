@@ -76,9 +76,7 @@ QUANTITIES: Mapping[str, HourlyQuantity] = MappingProxyType(
             # One count is 1 J m-2 in the slot, so that both J cm-2 and Wh m-2 come out whole.
             HourlyQuantity("global_radiation", "W/m2", SLOT_SECONDS, 0.0, 1500.0, "global horizontal radiation"),
             HourlyQuantity("cloud_cover", "octants", 1000, 0.0, 9.0, "cloud cover; 9 = sky invisible (KNMI's code)"),
-            HourlyQuantity(
-                "sky_infrared", "W/m2", 1000, 50.0, 700.0, "infrared radiation from the sky on the horizontal"
-            ),
+            HourlyQuantity("sky_infrared", "W/m2", 1000, 50.0, 700.0, "infrared radiation from the sky on the horizontal"),
             HourlyQuantity("sky_temperature", "degC", 1000, -100.0, 60.0, "apparent sky temperature"),
         )
     }
@@ -426,9 +424,7 @@ def _complete_columns(rows: Rows) -> tuple[list[str], tuple[str, ...]]:
         msg = f"{rows.file} says nothing about the sky: it needs cloud cover, sky infrared or sky temperature."
         raise WeatherError(msg)
     if rows.timing["air_temperature"] != rows.timing["relative_humidity"]:
-        msg = (
-            f"{rows.file}: temperature and humidity must both be instants or both be means, to make a vapour pressure."
-        )
+        msg = f"{rows.file}: temperature and humidity must both be instants or both be means, to make a vapour pressure."
         raise WeatherError(msg)
     notes = tuple(f"{name} left out: {missing[name].size} h without a value" for name in partial)
     return [name for name in QUANTITIES if name in REQUIRED or name in sky], notes

@@ -77,9 +77,7 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Rea
         raise table.refuse(problem)
     slope = facts.get("slope")
     reflects = "Gr(i)" in table.titles and table.numbers("Gr(i)").any()
-    is_horizontal = (
-        slope == 0.0 if isinstance(slope, float) else slope is None and "Gr(i)" in table.titles and not reflects
-    )
+    is_horizontal = slope == 0.0 if isinstance(slope, float) else slope is None and "Gr(i)" in table.titles and not reflects
     if not typical and not is_horizontal:
         msg = (
             f"{file}: its radiation is that on a tilted plane (slope {facts.get('slope', 'not stated')}). The greenhouse needs "
@@ -98,9 +96,7 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Rea
         columns["relative_humidity"] = table.numbers(humidity)
     elif estimate_humidity:
         columns["relative_humidity"] = humidity_of_daily_minimum(stamps, columns["air_temperature"])
-        notes.append(
-            "relative humidity estimated: the day's lowest temperature taken for the dew point (FAO-56, equation 48)"
-        )
+        notes.append("relative humidity estimated: the day's lowest temperature taken for the dew point (FAO-56, equation 48)")
     else:
         msg = (
             f"{file} has no humidity, which the greenhouse needs; PVGIS gives it in its typical years only. Export the typical year, take "
@@ -111,15 +107,11 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Rea
     if typical:
         delay = _fact(facts, "irradiance time offset") or 0.0
         whole = round(delay)
-        share = (
-            0.5 + delay - whole
-        )  # of the hour before the stamp, what lies nearer to the instant that its beginning has
+        share = 0.5 + delay - whole  # of the hour before the stamp, what lies nearer to the instant that its beginning has
         late = np.roll(columns["global_radiation"], -whole)
         columns["global_radiation"] = share * np.roll(late, 1) + (1.0 - share) * late
         rows = record.Rows(file, stamps, columns, {**TIMING, "sky_infrared": "instant"}, lines)
-        notes.append(
-            f"radiation is an instant {delay * 60:.0f} min after the stamp; an hour takes that of the nearest instant"
-        )
+        notes.append(f"radiation is an instant {delay * 60:.0f} min after the stamp; an hour takes that of the nearest instant")
     else:
         rows = record.Rows(file, stamps + HOUR // 2, columns, MEANS, lines)
         minute = int(np.median(stamps % HOUR)) // 60
@@ -156,11 +148,7 @@ def _pvgis_table(text: str, file: str) -> tuple[TextTable, dict[str, float | str
                 raise WeatherError(msg)
             titles = tuple(series[0])
             rows = [[str(row[title]) for title in titles] for row in series]
-            facts = {
-                key.replace("_", " "): float(value)
-                for key, value in inputs.get("location", {}).items()
-                if value is not None
-            }
+            facts = {key.replace("_", " "): float(value) for key, value in inputs.get("location", {}).items() if value is not None}
             slopes = re.findall(r'"slope"\s*:\s*\{\s*"value"\s*:\s*("[^"]*"|[-\d.]+)', text)
             for slope in slopes:
                 facts["slope"] = float(slope) if re.fullmatch(r"[-\d.]+", slope) else slope.strip('"')
@@ -193,10 +181,7 @@ def parse_nsrdb(text: str, file: str) -> Reading:
         When columns or facts of the heading are missing; a row that does not fit is named.
     """
     table = split_table(
-        text,
-        file,
-        WeatherError,
-        is_titles=lambda fields: [field.lower() for field in fields[:4]] == ["year", "month", "day", "hour"],
+        text, file, WeatherError, is_titles=lambda fields: [field.lower() for field in fields[:4]] == ["year", "month", "day", "hour"]
     )
     facts = _heading(table.preamble)
     calendar_columns = [table.numbers(needed_title(table, name)) for name in ("Year", "Month", "Day", "Hour")]
@@ -210,9 +195,7 @@ def parse_nsrdb(text: str, file: str) -> Reading:
     temperature = table.numbers(needed_title(table, "Temperature", "air_temperature"), _MISSING)
     columns = {
         "air_temperature": temperature,
-        "relative_humidity": humidity_column(
-            table, temperature, ("Relative Humidity",), ("Dew Point",), _MISSING, notes
-        ),
+        "relative_humidity": humidity_column(table, temperature, ("Relative Humidity",), ("Dew Point",), _MISSING, notes),
         "wind_speed": table.numbers(needed_title(table, "Wind Speed"), _MISSING),
         "global_radiation": table.numbers(needed_title(table, "GHI"), _MISSING),
     }
@@ -222,9 +205,7 @@ def parse_nsrdb(text: str, file: str) -> Reading:
         ends, lines = np.append(ends, -(-ends[-1] // HOUR) * HOUR), np.append(lines, lines[-1])
         columns = {quantity: np.append(values, values[-1]) for quantity, values in columns.items()}
     place = {name: facts.get(name) for name in ("latitude", "longitude", "elevation", "time zone")}
-    latitude, longitude, altitude, offset = (
-        None if field is None else number_of(file, 2, name, field) for name, field in place.items()
-    )
+    latitude, longitude, altitude, offset = (None if field is None else number_of(file, 2, name, field) for name, field in place.items())
     if offset is None:
         msg = f"{file}, row 1: the heading has no 'Time Zone', so it is unclear when the rows are. Download the file again."
         raise WeatherError(msg)
@@ -248,11 +229,7 @@ def parse_nsrdb(text: str, file: str) -> Reading:
 
 def _heading(lines: Sequence[str]) -> dict[str, str]:
     """Names in the first line, in small letters, and the texts below them."""
-    rows = [
-        row
-        for row in csv.reader(lines, delimiter=";" if lines and lines[0].count(";") > lines[0].count(",") else ",")
-        if row
-    ]
+    rows = [row for row in csv.reader(lines, delimiter=";" if lines and lines[0].count(";") > lines[0].count(",") else ",") if row]
     if len(rows) < 2:
         return {}
     return {name.strip().lower(): text.strip() for name, text in zip(rows[0], rows[1], strict=False)}
@@ -290,9 +267,7 @@ def parse_open_meteo(text: str, file: str) -> Reading:
             if len(table.rows) > 1 and step_of(stamps.seconds) <= HOUR:
                 tables.append((table, stamps))
     if not tables:
-        msg = (
-            f"{file} holds no hourly values. Choose hourly variables in Open-Meteo's export; daily ones are too coarse."
-        )
+        msg = f"{file} holds no hourly values. Choose hourly variables in Open-Meteo's export; daily ones are too coarse."
         raise WeatherError(msg)
     # The hourly rows where they have all that is needed, else the finer ones.
     tables.sort(key=lambda pair: (_open_meteo_column(pair[0], "temperature_2m") is None, -step_of(pair[1].seconds)))
@@ -364,9 +339,7 @@ def _open_meteo_column(table: TextTable, name: str) -> record.FloatArray | None:
     return np.asarray(table.numbers(title) * factor + offset)
 
 
-def _open_meteo_clock(
-    table: TextTable, stamps: Stamps, facts: Mapping[str, str], notes: list[str]
-) -> tuple[record.IntArray, str | None]:
+def _open_meteo_clock(table: TextTable, stamps: Stamps, facts: Mapping[str, str], notes: list[str]) -> tuple[record.IntArray, str | None]:
     """Stamps in UTC [s since 1970-01-01], and the zone of the local clock where the file names one."""
     name = facts.get("timezone", "GMT")
     zone = None if name in ("GMT", "UTC", "Etc/UTC", "Etc/GMT") else name
@@ -385,9 +358,7 @@ def _open_meteo_clock(
         if np.unique(np.diff(seconds)).size == 1:
             return seconds, zone
     if zone is not None:
-        notes.append(
-            f"the file's clock is {offset / HOUR:+g} h from UTC all year, without a change to or from summer time"
-        )
+        notes.append(f"the file's clock is {offset / HOUR:+g} h from UTC all year, without a change to or from summer time")
     return fixed, zone
 
 
@@ -399,8 +370,7 @@ def parse_solar_anywhere(text: str, file: str) -> Reading:
         msg = f"{file}, row 1: it is not 'number, name, state, time zone, latitude, longitude, altitude'. Download the file again."
         raise WeatherError(msg)
     offset, latitude, longitude, altitude = (
-        number_of(file, 1, what, field)
-        for what, field in zip(("time zone", "latitude", "longitude", "altitude"), above[3:7], strict=True)
+        number_of(file, 1, what, field) for what, field in zip(("time zone", "latitude", "longitude", "altitude"), above[3:7], strict=True)
     )
     about = " ".join(above[7:])
     if "end of period" not in about.lower():

@@ -77,9 +77,7 @@ def load_weather(name: str) -> WeatherRecord:
     if NAME.fullmatch(name) and path.is_file():
         return read_stored(path)
     near = did_you_mean(name, [*shipped, *_user_names()])
-    msg = (
-        f"There is no weather record '{name}'.{near} Add one with `glbench weather import` or `glbench weather fetch`."
-    )
+    msg = f"There is no weather record '{name}'.{near} Add one with `glbench weather import` or `glbench weather fetch`."
     raise UnknownNameError(msg)
 
 
@@ -110,8 +108,7 @@ def list_weather() -> list[WeatherInfo]:
     """What every record is, shipped ones first, then the user's own in order of name. Reads no values of the user's."""
     folder = data_folder("weather")
     infos = [
-        _info(name, _described(load_weather(name)), "shipped", folder / entry["file"])
-        for name, entry in sorted(_manifest(folder).items())
+        _info(name, _described(load_weather(name)), "shipped", folder / entry["file"]) for name, entry in sorted(_manifest(folder).items())
     ]
     for name in _user_names():
         path = user_folder() / f"{name}.parquet"
@@ -174,20 +171,14 @@ def write_csv(record: WeatherRecord, path: Path) -> None:
     }
     titles = ["slot_end [UTC]", *(f"{name} [{QUANTITIES[name].unit}]" for name in record.counts)]
     lines = [f"# {key}: {' '.join(value.split())}" for key, value in comments.items()]
-    rows = (
-        ",".join(row)
-        for row in zip(np.datetime_as_string(ends, unit="m", timezone="UTC").tolist(), *columns, strict=True)
-    )
+    rows = (",".join(row) for row in zip(np.datetime_as_string(ends, unit="m", timezone="UTC").tolist(), *columns, strict=True))
     write_atomically(path, "\n".join([*lines, ",".join(titles), *rows]) + "\n")
 
 
 def check_new_name(name: str, *, overwrite: bool = False) -> Path:
     """File for a new record ``name``. Raises ``WeatherError`` as ``save_weather`` does."""
     if not NAME.fullmatch(name):
-        msg = (
-            f"'{name}' cannot name a weather record: use up to 64 lower-case letters, digits, and . _ - "
-            "(the first a letter or digit)."
-        )
+        msg = f"'{name}' cannot name a weather record: use up to 64 lower-case letters, digits, and . _ - (the first a letter or digit)."
         raise WeatherError(msg)
     if name in _manifest(data_folder("weather")):
         msg = f"'{name}' is the name of a shipped weather record, which never changes. Choose another name."

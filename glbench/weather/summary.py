@@ -163,9 +163,7 @@ def _doubts_of_clock(record: WeatherRecord) -> list[str]:
 
 
 def _doubts_of_values(record: WeatherRecord) -> list[str]:
-    temperature, humidity, wind = (
-        record.values(name) for name in ("air_temperature", "relative_humidity", "wind_speed")
-    )
+    temperature, humidity, wind = (record.values(name) for name in ("air_temperature", "relative_humidity", "wind_speed"))
     signs = []
     if temperature.mean() > HOTTEST_MEAN:
         signs.append(f"the mean temperature is {temperature.mean():.1f} degC. Is it in degrees Fahrenheit?")
@@ -194,9 +192,7 @@ def _doubts_of_radiation(record: WeatherRecord) -> list[str]:
     shifts = range(-DAY_HOURS // 2, DAY_HOURS // 2 + 1)
     late = max(shifts, key=lambda shift: (float(radiation @ np.roll(clear, shift)), -abs(shift)))
     if at_night >= FEW_HOURS or (late != 0 and record.hours >= CLOCK_DAYS * DAY_HOURS):
-        signs = (
-            [f"sun at night in {at_night} hours (more than {DARK_RADIATION:g} W/m2 in the dark)"] if at_night else []
-        )
+        signs = [f"sun at night in {at_night} hours (more than {DARK_RADIATION:g} W/m2 in the dark)"] if at_night else []
         if late:
             signs.append(f"the radiation is {abs(late)} h {'late' if late > 0 else 'early'} for the sun")
         return [

@@ -30,35 +30,9 @@ from glbench.weather.reading import (
 )
 
 _EPW_FIELDS = (
-    *(
-        "year",
-        "month",
-        "day",
-        "hour",
-        "minute",
-        "flags",
-        "dry-bulb temperature",
-        "dew point",
-        "relative humidity",
-        "pressure",
-    ),
-    *(
-        "extraterrestrial",
-        "extraterrestrial direct",
-        "horizontal infrared",
-        "global horizontal radiation",
-        "direct",
-        "diffuse",
-    ),
-    *(
-        "illuminance",
-        "direct illuminance",
-        "diffuse illuminance",
-        "zenith luminance",
-        "wind direction",
-        "wind speed",
-        "sky cover",
-    ),
+    *("year", "month", "day", "hour", "minute", "flags", "dry-bulb temperature", "dew point", "relative humidity", "pressure"),
+    *("extraterrestrial", "extraterrestrial direct", "horizontal infrared", "global horizontal radiation", "direct", "diffuse"),
+    *("illuminance", "direct illuminance", "diffuse illuminance", "zenith luminance", "wind direction", "wind speed", "sky cover"),
 )
 _EPW_MISSING: Mapping[str, tuple[float, ...]] = {
     "dry-bulb temperature": (99.9, 999, 999.9, 9999, -99, -99.9, -999, -9999),
@@ -119,12 +93,7 @@ def parse_epw(text: str, file: str) -> Reading:
     begin = rows[0][0] if rows else len(lines)
     between = (i for i, line in enumerate(lines[begin:], begin + 1) if line.strip(" ,\x1a"))
     table = TextTable(
-        file,
-        WeatherError,
-        (),
-        _EPW_FIELDS,
-        [fields[: len(_EPW_FIELDS)] for _, fields in rows],
-        [number for number, _ in rows],
+        file, WeatherError, (), _EPW_FIELDS, [fields[: len(_EPW_FIELDS)] for _, fields in rows], [number for number, _ in rows]
     )
     for i, (number, fields) in enumerate(rows):
         if i and (stray := next(between, number)) != number:
@@ -156,9 +125,7 @@ def parse_epw(text: str, file: str) -> Reading:
     columns = without_constant_zero(columns, ("cloud_cover",), notes)
     names = [field.strip() for field in heading[1:-4]]
     station = ", ".join(name for name in (names[0], *names[2:3]) if name.strip("-")) if names else ""
-    source = (
-        f"EnergyPlus weather file {file_name(file)} ({station}; {names[3] if len(names) > 3 else 'source not stated'})"
-    )
+    source = f"EnergyPlus weather file {file_name(file)} ({station}; {names[3] if len(names) > 3 else 'source not stated'})"
     return Reading(
         record.Rows(file, ends, columns, TIMING, np.array(table.lines, dtype=np.int64)),
         station,
@@ -202,9 +169,7 @@ def _epw_ends(table: TextTable, notes: list[str]) -> record.IntArray:
     return np.asarray((of_hour + 1) * HOUR, dtype=np.int64)
 
 
-def _days_of(
-    table: TextTable, year: record.FloatArray, month: record.FloatArray, day: record.FloatArray
-) -> record.IntArray:
+def _days_of(table: TextTable, year: record.FloatArray, month: record.FloatArray, day: record.FloatArray) -> record.IntArray:
     """Days since 1970-01-01 of calendar dates. Refuses a date that does not exist."""
     triples = np.stack([year, month, day], axis=1)
     unique, which = np.unique(triples, axis=0, return_inverse=True)
@@ -221,13 +186,9 @@ def _days_of(
 
 def parse_tmy3(text: str, file: str) -> Reading:
     """A typical year of NREL in the form TMY3, or another provider's file in it. Raises ``WeatherError`` as ``parse_epw`` does."""
-    table = split_table(
-        text, file, WeatherError, is_titles=lambda fields: bool(fields) and fields[0].lower().startswith("date (mm/dd")
-    )
+    table = split_table(text, file, WeatherError, is_titles=lambda fields: bool(fields) and fields[0].lower().startswith("date (mm/dd"))
     above = [line for line in table.preamble if not line.startswith("#")]
-    heading = next(
-        csv.reader(above[:1], delimiter=";" if ";" in "".join(above[:1]) else ",", skipinitialspace=True), []
-    )
+    heading = next(csv.reader(above[:1], delimiter=";" if ";" in "".join(above[:1]) else ",", skipinitialspace=True), [])
     if len(heading) < 7:
         msg = f"{file} cannot be read as a TMY3 file: no line 'number, name, state, zone, latitude, longitude, altitude' above titles."
         raise WeatherError(msg)
@@ -252,11 +213,7 @@ def parse_tmy3(text: str, file: str) -> Reading:
         columns["cloud_cover"] = table.numbers(cloud, (*_TMY3_MISSING, 99)) * OCTANTS_PER_TENTH
     return Reading(
         record.Rows(
-            file,
-            stamps.seconds,
-            without_constant_zero(columns, ("cloud_cover",), notes),
-            TIMING,
-            np.array(table.lines, dtype=np.int64),
+            file, stamps.seconds, without_constant_zero(columns, ("cloud_cover",), notes), TIMING, np.array(table.lines, dtype=np.int64)
         ),
         " ".join(heading[1].strip('" ').split()),
         f"NREL TMY3 {file_name(file)}, station {heading[0].strip()}",

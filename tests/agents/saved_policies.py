@@ -82,9 +82,7 @@ def save_torchscript(path: Path, module: Any) -> Path:
     return path
 
 
-def save_onnx(
-    path: Path, *, columns: int = COLUMNS, actions: int = ACTIONS, rows: int | str = "n", gain: float = 0.1
-) -> Path:
+def save_onnx(path: Path, *, columns: int = COLUMNS, actions: int = ACTIONS, rows: int | str = "n", gain: float = 0.1) -> Path:
     """Save ``tanh(observations @ W)`` as ONNX."""
     import onnx
     from onnx import TensorProto, helper, numpy_helper

@@ -48,13 +48,8 @@ def policy(spring: TaskSpec, hours: tuple[float, ...] = (1.0, 4.0), max_change: 
         about={},
     )
     shares = -np.expm1(-spring.step_seconds / (3600.0 * np.array(hours)))
-    unit = [
-        rng.normal(size=size).astype(np.float32)
-        for size in ((len(inputs) - units, 3 * units), 3 * units, (units, 3 * units))
-    ]
-    return Actor(
-        network, traced, shares, np.full(actions, max_change), *card.action_bounds, Gru(*unit) if units else None
-    )
+    unit = [rng.normal(size=size).astype(np.float32) for size in ((len(inputs) - units, 3 * units), 3 * units, (units, 3 * units))]
+    return Actor(network, traced, shares, np.full(actions, max_change), *card.action_bounds, Gru(*unit) if units else None)
 
 
 def test_the_network_is_shown_running_means(spring: TaskSpec) -> None:

@@ -100,9 +100,7 @@ def test_an_imported_module_of_the_same_name_comes_back(write: Write) -> None:
 
 
 def test_dataclasses_work_in_a_submission(write: Write, card: TaskCard) -> None:
-    code = (
-        "from __future__ import annotations\nfrom dataclasses import dataclass\n@dataclass\nclass S:\n    a: int = 1\n"
-    )
+    code = "from __future__ import annotations\nfrom dataclasses import dataclass\n@dataclass\nclass S:\n    a: int = 1\n"
     load_agent(write("still.py", code + STILL)).make(card)
 
 
@@ -203,8 +201,7 @@ def test_a_missing_library_is_told_apart_from_a_neighbouring_file(write: Write) 
             "act of the agent A in mine.py has the wrong signature (): it is called as act(observations)",
         ),
         (
-            "class A:\n  single_run = True\n  def reset(self, t, n): pass\n  def act(self, o): pass\n"
-            "def make_agent(task): return A()",
+            "class A:\n  single_run = True\n  def reset(self, t, n): pass\n  def act(self, o): pass\ndef make_agent(task): return A()",
             "it is called as reset(task)",
         ),
         (
@@ -219,9 +216,7 @@ def test_a_missing_library_is_told_apart_from_a_neighbouring_file(write: Write) 
         ("def make_agent(task):\n  exit()", "SystemExit"),
     ],
 )
-def test_what_is_wrong_with_a_submission_is_said_in_words(
-    write: Write, card: TaskCard, code: str, complaint: str
-) -> None:
+def test_what_is_wrong_with_a_submission_is_said_in_words(write: Write, card: TaskCard, code: str, complaint: str) -> None:
     assert complaint in refusal(write("mine.py", code + "\n"), card)
 
 
@@ -306,7 +301,5 @@ def test_cards_that_make_no_sense_are_explained(tmp_path: Path, change: Callable
 
 def test_the_digest_of_a_single_file_is_that_of_its_name_and_bytes(write: Write) -> None:
     name, content = b"still.py", STILL.encode()
-    expected = hashlib.sha256(
-        len(name).to_bytes(8, "big") + name + len(content).to_bytes(8, "big") + content
-    ).hexdigest()
+    expected = hashlib.sha256(len(name).to_bytes(8, "big") + name + len(content).to_bytes(8, "big") + content).hexdigest()
     assert load_agent(write("still.py", STILL)).digest == expected

@@ -115,9 +115,7 @@ def test_observations_of_another_number_of_runs_are_refused(card: TaskCard, publ
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64, np.int64, list])
 def test_numbers_within_bounds_are_good_actions(card: TaskCard, kind: type) -> None:
-    actions: object = (
-        [[0] * 6, [1] * 6, [-1] * 6] if kind is list else np.array([[0] * 6, [1] * 6, [-1] * 6], dtype=kind)
-    )
+    actions: object = [[0] * 6, [1] * 6, [-1] * 6] if kind is list else np.array([[0] * 6, [1] * 6, [-1] * 6], dtype=kind)
     assert action_problems(actions, card, 3) == {}
 
 

@@ -49,9 +49,7 @@ def test_a_card_is_read_with_its_training_and_in_words(write: Write) -> None:
 
 def test_a_card_comes_back_from_a_result_as_it_went_in(write: Write) -> None:
     card = read_card(write("submission.toml", CARD))
-    record = AgentRecord(
-        name="a", kind="submission", digest="0" * 64, privileged=False, information="observations", card=card
-    )
+    record = AgentRecord(name="a", kind="submission", digest="0" * 64, privileged=False, information="observations", card=card)
     assert AgentRecord.model_validate_json(record.model_dump_json()).card == card
 
 
@@ -61,9 +59,7 @@ def test_results_without_a_card_still_load() -> None:
 
 
 def test_everything_wrong_is_told_at_once_with_what_it_should_look_like(write: Write) -> None:
-    text = (
-        'nam = "x"\nauthors = "Anna"\nlicence = "MIT"\ninformation = ["observation"]\nseed = "one"\nlink = "example"\n'
-    )
+    text = 'nam = "x"\nauthors = "Anna"\nlicence = "MIT"\ninformation = ["observation"]\nseed = "one"\nlink = "example"\n'
     card, problems = check_card(write("submission.toml", text))
     assert card is None
     told = "\n".join(problems)
@@ -71,9 +67,7 @@ def test_everything_wrong_is_told_at_once_with_what_it_should_look_like(write: W
     assert "'nam' is not a key of a card. Did you mean 'name'" in told
     assert "'authors' is 'Anna'" in told
     assert 'authors = ["Anna Example"]' in told
-    assert (
-        "'information.0' is 'observation', expected one of observations, forecast, weather, model, privileged" in told
-    )
+    assert "'information.0' is 'observation', expected one of observations, forecast, weather, model, privileged" in told
     assert "'seed' is 'one'" in told
     assert "'link'" in told
 

@@ -37,17 +37,13 @@ def test_a_controller_is_in_the_module_that_is_named_for_it(name: str) -> None:
     assert make.__module__ == f"glbench.agents.{MODULES[name]}"
 
 
-def test_a_folder_of_settings_can_name_a_controller_of_ones_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_of_settings_can_name_a_controller_of_ones_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     card = 'title = "t"\ncontroller = "opener"\nsettings = "page.txt"\ndescription = "d"\nmade = "m"\nsources = []\n'
     (tmp_path / "card.toml").write_text(card, encoding="utf-8")
     (tmp_path / "page.txt").write_text("20", encoding="utf-8")
     with pytest.raises(SubmissionError, match="there is no controller 'opener'"):
         read_baseline(tmp_path)
-    monkeypatch.setitem(
-        CONTROLLERS, "opener", find_controller("grower")
-    )  # removed at the end, also when the test fails
+    monkeypatch.setitem(CONTROLLERS, "opener", find_controller("grower"))  # removed at the end, also when the test fails
     controller("opener", read=Path.read_text, version="1")(lambda _settings: Opener())
     baseline = read_baseline(tmp_path)
     assert (baseline.sees, baseline.privileged, baseline.settings) == ("observations", False, "20")
@@ -70,13 +66,9 @@ def test_readings_and_positions_come_by_name_and_changes_are_limited() -> None:
 
 def test_what_a_task_lacks_is_refused_in_words() -> None:
     card, agent = task_card(get_task("Spring-v1")), Opener()
-    with pytest.raises(
-        SubmissionError, match="does not show the observations air_temperature, without which the opener"
-    ):
+    with pytest.raises(SubmissionError, match="does not show the observations air_temperature, without which the opener"):
         agent.reset(dataclasses.replace(card, observations=card.observations[1:]), 1)
-    with pytest.raises(
-        SubmissionError, match=r"the opener can act through 'rate' or 'set_point' only\. The baseline 'grower'"
-    ):
+    with pytest.raises(SubmissionError, match=r"the opener can act through 'rate' or 'set_point' only\. The baseline 'grower'"):
         agent.reset(task_card(get_task("SpringSetpoints-v1")), 1)
     agent.reset(card, 2)
     with pytest.raises(ShapeError, match="act got observations of 3 runs, reset was called with 2"):

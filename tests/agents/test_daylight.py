@@ -16,19 +16,13 @@ HOURS = np.arange(96) / 4
 
 def bell(peak: float, dawn: float = 6.0, dusk: float = 18.0) -> np.ndarray:
     """Radiation of a day [W m-2], a half sine from dawn to dusk."""
-    return np.asarray(
-        peak * np.clip(np.sin(np.pi * (HOURS - dawn) / (dusk - dawn)), 0.0, None) * (dawn < HOURS) * (dusk > HOURS)
-    )
+    return np.asarray(peak * np.clip(np.sin(np.pi * (HOURS - dawn) / (dusk - dawn)), 0.0, None) * (dawn < HOURS) * (dusk > HOURS))
 
 
 def follow(days: list[np.ndarray], hours: np.ndarray = HOURS, age: float = 0.0) -> list[Daylight]:
     """Estimates of all steps of ``days``."""
     estimator = DaylightEstimator(1, STEP, age)
-    return [
-        estimator.observe(np.array([hour]), np.array([sun]))
-        for day in days
-        for hour, sun in zip(hours, day, strict=True)
-    ]
+    return [estimator.observe(np.array([hour]), np.array([sun])) for day in days for hour, sun in zip(hours, day, strict=True)]
 
 
 def test_the_first_day_counts_what_has_come_in() -> None:
@@ -123,9 +117,7 @@ def test_in_the_spring_of_the_benchmark_it_decides_like_the_truth_in_four_of_fiv
     sun, true_sum = weather.values[:, 0], weather.values[:, 7]
     hours = weather.hour_of_day
     estimator = DaylightEstimator(1, STEP)
-    guess = np.array(
-        [float(estimator.observe(hours[k : k + 1], sun[k : k + 1]).radiation_sum[0]) for k in range(len(sun))]
-    )
+    guess = np.array([float(estimator.observe(hours[k : k + 1], sun[k : k + 1]).radiation_sum[0]) for k in range(len(sun))])
     lamps = (hours > 0.0) & (hours < 18.0)
     agreement = float(np.mean((guess < 10.0)[lamps] == (true_sum < 10.0)[lamps]))
     yesterday = np.concatenate([np.zeros(96), true_sum[:-96]])

@@ -46,9 +46,7 @@ def seen(card: TaskCard, hour: float = 12.0, **given: float) -> NDArray[np.float
         "sin_hour_of_day": np.sin(turn), "cos_hour_of_day": np.cos(turn), "sin_day_of_year": np.sin(year), "cos_day_of_year": np.cos(year),
     } | given  # fmt: skip
     values.setdefault("price_power_bought", values["price_power"] + 0.03)
-    values |= {
-        name: values["price_power"] for name in card.observation_names if name.startswith("price_power_in_")
-    } | given
+    values |= {name: values["price_power"] for name in card.observation_names if name.startswith("price_power_in_")} | given
     return np.array([[values.get(name, 0.0) for name in card.observation_names]], np.float32)
 
 
@@ -121,9 +119,7 @@ def test_lit_the_engine_is_worth_what_power_costs_to_buy() -> None:
 
 def test_the_boiler_burns_for_co2_while_there_is_room_and_for_heat_when_the_buffer_is_empty() -> None:
     day = {"price_power": 0.0, "lamps": 0.0, "global_radiation": 50.0}
-    assert asked("SpringEnergy", buffer_share=50.0, **day)["uBoil"] == pytest.approx(
-        0.5
-    )  # a full supply of CO2 is half the boiler
+    assert asked("SpringEnergy", buffer_share=50.0, **day)["uBoil"] == pytest.approx(0.5)  # a full supply of CO2 is half the boiler
     assert asked("SpringEnergy", buffer_share=95.0, **day)["uBoil"] == 0.0
     cold = {"hour": 0.0, "global_radiation": 0.0, "air_temperature": 12.0, "price_power": 0.0}
     assert asked("SpringEnergy", buffer_share=50.0, **cold)["uBoil"] == 0.0
@@ -136,9 +132,7 @@ def test_the_boiler_burns_for_co2_while_there_is_room_and_for_heat_when_the_buff
 def test_co2_is_what_the_flue_gas_has_and_a_part_that_is_bought() -> None:
     dim = {"price_power": 0.0, "global_radiation": 50.0, "buffer_share": 95.0}
     assert asked("SpringEnergy", **dim)["uCo2"] == pytest.approx(0.2)
-    assert asked("SpringEnergy", boiler=26.0, **dim)["uCo2"] == pytest.approx(
-        0.6
-    )  # a fifth of 130 W/m2, two supplies at full load
+    assert asked("SpringEnergy", boiler=26.0, **dim)["uCo2"] == pytest.approx(0.6)  # a fifth of 130 W/m2, two supplies at full load
     assert asked("SpringEnergy", boiler=13.0, engine=25.0, **dim)["uCo2"] == pytest.approx(0.8)
 
 
@@ -192,9 +186,7 @@ def test_there_is_a_page_for_each_family() -> None:
 @pytest.mark.parametrize("file", sorted(RULES.glob("*.yml")), ids=lambda file: file.stem)
 def test_a_shipped_page_says_of_each_number_what_the_settings_say(file: Path) -> None:
     lines = file.read_text(encoding="utf-8").splitlines()
-    heading = [
-        line.removeprefix("#").strip() for line in lines[: next(i for i, line in enumerate(lines) if line[:1] != "#")]
-    ]
+    heading = [line.removeprefix("#").strip() for line in lines[: next(i for i, line in enumerate(lines) if line[:1] != "#")]]
     assert settings_text(read_rule_page(file, EnergyRuleSettings), heading) == "\n".join(lines) + "\n"
 
 

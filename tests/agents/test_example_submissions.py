@@ -85,9 +85,7 @@ def test_an_example_decides_for_a_run_alone_as_in_a_batch(path: Path, task_id: s
         assert np.array_equal(together.act(rows), each)
 
 
-@pytest.mark.parametrize(
-    "path", [path for path in FOR_ACTUATORS if path.stem != "do_nothing"], ids=lambda path: path.stem
-)
+@pytest.mark.parametrize("path", [path for path in FOR_ACTUATORS if path.stem != "do_nothing"], ids=lambda path: path.stem)
 def test_an_example_keeps_a_spring_day_in_order(path: Path) -> None:
     # From the second day on; at the start all controls are 0 and the air is humid.
     task = get_task("Schiphol2010-Delta10-v1")
@@ -122,9 +120,7 @@ def test_the_example_agent_warms_up_before_the_sun_that_is_forecast() -> None:
 
 
 def test_a_page_of_set_points_says_on_which_tasks_it_means_anything(card: TaskCard) -> None:
-    with pytest.raises(
-        Exception, match=r"has no set point 'co2_set_point'; it has uBoil, .*such as SpringSetpoints-v1"
-    ):
+    with pytest.raises(Exception, match=r"has no set point 'co2_set_point'; it has uBoil, .*such as SpringSetpoints-v1"):
         made(SET_POINTS, card, 1)
 
 

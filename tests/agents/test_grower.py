@@ -40,9 +40,7 @@ def observed(card: TaskCard, hour: float, **values: float) -> NDArray[np.float32
     """One row of observations on day 80 (21 March) at an hour of the day, other columns 0 unless given."""
     turns = {"hour_of_day": hour / 24.0, "day_of_year": 80.0 / 365.0}
     clock = {
-        f"{side}_{name}": wave(2.0 * np.pi * turn)
-        for name, turn in turns.items()
-        for side, wave in (("sin", np.sin), ("cos", np.cos))
+        f"{side}_{name}": wave(2.0 * np.pi * turn) for name, turn in turns.items() for side, wave in (("sin", np.sin), ("cos", np.cos))
     }
     row = [(clock | values).get(name, 0.0) for name in card.observation_names]
     return np.array([row], dtype=np.float32)

@@ -94,9 +94,7 @@ def test_a_text_too_large_to_hold_is_taken_as_it_is(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(EXAMPLES))
-def test_examples_with_crlf_run_where_there_is_no_sandbox(
-    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_examples_with_crlf_run_where_there_is_no_sandbox(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / f"{name}.py"
     file.write_bytes(with_crlf((data_folder("submissions") / f"{name}.py").read_bytes()))
     monkeypatch.setattr("glbench.evaluation.sandbox.bubblewrap.why_no_sandbox", lambda: "there is no bubblewrap")

@@ -69,9 +69,7 @@ def test_a_policy_is_its_network(card: TaskCard, output: str) -> None:
 
 @given(first=st.integers(0, 8), rows=st.integers(1, 9))
 @settings(deadline=None, max_examples=15)
-def test_a_row_gives_the_same_bits_alone_and_in_any_batch(
-    wide: tuple[NetworkPolicy, Array], first: int, rows: int
-) -> None:
+def test_a_row_gives_the_same_bits_alone_and_in_any_batch(wide: tuple[NetworkPolicy, Array], first: int, rows: int) -> None:
     policy, whole = wide
     seen = some_observations(len(whole))
     np.testing.assert_array_equal(policy.act(seen[first : first + rows]), whole[first : first + rows])
@@ -90,9 +88,7 @@ def test_the_order_of_a_sum_does_not_change_a_product() -> None:
     order = rng.permutation(900)
     straight = ExactLinear.of(weights, bias)(x)
     np.testing.assert_array_equal(straight, ExactLinear.of(weights[order], bias)(x[:, order]))
-    assert (x @ weights.astype(np.float64) != x[:, order] @ weights[order].astype(np.float64)).any(), (
-        "an ordinary product depends"
-    )
+    assert (x @ weights.astype(np.float64) != x[:, order] @ weights[order].astype(np.float64)).any(), "an ordinary product depends"
     np.testing.assert_allclose(straight, x @ weights.astype(np.float64), rtol=0, atol=1e-6)
 
 
@@ -158,9 +154,7 @@ def test_layers_that_do_not_fit_together_are_refused(card: TaskCard) -> None:
         ("delta", 1e300, "delta is 1e\\+300"),
     ],
 )
-def test_numbers_that_nobody_means_are_refused(
-    card: TaskCard, tmp_path: Path, name: str, value: float, reason: str
-) -> None:
+def test_numbers_that_nobody_means_are_refused(card: TaskCard, tmp_path: Path, name: str, value: float, reason: str) -> None:
     policy = policy_of(card)
     old = getattr(policy, name)
     new = value if isinstance(old, float) else np.append(old[:-1], value)
@@ -193,9 +187,7 @@ def test_the_policy_of_the_task_acts_else_that_of_the_nearest_uncertainty(card: 
 
 def test_a_task_with_other_observations_is_refused_with_the_reason(card: TaskCard) -> None:
     other = replace(card, id="test/Blind-v1", observations=card.observations[:21])
-    with pytest.raises(
-        SubmissionError, match=r"trained on 22 observations.*Blind-v1 shows 21.*glbench train ppo --task"
-    ):
+    with pytest.raises(SubmissionError, match=r"trained on 22 observations.*Blind-v1 shows 21.*glbench train ppo --task"):
         policy_for(other, (Actor.of(policy_of(card)),))
 
 
@@ -223,9 +215,7 @@ def test_whatever_bytes_of_a_policy_are_wrong_it_is_refused_or_acts(card: TaskCa
     assert len(refusals) > 100
 
 
-def test_a_folder_with_a_policy_and_a_card_is_an_agent_whose_digest_follows_its_weights(
-    card: TaskCard, tmp_path: Path
-) -> None:
+def test_a_folder_with_a_policy_and_a_card_is_an_agent_whose_digest_follows_its_weights(card: TaskCard, tmp_path: Path) -> None:
     (tmp_path / "card.toml").write_text(CARD, encoding="utf-8")
     with pytest.raises(SubmissionError, match="no policy"):
         load_agent(tmp_path)

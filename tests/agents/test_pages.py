@@ -70,9 +70,7 @@ def test_a_folder_of_settings_is_checked_without_code(rules: Path) -> None:
     assert report.ok
     assert "rule_based_tuned; no code to run" in report.facts["loading"]
     page = rules / "rules" / "spring.yml"
-    page.write_text(
-        page.read_text(encoding="utf-8").replace("heating_night: 16.57", "heating_night: 60"), encoding="utf-8"
-    )
+    page.write_text(page.read_text(encoding="utf-8").replace("heating_night: 16.57", "heating_night: 60"), encoding="utf-8")
     (finding,) = check_submission(rules, "Spring-v1").problems
     assert "'heating_night' is 60 degC" in finding.text
 
@@ -82,7 +80,5 @@ def test_a_task_that_the_settings_do_not_serve_is_a_problem(rules: Path) -> None
 
 
 def test_a_page_that_is_named_alone_leads_to_its_folder(rules: Path) -> None:
-    with pytest.raises(
-        SubmissionError, match=r"is a page of settings. Name the folder .*: glbench evaluate \S*my_rules$"
-    ):
+    with pytest.raises(SubmissionError, match=r"is a page of settings. Name the folder .*: glbench evaluate \S*my_rules$"):
         load_agent(rules / "rules" / "spring.yml")

@@ -81,9 +81,7 @@ def test_equal_recordings_give_equal_bytes_and_read_back(tmp_path):
     assert back.to_bytes() == file.read_bytes()
 
 
-@pytest.mark.parametrize(
-    "data", [b"", b"PK\x03\x04 no more", json.dumps({"actions": []}).encode()], ids=["empty", "cut", "json"]
-)
+@pytest.mark.parametrize("data", [b"", b"PK\x03\x04 no more", json.dumps({"actions": []}).encode()], ids=["empty", "cut", "json"])
 def test_a_file_that_is_no_recording_is_refused_in_words(tmp_path, data):
     file = tmp_path / "actions.npz"
     file.write_bytes(data)

@@ -77,9 +77,7 @@ def test_an_action_leads_as_far_towards_the_wanted_control_as_the_limit_allows(
     assert agent.act(cold)[:, 0].tolist() == pytest.approx([1.0, 1.0, 0.3], abs=1e-4)
 
 
-def test_controls_at_their_limits_are_reached_and_left_through_the_rate_limit(
-    card: TaskCard, published: RuleSettings
-) -> None:
+def test_controls_at_their_limits_are_reached_and_left_through_the_rate_limit(card: TaskCard, published: RuleSettings) -> None:
     task = get_task("Schiphol2010-Delta00-v1")
     simulation, agent = Simulation(task, 1), FairRuleBasedAgent(published)
     agent.reset(task_card(task), 1)
@@ -126,9 +124,7 @@ def test_the_fair_twin_reads_columns_by_name(card: TaskCard, published: RuleSett
     assert np.array_equal(plain.act(rows), mixed.act(rows[:, order]))
 
 
-def test_the_fair_twin_acts_on_the_controls_that_a_task_grants(
-    card: TaskCard, published: RuleSettings, observe: Observe
-) -> None:
+def test_the_fair_twin_acts_on_the_controls_that_a_task_grants(card: TaskCard, published: RuleSettings, observe: Observe) -> None:
     chosen = [3, 0]
     granted = dataclasses.replace(card, actions=tuple(card.actions[i] for i in chosen))
     rows = observe(2, air_temperature=[14.0, 30.0])
@@ -140,16 +136,12 @@ def test_the_fair_twin_acts_on_the_controls_that_a_task_grants(
 
 def test_a_task_that_hides_what_the_rules_need_is_refused(card: TaskCard, published: RuleSettings) -> None:
     blind = dataclasses.replace(card, observations=card.observations[1:])
-    with pytest.raises(
-        SubmissionError, match=r"glbench/Schiphol.* does not show the observations air_temperature, without"
-    ):
+    with pytest.raises(SubmissionError, match=r"glbench/Schiphol.* does not show the observations air_temperature, without"):
         FairRuleBasedAgent(published).reset(blind, 1)
 
 
 def test_an_unknown_actuation_is_refused(card: TaskCard, published: RuleSettings) -> None:
-    with pytest.raises(
-        SubmissionError, match="is 'direct', and the fair rule-based agent can act through 'rate' or 'set_point' only"
-    ):
+    with pytest.raises(SubmissionError, match="is 'direct', and the fair rule-based agent can act through 'rate' or 'set_point' only"):
         FairRuleBasedAgent(published).reset(dataclasses.replace(card, actuation="direct"), 1)
 
 

@@ -52,9 +52,7 @@ def test_the_variants_differ_in_the_thermal_screen_and_in_nothing_else(published
     assert np.all(np.delete(change, 2) < 1e-12)
 
 
-def test_the_lamp_rules_differ_only_when_humidity_may_switch_lamps_off(
-    published: RuleSettings, dim_afternoon: RuleInputs
-) -> None:
+def test_the_lamp_rules_differ_only_when_humidity_may_switch_lamps_off(published: RuleSettings, dim_afternoon: RuleInputs) -> None:
     # Humidity limit 85 % + 0 %: at 95 % the code's rule switches off by day too, the author's only at night.
     code = published.model_copy(update={"blackout_extra_humidity": 0.0})
     author = code.model_copy(update={"lamp_rule": "author"})
@@ -105,9 +103,7 @@ def test_lamps_are_off(published: RuleSettings, dim_afternoon: RuleInputs, chang
     assert by_name(rule_controls(with_values(dim_afternoon, **change), published))["lamps"] < 1e-4
 
 
-def test_the_blackout_screen_follows_the_lamps_at_night_and_can_be_absent(
-    published: RuleSettings, dim_afternoon: RuleInputs
-) -> None:
+def test_the_blackout_screen_follows_the_lamps_at_night_and_can_be_absent(published: RuleSettings, dim_afternoon: RuleInputs) -> None:
     night = with_values(dim_afternoon, is_day=0.0, is_day_smooth=0.0, hour_of_day=4.0)
     asked = by_name(rule_controls(night, published))
     assert asked["blackout"] == asked["lamps"] > 0.99
@@ -115,18 +111,14 @@ def test_the_blackout_screen_follows_the_lamps_at_night_and_can_be_absent(
     assert by_name(rule_controls(night, without))["blackout"] == 0.0
 
 
-def test_a_hot_humid_greenhouse_is_vented_unless_it_is_too_cold_to_open(
-    published: RuleSettings, dim_afternoon: RuleInputs
-) -> None:
+def test_a_hot_humid_greenhouse_is_vented_unless_it_is_too_cold_to_open(published: RuleSettings, dim_afternoon: RuleInputs) -> None:
     humid = {"relative_humidity": 95.0}
     assert by_name(rule_controls(with_values(dim_afternoon, air_temperature=30.0), published))["vents"] > 0.9
     assert by_name(rule_controls(with_values(dim_afternoon, air_temperature=20.0, **humid), published))["vents"] > 0.9
     assert by_name(rule_controls(with_values(dim_afternoon, air_temperature=17.0, **humid), published))["vents"] < 0.01
 
 
-@pytest.mark.parametrize(
-    ("on", "off", "hour", "boiler"), [(20.0, 6.0, 2.0, 1.0), (20.0, 6.0, 12.0, 0.0), (6.0, 6.0, 6.0, 0.0)]
-)
+@pytest.mark.parametrize(("on", "off", "hour", "boiler"), [(20.0, 6.0, 2.0, 1.0), (20.0, 6.0, 12.0, 0.0), (6.0, 6.0, 6.0, 0.0)])
 def test_the_lamp_climate_follows_windows_over_midnight_and_empty_ones(
     published: RuleSettings, dim_afternoon: RuleInputs, on: float, off: float, hour: float, boiler: float
 ) -> None:

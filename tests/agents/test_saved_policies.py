@@ -84,9 +84,7 @@ def test_a_model_acts_as_its_own_library_makes_it_act(models: Path, card: TaskCa
 
 @needs_sb3
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_a_model_decides_for_a_run_alone_as_among_others_to_the_last_bit(
-    models: Path, card: TaskCard, algorithm: str
-) -> None:
+def test_a_model_decides_for_a_run_alone_as_among_others_to_the_last_bit(models: Path, card: TaskCard, algorithm: str) -> None:
     agent, seen = made(models / f"my-{algorithm}", card), dialogue()
     together = answers(agent, card, seen)
     for row in (0, 7, 29):
@@ -104,9 +102,7 @@ def test_a_reset_forgets_what_a_recurrent_model_remembers(models: Path, card: Ta
 @needs_sb3
 def test_loading_a_model_opens_no_pickle_before_the_agent_is_made(models: Path, tmp_path: Path, card: TaskCard) -> None:
     shutil.copytree(models / "my-PPO", tmp_path / "my-PPO")
-    (tmp_path / "my-PPO" / "vecnormalize.pkl").write_bytes(
-        b"cos\nmkdir\n(S'%s'\ntR." % str(tmp_path / "was-run").encode()
-    )
+    (tmp_path / "my-PPO" / "vecnormalize.pkl").write_bytes(b"cos\nmkdir\n(S'%s'\ntR." % str(tmp_path / "was-run").encode())
     loaded = load_agent(tmp_path / "my-PPO")
     assert not (tmp_path / "was-run").exists()
     with pytest.raises(SubmissionError, match="expected VecNormalize"):
@@ -162,9 +158,7 @@ def test_models_of_other_spaces_are_refused_in_words(tmp_path: Path, card: TaskC
         pytest.param("policy.onnx", b"nothing", "cannot be loaded as ONNX", marks=needs_onnx),
     ],
 )
-def test_files_of_other_content_are_refused_in_words(
-    tmp_path: Path, card: TaskCard, name: str, content: bytes, complaint: str
-) -> None:
+def test_files_of_other_content_are_refused_in_words(tmp_path: Path, card: TaskCard, name: str, content: bytes, complaint: str) -> None:
     (tmp_path / name).write_bytes(content)
     assert complaint in refusal(tmp_path / name, card)
 

@@ -96,9 +96,7 @@ def test_nothing_was_trained_or_chosen_in_weather_of_a_test(file: Path) -> None:
         first = training.get("first_env_seed") or training["season_seeds"][0]
         learnt, judged, scored = (first, first + 1), best["evaluation_seeds"], task.scored.evaluation.seeds
         assert not {*learnt, *judged} & {*scored}
-        assert years_of_the_weather(task, learnt) | years_of_the_weather(chosen_on, judged[:2]) <= set(
-            training["years"]
-        )
+        assert years_of_the_weather(task, learnt) | years_of_the_weather(chosen_on, judged[:2]) <= set(training["years"])
         assert years_of_the_weather(task.scored, scored[:2]) <= set(task.scored.season_years or ())
 
 
@@ -134,9 +132,7 @@ def test_a_page_of_tuned_rules_is_of_the_search_that_is_told(file: Path) -> None
     begun = read_rule_page(start, kind_for(tasks))
     scope = tuple(one.id for one in tasks) if about_energy(tasks) else reward_of(tasks)
     assert read_rule_page(page, kind_for(tasks)).scope == begun.scope == scope
-    settings = RuleSearchSettings.model_validate(
-        yaml.safe_load((file.parent / training["settings"]).read_text("utf-8"))["default"]
-    )
+    settings = RuleSearchSettings.model_validate(yaml.safe_load((file.parent / training["settings"]).read_text("utf-8"))["default"])
     assert training["settings_digest"] == settings.digest(begun)
     assert training["season_seeds"][0] == settings.first_seed >= FIRST_TRAINING_SEED
     assert training.get("split", "training") == "training"

@@ -55,9 +55,7 @@ def test_the_guides_check_of_actions_runs_and_finds_nothing_wrong_with_the_templ
     assert capsys.readouterr().out == "{}\n"
 
 
-@pytest.mark.parametrize(
-    "file", ["README.md", "docs/submit.md", *sorted(f"submissions/templates/{kind}" for kind in KINDS)]
-)
+@pytest.mark.parametrize("file", ["README.md", "docs/submit.md", *sorted(f"submissions/templates/{kind}" for kind in KINDS)])
 def test_whoever_tries_things_out_is_sent_to_the_validation_split(file: str) -> None:
     path = ROOT / file
     for page in [path] if path.is_file() else [*path.glob("*.md"), *path.glob("agent.py")]:
@@ -102,9 +100,7 @@ def test_the_guides_ways_to_save_a_policy_make_submissions(
 
 
 @pytest.mark.slow
-def test_the_example_of_the_page_on_scale_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_example_of_the_page_on_scale_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     page = (ROOT / "docs" / "scale.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     exec(compile(snippet(page, "python", "LocalEngine"), "docs/scale.md", "exec"), {})

@@ -24,9 +24,7 @@ def test_a_template_bears_the_name_of_its_folder(tmp_path: Path, kind: Kind) -> 
 
 
 @pytest.mark.parametrize("kind", ["rule", "mpc", "torch"])
-def test_a_template_with_code_runs_at_once_and_decides_every_run_by_itself(
-    tmp_path: Path, card: TaskCard, kind: Kind
-) -> None:
+def test_a_template_with_code_runs_at_once_and_decides_every_run_by_itself(tmp_path: Path, card: TaskCard, kind: Kind) -> None:
     if kind == "torch" and importlib.util.find_spec("torch") is None:
         pytest.skip("torch is not installed")
     new_submission(tmp_path / "anna", kind)

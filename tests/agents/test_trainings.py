@@ -110,9 +110,7 @@ def test_shipped_trainings_name_their_recipe_and_seed() -> None:
     assert {name for name in found if name.rpartition("_")[0] != found[name][0]} == {
         "ppo", "sac", "ppo_tuned", "ppo_fast", "ppo_memory", "ppo_long", "sac_fast",
     }  # fmt: skip
-    assert all(
-        name == (f"{recipe}_seed{seed}" if seed or name != recipe else recipe) for name, (recipe, seed) in found.items()
-    )
+    assert all(name == (f"{recipe}_seed{seed}" if seed or name != recipe else recipe) for name, (recipe, seed) in found.items())
     assert {name for name in baseline_names() if (data_folder("baselines") / name / "weights").is_dir()} == set(found)
     assert shipped_training("anna") is None
 
@@ -153,9 +151,7 @@ def test_names_that_look_like_each_other(one: str, other: str) -> None:
     assert skeletons(one) & skeletons(other)
 
 
-@pytest.mark.parametrize(
-    ("one", "other"), [("agent_1", "agent_11"), ("plan_2", "plan_3"), ("phased", "pha"), ("v2.0", "v2.00")]
-)
+@pytest.mark.parametrize(("one", "other"), [("agent_1", "agent_11"), ("plan_2", "plan_3"), ("phased", "pha"), ("v2.0", "v2.00")])
 def test_names_that_can_be_told_apart(one: str, other: str) -> None:
     assert not skeletons(one) & skeletons(other)
 

@@ -87,16 +87,12 @@ def test_what_lies_in_a_hidden_folder_is_not_even_looked_at(folder: Path, monkey
 def test_a_name_that_cannot_be_shown_is_refused_in_words(folder: Path, name: bytes) -> None:
     (folder / "deep").mkdir()
     (folder / "deep" / os.fsdecode(name)).touch()
-    with pytest.raises(
-        SubmissionError, match=r"deep cannot be shown as text: '.*'. Rename the file or folder"
-    ) as refused:
+    with pytest.raises(SubmissionError, match=r"deep cannot be shown as text: '.*'. Rename the file or folder") as refused:
         read_identity(folder)
     assert str(refused.value).isprintable()
 
 
-def test_files_that_grow_or_shrink_while_they_are_read_are_refused(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_that_grow_or_shrink_while_they_are_read_are_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     files = files_of_folder(folder)
     (folder / "agent.py").write_bytes(b"x" * 100)
     honest = os.fstat
@@ -119,9 +115,7 @@ def test_a_submission_that_is_itself_a_link_is_refused(folder: Path, tmp_path: P
         link = tmp_path / f"eve{target.suffix}"
         link.symlink_to(target)
         for read in (identify, load_agent):
-            with pytest.raises(
-                SubmissionError, match=r"eve(\.py)? is a link\. Name the file or folder that it leads to"
-            ):
+            with pytest.raises(SubmissionError, match=r"eve(\.py)? is a link\. Name the file or folder that it leads to"):
                 read(link)
 
 
@@ -172,9 +166,7 @@ def bound_socket(place: Path) -> None:
 
 
 @pytest.mark.parametrize("make", [pipe, bound_socket])
-def test_what_is_no_file_may_lead_out_of_the_sandbox(
-    folder: Path, make: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_no_file_may_lead_out_of_the_sandbox(folder: Path, make: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)  # names of sockets are short
     make(Path("way"))
     with pytest.raises(SubmissionError, match="way is neither file nor folder, but a pipe, a socket or a device"):

@@ -147,9 +147,7 @@ def test_actions_move_controls_by_the_rate_of_the_task(card: TaskCard, observe: 
 
 
 def test_limits_are_the_tasks_own(card: TaskCard, observe: Observe) -> None:
-    limits = tuple(
-        dataclasses.replace(one, high=90.0) if one.name == "relative_humidity" else one for one in card.constraints
-    )
+    limits = tuple(dataclasses.replace(one, high=90.0) if one.name == "relative_humidity" else one for one in card.constraints)
     humid = dataclasses.replace(card, constraints=limits)
     assert asked(card, observe, air_temperature=15.0, relative_humidity=86.0)["uBoil"] > 0.0
     assert asked(humid, observe, air_temperature=15.0, relative_humidity=86.0)["uBoil"] == 0.0
@@ -205,9 +203,7 @@ def test_the_page_is_chosen_by_what_is_rewarded() -> None:
         )
     }
     assert [file.name for file in chosen.values() if file is not None] == ["paper.yml"] * 2 + ["spring.yml"] * 3
-    with pytest.raises(
-        SubmissionError, match=r"No page .* is for test/Other, whose reward is profit \(paper.yml: scaled_epi"
-    ):
+    with pytest.raises(SubmissionError, match=r"No page .* is for test/Other, whose reward is profit \(paper.yml: scaled_epi"):
         pages.numbers_for(("profit",), "test/Other")
     one = RulePages({RULES / "paper.yml": pages.pages[RULES / "paper.yml"]})
     assert one.numbers_for(("profit",), "test/Other") == one.pages[RULES / "paper.yml"].numbers
@@ -216,9 +212,7 @@ def test_the_page_is_chosen_by_what_is_rewarded() -> None:
 @pytest.mark.parametrize("file", sorted(RULES.glob("*.yml")), ids=lambda file: file.stem)
 def test_a_shipped_page_says_of_each_number_what_the_settings_say(file: Path) -> None:
     lines = file.read_text(encoding="utf-8").splitlines()
-    heading = [
-        line.removeprefix("#").strip() for line in lines[: next(i for i, line in enumerate(lines) if line[:1] != "#")]
-    ]
+    heading = [line.removeprefix("#").strip() for line in lines[: next(i for i, line in enumerate(lines) if line[:1] != "#")]]
     assert settings_text(read_rule_page(file), heading) == "\n".join(lines) + "\n"
 
 
@@ -275,9 +269,7 @@ def test_folders_without_a_page_or_with_two_for_one_reward_are_refused(tmp_path:
 def test_what_a_task_does_not_show_is_named_or_done_without(card: TaskCard, observe: Observe) -> None:
     blind = dataclasses.replace(card, observations=tuple(q for q in card.observations if q.name != "relative_humidity"))
     agent = TunedRulesAgent([PLAIN])
-    with pytest.raises(
-        SubmissionError, match="does not show the observations relative_humidity, without which the tuned rules"
-    ):
+    with pytest.raises(SubmissionError, match="does not show the observations relative_humidity, without which the tuned rules"):
         agent.reset(blind, 1)
     kept = [index for index, q in enumerate(card.observations) if q.name not in ("co2", "wind_speed")]
     agent.reset(dataclasses.replace(card, observations=tuple(card.observations[index] for index in kept)), 1)

@@ -355,9 +355,7 @@ def make_agent(card):
 
 
 def test_a_task_without_an_energy_system_says_so():
-    with pytest.raises(
-        GlbenchError, match=r"no boiler, engine and buffer to dispatch: its model greenlight-tomato-1.0.0"
-    ):
+    with pytest.raises(GlbenchError, match=r"no boiler, engine and buffer to dispatch: its model greenlight-tomato-1.0.0"):
         equipment_of(get_task(PAPER_TASK))
 
 

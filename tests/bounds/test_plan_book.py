@@ -23,9 +23,7 @@ def actions(task: TaskSpec, seed: int = 1) -> np.ndarray[tuple[int, ...], np.dty
     """Changes as a plan has them: many small ones, some at the bounds, some of nothing."""
     rng = np.random.default_rng(seed)
     small = rng.normal(0.0, 0.1, (task.steps, len(task.actions)))
-    return np.clip(
-        np.where(rng.random(small.shape) < 0.1, 5.0 * small, small) * (rng.random(small.shape) < 0.8), -1.0, 1.0
-    )
+    return np.clip(np.where(rng.random(small.shape) < 0.1, 5.0 * small, small) * (rng.random(small.shape) < 0.8), -1.0, 1.0)
 
 
 def test_a_book_reads_back_and_has_the_same_bytes(drawn: TaskSpec, tmp_path: Path) -> None:
@@ -68,9 +66,7 @@ def test_books_of_a_task_go_together(drawn: TaskSpec, nominal: TaskSpec) -> None
     assert np.array_equal(both.plan(3), first.plan(3))
     assert np.array_equal(both.plan(5), second.plan(5))
     assert len(both.about) == 2
-    assert (
-        both.merged(PlanBook.of(drawn, [3], actions(drawn, 3), ABOUT)).actions.shape[0] == 2
-    )  # nobody needs the first any more
+    assert both.merged(PlanBook.of(drawn, [3], actions(drawn, 3), ABOUT)).actions.shape[0] == 2  # nobody needs the first any more
     assert both.only([7]).seeds == (7,)
     with pytest.raises(SubmissionError, match="do not go together"):
         first.merged(PlanBook.of(nominal, [9], actions(nominal), ABOUT))
@@ -135,9 +131,7 @@ def test_an_evaluation_carries_out_the_plan_of_each_run(drawn: TaskSpec, tmp_pat
         assert run.metrics["epi"] == earned[run.seed].epi
         alone = Simulation(drawn, 1)
         alone.reset([run.seed])
-        assert sum(float(alone.step(action[None]).rewards[0]) for action in book.plan(run.seed)) == pytest.approx(
-            run.metrics["reward"]
-        )
+        assert sum(float(alone.step(action[None]).rewards[0]) for action in book.plan(run.seed)) == pytest.approx(run.metrics["reward"])
     with pytest.raises(SubmissionError, match="no plan for the run of test/Drawn-v1 with the seed 99"):
         evaluate(drawn, folder, runs=1, first_seed=99)
 

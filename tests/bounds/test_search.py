@@ -125,9 +125,7 @@ def plan_of(task: TaskSpec, seed: int, change: float) -> PlanBook:
     return PlanBook.of(task, [seed], actions, {"method": f"heat by {change}"})
 
 
-def test_only_better_plans_take_the_places_of_the_best_known(
-    published: TaskSpec, known: PlanFolder, tmp_path: Path
-) -> None:
+def test_only_better_plans_take_the_places_of_the_best_known(published: TaskSpec, known: PlanFolder, tmp_path: Path) -> None:
     changes = (0.0, 0.05, 0.5)
     earned = {change: replay_plans(published, plan_of(published, 3, change), [3])[3].reward for change in changes}
     worst, middle, best = sorted(changes, key=lambda change: earned[change])

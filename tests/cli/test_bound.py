@@ -73,9 +73,7 @@ def test_plans_for_a_task_of_ones_own_never_become_those_of_a_published_one(
     assert PlanFolder(shipped).place(get_task("Spring-v1")).name == "Spring-v1.npz"
 
 
-def test_better_plans_are_taken_over(
-    glbench: Command, here: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_better_plans_are_taken_over(glbench: Command, here: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     day = get_task(here / "day.toml")
     known = PlanFolder(tmp_path / "known")
     monkeypatch.setattr(submitting, "get_task", lambda _name: day)

@@ -77,10 +77,7 @@ def test_failed_runs_are_said_loudly_and_are_a_result_nevertheless(glbench: Comm
 
     assert answer.code == 1
     assert "3 of 3 runs failed." in answer.err
-    assert (
-        "crashed after 0 steps (3 runs: seed 666, 667, 668): ZeroDivisionError: division by zero (broken.py:6 in act)"
-        in answer.err
-    )
+    assert "crashed after 0 steps (3 runs: seed 666, 667, 668): ZeroDivisionError: division by zero (broken.py:6 in act)" in answer.err
     assert "Decision, each step" not in answer.out, "a table of nothing"
     assert "Next: glbench submit check broken.py" in answer.err
     assert load_result(PLACE / "broken.json").summary.failed == 3
@@ -111,9 +108,7 @@ def test_one_agent_that_cannot_be_made_does_not_stop_the_next(glbench: Command, 
         (("steady.py", "other/steady.py", *ARGUMENTS), "Two different agents are called 'steady'"),
     ],
 )
-def test_mistakes_are_told_in_words_without_a_traceback(
-    glbench: Command, here: Path, arguments: tuple[str, ...], words: str
-) -> None:
+def test_mistakes_are_told_in_words_without_a_traceback(glbench: Command, here: Path, arguments: tuple[str, ...], words: str) -> None:
     (here / "other").mkdir()
     (here / "other" / "steady.py").write_text((here / "steady.py").read_text(encoding="utf-8") + "\n", encoding="utf-8")
     answer = glbench("evaluate", *arguments)
@@ -130,9 +125,7 @@ def test_ctrl_c_leaves_with_130_and_the_same_command_goes_on(here: Path) -> None
     slow = (here / "steady.py").read_text(encoding="utf-8").replace("return np", PATIENT)
     (here / "slow.py").write_text(slow, encoding="utf-8")
     command = [*GLBENCH, "evaluate", "slow.py", "--task", "day.toml", "--workers", "2"]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
     deadline = time.monotonic() + 300
     while not list(here.rglob("snapshot.npz")) and time.monotonic() < deadline and process.poll() is None:
         time.sleep(0.05)
@@ -155,11 +148,7 @@ def test_ctrl_c_leaves_with_130_and_the_same_command_goes_on(here: Path) -> None
 @pytest.mark.slow
 def test_on_a_terminal_a_bar_shows_step_speed_and_time_left(here: Path) -> None:
     pty = pytest.importorskip("pty")
-    slow = (
-        (here / "steady.py")
-        .read_text(encoding="utf-8")
-        .replace("return np", "import time; time.sleep(0.02); return np")
-    )
+    slow = (here / "steady.py").read_text(encoding="utf-8").replace("return np", "import time; time.sleep(0.02); return np")
     (here / "slow.py").write_text(slow, encoding="utf-8")
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
@@ -192,9 +181,7 @@ def test_on_a_terminal_a_bar_shows_step_speed_and_time_left(here: Path) -> None:
         ("glbench.episodes.episode.write_atomically", "are saved, and not all of profile and full episodes"),
     ],
 )
-def test_a_full_disk_takes_nobody_the_table(
-    glbench: Command, here: Path, monkeypatch: pytest.MonkeyPatch, full: str, words: str
-) -> None:
+def test_a_full_disk_takes_nobody_the_table(glbench: Command, here: Path, monkeypatch: pytest.MonkeyPatch, full: str, words: str) -> None:
     def no_room(path: Path, _data: bytes | str) -> None:
         msg = f"Cannot write {path}: No space left on device."
         raise GlbenchError(msg)

@@ -53,9 +53,7 @@ def test_one_line_for_each_and_a_summary_with_all(glbench: Command, here: Path) 
         assert line in answer.err
     means = {agent: load_result(PLACE / f"{agent}.json").summary.mean["reward"] for agent in ("steady", "quick")}
     row = next(line for line in answer.out.splitlines() if "Day-v1" in line)
-    assert [float(cell.replace(",", "")) for cell in row.split("│")[2:4]] == [
-        pytest.approx(mean, abs=0.06) for mean in means.values()
-    ]
+    assert [float(cell.replace(",", "")) for cell in row.split("│")[2:4]] == [pytest.approx(mean, abs=0.06) for mean in means.values()]
     again = glbench(*arguments)
     assert again.code == 0
     assert again.err.count("already there") == 4
@@ -102,9 +100,7 @@ def test_what_changed_is_evaluated_again_and_nothing_else(glbench: Command, here
     assert load_result(PLACE / "quick.json").evaluation.resumed_at_step is None
 
 
-def test_failures_of_all_kinds_stop_no_other_and_stand_in_the_end_with_their_reasons(
-    glbench: Command, here: Path
-) -> None:
+def test_failures_of_all_kinds_stop_no_other_and_stand_in_the_end_with_their_reasons(glbench: Command, here: Path) -> None:
     unmade = variant(here, "unmade.py", "return Steady()", "raise OSError('no weights')")
     syntax = variant(here, "wrong.py", "class Steady:", "class Steady")
     crash = variant(here, "crash.py", "return np", "1 / 0; return np")
@@ -129,13 +125,9 @@ def test_json_holds_one_line_a_result_and_the_exit_code_tells_of_failures(glbenc
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["INT", "TERM", "KILL"])
 def test_whatever_ends_it_the_same_command_goes_on_and_repeats_nothing(here: Path, how: str) -> None:
-    slow = variant(
-        here, "slow.py", "return np", "import os, time; time.sleep(0 if os.path.exists('hurry') else 0.3); return np"
-    )
+    slow = variant(here, "slow.py", "return np", "import os, time; time.sleep(0 if os.path.exists('hurry') else 0.3); return np")
     command = [*GLBENCH, "evaluate", "steady.py", slow, variant(here, "quick.py"), "--task", "day.toml"]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
     deadline = time.monotonic() + 300
     while not list(here.rglob("snapshot.npz")) and time.monotonic() < deadline and process.poll() is None:
         time.sleep(0.05)
@@ -159,27 +151,18 @@ def test_whatever_ends_it_the_same_command_goes_on_and_repeats_nothing(here: Pat
 
 
 def test_a_cluster_wants_its_engine_and_live_views_one_evaluation(glbench: Command, here: Path) -> None:
-    assert (
-        "add --engine ray" in glbench("evaluate", "steady.py", "rule_based", "--address", "auto", "-t", "day.toml").err
-    )
-    assert (
-        "--live shows one evaluation" in glbench("evaluate", "steady.py", "rule_based", "--live", "-t", "day.toml").err
-    )
+    assert "add --engine ray" in glbench("evaluate", "steady.py", "rule_based", "--address", "auto", "-t", "day.toml").err
+    assert "--live shows one evaluation" in glbench("evaluate", "steady.py", "rule_based", "--live", "-t", "day.toml").err
 
 
 def test_why_runs_failed_and_what_was_printed_is_shown_for_each(glbench: Command, here: Path) -> None:
     text = (here / "steady.py").read_text(encoding="utf-8")
-    (here / "broken.py").write_text(
-        text.replace("return np", "print('on my [bold]way\\x1b[2J'); 1 / 0; return np"), encoding="utf-8"
-    )
+    (here / "broken.py").write_text(text.replace("return np", "print('on my [bold]way\\x1b[2J'); 1 / 0; return np"), encoding="utf-8")
     sandbox = ("--sandbox", "none") if why_no_sandbox() is not None else ("--sandbox", "bubblewrap")
     answer = glbench("evaluate", "broken.py", "steady.py", "-t", "day.toml", *sandbox)
 
     assert answer.code == 1
-    assert (
-        "crashed after 0 steps (3 runs: seed 666, 667, 668): ZeroDivisionError: division by zero (broken.py:"
-        in answer.err
-    )
+    assert "crashed after 0 steps (3 runs: seed 666, 667, 668): ZeroDivisionError: division by zero (broken.py:" in answer.err
     assert "\x1b" not in answer.out + answer.err
     if sandbox[1] == "bubblewrap":
         assert "    What broken printed:\n      on my [bold]way[2J\n" in answer.err

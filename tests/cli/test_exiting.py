@@ -97,18 +97,14 @@ def test_threads_that_an_agent_leaves_do_not_keep_the_command_alive(here: Path) 
     text = (here / "steady.py").read_text(encoding="utf-8")
     thread = "import threading, time; threading.Thread(target=time.sleep, args=(600,), name='pump').start(); self.n"
     (here / "busy.py").write_text(text.replace("self.n =", f"{thread} =", 1), encoding="utf-8")
-    done = subprocess.run(
-        [*GLBENCH, "evaluate", "busy.py", *ARGUMENTS], capture_output=True, text=True, check=False, timeout=300
-    )
+    done = subprocess.run([*GLBENCH, "evaluate", "busy.py", *ARGUMENTS], capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stderr
     assert "Reward" in done.stdout
     assert "An agent left threads at work (pump)" in done.stderr
 
 
 def test_without_a_terminal_a_line_says_now_and_then_how_far_it_is(here: Path) -> None:
-    text = (
-        (here / "steady.py").read_text(encoding="utf-8").replace("return np", "import time; time.sleep(0.5); return np")
-    )
+    text = (here / "steady.py").read_text(encoding="utf-8").replace("return np", "import time; time.sleep(0.5); return np")
     (here / "lazy.py").write_text(text, encoding="utf-8")
     done = subprocess.run([*GLBENCH, "evaluate", "lazy.py", *ARGUMENTS], capture_output=True, text=True, check=False)
     lines = [line for line in done.stderr.splitlines() if line.startswith("running: step ")]

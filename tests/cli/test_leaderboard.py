@@ -59,10 +59,7 @@ def test_the_table_fits_80_columns_and_names_units_and_remarks(reports, monkeypa
 
 def test_regret_has_a_column_in_80_columns_and_who_is_ahead_is_told_what_to_do(reports, monkeypatch):
     theirs = load_result(result_path(data_folder("reports/released/results").parent, PAPER_TASK, "rule_based_fair"))
-    runs = tuple(
-        run.model_copy(update={"metrics": run.metrics | {"reward": 3930.0 if run.seed < 669 else 3700.0}})
-        for run in theirs.runs
-    )
+    runs = tuple(run.model_copy(update={"metrics": run.metrics | {"reward": 3930.0 if run.seed < 669 else 3700.0}}) for run in theirs.runs)
     known = read_best_known(PAPER_TASK)
     runs = (
         runs[0].model_copy(update={"metrics": runs[0].metrics | {"reward": known.runs[0].reward + 50.0}}),
@@ -117,9 +114,7 @@ def test_trainings_are_one_row_and_each_by_itself_on_request(reports, monkeypatc
     assert "seed 0" not in shown
     members = run("--out", reports, "--task", "Meadow-v1", "--members").stdout
     assert max(len(line) for line in members.splitlines()) <= 80
-    assert [members.index(f"· seed {seed}") for seed in range(3)] == sorted(
-        members.index(f"· seed {seed}") for seed in range(3)
-    )
+    assert [members.index(f"· seed {seed}") for seed in range(3)] == sorted(members.index(f"· seed {seed}") for seed in range(3))
 
 
 def test_a_hostile_name_steers_no_terminal(reports):
@@ -185,10 +180,7 @@ def test_an_unknown_task_is_answered_with_the_nearest(reports):
 def test_results_of_a_task_of_ones_own_are_found_by_its_file(reports, tmp_path, monkeypatch):
     """As ``evaluate`` finds the task; in all commands that show results."""
     file = write_day_task(tmp_path)
-    made = {
-        name: make_result(name, [mean, mean + 1.0], task_id="test/Day-v1")
-        for name, mean in (("fast", 5.0), ("slow", 1.0))
-    }
+    made = {name: make_result(name, [mean, mean + 1.0], task_id="test/Day-v1") for name, mean in (("fast", 5.0), ("slow", 1.0))}
     for one in made.values():
         save_result(one, reports)
     monkeypatch.setenv("COLUMNS", "200")
@@ -232,13 +224,9 @@ def test_rows_of_another_kernel_are_named(reports):
     assert "kernel builds" not in run("--out", reports, "--task", "Meadow-v1").stdout
     other = make_result("patient", [5.0, 6.0, 7.0, 8.5])
     kernel = {"backend": "casadi", "preset": "reference"}
-    save_result(
-        other.model_copy(update={"evaluation": other.evaluation.model_copy(update={"kernel": kernel})}), reports
-    )
+    save_result(other.model_copy(update={"evaluation": other.evaluation.model_copy(update={"kernel": kernel})}), reports)
     shown = " ".join(run("--out", reports, "--task", "Meadow-v1").stdout.split())
-    assert re.search(
-        r"Two kernel builds: none \w{6} \(better, worse, hasty\), casadi/reference \w{6} \(patient\)\.", shown
-    )
+    assert re.search(r"Two kernel builds: none \w{6} \(better, worse, hasty\), casadi/reference \w{6} \(patient\)\.", shown)
     run("--out", reports, "--write")
     assert "(patient)" in (reports / "leaderboard.md").read_text()
     rows = json.loads(run("--out", reports, "--task", "Meadow-v1", "--json").stdout)

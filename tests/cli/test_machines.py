@@ -184,8 +184,7 @@ def test_plans_are_the_same(machines: Machines, task: TaskSpec) -> None:
     answered(machines.python(*command, "--sandbox", "none", *there))
     answered(machines.python(*command, "--sandbox", "none", "--out", "plans-here", "--workers", "1"))
     here, there_found = (
-        {file.name: file.read_bytes() for file in (machines.command_folder / name).iterdir()}
-        for name in ("plans-here", "plans-there")
+        {file.name: file.read_bytes() for file in (machines.command_folder / name).iterdir()} for name in ("plans-here", "plans-there")
     )
     assert here == there_found
     assert sorted(here) == ["20001.npz", "20002.npz", "card.toml"]

@@ -90,9 +90,7 @@ def test_examples_are_written_where_there_are_none(glbench: Command, here: Path)
     assert f"Next: glbench evaluate {Path('submissions') / 'my_agent.py'}" in answer.err
     written = {path.name for path in (here / "submissions").iterdir()}
     assert {"my_agent.py", "constant_setpoints.py", "pi_controller.py", "do_nothing.py", "energy_agent.py"} <= written
-    assert glbench("submit", "new", "submissions", "--kind", "example").code == 0, (
-        "the examples themselves are no obstacle"
-    )
+    assert glbench("submit", "new", "submissions", "--kind", "example").code == 0, "the examples themselves are no obstacle"
     (here / "submissions" / "my_agent.py").write_text("# mine\n", encoding="utf-8")
     again = glbench("submit", "new", "submissions", "--kind", "example")
     assert again.code == 1
@@ -137,9 +135,7 @@ def test_commands_leave_the_released_results_alone(glbench: Command, here: Path)
     ],
     ids=" ".join,
 )
-def test_a_link_that_leads_back_to_itself_ends_in_words(
-    glbench: Command, here: Path, arguments: tuple[str, ...]
-) -> None:
+def test_a_link_that_leads_back_to_itself_ends_in_words(glbench: Command, here: Path, arguments: tuple[str, ...]) -> None:
     for name in ("loop", "loop.py", "loop.toml", "loop.npz", "loop.mcap"):
         (here / name).symlink_to(name)
     (here / "results").mkdir()
@@ -148,6 +144,4 @@ def test_a_link_that_leads_back_to_itself_ends_in_words(
     answer = glbench(*arguments)
     assert answer.code in (1, 2)
     assert "Traceback" not in answer.err
-    assert any(
-        words in answer.err + answer.out for words in ("symbolic links", "neither a file or folder", "There is no")
-    )
+    assert any(words in answer.err + answer.out for words in ("symbolic links", "neither a file or folder", "There is no"))

@@ -24,8 +24,6 @@ def test_a_recording_of_a_run_earns_what_the_run_earned(here, glbench):
     assert replayed.agent.information == "nothing: replays recorded actions"
     log, source = (read_log(here / f"out/results/Day-v1/{name}.actions.mcap") for name in ("replayed", "wavy"))
     np.testing.assert_array_equal(log.actions, np.tile(source.actions[:, 1:2].astype(np.float32), (1, 3, 1)))
-    again, before = (
-        load_result(here / f"out/results/Day-v1/{name}.json").runs[1].metrics["reward"] for name in ("replayed", "wavy")
-    )
+    again, before = (load_result(here / f"out/results/Day-v1/{name}.json").runs[1].metrics["reward"] for name in ("replayed", "wavy"))
     assert again == pytest.approx(before, rel=1e-4), "the actions were rounded to float32, nothing else"
     assert len(read_recording(here / "replayed/actions.npz").actions) == 24

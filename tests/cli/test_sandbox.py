@@ -35,9 +35,7 @@ def without_bubblewrap(here: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
 
 @pytest.mark.usefixtures("with_bubblewrap")
 def test_what_an_agent_prints_is_shown_when_it_fails(glbench: Command, here: Path) -> None:
-    broken = (
-        (here / "steady.py").read_text(encoding="utf-8").replace("return np", "print('on my way'); 1 / 0; return np")
-    )
+    broken = (here / "steady.py").read_text(encoding="utf-8").replace("return np", "print('on my way'); 1 / 0; return np")
     (here / "broken.py").write_text(broken, encoding="utf-8")
     answer = glbench("evaluate", "broken.py", *ARGUMENTS, "--sandbox", "bubblewrap")
 

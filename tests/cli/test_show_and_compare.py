@@ -102,10 +102,7 @@ def test_compare_takes_all_trainings_of_an_agent_and_one_by_its_name(glbench):
     (pair,) = json.loads(glbench("compare", "ppo", "rule_based", "--task", TASK, "--json").out)
     (one,) = json.loads(glbench("compare", "ppo_seed1", "rule_based", "--task", TASK, "--json").out)
     assert (pair["trainings"], one["trainings"]) == ([3, 1], [1, 1])
-    means = [
-        load_result(RELEASED / TASK / f"{name}.json").summary.mean["reward"]
-        for name in ("ppo", "ppo_seed1", "ppo_seed2")
-    ]
+    means = [load_result(RELEASED / TASK / f"{name}.json").summary.mean["reward"] for name in ("ppo", "ppo_seed1", "ppo_seed2")]
     assert pair["metrics"]["reward"]["first"] == pytest.approx(sum(means) / 3)
     assert one["metrics"]["reward"]["first"] == pytest.approx(means[1])
     told = glbench("compare", "ppo", "rule_based", "--task", TASK)

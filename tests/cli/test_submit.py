@@ -19,9 +19,7 @@ def test_a_new_submission_passes_its_check_and_is_evaluated(glbench: Command, he
     assert checked.code == 0, checked.out + checked.err
     assert "No problems found." in checked.out
     assert "Same decisions alone and in a batch" in checked.out
-    assert (
-        "Next: glbench evaluate anna --task day.toml --runs 2, then without --runs." in checked.err
-    )  # it has no splits
+    assert "Next: glbench evaluate anna --task day.toml --runs 2, then without --runs." in checked.err  # it has no splits
     assert glbench("evaluate", "anna", "--task", "day.toml").code == 0
     result = json.loads(Path("reports/results/Day-v1/anna.json").read_text(encoding="utf-8"))
     assert result["agent"]["card"]["name"] == "anna"

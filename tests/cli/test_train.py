@@ -103,9 +103,7 @@ def test_a_folder_of_the_compiled_learner_is_an_agent(glbench: Command, settings
     assert "another training" in other.err
 
 
-def test_without_jax_the_compiled_learner_names_the_extra(
-    glbench: Command, settings: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_jax_the_compiled_learner_names_the_extra(glbench: Command, settings: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "jax", None)
     for module in ("glbench.training.compiled", "glbench.training.learner"):
         monkeypatch.delitem(sys.modules, module, raising=False)
@@ -166,9 +164,7 @@ def test_the_normalisation_beside_a_model_is_exported_with_it(glbench: Command, 
 def test_a_policy_with_a_memory_is_evaluated_as_it_was_saved(glbench: Command, settings: Path) -> None:
     recurrent = TINY.replace("policy_kwargs: {net_arch: [8], activation_fn: SiLU}", "policy: MlpLstmPolicy")
     (settings / "recurrent.yml").write_text(recurrent, encoding="utf-8")
-    trained = glbench(
-        "train", "sb3_contrib.RecurrentPPO", "--task", "day.toml", "--config", "recurrent.yml", "--out", "run"
-    )
+    trained = glbench("train", "sb3_contrib.RecurrentPPO", "--task", "day.toml", "--config", "recurrent.yml", "--out", "run")
     assert trained.code == 0, trained.err
     assert "No policy.npz was written: RecurrentPPO has a memory" in trained.err
     assert "Next: glbench evaluate run/best/model.zip --task day.toml" in trained.err
@@ -180,9 +176,7 @@ def test_a_policy_with_a_memory_is_evaluated_as_it_was_saved(glbench: Command, s
 @pytest.mark.train
 def test_a_tuned_folder_is_an_agent(glbench: Command, settings: Path) -> None:
     glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "run", "--no-tensorboard")
-    (settings / "tune.yml").write_text(
-        "default: {population: 6, directions: 2, evaluation: {runs: 2}}", encoding="utf-8"
-    )
+    (settings / "tune.yml").write_text("default: {population: 6, directions: 2, evaluation: {runs: 2}}", encoding="utf-8")
     command = ("tune", "run", "--task", "day.toml", "--config", "tune.yml", "--generations", "3", "--out", "tuned")
     tuned = glbench(*command)
     assert tuned.code == 0, tuned.err
@@ -248,9 +242,7 @@ def interrupted(*_: object, **__: object) -> NoReturn:
     raise KeyboardInterrupt
 
 
-def test_an_interrupted_training_says_once_what_was_kept(
-    glbench: Command, settings: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_training_says_once_what_was_kept(glbench: Command, settings: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("glbench.training.train", interrupted)
     arguments = ("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "run")
     nothing = glbench(*arguments)
@@ -284,9 +276,7 @@ def test_what_to_install_is_said_for_a_wheel_and_for_a_checkout() -> None:
         (("--seeds", "0-1", "--address", "auto"), "add --engine ray"),
     ],
 )
-def test_options_that_do_not_fit_several_seeds_are_refused(
-    glbench: Command, settings: Path, options: tuple[str, ...], said: str
-) -> None:
+def test_options_that_do_not_fit_several_seeds_are_refused(glbench: Command, settings: Path, options: tuple[str, ...], said: str) -> None:
     answer = glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", *options)
     assert answer.code == 1
     assert said in answer.err

@@ -38,9 +38,8 @@ def test_tables_files_and_notes(glbench: Command, folder: Path, tmp_path: Path) 
         " ".join(answer.out.split()),
         re.I,
     )
-    assert (
-        "paper, Bert: of 5.75 kWh/m2 measured (lamps) the simulation used 3.04, which is all that is installed"
-        in " ".join(answer.err.split())
+    assert "paper, Bert: of 5.75 kWh/m2 measured (lamps) the simulation used 3.04, which is all that is installed" in " ".join(
+        answer.err.split()
     )
     assert "mind the archive's licence" in answer.err
     assert (out / "comparison.png").read_bytes().startswith(b"\x89PNG")

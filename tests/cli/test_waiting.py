@@ -34,9 +34,7 @@ def stalling(here: Path, place: str) -> str:
     old, new = PLACES[place]
     assert old in text
     once = "    def first(self):\n        self.asked = getattr(self, 'asked', 0) + 1\n        return self.asked == 24\n"
-    (here / "stalls.py").write_text(
-        text.replace(old, new).replace("    def act", f"{once}    def act"), encoding="utf-8"
-    )
+    (here / "stalls.py").write_text(text.replace(old, new).replace("    def act", f"{once}    def act"), encoding="utf-8")
     return "stalls.py"
 
 
@@ -59,9 +57,7 @@ def test_where_there_is_no_terminal_a_line_says_who_is_waited_for(
     assert "of steady" not in "".join(line for line in answer.err.splitlines() if "waiting" in line)
 
 
-def test_who_does_not_let_others_wait_is_not_named(
-    glbench: Command, here: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_does_not_let_others_wait_is_not_named(glbench: Command, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(progress, "_PATIENCE_SECONDS", 30.0)
     assert "waiting for" not in glbench("evaluate", "steady.py", *TASK).err
 
@@ -70,9 +66,7 @@ def test_who_does_not_let_others_wait_is_not_named(
 def test_on_a_terminal_the_seconds_count(here: Path) -> None:
     pty = pytest.importorskip("pty")
     ours, theirs = pty.openpty()
-    text = (
-        "from glbench.cli import progress; progress._PATIENCE_SECONDS = 1.5; from glbench_command import main; main()"
-    )
+    text = "from glbench.cli import progress; progress._PATIENCE_SECONDS = 1.5; from glbench_command import main; main()"
     process = subprocess.Popen(
         [sys.executable, "-c", text, "evaluate", stalling(here, "reset"), *TASK],
         stdout=subprocess.DEVNULL, stderr=theirs, env={**os.environ, "TERM": "xterm-256color", "COLUMNS": "150"},
@@ -96,9 +90,7 @@ def test_an_agent_of_whom_all_runs_failed_is_no_success(
     glbench: Command, here: Path, others: tuple[str, ...], flag: tuple[str, ...]
 ) -> None:
     text = (here / "steady.py").read_text(encoding="utf-8")
-    (here / "broken.py").write_text(
-        text.replace("return np.full", "raise ValueError('x') or np.full"), encoding="utf-8"
-    )
+    (here / "broken.py").write_text(text.replace("return np.full", "raise ValueError('x') or np.full"), encoding="utf-8")
     for _ in range(2):  # the second time, the result is there already
         answer = glbench("evaluate", "broken.py", *others, *TASK, *flag)
         assert answer.code == 1
@@ -110,9 +102,7 @@ def test_an_agent_of_whom_all_runs_failed_is_no_success(
 
 def test_an_agent_of_whom_some_runs_failed_is_one(glbench: Command, here: Path) -> None:
     text = (here / "steady.py").read_text(encoding="utf-8")
-    some = "a = np.full((self.n, 6), 0.01); a[0] = 9.0; return a or np.full".replace(
-        "a or np.full", "a\n        return np.full"
-    )
+    some = "a = np.full((self.n, 6), 0.01); a[0] = 9.0; return a or np.full".replace("a or np.full", "a\n        return np.full")
     (here / "some.py").write_text(text.replace("return np.full", some), encoding="utf-8")
     answer = glbench("evaluate", "some.py", *TASK)
     assert answer.code == 0

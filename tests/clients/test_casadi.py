@@ -24,9 +24,7 @@ def names() -> dict[str, Any]:
 def test_the_function_is_the_model_and_its_integral_the_kernels_step(names: dict[str, Any]) -> None:
     task, weather, controls = names["task"], names["weather"][0], names["controls"]
     x, p = task.initial_state(), task.parameters()
-    assert np.array_equal(
-        names["f"](x, controls, weather, p).full().ravel(), names["model"].rhs(x, controls, weather, p)
-    )
+    assert np.array_equal(names["f"](x, controls, weather, p).full().ravel(), names["model"].rhs(x, controls, weather, p))
     stepped = Kernel(names["model"], 900.0, preset="tight").step(x, controls, weather, p)
     assert np.allclose(names["after"], stepped, rtol=1e-5, atol=1e-6)
     assert names["jacobian"](x, controls, weather).shape == (28, 28)
@@ -61,7 +59,5 @@ def test_expressions_are_led_to_the_functions(kind: Any) -> None:
         Kernel(TOMATO, 900.0).linearise,
     )
     for door in doors:
-        with pytest.raises(
-            ShapeError, match=rf"x is a CasADi expression \({kind.__name__}\).*model\.rhs_function\(\)\(x, u, d, p\)"
-        ):
+        with pytest.raises(ShapeError, match=rf"x is a CasADi expression \({kind.__name__}\).*model\.rhs_function\(\)\(x, u, d, p\)"):
             door(x, u, d, p)

@@ -123,14 +123,10 @@ def test_gymnax_own_wrappers_take_it(environment: Any, day: TaskSpec) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["ppo", "sac", "td3"])
 def test_rejax_trains_on_five_values(day: TaskSpec, algorithm: str) -> None:
-    rejax = pytest.importorskip(
-        "rejax", reason="rejax is not installed (python -m docs.compatibility_table installs it)"
-    )
+    rejax = pytest.importorskip("rejax", reason="rejax is not installed (python -m docs.compatibility_table installs it)")
     environment = Environment(day, seeds=SEEDS, normalise=True)
     off_policy = {"fill_buffer": 64, "buffer_size": 512, "batch_size": 32}
-    settings: dict[str, Any] = {"ppo": {"num_envs": 4, "num_steps": 24, "num_minibatches": 2}}.get(
-        algorithm, off_policy
-    )
+    settings: dict[str, Any] = {"ppo": {"num_envs": 4, "num_steps": 24, "num_minibatches": 2}}.get(algorithm, off_policy)
     learner = rejax.get_algo(algorithm).create(env=environment, total_timesteps=192, eval_freq=192, **settings)
     _, (lengths, returns) = jax.jit(learner.train)(jax.random.key(0))
     assert lengths.shape == returns.shape == (2, 128)

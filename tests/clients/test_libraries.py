@@ -41,9 +41,7 @@ def test_gymnasium_wrappers_and_vector_environments() -> None:
 def test_stable_baselines3_trains() -> None:
     sb3 = pytest.importorskip("stable_baselines3")
     wrapped: Callable[..., Any] = pytest.importorskip("sb3_contrib.common.wrappers").TimeFeatureWrapper
-    agent = sb3.PPO(
-        "MlpPolicy", wrapped(gymnasium.make(ID, **DAY)), n_steps=32, batch_size=32, n_epochs=1, device="cpu"
-    )
+    agent = sb3.PPO("MlpPolicy", wrapped(gymnasium.make(ID, **DAY)), n_steps=32, batch_size=32, n_epochs=1, device="cpu")
     assert agent.learn(64).num_timesteps == 64
     agent = sb3.SAC("MlpPolicy", gymnasium.make(ID, **DAY), learning_starts=16, batch_size=16, device="cpu")
     assert agent.learn(32).num_timesteps == 32
@@ -58,9 +56,7 @@ def test_a_loop_in_the_manner_of_cleanrl_trains() -> None:
         env: gymnasium.Env[Any, Any] = wrappers.FlattenObservation(gymnasium.make(ID, **DAY))
         env = wrappers.ClipAction(wrappers.RecordEpisodeStatistics(env))
         space = env.observation_space
-        env = wrappers.TransformObservation(
-            wrappers.NormalizeObservation(env), lambda seen: np.clip(seen, -10, 10), space
-        )
+        env = wrappers.TransformObservation(wrappers.NormalizeObservation(env), lambda seen: np.clip(seen, -10, 10), space)
         return wrappers.TransformReward(wrappers.NormalizeReward(env), lambda reward: float(np.clip(reward, -10, 10)))
 
     envs = gymnasium.vector.SyncVectorEnv([make_env, make_env])
@@ -79,9 +75,7 @@ def test_a_loop_in_the_manner_of_cleanrl_trains() -> None:
         assert not truncated.any()
         steps.append((policy.log_prob(action).sum(1), critic(x)[:, 0], torch.as_tensor(reward), torch.as_tensor(done)))
     assert episodes == 1
-    advantages = torch.stack([reward + 0.0 * ~done for _, _, reward, done in steps]) - torch.stack(
-        [v for _, v, _, _ in steps]
-    )
+    advantages = torch.stack([reward + 0.0 * ~done for _, _, reward, done in steps]) - torch.stack([v for _, v, _, _ in steps])
     loss = -(torch.stack([log for log, *_ in steps]) * advantages.detach()).mean() + advantages.square().mean()
     optimizer.zero_grad()
     loss.backward()
@@ -168,9 +162,7 @@ def test_d3rlpy_fits_online() -> None:
 def test_rl_zoo3_trains(tmp_path: Path) -> None:
     pytest.importorskip("rl_zoo3")
     settings = tmp_path / "ppo.yml"
-    settings.write_text(
-        f"{ID}:\n  n_timesteps: 64\n  policy: MlpPolicy\n  n_steps: 32\n  batch_size: 32\n", encoding="utf-8"
-    )
+    settings.write_text(f"{ID}:\n  n_timesteps: 64\n  policy: MlpPolicy\n  n_steps: 32\n  batch_size: 32\n", encoding="utf-8")
     done = subprocess.run(
         [
             sys.executable, "-m", "rl_zoo3.train", "--algo", "ppo", "--env", ID, "--gym-packages", "glbench", "--conf-file", str(settings),

@@ -31,9 +31,7 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TaskSpec:
     return get_task(tmp_path / "toy.toml")
 
 
-def test_with_a_linear_model_it_is_the_kalman_filter_of_the_textbook(
-    toy: TaskSpec, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_with_a_linear_model_it_is_the_kalman_filter_of_the_textbook(toy: TaskSpec, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(estimator, "ROUNDING", 1e-2)
     monkeypatch.setattr(estimator, "MODEL_ERROR", 2e-2)
     monkeypatch.setattr(estimator, "START_ERROR", 0.3)
@@ -119,9 +117,7 @@ def test_where_readings_are_right_it_finds_what_is_not_shown(task_id: str) -> No
     found, past = estimates(given, climatology(task_id))
     hidden = [place for place in range(given.x.shape[2]) if not _meter(given, place)]
     replay = replayed(given, past)
-    ours, theirs = (
-        np.sqrt(np.mean((x[A_DAY:, :, hidden] - given.x[A_DAY:, :, hidden]) ** 2, axis=(0, 1))) for x in (found, replay)
-    )
+    ours, theirs = (np.sqrt(np.mean((x[A_DAY:, :, hidden] - given.x[A_DAY:, :, hidden]) ** 2, axis=(0, 1))) for x in (found, replay))
     assert (ours <= theirs).mean() > 0.9
     assert np.median(ours[theirs > 0.0] / theirs[theirs > 0.0]) < 0.3
 
@@ -236,26 +232,18 @@ def test_what_does_not_fit_is_refused() -> None:
     given = watched("Spring-v1")
     known = StateEstimator(given.task)
     known.reset(2)
-    with pytest.raises(
-        TaskError, match=r"shape of the observations of my/Short-v1: expected \(2, 50\), .* got \(1, 50\)"
-    ):
+    with pytest.raises(TaskError, match=r"shape of the observations of my/Short-v1: expected \(2, 50\), .* got \(1, 50\)"):
         known.update(given.seen[0, :1], given.d[:, 0])
-    with pytest.raises(
-        ShapeError, match=r"shape of the disturbances of my/Short-v1: expected \(2, 10\), got \(1, 10\)"
-    ):
+    with pytest.raises(ShapeError, match=r"shape of the disturbances of my/Short-v1: expected \(2, 10\), got \(1, 10\)"):
         known.update(given.seen[0], given.d[:1, 0])
     outlook = Outlook(given.task, climatology("Spring-v1"))
     outlook.reset(2)
     with pytest.raises(ShapeError, match=r"got \(2, 0\); call outlook\.update\(observations\) first"):
         known.update(given.seen[0], outlook.past)
-    blind = short("Spring-v1").replace(
-        {"id": "my/Blind-v1", "sensors": None, "observation": {"modules": ["time"], "forecast": None}}
-    )
+    blind = short("Spring-v1").replace({"id": "my/Blind-v1", "sensors": None, "observation": {"modules": ["time"], "forecast": None}})
     with pytest.raises(TaskError, match="nothing of the states"):
         StateEstimator(blind)
-    idle = short("Spring-v1").replace(
-        {"id": "my/Idle-v1", "observation": {"modules": ["indoor_climate"], "forecast": None}}
-    )
+    idle = short("Spring-v1").replace({"id": "my/Idle-v1", "observation": {"modules": ["indoor_climate"], "forecast": None}})
     known = StateEstimator(idle)
     seen = given.seen[0, :1, : len(idle.observed())]
     known.update(seen, given.d[:1, 0])

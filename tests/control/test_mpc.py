@@ -51,13 +51,9 @@ def run(task: TaskSpec, controller: PredictiveController, seeds: list[int], step
             wanted = controller.follow()
         else:
             to = min(k + controller.horizon, task.steps)
-            d, calendar = (
-                np.stack(rows) for rows in zip(*((s.d[k:to], s.calendar[k : to + 1]) for s in scenarios), strict=True)
-            )
+            d, calendar = (np.stack(rows) for rows in zip(*((s.d[k:to], s.calendar[k : to + 1]) for s in scenarios), strict=True))
             p = np.stack([s.p if s.p.ndim == 1 else s.p[k:to] for s in scenarios])
-            wanted = controller.decide(
-                simulation.x, simulation.u, d, p, calendar, (task.steps - k) / task.steps_per_day
-            )
+            wanted = controller.decide(simulation.x, simulation.u, d, p, calendar, (task.steps - k) / task.steps_per_day)
         rewards += simulation.step_controls(wanted).rewards
         controls.append(wanted)
     return rewards, np.array(controls)
@@ -80,9 +76,7 @@ def test_it_earns_more_than_the_controls_that_it_begins_with(task_id: str) -> No
 def test_a_run_has_the_same_bits_alone_and_in_a_batch(renew_every: int) -> None:
     """More rows than are improved together."""
     task, seeds = short(), [SEED + i for i in range(10)]
-    made = [
-        PredictiveController(task, horizon=12, end_value=end_value(task), renew_every=renew_every) for _ in range(2)
-    ]
+    made = [PredictiveController(task, horizon=12, end_value=end_value(task), renew_every=renew_every) for _ in range(2)]
     made[0].reset(len(seeds))
     together, alone = run(task, made[0], seeds, 6)[1], run(task, made[1], seeds[8:9], 6)[1]
     assert together[:, 8].tobytes() == alone[:, 0].tobytes()
@@ -94,9 +88,7 @@ def test_derivatives_are_kept_for_some_decisions_and_made_anew_in_turn(monkeypat
     task, made = short(days=2), [PredictiveController(short(days=2), horizon=40, renew_every=every) for every in (1, 4)]
     steps: list[int] = []
     linearise = made[1]._kernel.linearise
-    monkeypatch.setattr(
-        made[1]._kernel, "linearise", lambda x, *rest, **more: steps.append(len(x)) or linearise(x, *rest, **more)
-    )
+    monkeypatch.setattr(made[1]._kernel, "linearise", lambda x, *rest, **more: steps.append(len(x)) or linearise(x, *rest, **more))
     rewards, controls = zip(*(run(task, controller, [SEED], 60) for controller in made), strict=True)
     assert controls[0].tobytes() != controls[1].tobytes()
     assert rewards[1][0] == pytest.approx(rewards[0][0], abs=0.1 * abs(rewards[0][0]))
@@ -134,9 +126,7 @@ def test_a_margin_keeps_further_from_the_limit() -> None:
     task, scenario = short(), Scenario.of(short(), SEED)
     violated = []
     for margin in (0.0, 4.0):
-        controller = PredictiveController(
-            task, horizon=16, end_value=end_value(task), margin={"relative_humidity": margin}
-        )
+        controller = PredictiveController(task, horizon=16, end_value=end_value(task), margin={"relative_humidity": margin})
         simulation, humid = Simulation(task, 1), []
         simulation.reset([SEED])
         for k in range(0, task.steps - 16, 2):
@@ -294,9 +284,7 @@ def quick(name: str) -> PredictiveSettings:
     return settings(name, horizon_hours=6.0, first_iterations=4)
 
 
-def played(
-    task: TaskSpec, agent: PredictiveAgent | TrueStateController, seeds: list[int], steps: int
-) -> tuple[Floats, Simulation]:
+def played(task: TaskSpec, agent: PredictiveAgent | TrueStateController, seeds: list[int], steps: int) -> tuple[Floats, Simulation]:
     """Actions ``(steps, n, c)`` of a baseline, and where they led."""
     simulation, found = Simulation(task, len(seeds)), []
     observations = simulation.reset(seeds)
@@ -325,9 +313,7 @@ def test_the_baselines_act_the_same_alone_and_in_a_batch(name: str, task_id: str
 
 
 def test_the_agent_survives_sensors_that_hang() -> None:
-    task = short().replace(
-        {"id": "test/Hanging-v1", "sensors.dropouts.days_between": 0.2, "sensors.dropouts.hours": 3.0}
-    )
+    task = short().replace({"id": "test/Hanging-v1", "sensors.dropouts.days_between": 0.2, "sensors.dropouts.hours": 3.0})
     agent = PredictiveAgent(quick("mpc"))
     _, simulation = played(task, agent, [SEED], task.steps)
     assert np.isfinite(simulation.x).all()

@@ -211,9 +211,7 @@ def test_what_does_not_fit_is_refused() -> None:
         )
     with pytest.raises(TaskError, match="hour of day"):
         Outlook(
-            task.replace(
-                {"id": "my/B-v1", "observation": {"modules": ["indoor_climate", "weather"], "forecast": None}}
-            ),
+            task.replace({"id": "my/B-v1", "observation": {"modules": ["indoor_climate", "weather"], "forecast": None}}),
             climate,
         )
     with pytest.raises(TaskError, match="forecasts of the hours"):
@@ -221,9 +219,7 @@ def test_what_does_not_fit_is_refused() -> None:
     outlook = Outlook(task, climate)
     with pytest.raises(TaskError, match="Nothing was observed"):
         outlook.ahead(4)
-    with pytest.raises(
-        TaskError, match=r"shape of the observations of my/Short-v1: expected \(1, 50\), .* got \(2, 3\)"
-    ):
+    with pytest.raises(TaskError, match=r"shape of the observations of my/Short-v1: expected \(1, 50\), .* got \(2, 3\)"):
         outlook.update(np.zeros((2, 3)))
     with pytest.raises(TaskError, match=r"got PosixPath.*Climatology\.of\(task\).*Climatology\.read\(path\)"):
         Outlook(task, Path("climatology.json"))  # type: ignore[arg-type]
@@ -231,9 +227,7 @@ def test_what_does_not_fit_is_refused() -> None:
 
 def test_a_climatology_of_other_weather_is_refused() -> None:
     spring, paper = climatology("Spring-v1"), short("Schiphol2010-Delta10-v1").replace(id="my/Paper-v1")
-    with pytest.raises(
-        TaskError, match=r"prepared as 'conserving', and the task has 'paper'; it knows 2010, which the"
-    ):
+    with pytest.raises(TaskError, match=r"prepared as 'conserving', and the task has 'paper'; it knows 2010, which the"):
         Outlook(paper, spring)
     with pytest.raises(TaskError, match="it is of the weather 'schiphol', and the task has 'miami'"):
         Outlook("Transfer-Miami-v1", spring)

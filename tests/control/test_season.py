@@ -89,11 +89,7 @@ def test_a_process_computer_takes_no_controls() -> None:
         plan_season(scenario, steady(scenario), iterations=0).actions()
 
 
-@pytest.mark.parametrize(
-    ("controls", "reason"), [(np.zeros((96, 5)), r"\(96, 5\)"), (np.full((96, 6), np.nan), "finite")]
-)
-def test_controls_that_are_none_are_refused(
-    controls: np.ndarray[tuple[int, ...], np.dtype[np.float64]], reason: str
-) -> None:
+@pytest.mark.parametrize(("controls", "reason"), [(np.zeros((96, 5)), r"\(96, 5\)"), (np.full((96, 6), np.nan), "finite")])
+def test_controls_that_are_none_are_refused(controls: np.ndarray[tuple[int, ...], np.dtype[np.float64]], reason: str) -> None:
     with pytest.raises(ShapeError, match=reason):
         plan_season(Scenario.of(short("Spring-v1"), SEED), controls)

@@ -29,9 +29,7 @@ def test_the_reward_of_every_task_has_the_bits_of_the_environment(task_id: str) 
     assert sum((values > 0.0).any() for values in given.violations.values()) >= 5
 
 
-def differences(
-    stage: StageReward, before: Floats, after: Floats, u: Floats, rows: Floats
-) -> list[tuple[Floats, Floats]]:
+def differences(stage: StageReward, before: Floats, after: Floats, u: Floats, rows: Floats) -> list[tuple[Floats, Floats]]:
     """Central differences of the reward of single steps, for ``before``, ``after`` and ``u``, each with what rounding does to them."""
 
     def reward(*moved: Floats) -> Floats:
@@ -104,10 +102,7 @@ def test_smoothing_rounds_the_kinks_and_leaves_the_profit() -> None:
     assert 0 < np.count_nonzero(cold[near]) < np.count_nonzero(cold)
     assert (rounded.penalty <= exact.penalty).all()
     scales = {"air_temperature": 15.0, "co2": 2500.0, "relative_humidity": 15.0}
-    total = sum(
-        (rounded.violations[f"violation_{n}_low"] + rounded.violations[f"violation_{n}_high"]) / s
-        for n, s in scales.items()
-    )
+    total = sum((rounded.violations[f"violation_{n}_low"] + rounded.violations[f"violation_{n}_high"]) / s for n, s in scales.items())
     np.testing.assert_allclose(rounded.penalty, total, rtol=1e-12)
 
 
@@ -141,7 +136,5 @@ def test_what_does_not_fit_is_refused() -> None:
 def test_a_reward_in_python_has_no_gradient(make_task: MakeTask) -> None:
     register_reward("test_fruit", "fresh fruit grown", lambda task, accounts: lambda outcome: outcome["fruit_fresh"])
     task = make_task(('modules = ["scaled_epi", "scaled_penalty"]', 'modules = ["scaled_penalty", "test_fruit"]'))
-    with pytest.raises(
-        TaskError, match=r"no derivatives: 'test_fruit' is Python .* epi, scaled_epi, penalties, scaled_penalty"
-    ):
+    with pytest.raises(TaskError, match=r"no derivatives: 'test_fruit' is Python .* epi, scaled_epi, penalties, scaled_penalty"):
         StageReward(task)

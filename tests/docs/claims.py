@@ -241,9 +241,7 @@ def fast_settings() -> dict[str, Any]:
 
 def width_of_drops() -> tuple[float, float]:
     """How far the lower end of a drop with fresh draws is below it, smallest and largest, over all runs of the test [EUR m-2]."""
-    widths = [
-        one["drop"] - one["low"] for one in fresh_draws_table.read().values() if one["runs"] == HEADLINE.evaluation.runs
-    ]
+    widths = [one["drop"] - one["low"] for one in fresh_draws_table.read().values() if one["runs"] == HEADLINE.evaluation.runs]
     return min(widths), max(widths)
 
 
@@ -428,10 +426,7 @@ def operations() -> dict[str, int]:
 def largest_change() -> float:
     """Largest change of a ratio to CVODES between the two measurements of the open house [%]."""
     before, after = (
-        {
-            one.name: one.ratio
-            for one in read_record(ROOT / "docs" / "measurements" / f"open-house-{when}.json").measurements
-        }
+        {one.name: one.ratio for one in read_record(ROOT / "docs" / "measurements" / f"open-house-{when}.json").measurements}
         for when in ("before", "after")
     )
     return 100.0 * max(abs(after[name] / before[name] - 1.0) for name in before)
@@ -480,9 +475,7 @@ def _bound(task: str, column: str) -> float:
 def size_at_joints(measurement: str, quantity: str) -> float:
     """How far the sizes of changes at joints are from those of real midnights: Kolmogorov-Smirnov distance."""
     figures = weather_table.read()[measurement]["figures"]
-    return next(
-        float(one["value"]) for one in figures if one["name"].startswith(f"size of changes at joints, {quantity}")
-    )
+    return next(float(one["value"]) for one in figures if one["name"].startswith(f"size of changes at joints, {quantity}"))
 
 
 @cache
@@ -510,9 +503,7 @@ CLAIMS: dict[str, list[Claim]] = {
     "docs/benchmark-design.md": [
         (
             "`grower`, for example, earns {} EUR/m² here and",
-            lambda: float(
-                np.mean(benchmark_design_figures.read()["evaluations"]["SpringSetpoints"]["grower"]["reward"])
-            ),
+            lambda: float(np.mean(benchmark_design_figures.read()["evaluations"]["SpringSetpoints"]["grower"]["reward"])),
         ),
         ("best agent, {} numbers, replayed", lambda: TASK.steps * len(TASK.actuation.controls)),
         (
@@ -833,9 +824,7 @@ CLAIMS: dict[str, list[Claim]] = {
         (
             f"| {family}-Delta{level:02d}-v1 | {{}} | {{}} | {{}} | {{}} |",
             lambda family=family, level=level: tuple(
-                mean(agent, level, metric, family)
-                for agent in ("rule_based", "rule_based_fair")
-                for metric in ("epi", "reward")
+                mean(agent, level, metric, family) for agent in ("rule_based", "rule_based_fair") for metric in ("epi", "reward")
             ),
         )
         for family in ("Schiphol2010", "Schiphol2010Code")
@@ -897,8 +886,7 @@ CLAIMS: dict[str, list[Claim]] = {
             "It saves {} m³ and {} more hours",
             lambda: (
                 of_growers("lit", "gas") - of_growers("less_drying", "gas"),
-                of_growers("less_drying", "hours_relative_humidity_high")
-                - of_growers("lit", "hours_relative_humidity_high"),
+                of_growers("less_drying", "hours_relative_humidity_high") - of_growers("lit", "hours_relative_humidity_high"),
             ),
         ),
     ],
@@ -1033,9 +1021,7 @@ CLAIMS: dict[str, list[Claim]] = {
         (
             "elsewhere: {} on `SpringYears-v1` and {} on `SpringMismatch-v1`, where the tuned rules earn {} and {}",
             lambda: tuple(
-                score(agent, task)
-                for agent in ("sac_fast", "rule_based_tuned")
-                for task in ("SpringYears-v1", "SpringMismatch-v1")
+                score(agent, task) for agent in ("sac_fast", "rule_based_tuned") for task in ("SpringYears-v1", "SpringMismatch-v1")
             ),
         ),
         (
@@ -1148,10 +1134,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("An EPI of 1 EUR/m²", "definition: a unit"),
         ("every 15 minutes", "definition: the control step"),
         ("δ from 5 to 30 %", "definition: the levels"),
-        *(
-            (words, "definition: the levels")
-            for words in ("At 10 %", "at 10 %", "At 30 %", "at 30 %", "(30 %)", "(5 %)", "at 15 and 25 %")
-        ),
+        *((words, "definition: the levels") for words in ("At 10 %", "at 10 %", "At 30 %", "at 30 %", "(30 %)", "(5 %)", "at 15 and 25 %")),
         ("near -5 EUR/m²", "source: the paper"),
         ("(10000)", "definition: the seed of the recording"),
         ("from 10,000,000,000 on", "definition: glbench/training/settings.py"),
@@ -1168,10 +1151,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("at 1e-6", "definition: a tolerance"),
         ("by Radau IIA at 1e-12", "definition: tests/golden/kernel_steps.md"),
         ("steps in summer then exceed 1e-6", "a limit, not a measurement"),
-        *(
-            (cell, "definition: a tolerance")
-            for cell in ("| 1e-6 ", "| 1e-7 ", "| 1e-9 ", "| 1e-11 ", "| 1e-10 ", "| 1e-12 ")
-        ),
+        *((cell, "definition: a tolerance") for cell in ("| 1e-6 ", "| 1e-7 ", "| 1e-9 ", "| 1e-11 ", "| 1e-10 ", "| 1e-12 ")),
         ("one step of 300 s", "definition: the length of a step"),
         ("at 300 s", "definition: the length of a step"),
     ],
@@ -1435,10 +1415,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("| `--sigma` | 0.1 |", "definition: glbench/training/rule_search.py"),
     ],
     "docs/verification.md": [
-        *(
-            (words, "definition: glbench/verification")
-            for words in ("within 1e-9", "by 1e-9", "to 1e-9", "most 1e-9", "to 1e-3")
-        ),
+        *((words, "definition: glbench/verification") for words in ("within 1e-9", "by 1e-9", "to 1e-9", "most 1e-9", "to 1e-3")),
         ("| 32 MiB;", "definition: the limits of files from elsewhere"),
         ("| 2 GiB; expands to at most 128 MiB or 32 times", "definition: the limits of files from elsewhere"),
         ("| 24 MiB, also", "definition: the limits of files from elsewhere"),
@@ -1476,10 +1453,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("0.001 degC, 0.001 %, 0.001 m/s", "definition: the canonical record"),
         ("ISO 8601", "the name of a standard"),
         ("[adr/0003]", "the name of a file"),
-        *(
-            (words, "definition: how disturbances are made")
-            for words in ("linear to 5 min", "than 5 min", "ramps of 1 h")
-        ),
+        *((words, "definition: how disturbances are made") for words in ("linear to 5 min", "than 5 min", "ramps of 1 h")),
         ("0.625 *Y*", "definition: how disturbances are made"),
         ("(*x* − 0.5)", "definition: how disturbances are made"),
         ("fixed at 67 s", "definition: how disturbances are made"),

@@ -67,9 +67,7 @@ def found_words(page: str, words: str) -> list[re.Match[str]]:
 
 def places(page: str, words: str) -> list[list[tuple[int, str]]]:
     """For each place where ``words`` stand: start and text of the numbers in their ``{}``."""
-    return [
-        [(found.start(i), found[i]) for i in range(1, (found.lastindex or 0) + 1)] for found in found_words(page, words)
-    ]
+    return [[(found.start(i), found[i]) for i in range(1, (found.lastindex or 0) + 1)] for found in found_words(page, words)]
 
 
 def as_quoted(value: float, text: str) -> str:

@@ -34,12 +34,7 @@ def test_everything_that_is_to_be_evaluated_was(figures: dict[str, Any]) -> None
     asked = {(job.label, job.name) for job in design.jobs()}
     there = {(label, agent) for label, agents in figures["evaluations"].items() for agent in agents}
     assert asked == there
-    assert all(
-        len(runs) == design.RUNS
-        for agents in figures["evaluations"].values()
-        for kept in agents.values()
-        for runs in kept.values()
-    )
+    assert all(len(runs) == design.RUNS for agents in figures["evaluations"].values() for kept in agents.values() for runs in kept.values())
 
 
 def test_no_scenario_is_one_of_the_test() -> None:
@@ -68,9 +63,7 @@ def test_profit_less_violations_is_the_score(figures: dict[str, Any]) -> None:
 def test_the_spread_of_a_table_that_was_made_of_three_parts() -> None:
     agents, scenarios = np.array([0.0, 1.0, 2.0]), np.array([-3.0, 0.0, 3.0, 0.0])
     found = design.spread(agents[:, None] + scenarios)
-    assert found == pytest.approx(
-        {"between agents": 1.0, "between scenarios": 6.0**0.5, "agent x scenario": 0.0}, abs=1e-12
-    )
+    assert found == pytest.approx({"between agents": 1.0, "between scenarios": 6.0**0.5, "agent x scenario": 0.0}, abs=1e-12)
 
 
 def test_the_order_of_agents_that_differ_in_every_scenario_is_certain_and_that_of_equals_is_not() -> None:
@@ -86,9 +79,7 @@ def test_what_thirty_scenarios_detect_is_found_in_four_of_five_cases() -> None:
     _, difference = design.detectable(table)["found"][30]
     drawn = difference + random.normal(0.0, 2.0**0.5, (cases, 30))
     errors = drawn.std(axis=1, ddof=1) / 30**0.5
-    assert (drawn.mean(axis=1) / errors > 2.045).mean() == pytest.approx(
-        0.8, abs=0.04
-    )  # Student's t, 29 degrees of freedom
+    assert (drawn.mean(axis=1) / errors > 2.045).mean() == pytest.approx(0.8, abs=0.04)  # Student's t, 29 degrees of freedom
 
 
 def test_a_recording_is_measured_by_the_lead_of_its_agent() -> None:
@@ -214,9 +205,7 @@ def test_choosing_by_known_draws_gains_and_loses_under_another_salt_unless_one_a
     gains = {}
     for family, agents in design.CHOICE.items():
         names = [Path(agent).stem for agent in agents]
-        known, anew = (
-            np.array(list(design.scores_of(figures, label, names).values())) for label in (family, f"{family} anew")
-        )
+        known, anew = (np.array(list(design.scores_of(figures, label, names).values())) for label in (family, f"{family} anew"))
         gains[family] = design.knowing(known, anew)
     assert gains["SpringMismatch"]["public salt"] > 0.0 > gains["SpringMismatch"]["secret salt"]
     assert gains["Spring"] == {"public salt": 0.0, "secret salt": 0.0}

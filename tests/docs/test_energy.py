@@ -22,9 +22,7 @@ COSTS = TEXTS[1]
 SHOWN = [text for text in TEXTS if text != COSTS]
 
 
-@pytest.mark.parametrize(
-    ("example", "shown"), [*zip(EXAMPLES, SHOWN, strict=True)], ids=["engine", "larger buffers", "heat pump"]
-)
+@pytest.mark.parametrize(("example", "shown"), [*zip(EXAMPLES, SHOWN, strict=True)], ids=["engine", "larger buffers", "heat pump"])
 def test_the_rules_give_what_the_page_shows(
     example: str, shown: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -58,19 +56,14 @@ def test_the_page_has_the_values_of_the_table_and_every_flow() -> None:
     assert f"flue = {p.co2_gas:g} * {boiler:.1f} / {p.eta_boil:g}" in ENGINE
     for flow in TOMATO_ENERGY.flows():
         if flow.name not in {"fruit_growth", "fruit_harvested"}:
-            assert re.search(rf"^\| .*`{flow.name}`.* \| {re.escape(flow.unit)} \|", ENGINE, flags=re.MULTILINE), (
-                flow.name
-            )
+            assert re.search(rf"^\| .*`{flow.name}`.* \| {re.escape(flow.unit)} \|", ENGINE, flags=re.MULTILINE), flow.name
 
 
 def test_the_page_on_heat_harvesting_has_the_values_of_the_table_and_every_flow() -> None:
     p = TOMATO_HEAT_PUMP.parameters.record(*TOMATO_HEAT_PUMP.parameters.default().tolist())
     power = p.cop_mech * p.p_mech
     pumped = p.cop_heat_pump * p.p_heat_pump
-    assert (
-        f"up to {power:g} W m-2 from the air, as heat and as vapour, and uses {p.eta_mech * p.p_mech:g} W m-2"
-        in HARVESTING
-    )
+    assert f"up to {power:g} W m-2 from the air, as heat and as vapour, and uses {p.eta_mech * p.p_mech:g} W m-2" in HARVESTING
     taken = f"{p.p_heat_pump:.1f} W m-2 of electricity and {pumped - p.p_heat_pump:.1f} W m-2 from the cold buffer"
     assert f"{taken} become {pumped:.1f} W m-2 in the hot one" in HARVESTING
     assert f"to the rail pipes: {p.p_buf_hot:g} W m-2" in HARVESTING
@@ -78,9 +71,7 @@ def test_the_page_on_heat_harvesting_has_the_values_of_the_table_and_every_flow(
     assert f"in {1e6 * p.e_buf_cold_max / power / 60:.0f} minutes" in HARVESTING
     assert 1e6 * p.e_buf_hot_max / p.p_buf_hot / 3600 == pytest.approx(1.5, abs=0.06)
     _, sensible, condensed, latent = cooler(20.0, 2000.0, power, p.L, p)
-    assert (
-        f"\n{sensible:.0f} W m-2 as heat and {latent:.0f} W m-2 as vapour, {3600 * condensed:.2f} litres" in HARVESTING
-    )
+    assert f"\n{sensible:.0f} W m-2 as heat and {latent:.0f} W m-2 as vapour, {3600 * condensed:.2f} litres" in HARVESTING
     for flow in TOMATO_HEAT_PUMP.flows():
         if flow.name not in {"fruit_growth", "fruit_harvested"}:
             assert re.search(rf"^\| .*`{flow.name}`.* \|", HARVESTING, flags=re.MULTILINE), flow.name

@@ -105,15 +105,12 @@ def test_every_copy_earns_less_than_the_rules(figures: dict[str, Any]) -> None:
 
 def test_with_foresight_the_engine_earns_most(figures: dict[str, Any]) -> None:
     engine, buffer, looking = (
-        np.mean(design.possible(design.dispatched(figures), name))
-        for name in ("engine_earns", "buffer_earns", "looking_earns")
+        np.mean(design.possible(design.dispatched(figures), name)) for name in ("engine_earns", "buffer_earns", "looking_earns")
     )
     assert engine > buffer > 0.0
     assert engine > looking > 0.0
 
 
 def test_that_the_engine_runs_in_spring_matters_far_more_than_when(figures: dict[str, Any]) -> None:
-    never, always = (
-        design.paired(figures, "SpringEnergy", name)[0] for name in ("never_runs_the_engine", "runs_it_at_any_price")
-    )
+    never, always = (design.paired(figures, "SpringEnergy", name)[0] for name in ("never_runs_the_engine", "runs_it_at_any_price"))
     assert never < 4.0 * always < 0.0

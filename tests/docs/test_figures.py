@@ -44,9 +44,7 @@ def covered_by_claims(page: str, text: str, problems: list[str]) -> set[int]:
                 said, is_so = number.replace("−", "-"), as_quoted(value, number)
                 if said != is_so:
                     line = line_of(text, start)
-                    problems.append(
-                        f'{page}:{line}: says {said} in "{words}", computed {is_so} ({value:.10g}). Correct the page.'
-                    )
+                    problems.append(f'{page}:{line}: says {said} in "{words}", computed {is_so} ({value:.10g}). Correct the page.')
     return found
 
 

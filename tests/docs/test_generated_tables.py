@@ -112,9 +112,7 @@ def test_the_table_of_other_set_points_holds_what_was_simulated() -> None:
     same = next(one for one in house if one.name == found["house"])
     assert sums["heat_ratio"] == round(same.heat_ratio, 4), "as glbench validate has it"
     closest = min(one["heat_rmse"] for one in found["changes"].values())
-    assert closest > realism_figure.measured().heat_spread, (
-        "no row is as close to single days as growers are to each other"
-    )
+    assert closest > realism_figure.measured().heat_spread, "no row is as close to single days as growers are to each other"
 
 
 def test_the_page_of_uncertainty_holds_the_sizes_of_its_task() -> None:

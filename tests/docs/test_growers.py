@@ -31,9 +31,7 @@ def test_the_page_holds_the_measurements_of_the_task_as_it_is() -> None:
     assert list(found["strategies"]) == list(growers_table.STRATEGIES)
     for strategy in found["strategies"].values():
         picked = sum(strategy["weeks"]["fruit_picked [kg m-2]"])
-        assert picked == pytest.approx(growers_table.mean(strategy, "fruit_picked"), rel=0.02), (
-            "weeks add up to the season"
-        )
+        assert picked == pytest.approx(growers_table.mean(strategy, "fruit_picked"), rel=0.02), "weeks add up to the season"
 
 
 def test_the_page_takes_ten_minutes_to_read() -> None:
@@ -78,9 +76,7 @@ def test_the_commands_run_one_after_the_other(tmp_path: Path) -> None:
     commands = "".join(COMMANDS).replace("--runs 4", "--runs 1").replace("--runs 8", "--runs 2")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = os.environ | {"PATH": path, "GLBENCH_DATA": str(tmp_path / "data"), "COLUMNS": "120"}
-    ran = subprocess.run(
-        ["bash", "-ec", commands], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-    )
+    ran = subprocess.run(["bash", "-ec", commands], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert ran.returncode == 0, f"{ran.stdout[-2000:]}{ran.stderr[-2000:]}"
     assert "heat as natural gas" in ran.stdout.lower()
     assert "Heat" in (tmp_path / "unlit.html").read_text(encoding="utf-8")

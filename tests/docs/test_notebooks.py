@@ -95,9 +95,7 @@ def the_outlook(names: dict[str, Any]) -> None:
 def the_money(names: dict[str, Any]) -> None:
     """Who is ahead of whom, and where it comes from."""
     means = names["means"]
-    rules, planner, told, plan = (
-        means.loc[name] for name in ("rule_based_tuned", "Planner", "Told", "plan, all known")
-    )
+    rules, planner, told, plan = (means.loc[name] for name in ("rule_based_tuned", "Planner", "Told", "plan, all known"))
     assert planner["reward"] > max(rules["reward"], means.loc["my_agent", "reward"])
     assert told["reward"] - planner["reward"] > 2.0 * abs(plan["reward"] - told["reward"])
     assert plan["reward"] > planner["reward"]
@@ -175,9 +173,7 @@ def test_train_and_beat_the_rules_runs_and_says_what_holds() -> None:
     assert shipped.n_timesteps == 5 * names["settings"].n_timesteps
     assert sum(shipped.net_arch) > sum(names["settings"].net_arch)
     assert names["settings"].accrual == shipped.accrual
-    assert {"policy.npz", "card.toml", "learning_curve.csv"} <= {
-        file.name for file in names["trained"].folder.iterdir()
-    }
+    assert {"policy.npz", "card.toml", "learning_curve.csv"} <= {file.name for file in names["trained"].folder.iterdir()}
     curve = names["curve"].set_index("steps")["reward"]
     assert curve.iloc[0] < -20.0
     assert curve.iloc[len(curve) // 2] - curve.iloc[0] > 0.9 * (curve.max() - curve.iloc[0])

@@ -59,9 +59,7 @@ def written() -> list[Path]:
     found = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob(".github/**/*.md"), *ROOT.glob(".github/**/*.yml")]
     found += [file for kind in ("py", "html", "js") for file in ROOT.glob(f"glbench/**/*.{kind}")]
     left_out = {ROOT / "glbench" / "model", ROOT / "glbench" / "kernel" / "compiled"}
-    return sorted(
-        file for file in set(found) if file.name not in KEPT | {"CHANGELOG.md"} and not left_out & set(file.parents)
-    )
+    return sorted(file for file in set(found) if file.name not in KEPT | {"CHANGELOG.md"} and not left_out & set(file.parents))
 
 
 def phrases_in(text: str) -> list[tuple[int, str, str]]:

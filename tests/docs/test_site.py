@@ -37,9 +37,7 @@ def test_every_page_is_there_and_names_link_to_the_reference(out: Path) -> None:
         text = (site / "reference" / f"{name}.html").read_text(encoding="utf-8")
         anchors = set(re.findall(r'id="([\w.]+)"', text))
         module = importlib.import_module(f"glbench.{name}")
-        public = {
-            one for one in module.__all__ if inspect.isclass(found := getattr(module, one)) or inspect.isfunction(found)
-        }
+        public = {one for one in module.__all__ if inspect.isclass(found := getattr(module, one)) or inspect.isfunction(found)}
         missing = {one for one in public if not any(anchor.endswith(f".{one}") for anchor in anchors)}
         assert not missing, f"the reference of glbench.{name} lacks {missing}"
 

@@ -35,9 +35,7 @@ def test_a_measurement_has_the_figures_of_the_page() -> None:
 def _signal(kind: str, rows: int = 1200) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     rng = np.random.default_rng(8)
     x = rng.normal(size=(rows, 6))
-    strength = {"line": x[:, 0] + x[:, 1], "product": 4.0 * np.sign(x[:, 0]) * np.sign(x[:, 1]), "none": 0.0 * x[:, 0]}[
-        kind
-    ]
+    strength = {"line": x[:, 0] + x[:, 1], "product": 4.0 * np.sign(x[:, 0]) * np.sign(x[:, 1]), "none": 0.0 * x[:, 0]}[kind]
     return x, rng.random(rows) < 1.0 / (1.0 + np.exp(-1.5 * strength))
 
 
@@ -50,7 +48,5 @@ def test_the_classifiers_find_what_they_can_and_nothing_where_nothing_is() -> No
         x, labels = _signal(kind)
         ones, zeros = np.flatnonzero(labels), np.flatnonzero(~labels)
         for classify, (low, high) in ((weather_table.logistic, by_line), (weather_table.boosted, by_trees)):
-            found = weather_table.area(
-                classify, x, [ones[ones < 600], ones[ones >= 600]], [zeros[zeros < 600], zeros[zeros >= 600]]
-            )
+            found = weather_table.area(classify, x, [ones[ones < 600], ones[ones >= 600]], [zeros[zeros < 600], zeros[zeros >= 600]])
             assert low < found < high, (kind, classify.__name__, found)

@@ -37,10 +37,7 @@ def printed(app: object, *arguments: str) -> str:
 def test_the_check_of_the_example_is_what_the_command_prints(folder: Path) -> None:
     text = PAGE.read_text(encoding="utf-8")
     (folder / "greenhouse.toml").write_text(re.findall(r"```toml\n(.*?)```", text, re.DOTALL)[0], encoding="utf-8")
-    assert (
-        block("check")
-        == f"$ glbench greenhouse check greenhouse.toml\n{printed(greenhouse.app, 'check', 'greenhouse.toml')}"
-    )
+    assert block("check") == f"$ glbench greenhouse check greenhouse.toml\n{printed(greenhouse.app, 'check', 'greenhouse.toml')}"
 
 
 def test_the_doubt_is_what_the_command_prints(folder: Path) -> None:

@@ -76,9 +76,7 @@ def spring_file(
     """Write such a task."""
     head = f'base = "glbench/Schiphol2010-Delta10-v1"\nschema = 2\nid = "tests/{name}-v1"\ntitle = "Of a test"\n'
     tables = f'[weather]\npreprocessing = "conserving"\ndays = {days}\nstart = {start}\nco2_ppm = 405.0\n{weather}\n'
-    path.write_text(
-        "\n".join([head, tables, scenario, splits, sensors, forecast() if observation is None else observation])
-    )
+    path.write_text("\n".join([head, tables, scenario, splits, sensors, forecast() if observation is None else observation]))
     return path
 
 

@@ -102,9 +102,7 @@ def test_words_are_no_actions(read: ActionReader) -> None:
 def test_numbers_of_a_type_that_numpy_does_not_know_are_called_so(read: ActionReader) -> None:
     """JAX's type comes as an array of numpy, PyTorch's as what numpy cannot read."""
     bfloat16 = np.zeros((3, 6), pytest.importorskip("ml_dtypes").bfloat16)
-    with pytest.raises(
-        ActionError, match=r"NumPy does not know numbers of type bfloat16: make them float32 first, with .float\(\)"
-    ):
+    with pytest.raises(ActionError, match=r"NumPy does not know numbers of type bfloat16: make them float32 first, with .float\(\)"):
         read(bfloat16, 3)
 
 
@@ -135,9 +133,7 @@ def test_the_caller_keeps_its_own_array(read: ActionReader) -> None:
 
 @pytest.mark.usefixtures("own_words")
 def test_a_kind_of_ones_own_works_from_a_task_file(make_task: MakeTask) -> None:
-    register_actuation(
-        "test_direct", "the action is the control", lambda task: lambda controls, actions: actions.copy()
-    )
+    register_actuation("test_direct", "the action is the control", lambda task: lambda controls, actions: actions.copy())
     move = make_actuation(make_task(('kind = "rate"', 'kind = "test_direct"')))
     assert move(np.zeros((1, 6)), np.full((1, 6), 0.7))[0].tolist() == [0.7] * 6
     with pytest.raises(TaskError, match="test_direct"):
@@ -146,9 +142,7 @@ def test_a_kind_of_ones_own_works_from_a_task_file(make_task: MakeTask) -> None:
 
 @pytest.mark.usefixtures("own_words")
 def test_a_kind_of_ones_own_chooses_its_bounds(make_task: MakeTask) -> None:
-    register_actuation(
-        "test_degrees", "an angle", lambda task: lambda controls, actions: actions / 90.0, low=-90.0, high=90.0
-    )
+    register_actuation("test_degrees", "an angle", lambda task: lambda controls, actions: actions / 90.0, low=-90.0, high=90.0)
     task = make_task(('kind = "rate"', 'kind = "test_degrees"'))
     assert {(action.low, action.high) for action in task_card(task).actions} == {(-90.0, 90.0)}
     assert ActionReader.of_task(task)(np.full((1, 6), 45.0), 1).max() == 45.0

@@ -23,9 +23,7 @@ def test_it_evaluates_the_models_own_formulas() -> None:
 
 
 def test_400_ppm_weigh_732_mg_a_cubic_metre_at_20_degrees() -> None:
-    assert read_air(np.array([20.0]), np.array([731.82]), np.array([2325.98]))[1:, 0] == pytest.approx(
-        [400.0, 100.0], rel=1e-5
-    )
+    assert read_air(np.array([20.0]), np.array([731.82]), np.array([2325.98]))[1:, 0] == pytest.approx([400.0, 100.0], rel=1e-5)
 
 
 def test_supersaturated_air_shows_100_percent() -> None:

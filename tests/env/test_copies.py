@@ -57,9 +57,7 @@ def goes_on(environment: Any, steps: int, seed: int = 9) -> list[Any]:
 
 @COPIES
 @KERNELS
-def test_an_environment_is_copied_before_and_after_reset_and_half_way(
-    day: TaskSpec, copied: Copy, kernel: str | None
-) -> None:
+def test_an_environment_is_copied_before_and_after_reset_and_half_way(day: TaskSpec, copied: Copy, kernel: str | None) -> None:
     environment = GreenhouseEnv(day, kernel=own(kernel))
     twin = copied(environment)
     assert bits(environment.reset(seed=5)) == bits(twin.reset(seed=5))

@@ -50,9 +50,7 @@ def coming(task: TaskSpec, season: int) -> Floats:
     pool.starts([season])
     rows = pool.day * pool.days
     values = pool.values[season * rows : (season + 1) * rows]
-    radiation, temperature, pressure, wind = (
-        values[:, COLUMNS.index(name)] for name in ("iGlob", "tOut", "vpOut", "wind")
-    )
+    radiation, temperature, pressure, wind = (values[:, COLUMNS.index(name)] for name in ("iGlob", "tOut", "vpOut", "wind"))
     humidity = read_air(temperature, values[:, COLUMNS.index("co2Out")], pressure)[2]
     return np.stack([radiation, temperature, humidity, wind], axis=1).reshape(-1, 4, QUANTITIES).mean(axis=1)
 
@@ -75,9 +73,7 @@ def test_a_perfect_forecast_is_the_mean_of_the_hour_that_comes(levels: dict[str,
 def test_hours_are_aligned_where_the_clock_changes(folder: Path, start: str) -> None:
     """Seasons start before and after the change; all rows are steps of UTC."""
     within = SCENARIO.replace("start_within_days = 28", "start_within_days = 5")
-    task = spring(
-        folder / f"clock{start}.toml", start=start, scenario=within, observation=forecast("perfect"), sensors=""
-    )
+    task = spring(folder / f"clock{start}.toml", start=start, scenario=within, observation=forecast("perfect"), sensors="")
     seeds = list(range(666, 675))
     simulation = Simulation(task, 9, StillKernel())
     simulation.reset(seeds)
@@ -198,9 +194,7 @@ def test_issues_after_each_other_agree_about_the_same_hour() -> None:
     # cov(e(i, 3), e(i + 1, 2)) = variance of the shocks that both still have to come: s^2 (1 - phi^4)
     wanted = np.sqrt((1.0 - phi**4) / (1.0 - phi**6))
     assert np.corrcoef(three.ravel(), two.ravel())[0, 1] == pytest.approx(wanted, abs=0.02)
-    assert np.corrcoef(two.ravel(), one.ravel())[0, 1] == pytest.approx(
-        np.sqrt((1.0 - phi**2) / (1.0 - phi**4)), abs=0.02
-    )
+    assert np.corrcoef(two.ravel(), one.ravel())[0, 1] == pytest.approx(np.sqrt((1.0 - phi**2) / (1.0 - phi**4)), abs=0.02)
     # One issue errs alike in hours that follow each other.
     assert np.corrcoef(errors[:, :, 5].ravel(), errors[:, :, 6].ravel())[0, 1] > 0.6
 
@@ -251,9 +245,7 @@ def test_values_stay_within_their_columns(folder: Path) -> None:
 
 
 def test_real_years_have_forecasts_too(folder: Path) -> None:
-    scenario = SCENARIO.replace("generated = true\n", "").replace(
-        'co2_range = { low = 390.0, high = 420.0, unit = "ppm" }\n', ""
-    )
+    scenario = SCENARIO.replace("generated = true\n", "").replace('co2_range = { low = 390.0, high = 420.0, unit = "ppm" }\n', "")
     splits = "\n".join(line for line in SPLITS.splitlines() if not line.startswith("seasons"))
     task = spring(folder / "real.toml", scenario=scenario, splits=splits, observation=forecast("perfect"), sensors="")
     for split in ("training", "test"):

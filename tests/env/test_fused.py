@@ -270,9 +270,7 @@ def test_bad_actions_are_refused_in_the_same_words(name: str, day: TaskSpec, ker
     step_both(pair, 2)
 
 
-@pytest.mark.parametrize(
-    "given_as", [list, lambda a: a.astype(np.float32), np.asfortranarray, lambda a: a.astype(np.int64)]
-)
+@pytest.mark.parametrize("given_as", [list, lambda a: a.astype(np.float32), np.asfortranarray, lambda a: a.astype(np.int64)])
 def test_actions_may_come_in_any_form(given_as: Callable[[Any], Any], day: TaskSpec, kernel: Kernel) -> None:
     pair = both(day, kernel, 2)
     edges = np.array([[1.0, -1.0, 0.0, -0.0, 1.0, -1.0], [-1.0, 1.0, 0.0, 0.0, -0.0, 1.0]])

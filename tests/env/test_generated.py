@@ -61,9 +61,7 @@ def forgotten(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("split", SPLIT_NAMES)
-def test_a_season_does_not_depend_on_the_order_in_which_it_is_asked_for(
-    task: TaskSpec, split: str, forgotten: None
-) -> None:
+def test_a_season_does_not_depend_on_the_order_in_which_it_is_asked_for(task: TaskSpec, split: str, forgotten: None) -> None:
     chosen = task.in_split(split)
     seasons = range(getattr(task.splits, split).seasons)
     one_by_one = {number: everything(chosen, number) for number in seasons}
@@ -89,9 +87,7 @@ def test_another_process_makes_the_same_seasons(task: TaskSpec) -> None:
 
 
 def test_seeds_share_the_weather_of_their_season_and_wrap(task: TaskSpec) -> None:
-    one, wrapped, before, other = (
-        run_weather(task, seed) for seed in (FIRST + 3, FIRST + 3 + 9 * 10**9, FIRST + 3 - 9, FIRST + 4)
-    )
+    one, wrapped, before, other = (run_weather(task, seed) for seed in (FIRST + 3, FIRST + 3 + 9 * 10**9, FIRST + 3 - 9, FIRST + 4))
     assert one.values.tobytes() == wrapped.values.tobytes() == before.values.tobytes() != other.values.tobytes()
     assert (one.times == wrapped.times).all()
     assert (one.times != other.times).any()
@@ -101,10 +97,7 @@ def test_seeds_share_the_weather_of_their_season_and_wrap(task: TaskSpec) -> Non
     assert (drawn.traits[0] != drawn.traits[1]).all()
     assert (drawn.keys[0] != drawn.keys[1]).any()
     assert drawn.first[0] == drawn.first[1]
-    assert (
-        run_weather(task, 2**64 - 1).values.tobytes()
-        == run_weather(task, (2**64 - 1 - FIRST) % 9 + FIRST).values.tobytes()
-    )
+    assert run_weather(task, 2**64 - 1).values.tobytes() == run_weather(task, (2**64 - 1 - FIRST) % 9 + FIRST).values.tobytes()
 
 
 def test_the_weather_that_acts_is_that_of_the_season(task: TaskSpec) -> None:
@@ -128,9 +121,7 @@ def test_the_sun_keeps_the_clock_of_the_calendar(folder: Path, start: str) -> No
         sun = weather.values[:, COLUMNS.index("iGlob")]
         day = weather.values[:, COLUMNS.index("isDay")]
         utc = ((weather.times - weather.times.astype("datetime64[D]")) / np.timedelta64(1, "h")).astype(float)
-        assert (day * utc).sum() / day.sum() == pytest.approx(
-            12.0 - 4.79 / 15.0 - (0.0 if start[5:7] != "10" else 0.22), abs=0.3
-        )
+        assert (day * utc).sum() / day.sum() == pytest.approx(12.0 - 4.79 / 15.0 - (0.0 if start[5:7] != "10" else 0.22), abs=0.3)
         assert sun[day == 0.0].max() < 15.0
         hours = weather.hour_of_day - utc
         assert set(np.round(hours % 24.0, 6).tolist()) <= {1.0, 2.0}
@@ -188,10 +179,7 @@ def test_salts_make_other_seasons_and_a_secret_one_those_of_the_test_only(task: 
 def test_tasks_of_a_family_see_the_same_seasons_and_crops(task: TaskSpec, folder: Path) -> None:
     """One without sensors and forecasts, and one with more groups and more steps, as SpringYears and Spring differ."""
     plain = spring(folder / "plain.toml", name="Plain", sensors="", observation=NO_FORECAST)
-    more = (
-        SCENARIO
-        + '[[scenario.parameters]]\nname = "house"\nparameters = ["cLeakage"]\nhalf_width = 0.2\nredraw = "episode"\n'
-    )
+    more = SCENARIO + '[[scenario.parameters]]\nname = "house"\nparameters = ["cLeakage"]\nhalf_width = 0.2\nredraw = "episode"\n'
     wider = spring(folder / "wider.toml", name="Wider", days=6, scenario=more)
     seeds = [FIRST, FIRST + 5, FIRST + 20]
     draws = [RunScenarios(one).draw(seeds) for one in (task, plain, wider)]
@@ -222,9 +210,7 @@ def test_co2_outside_wanders_in_its_range_where_the_model_feels_it(task: TaskSpe
     assert ppm.max() <= 420.0 + 1e-3
     assert ppm.mean() == pytest.approx(405.0, abs=1.5)
     assert ppm.std() == pytest.approx(7.3, abs=1.0)
-    np.testing.assert_allclose(
-        density, ppm * 1e-6 * 101325.0 * 44.01e-3 / (8.3144598 * (temperature + 273.15)) * 1e6, rtol=2e-3
-    )
+    np.testing.assert_allclose(density, ppm * 1e-6 * 101325.0 * 44.01e-3 / (8.3144598 * (temperature + 273.15)) * 1e6, rtol=2e-3)
     steps = np.diff(ppm, axis=1)
     assert (np.abs(steps[:, [k for k in range(length - 1) if k % 4 != 3]]) < 1e-3).all()  # a value an hour
     hourly = ppm[:, ::4] - 405.0

@@ -20,9 +20,7 @@ from tests.env.stepping import GOLDEN, StillKernel, walk
 MakeTask = Callable[..., TaskSpec]
 EVERY = (*list_tasks(), *list_drafts())
 TASKS = [task.id for task in EVERY]
-SPLITS = {
-    task.id: None if task.splits is None or "training" in task.splits.names else task.splits.names[-1] for task in EVERY
-}
+SPLITS = {task.id: None if task.splits is None or "training" in task.splits.names else task.splits.names[-1] for task in EVERY}
 """Where to make a task of which there is nothing to train on."""
 
 

@@ -79,9 +79,7 @@ def seen(simulation: Simulation, row: int = 0) -> dict[str, float]:
         (10.0, 90.0, 0.12282, 0.9398),
     ],
 )
-def test_deficits_are_those_of_steam_tables_within_a_percent(
-    temperature: float, humidity: float, pressure: float, water: float
-) -> None:
+def test_deficits_are_those_of_steam_tables_within_a_percent(temperature: float, humidity: float, pressure: float, water: float) -> None:
     assert vapour_pressure_deficit(temperature, humidity) == pytest.approx(pressure, rel=0.01)
     assert humidity_deficit(temperature, humidity) == pytest.approx(water, rel=0.01)
 
@@ -89,9 +87,7 @@ def test_deficits_are_those_of_steam_tables_within_a_percent(
 def test_deficits_are_those_of_the_models_own_saturation() -> None:
     saturation = 610.78 * math.exp(17.2694 * 22.5 / (22.5 + 238.3))
     assert vapour_pressure_deficit(22.5, 70.0) == pytest.approx(0.3 * saturation / 1000.0, rel=1e-14)
-    assert humidity_deficit(22.5, 70.0) == pytest.approx(
-        0.3 * saturation * 18.01528 / (8.3144598 * (22.5 + 273.15)), rel=1e-14
-    )
+    assert humidity_deficit(22.5, 70.0) == pytest.approx(0.3 * saturation * 18.01528 / (8.3144598 * (22.5 + 273.15)), rel=1e-14)
     assert vapour_pressure_deficit(22.5, 100.0) == humidity_deficit(22.5, 100.0) == 0.0
 
 
@@ -113,9 +109,7 @@ def test_the_columns_have_units_and_finite_bounds_that_hold(task: TaskSpec) -> N
 
 
 @pytest.mark.parametrize("timing", [(), (PUBLISHED,)], ids=["current", "published"])
-def test_compiled_and_plain_have_the_same_bits_alone_and_in_a_batch(
-    make_task: MakeTask, timing: tuple[tuple[str, str], ...]
-) -> None:
+def test_compiled_and_plain_have_the_same_bits_alone_and_in_a_batch(make_task: MakeTask, timing: tuple[tuple[str, str], ...]) -> None:
     task = make_task(OBSERVED, *timing, days=2)
     compiled, plain, alone = (
         Simulation(task, 3, "fast"),
@@ -193,9 +187,7 @@ def test_the_day_begins_at_midnight_by_the_clock_of_the_place(tmp_path: Path) ->
     weather = task.disturbances()
     days = [weather.values[first:last, 0].sum() for first, last in ((0, 96), (96, 188))]
     sun = [par(1.0, 0, 0, 0, 0, 0, 0) * 900e-6 * total for total in days]
-    lit = [
-        900e-6 * par(0.0, 0, 0, 0, 0, 1.0, 0) * (steps - 1) for steps in (96, 92)
-    ]  # without the step before midnight
+    lit = [900e-6 * par(0.0, 0, 0, 0, 0, 1.0, 0) * (steps - 1) for steps in (96, 92)]  # without the step before midnight
     assert highest == pytest.approx([a + b for a, b in zip(sun, lit, strict=True)], rel=1e-5)
 
 
@@ -222,9 +214,7 @@ def test_deficits_follow_the_air_that_is_handed_in_and_never_the_state(task: Tas
         air = [recorder.input("given", place) for place in range(3)]
         for column, shown in enumerate(deficits):
             assert isinstance(shown, ObservedColumn)
-            recorder.output(
-                "observation", column, with_simplification(lambda *air, of=shown.of_air: of(Air(*air)), *air)
-            )
+            recorder.output("observation", column, with_simplification(lambda *air, of=shown.of_air: of(Air(*air)), *air))
     tape = recorder.tape()
     assert not tape.reads("after")
     assert not tape.reads("before")

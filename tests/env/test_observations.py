@@ -90,9 +90,7 @@ EVERYTHING = (
 
 @pytest.mark.parametrize("timing", ["current", "published"])
 @pytest.mark.parametrize("names", EVERYTHING, ids=lambda names: names[0])
-def test_every_column_of_every_module_has_the_value_of_its_definition(
-    make_task: MakeTask, names: tuple[str, ...], timing: str
-) -> None:
+def test_every_column_of_every_module_has_the_value_of_its_definition(make_task: MakeTask, names: tuple[str, ...], timing: str) -> None:
     forecast = 48 if any("forecast" in name for name in names) else 0
     task = make_task(modules(*names, forecast=forecast), ('timing = "current"', f'timing = "{timing}"'))
     simulation = Simulation(task, 2, StillKernel())
@@ -132,9 +130,7 @@ def test_the_published_codes_263_columns_can_be_asked_for(make_task: MakeTask) -
     assert simulation.reset([1]).shape == (1, 263)
 
 
-def test_an_observation_never_shows_weather_that_the_task_does_not_grant(
-    make_task: MakeTask, still: StillKernel
-) -> None:
+def test_an_observation_never_shows_weather_that_the_task_does_not_grant(make_task: MakeTask, still: StillKernel) -> None:
     task = make_task()
     simulation = Simulation(task, 1, still)
     simulation.reset([1])
@@ -205,9 +201,7 @@ def test_a_module_that_returns_what_its_columns_cannot_be_is_refused(
     values: np.ndarray, said: str, make_task: MakeTask, still: StillKernel
 ) -> None:
     columns = tuple(Quantity(name, "-", 0.0, 1.0, "a number") for name in ("test_a", "test_b"))
-    register_observation(
-        ObservationModule("test_own", "numbers", lambda context: columns), lambda task, tables: lambda inputs: values
-    )
+    register_observation(ObservationModule("test_own", "numbers", lambda context: columns), lambda task, tables: lambda inputs: values)
     with pytest.raises(TaskError, match=said):
         Simulation(make_task(modules("test_own", "time")), 2, still).reset([1, 2])
 

@@ -176,9 +176,7 @@ def test_runs_start_off_and_free() -> None:
 
 
 def test_a_machine_without_a_hold_is_switched_in_every_step() -> None:
-    task = energy_task(
-        {"actuation.on_off.uChp.hold_minutes": None, "observation.modules": ["indoor_climate", "energy"]}
-    )
+    task = energy_task({"actuation.on_off.uChp.hold_minutes": None, "observation.modules": ["indoor_climate", "energy"]})
     simulation = Simulation(task, 1, StillKernel())
     simulation.reset([1])
     loads = []
@@ -189,9 +187,7 @@ def test_a_machine_without_a_hold_is_switched_in_every_step() -> None:
 
 
 def test_small_changes_cross_the_gap_from_its_middle_on() -> None:
-    task = energy_task(
-        {**KINDS["rate"], "actuation.on_off.uChp.hold_minutes": None, "observation.modules": ["indoor_climate"]}
-    )
+    task = energy_task({**KINDS["rate"], "actuation.on_off.uChp.hold_minutes": None, "observation.modules": ["indoor_climate"]})
     simulation = Simulation(task, 1, StillKernel())
     simulation.reset([1])
     loads = []
@@ -286,9 +282,7 @@ def test_actions_lead_to_the_nearest_load_that_there_is(kind: str) -> None:
 
 
 def test_a_reward_that_prices_starts_has_no_derivatives() -> None:
-    with pytest.raises(
-        TaskError, match=r"depends on what controls were before a step \(a line of its ledger prices starts\)"
-    ):
+    with pytest.raises(TaskError, match=r"depends on what controls were before a step \(a line of its ledger prices starts\)"):
         StageReward(energy_task())
     task = energy_task({"ledger.cost_starts": None})
     given = actions(task, 1)[:8]
@@ -299,9 +293,7 @@ def test_a_reward_that_prices_starts_has_no_derivatives() -> None:
         rewards.append(simulation.step(action).rewards[0])
         states.append(simulation.x[0].copy())
         controls.append(simulation.u[0].copy())
-    values, slopes = StageReward(task).gradient(
-        np.array(states), np.array(controls), Scenario.of(task, 1).calendar[: len(states)]
-    )
+    values, slopes = StageReward(task).gradient(np.array(states), np.array(controls), Scenario.of(task, 1).calendar[: len(states)])
     assert values.reward.tobytes() == np.array(rewards).tobytes()
     assert np.isfinite(slopes.controls).all()
     assert (slopes.controls[:, engine(task)] != 0.0).any()

@@ -91,9 +91,7 @@ def test_what_is_outside_its_limits_is_one_red_line() -> None:
     outside = (values < 15.0) | (values > 34.0)
     assert 0 < outside.sum() < len(values)
     assert air.broken.get_linestyle() == "-"
-    assert np.array_equal(
-        np.asarray(air.broken.get_ydata(), dtype=float), np.where(outside, values, np.nan), equal_nan=True
-    )
+    assert np.array_equal(np.asarray(air.broken.get_ydata(), dtype=float), np.where(outside, values, np.nan), equal_nan=True)
 
 
 def test_limits_controls_and_units_are_the_tasks(make_task: MakeTask) -> None:

@@ -44,9 +44,7 @@ def make_computer(tmp_path_factory: pytest.TempPathFactory) -> MakeComputer:
     folder = tmp_path_factory.mktemp("computers")
     made: dict[tuple[str, ...], TaskSpec] = {}
 
-    def make(
-        *settings: str, controls: tuple[str, ...] = ALL, max_change: float = 1.0, damped: bool = False
-    ) -> TaskSpec:
+    def make(*settings: str, controls: tuple[str, ...] = ALL, max_change: float = 1.0, damped: bool = False) -> TaskSpec:
         if not damped:
             settings = (*settings, 'vent_time = { value = 0.0, unit = "h" }')
         key = (*settings, *controls, str(max_change))
@@ -143,9 +141,7 @@ def test_set_points_are_ramped_and_hold_at_once_in_the_first_step(make_computer:
     assert computer.memory["heating_temperature"] == 18.0
     computer.wanted["heating_temperature"] = 20.0
     computer()
-    assert computer.memory["heating_temperature"] == pytest.approx(
-        18.0 + 1.5 / 4.0
-    )  # 1.5 K an hour, a step of 15 minutes
+    assert computer.memory["heating_temperature"] == pytest.approx(18.0 + 1.5 / 4.0)  # 1.5 K an hour, a step of 15 minutes
     assert computer.memory["ventilation_temperature"] == 22.0
     for _ in range(10):
         computer()
@@ -181,9 +177,7 @@ def test_humid_air_brings_minimum_heat_in_little_light_and_a_gap_in_the_vents(ma
 
 def test_the_gap_shuts_as_the_air_gets_cold(make_computer: MakeComputer) -> None:
     def gap(air: float) -> float:
-        value: float = Computer(make_computer(), humidity_deficit=8.0)(air_temperature=air, humidity_deficit=0.2)[
-            "uVent"
-        ]
+        value: float = Computer(make_computer(), humidity_deficit=8.0)(air_temperature=air, humidity_deficit=0.2)["uVent"]
         return value
 
     assert gap(18.0) == pytest.approx(0.25)
@@ -227,9 +221,7 @@ def test_lamps_go_off_in_bright_light_and_come_back_after_a_while(make_computer:
     computer = Computer(make_computer(), lamp_radiation_limit=200.0)
     course = ((0, 1), (199, 1), (200, 0), (100, 0), (160, 0), (151, 0), (149, 1), (300, 1), (300, 0))
     # 200 and above: off; on again below 200 - 50, but no sooner than half an hour after they went off, nor off after they came on
-    assert [computer(radiation=float(radiation))["uLamp"] for radiation, _ in course] == [
-        float(lit) for _, lit in course
-    ]
+    assert [computer(radiation=float(radiation))["uLamp"] for radiation, _ in course] == [float(lit) for _, lit in course]
 
 
 def test_the_clock_does_not_wait_for_the_minimum_time(make_computer: MakeComputer) -> None:
@@ -269,9 +261,7 @@ def test_a_closed_screen_has_a_gap_in_humid_air_and_opens_in_hot_air(make_comput
     closed = {"radiation": 0.0, "outdoor_temperature": 0.0}
     task = make_computer()
     assert Computer(task, **wanted)(humidity_deficit=0.2, **closed)["uThScr"] == pytest.approx(0.9)
-    assert Computer(task, **wanted)(air_temperature=23.0, humidity_deficit=9.0, **closed)["uThScr"] == pytest.approx(
-        0.5
-    )
+    assert Computer(task, **wanted)(air_temperature=23.0, humidity_deficit=9.0, **closed)["uThScr"] == pytest.approx(0.5)
     assert Computer(task, **wanted)(air_temperature=24.0, humidity_deficit=9.0, **closed)["uThScr"] == 0.0
 
 
@@ -304,9 +294,7 @@ def test_controls_move_by_at_most_max_change(make_computer: MakeComputer) -> Non
         (("uThScr",), ["humidity_deficit", "screen_radiation_limit", "screen_outdoor_temperature"]),
     ],
 )
-def test_set_points_are_those_of_the_controls_granted(
-    make_computer: MakeComputer, controls: tuple[str, ...], actions: list[str]
-) -> None:
+def test_set_points_are_those_of_the_controls_granted(make_computer: MakeComputer, controls: tuple[str, ...], actions: list[str]) -> None:
     task = make_computer(controls=controls)
     assert [action.name for action in task.actions] == actions
     assert set(Computer(task)(air_temperature=15.0, co2=300.0)) == set(controls)
@@ -405,9 +393,7 @@ def test_the_tape_does_what_the_rules_do(task: TaskSpec) -> None:
         "weather": rng.uniform(0.0, 30.0, (n, 10)), "calendar": rng.uniform(0.0, 24.0, (n, 2)),
         "memory": np.stack([np.full(n, 1.0), *rng.uniform(10.0, 30.0, (2, n)), *rng.integers(0, 2, (4, n))], axis=1).astype(float),
     }  # fmt: skip
-    played = {
-        (target, index): values for target, index, values in tape.play(lambda source, index: rows[source][:, index])
-    }
+    played = {(target, index): values for target, index, values in tape.play(lambda source, index: rows[source][:, index])}
     recorded = recorded_actuation(task)
     assert recorded is not None
     assert list(recorded.memory) == list(MEMORY)
@@ -492,9 +478,7 @@ def test_hostile_actions_are_refused_by_name(task: TaskSpec, actions: Any, said:
 def test_a_single_environment_names_set_points_when_the_shape_is_wrong(task: TaskSpec) -> None:
     env = GreenhouseEnv(task, "fast")
     env.reset(seed=1)
-    with pytest.raises(
-        ActionError, match=r"Expected shape \(9,\): heating_temperature, .*, screen_outdoor_temperature"
-    ):
+    with pytest.raises(ActionError, match=r"Expected shape \(9,\): heating_temperature, .*, screen_outdoor_temperature"):
         env.step(np.zeros(6, dtype=np.float32))
 
 
@@ -549,9 +533,7 @@ def test_set_points_given_at_the_hour_or_the_reading_switch_as_if_they_had_not_b
     make_computer: MakeComputer,
 ) -> None:
     """float32 rounds most of these set points up or down; a reading that equals one falls on the same side of all."""
-    task = make_computer(
-        'lamp_minimum_time = { value = 0.0, unit = "h" }', 'screen_minimum_time = { value = 0.0, unit = "h" }'
-    )
+    task = make_computer('lamp_minimum_time = { value = 0.0, unit = "h" }', 'screen_minimum_time = { value = 0.0, unit = "h" }')
     by_name = {action.name: action for action in task.actions}
 
     def given(name: str, value: float) -> float:
@@ -562,10 +544,7 @@ def test_set_points_given_at_the_hour_or_the_reading_switch_as_if_they_had_not_b
         hour = quarter / 4.0
         wanted = {"lamps_from": given("lamps_from", hour), "lamps_until": given("lamps_until", hour + 0.25)}
         rounded += wanted["lamps_from"] != hour
-        lit = [
-            Computer(task, lamp_radiation_limit=500.0, **wanted)(hour_of_day=one)
-            for one in (hour - 0.25, hour, hour + 0.25)
-        ]
+        lit = [Computer(task, lamp_radiation_limit=500.0, **wanted)(hour_of_day=one) for one in (hour - 0.25, hour, hour + 0.25)]
         assert [one["uLamp"] for one in lit] == [0.0, 1.0, 0.0]
     for tenth in range(-90, 290):
         outside, radiation = tenth / 10.0, float(abs(tenth) + 1)
@@ -590,9 +569,7 @@ def test_the_digest_covers_the_ranges(task: TaskSpec, monkeypatch: pytest.Monkey
     warmer = (dataclasses.replace(task.actions[0], stands_for=(0.0, 31.0)), *task.actions[1:])
     kind = ACTUATION_KINDS["process_computer"]
     before = task.digest
-    monkeypatch.setitem(
-        ACTUATION_KINDS._entries, "process_computer", dataclasses.replace(kind, own=lambda controls: warmer)
-    )
+    monkeypatch.setitem(ACTUATION_KINDS._entries, "process_computer", dataclasses.replace(kind, own=lambda controls: warmer))
     assert task.model_copy(update={}).digest != before
 
 
@@ -601,9 +578,7 @@ def test_the_digest_covers_the_ranges(task: TaskSpec, monkeypatch: pytest.Monkey
 
 def test_a_task_of_schema_1_has_no_computer(tmp_path: Path) -> None:
     path = tmp_path / "one.toml"
-    path.write_text(
-        'base = "glbench/Schiphol2010-Delta10-v1"\nid = "tests/One-v1"\ntitle = "One"\nactuation.kind = "process_computer"\n'
-    )
+    path.write_text('base = "glbench/Schiphol2010-Delta10-v1"\nid = "tests/One-v1"\ntitle = "One"\nactuation.kind = "process_computer"\n')
     with pytest.raises(TaskError, match="needs a task of schema 2"):
         get_task(str(path))
 
@@ -643,9 +618,7 @@ def test_a_control_that_the_computer_cannot_work_is_refused(task: TaskSpec) -> N
         _ = task.model_copy(update={"actuation": table}).actions
 
 
-def test_the_digest_covers_the_settings_given_and_left_out(
-    make_computer: MakeComputer, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_digest_covers_the_settings_given_and_left_out(make_computer: MakeComputer, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = make_computer(damped=True)
     same = make_computer('heating_band = { value = 2.0, unit = "K" }', damped=True)
     other = make_computer('heating_band = { value = 2.5, unit = "K" }', damped=True)

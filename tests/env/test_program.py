@@ -61,8 +61,7 @@ def outcome() -> Tape:
                 r.input("counter", 0),
                 r.input("calendar", 0),
                 r.input("calendar", 1),
-                after * r.input("calendar", 2)
-                - before * r.input("calendar_before", 2),  # a stock, each at the price of its moment
+                after * r.input("calendar", 2) - before * r.input("calendar_before", 2),  # a stock, each at the price of its moment
                 r.input("memory", 1),
                 r.input("memory", 2),
                 r.input("memory", 0) * r.input("trait", 1),
@@ -77,9 +76,7 @@ def outcome() -> Tape:
 
 def followers() -> Tape:
     with Recorder() as r:
-        r.output(
-            "parameters", UPTAKE, r.input("drawn", INFLOW) * 0.1 + r.input("drawn", OUTFLOW) * r.input("drawn", LEAK)
-        )
+        r.output("parameters", UPTAKE, r.input("drawn", INFLOW) * 0.1 + r.input("drawn", OUTFLOW) * r.input("drawn", LEAK))
     return r.tape()
 
 

@@ -46,9 +46,7 @@ CROP = ParameterGroup("crop", ("sla", "rgFruit"), "uniform", 0.1, "step")
 COVER = ParameterGroup("cover", ("cLeakage",), "uniform", 0.3, "day")
 HOUSE = ParameterGroup("house", ("hAir", "lPipe", "laiMax"), "uniform", 0.05, "episode")
 SEASONS = (Season("schiphol", dt.date(2009, 2, 10)), Season("schiphol", dt.date(2011, 7, 1)))
-VARIED = Scenario(
-    "tests/Varied", "salt", (CROP, COVER, HOUSE), (StartGroup("mass", ("cFruit", "cLeaf"), "uniform", 0.2),), SEASONS, 5
-)
+VARIED = Scenario("tests/Varied", "salt", (CROP, COVER, HOUSE), (StartGroup("mass", ("cFruit", "cLeaf"), "uniform", 0.2),), SEASONS, 5)
 
 
 MakeOwn = Callable[..., TaskSpec]
@@ -171,8 +169,7 @@ def test_a_snapshot_of_the_first_format_is_read(make_own: MakeOwn, monkeypatch: 
     file = io.BytesIO()
     np.savez(
         file,
-        **{name: value for name, value in saved.items() if name not in ("memory", "allow_pickle")}
-        | {"format": np.int64(1)},
+        **{name: value for name, value in saved.items() if name not in ("memory", "allow_pickle")} | {"format": np.int64(1)},
     )
     read = Snapshot.from_bytes(file.getvalue())
     assert read.memory.shape == (2, 0)
@@ -259,9 +256,7 @@ def test_parts_of_ones_own_are_called_with_the_rows_of_each_run(make_own: MakeOw
     simulation = Simulation(task, N, StillKernel())
     observations = simulation.reset(SEEDS)
     for _ in range(3):
-        assert (
-            observations[:, 0].tolist() == observations[:, 1].tolist() == simulation.d[:, 0].astype(np.float32).tolist()
-        )
+        assert observations[:, 0].tolist() == observations[:, 1].tolist() == simulation.d[:, 0].astype(np.float32).tolist()
         assert (WeatherPool.of(task).times[rows[-1][0]] == simulation.time).all()
         assert rows[-1][0].tolist() == rows[-1][1].tolist()
         observations = simulation.step(np.zeros((N, 6))).observations
@@ -299,8 +294,7 @@ def test_each_run_starts_from_its_own_weather_and_factors(make_own: MakeOwn) -> 
     assert np.unique(share).size == 40
     assert simulation.x[3, soil] == plain[soil]
     assert (
-        simulation.x[:, fruit] / plain[fruit]
-        != simulation.x[:, TOMATO.state_index("cLeaf")] / plain[TOMATO.state_index("cLeaf")]
+        simulation.x[:, fruit] / plain[fruit] != simulation.x[:, TOMATO.state_index("cLeaf")] / plain[TOMATO.state_index("cLeaf")]
     ).all()
 
 
@@ -327,9 +321,7 @@ def test_groups_are_drawn_each_step_each_day_and_each_episode(make_own: MakeOwn)
         assert 0.0 < np.abs(share - 1.0).max() <= half_width, name
     # The pruning mass follows from one parameter of the episode and one of the step.
     assert (p[..., place("cLeafMax")] == p[..., place("laiMax")] / p[..., place("sla")]).all()
-    assert np.allclose(
-        TOMATO.parameters.complete(p.reshape(-1, p.shape[-1])), p.reshape(-1, p.shape[-1]), rtol=1e-14, atol=0.0
-    )
+    assert np.allclose(TOMATO.parameters.complete(p.reshape(-1, p.shape[-1])), p.reshape(-1, p.shape[-1]), rtol=1e-14, atol=0.0)
 
 
 def test_tasks_of_a_family_share_numbers_and_another_salt_does_not(make_own: MakeOwn) -> None:
@@ -349,9 +341,7 @@ def test_tasks_of_a_family_share_numbers_and_another_salt_does_not(make_own: Mak
 def test_streams_never_meet() -> None:
     streams = ("season", "start day", "start mass", "parameters crop", "parameters cover", "parameters house")
     scenarios = VARIED, replace(VARIED, salt="another"), replace(VARIED, family="tests/Another")
-    keys = {
-        stream_key(scenario, seed, stream) for scenario in scenarios for seed in (0, 1, 2**64 - 1) for stream in streams
-    }
+    keys = {stream_key(scenario, seed, stream) for scenario in scenarios for seed in (0, 1, 2**64 - 1) for stream in streams}
     assert len(keys) == len(scenarios) * 3 * len(streams)
 
 
@@ -386,9 +376,7 @@ def test_a_model_of_two_states_is_stepped_both_ways_and_valued_at_the_price_of_e
         results = [simulation.step(action) for simulation in pair]
         assert bits(pair[0], results[0]) == bits(pair[1], results[1])
         later = prices[pair[0].hour_of_day.astype(int)]
-        assert np.allclose(
-            results[0].quantities["growth"], pair[0].x[:, mass] * later - before * now, rtol=0.0, atol=1e-12
-        )
+        assert np.allclose(results[0].quantities["growth"], pair[0].x[:, mass] * later - before * now, rtol=0.0, atol=1e-12)
     assert pair[0].ended.all()
     assert len({str(day)[:4] for day in pair[0].time}) == 2
 

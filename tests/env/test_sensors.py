@@ -221,9 +221,7 @@ def test_a_registered_part_is_handed_the_true_air(folder: Path) -> None:
 
     register_observation(ObservationModule("felt", "of a test", lambda context: (column,)), make)
     observation = f'[observation]\nmodules = [{MODULES}, "felt"]\n'
-    simulation = Simulation(
-        spring(folder / "felt.toml", observation=observation, sensors=NO_DROPOUTS), 2, StillKernel()
-    )
+    simulation = Simulation(spring(folder / "felt.toml", observation=observation, sensors=NO_DROPOUTS), 2, StillKernel())
     shown = simulation.reset([1, 2])
     assert (shown[:, -1] == simulation.air[0].astype(np.float32)).all()
     assert (shown[:, 0] != shown[:, -1]).all()

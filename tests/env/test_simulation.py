@@ -40,18 +40,14 @@ def together(day: TaskSpec, kernel: Kernel) -> list[StepResult]:
 
 
 @pytest.mark.parametrize("n", [1, 7, 30])
-def test_a_run_has_the_same_bits_in_every_batch(
-    day: TaskSpec, kernel: Kernel, together: list[StepResult], n: int
-) -> None:
+def test_a_run_has_the_same_bits_in_every_batch(day: TaskSpec, kernel: Kernel, together: list[StepResult], n: int) -> None:
     simulation = Simulation(day, n, kernel)
     simulation.reset(SEEDS[:n])
     for few, many in zip(run(simulation, walk(11, 6, n)), together, strict=True):
         assert all(same_bits(few, row, many, row) for row in range(n))
 
 
-def test_a_run_has_the_same_bits_at_every_place_and_with_strided_actions(
-    day: TaskSpec, kernel: Kernel, together: list[StepResult]
-) -> None:
+def test_a_run_has_the_same_bits_at_every_place_and_with_strided_actions(day: TaskSpec, kernel: Kernel, together: list[StepResult]) -> None:
     order = [40, 3, 63, 0, 17]
     simulation = Simulation(day, 5, kernel)
     simulation.reset([SEEDS[place] for place in order])

@@ -40,9 +40,7 @@ def half_way(day: TaskSpec) -> tuple[Simulation, Snapshot]:
     return simulation, simulation.snapshot()
 
 
-def test_after_restore_the_same_actions_give_the_same_bits(
-    day: TaskSpec, half_way: tuple[Simulation, Snapshot]
-) -> None:
+def test_after_restore_the_same_actions_give_the_same_bits(day: TaskSpec, half_way: tuple[Simulation, Snapshot]) -> None:
     simulation, snapshot = half_way
     seen, ahead = simulation.observe(), digest(run(simulation, walk(6, 4, 3)))
     assert (simulation.restore(snapshot) == seen).all()
@@ -55,9 +53,7 @@ def test_after_restore_the_same_actions_give_the_same_bits(
 
 
 @pytest.mark.slow
-def test_another_process_continues_with_the_same_bits(
-    day: TaskSpec, half_way: tuple[Simulation, Snapshot], tmp_path: Path
-) -> None:
+def test_another_process_continues_with_the_same_bits(day: TaskSpec, half_way: tuple[Simulation, Snapshot], tmp_path: Path) -> None:
     simulation, snapshot = half_way
     (tmp_path / "snapshot").write_bytes(snapshot.to_bytes())
     script = f"""
@@ -109,9 +105,7 @@ def test_one_row_can_be_tried_in_several_ways(day: TaskSpec, half_way: tuple[Sim
     assert tried.observations[1, 0] != straight.observations[2, 0]
 
 
-def test_a_snapshot_fits_its_own_task_and_size_only(
-    make_task: MakeTask, day: TaskSpec, half_way: tuple[Simulation, Snapshot]
-) -> None:
+def test_a_snapshot_fits_its_own_task_and_size_only(make_task: MakeTask, day: TaskSpec, half_way: tuple[Simulation, Snapshot]) -> None:
     _, snapshot = half_way
     with pytest.raises(TaskError, match="Make the simulation of the task that the snapshot was taken of"):
         Simulation(make_task(("delta = 0.10", "delta = 0.0")), 3).restore(snapshot)
@@ -129,10 +123,7 @@ def test_a_generator_survives_packing() -> None:
     generator = np.random.default_rng(3)
     generator.integers(10, dtype=np.uint32)  # leaves half a word behind
     twin = unpack_generator(pack_generator(generator))
-    assert (
-        generator.integers(2**31, size=9, dtype=np.int32).tolist()
-        == twin.integers(2**31, size=9, dtype=np.int32).tolist()
-    )
+    assert generator.integers(2**31, size=9, dtype=np.int32).tolist() == twin.integers(2**31, size=9, dtype=np.int32).tolist()
     assert generator.random() == twin.random()
 
 

@@ -39,12 +39,8 @@ def test_a_forecast_has_the_range_of_what_it_forecasts_and_the_others_their_boun
 
 
 def test_policies_of_a_task_see_the_same_scale_where_they_are_transferred() -> None:
-    home, away = (
-        {q.name: q.typical for q in get_task(name).observed()} for name in ("Spring-v1", "Transfer-House-LED2021-v1")
-    )
-    assert {name for name in home if home[name] != away[name]} == {"boiler", "co2_supply", "lamps"}, (
-        "shares of what is installed"
-    )
+    home, away = ({q.name: q.typical for q in get_task(name).observed()} for name in ("Spring-v1", "Transfer-House-LED2021-v1"))
+    assert {name for name in home if home[name] != away[name]} == {"boiler", "co2_supply", "lamps"}, "shares of what is installed"
 
 
 def test_normalised_observations_are_the_observations_on_another_scale(day: TaskSpec) -> None:

@@ -66,9 +66,7 @@ def test_it_behaves_like_gymnasiums_vector_of_single_environments(day: TaskSpec,
 
 
 def test_make_vec_makes_the_native_one() -> None:
-    made = gymnasium.make_vec(
-        "glbench:glbench/Schiphol2010-Delta10-v1", num_envs=8, vectorization_mode="vector_entry_point"
-    )
+    made = gymnasium.make_vec("glbench:glbench/Schiphol2010-Delta10-v1", num_envs=8, vectorization_mode="vector_entry_point")
     assert isinstance(made, GreenhouseVectorEnv)
     assert made.num_envs == 8
     assert made.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP

@@ -68,9 +68,7 @@ def test_an_exported_table_reads_back_to_the_same_bits(episode_file, tmp_path, e
     back = pd.read_parquet(out) if ending == "parquet" else pd.read_csv(out, index_col="step", dtype=str)
     assert list(back.columns) == list(frame.columns)
     for name in frame.columns.drop(dates):
-        assert (
-            np.array([float(value) for value in back[name]]).tobytes() == np.asarray(frame[name], np.float64).tobytes()
-        ), name
+        assert np.array([float(value) for value in back[name]]).tobytes() == np.asarray(frame[name], np.float64).tobytes(), name
     if ending == "parquet":
         assert back.attrs["units"] == frame.attrs["units"]
         assert (back[dates] == frame[dates]).all().all()

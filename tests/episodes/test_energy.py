@@ -106,9 +106,7 @@ def test_the_viewer_has_a_page_of_energy(recorded: Recorded) -> None:
         "Electricity bought since midnight [kWh m⁻²]", "Electricity sold since midnight [kWh m⁻²]",
         "CO₂ dosed from flue gas since midnight [g m⁻²]", "CO₂ bought since midnight [g m⁻²]",
     ]  # fmt: skip
-    assert {"Boiler [%]", "Engine (combined heat and power) [%]", "Heating: buffer to pipes [%]"} <= set(
-        pages["Controls"]
-    )
+    assert {"Boiler [%]", "Engine (combined heat and power) [%]", "Heating: buffer to pipes [%]"} <= set(pages["Controls"])
     assert "Boiler valve (heating) [%]" not in pages["Controls"]
     words = card(shown)
     assert "gas 0.0355 EUR/kWh" in words

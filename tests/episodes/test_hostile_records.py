@@ -188,10 +188,7 @@ def test_an_episode_that_describes_no_protobuf(episode_file, tmp_path, monkeypat
 
 
 def renamed(episode, unit):
-    groups = tuple(
-        replace(group, columns=tuple(replace(column, unit=unit) for column in group.columns))
-        for group in episode.groups
-    )
+    groups = tuple(replace(group, columns=tuple(replace(column, unit=unit) for column in group.columns)) for group in episode.groups)
     return replace(episode, groups=groups)
 
 

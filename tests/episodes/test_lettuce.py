@@ -93,9 +93,7 @@ def test_deficits_and_light_of_a_record_follow_from_its_other_columns(lettuce: L
     temperature, humidity = episode["air_temperature"], episode["relative_humidity"]
     lacking = 610.78 * np.exp(17.2694 * temperature / (temperature + 238.3)) * (1.0 - humidity / 100.0)
     assert np.allclose(episode["vapour_pressure_deficit"], lacking / 1000.0, rtol=1e-12)
-    assert np.allclose(
-        episode["humidity_deficit"], lacking * 18.01528 / (8.3144598 * (temperature + 273.15)), rtol=1e-12
-    )
+    assert np.allclose(episode["humidity_deficit"], lacking * 18.01528 / (8.3144598 * (temperature + 273.15)), rtol=1e-12)
     hours, sun = episode["hour_of_day"], 0.0
     weather = run_weather(lettuce.task, episode.run.seed)
     assert hours.tolist() == weather.hour_of_day[1 : episode.steps + 1].tolist()
@@ -151,9 +149,7 @@ def test_the_clock_that_changes_is_told_with_its_day(lettuce: Lettuce) -> None:
     trajectory = shown_of(lettuce.episodes[:1]).trajectories[0]
     times = np.datetime64("2010-03-27T23:00", "ns") + np.arange(5) * np.timedelta64(1, "h")
     columns = {name: values[:4] for name, values in trajectory.columns.items()}
-    columns["hour_of_day"] = np.array(
-        [1.0, 3.0, 4.0, 5.0]
-    )  # the ends of the steps; summer time begins at 1 o'clock UTC
+    columns["hour_of_day"] = np.array([1.0, 3.0, 4.0, 5.0])  # the ends of the steps; summer time begins at 1 o'clock UTC
     changed = replace(trajectory, times=times, columns=columns)
     assert "clock is UTC+1 h, from 28 March on UTC+2 h." in card(show_together(lettuce.task, [changed]))
     moments = local(changed, "hour_of_day")
@@ -194,9 +190,7 @@ def test_a_record_is_recovered_and_replayed_to_the_bit(lettuce: Lettuce, tmp_pat
 def test_the_viewer_speaks_of_heads_and_not_of_fruit(lettuce: Lettuce) -> None:
     shown = shown_of(lettuce.episodes[:1])
     headings = [curve.heading for curve in shown.signals.curves]
-    assert {"Fresh mass of a head [g]", "Leaf area index [m² m⁻²]", "Revenue of the heads, summed [EUR m⁻²]"} <= set(
-        headings
-    )
+    assert {"Fresh mass of a head [g]", "Leaf area index [m² m⁻²]", "Revenue of the heads, summed [EUR m⁻²]"} <= set(headings)
     assert "crop/head" in shown.signals.overview[0]
     words = card(shown)
     assert "heads 0.4 EUR each; CO₂ 0.08 EUR/kg; lamp electricity 0.04 to 0.08 EUR/kWh; heat 0.03 EUR/kWh" in words
@@ -217,11 +211,7 @@ def test_runs_of_several_seasons_are_drawn_on_the_dates_of_the_first(lettuce: Le
     save_recording(shown, tmp_path / "runs.rrd")
     curves = read_recording(tmp_path / "runs.rrd").curves
     for label, episode in zip(shown.labels, episodes, strict=True):
-        found = next(
-            curve
-            for path, curve in curves.items()
-            if path.startswith("/weather/temperature/") and str(episode.run.seed) in path
-        )
+        found = next(curve for path, curve in curves.items() if path.startswith("/weather/temperature/") and str(episode.run.seed) in path)
         assert found.values.tobytes() == np.ascontiguousarray(episode["tOut"]).tobytes(), label
 
 
@@ -234,18 +224,12 @@ def test_two_columns_of_a_record_cannot_have_one_name(tmp_path: Path) -> None:
 
 def test_what_is_recorded_and_drawn_of_tomatoes_stays_as_it_was() -> None:
     signals = signals_of(get_task(PUBLISHED))
-    added = {
-        one.name for one in signals.recorded if one.group in ("clock", "derived")
-    }  # of a later version, beside what was there
+    added = {one.name for one in signals.recorded if one.group in ("clock", "derived")}  # of a later version, beside what was there
     assert added == {
         *("hour_of_day", "par_today", "radiation_today"),
         *("vapour_pressure_deficit", "humidity_deficit"),
     }
-    recorded = [
-        (one.group, one.name, one.unit, one.meaning, one.source, one.index)
-        for one in signals.recorded
-        if one.name not in added
-    ]
+    recorded = [(one.group, one.name, one.unit, one.meaning, one.source, one.index) for one in signals.recorded if one.name not in added]
     drawn = [
         (page.title, c.path, c.title, c.unit, c.columns, c.form, c.factor, c.moment, c.limits, c.shared, c.slow, c.span)
         for page in signals.pages

@@ -74,18 +74,14 @@ def test_a_typical_day_is_the_mean_of_all_days_at_an_hour(episode: Episode) -> N
     twice = replace(
         episode,
         times=np.concatenate([episode.times, episode.times[1:] + np.timedelta64(1, "D")]),
-        tables={
-            name: np.concatenate([table, table + 1.0 * (name == "climate")]) for name, table in episode.tables.items()
-        },
+        tables={name: np.concatenate([table, table + 1.0 * (name == "climate")]) for name, table in episode.tables.items()},
     )
     axes = plots.typical_day(twice).axes[0]
     line = axes.lines[0]
     order = np.argsort(episode["hour_of_day"])
     np.testing.assert_allclose(line.get_xdata(), np.round(episode["hour_of_day"][order], 6))
     np.testing.assert_allclose(line.get_ydata(), episode["air_temperature"][order] + 0.5)
-    controls = next(
-        one for one in plots.typical_day(episode).axes if "Vent" in one.get_title() or "vent" in one.get_title()
-    )
+    controls = next(one for one in plots.typical_day(episode).axes if "Vent" in one.get_title() or "vent" in one.get_title())
     assert controls.lines[0].get_xdata()[0] == 0.0  # what acts from midnight on
 
 

@@ -100,9 +100,7 @@ def test_mistakes_are_answered_in_words(runs: Runs, tmp_path: Path, capsys: pyte
     assert not (tmp_path / "x.rrd").exists()
 
 
-def test_a_live_evaluation_streams_its_first_run_and_earns_the_same(
-    runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_live_evaluation_streams_its_first_run_and_earns_the_same(runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with stream_into(tmp_path / "live.rrd") as address:
 
         @contextlib.contextmanager

@@ -50,9 +50,7 @@ def recording(runs: Runs, tmp_path_factory: pytest.TempPathFactory) -> Recording
     return read_recording(path)
 
 
-def _course(
-    task_file: Path, controller: str = "one", seed: int = 1, steps: int = 96, **columns: np.ndarray
-) -> Trajectory:
+def _course(task_file: Path, controller: str = "one", seed: int = 1, steps: int = 96, **columns: np.ndarray) -> Trajectory:
     times = get_task(task_file).disturbances().times[: steps + 1].astype("datetime64[ns]")
     return Trajectory(controller, seed, times, {name: np.zeros(steps) for name in GREENHOUSE.needed} | columns)
 
@@ -170,9 +168,7 @@ def test_a_table_of_weeks_tells_kilowatt_hours_gas_and_money(runs: Runs) -> None
 
 def test_a_run_that_ended_early_is_shown_with_its_reason(runs: Runs, tmp_path: Path) -> None:
     short = _course(runs.task_file, "failing", steps=20)
-    shown = show_together(
-        get_task(runs.task_file), [trajectory_of(runs.episode()), replace(short, remark="act raised ValueError")]
-    )
+    shown = show_together(get_task(runs.task_file), [trajectory_of(runs.episode()), replace(short, remark="act raised ValueError")])
     save_recording(shown, tmp_path / "two.rrd")
     curves = read_recording(tmp_path / "two.rrd").curves
     assert len(curves["/climate/co2/failing"].values) == 20
@@ -192,9 +188,7 @@ def test_other_days_can_be_chosen(runs: Runs) -> None:
     shown = shown_of([runs.episode()])
     start, end = replace(shown, first_day=dt.date(2010, 3, 4), days=3).closeup()
     assert (str(start)[:13], str(end)[:13]) == ("2010-03-04T00", "2010-03-05T00")  # as far as the four days go
-    with pytest.raises(
-        GlbenchError, match="2010-03-05 is not a day of what is shown, which lasts from 2010-03-01 to 2010-03-05"
-    ):
+    with pytest.raises(GlbenchError, match="2010-03-05 is not a day of what is shown, which lasts from 2010-03-01 to 2010-03-05"):
         replace(shown, first_day=dt.date(2010, 3, 5)).closeup()
 
 

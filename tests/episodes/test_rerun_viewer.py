@@ -197,9 +197,7 @@ def test_a_picture_of_the_real_viewer_shows_both_controllers_and_the_limits(runs
         rerun_viewer.take_picture(tmp_path / "two.rrd", tmp_path / "two.png", (1280, 800))
     except GlbenchError as error:
         if "nothing on this machine can draw" in str(error):
-            pytest.skip(
-                "no renderer here: nothing on this machine can draw (Debian: apt-get install mesa-vulkan-drivers)"
-            )
+            pytest.skip("no renderer here: nothing on this machine can draw (Debian: apt-get install mesa-vulkan-drivers)")
         raise
     picture = image.open(io.BytesIO((tmp_path / "two.png").read_bytes()))
     assert picture.size == (1280, 800)
@@ -216,9 +214,7 @@ def _like(pixels: np.ndarray, rgb: tuple[int, int, int]) -> int:
     return int((np.abs(pixels - np.array(rgb)).max(axis=-1) < 12).sum())
 
 
-def test_where_nothing_can_draw_it_says_what_to_install(
-    runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_nothing_can_draw_it_says_what_to_install(runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("VK_ICD_FILENAMES", "VK_DRIVER_FILES", "LIBGL_DRIVERS_PATH", "__EGL_VENDOR_LIBRARY_FILENAMES"):
         monkeypatch.setenv(name, "/there/is/none")
     monkeypatch.setenv("WGPU_BACKEND", "vulkan")

@@ -68,11 +68,7 @@ def test_no_other_file_of_the_room_names_a_state_a_control_or_a_quantity():
     for file in folder.glob("*.py"):
         if file.name in {"signals.py", "definition.py"}:  # the description itself, and the fields of task files
             continue
-        texts = {
-            node.value
-            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-            if isinstance(node, ast.Constant)
-        }
+        texts = {node.value for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))) if isinstance(node, ast.Constant)}
         assert not texts & names, file.name
 
 
@@ -80,9 +76,7 @@ def test_another_model_is_recorded_and_read_back_with_its_own_columns(episode_fi
     day = read_episode(episode_file)
     states, steps = np.arange(50.0).reshape(25, 2), 24
     begun = TOY.tables({"state": states})
-    during = TOY.tables(
-        {"control": np.ones((steps, 1)), "disturbance": np.ones((steps, 2)), "quantity": np.full((steps, 1), 0.5)}
-    )
+    during = TOY.tables({"control": np.ones((steps, 1)), "disturbance": np.ones((steps, 2)), "quantity": np.full((steps, 1), 0.5)})
     toy = Episode(
         day.provenance,
         day.run,

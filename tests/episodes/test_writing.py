@@ -114,9 +114,7 @@ def test_a_long_record_loses_no_more_than_the_chunk_it_was_at(episode_file, tmp_
     writer.begin(day.times[0], day.start)
     for first in range(0, 24, 4):
         written.append(buffer.tell())
-        writer.steps(
-            day.times[first : first + 5], {name: table[first : first + 4] for name, table in day.tables.items()}
-        )
+        writer.steps(day.times[first : first + 5], {name: table[first : first + 4] for name, table in day.tables.items()})
     for chunks, size in enumerate(written):
         (tmp_path / "torn.mcap").write_bytes(buffer.getvalue()[: size + 1])
         assert read_episode(tmp_path / "torn.mcap", partial=True).steps == 4 * chunks

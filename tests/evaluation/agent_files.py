@@ -25,9 +25,7 @@ def agent_writer(folder: Path) -> AgentWriter:
         reset = "def reset(self, task):" if single else "def reset(self, task, n_runs):"
         n = "1" if single else "n_runs"
         body = textwrap.indent(textwrap.dedent(methods).strip("\n"), "    ")
-        own_reset = (
-            "" if "def reset" in methods else f"    {reset}\n        self.n, self.calls, self.memory = {n}, 0, 0.0\n"
-        )
+        own_reset = "" if "def reset" in methods else f"    {reset}\n        self.n, self.calls, self.memory = {n}, 0, 0.0\n"
         path = folder / f"{name}.py"
         path.write_text(
             "import os, sys, time\nimport numpy as np\n"

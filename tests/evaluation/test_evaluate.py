@@ -43,15 +43,11 @@ def test_metrics_are_the_plain_sums_of_a_simulation(day_task: TaskSpec, write_ag
 def test_epi_is_revenue_minus_costs(good_result: Result) -> None:
     for run in good_result.runs:
         m = run.metrics
-        assert m["epi"] == pytest.approx(
-            m["revenue"] - m["cost_heat"] - m["cost_electricity"] - m["cost_co2"], abs=1e-12
-        )
+        assert m["epi"] == pytest.approx(m["revenue"] - m["cost_heat"] - m["cost_electricity"] - m["cost_co2"], abs=1e-12)
         assert 0.0 <= m["hours_outside_limits"] <= 24.0
 
 
-def test_one_worker_and_two_give_the_same_bits(
-    day_task: TaskSpec, good_result: Result, write_agent: AgentWriter
-) -> None:
+def test_one_worker_and_two_give_the_same_bits(day_task: TaskSpec, good_result: Result, write_agent: AgentWriter) -> None:
     one = good_result
     two = evaluate(day_task, write_agent(), workers=2)
 
@@ -61,9 +57,7 @@ def test_one_worker_and_two_give_the_same_bits(
     assert two.evaluation.kernel == one.evaluation.kernel
 
 
-def test_a_run_has_the_same_bits_alone_and_among_others(
-    day_task: TaskSpec, good_result: Result, write_agent: AgentWriter
-) -> None:
+def test_a_run_has_the_same_bits_alone_and_among_others(day_task: TaskSpec, good_result: Result, write_agent: AgentWriter) -> None:
     alone = evaluate(day_task, write_agent(), runs=1, first_seed=667)
 
     assert alone.runs == good_result.runs[1:2]
@@ -82,9 +76,7 @@ def test_baselines_run_and_say_what_they_know(day_task: TaskSpec, name: str, pri
     assert result.agent.information.startswith("privileged") is privileged
 
 
-def test_a_single_run_agent_gets_what_a_batched_one_gets(
-    day_task: TaskSpec, good_result: Result, write_agent: AgentWriter
-) -> None:
+def test_a_single_run_agent_gets_what_a_batched_one_gets(day_task: TaskSpec, good_result: Result, write_agent: AgentWriter) -> None:
     single = write_agent(
         """
         def act(self, observation):
@@ -131,9 +123,7 @@ def test_a_changed_agent_is_evaluated_again(day_task: TaskSpec, write_agent: Age
     assert load_result(out / "results" / "Day-v1" / "agent_under_test.json") == second
 
 
-def test_a_trial_does_not_replace_the_full_evaluation(
-    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
-) -> None:
+def test_a_trial_does_not_replace_the_full_evaluation(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     path, out = write_agent(), tmp_path / "reports"
     full_file = out / "results" / "Day-v1" / "agent_under_test.json"
     first = evaluate(day_task, path, runs=1, out=out)
@@ -147,9 +137,7 @@ def test_a_trial_does_not_replace_the_full_evaluation(
     assert first.results_digest != full.results_digest
 
 
-def test_trials_on_validation_and_on_the_test_do_not_replace_each_other(
-    write_agent: AgentWriter, tmp_path: Path
-) -> None:
+def test_trials_on_validation_and_on_the_test_do_not_replace_each_other(write_agent: AgentWriter, tmp_path: Path) -> None:
     task, path = get_task("Spring-v1"), write_agent()
     folder = Path("results", "Spring-v1", "agent_under_test.json")
     evaluate(task, path, runs=1, out=tmp_path)
@@ -185,14 +173,10 @@ def test_a_task_of_another_namespace_does_not_replace_a_result(
 ) -> None:
     evaluate(day_task, write_agent(), runs=1, out=tmp_path)
     other = tmp_path / "other.toml"
-    other.write_text(
-        day_task_file.read_text(encoding="utf-8").replace('"test/Day-v1"', '"mylab/Day-v1"'), encoding="utf-8"
-    )
+    other.write_text(day_task_file.read_text(encoding="utf-8").replace('"test/Day-v1"', '"mylab/Day-v1"'), encoding="utf-8")
 
     for fresh in (False, True):
-        with pytest.raises(
-            ResultError, match=r"holds a result of the task test/Day-v1, and mylab/Day-v1 would replace it"
-        ):
+        with pytest.raises(ResultError, match=r"holds a result of the task test/Day-v1, and mylab/Day-v1 would replace it"):
             evaluate(other, write_agent(), runs=1, out=tmp_path, fresh=fresh)
 
 
@@ -234,9 +218,7 @@ def test_a_broken_result_in_the_way_is_replaced_and_said(
     assert load_result(file) == result
 
 
-def test_a_folder_that_cannot_be_written_is_found_out_before_the_run(
-    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
-) -> None:
+def test_a_folder_that_cannot_be_written_is_found_out_before_the_run(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     in_the_way = tmp_path / "reports"
     in_the_way.write_text("a file, not a folder", encoding="utf-8")
     steps: list[Progress] = []
@@ -246,9 +228,7 @@ def test_a_folder_that_cannot_be_written_is_found_out_before_the_run(
     assert not steps
 
 
-def test_two_evaluations_of_one_result_do_not_run_at_once(
-    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
-) -> None:
+def test_two_evaluations_of_one_result_do_not_run_at_once(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     evaluation = prepare(day_task, write_agent(), out=tmp_path)
     lock = tmp_path / ".partial" / "Day-v1" / "agent_under_test.lock"
     lock.parent.mkdir(parents=True)
@@ -269,16 +249,12 @@ def test_two_evaluations_of_one_result_do_not_run_at_once(
         ({"first_seed": 2**53}, "2\\^53 - 1"),
     ],
 )
-def test_impossible_numbers_are_refused(
-    day_task: TaskSpec, write_agent: AgentWriter, arguments: dict[str, Any], words: str
-) -> None:
+def test_impossible_numbers_are_refused(day_task: TaskSpec, write_agent: AgentWriter, arguments: dict[str, Any], words: str) -> None:
     with pytest.raises(GlbenchError, match=words):
         evaluate(day_task, write_agent(), **arguments)
 
 
-def test_without_a_wish_every_core_is_a_worker_but_no_more_than_there_are_runs(
-    day_task: TaskSpec, write_agent: AgentWriter
-) -> None:
+def test_without_a_wish_every_core_is_a_worker_but_no_more_than_there_are_runs(day_task: TaskSpec, write_agent: AgentWriter) -> None:
     assert prepare(day_task, write_agent(), workers=None).workers == min(usable_cores(), 3)
     assert prepare(day_task, write_agent(), workers=5).workers == 3
 

@@ -38,9 +38,7 @@ def ends(result: Result) -> list[tuple[str, int]]:
     return [(run.status, run.steps) for run in result.runs]
 
 
-def test_an_exception_in_a_batched_agent_ends_all_runs_and_names_the_line(
-    day_task: TaskSpec, write_agent: AgentWriter
-) -> None:
+def test_an_exception_in_a_batched_agent_ends_all_runs_and_names_the_line(day_task: TaskSpec, write_agent: AgentWriter) -> None:
     path = write_agent(
         f"""
         def act(self, observations):
@@ -51,18 +49,14 @@ def test_an_exception_in_a_batched_agent_ends_all_runs_and_names_the_line(
             return actions
         """
     )
-    line = 1 + path.read_text(encoding="utf-8").splitlines().index(
-        '            raise ValueError("no idea at <object at 0x7f3a5c0d11f0>")'
-    )
+    line = 1 + path.read_text(encoding="utf-8").splitlines().index('            raise ValueError("no idea at <object at 0x7f3a5c0d11f0>")')
     result = evaluate(day_task, path)
 
     assert ends(result) == [("crashed", 5)] * 3
     assert reason(result, 0) == f"ValueError: no idea at <object at 0x...> (agent_under_test.py:{line} in act)"
 
 
-def test_missing_steps_are_priced_and_resources_are_only_what_was_used(
-    day_task: TaskSpec, write_agent: AgentWriter
-) -> None:
+def test_missing_steps_are_priced_and_resources_are_only_what_was_used(day_task: TaskSpec, write_agent: AgentWriter) -> None:
     healthy = f"""
         def act(self, observations):
             self.calls += 1
@@ -89,9 +83,7 @@ def test_missing_steps_are_priced_and_resources_are_only_what_was_used(
 
 
 def test_a_run_that_never_starts_costs_all_of_its_steps(day_task: TaskSpec, write_agent: AgentWriter) -> None:
-    result = evaluate(
-        day_task, write_agent("def reset(self, task, n_runs):\n    1 / 0\ndef act(self, observations):\n    pass")
-    )
+    result = evaluate(day_task, write_agent("def reset(self, task, n_runs):\n    1 / 0\ndef act(self, observations):\n    pass"))
     price = day_task.evaluation.failed_step
 
     assert ends(result) == [("crashed", 0)] * 3
@@ -145,9 +137,7 @@ def test_a_bad_row_ends_its_own_run_and_the_others_go_on_unchanged(
         "np.zeros((self.n, 6), complex)",
     ],
 )
-def test_a_wrong_shape_or_type_as_a_whole_ends_all_runs(
-    day_task: TaskSpec, write_agent: AgentWriter, returned: str
-) -> None:
+def test_a_wrong_shape_or_type_as_a_whole_ends_all_runs(day_task: TaskSpec, write_agent: AgentWriter, returned: str) -> None:
     result = evaluate(day_task, write_agent(f"def act(self, observations):\n    return {returned}"))
 
     assert ends(result) == [("invalid_action", 0)] * 3
@@ -233,9 +223,7 @@ def test_decisions_that_are_slow_in_total_end_the_run(day_task: TaskSpec, write_
     assert reason(result, 0) == "the run's decisions together took longer than their limit of 3 s"
 
 
-def test_an_agent_that_cannot_be_made_is_an_error_and_no_result(
-    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
-) -> None:
+def test_an_agent_that_cannot_be_made_is_an_error_and_no_result(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     path = write_agent()
     path.write_text(
         path.read_text(encoding="utf-8").replace("    return Agent()", "    raise OSError('no weights')"),
@@ -250,9 +238,7 @@ def test_an_agent_that_cannot_be_made_is_an_error_and_no_result(
 @pytest.mark.slow
 def test_making_an_agent_has_a_time_limit(day_task: TaskSpec, write_agent: AgentWriter, hasty: TimeLimits) -> None:
     path = write_agent()
-    path.write_text(
-        path.read_text(encoding="utf-8").replace("    return Agent()", "    time.sleep(1000)"), encoding="utf-8"
-    )
+    path.write_text(path.read_text(encoding="utf-8").replace("    return Agent()", "    time.sleep(1000)"), encoding="utf-8")
 
     with pytest.raises(SubmissionError, match=r"make_agent took longer than its limit of 4 s"):
         evaluate(day_task, path, limits=hasty)
@@ -274,16 +260,12 @@ def stepped_rows(day_task: TaskSpec, monkeypatch: pytest.MonkeyPatch) -> list[in
         return stepped, [*failed, StepFailure(2, "substeps exhausted at model time 0.3 days")]
 
     monkeypatch.setattr(kernel, "try_step", fails_once)
-    monkeypatch.setattr(
-        kernel, "environments", lambda program, n: None
-    )  # else nobody would ask for a step of states only
+    monkeypatch.setattr(kernel, "environments", lambda program, n: None)  # else nobody would ask for a step of states only
     return calls
 
 
 @pytest.mark.usefixtures("stepped_rows")
-def test_a_run_that_ended_in_the_simulation_is_not_asked_again(
-    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
-) -> None:
+def test_a_run_that_ended_in_the_simulation_is_not_asked_again(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     asked = tmp_path / "asked.txt"
     act = f"""
     def act(self, observation):
@@ -308,9 +290,7 @@ def test_a_step_that_cannot_be_integrated_ends_its_run(
     # It is priced like a run that ended after the same seven steps for another reason.
     monkeypatch.undo()
     spoilt = write_agent(
-        GOOD.replace(
-            "return self.memory", "return np.where((self.calls == 8) & (np.arange(3) == 2)[:, None], 9, self.memory)"
-        )
+        GOOD.replace("return self.memory", "return np.where((self.calls == 8) & (np.arange(3) == 2)[:, None], 9, self.memory)")
     )
     assert evaluate(day_task, spoilt).runs[2].metrics == result.runs[2].metrics
 
@@ -347,9 +327,7 @@ def test_odd_habits_change_nothing(day_task: TaskSpec, write_agent: AgentWriter,
 
 
 def test_single_precision_actions_are_taken(day_task: TaskSpec, write_agent: AgentWriter) -> None:
-    path = write_agent(
-        "def act(self, observations):\n    return np.full((self.n, 6), 1.0, dtype=np.float32) / np.float32(3)"
-    )
+    path = write_agent("def act(self, observations):\n    return np.full((self.n, 6), 1.0, dtype=np.float32) / np.float32(3)")
     rounded = float(np.float32(1) / np.float32(3))
     same = write_agent(f"def act(self, observations):\n    return np.full((self.n, 6), {rounded!r})", name="double")
 
@@ -366,9 +344,7 @@ def test_an_agent_that_changes_the_working_directory_does_not_move_the_result(
     assert (tmp_path / "reports" / "results" / "Day-v1" / "agent_under_test.json").is_file()
 
 
-def test_an_error_whose_class_breaks_when_it_is_looked_at_is_named(
-    day_task: TaskSpec, write_agent: AgentWriter
-) -> None:
+def test_an_error_whose_class_breaks_when_it_is_looked_at_is_named(day_task: TaskSpec, write_agent: AgentWriter) -> None:
     hostile = """
         def act(self, observations):
             class Meta(type):

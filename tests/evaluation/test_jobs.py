@@ -64,9 +64,7 @@ def test_runs_are_divided_evenly_and_in_order(runs: int, parts: int, sizes: list
 
 
 @pytest.mark.parametrize("parts", [1, 2, 3])
-def test_parts_put_together_have_the_bits_of_the_whole(
-    day_task: TaskSpec, write_agent: AgentWriter, parts: int
-) -> None:
+def test_parts_put_together_have_the_bits_of_the_whole(day_task: TaskSpec, write_agent: AgentWriter, parts: int) -> None:
     agent = write_agent(SINGLE, single=True)
     evaluation = prepare(day_task, agent)
     whole = evaluation.compute()
@@ -176,9 +174,7 @@ def test_a_checkpoint_from_elsewhere_takes_the_place_of_the_one_before(tmp_path:
         assert read_files(tmp_path / "checkpoint") == files
 
 
-def test_processes_compute_what_this_process_computes(
-    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
-) -> None:
+def test_processes_compute_what_this_process_computes(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     agents = [
         write_agent(name="batch"),
         write_agent(SINGLE, name="single", single=True),
@@ -195,9 +191,7 @@ def test_processes_compute_what_this_process_computes(
     reports: list[tuple[str, int]] = []
     here = by_name(LocalEngine().run(jobs("here"), lambda *_: None))
     with ProcessExecutor(2) as executor:
-        there = by_name(
-            divide_jobs(executor, jobs("there"), lambda job, progress: reports.append((job.agent_name, progress.step)))
-        )
+        there = by_name(divide_jobs(executor, jobs("there"), lambda job, progress: reports.append((job.agent_name, progress.step))))
     assert here.keys() == there.keys()
     for name, outcome in there.items():
         other = here[name].result

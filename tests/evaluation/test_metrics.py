@@ -55,8 +55,6 @@ def test_two_limits_broken_at_once_are_one_hour_outside(task: TaskSpec) -> None:
 
 
 def test_missing_steps_cost_what_the_task_says_and_use_nothing() -> None:
-    metrics = with_missing_steps(
-        {"reward": 10.0, "epi": 1.0, "heat": 2.0}, 4, {"reward": -3.0, "epi": -0.5, "penalty": 3.0}
-    )
+    metrics = with_missing_steps({"reward": 10.0, "epi": 1.0, "heat": 2.0}, 4, {"reward": -3.0, "epi": -0.5, "penalty": 3.0})
 
     assert metrics == {"reward": 10.0 - 12.0, "epi": 1.0 - 2.0, "heat": 2.0}

@@ -55,10 +55,7 @@ def written(day: TaskSpec, folder: Path, *, name: str = NAME, noise: float = 0.1
 def arrays(name: str) -> list[tuple[bytes, ...]]:
     """The bits of all episodes of a dataset."""
     return [
-        tuple(
-            getattr(one, kind).tobytes()
-            for kind in ("observations", "actions", "rewards", "terminations", "truncations")
-        )
+        tuple(getattr(one, kind).tobytes() for kind in ("observations", "actions", "rewards", "terminations", "truncations"))
         for one in minari.load_dataset(name)
     ]
 
@@ -97,23 +94,17 @@ def test_the_same_arguments_give_the_same_arrays_and_other_seeds_others(day: Tas
     assert not set(arrays("one-v0")) & set(arrays("other-v0"))
 
 
-def test_a_season_does_not_depend_on_those_beside_it(
-    day: TaskSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_season_does_not_depend_on_those_beside_it(day: TaskSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     agent = protect(agent_writer(tmp_path)(GOOD), "none")
     together = list(trajectories(day, agent, range(FIRST_SEED, FIRST_SEED + 3), noise=0.2))
     monkeypatch.setattr("glbench.evaluation.minari_dataset._TOGETHER", 1)
-    for one, alone in zip(
-        together, trajectories(day, agent, range(FIRST_SEED, FIRST_SEED + 3), noise=0.2), strict=True
-    ):
+    for one, alone in zip(together, trajectories(day, agent, range(FIRST_SEED, FIRST_SEED + 3), noise=0.2), strict=True):
         assert one.actions.tobytes() == alone.actions.tobytes()
         assert one.observations.tobytes() == alone.observations.tobytes()
 
 
 def test_without_noise_actions_are_those_of_the_agent(day: TaskSpec, tmp_path: Path) -> None:
-    agent = protect(
-        agent_writer(tmp_path)("def act(self, observations):\n    return np.full((self.n, 6), 0.1)"), "none"
-    )
+    agent = protect(agent_writer(tmp_path)("def act(self, observations):\n    return np.full((self.n, 6), 0.1)"), "none")
     (plain,) = trajectories(day, agent, [FIRST_SEED])
     assert (plain.actions == np.float32(0.1)).all()
     (noisy,) = trajectories(day, agent, [FIRST_SEED], noise=0.05)
@@ -123,9 +114,7 @@ def test_without_noise_actions_are_those_of_the_agent(day: TaskSpec, tmp_path: P
     assert (np.abs(wild.actions) == 1.0).any()
 
 
-def test_a_season_that_cannot_be_simulated_ends_there(
-    day: TaskSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_season_that_cannot_be_simulated_ends_there(day: TaskSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     agent, take = protect(agent_writer(tmp_path)(GOOD), "none"), Simulation.step
 
     def ends(simulation: Simulation, actions: Any) -> Any:
@@ -208,9 +197,7 @@ def test_an_agent_that_fails_leaves_nothing(day: TaskSpec, datasets: Path, tmp_p
     assert not minari.list_local_datasets()
 
 
-def test_an_interruption_leaves_nothing_and_the_same_command_then_writes_it(
-    day: TaskSpec, datasets: Path, tmp_path: Path
-) -> None:
+def test_an_interruption_leaves_nothing_and_the_same_command_then_writes_it(day: TaskSpec, datasets: Path, tmp_path: Path) -> None:
     def stop(_: int) -> None:
         raise KeyboardInterrupt
 

@@ -59,9 +59,7 @@ def lettuce() -> TaskSpec:
     return lettuce_task()
 
 
-def test_the_number_of_workers_and_an_interruption_change_no_bit(
-    lettuce: TaskSpec, write_agent: AgentWriter, tmp_path: Path
-) -> None:
+def test_the_number_of_workers_and_an_interruption_change_no_bit(lettuce: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     agent = write_agent()
     alone = evaluate(lettuce, agent)
     shared = evaluate(lettuce, agent, workers=2, out=tmp_path / "shared")

@@ -18,9 +18,7 @@ def lengths(*values: int) -> np.ndarray:
     return np.array(values)
 
 
-@pytest.mark.parametrize(
-    ("step_seconds", "steps"), [(60.0, 15), (300.0, 3), (400.0, 3), (900.0, 1), (3600.0, 1), (864.0, 2)]
-)
+@pytest.mark.parametrize(("step_seconds", "steps"), [(60.0, 15), (300.0, 3), (400.0, 3), (900.0, 1), (3600.0, 1), (864.0, 2)])
 def test_a_slot_divides_the_day_and_lasts_a_quarter_of_an_hour_or_longer(step_seconds, steps):
     assert record.steps_a_slot(step_seconds) == steps
 

@@ -60,9 +60,7 @@ def test_ray_computes_what_this_machine_computes_also_after_a_lost_worker(
     told: list[tuple[str, int]] = []
     engine = RayEngine(cores=2)
     try:
-        by_ray: list[Outcome] = list(
-            engine.run(jobs("ray"), lambda job, standing: told.append((job.agent_name, standing.step)))
-        )
+        by_ray: list[Outcome] = list(engine.run(jobs("ray"), lambda job, standing: told.append((job.agent_name, standing.step))))
     except GlbenchError as error:
         if "timed out during startup" not in str(error):
             raise

@@ -38,9 +38,7 @@ def test_a_result_reads_back_to_the_last_bit(good_result: Result, saved: Path) -
     assert load_result(saved) == good_result
 
 
-@given(
-    st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=len(METRIC_NAMES), max_size=len(METRIC_NAMES))
-)
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=len(METRIC_NAMES), max_size=len(METRIC_NAMES)))
 def test_every_number_survives_the_file(values: list[float]) -> None:
     run = RunResult(seed=1, status="ok", reason=None, steps=1, metrics=dict(zip(METRIC_NAMES, values, strict=True)))
 
@@ -198,9 +196,7 @@ def test_means_count_failed_runs() -> None:
 
 
 @pytest.mark.parametrize(("metrics", "accepted"), [(("reward", "epi", "penalty"), True), (METRIC_NAMES, False)])
-def test_reward_and_penalty_may_be_money_but_not_in_the_papers_tasks(
-    good_result: Result, metrics: tuple[str, ...], accepted: bool
-) -> None:
+def test_reward_and_penalty_may_be_money_but_not_in_the_papers_tasks(good_result: Result, metrics: tuple[str, ...], accepted: bool) -> None:
     document = json.loads(good_result.to_json())
     document["units"] = {name: "EUR m-2" if name in ("reward", "penalty") else UNITS[name] for name in metrics}
     for run in document["runs"]:

@@ -57,9 +57,7 @@ def test_same_bits_with_and_without_interruption(
     assert list(tmp_path.rglob("*.npz")) == [], "the checkpoint is removed when the result is there"
 
 
-def test_several_interruptions_in_a_row(
-    day_task: TaskSpec, good_result: Result, write_agent: AgentWriter, tmp_path: Path
-) -> None:
+def test_several_interruptions_in_a_row(day_task: TaskSpec, good_result: Result, write_agent: AgentWriter, tmp_path: Path) -> None:
     agent = write_agent()
     for step in (3, 4, 11, 20):
         interrupted_at(step, day_task, agent, tmp_path)
@@ -101,9 +99,7 @@ def test_failed_runs_stay_failed(day_task: TaskSpec, write_agent: AgentWriter, t
     assert resumed.runs == evaluate(day_task, agent).runs
 
 
-def test_single_run_agents_resume_with_failed_runs_left_alone(
-    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
-) -> None:
+def test_single_run_agents_resume_with_failed_runs_left_alone(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     agent = write_agent(
         """
         def reset(self, task):
@@ -136,9 +132,7 @@ def test_kill_9_loses_nothing_but_time(
         "def kill(p):\n    if p.step == 13: os.kill(os.getpid(), signal.SIGKILL)\n"
         "evaluate(sys.argv[1], sys.argv[2], out=sys.argv[3], checkpoint_seconds=0.0, workers=2, progress=kill)\n"
     )
-    killed = subprocess.run(
-        [sys.executable, "-c", code, str(day_task_file), str(agent), str(tmp_path)], check=False, timeout=300
-    )
+    killed = subprocess.run([sys.executable, "-c", code, str(day_task_file), str(agent), str(tmp_path)], check=False, timeout=300)
     assert killed.returncode == -signal.SIGKILL
     resumed, _ = finish(day_task, agent, tmp_path)
 
@@ -155,9 +149,7 @@ def test_fresh_forgets_the_interrupted_work(day_task: TaskSpec, write_agent: Age
     assert evaluate(day_task, agent, out=tmp_path).evaluation.resumed_at_step is None
 
 
-def test_work_of_another_agent_or_other_seeds_is_not_taken_up(
-    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
-) -> None:
+def test_work_of_another_agent_or_other_seeds_is_not_taken_up(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     interrupted_at(6, day_task, write_agent(), tmp_path)
 
     assert evaluate(day_task, write_agent(), runs=2, out=tmp_path).evaluation.resumed_at_step is None
@@ -249,9 +241,7 @@ def test_without_a_folder_nothing_is_written(
     assert {path for path in tmp_path.rglob("*") if "__pycache__" not in path.parts} == before
 
 
-def test_wall_time_counts_what_was_spent_before_the_interruption(
-    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
-) -> None:
+def test_wall_time_counts_what_was_spent_before_the_interruption(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     agent = write_agent("def act(self, observations):\n    time.sleep(0.02)\n    return np.zeros((self.n, 6))")
     interrupted_at(20, day_task, agent, tmp_path)
     resumed, _ = finish(day_task, agent, tmp_path)

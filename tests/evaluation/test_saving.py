@@ -54,9 +54,7 @@ def test_a_kill_while_saving_is_mended_by_the_next_evaluation(
         if moment == "before the result":
             patch.setattr(saving, "save_result", killed)
         else:
-            patch.setattr(
-                Path, "replace", lambda self, target: killed() if self.suffix == ".waiting" else rename(self, target)
-            )
+            patch.setattr(Path, "replace", lambda self, target: killed() if self.suffix == ".waiting" else rename(self, target))
         with pytest.raises(KilledError):
             evaluate(day_task, agent, out=tmp_path)
     assert list((tmp_path / PLACE).glob(".*.waiting"))
@@ -68,9 +66,7 @@ def test_a_kill_while_saving_is_mended_by_the_next_evaluation(
     assert read_log(tmp_path / PLACE / result.record.file).digest == result.record.digest
 
 
-def test_leftovers_of_killed_processes_are_removed(
-    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path
-) -> None:
+def test_leftovers_of_killed_processes_are_removed(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     place = tmp_path / PLACE
     place.mkdir(parents=True)
     for name in (

@@ -44,9 +44,7 @@ def sandbox(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
-def looked_at(
-    folder: Path, task: Path, act: str, sandbox: str, *, before: str = "", seconds: float = SECONDS
-) -> Report:
+def looked_at(folder: Path, task: Path, act: str, sandbox: str, *, before: str = "", seconds: float = SECONDS) -> Report:
     file = folder / "mine.py"
     lines = "".join(f"        {line}\n" for line in act.splitlines())
     file.write_text(before + HEAD + lines + TAIL, encoding="utf-8")
@@ -119,17 +117,13 @@ def test_an_agent_that_hangs_costs_its_time_and_no_more(
 
 
 def test_loading_takes_nothing_from_the_time_of_the_steps(tmp_path: Path, day_task_file: Path) -> None:
-    report = looked_at(
-        tmp_path, day_task_file, "time.sleep(0.02)", "none", before="import time; time.sleep(4.0)\n", seconds=3.0
-    )
+    report = looked_at(tmp_path, day_task_file, "time.sleep(0.02)", "none", before="import time; time.sleep(4.0)\n", seconds=3.0)
     assert report.ok, report.findings
     assert not [finding for finding in report.findings if finding.subject == "time"], "all steps fitted in"
 
 
 @pytest.mark.parametrize(("first", "later", "ok"), [(5.0, 0.01, True), (0.0, 4.4, False)], ids=["plans first", "slow"])
-def test_the_pace_is_that_of_later_decisions(
-    tmp_path: Path, day_task_file: Path, first: float, later: float, ok: bool
-) -> None:
+def test_the_pace_is_that_of_later_decisions(tmp_path: Path, day_task_file: Path, first: float, later: float, ok: bool) -> None:
     """In a season of 9,600 steps, for all four runs of which decisions are made at once."""
     task = tmp_path / "season.toml"
     text = day_task_file.read_text(encoding="utf-8")
@@ -165,18 +159,14 @@ def test_findings_of_all_files_come_together(tmp_path: Path, day_task_file: Path
     assert {finding.subject for finding in report.problems} == {"card"}
     assert len(report.problems) == 2, "the missing key and the unknown one"
     (folder / "submission.toml").write_text(card, encoding="utf-8")
-    (folder / "helper.py").write_text(
-        "import no_such_library\ntry:\n    import another_one\nexcept ImportError:\n    pass\n"
-    )
+    (folder / "helper.py").write_text("import no_such_library\ntry:\n    import another_one\nexcept ImportError:\n    pass\n")
     report = check_submission(folder, day_task_file)
     texts = [finding.text for finding in report.of("packages")]
     assert any("helper.py:1 imports 'no_such_library', which is not installed here" in text for text in texts)
     assert any("'another_one'" in text and "within try" in text for text in texts)
 
 
-def test_without_a_card_the_report_says_what_is_lost_and_is_good_nevertheless(
-    tmp_path: Path, day_task_file: Path
-) -> None:
+def test_without_a_card_the_report_says_what_is_lost_and_is_good_nevertheless(tmp_path: Path, day_task_file: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text(HEAD + TAIL, encoding="utf-8")
     report = check_submission(file, day_task_file, seconds=SECONDS)
@@ -195,9 +185,7 @@ def test_where_there_is_no_sandbox_files_are_looked_at_and_nothing_is_run(
 ) -> None:
     file = tmp_path / "mine.py"
     file.write_text("import no_such_library\nraise SystemExit('it was run')\n", encoding="utf-8")
-    monkeypatch.setattr(
-        bubblewrap, "_tried", lambda: ("There is no bubblewrap: install it, or give --sandbox none.", None)
-    )
+    monkeypatch.setattr(bubblewrap, "_tried", lambda: ("There is no bubblewrap: install it, or give --sandbox none.", None))
     report = check_submission(file, day_task_file)
     assert {finding.subject for finding in report.problems} == {"packages"}
     file.write_text("raise SystemExit('it was run')\n", encoding="utf-8")

@@ -77,9 +77,7 @@ class Instance:
 
     def get(self, prefix: str = "") -> dict[str, float]:
         reals = [one for one in self.variables.values() if one.type == "Real" and one.name.startswith(prefix)]
-        return dict(
-            zip((one.name for one in reals), self.fmu.getReal([one.valueReference for one in reals]), strict=True)
-        )
+        return dict(zip((one.name for one in reals), self.fmu.getReal([one.valueReference for one in reals]), strict=True))
 
 
 Starter = Callable[..., Instance]
@@ -151,12 +149,8 @@ def test_a_day_gives_the_bits_of_the_environment(spring: Path, capsys: pytest.Ca
             names = task.model_value.state_names
             expected |= {f"state.{name}": float(value) for name, value in zip(names, env.simulation.x[0], strict=True)}
             names = task.model_value.disturbance_names
-            expected |= {
-                f"weather.{name}": float(value) for name, value in zip(names, env.simulation.d[0], strict=True)
-            }
-            expected["vapour_pressure_deficit"] = vapour_pressure_deficit(
-                info["air_temperature"], info["relative_humidity"]
-            )
+            expected |= {f"weather.{name}": float(value) for name, value in zip(names, env.simulation.d[0], strict=True)}
+            expected["vapour_pressure_deficit"] = vapour_pressure_deficit(info["air_temperature"], info["relative_humidity"])
             for name in ("epi", "heat", "cost_heat"):
                 summed[name] = summed.get(name, 0.0) + expected.get(name, 0.0)
             expected |= {f"total.{name}": value for name, value in summed.items()}
@@ -173,9 +167,7 @@ def test_a_day_gives_the_bits_of_the_environment(spring: Path, capsys: pytest.Ca
         assert numbers["step_reward"] == reward
         assert numbers["total.heat"] > 0.1
     with capsys.disabled():
-        sys.stdout.write(
-            f"\nlargest relative difference to the environment, {len(expected)} numbers, 96 steps: {worst:.3g}\n"
-        )
+        sys.stdout.write(f"\nlargest relative difference to the environment, {len(expected)} numbers, 96 steps: {worst:.3g}\n")
 
 
 def test_a_long_communication_step_holds_the_inputs_and_adds_up(spring: Path) -> None:
@@ -187,9 +179,7 @@ def test_a_long_communication_step_holds_the_inputs_and_adds_up(spring: Path) ->
             rows.append(short.get())
         long.step(8 * 900.0, *targets)
         numbers = long.get()
-    assert (
-        largest_difference(numbers, {name: value for name, value in rows[-1].items() if name.startswith("state.")}) == 0
-    )
+    assert largest_difference(numbers, {name: value for name, value in rows[-1].items() if name.startswith("state.")}) == 0
     assert numbers["total.epi"] == pytest.approx(rows[-1]["total.epi"], rel=1e-12)
     assert numbers["epi"] == pytest.approx(sum(row["epi"] for row in rows), rel=1e-12)
     for name in ("violation_relative_humidity_high", "violation_air_temperature_low"):
@@ -275,9 +265,7 @@ def test_a_step_that_cannot_be_done_is_refused_in_words_and_the_fmu_goes_on(day:
         ({"seed": 1.5}, "The seed 1.5 is not a whole number"),
     ],
 )
-def test_a_season_that_is_not_exported_is_refused_in_words(
-    spring: Path, parameters: dict[str, Any], words: str
-) -> None:
+def test_a_season_that_is_not_exported_is_refused_in_words(spring: Path, parameters: dict[str, Any], words: str) -> None:
     fmu = Instance(spring, spring.with_suffix(""))
     with pytest.raises(Exception, match="fatal"):
         fmu.start(**parameters)
@@ -378,24 +366,17 @@ def test_other_models_and_kinds_of_actuation_have_their_own_variables(name: str,
     simulation.reset([3])
     shares = np.arange(1, len(task.actions) + 1) / (len(task.actions) + 1)
     if task.actuation.kind == "process_computer":
-        actions = np.array(
-            [one.low + share * (one.high - one.low) for one, share in zip(task.actions, shares, strict=True)]
-        )
+        actions = np.array([one.low + share * (one.high - one.low) for one, share in zip(task.actions, shares, strict=True)])
         targets = {one.name: one.value(action) for one, action in zip(task.actions, actions, strict=True)}
     else:
         actions, capacities = shares, {one.name: one for one in task.capacities()}
         controls = [capacities[control] for control in task.actuation.controls]
-        targets = {
-            one.quantity: one.at_one * task.actuation.max_change * share
-            for one, share in zip(controls, shares, strict=True)
-        }
+        targets = {one.quantity: one.at_one * task.actuation.max_change * share for one, share in zip(controls, shares, strict=True)}
     slave.set_real([references[f"target.{target}"] for target in targets], list(targets.values()))
     assert slave.do_step(0.0, task.step_seconds), slave.log_queue[-1].msg
     result = simulation.step(actions[None])
     values = {variable.name: variable.getter() for variable in slave.vars.values()}
-    assert [values[f"state.{state}"] for state in task.model_value.state_names] == pytest.approx(
-        simulation.x[0], rel=1e-9
-    )
+    assert [values[f"state.{state}"] for state in task.model_value.state_names] == pytest.approx(simulation.x[0], rel=1e-9)
     assert values["step_reward"] == pytest.approx(result.rewards[0], rel=1e-9)
     assert simulation.u[0].any()
 
@@ -439,9 +420,7 @@ def test_another_task_of_the_same_name_is_refused() -> None:
         FmuSetup(SPRING, "0" * 64, "", 1, SPLIT, "0.0.9").find_task()
 
 
-def test_an_importer_without_glbench_is_told_what_to_install(
-    spring: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_an_importer_without_glbench_is_told_what_to_install(spring: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     fmpy.extract(str(spring), str(tmp_path))
     (program,) = (tmp_path / "resources").glob("Spring_v1_*.py")
     monkeypatch.setitem(sys.modules, "glbench.fmu.slave", None)

@@ -208,9 +208,7 @@ def test_the_heat_that_is_needed_holds_the_temperature(venlo: Greenhouse) -> Non
 
 def test_no_greenhouse_that_ships_is_doubted() -> None:
     for name in PARAMETER_SETS:
-        assert (
-            find_doubts(dict(zip(TOMATO.parameter_names, TOMATO.parameters.default(name).tolist(), strict=True))) == []
-        )
+        assert find_doubts(dict(zip(TOMATO.parameter_names, TOMATO.parameters.default(name).tolist(), strict=True))) == []
     for task in list_tasks():
         assert find_doubts(task.parameters_by_name()) == [], task.id
 

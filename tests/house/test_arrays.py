@@ -225,9 +225,7 @@ class TestFiles:
             ("high", np.zeros(100)),
         ],
     )
-    def test_bounds_that_are_none_are_told(
-        self, tmp_path: Path, reader, file: Path, said: str, name: str, value: Any
-    ) -> None:
+    def test_bounds_that_are_none_are_told(self, tmp_path: Path, reader, file: Path, said: str, name: str, value: Any) -> None:
         with pytest.raises(SubmissionError, match=said):
             reader(changed(file, tmp_path / "x.npz", **{name: value}))
 

@@ -53,11 +53,7 @@ def test_there_is_more_than_one_model_to_look_for() -> None:
 @pytest.mark.parametrize("path", ABOVE, ids=lambda path: path.relative_to(PACKAGE).as_posix())
 def test_no_file_above_the_model_names_or_counts_its_variables(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
-    literals = {
-        node.value
-        for node in ast.walk(ast.parse(text))
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-    }
+    literals = {node.value for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
 
     named = (EXAMPLES | PRIVILEGED | MEASURED | DESCRIBED).get(path.relative_to(PACKAGE).as_posix(), set())
     assert literals & names_of_models() <= named

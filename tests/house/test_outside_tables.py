@@ -24,9 +24,7 @@ def table_of(text: str) -> TextTable:
 
 def stamps_of(*stamps: str) -> list[str]:
     """The moments of a column of stamps, as text in UTC or on their own clock."""
-    table = TextTable(
-        "table.csv", WeatherError, (), ("time",), [[stamp] for stamp in stamps], range(2, len(stamps) + 2)
-    )
+    table = TextTable("table.csv", WeatherError, (), ("time",), [[stamp] for stamp in stamps], range(2, len(stamps) + 2))
     seconds = read_stamps(table, ("time",)).seconds
     return [str(np.datetime64(int(moment), "s"))[:16] for moment in seconds]
 
@@ -215,7 +213,5 @@ def test_local_days_of_23_and_25_hours_become_utc() -> None:
 
 def test_an_hour_that_the_clock_skips_is_refused() -> None:
     table = TextTable("t.csv", WeatherError, (), ("time",), [["2024-03-31 02:30"]], [7])
-    with pytest.raises(
-        WeatherError, match=r"t\.csv, row 7, column 'time': 2024-03-31 02:30 does not exist on the clock"
-    ):
+    with pytest.raises(WeatherError, match=r"t\.csv, row 7, column 'time': 2024-03-31 02:30 does not exist on the clock"):
         utc_of_local(table, read_stamps(table, ("time",)).seconds, AMSTERDAM, "time")

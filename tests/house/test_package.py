@@ -18,9 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def test_importing_the_package_loads_nothing_heavy():
     code = "import sys, glbench; print(*sorted({m.split('.')[0] for m in sys.modules}))"
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300
-    ).stdout.split()
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300).stdout.split()
     assert not {"casadi", "pandas", "pyarrow", "torch", "pvlib", "scipy", "typer", "rich"} & set(loaded)
 
 
@@ -43,10 +41,7 @@ def test_the_architecture_page_has_every_room_and_the_order_of_imports():
 
 @pytest.mark.parametrize(
     "document",
-    sorted(
-        p.relative_to(ROOT).as_posix()
-        for p in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("docs/**/*.ipynb")]
-    ),
+    sorted(p.relative_to(ROOT).as_posix() for p in [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("docs/**/*.ipynb")]),
 )
 def test_links_between_documents_lead_somewhere(document):
     text = text_of(ROOT / document)

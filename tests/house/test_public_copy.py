@@ -34,9 +34,7 @@ MAY_WRITE = {
 
 def read(file: Path) -> dict[str, Any]:
     content: dict[Any, Any] = yaml.safe_load(file.read_text(encoding="utf-8"))
-    return {
-        ("on" if key is True else key): value for key, value in content.items()
-    }  # YAML 1.1 takes `on` for a truth value
+    return {("on" if key is True else key): value for key, value in content.items()}  # YAML 1.1 takes `on` for a truth value
 
 
 def jobs() -> Iterator[tuple[str, str, dict[str, Any]]]:
@@ -85,9 +83,7 @@ def test_a_job_with_a_token_that_writes_runs_no_code_of_a_checkout() -> None:
         if (name, job) in MAY_WRITE:
             used = [step.get("uses", "").partition("@")[0] for step in content["steps"]]
             assert not {"actions/checkout", "actions/download-artifact", "astral-sh/setup-uv"} & set(used)
-            assert not [
-                line for line in commands(content) if re.search(r"\b(uv|uvx|python|pip|npm|make)\b|\.ci/", line)
-            ]
+            assert not [line for line in commands(content) if re.search(r"\b(uv|uvx|python|pip|npm|make)\b|\.ci/", line)]
 
 
 def test_a_checkout_leaves_no_token_behind() -> None:
@@ -152,11 +148,7 @@ def test_a_submission_is_evaluated_in_the_sandbox_and_with_the_installed_package
 def test_the_labels_and_names_that_the_workflows_wait_for_fit_together() -> None:
     evaluate, report = (read(WORKFLOWS[f"submission-{what}.yml"]) for what in ("evaluate", "report"))
     assert report["on"]["workflow_run"]["workflows"] == [evaluate["name"]]
-    uploaded = {
-        step["with"]["name"]
-        for step in evaluate["jobs"]["evaluate"]["steps"]
-        if "upload-artifact" in step.get("uses", "")
-    }
+    uploaded = {step["with"]["name"] for step in evaluate["jobs"]["evaluate"]["steps"] if "upload-artifact" in step.get("uses", "")}
     assert uploaded == {"posted", "results"}
     assert 'gh run download "$RUN" --name posted --dir posted' in commands(report["jobs"]["post"])
     assert "label `evaluate`" in (ROOT / ".github" / "pull_request_template.md").read_text(encoding="utf-8")
@@ -175,9 +167,7 @@ def report(folder: Path, conclusion: str, **files: str) -> str:
         "CONCLUSION": conclusion,
         "PAGE": "https://x.org",
     }
-    done = subprocess.run(
-        ["bash", "-eo", "pipefail", "-c", step["run"]], cwd=folder, env=own, capture_output=True, check=False
-    )
+    done = subprocess.run(["bash", "-eo", "pipefail", "-c", step["run"]], cwd=folder, env=own, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
     return (folder / "comment.md").read_text()
 
@@ -232,9 +222,7 @@ def test_the_page_of_a_run_has_the_digests_of_its_results(tmp_path: Path) -> Non
     own = {"GITHUB_STEP_SUMMARY": str(tmp_path / "summary"), "PATH": os.environ["PATH"]}
     subprocess.run(["bash", "-eo", "pipefail", "-c", line], cwd=tmp_path, env=own, check=True)
     digest = json.loads(released.read_bytes())["results_digest"]
-    assert (
-        tmp_path / "summary"
-    ).read_text() == f'    reports/results/Spring-v1/anna.json:"results_digest": "{digest}"\n'
+    assert (tmp_path / "summary").read_text() == f'    reports/results/Spring-v1/anna.json:"results_digest": "{digest}"\n'
 
 
 def uv_commands() -> list[list[str]]:
@@ -242,11 +230,7 @@ def uv_commands() -> list[list[str]]:
     lines = [line for _, _, content in jobs() for line in commands(content)]
     lines += [line.strip() for file in SCRIPTS for line in file.read_text(encoding="utf-8").splitlines()]
     lines += [f"uv run glbench {line.removeprefix('run ')}" for line in lines if re.match(r"run [a-z]+ ", line)]
-    found = [
-        re.sub(r'\$\{what\[@\]\}|\$\{?\w+\}?|"\$@"', "x", line[line.index("uv run") :])
-        for line in lines
-        if "uv run " in line
-    ]
+    found = [re.sub(r'\$\{what\[@\]\}|\$\{?\w+\}?|"\$@"', "x", line[line.index("uv run") :]) for line in lines if "uv run " in line]
     return [shlex.split(re.split(r" [>|<&;]", line)[0].rstrip(";} ")) for line in found if not line.startswith("#")]
 
 
@@ -279,9 +263,7 @@ def test_a_form_asks_each_question_once(file: Path) -> None:
     assert len(ids) == len(set(ids)) > 0
     for part in form["body"]:
         assert part["type"] in {"markdown", "textarea", "input", "checkboxes"}
-        assert part["attributes"][
-            "value" if part["type"] == "markdown" else "options" if part["type"] == "checkboxes" else "label"
-        ]
+        assert part["attributes"]["value" if part["type"] == "markdown" else "options" if part["type"] == "checkboxes" else "label"]
 
 
 def git(folder: Path, *words: str) -> str:
@@ -292,9 +274,7 @@ def git(folder: Path, *words: str) -> str:
         "HOME": str(folder),
     }
     who = ["-c", "user.name=a", "-c", "user.email=a@example.org"]
-    return subprocess.run(
-        ["git", *who, *words], cwd=folder, env=own, check=True, capture_output=True, text=True
-    ).stdout.strip()
+    return subprocess.run(["git", *who, *words], cwd=folder, env=own, check=True, capture_output=True, text=True).stdout.strip()
 
 
 @pytest.fixture
@@ -320,9 +300,7 @@ def changed(copy: Path, base: str) -> subprocess.CompletedProcess[str]:
     git(copy, "add", "-A")
     git(copy, "commit", "-qm", "second")
     script = ROOT / ".ci" / "changed-submissions"
-    return subprocess.run(
-        ["bash", str(script), base, "HEAD"], cwd=copy, capture_output=True, text=True, timeout=60, check=False
-    )
+    return subprocess.run(["bash", str(script), base, "HEAD"], cwd=copy, capture_output=True, text=True, timeout=60, check=False)
 
 
 def test_changed_submissions_are_found_and_nothing_else(copy: Path) -> None:
@@ -381,9 +359,7 @@ CARD = 'name = "x"\nauthors = ["{author}"]\nlicence = "MIT"\ninformation = ["obs
         ("cari_seed2.py", "carl"),
     ],
 )
-def test_names_that_look_like_those_of_others_are_refused(
-    copy: Path, name: str, known: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_names_that_look_like_those_of_others_are_refused(copy: Path, name: str, known: str, monkeypatch: pytest.MonkeyPatch) -> None:
     base = git(copy, "rev-parse", "HEAD")
     (copy / "submissions" / name).write_text("second\n")
     result = changed(copy, base)
@@ -441,10 +417,7 @@ def test_trainings_of_one_recipe_come_together(copy: Path) -> None:
     (copy / "submissions" / "mine_seed2.py").write_text("")
     result = changed(copy, base)
     assert (result.returncode, result.stdout) == (1, "")
-    assert (
-        "'mine_seed0' and 'mine_seed2' look alike. Give them different names or, if they are trainings of one recipe"
-        in result.stderr
-    )
+    assert "'mine_seed0' and 'mine_seed2' look alike. Give them different names or, if they are trainings of one recipe" in result.stderr
 
 
 @pytest.mark.parametrize("place", ["submissions/eve", "submissions/ben/weights.npz", "submissions"])
@@ -559,9 +532,7 @@ def test_the_style_of_others_fails_no_check(name: str) -> None:
 def test_the_linters_still_look_at_every_example_and_template() -> None:
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     (ours,) = re.findall(r"^ours=\(.*\)$", script, re.MULTILINE)
-    listed = subprocess.run(
-        ["bash", "-c", f'{ours}; printf "%s\n" "${{ours[@]}}"'], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    listed = subprocess.run(["bash", "-c", f'{ours}; printf "%s\n" "${{ours[@]}}"'], cwd=ROOT, capture_output=True, text=True, check=True)
     templates = {file.relative_to(ROOT).as_posix() for file in (ROOT / "submissions/templates").rglob("*.py")}
     assert set(listed.stdout.split()) == templates | {f"submissions/{name}.py" for name in EXAMPLES}
     assert re.findall(r"ruff (.*)", script) == ['check . "${ours[@]}"', 'format --check . "${ours[@]}"']

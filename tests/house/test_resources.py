@@ -70,9 +70,7 @@ def test_a_checkout_lacks_nothing() -> None:
 def test_a_wheel_alone_has_its_own_part_and_says_what_to_install(wheel: Path) -> None:
     assert data_folder("baselines") == wheel / "glbench" / "_data" / "baselines"
     assert set(left_out()) == {"ppo"}
-    with pytest.raises(
-        SubmissionError, match=r"'ppo'.*not part of this installation.*pip install glbench-data==7\.8\.9"
-    ):
+    with pytest.raises(SubmissionError, match=r"'ppo'.*not part of this installation.*pip install glbench-data==7\.8\.9"):
         read_baseline("ppo")
 
 

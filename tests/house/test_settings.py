@@ -86,9 +86,7 @@ def test_files_are_yaml_or_toml(tmp_path: Path) -> None:
     table.write_text("[lamps]\nfrom = 6\n", encoding="utf-8")
     assert read_settings(Settings, page, "the page") == read_settings(Settings, table, "the page", toml=True)
     table.write_text("[lamps\n", encoding="utf-8")
-    with pytest.raises(
-        ArchiveError, match=r"The page .*a\.toml cannot be used: it is no valid TOML \(.*\)\. See there\."
-    ):
+    with pytest.raises(ArchiveError, match=r"The page .*a\.toml cannot be used: it is no valid TOML \(.*\)\. See there\."):
         read_settings(Settings, table, "the page", ArchiveError, toml=True, advice="See there.")
     with pytest.raises(SubmissionError, match="Cannot read the page"):
         read_settings(Settings, tmp_path / "none.yml", "the page")

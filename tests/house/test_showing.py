@@ -62,9 +62,7 @@ def test_a_result_and_a_leaderboard_show_their_means() -> None:
     assert "100 ok" in shown
     (table,) = rank(collect_results([folder]), {})
     row = table.rows[0]
-    assert re.search(
-        rf"1 {row.agent} {row.estimates['reward'].mean:.4g} ", re.sub(r" +", " ", words(table._repr_html_()))
-    )
+    assert re.search(rf"1 {row.agent} {row.estimates['reward'].mean:.4g} ", re.sub(r" +", " ", words(table._repr_html_())))
 
 
 def test_a_no_break_space_before_a_unit_is_shown_and_marks_that_turn_text_are_not() -> None:

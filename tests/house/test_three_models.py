@@ -49,9 +49,7 @@ def three(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[TaskSpec, ..
     return get_task(tmp_path / "tomato.toml"), lettuce_task(), get_task(tmp_path / "toy.toml")
 
 
-def test_three_models_are_stepped_evaluated_recorded_reproduced_ranked_and_shown(
-    three: tuple[TaskSpec, ...], tmp_path: Path
-) -> None:
+def test_three_models_are_stepped_evaluated_recorded_reproduced_ranked_and_shown(three: tuple[TaskSpec, ...], tmp_path: Path) -> None:
     agent, out = tmp_path / "idle.py", tmp_path / "out"
     agent.write_text(AGENT, encoding="utf-8")
     models = [task.model_value for task in three]

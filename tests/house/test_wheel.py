@@ -135,9 +135,7 @@ def test_a_leaderboard_says_the_same_of_released_agents_whose_weights_are_not_in
     for place in (installed, ROOT):
         environment = {**os.environ, "PYTHONPATH": str(place)}
         command = [sys.executable, "-c", BUDGETS]
-        done = subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True, timeout=300
-        )
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True, timeout=300)
         said[place] = done.stdout
     assert said[installed] == said[ROOT]
     assert "ppo_tuned" in said[ROOT]
@@ -256,13 +254,9 @@ def test_a_newcomers_agent_is_evaluated_and_ranked_from_the_installed_package(in
             shutil.rmtree(released)
     (tmp_path / "my_agent.py").write_bytes((ROOT / "submissions" / "my_agent.py").read_bytes())
     short = (ROOT / "tasks" / "schiphol2010-delta10-v1.toml").read_text()
-    short = short.replace('id = "glbench/Schiphol2010-Delta10-v1"', 'id = "mine/OneDay-v1"').replace(
-        "days = 60", "days = 1"
-    )
+    short = short.replace('id = "glbench/Schiphol2010-Delta10-v1"', 'id = "mine/OneDay-v1"').replace("days = 60", "days = 1")
     (tmp_path / "one-day.toml").write_text(short)
-    done = run_installed(
-        installed, tmp_path, "evaluate", "my_agent.py", "rule_based", "--task", "one-day.toml", "--runs", "2"
-    )
+    done = run_installed(installed, tmp_path, "evaluate", "my_agent.py", "rule_based", "--task", "one-day.toml", "--runs", "2")
     assert done.returncode == 0, done.stdout + done.stderr
     ranked = run_installed(installed, tmp_path, "leaderboard", "--task", "mine/OneDay-v1", "--json", "--write")
     assert ranked.returncode == 0, ranked.stdout + ranked.stderr
@@ -281,12 +275,7 @@ def test_a_sandboxed_agent_finds_no_data_in_the_installed_packages(wheel, data_w
         with zipfile.ZipFile(file) as archive:
             archive.extractall(site)
     shown = [str(bound.outside) for bound in visible._visible_files(set()) if bound.outside not in visible.libraries()]
-    packages = [
-        file
-        for library in visible.libraries()
-        for file in library.iterdir()
-        if not file.name.startswith(("pvlib", "glbench"))
-    ]
+    packages = [file for library in visible.libraries() for file in library.iterdir() if not file.name.startswith(("pvlib", "glbench"))]
     walker = write_walker(tmp_path, shipped_needles(), [*shown, *packages])
     job = (
         "evaluate",

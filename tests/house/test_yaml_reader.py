@@ -17,9 +17,7 @@ from glbench.training.settings import read_settings
 from glbench.training.sweep import read_search
 from glbench.yaml_reader import read_yaml
 
-LAUGHS = "a0: &a0 [ha]\n" + "".join(
-    f"a{level}: &a{level} [{', '.join([f'*a{level - 1}'] * 9)}]\n" for level in range(1, 10)
-)
+LAUGHS = "a0: &a0 [ha]\n" + "".join(f"a{level}: &a{level} [{', '.join([f'*a{level - 1}'] * 9)}]\n" for level in range(1, 10))
 REFUSED = {
     "billion laughs": (LAUGHS, "aliases"),
     "an alias of itself": ("a: &a [*a]\n", "line 1, .*nested more than 20 levels"),
@@ -111,9 +109,7 @@ def test_every_reader_says_so_in_words(tmp_path: Path, reader, kind: str) -> Non
 @pytest.mark.parametrize("reader", READERS.values(), ids=READERS)
 def test_a_date_is_text_and_never_an_error_of_python(tmp_path: Path, reader, written: str) -> None:
     file = tmp_path / "x.yml"
-    file.write_text(
-        f"default: {{n_steps: {written}}}\nparameters: {written}\nheating_night: {written}\n", encoding="utf-8"
-    )
+    file.write_text(f"default: {{n_steps: {written}}}\nparameters: {written}\nheating_night: {written}\n", encoding="utf-8")
     assert read_yaml(file, "the rules", SubmissionError)["parameters"] == written
     if reader is READERS["training"]:
         file.write_text(f"default: {{n_timesteps: {written}}}\n", encoding="utf-8")

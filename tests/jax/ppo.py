@@ -78,9 +78,7 @@ def make_train(env: Any, s: Settings) -> Callable[[Any], Any]:
         gain = (gain - gain.mean()) / (gain.std() + 1e-8)
         ratio = jnp.exp(log_likelihood(apply(weights["actor"], x), weights["spread"], action) - before)
         bounded = jnp.clip(ratio, 1.0 - s.clip, 1.0 + s.clip)
-        return ((apply(weights["critic"], x)[:, 0] - target) ** 2).mean() - jnp.minimum(
-            ratio * gain, bounded * gain
-        ).mean()
+        return ((apply(weights["critic"], x)[:, 0] - target) ** 2).mean() - jnp.minimum(ratio * gain, bounded * gain).mean()
 
     def adam(weights: Any, moments: Any, gradient: Any) -> Any:
         first, second, count = moments

@@ -155,9 +155,7 @@ def test_places_are_rows_of_the_season_with_the_start_of_their_weather(day: Task
     simulation = Simulation(day, n, "fast")
     simulation.reset([SEEDS[scenario] for scenario in scenarios])
     start = simulation.snapshot()
-    simulation.restore(
-        Snapshot(day.id, day.digest, x, u, steps.astype(np.int64), start.seeds, start.ended, start.generators, memory)
-    )
+    simulation.restore(Snapshot(day.id, day.digest, x, u, steps.astype(np.int64), start.seeds, start.ended, start.generators, memory))
     actions = random_actions(day, n, np.random.default_rng(1))
     result = simulation.step(actions)
     observed, after, reward, done, _ = jax.vmap(environment.step_env)(keys(n), state, actions)
@@ -282,13 +280,9 @@ def test_what_cannot_be_made_is_refused_in_words(day: TaskSpec) -> None:
 
 @pytest.mark.usefixtures("own_words")
 def test_a_task_with_parts_in_python_is_not_served(day: TaskSpec) -> None:
-    register_reward(
-        "own_part", "a part that only Python knows", lambda task, accounts: lambda step: step.quantity("epi")
-    )
+    register_reward("own_part", "a part that only Python knows", lambda task, accounts: lambda step: step.quantity("epi"))
     task = day.replace({"id": "test/Own-v1", "reward.modules": ["epi", "own_part"]})
-    with pytest.raises(
-        TaskError, match=r"cannot step test/Own-v1: the reward 'own_part' is Python. Use .*GreenhouseVectorEnv"
-    ):
+    with pytest.raises(TaskError, match=r"cannot step test/Own-v1: the reward 'own_part' is Python. Use .*GreenhouseVectorEnv"):
         Environment(task)
 
 
@@ -299,9 +293,7 @@ def test_without_a_compiler_the_reason_is_said(day: TaskSpec, monkeypatch: pytes
         Environment(day)
 
 
-@pytest.mark.parametrize(
-    "action", [[0j] * 6, [True] * 6, ["0"] * 6, [10**400] * 6, [None] * 6, np.zeros(6, "datetime64[s]")]
-)
+@pytest.mark.parametrize("action", [[0j] * 6, [True] * 6, ["0"] * 6, [10**400] * 6, [None] * 6, np.zeros(6, "datetime64[s]")])
 def test_an_action_that_is_not_a_row_of_real_numbers_is_refused(action: Any) -> None:
     environment = Environment("Spring-v1")
     _, state = environment.reset(jax.random.key(0))

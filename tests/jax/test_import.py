@@ -42,9 +42,7 @@ def test_another_process_finds_the_programs_that_jax_stored(tmp_path: Path) -> N
     }
     runs = []
     for _ in range(2):
-        done = subprocess.run(
-            [sys.executable, "-c", PROGRAM], env=os.environ | settings, capture_output=True, text=True, check=True
-        )
+        done = subprocess.run([sys.executable, "-c", PROGRAM], env=os.environ | settings, capture_output=True, text=True, check=True)
         stored = sorted(file.name for file in cache.rglob("*-cache"))
         runs.append((done.stdout, [name for name in stored if "step" in name], stored))
     assert len(runs[0][1]) == 1

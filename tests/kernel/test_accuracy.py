@@ -31,21 +31,15 @@ def scaled_error(got: Array, expected: Array) -> Array:
     ],
 )
 @pytest.mark.parametrize("seconds", [300, 900])
-def test_known_steps_are_met(
-    seconds: int, backend: str, preset: str, limit: float, p: Array, request: pytest.FixtureRequest
-) -> None:
+def test_known_steps_are_met(seconds: int, backend: str, preset: str, limit: float, p: Array, request: pytest.FixtureRequest) -> None:
     steps: KnownSteps = request.getfixturevalue(f"steps_{seconds}")
-    error = scaled_error(
-        Kernel(TOMATO, seconds, backend=backend, preset=preset).step(steps.x, steps.u, steps.d, p), steps.after
-    )
+    error = scaled_error(Kernel(TOMATO, seconds, backend=backend, preset=preset).step(steps.x, steps.u, steps.d, p), steps.after)
     row, state = np.unravel_index(error.argmax(), error.shape)
     assert error.max() <= limit, f"{steps.labels[int(row)]}, {STATE_NAMES[int(state)]}"
 
 
 @pytest.mark.parametrize("seconds", [300, 900])
-def test_no_state_is_less_accurate_than_with_cvodes_at_one_millionth(
-    seconds: int, p: Array, request: pytest.FixtureRequest
-) -> None:
+def test_no_state_is_less_accurate_than_with_cvodes_at_one_millionth(seconds: int, p: Array, request: pytest.FixtureRequest) -> None:
     steps: KnownSteps = request.getfixturevalue(f"steps_{seconds}")
     x, u, d = casadi.SX.sym("x", 28), casadi.SX.sym("u", 6), casadi.SX.sym("d", 10)
     problem = {"x": x, "u": casadi.vertcat(u, d), "ode": build_rhs()(x, u, d, p)}
@@ -87,9 +81,7 @@ def test_soil_at_rest_stays_at_rest_by_hand(p: Array) -> None:
     [(-22.0, 0.0, -40.0), (8.0, 150.0, -3.0), (42.0, 1050.0, 25.0)],
     ids=["frost", "mild", "heat"],
 )
-def test_every_corner_of_the_controls_is_met_from_the_benchmarks_start(
-    outside: float, sun: float, sky: float, p: Array
-) -> None:
+def test_every_corner_of_the_controls_is_met_from_the_benchmarks_start(outside: float, sun: float, sky: float, p: Array) -> None:
     vapour = 0.7 * 610.78 * np.exp(17.2694 * outside / (outside + 238.3))
     d = np.array([sun, outside, vapour, 750.0, 4.0, sky, 10.0, 0.0, 0.0, 0.0])
     u = np.array(list(itertools.product((0.0, 1.0), repeat=len(CONTROL_NAMES))))

@@ -21,16 +21,12 @@ def whole(kernel: Kernel, steps_900: KnownSteps, perturbed: Array) -> Array:
     return kernel.step(steps_900.x, steps_900.u, steps_900.d, perturbed)
 
 
-def test_a_row_alone_equals_the_row_in_a_batch(
-    kernel: Kernel, steps_900: KnownSteps, perturbed: Array, whole: Array
-) -> None:
+def test_a_row_alone_equals_the_row_in_a_batch(kernel: Kernel, steps_900: KnownSteps, perturbed: Array, whole: Array) -> None:
     alone = [kernel.step(*row) for row in zip(steps_900.x, steps_900.u, steps_900.d, perturbed, strict=True)]
     assert np.array_equal(alone, whole)
 
 
-def test_the_order_of_rows_does_not_matter(
-    kernel: Kernel, steps_900: KnownSteps, perturbed: Array, whole: Array
-) -> None:
+def test_the_order_of_rows_does_not_matter(kernel: Kernel, steps_900: KnownSteps, perturbed: Array, whole: Array) -> None:
     order = np.random.default_rng(1).permutation(32)
     mixed = kernel.step(steps_900.x[order], steps_900.u[order], steps_900.d[order], perturbed[order])
     assert np.array_equal(mixed, whole[order])

@@ -122,9 +122,7 @@ def test_with_a_large_buffer_and_no_engine_the_greenhouse_is_that_of_the_plain_b
         heated = u[:, :6].copy()
         heated[:, 0] = u[:, 7]
         if step == 0:
-            error = np.abs(
-                ours.step(x, u, rows.d, rows.p)[:, keep] - theirs.step(plain, heated, rows.d, rows.p[:, :208])
-            )
+            error = np.abs(ours.step(x, u, rows.d, rows.p)[:, keep] - theirs.step(plain, heated, rows.d, rows.p[:, :208]))
             assert (error / scale).max() < 2e-6
         x, plain = ours.step(x, u, rows.d, rows.p), theirs.step(plain, heated, rows.d, rows.p[:, :208])
     # No step adds more than 2e-6, and 96 steps no more than 96 times that.

@@ -18,9 +18,7 @@ from glbench.kernel.cvodes import SUBSTEP_LIMIT, signals_wait
 from tests.kernel.known_steps import Array, KnownSteps
 
 
-def test_a_failed_row_keeps_its_state_and_the_others_are_stepped(
-    kernel: Kernel, steps_900: KnownSteps, p: Array, leafless: Array
-) -> None:
+def test_a_failed_row_keeps_its_state_and_the_others_are_stepped(kernel: Kernel, steps_900: KnownSteps, p: Array, leafless: Array) -> None:
     x, u, d = steps_900.x[:4].copy(), steps_900.u[:4], steps_900.d[:4]
     expected = kernel.step(x, u, d, p)
     x[2] = leafless
@@ -30,9 +28,7 @@ def test_a_failed_row_keeps_its_state_and_the_others_are_stepped(
     assert np.array_equal(np.delete(after, 2, axis=0), np.delete(expected, 2, axis=0))
 
 
-def test_the_reason_names_states_time_and_inputs(
-    kernel: Kernel, steps_900: KnownSteps, p: Array, leafless: Array
-) -> None:
+def test_the_reason_names_states_time_and_inputs(kernel: Kernel, steps_900: KnownSteps, p: Array, leafless: Array) -> None:
     _, (failure,) = kernel.try_step(leafless[None], steps_900.u[0], steps_900.d[0], p)
     assert "rate of change is not finite" in failure.reason
     assert "cBuf (" in failure.reason
@@ -41,9 +37,7 @@ def test_the_reason_names_states_time_and_inputs(
     assert f"tOut {steps_900.d[0, 1]:.4g} °C" in failure.reason
 
 
-def test_step_raises_for_the_first_failed_row_and_counts_them(
-    kernel: Kernel, steps_900: KnownSteps, p: Array, leafless: Array
-) -> None:
+def test_step_raises_for_the_first_failed_row_and_counts_them(kernel: Kernel, steps_900: KnownSteps, p: Array, leafless: Array) -> None:
     x = steps_900.x[:5].copy()
     x[[1, 3]] = leafless
     with pytest.raises(StepError, match=r"step of 900 s failed in row 1 of 5: .*2 of 5 rows failed.*try_step"):
@@ -117,9 +111,7 @@ def test_handlers_are_put_back_and_run_once_after_the_block() -> None:
 def test_a_thread_can_step_too(steps_900: KnownSteps, kernel: Kernel, p: Array) -> None:
     expected = kernel.step(steps_900.x[0], steps_900.u[0], steps_900.d[0], p)
     found: list[Array] = []
-    thread = threading.Thread(
-        target=lambda: found.append(kernel.step(steps_900.x[0], steps_900.u[0], steps_900.d[0], p))
-    )
+    thread = threading.Thread(target=lambda: found.append(kernel.step(steps_900.x[0], steps_900.u[0], steps_900.d[0], p)))
     thread.start()
     thread.join()
     assert np.array_equal(found[0], expected)

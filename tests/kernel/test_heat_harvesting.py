@@ -56,9 +56,7 @@ def control(**loads: float) -> Array:
 
 
 @pytest.mark.parametrize("preset", ["reference", "standard", "fast"])
-def test_heat_harvested_and_electricity_are_heat_delivered_and_stored_over_hours(
-    steps_900: KnownSteps, preset: str
-) -> None:
+def test_heat_harvested_and_electricity_are_heat_delivered_and_stored_over_hours(steps_900: KnownSteps, preset: str) -> None:
     rows, kernel = rows_of(warm(steps_900), 20), kernel_of("compiled", preset)
     x, generator = rows.x.copy(), np.random.default_rng(5)
     for _ in range(24):

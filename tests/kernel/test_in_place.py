@@ -76,9 +76,7 @@ def test_a_bound_step_that_fails_says_which_row(any_kernel: Kernel, steps_900: K
     np.testing.assert_array_equal(out[1], x[1])
 
 
-def test_arrays_that_would_have_to_be_copied_cannot_be_bound(
-    any_kernel: Kernel, steps_900: KnownSteps, p: Array
-) -> None:
+def test_arrays_that_would_have_to_be_copied_cannot_be_bound(any_kernel: Kernel, steps_900: KnownSteps, p: Array) -> None:
     x, u, d, out = steps_900.x[0].copy(), steps_900.u[0].copy(), steps_900.d[0].copy(), np.empty(28)
     with pytest.raises(ShapeError, match="u must be"):
         any_kernel.bind(x, u.astype(np.float32), d, p, out)

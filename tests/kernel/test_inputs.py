@@ -19,9 +19,7 @@ def inputs(steps_900: KnownSteps, p: Array) -> dict[str, Array]:
     return {"x": steps_900.x[:3].copy(), "u": steps_900.u[:3].copy(), "d": steps_900.d[:3].copy(), "p": p.copy()}
 
 
-def test_a_single_state_gives_a_single_state_and_inputs_stay_as_they_were(
-    kernel: Kernel, inputs: dict[str, Array]
-) -> None:
+def test_a_single_state_gives_a_single_state_and_inputs_stay_as_they_were(kernel: Kernel, inputs: dict[str, Array]) -> None:
     before = {key: value.copy() for key, value in inputs.items()}
     one = kernel.step(inputs["x"][0], inputs["u"][0], inputs["d"][0], inputs["p"])
     assert one.shape == (28,)
@@ -72,9 +70,7 @@ def test_a_wrong_shape_is_named(kernel: Kernel, inputs: dict[str, Array], key: s
     ],
 )
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_a_value_that_is_not_finite_is_named(
-    kernel: Kernel, inputs: dict[str, Array], key: str, at: Any, name: str, value: float
-) -> None:
+def test_a_value_that_is_not_finite_is_named(kernel: Kernel, inputs: dict[str, Array], key: str, at: Any, name: str, value: float) -> None:
     inputs[key][at] = value
     row = at[0] if isinstance(at, tuple) else 0
     with pytest.raises(ShapeError, match=rf"The {name} of row {row} is {value}\. "):

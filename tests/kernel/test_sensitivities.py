@@ -39,9 +39,7 @@ def relative(found: Array, expected: Array) -> float:
 
 
 @pytest.mark.slow
-def test_matrices_agree_with_those_of_cvodes(
-    tight: Kernel, kernel: Kernel, inner: tuple[Array, Array, Array], p: Array
-) -> None:
+def test_matrices_agree_with_those_of_cvodes(tight: Kernel, kernel: Kernel, inner: tuple[Array, Array, Array], p: Array) -> None:
     """CVODES integrates the sensitivity equations, which know nothing of substeps held where they are."""
     names = PARAMETER_NAMES[::30]
     expected = kernel.linearise(*inner, p, parameters=names)
@@ -54,9 +52,7 @@ def test_matrices_agree_with_those_of_cvodes(
 
 
 @pytest.mark.parametrize("backend", ["casadi", "cvodes"])
-def test_gradients_agree_with_those_of_cvodes(
-    tight: Kernel, inner: tuple[Array, Array, Array], p: Array, backend: str
-) -> None:
+def test_gradients_agree_with_those_of_cvodes(tight: Kernel, inner: tuple[Array, Array, Array], p: Array, backend: str) -> None:
     weights = np.random.default_rng(5).normal(size=(3, 28)) / STATE_SCALE
     reference = Kernel(TOMATO, 900.0, backend=backend)
     x_next, expected = reference.adjoint(*inner, p, weights, parameters=True)
@@ -89,9 +85,7 @@ def test_shapes_of_one_state_and_of_a_batch(compiled: Kernel, inner: tuple[Array
 def test_wrong_directions_are_explained(compiled: Kernel, inner: tuple[Array, Array, Array], p: Array) -> None:
     with pytest.raises(ShapeError, match=r"give at least one of dx, du, dd, dp"):
         compiled.forward(*inner, p)
-    with pytest.raises(
-        ShapeError, match=r"direction in u has the shape \(5,\); expected \(6,\), \(3, 6\) or \(3, m, 6\)"
-    ):
+    with pytest.raises(ShapeError, match=r"direction in u has the shape \(5,\); expected \(6,\), \(3, 6\) or \(3, m, 6\)"):
         compiled.forward(*inner, p, du=np.ones(5))
     with pytest.raises(ShapeError, match=r"numbers of directions differ \(dx 1, du 2\)"):
         compiled.forward(*inner, p, dx=np.ones(28), du=np.ones((3, 2, 6)))
@@ -105,9 +99,7 @@ def test_wrong_directions_are_explained(compiled: Kernel, inner: tuple[Array, Ar
         compiled.linearise(*inner, p, parameters=["aPip"])
 
 
-def test_a_row_that_fails_is_named_by_casadi_too(
-    kernel: Kernel, inner: tuple[Array, Array, Array], leafless: Array, p: Array
-) -> None:
+def test_a_row_that_fails_is_named_by_casadi_too(kernel: Kernel, inner: tuple[Array, Array, Array], leafless: Array, p: Array) -> None:
     x = np.stack([inner[0][0], leafless])
     with pytest.raises(StepError, match="row 1 of 2"):
         kernel.adjoint(x, inner[1][:2], inner[2][:2], p, np.ones(28))

@@ -168,19 +168,14 @@ def test_every_operator_is_tested() -> None:
 def test_every_shape_can_be_played() -> None:
     a, b = np.random.default_rng(3).uniform(0.5, 2.0, (2, 4, 3))
     for formula, _ in FORMULAS.values():
-        assert (
-            in_numpy(recorded(formula), a, b).ravel().tolist()
-            == in_numpy(recorded(formula), a.ravel(), b.ravel()).tolist()
-        )
+        assert in_numpy(recorded(formula), a, b).ravel().tolist() == in_numpy(recorded(formula), a.ravel(), b.ravel()).tolist()
 
 
 @needs_compiler
 def test_rows_of_tables_are_looked_up_by_clock_and_weather() -> None:
     table = np.arange(60, dtype=np.float32).reshape(12, 5)
     lookups = (Lookup(table, 0, clocked=True), Lookup(table, 5), Lookup(table, 10, rows=2, ahead=1))
-    environments = Kernel(TOMATO, 900.0, backend="compiled").environments(
-        program(Recorder().tape(), columns=20, lookups=lookups), 3
-    )
+    environments = Kernel(TOMATO, 900.0, backend="compiled").environments(program(Recorder().tape(), columns=20, lookups=lookups), 3)
     assert environments is not None
     environments.k[:] = [0, 1, 4]
     environments.observe()
@@ -382,6 +377,4 @@ def test_a_change_of_an_output_counts_wherever_it_is_used() -> None:
 
 def test_without_outputs_or_inputs_there_is_nothing_to_differentiate() -> None:
     assert TapeDerivatives(recorded(lambda: 7.0, 0), [], ("after",))(lambda source, index: None, {}) == []
-    assert TapeDerivatives(recorded(lambda: 7.0, 0), [("table", 0)], ("after",))(lambda source, index: None, {}) == [
-        7.0
-    ]
+    assert TapeDerivatives(recorded(lambda: 7.0, 0), [("table", 0)], ("after",))(lambda source, index: None, {}) == [7.0]

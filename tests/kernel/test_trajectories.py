@@ -88,9 +88,7 @@ def test_the_jacobians_are_those_of_the_steps(backend: str, tanks: tuple[Array, 
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_pushing_is_the_product_of_the_jacobians_and_pulling_its_transpose(
-    backend: str, tanks: tuple[Array, Array, Array, Array]
-) -> None:
+def test_pushing_is_the_product_of_the_jacobians_and_pulling_its_transpose(backend: str, tanks: tuple[Array, Array, Array, Array]) -> None:
     path = kernel_of(TANK, backend).linearise_trajectory(*tanks, inputs=("x", "u", "d"))
     generator = np.random.default_rng(6)
     du, dd, dx0, weights = (generator.normal(size=shape) for shape in ((N, STEPS, 1), (N, STEPS, 1), (N, 2), (N, 6, 2)))
@@ -163,9 +161,7 @@ def test_a_step_that_fails_is_named_with_its_horizon(backend: str, tanks: tuple[
     expected = by_steps(kernel, x0, u, d, p)
     d = d.copy()
     d[2, 3] = -1e-2  # drains the tank far below its floor, where the outflow divides by zero
-    with pytest.raises(
-        RolloutError, match=r"failed in horizon 2 of 3, step 3 of 5 of 900 s: .*controls uTap"
-    ) as caught:
+    with pytest.raises(RolloutError, match=r"failed in horizon 2 of 3, step 3 of 5 of 900 s: .*controls uTap") as caught:
         kernel.rollout(x0, u, d, p)
     assert (caught.value.horizon, caught.value.step) == (2, 3)
     assert caught.value.states.tobytes() == np.ascontiguousarray(expected[:, :4]).tobytes()

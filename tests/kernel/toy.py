@@ -40,9 +40,7 @@ class TankParameters(NamedTuple):
 
 
 def parameter(name: str, value: float) -> ParameterInfo:
-    return ParameterInfo(
-        name, name, "-", name, "", "tank", "nonnegative", "", "yes", frozenset(), MappingProxyType({"benchmark": value})
-    )
+    return ParameterInfo(name, name, "-", name, "", "tank", "nonnegative", "", "yes", frozenset(), MappingProxyType({"benchmark": value}))
 
 
 @dataclass(frozen=True)

@@ -83,12 +83,8 @@ def assert_same(found: Stepped, expected: Stepped) -> None:
         assert substeps.tolist() == substeps_here.tolist()
 
 
-@pytest.mark.parametrize(
-    ("preset", "n", "rows_a_call"), [("reference", 100, 100), ("standard", 200, 200), ("standard", 40, 1)]
-)
-def test_arm_gives_the_bits_of_this_machine(
-    on_arm: ArmRun, rows: Case, parameters: Array, preset: str, n: int, rows_a_call: int
-) -> None:
+@pytest.mark.parametrize(("preset", "n", "rows_a_call"), [("reference", 100, 100), ("standard", 200, 200), ("standard", 40, 1)])
+def test_arm_gives_the_bits_of_this_machine(on_arm: ArmRun, rows: Case, parameters: Array, preset: str, n: int, rows_a_call: int) -> None:
     stepper, case = CompiledStepper(TOMATO, 900.0, preset=preset), case_of(rows, n)
     here = stepped_here(stepper, case, parameters)
     assert not any(status.any() for _, status, _ in here)

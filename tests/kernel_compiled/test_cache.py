@@ -81,10 +81,7 @@ def test_a_broken_record_is_built_again(empty_cache: Path, quick_compiler: Path)
 @pytest.mark.slow
 def test_processes_that_start_together_build_once(empty_cache: Path, quick_compiler: Path) -> None:
     program = "from glbench.kernel.compiled import availability; print(availability())"
-    started = [
-        subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=dict(os.environ))
-        for _ in range(4)
-    ]
+    started = [subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=dict(os.environ)) for _ in range(4)]
     assert [process.communicate(timeout=300)[0].strip() for process in started] == ["None"] * 4
     assert compilations(quick_compiler) == 1
 
@@ -149,17 +146,13 @@ def test_whether_there_is_something_to_build_is_known(empty_cache: Path, quick_c
     assert not will_compile(TOMATO)
 
 
-def test_a_compiler_that_does_not_run_is_not_called_absent(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_cache: Path
-) -> None:
+def test_a_compiler_that_does_not_run_is_not_called_absent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_cache: Path) -> None:
     for name in ("c++", "g++"):
         (tmp_path / name).write_text("#!/bin/sh\nexit 1\n", encoding="utf-8")
         (tmp_path / name).chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path))
     for variable in ("CXX", "CC"):
         monkeypatch.delenv(variable, raising=False)
-    with pytest.raises(
-        CompiledUnavailable, match=rf"does not run \({tmp_path}/c\+\+, {tmp_path}/g\+\+: `--version` fails\)"
-    ):
+    with pytest.raises(CompiledUnavailable, match=rf"does not run \({tmp_path}/c\+\+, {tmp_path}/g\+\+: `--version` fails\)"):
         find_compiler()
     assert not will_compile(TOMATO)

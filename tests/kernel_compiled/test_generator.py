@@ -155,9 +155,9 @@ def test_elimination_by_the_plan_solves_the_system() -> None:
     right = dense @ expected
     for i in plan.order:  # what the generated code does, in dense storage
         for j in plan.lower[i]:
-            factors[i, j] = (
-                factors[i, j] - sum(factors[i, k] * factors[k, j] for k in plan.lower[i] if j in plan.upper[k])
-            ) / factors[j, j]
+            factors[i, j] = (factors[i, j] - sum(factors[i, k] * factors[k, j] for k in plan.lower[i] if j in plan.upper[k])) / factors[
+                j, j
+            ]
         for j in (*plan.upper[i], i):
             factors[i, j] -= sum(factors[i, k] * factors[k, j] for k in plan.lower[i] if j in (*plan.upper[k], k))
         right[i] -= sum(factors[i, k] * right[k] for k in plan.lower[i])

@@ -46,10 +46,7 @@ def probe(compiled: None, tmp_path_factory: pytest.TempPathFactory) -> Probe:
 
 def ulps(found: Array, exact: list[Decimal]) -> float:
     """Largest error in units of the last place of the exact value."""
-    return max(
-        float(abs(Decimal(value) - truth)) / math.ulp(float(truth))
-        for value, truth in zip(found.tolist(), exact, strict=True)
-    )
+    return max(float(abs(Decimal(value) - truth)) / math.ulp(float(truth)) for value, truth in zip(found.tolist(), exact, strict=True))
 
 
 def test_exp16_is_within_about_one_unit_of_the_last_place(probe: Probe) -> None:

@@ -196,9 +196,7 @@ def test_a_row_has_the_same_bits_alone_in_a_batch_and_in_threads(points: Rows) -
     expected = derivatives(kernel, points)
     assert b"".join(derivatives(kernel, points.take(np.arange(row, row + 1))) for row in range(78)) == expected
     for threads in (2, 3):
-        assert (
-            derivatives(Kernel(TOMATO, 900.0, backend="compiled", preset="fast", threads=threads), points) == expected
-        )
+        assert derivatives(Kernel(TOMATO, 900.0, backend="compiled", preset="fast", threads=threads), points) == expected
     shuffled = np.random.default_rng(2).permutation(78)
     again = Rows(points.x[shuffled], points.u[shuffled], points.d[shuffled], points.p)
     size = len(expected) // 78
@@ -223,9 +221,7 @@ def test_any_number_of_lanes_gives_the_same_bits(points: Rows, width: int) -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["clang++", "g++ -mno-avx512f"])
-def test_other_compilers_and_instruction_sets_give_the_same_bits(
-    points: Rows, command: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_compilers_and_instruction_sets_give_the_same_bits(points: Rows, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if shutil.which(command.split()[0]) is None:
         pytest.skip(f"{command} is not installed")
     expected = everything(CompiledStepper(TOMATO, 900.0, preset="fast"), points)
@@ -272,16 +268,12 @@ def test_the_clock_runs_by_itself(kernel: Kernel, points: Rows) -> None:
 
 @pytest.mark.parametrize("control", range(6))
 @pytest.mark.parametrize("value", [0.0, 1.0])
-def test_controls_at_their_bounds_have_the_slope_of_the_inside(
-    one_substep: Kernel, points: Rows, control: int, value: float
-) -> None:
+def test_controls_at_their_bounds_have_the_slope_of_the_inside(one_substep: Kernel, points: Rows, control: int, value: float) -> None:
     u = points.u.copy()
     u[:, control] = value
     lines = one_substep.linearise(points.x, u, points.d, points.p)
     inwards = 1.0 - 2.0 * value
-    by = (
-        1e-4 if not (value == 1.0 and control in (2, 5)) else 1e-8
-    )  # the gap of a closed screen opens like its power of 3/2
+    by = 1e-4 if not (value == 1.0 and control in (2, 5)) else 1e-8  # the gap of a closed screen opens like its power of 3/2
     states = []
     for k in range(3):
         u[:, control] = value + k * by * inwards

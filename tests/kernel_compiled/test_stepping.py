@@ -33,12 +33,8 @@ def step(stepper: CompiledStepper, x: Array, u: Array, d: Array, p: Array) -> Ar
 
 
 @pytest.mark.parametrize("season", ["winter", "summer"])
-@pytest.mark.parametrize(
-    ("preset", "limit"), [("tight", 2e-8), ("reference", 2e-7), ("standard", 2e-5), ("fast", 2e-4)]
-)
-def test_golden_steps_are_met(
-    golden_steps: dict[str, Array], parameters: Array, season: str, preset: str, limit: float
-) -> None:
+@pytest.mark.parametrize(("preset", "limit"), [("tight", 2e-8), ("reference", 2e-7), ("standard", 2e-5), ("fast", 2e-4)])
+def test_golden_steps_are_met(golden_steps: dict[str, Array], parameters: Array, season: str, preset: str, limit: float) -> None:
     x, u, d, after = (golden_steps[f"{season}_{name}"] for name in ("x", "u", "d", "next"))
     found = step(CompiledStepper(TOMATO, 300.0, preset=preset), x, u, d, parameters)
     assert np.max(np.abs(found - after) / STATE_SCALE) < limit
@@ -154,9 +150,7 @@ def test_inputs_that_are_not_finite_are_reported(rows: RowArrays, parameters: Ar
     assert "weather" in stepper.explain(2)
 
 
-def test_too_many_substeps_are_reported_with_state_and_time(
-    rows: RowArrays, parameters: Array, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_too_many_substeps_are_reported_with_state_and_time(rows: RowArrays, parameters: Array, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("glbench.kernel.compiled.stepper.LARGEST_SUBSTEPS", 5)
     x, u, d = (a[:20] for a in rows)
     backend = CompiledStepper(TOMATO, 900.0, preset="standard")
@@ -171,9 +165,7 @@ def test_too_many_substeps_are_reported_with_state_and_time(
     assert (backend.reached > 0.0).all()
 
 
-def test_substeps_that_become_too_small_are_reported(
-    rows: RowArrays, parameters: Array, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_substeps_that_become_too_small_are_reported(rows: RowArrays, parameters: Array, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("glbench.kernel.compiled.stepper.SMALLEST_SUBSTEP", 100.0)
     x, u, d = (a[:4] for a in rows)
     stepper = CompiledStepper(TOMATO, 900.0)

@@ -98,9 +98,7 @@ def test_any_number_of_lanes_gives_the_same_bits(batch: Inputs, width: int) -> N
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["clang++", "g++ -mno-avx512f"])
-def test_other_compilers_and_instruction_sets_give_the_same_bits(
-    batch: Inputs, command: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_compilers_and_instruction_sets_give_the_same_bits(batch: Inputs, command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if shutil.which(command.split()[0]) is None:
         pytest.skip(f"{command} is not installed")
     expected = joined(everything(own_kernel(900.0, "fast"), batch))

@@ -112,9 +112,7 @@ def test_no_bit_of_the_others_changes(some: tuple[Array, Array, Array], preset: 
 def test_limits_that_are_not_stated_are_never_reached(some: tuple[Array, Array, Array], compiled: None) -> None:
     x, u, d = some
     made = with_violation_meters(TOMATO)
-    after = Kernel(made, 900.0, preset="fast").step(
-        np.hstack([x, np.zeros((len(x), 6))]), u, d, made.parameters.default()
-    )
+    after = Kernel(made, 900.0, preset="fast").step(np.hstack([x, np.zeros((len(x), 6))]), u, d, made.parameters.default())
     assert not after[:, -6:].any()
 
 

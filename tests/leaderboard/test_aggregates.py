@@ -112,14 +112,7 @@ def test_the_probability_of_improvement_counts_pairs_of_one_run(seed):
     ours = {f"t{i}": generator.integers(0, 10, (2, 30)).astype(float) for i in range(3)}
     theirs = {f"t{i}": generator.integers(0, 10, (3, 30)).astype(float) for i in range(3)}
     pairs = [
-        np.mean(
-            [
-                (x > y) + 0.5 * (x == y)
-                for one in ours[task]
-                for other in theirs[task]
-                for x, y in zip(one, other, strict=True)
-            ]
-        )
+        np.mean([(x > y) + 0.5 * (x == y) for one in ours[task] for other in theirs[task] for x, y in zip(one, other, strict=True)])
         for task in ours
     ]
     found = probability_of_improvement(ours, theirs)

@@ -18,9 +18,7 @@ def table(store):
 
 
 def text_of(svg: str) -> str:
-    return " ".join(
-        "".join(element.itertext()) for element in ET.fromstring(svg).iter() if element.tag.endswith("text")
-    )
+    return " ".join("".join(element.itertext()) for element in ET.fromstring(svg).iter() if element.tag.endswith("text"))
 
 
 def test_a_badge_has_task_rank_and_reward(table):
@@ -28,9 +26,7 @@ def test_a_badge_has_task_rank_and_reward(table):
 
 
 def test_only_a_reproduced_result_is_called_so_and_green(table):
-    reproduced = table.model_copy(
-        update={"rows": tuple(row.model_copy(update={"reproduced": True}) for row in table.rows)}
-    )
+    reproduced = table.model_copy(update={"rows": tuple(row.model_copy(update={"reproduced": True}) for row in table.rows)})
     assert "reproduced" in text_of(badge(reproduced, "good"))
     assert badge(reproduced, "good") != badge(table, "good").replace("3,150", "3,150, reproduced")
     assert "#2f7d4f" not in badge(table, "good")

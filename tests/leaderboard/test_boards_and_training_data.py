@@ -39,9 +39,9 @@ def test_results_under_different_salts_stand_on_different_boards_that_say_so(sto
     assert page.count("## A meadow") == 3
     assert f"(sealed draws, salt commitment {OTHER})" in page
     assert f"salt commitment {SALT}" in to_latex(tables[sealed])
-    assert {
-        (one["id"], one["task"], one["salt_commitment"]) for one in json.loads(to_json([tables[sealed]]))["tasks"]
-    } == {(sealed, TASK, SALT)}
+    assert {(one["id"], one["task"], one["salt_commitment"]) for one in json.loads(to_json([tables[sealed]]))["tasks"]} == {
+        (sealed, TASK, SALT)
+    }
 
 
 def test_results_under_different_salts_are_not_compared():

@@ -29,9 +29,7 @@ def test_a_submission_without_a_card_says_nothing():
 
 
 def test_a_card_is_believed():
-    card = SubmissionCard(
-        name="A", authors=("B",), licence="MIT", information=("observations",), training={"steps": 7, "wall_hours": 0.5}
-    )
+    card = SubmissionCard(name="A", authors=("B",), licence="MIT", information=("observations",), training={"steps": 7, "wall_hours": 0.5})
     result = make_result("told", [1.0])
     told = result.model_copy(update={"agent": result.agent.model_copy(update={"card": card})})
     assert budget_of(told) == Budget(7, 0.5)
@@ -79,9 +77,7 @@ def test_a_policy_that_another_one_was_made_of_counts_with_it():
 
 def test_a_recording_counts_with_the_training_of_the_agent_that_was_recorded():
     tuned, digest = released("ppo_tuned"), read_baseline("recording").digest
-    replayed = tuned.model_copy(
-        update={"agent": tuned.agent.model_copy(update={"name": "recording", "digest": digest})}
-    )
+    replayed = tuned.model_copy(update={"agent": tuned.agent.model_copy(update={"name": "recording", "digest": digest})})
     assert budget_of(replayed) == budget_of(tuned)
 
 

@@ -124,10 +124,7 @@ def of_recipes(generator, first, second, n, between, shared, alone, tails):
         return generator.standard_t(tails, shape) if tails else generator.normal(size=shape)
 
     seasons = 3.0 * generator.normal(size=n)
-    return [
-        seasons + between * draws(count, 1) + shared * generator.normal(size=n) + alone * draws(count, n)
-        for count in (first, second)
-    ]
+    return [seasons + between * draws(count, 1) + shared * generator.normal(size=n) + alone * draws(count, n) for count in (first, second)]
 
 
 @pytest.mark.parametrize("tails", [None, 3.0], ids=["normal", "heavy tails"])
@@ -138,10 +135,7 @@ def test_equal_recipes_are_told_apart_in_at_most_six_percent_of_cases(first, sec
     generator = np.random.default_rng(4)
     for between, shared, alone in ((1.0, 0.0, 0.01), (1.0, 0.5, 0.5), (0.0, 0.0, 1.0)):
         spread = 0.0 if first == second == 1 else between  # of one training each the policies are equal
-        apart = [
-            p_of(*of_recipes(generator, first, second, 30, spread, shared, alone, tails)) < SIGNIFICANCE
-            for _ in range(800)
-        ]
+        apart = [p_of(*of_recipes(generator, first, second, 30, spread, shared, alone, tails)) < SIGNIFICANCE for _ in range(800)]
         assert np.mean(apart) <= MOST, (between, shared, alone)
 
 
@@ -223,10 +217,7 @@ def test_what_the_page_says_of_the_cases_in_which_the_error_is_larger():
 
     def wider():
         return [
-            [
-                of_policies(0.5 * generator.normal(size=count), spread)
-                for count, spread in zip(of_tasks, (1, 5), strict=True)
-            ]
+            [of_policies(0.5 * generator.normal(size=count), spread) for count, spread in zip(of_tasks, (1, 5), strict=True)]
             for of_tasks in ((3, 1), (3, 3))
         ]
 

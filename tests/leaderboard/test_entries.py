@@ -96,9 +96,7 @@ def test_a_forged_training_changes_nobodys_row(store, trainings, forged):
 
 def test_one_policy_under_three_names_and_cards_is_one_training(store):
     """Nor does it become two by another seed: the weights are the same."""
-    stored = [
-        store(name, [5.0] * 4, recipe=("mine", seed), policy="one") for seed, name in enumerate(("a", "b", "a_seed2"))
-    ]
+    stored = [store(name, [5.0] * 4, recipe=("mine", seed), policy="one") for seed, name in enumerate(("a", "b", "a_seed2"))]
     assert [(entry.name, entry.training_seeds) for entry in entries(stored)] == [("a", ()), ("a_seed2", ()), ("b", ())]
     other = store("c", [6.0] * 4, recipe=("mine", 7))
     found = entries([*stored, other])
@@ -223,9 +221,7 @@ def test_exports_keep_every_training_with_its_entry(trainings):
 
 
 def test_over_a_suite_trainings_have_a_range_and_all_their_runs_count(trainings):
-    references = {
-        TASK: References(nothing=0.0, nothing_results_digest="", best=40.0, best_agent="x", best_results_digest="")
-    }
+    references = {TASK: References(nothing=0.0, nothing_results_digest="", best=40.0, best_agent="x", best_results_digest="")}
     scores = scores_by_task(trainings, EXPECTED)
     assert scores[TASK]["ppo"].shape == (3, 4)
     table = suite_table("meadows", (TASK,), scores, references, rank(trainings, EXPECTED))
@@ -247,10 +243,7 @@ def test_the_gap_of_the_lowest_training_is_the_upper_end():
 def test_the_metric_of_the_task_ranks(store):
     def with_profit(agent: str, reward: float, epi: float) -> StoredResult:
         item = store(agent, [reward] * 4)
-        runs = tuple(
-            run.model_copy(update={"metrics": {**run.metrics, "epi": epi + 0.01 * i}})
-            for i, run in enumerate(item.result.runs)
-        )
+        runs = tuple(run.model_copy(update={"metrics": {**run.metrics, "epi": epi + 0.01 * i}}) for i, run in enumerate(item.result.runs))
         return replace(item, result=item.result.model_copy(update={"runs": runs}))
 
     stored = [with_profit("rich", 1.0, 9.0), with_profit("tidy", 100.0, 2.0)]

@@ -27,9 +27,7 @@ def released(agent: str) -> Result:
 def changed(result: Result, *, reward: float = 0.0, seeds: int = 0, runs: int | None = None, **agent: object) -> Result:
     """``result`` with rewards, seeds, number of runs or words about the agent changed, and consistent again."""
     listed = tuple(
-        run.model_copy(
-            update={"seed": run.seed + seeds, "metrics": run.metrics | {"reward": run.metrics["reward"] + reward}}
-        )
+        run.model_copy(update={"seed": run.seed + seeds, "metrics": run.metrics | {"reward": run.metrics["reward"] + reward}})
         for run in result.runs[:runs]
     )
     record = result.agent.model_copy(update=agent)
@@ -76,9 +74,7 @@ def test_what_may_explain_the_difference_is_named(tmp_path):
     kernel = theirs.evaluation.kernel | {"library_digest": "f" * 64}
     ours = changed(theirs, reward=5.0)
     ours = ours.model_copy(update={"evaluation": ours.evaluation.model_copy(update={"kernel": kernel})})
-    save_result(
-        ours.model_copy(update={"machine": ours.machine.model_copy(update={"processor": "an abacus"})}), tmp_path
-    )
+    save_result(ours.model_copy(update={"machine": ours.machine.model_copy(update={"processor": "an abacus"})}), tmp_path)
     (problem,) = own_and_released_results(tmp_path)[1]
     assert "kernel (compiled/reference/ffffffffffffffff, released compiled/reference/" in str(problem)
     assert "processor (an abacus, released" in str(problem)
@@ -125,9 +121,7 @@ def test_a_stranger_under_a_released_name_does_not_make_two_results_of_one_agent
 def test_a_built_in_agent_on_a_task_of_ones_own_has_a_row(tmp_path):
     theirs = released("rule_based")
     task = theirs.task.model_copy(update={"id": "mylab/Winter-v1", "digest": digest_of("winter")})
-    mine = theirs.model_copy(
-        update={"task": task, "results_digest": results_digest(task.digest, theirs.agent, theirs.runs)}
-    )
+    mine = theirs.model_copy(update={"task": task, "results_digest": results_digest(task.digest, theirs.agent, theirs.runs)})
     save_result(mine, tmp_path)
     (row,) = rows(tmp_path, "rule_based", "mylab/Winter-v1")
     assert row.origin == "own"

@@ -33,9 +33,7 @@ MONEY = {"reward": "EUR m-2", "epi": "EUR m-2", "penalty": "EUR m-2"}
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder for best known runs, without any."""
     folder = tmp_path / "known"
-    monkeypatch.setattr(
-        references_module, "best_known_path", lambda task_id: folder / f"{task_id.rpartition('/')[2]}.json"
-    )
+    monkeypatch.setattr(references_module, "best_known_path", lambda task_id: folder / f"{task_id.rpartition('/')[2]}.json")
     return folder
 
 
@@ -50,16 +48,12 @@ def known(home: Path) -> BestKnown:
 
 
 def stored_known(runs: tuple[KnownRun, ...], units: dict[str, str] | None = None) -> BestKnown:
-    found = BestKnown(
-        task=TASK, task_digest=digest_of("meadow"), units=units or MONEY, agents={"champion": digest_of("c")}, runs=runs
-    )
+    found = BestKnown(task=TASK, task_digest=digest_of("meadow"), units=units or MONEY, agents={"champion": digest_of("c")}, runs=runs)
     write_best_known(found)
     return found
 
 
-def result_with(
-    agent: str, epi: list[float], penalty: list[float], rewards: list[float] | None = None, **more: object
-) -> Result:
+def result_with(agent: str, epi: list[float], penalty: list[float], rewards: list[float] | None = None, **more: object) -> Result:
     """A result with these profits and penalties, and their differences as rewards unless told otherwise."""
     rewards = rewards or [p - v for p, v in zip(epi, penalty, strict=True)]
     result = make_result(agent, rewards, **more)  # type: ignore[arg-type]
@@ -121,10 +115,7 @@ def test_other_seeds_tasks_versions_splits_and_salts_have_no_regret(known, chang
 
 def test_a_result_that_states_no_penalty_has_a_regret_without_its_parts(known):
     result = result_with("old", list(EPI), list(PENALTY))
-    runs = tuple(
-        run.model_copy(update={"metrics": {k: v for k, v in run.metrics.items() if k != "penalty"}})
-        for run in result.runs
-    )
+    runs = tuple(run.model_copy(update={"metrics": {k: v for k, v in run.metrics.items() if k != "penalty"}}) for run in result.runs)
     regret = regret_of([result.model_copy(update={"runs": runs})])
     assert (regret.total.mean, regret.profit.mean, regret.violations) == (0.0, 0.0, None)
 
@@ -132,9 +123,7 @@ def test_a_result_that_states_no_penalty_has_a_regret_without_its_parts(known):
 def test_where_the_reward_has_no_unit_the_parts_keep_their_own(home):
     """As on the paper's tasks: 50 points of reward for one EUR/m2, minus the penalty."""
     units = MONEY | {"reward": "-", "penalty": "-"}
-    stored_known(
-        tuple(KnownRun(seed=seed, reward=390.0, epi=8.0, penalty=10.0, agent="champion") for seed in SEEDS), units
-    )
+    stored_known(tuple(KnownRun(seed=seed, reward=390.0, epi=8.0, penalty=10.0, agent="champion") for seed in SEEDS), units)
     regret = regret_of([result_with("anna", [7.0] * 4, [30.0] * 4, [320.0] * 4)])
     assert (regret.unit, regret.total.mean, regret.profit.mean, regret.violations.mean) == ("-", 70.0, 1.0, 20.0)
 

@@ -15,9 +15,7 @@ PAPER, SPRING = "glbench/Schiphol2010-Delta10-v1", "glbench/Spring-v1"
 def board(task_id: str) -> TaskTable:
     """An empty table of a published task."""
     task = get_task(task_id)
-    return TaskTable(
-        task_id=task_id, title=task.title, digest=task.digest, metric=task.evaluation.metric, rows=(), task=task
-    )
+    return TaskTable(task_id=task_id, title=task.title, digest=task.digest, metric=task.evaluation.metric, rows=(), task=task)
 
 
 @pytest.mark.parametrize(

@@ -47,9 +47,7 @@ def test_resampling_draws_every_run_equally_often():
     assert stats.chisquare(counts).pvalue > 1e-3
 
 
-@pytest.mark.parametrize(
-    ("own", "scipys"), [(mean, np.mean), (interquartile_mean, lambda v, axis: stats.trim_mean(v, 0.25, axis=axis))]
-)
+@pytest.mark.parametrize(("own", "scipys"), [(mean, np.mean), (interquartile_mean, lambda v, axis: stats.trim_mean(v, 0.25, axis=axis))])
 def test_interval_agrees_with_scipys_bootstrap(own, scipys):
     rng = np.random.default_rng(11)
     runs = rng.normal(100.0, 15.0, size=30)

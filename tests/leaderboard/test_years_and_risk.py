@@ -104,9 +104,7 @@ def of_spring():
 def test_years_are_shown_apart_each_run_in_the_year_of_most_of_its_days(of_spring):
     task = get_task("Spring-v1").scored
     seeds = of_spring[0].result.evaluation.seeds
-    made = [
-        SeasonMaker(task, np.datetime64(task.weather.start)).season(seed - seeds[0], task.steps) for seed in seeds[:8]
-    ]
+    made = [SeasonMaker(task, np.datetime64(task.weather.start)).season(seed - seeds[0], task.steps) for seed in seeds[:8]]
     days = [one.days.sources[2 : 2 + task.weather.days].astype("datetime64[D]").astype("datetime64[Y]") for one in made]
     of_2011 = [int((one == np.datetime64("2011")).sum()) for one in days]
     assert run_years(task, seeds)[:8] == tuple(2011 if 2 * count >= task.weather.days else 2012 for count in of_2011)

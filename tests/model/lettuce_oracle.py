@@ -60,17 +60,15 @@ class Lettuce:
         leaves = self.c_lar * (1 - self.c_tau) * structural
         return -closed_canopy * math.expm1(-self.c_k * leaves)
 
-    def derivative(
-        self, dry: NDArray[np.float64], temperature: float, co2: float, par: float
-    ) -> tuple[float, float, float]:
+    def derivative(self, dry: NDArray[np.float64], temperature: float, co2: float, par: float) -> tuple[float, float, float]:
         """Rates of non-structural and structural dry weight [g m-2 s-1], and CO2 respired [g m-2 s-1]."""
         nonstructural, structural = dry
         warmth = math.exp(math.log(self.c_q10_gr) * (temperature - 20) / 10)
         specific = self.c_gr_max * warmth / (1 + self.c_gamma * structural / nonstructural) if nonstructural else 0.0
         grown = specific * structural
-        maintenance = (
-            self.c_resp_sht * (1 - self.c_tau) * structural + self.c_resp_rt * self.c_tau * structural
-        ) * self.c_q10_resp ** (temperature / 10 - 2.5)
+        maintenance = (self.c_resp_sht * (1 - self.c_tau) * structural + self.c_resp_rt * self.c_tau * structural) * self.c_q10_resp ** (
+            temperature / 10 - 2.5
+        )
         synthesis = (1 - self.c_beta) / self.c_beta * grown
         assimilated = self.c_alpha * self.gross_photosynthesis(structural, temperature, co2, par)
         return assimilated - grown - synthesis - maintenance, grown, (synthesis + maintenance) / self.c_alpha
@@ -84,16 +82,12 @@ class Lettuce:
         fresh: NDArray[np.float64] = (1 - self.c_tau) * dry.sum(axis=0) / self.dry_share / self.heads
         return fresh
 
-    def heads_by_day(
-        self, days: int, temperature: float, co2: float, par: float, light_hours: float = 12.0
-    ) -> NDArray[np.float64]:
+    def heads_by_day(self, days: int, temperature: float, co2: float, par: float, light_hours: float = 12.0) -> NDArray[np.float64]:
         """Fresh mass of a head [g] at the end of every day, at constant climate and so many hours of light a day."""
         dry, masses = self.young(), [float(self.head(self.young()))]
         for _ in range(days):
             for light, hours in ((par, light_hours), (0.0, 24 - light_hours)):
-                dry = self._integrate(
-                    dry, hours * 3600, lambda x, light=light: self.derivative(x, temperature, co2, light)
-                )
+                dry = self._integrate(dry, hours * 3600, lambda x, light=light: self.derivative(x, temperature, co2, light))
             masses.append(float(self.head(dry)))
         return np.array(masses)
 

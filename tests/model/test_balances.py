@@ -78,9 +78,7 @@ def test_stored_vapour_equals_transpiration_less_condensation_and_ventilation(in
         v = f.vapour
         stored = [f.capacities.cap_vp_air * rate.vp_air, f.capacities.cap_vp_top * rate.vp_top]
         condensed = [v.mv_air_th_scr, v.mv_air_bl_scr, v.mv_top_cov_in]
-        assert closes(
-            stored, [f.transpiration.mv_can_air, -v.mv_air_out, -v.mv_top_out, *(-flux for flux in condensed)]
-        )
+        assert closes(stored, [f.transpiration.mv_can_air, -v.mv_air_out, -v.mv_top_out, *(-flux for flux in condensed)])
 
 
 @given(conditions)

@@ -186,17 +186,13 @@ def test_the_start_of_a_composed_model_is_that_of_its_submodels() -> None:
 
     state = model.start("mature_crop", first, 18.0, model.parameters.default())
 
-    np.testing.assert_array_equal(
-        np.delete(state, -2), TOMATO.start("mature_crop", first, 18.0, TOMATO.parameters.default())
-    )
+    np.testing.assert_array_equal(np.delete(state, -2), TOMATO.start("mature_crop", first, 18.0, TOMATO.parameters.default()))
     assert state[-2] == 50.0
     with pytest.raises(UnknownNameError, match=r"no start 'mature'.*'mature_crop'"):
         model.start("mature", first, 18.0, model.parameters.default())
 
 
-@pytest.mark.parametrize(
-    "model", [TOMATO, LETTUCE, compose(GreenLightClimate(), VanthoorTomato(), ChpBoilerBuffer())], ids=str
-)
+@pytest.mark.parametrize("model", [TOMATO, LETTUCE, compose(GreenLightClimate(), VanthoorTomato(), ChpBoilerBuffer())], ids=str)
 def test_every_state_and_observed_column_has_finite_bounds_in_order(model: Model) -> None:
     bounds: Mapping[str, tuple[float, float]] = model.bounds(horizon(model))
 
@@ -256,9 +252,7 @@ def test_a_broken_entry_point_is_told_to_who_misses_a_model(installed: Any) -> N
     assert get_model("greenlight-tomato-1.0.0") is TOMATO
     with pytest.raises(UnknownNameError, match=r"'parts = mylab.parts:register' of mylab failed: RuntimeError: my bug"):
         get_model("mylab-tomato-1.0.0")
-    with pytest.raises(
-        UnknownNameError, match=r"no version 2.0.0 of the model 'greenlight-tomato'. Known: 1.0.0.*my bug"
-    ):
+    with pytest.raises(UnknownNameError, match=r"no version 2.0.0 of the model 'greenlight-tomato'. Known: 1.0.0.*my bug"):
         get_model("greenlight-tomato-2.0.0")
 
 
@@ -271,9 +265,7 @@ def test_an_unknown_model_points_to_entry_points(installed: Any) -> None:
 
 def again(**methods: Any) -> Model:
     """The model with the tank, of a class made anew: as from a cell that is run again."""
-    return compose(
-        GreenLightClimate(), VanthoorTomato(), dataclass(frozen=True)(type("Again", (WaterTank,), methods))()
-    )
+    return compose(GreenLightClimate(), VanthoorTomato(), dataclass(frozen=True)(type("Again", (WaterTank,), methods))())
 
 
 def test_the_same_equations_registered_again_take_the_place_of_those_before(installed: Any) -> None:
@@ -292,9 +284,7 @@ def test_another_model_of_one_id_is_refused_with_what_differs(installed: Any) ->
     leaking = again(rates=lambda self, x, around, fluxes, p: WaterState(fluxes.mw_tap_tank - 2 * fluxes.mw_tank_can))
     with pytest.raises(UnknownNameError, match=f"digest {first.digest[:8]} there, {leaking.digest[:8]} in yours"):
         register_model(leaking)
-    with pytest.raises(
-        UnknownNameError, match="states: mTank only there; controls: uFill only there; parameters: phiFill"
-    ):
+    with pytest.raises(UnknownNameError, match="states: mTank only there; controls: uFill only there; parameters: phiFill"):
         register_model(compose(GreenLightClimate(), VanthoorTomato(), name="greenlight-tomato-water"))
     assert get_model(first.id) is first
 

@@ -66,11 +66,7 @@ def amounts() -> dict[str, Any]:
     states = TOMATO_ENERGY.State(*AT.x.T)
     step = Step(states, states, CONTROLS, PARAMETERS, SECONDS, CONTROLS)
     metered = {meter.flow for meter in TOMATO_ENERGY.meters}
-    return {
-        flow.name: flow.amount(step)
-        for flow in TOMATO_ENERGY.flows()
-        if flow.name not in metered and flow.name != "fruit_growth"
-    }
+    return {flow.name: flow.amount(step) for flow in TOMATO_ENERGY.flows() if flow.name not in metered and flow.name != "fruit_growth"}
 
 
 def closes(one: Any, other: Any, size: Any = 1.0) -> None:
@@ -102,9 +98,7 @@ def test_the_model_is_named_and_put_together_as_the_others() -> None:
     assert next(s for s in TOMATO_ENERGY.signals() if s.path == "controls/boiler").label == "Boiler"
 
 
-TOMATO_ENERGY_VALUES = dict(
-    zip(TOMATO_ENERGY.parameter_names, TOMATO_ENERGY.parameters.default().tolist(), strict=True)
-)
+TOMATO_ENERGY_VALUES = dict(zip(TOMATO_ENERGY.parameter_names, TOMATO_ENERGY.parameters.default().tolist(), strict=True))
 
 
 def test_it_composes_with_another_crop() -> None:
@@ -161,9 +155,7 @@ def test_heat_into_the_buffer_is_heat_out_of_it_and_heat_stored() -> None:
 def test_electricity_made_and_bought_is_used_and_sold() -> None:
     flows = amounts()
 
-    closes(
-        flows["electricity_made"] + flows["electricity_bought"], flows["electricity"] + flows["electricity_sold"], 0.03
-    )
+    closes(flows["electricity_made"] + flows["electricity_bought"], flows["electricity"] + flows["electricity_sold"], 0.03)
     assert (flows["electricity_bought"] * flows["electricity_sold"] == 0.0).all()
     for name in ("electricity_bought", "electricity_sold"):
         assert (flows[name] >= 0).all()
@@ -176,9 +168,7 @@ def test_lamp_electricity_counts_whole_where_water_cools_the_lamps() -> None:
 
     assert (plant(CONTROLS, p).q_used == climate.q_lamp_in).all()
     assert (climate.h_lamp_cool > 0).any()
-    assert (
-        plant(CONTROLS, p).h_boil == plant(CONTROLS, PARAMETERS).h_boil
-    ).all()  # what the water takes heats no buffer
+    assert (plant(CONTROLS, p).h_boil == plant(CONTROLS, PARAMETERS).h_boil).all()  # what the water takes heats no buffer
 
 
 def test_carbon_of_the_gas_is_dosed_or_vented_and_what_is_dosed_is_of_gas_or_bought() -> None:
@@ -283,9 +273,7 @@ def stepwise(wrt: str, column: int, by: float) -> Any:
         ("p", TOMATO_ENERGY.parameter_names, tuple(info.name for info in ENERGY_PARAMETERS)),
     ],
 )
-def test_derivatives_are_finite_and_those_of_differences(
-    wrt: str, names: tuple[str, ...], every: tuple[str, ...]
-) -> None:
+def test_derivatives_are_finite_and_those_of_differences(wrt: str, names: tuple[str, ...], every: tuple[str, ...]) -> None:
     exact = TOMATO_ENERGY.jacobian(*AT, wrt=wrt)
     assert np.isfinite(exact).all()
     # At the very limit the slope of what is refused has two sides; differences see their mean.
@@ -294,9 +282,7 @@ def test_derivatives_are_finite_and_those_of_differences(
         column = names.index(name)
         found = stepwise(wrt, column, 1e-5 * max(1e-2, float(np.abs(getattr(AT, wrt)[:, column]).mean())))
         size = np.abs(exact[:, :, column]).max(axis=0) + 1e-12
-        np.testing.assert_allclose(
-            (found / size)[inside], (exact[:, :, column] / size)[inside], rtol=1e-5, atol=1e-5, err_msg=name
-        )
+        np.testing.assert_allclose((found / size)[inside], (exact[:, :, column] / size)[inside], rtol=1e-5, atol=1e-5, err_msg=name)
 
 
 @pytest.mark.parametrize("kind", [casadi.SX, casadi.MX])

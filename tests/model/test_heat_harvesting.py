@@ -41,8 +41,7 @@ SECONDS = 900.0
 OWN = slice(6, 9)
 BUFFERS = (MODEL.state_index("eBufCold"), MODEL.state_index("eBufHot"))
 ADDED = [
-    MODEL.state_index(name)
-    for name in ("eBufCold", "eBufHot", "sumMcFruitHar", "sumQHeatPumpIn", "sumHMechBufCold", "sumHBufHotPipe")
+    MODEL.state_index(name) for name in ("eBufCold", "eBufHot", "sumMcFruitHar", "sumQHeatPumpIn", "sumHMechBufCold", "sumHBufHotPipe")
 ]
 
 
@@ -95,9 +94,7 @@ def test_the_model_is_named_and_put_together_as_the_others() -> None:
         *("eBufCold", "eBufHot", "sumMcFruitHar", "sumQHeatPumpIn", "sumHMechBufCold", "sumHBufHotPipe", "time"),
     )
     named = {c.name: c for c in MODEL.capacities(VALUES)}
-    assert [named[name].capacity for name in ("uBoil", "uMech", "uHeatPump", "uBufHot")] == pytest.approx(
-        [130.0, 200.0, 62.5, 150.0]
-    )
+    assert [named[name].capacity for name in ("uBoil", "uMech", "uHeatPump", "uBufHot")] == pytest.approx([130.0, 200.0, 62.5, 150.0])
     paths = [signal.path for signal in MODEL.signals()]
     assert len(set(paths)) == len(paths)
     assert {"controls/cooler", "controls/heat_pump", "energy/cold_buffer", "energy/hot_buffer_share"} <= set(paths)
@@ -355,9 +352,7 @@ def stepwise(wrt: str, column: int, by: float) -> Any:
         ("p", MODEL.parameter_names, tuple(info.name for info in HARVEST_PARAMETERS)),
     ],
 )
-def test_derivatives_are_finite_and_those_of_differences(
-    wrt: str, names: tuple[str, ...], every: tuple[str, ...]
-) -> None:
+def test_derivatives_are_finite_and_those_of_differences(wrt: str, names: tuple[str, ...], every: tuple[str, ...]) -> None:
     assert np.isfinite(MODEL.jacobian(*AT, wrt=wrt)).all()
     exact = slope(wrt)
     # Where something ends, at the limit of a buffer or where the air is as the cooler, a slope has two sides; differences see their mean.
@@ -370,9 +365,7 @@ def test_derivatives_are_finite_and_those_of_differences(
         column = names.index(name)
         found = stepwise(wrt, column, 1e-5 * max(1e-2, float(np.abs(getattr(AT, wrt)[:, column]).mean())))
         size = np.abs(exact[:, :, column]).max(axis=0) + 1e-8
-        np.testing.assert_allclose(
-            (found / size)[inside], (exact[:, :, column] / size)[inside], rtol=1e-5, atol=1e-5, err_msg=name
-        )
+        np.testing.assert_allclose((found / size)[inside], (exact[:, :, column] / size)[inside], rtol=1e-5, atol=1e-5, err_msg=name)
 
 
 def test_derivatives_are_finite_where_the_air_is_as_the_cooler() -> None:

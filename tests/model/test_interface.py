@@ -134,8 +134,7 @@ def test_a_deviation_of_the_published_code_changes_its_states_only(row: str, sta
     changed = replace(AUTHOR, **{row: getattr(GL_GYM2, row)})
     x, u, d, p = (rows.T for rows in POINTS.inputs)
     before, after = (
-        greenlight(State(*x), Controls(*u), Disturbances(*d), Parameters(*p), variant).derivative
-        for variant in (AUTHOR, changed)
+        greenlight(State(*x), Controls(*u), Disturbances(*d), Parameters(*p), variant).derivative for variant in (AUTHOR, changed)
     )
 
     assert {name for name, one, other in zip(STATE_NAMES, before, after, strict=True) if np.any(one != other)} == states
@@ -201,12 +200,7 @@ def test_the_season_starts_with_a_mature_crop() -> None:
     assert state["tCan"] == state["tCan24"] == 20.5
     assert state["tSo3"] == pytest.approx((16.5 + outside["tSoOut"]) / 2)
     assert state["tSo5"] == outside["tSoOut"]
-    assert (
-        state["vpAir"]
-        == state["vpTop"]
-        == 0.9 * saturation_vapour_pressure(16.5)
-        == pytest.approx(1681.90975, abs=1e-5)
-    )
+    assert state["vpAir"] == state["vpTop"] == 0.9 * saturation_vapour_pressure(16.5) == pytest.approx(1681.90975, abs=1e-5)
     assert (state["cBuf"], state["cLeaf"], state["cStem"], state["cFruit"]) == (0, 95283, 251070, 55338)
     assert (state["tCanSum"], state["time"]) == (3097.8, 0)
 

@@ -283,9 +283,7 @@ def test_carbon_taken_up_in_a_planting_is_the_harvest_and_the_roots(grown: tuple
 EDGES = [
     point(LettuceState(store * structural, structural), CropClimate(temperature, co2, par))
     for structural, store in product((0.0, 1e-12, 3e-3, 0.3), (-0.05, 0.0, 1.0))
-    for temperature, co2, par in product(
-        (-10.0, 5.0 - 1e-9, 5.0, 5.0 + 1e-5, 18.0, 40.0, 45.0), (0.0, 73.2, 700.0), (0.0, 1e-9, 100.0)
-    )
+    for temperature, co2, par in product((-10.0, 5.0 - 1e-9, 5.0, 5.0 + 1e-5, 18.0, 40.0, 45.0), (0.0, 73.2, 700.0), (0.0, 1e-9, 100.0))
 ]
 """Empty beds, exhausted stores, darkness, the compensation point of 20 °C, no CO2, and the ends of photosynthesis."""
 
@@ -376,9 +374,7 @@ def test_more_light_gives_more_photosynthesis_but_less_for_each_watt(
 
 @given(crops, st.floats(5.5, 39.5), st.floats(1.0, 500.0), st.floats(0.0, 4000.0), st.floats(1.0, 1000.0))
 @settings(deadline=None)
-def test_more_co2_gives_more_photosynthesis_and_ever_less_more(
-    x: LettuceState, t_can: float, par: float, co2: float, step: float
-) -> None:
+def test_more_co2_gives_more_photosynthesis_and_ever_less_more(x: LettuceState, t_can: float, par: float, co2: float, step: float) -> None:
     a, b, c = (photosynthesis_of(x, CropClimate(t_can, co2 + k * step, par)) for k in range(3))
 
     assert a < b < c

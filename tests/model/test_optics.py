@@ -45,8 +45,7 @@ def absorbed_by_each(pile: list[Layer]) -> tuple[float, float, list[float]]:
         from_above = 1.0 if k == 0 else light[k - 1]
         from_below = light[n + k + 1] if k + 1 < n else 0.0
         absorbed.append(
-            from_above * (1 - layer.transmittance - layer.reflectance_up)
-            + from_below * (1 - layer.transmittance - layer.reflectance_down)
+            from_above * (1 - layer.transmittance - layer.reflectance_up) + from_below * (1 - layer.transmittance - layer.reflectance_down)
         )
     return float(light[n - 1]), float(light[n]), absorbed
 

@@ -122,9 +122,7 @@ def test_the_28_uncertain_crop_parameters_are_crop_properties() -> None:
     assert set(wide) - set(narrow) == {"globJtUmol", "t25k", "mCh2o", "mCo2", "parJtoUmolSun", "cLeafMax"}
 
 
-@pytest.mark.parametrize(
-    "given", [110, 110.0, np.float64(110), "110", "110 W m-2", "110 W/m2", (110, "W m^-2"), (110, "W·m⁻²")]
-)
+@pytest.mark.parametrize("given", [110, 110.0, np.float64(110), "110", "110 W m-2", "110 W/m2", (110, "W m^-2"), (110, "W·m⁻²")])
 def test_a_value_may_state_its_unit(given: object) -> None:
     assert value(default_parameters(overrides={"thetaLampMax": given}), "thetaLampMax") == 110  # type: ignore[dict-item]
 
@@ -144,9 +142,7 @@ def test_units_are_compared_by_meaning(one: str, other: str) -> None:
     assert same_unit(one, other)
 
 
-@pytest.mark.parametrize(
-    ("one", "other"), [("kW", "W"), ("W", "W m-2"), ("m2", "m-2"), ("%", "-"), ("degC", "K"), ("s", "S")]
-)
+@pytest.mark.parametrize(("one", "other"), [("kW", "W"), ("W", "W m-2"), ("m2", "m-2"), ("%", "-"), ("degC", "K"), ("s", "S")])
 def test_other_units_are_not_converted(one: str, other: str) -> None:
     assert not same_unit(one, other)
 

@@ -70,9 +70,7 @@ def test_numbers_give_the_same_as_symbols(variant: str) -> None:
 def test_matrix_symbols_give_the_same_as_scalar_symbols() -> None:
     point = [rows[7] for rows in POINTS.inputs]
 
-    np.testing.assert_allclose(
-        np.array(build_rhs("author", "MX")(*point)), np.array(build_rhs("author", "SX")(*point)), rtol=1e-12
-    )
+    np.testing.assert_allclose(np.array(build_rhs("author", "MX")(*point)), np.array(build_rhs("author", "SX")(*point)), rtol=1e-12)
 
 
 def test_a_row_gives_the_same_bits_alone_and_in_a_batch() -> None:

@@ -48,12 +48,10 @@ class Made:
             for name, factor in (("Anna", 1.0), ("Bert", 1.5))
         }
         self.production = {
-            name: pd.DataFrame({"time": [days[0], days[-1]], "ProdA": [0.3, 0.4], "ProdB": [0.0, 0.1]})
-            for name in self.resources
+            name: pd.DataFrame({"time": [days[0], days[-1]], "ProdA": [0.3, 0.4], "ProdB": [0.0, 0.1]}) for name in self.resources
         }
         self.quality = {
-            name: pd.DataFrame({"time": [days[0], days[-1]], "Flavour": 70.0, "DMC_fruit": [8.0, 9.0]})
-            for name in self.resources
+            name: pd.DataFrame({"time": [days[0], days[-1]], "Flavour": 70.0, "DMC_fruit": [8.0, 9.0]}) for name in self.resources
         }
 
     def write(self, folder: Path) -> Path:

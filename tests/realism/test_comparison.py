@@ -74,9 +74,7 @@ def test_unknown_houses_are_refused() -> None:
     assert choose_houses(()) == tuple(HOUSES.values())
 
 
-def test_a_season_uses_the_measured_light_and_co2_and_keeps_warm(
-    archive: Archive, compared: tuple[Comparison, tuple[Season, ...]]
-) -> None:
+def test_a_season_uses_the_measured_light_and_co2_and_keeps_warm(archive: Archive, compared: tuple[Comparison, tuple[Season, ...]]) -> None:
     for season in compared[1]:
         for place, one in enumerate(archive.compartments):
             assert season.lamps[:, place] == pytest.approx(one.high + one.low, rel=1e-12)
@@ -109,9 +107,7 @@ def test_a_warmer_house_needs_more_heat(archive: Archive, compared: tuple[Compar
     assert np.all(warmer.air_temperature > compared[1][0].air_temperature + 0.5)
 
 
-def test_a_compartment_is_simulated_alone_as_beside_others(
-    archive: Archive, compared: tuple[Comparison, tuple[Season, ...]]
-) -> None:
+def test_a_compartment_is_simulated_alone_as_beside_others(archive: Archive, compared: tuple[Comparison, tuple[Season, ...]]) -> None:
     alone = dataclasses.replace(archive, compartments=archive.compartments[1:])
     outside = outdoors(alone, SETTINGS.place.clock, SETTINGS.place.co2)
     assert np.array_equal(simulate(alone, outside, HOUSES["paper"], SETTINGS).heat[:, 0], compared[1][0].heat[:, 1])
@@ -137,17 +133,13 @@ def test_sums_days_and_months(archive: Archive, compared: tuple[Comparison, tupl
     assert comparison.months == ("2020-02",)
 
 
-def test_what_is_stored_comes_back_and_holds_no_day(
-    tmp_path: Path, compared: tuple[Comparison, tuple[Season, ...]]
-) -> None:
+def test_what_is_stored_comes_back_and_holds_no_day(tmp_path: Path, compared: tuple[Comparison, tuple[Season, ...]]) -> None:
     path = tmp_path / "comparison.json"
     save_comparison(compared[0], path)
     assert read_comparison(path) == compared[0]
     lists = [len(one.model_dump()["heat"]) for one in compared[0].houses[0].compartments]
     assert lists == [7, 7]
-    assert not any(
-        isinstance(value, list) for value in compared[0].houses[0].compartments[0].heat.model_dump().values()
-    )
+    assert not any(isinstance(value, list) for value in compared[0].houses[0].compartments[0].heat.model_dump().values())
     path.write_text("{}")
     with pytest.raises(ResultError, match="is no comparison with measurements"):
         read_comparison(path)

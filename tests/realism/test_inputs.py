@@ -61,9 +61,7 @@ def test_gaps_are_filled_linearly_and_said(tmp_path: Path) -> None:
 def test_long_gaps_and_missing_days_are_refused(tmp_path: Path) -> None:
     made = Made()
     made.weather.loc[100:140, "Windsp"] = np.nan
-    with pytest.raises(
-        ArchiveError, match=r"weather of 3.4 h is missing from 2020-02-10 08:20; at most 3 h are filled"
-    ):
+    with pytest.raises(ArchiveError, match=r"weather of 3.4 h is missing from 2020-02-10 08:20; at most 3 h are filled"):
         outdoors(archive_of(made, tmp_path), CLOCK, 410.0)
     made = Made()
     made.weather = made.weather[:600]

@@ -46,12 +46,9 @@ def test_blanks_tabs_and_empty_columns_of_the_published_files_are_read(tmp_path:
     folder = Made().write(tmp_path)
     days = [43871, 43872, 43873]
     (folder / "Anna_Resources.csv").write_text(
-        "%Time ,Heat_cons,ElecHigh, ElecLow,CO2_cons,Irr,,\n"
-        + "".join(f"{day},1.5, 1,\t0.5,0.04,0.2,,\n" for day in days)
+        "%Time ,Heat_cons,ElecHigh, ElecLow,CO2_cons,Irr,,\n" + "".join(f"{day},1.5, 1,\t0.5,0.04,0.2,,\n" for day in days)
     )
-    (folder / "Anna_TomQuality.csv").write_text(
-        "%time,\tFlavour,\tWeight\tDMC_fruit\n43871,\t74,\t7.77,\tnan\n43873,\t78,\t8.9,\t9.5\n"
-    )
+    (folder / "Anna_TomQuality.csv").write_text("%time,\tFlavour,\tWeight\tDMC_fruit\n43871,\t74,\t7.77,\tnan\n43873,\t78,\t8.9,\t9.5\n")
     anna = read_archive(folder).compartments[0]
     assert (anna.heat.tolist(), anna.low.tolist(), anna.dry_matter) == ([1.5] * 3, [0.5] * 3, 0.095)
 
@@ -80,9 +77,7 @@ def test_more_missing_days_are_refused(tmp_path: Path, rows: list[int]) -> None:
 def test_a_harvest_dated_before_the_season_counts_on_the_next_date(tmp_path: Path) -> None:
     made = Made()
     days = made.resources["Anna"]["Time"].tolist()
-    made.production["Anna"] = pd.DataFrame(
-        {"time": [days[0] - 360, days[1], days[2] + 1], "ProdA": [0.2, 0.4, 0.9], "ProdB": 0.0}
-    )
+    made.production["Anna"] = pd.DataFrame({"time": [days[0] - 360, days[1], days[2] + 1], "ProdA": [0.2, 0.4, 0.9], "ProdB": 0.0})
     archive = read_archive(made.write(tmp_path))
     assert archive.compartments[0].harvest.tolist() == pytest.approx([0.0, 0.6, 0.0])
     before, after = archive.notes

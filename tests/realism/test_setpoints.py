@@ -23,15 +23,11 @@ def test_a_change_changes_its_entries_alone() -> None:
 
 
 def test_a_warmer_house_needs_more_heat_and_a_colder_one_less(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        setpoints, "CHANGES", {name: setpoints.CHANGES[name] for name in (setpoints.ASSUMED, "warmer", "colder")}
-    )
+    monkeypatch.setattr(setpoints, "CHANGES", {name: setpoints.CHANGES[name] for name in (setpoints.ASSUMED, "warmer", "colder")})
     found = setpoints.measured(read_archive(Made(days=2).write(tmp_path)), SETTINGS)
     heat = {name: sums["heat"] for name, sums in found["changes"].items()}
     assert heat["colder"] < heat[setpoints.ASSUMED] < heat["warmer"]
-    assert setpoints.change(found, "warmer", "heat") == pytest.approx(
-        100.0 * (heat["warmer"] / heat[setpoints.ASSUMED] - 1.0)
-    )
+    assert setpoints.change(found, "warmer", "heat") == pytest.approx(100.0 * (heat["warmer"] / heat[setpoints.ASSUMED] - 1.0))
     for sums in found["changes"].values():
         sums["fruit"] += 1.0  # none is ripe after two days
     page = "a\n<!-- setpoints -->\nold\n<!-- end -->\nb\n"

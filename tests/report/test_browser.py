@@ -67,16 +67,12 @@ def visit(browser: Any, made: Any) -> Iterator[Open]:
     problems: list[str] = []
     contexts = []
 
-    def open_view(
-        view: str = "#/", size: dict[str, int] = DESK, scheme: str = "light", file: Path | None = None
-    ) -> Page:
+    def open_view(view: str = "#/", size: dict[str, int] = DESK, scheme: str = "light", file: Path | None = None) -> Page:
         context = browser.new_context(viewport=size, color_scheme=scheme, reduced_motion="reduce", offline=True)
         context.set_default_timeout(PATIENCE)
         contexts.append(context)
         page = context.new_page()
-        page.on(
-            "console", lambda message: problems.append(message.text) if message.type in ("error", "warning") else None
-        )
+        page.on("console", lambda message: problems.append(message.text) if message.type in ("error", "warning") else None)
         page.on("pageerror", lambda error: problems.append(str(error)))
         page.on("requestfailed", lambda request: problems.append(f"asked for {request.url[:80]}"))
         page.goto((file or made.file).as_uri() + view)
@@ -140,9 +136,7 @@ def test_a_view_shows_itself_without_an_error(visit, view):
 @pytest.mark.parametrize("view", VIEWS)
 def test_on_a_phone_a_view_does_not_scroll_sideways(narrow, view):
     narrow.evaluate("(view) => { location.hash = view; }", view)
-    narrow.wait_for_function(
-        "(view) => document.querySelector('nav [aria-current]') && location.hash === view", arg=view
-    )
+    narrow.wait_for_function("(view) => document.querySelector('nav [aria-current]') && location.hash === view", arg=view)
     draw_everything(narrow)
     assert narrow.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
 
@@ -245,11 +239,7 @@ def test_other_prices_give_what_an_evaluation_at_these_prices_gives(visit, made)
 def test_a_price_changes_the_order(visit, made):
     page = visit("#/Schiphol2010-Delta10-v1")
     first = order(page)
-    items = {
-        item.result.agent.name: item.result
-        for item in made.stored
-        if item.result.task.id.endswith("Schiphol2010-Delta10-v1")
-    }
+    items = {item.result.agent.name: item.result for item in made.stored if item.result.task.id.endswith("Schiphol2010-Delta10-v1")}
 
     def profit(name: str) -> float:
         mean = items[name].summary.mean

@@ -107,9 +107,7 @@ def test_the_page_shows_profiles_to_half_a_step_of_what_lies_beside_the_results(
                 assert packed["resolution"] <= 1.001 * fine, (part, column)
             seen += 1
     assert seen == 6
-    assert set(made.report.without_profile) == {
-        item.path for item in made.stored if load_profile(item.result, item.path) is None
-    }
+    assert set(made.report.without_profile) == {item.path for item in made.stored if load_profile(item.result, item.path) is None}
 
 
 def test_a_task_is_shown_with_its_limits_and_prices(made):

@@ -22,9 +22,7 @@ pytestmark = pytest.mark.slow
 HOURLY = energy_task().price_tables["power"].hourly
 TIMES, PLUS = 1.5, 0.02
 VIEW = "#/agent/engine/Energy-v1"
-needs_browser = pytest.mark.skipif(
-    CHROMIUM is None, reason="there is no chromium on this machine to look at the page with"
-)
+needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine to look at the page with")
 
 
 SCALED = {
@@ -124,9 +122,7 @@ def test_a_price_that_steps_keeps_its_second_price_at_another_first_one(visit, m
     assert shown["engine"] == pytest.approx(before - 0.03 * LIMIT, abs=0.0101)
     change_price(page, "revenue_power", 2)
     earned = results(made, "Stepped")["engine"].summary.mean["revenue_power"]
-    assert column(page, "Profit (EPI)")["engine"] == pytest.approx(
-        truth["engine"].summary.mean["epi"] + earned, abs=0.0051
-    )
+    assert column(page, "Profit (EPI)")["engine"] == pytest.approx(truth["engine"].summary.mean["epi"] + earned, abs=0.0051)
 
 
 @needs_browser
@@ -150,9 +146,7 @@ def test_a_flat_price_is_what_an_evaluation_at_the_mean_gives(visit, made):
     page.wait_for_selector("details.prices.changed")
     assert f"flat at {np.mean(HOURLY):.4f} EUR/kWh" in page.locator("#prices summary").inner_text()
     truth = results(made, "Flat")["engine"].summary.mean
-    assert truth["revenue_power"] != pytest.approx(
-        results(made, "Energy")["engine"].summary.mean["revenue_power"], abs=2e-3
-    )
+    assert truth["revenue_power"] != pytest.approx(results(made, "Energy")["engine"].summary.mean["revenue_power"], abs=2e-3)
     told = page.evaluate("[...document.querySelectorAll('.chart')].map((one) => one.ariaLabel).join(' ')")
     assert f"Electricity sold {truth['revenue_power']:.2f}" in told
     page.evaluate("location.hash = '#/Energy-v1'")

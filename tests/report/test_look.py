@@ -102,9 +102,7 @@ def test_on_a_phone_tables_scroll_inside_and_keep_the_first_column(visit, wild):
     names = table.locator("tbody th.agent").evaluate_all("all => all.map((one) => one.getBoundingClientRect().left)")
     assert all(abs(name - left) < 3 for name in names)
     assert "gradient" in table.evaluate("(one) => getComputedStyle(one).backgroundImage")
-    caption = table.locator("caption span").evaluate(
-        "(one) => [one.getBoundingClientRect().left, one.getBoundingClientRect().right]"
-    )
+    caption = table.locator("caption span").evaluate("(one) => [one.getBoundingClientRect().left, one.getBoundingClientRect().right]")
     assert left <= caption[0] < caption[1] <= PHONE["width"]
 
 
@@ -140,9 +138,7 @@ def test_tiles_leave_no_gap_and_labels_of_the_waterfall_stand_apart(visit, wild)
     for width in (1400, 390):
         page.set_viewport_size({"width": width, "height": 900})
         page.locator(".tiles").scroll_into_view_if_needed()
-        page.wait_for_function(
-            "[...document.querySelectorAll('.chart')].some((one) => one._fullData?.[0].type === 'waterfall')"
-        )
+        page.wait_for_function("[...document.querySelectorAll('.chart')].some((one) => one._fullData?.[0].type === 'waterfall')")
         page.wait_for_timeout(700)
         boxes = page.evaluate(
             """(() => {
@@ -226,12 +222,7 @@ def test_before_printing_every_chart_is_drawn_in_light_colours_and_tables_fit(vi
     assert charts.count() >= (1 if view == "#/SpringEnergy-v1" else 30)
     assert charts.evaluate_all("all => all.filter((one) => !one.querySelector('.main-svg, .gl-container')).length") == 0
     assert charts.evaluate_all("all => all.filter((one) => one.dataset.drawn !== 'yes').length") == 0
-    assert (
-        charts.evaluate_all(
-            "all => Math.max(...all.map((one) => one.querySelector('.main-svg').getBoundingClientRect().right))"
-        )
-        <= 703
-    )
+    assert charts.evaluate_all("all => Math.max(...all.map((one) => one.querySelector('.main-svg').getBoundingClientRect().right))") <= 703
     assert page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--paper')").strip() == "#ffffff"
     assert (
         page.locator("table:visible").evaluate_all(
@@ -286,9 +277,7 @@ def test_first_words_say_who_leads_by_how_much_and_who_cannot_be_told_apart(visi
     told = page.locator("main p.story").inner_text()
     rows = {row.agent: row for row in wild[1]["glbench/Spring-v1"].rows}
     assert told.startswith(
-        "mpc leads with a mean score of 3.69 EUR/m² among the agents that see no more than observations.".replace(
-            " EUR", "\u00a0EUR"
-        )
+        "mpc leads with a mean score of 3.69 EUR/m² among the agents that see no more than observations.".replace(" EUR", "\u00a0EUR")
     )
     assert "told apart" in told
     assert "The privileged best_known reaches 5.34" in told
@@ -330,9 +319,7 @@ def test_terms_are_explained_where_they_are_met_and_listed_at_the_end(visit, wil
     page.keyboard.press("Escape")
     assert page.locator("#meaning").is_hidden()
     listed = page.locator("#terms dt").all_inner_texts()
-    assert {"Told apart", "Regret", "Privileged", "Actuator travel", "Worst tenth (CVaR10)", "95 % interval"} <= set(
-        listed
-    )
+    assert {"Told apart", "Regret", "Privileged", "Actuator travel", "Worst tenth (CVaR10)", "95 % interval"} <= set(listed)
     go(page, "#/overall/control")
     assert {"IQM", "Optimality gap", "Performance profile"} <= set(page.locator("#terms dt").all_inner_texts())
 

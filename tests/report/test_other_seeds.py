@@ -15,9 +15,7 @@ from tests.report.test_browser import CHROMIUM, PHONE, browser, draw_everything,
 from tests.report.test_money import TASK
 
 __all__ = ["browser", "visit"]
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None, reason="there is no chromium on this machine to look at the page with"
-)
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine to look at the page with")
 TITLE = "Money-v1: Two days of spring"
 
 
@@ -71,9 +69,7 @@ def test_a_table_that_goes_on_beyond_the_edge_has_a_shadow_there(visit):
     def edges() -> tuple[bool, bool]:
         """Whether the left and the right edge are darker than the middle."""
         picture = image.open(BytesIO(table.screenshot())).convert("L")
-        left, middle, right = (
-            picture.getpixel((x, picture.height // 2)) for x in (4, picture.width // 2, picture.width - 4)
-        )
+        left, middle, right = (picture.getpixel((x, picture.height // 2)) for x in (4, picture.width // 2, picture.width - 4))
         return left < middle, right < middle
 
     assert edges() == (False, True)

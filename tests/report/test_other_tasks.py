@@ -81,9 +81,7 @@ def test_a_user_s_task_is_ranked_by_the_metric_that_it_names(made):
 
 
 def test_each_table_has_the_columns_of_its_task(made, tmp_path):
-    heads, fruit = (
-        to_markdown([table], {}).splitlines() for table in sorted(made.tables, key=lambda one: one.task_id)[::-1]
-    )
+    heads, fruit = (to_markdown([table], {}).splitlines() for table in sorted(made.tables, key=lambda one: one.task_id)[::-1])
     assert any("Heads [/m²]" in line and "Yield" not in line for line in heads)
     assert any("Yield, fresh [kg/m²]" in line and "Heads" not in line for line in fruit)
     assert any("EPI is revenue minus the costs of heat, electricity and CO2." in line for line in fruit)

@@ -78,16 +78,13 @@ def trained(made, tmp_path_factory):
         ("<img src=x onerror=alert(1)>", -500.0, 30),
     ):
         changed = tuple(
-            run.model_copy(update={"metrics": {**run.metrics, "reward": run.metrics["reward"] + gain}})
-            for run in base.result.runs[:runs]
+            run.model_copy(update={"metrics": {**run.metrics, "reward": run.metrics["reward"] + gain}}) for run in base.result.runs[:runs]
         )
         seed = {"ppo": 0, "ppo_seed1": 1, "ppo_seed2": 2}.get(name)
         training = None if seed is None else TrainingRecord(recipe="ppo", seed=seed, form="sb3", policy=f"{seed:064x}")
         of_recipe = {} if training is None else {"training": training, "digest": training.policy}
         agent = base.result.agent.model_copy(update={"name": name, "kind": "submission", **of_recipe})
-        evaluation = base.result.evaluation.model_copy(
-            update={"runs": runs, "seeds": base.result.evaluation.seeds[:runs]}
-        )
+        evaluation = base.result.evaluation.model_copy(update={"runs": runs, "seeds": base.result.evaluation.seeds[:runs]})
         changes = {
             "agent": agent,
             "runs": changed,
@@ -183,15 +180,11 @@ def test_the_overall_page_shows_scores_profiles_and_odds(visit):
     assert page.evaluate("document.activeElement.id") == "choose-improver"
 
 
-@pytest.mark.parametrize(
-    "view", [f"#/{TASK}", f"#/agent/other/{TASK}", f"#/compare/other/usual/{TASK}", "#/overall", "#/guide"]
-)
+@pytest.mark.parametrize("view", [f"#/{TASK}", f"#/agent/other/{TASK}", f"#/compare/other/usual/{TASK}", "#/overall", "#/guide"])
 def test_a_result_of_another_version_has_its_place(visit, made, tmp_path, view):
     """One that lacks metrics of this version and has others: a dash for what is missing, the others by their names."""
     base = next(item for item in made.stored if item.result.task.id.endswith(TASK))
-    usual = base.result.model_copy(
-        update={"agent": base.result.agent.model_copy(update={"name": "usual", "kind": "submission"})}
-    )
+    usual = base.result.model_copy(update={"agent": base.result.agent.model_copy(update={"name": "usual", "kind": "submission"})})
     other = usual.model_copy(update={"agent": usual.agent.model_copy(update={"name": "other"})})
     other = of_another_version(other, ("epi", "heat", "cost_heat", "hours_co2_low"), {"gas": ("m3 m-2", 1.5)})
     stored = [StoredResult(base.path.with_name(f"{one.agent.name}.json"), one) for one in (usual, other)]

@@ -31,9 +31,7 @@ def test_p_values_and_intervals_of_the_page_are_those_of_the_leaderboard():
             pairs.append((one, generator.normal(size=(second, 1)) + generator.normal(size=(second, runs)), fixed))
     pairs.append((np.repeat([[2.0], [3.0], [7.0]], 4, axis=1), np.zeros((1, 4)), False))
     values = generator.uniform(size=9).tolist()
-    given = json.dumps(
-        {"pairs": [(one.tolist(), other.tolist(), fixed) for one, other, fixed in pairs], "values": values}
-    )
+    given = json.dumps({"pairs": [(one.tolist(), other.tolist(), fixed) for one, other, fixed in pairs], "values": values})
     script = "\n".join([BEFORE, SCRIPT.read_text(encoding="utf-8"), AFTER])
     done = subprocess.run(["node", "-e", script], input=given, capture_output=True, text=True, check=True)
     found = json.loads(done.stdout)

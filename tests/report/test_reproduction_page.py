@@ -17,9 +17,7 @@ def test_tables_and_figures_are_those_of_the_results() -> None:
     assert script.filled(page, points) == page
     for name, figure in script.figures(points).items():
         assert (DOCS / "images" / name).read_text(encoding="utf-8") == figure
-    for agent in set(script.AGENTS) - {
-        "recording"
-    }:  # recorded at one level, and perhaps not played back at all of them
+    for agent in set(script.AGENTS) - {"recording"}:  # recorded at one level, and perhaps not played back at all of them
         assert sorted({level for name, level, _ in points if name == agent}) == list(script.LEVELS)
 
 

@@ -91,10 +91,7 @@ def test_the_words_say_the_numbers(told):
     profit = told.line("profit")
     gap = told.gaps()[:, profit].sum()
     first = headline(told)
-    assert (
-        f"thrifty earns {abs(gap):.2f} EUR/m² {'more' if gap > 0 else 'less'} than lavish".replace(" EUR", "\u00a0EUR")
-        in first
-    )
+    assert f"thrifty earns {abs(gap):.2f} EUR/m² {'more' if gap > 0 else 'less'} than lavish".replace(" EUR", "\u00a0EUR") in first
     assert "At night" in paragraphs(told)[0]
     night = told.means[:, 0, [curve.path for curve in told.levels].index("climate/air_temperature")]
     assert f"air temperature {night[0]:.1f} instead of {night[1]:.1f}\u00a0°C" in paragraphs(told)[0]

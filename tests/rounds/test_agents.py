@@ -163,9 +163,7 @@ def test_a_round_file_where_an_agent_would_see_it_is_told(write_agent: AgentWrit
 
 
 @needs_sandbox
-def test_a_round_file_in_the_folder_of_a_submission_is_refused(
-    glbench: Command, write_agent: AgentWriter, tmp_path: Path
-) -> None:
+def test_a_round_file_in_the_folder_of_a_submission_is_refused(glbench: Command, write_agent: AgentWriter, tmp_path: Path) -> None:
     folder = tmp_path / "mine"
     folder.mkdir()
     write_agent().rename(folder / "agent.py")
@@ -179,9 +177,7 @@ def test_a_round_file_in_the_folder_of_a_submission_is_refused(
     assert SECRET.salt not in answer.out + answer.err
 
 
-def test_without_a_sandbox_nothing_of_a_stranger_runs_in_a_round(
-    glbench: Command, write_agent: AgentWriter, tmp_path: Path
-) -> None:
+def test_without_a_sandbox_nothing_of_a_stranger_runs_in_a_round(glbench: Command, write_agent: AgentWriter, tmp_path: Path) -> None:
     (tmp_path / "round.toml").write_text(SECRET.to_toml(), encoding="utf-8")
     answer = glbench(
         "evaluate", write_agent(), "--task", write_tiny(tmp_path), "--round", tmp_path / "round.toml", "--sandbox", "none",
@@ -201,9 +197,7 @@ def earned(task: TaskSpec, agent: Path) -> tuple[float, list[float]]:
 
 
 @needs_sandbox
-def test_an_agent_that_knows_the_public_draws_gains_by_them_and_nothing_in_a_round(
-    tiny: TaskSpec, write_agent: AgentWriter
-) -> None:
+def test_an_agent_that_knows_the_public_draws_gains_by_them_and_nothing_in_a_round(tiny: TaskSpec, write_agent: AgentWriter) -> None:
     knowing = write_agent(CLAIRVOYANT.format(knows=True), "knowing")
     blind = write_agent(CLAIRVOYANT.format(knows=False), "blind")
     seeds = list(range(10000, 10000 + RUNS))

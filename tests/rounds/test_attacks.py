@@ -198,9 +198,7 @@ def test_rewards_that_add_up_and_were_not_earned_are_refuted_after_the_reveal(se
     for reward in rewards[:, 2]:
         total += float(reward)
     document["runs"][2]["metrics"]["reward"] = total
-    document["summary"]["mean"]["reward"] = math.fsum(run["metrics"]["reward"] for run in document["runs"]) / len(
-        document["runs"]
-    )
+    document["summary"]["mean"]["reward"] = math.fsum(run["metrics"]["reward"] for run in document["runs"]) / len(document["runs"])
     sealed.write_text(json.dumps(document))
     _write(sealed, replace(log, rewards=rewards), SECRET.commitment)
     assert verify(sealed).outcome == "sealed"
@@ -245,9 +243,7 @@ def opened(tmp_path: Path) -> Callable[[Round], Path]:
     return write
 
 
-def test_exit_codes(
-    glbench: Command, sealed: Path, public: Path, reports: Path, opened: Callable[[Round], Path]
-) -> None:
+def test_exit_codes(glbench: Command, sealed: Path, public: Path, reports: Path, opened: Callable[[Round], Path]) -> None:
     closed = glbench("verify", sealed)
     assert closed.code == 3
     assert "sealed: cannot be verified before the round is over" in closed.out

@@ -28,8 +28,7 @@ def forecast(task: TaskSpec) -> np.ndarray:
 
 def test_a_salt_changes_crop_start_sensors_weather_first_days_and_forecasts(tiny: TaskSpec) -> None:
     drawn = [
-        RunScenarios(task).draw(SEEDS)
-        for task in (tiny.scored, tiny.in_split("test", SECRET.secret), tiny.in_split("test", OTHER.secret))
+        RunScenarios(task).draw(SEEDS) for task in (tiny.scored, tiny.in_split("test", SECRET.secret), tiny.in_split("test", OTHER.secret))
     ]
     for one, other in ((0, 1), (0, 2), (1, 2)):
         a, b = drawn[one], drawn[other]
@@ -46,9 +45,7 @@ def test_a_salt_changes_crop_start_sensors_weather_first_days_and_forecasts(tiny
 
 
 def test_the_same_secret_gives_the_same_draws(tiny: TaskSpec, tmp_path: Path) -> None:
-    one, other = (
-        RunScenarios(task.in_split("test", SECRET.secret)).draw(SEEDS) for task in (tiny, tiny_task(tmp_path))
-    )
+    one, other = (RunScenarios(task.in_split("test", SECRET.secret)).draw(SEEDS) for task in (tiny, tiny_task(tmp_path)))
     for field in dataclasses.fields(one):
         assert np.array_equal(getattr(one, field.name), getattr(other, field.name)), field.name
 
@@ -69,17 +66,13 @@ def own_weather(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SealedWeathe
 
 
 @pytest.mark.parametrize("generated", [True, False], ids=["generated", "real years"])
-def test_weather_of_a_round_takes_the_place_of_the_tasks(
-    own_weather: SealedWeather, tmp_path: Path, generated: bool
-) -> None:
+def test_weather_of_a_round_takes_the_place_of_the_tasks(own_weather: SealedWeather, tmp_path: Path, generated: bool) -> None:
     tiny = tiny_task(tmp_path) if generated else tiny_task(tmp_path, REAL_YEARS)
     sealed = Round("5" * 64, own_weather)
     task = tiny.in_split("test", sealed.secret)
     assert task.season_record().name == "secret"
     assert task.digest == tiny.digest
-    outside = [
-        np.concatenate([run_weather(one, seed).values[:, 1] for seed in SEEDS]).mean() for one in (task, tiny.scored)
-    ]
+    outside = [np.concatenate([run_weather(one, seed).values[:, 1] for seed in SEEDS]).mean() for one in (task, tiny.scored)]
     assert outside[0] > 18.0
     assert outside[1] < 13.0
     if not generated:

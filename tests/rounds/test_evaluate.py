@@ -105,9 +105,7 @@ def test_trials_of_a_round_lie_below_it(tiny: TaskSpec, tmp_path: Path) -> None:
     assert result_path(results_folder(tmp_path, task) / "trials", task.id, "rule_based").is_file()
 
 
-def test_an_interruption_changes_no_bit_and_its_checkpoint_holds_no_salt(
-    tiny: TaskSpec, sealed: Path, tmp_path: Path
-) -> None:
+def test_an_interruption_changes_no_bit_and_its_checkpoint_holds_no_salt(tiny: TaskSpec, sealed: Path, tmp_path: Path) -> None:
     task, out = tiny.in_split("test", SECRET.secret), tmp_path / "again"
     with pytest.raises(StopError):
         evaluate(task, "rule_based", out=out, checkpoint_seconds=0.0, progress=stop_after(9))

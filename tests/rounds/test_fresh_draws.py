@@ -193,9 +193,7 @@ def test_in_the_suite_paper_there_are_no_fresh_draws(glbench: Command, tmp_path:
     assert list(tmp_path.iterdir()) == [], "it is refused before anything is evaluated"
 
 
-def test_validation_rounds_and_agents_without_a_sandbox_are_refused(
-    tiny: TaskSpec, tmp_path: Path, write_agent: AgentWriter
-) -> None:
+def test_validation_rounds_and_agents_without_a_sandbox_are_refused(tiny: TaskSpec, tmp_path: Path, write_agent: AgentWriter) -> None:
     rules, mine = protect("rule_based_fair", "auto"), protect(write_agent(), "none")
     for task in (tiny.in_split("test"), tiny):
         check_fresh_draws(Job(task, "", rules, Options(tmp_path)))
@@ -256,9 +254,7 @@ def test_both_evaluations_tell_the_agent_the_same(tiny: TaskSpec, write_agent: A
 # Verification
 
 
-def test_an_honest_result_is_reproduced_with_its_fresh_draws_and_reference_agents(
-    honest: Path, glbench: Command
-) -> None:
+def test_an_honest_result_is_reproduced_with_its_fresh_draws_and_reference_agents(honest: Path, glbench: Command) -> None:
     verdict = verify(honest)
     assert (verdict.outcome, verdict.exactness, verdict.runs) == ("reproduced", "bits", 12), verdict
     assert {"fresh_draws", "fresh_draws.references"} <= set(verdict.reproduced)
@@ -386,9 +382,7 @@ def test_an_agent_that_carries_the_published_plans_is_marked_and_without_them_it
     assert not sensible.marked
     assert score.drop > 3 * abs(sensible.drop)
 
-    stored = [
-        StoredResult(path, load_result(path)) for path in sorted((tmp_path / "reports" / "results").rglob("*.json"))
-    ]
+    stored = [StoredResult(path, load_result(path)) for path in sorted((tmp_path / "reports" / "results").rglob("*.json"))]
     (table,) = rank(stored, {})
     page, frame, paper = to_markdown([table], {}), to_frame([table]).set_index("agent"), to_latex(table)
     (row,) = [line for line in page.splitlines() if line.startswith("| ") and "thief" in line]
@@ -425,9 +419,7 @@ def test_the_command_evaluates_both_says_so_and_the_board_shows_both(
     assert "draws" in board.out
     shown = glbench("show", result_path(out, thirty.id, "thief"))
     assert "With fresh draws" in shown.out
-    several = glbench(
-        "evaluate", "rule_based_fair", "rule_based_tuned", "--task", thirty.source, "--fresh-draws", "--out", out
-    )
+    several = glbench("evaluate", "rule_based_fair", "rule_based_tuned", "--task", thirty.source, "--fresh-draws", "--out", out)
     assert several.code == 0, several.err
     assert several.err.count("with fresh draws reward") == 2
 
@@ -511,13 +503,9 @@ def changed(result: Result, runs: int, drop: float) -> Result:
     fresh = result.fresh_draws
     assert fresh is not None
     few: tuple[RunResult, ...] = tuple(
-        run.model_copy(update={"metrics": run.metrics | {"reward": run.metrics["reward"] - drop}})
-        for run in fresh.runs[:runs]
+        run.model_copy(update={"metrics": run.metrics | {"reward": run.metrics["reward"] - drop}}) for run in fresh.runs[:runs]
     )
-    references = tuple(
-        one.model_copy(update={"published": one.published[:runs], "fresh": one.fresh[:runs]})
-        for one in fresh.references
-    )
+    references = tuple(one.model_copy(update={"published": one.published[:runs], "fresh": one.fresh[:runs]}) for one in fresh.references)
     update = {
         "fresh_draws": fresh.model_copy(update={"runs": few, "references": references}),
         "runs": result.runs[:runs],

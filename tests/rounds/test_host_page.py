@@ -65,9 +65,7 @@ def test_a_host_and_a_reader_run_a_round_as_the_page_says(run: object, tmp_path:
 
     answers = run(evaluate, **filled)
     assert [answer.code for answer in answers] == [0] * 4, [answer.err for answer in answers]
-    results = sorted(
-        (tmp_path / "checkout" / "reports" / "rounds" / commitment[:16] / "results" / "Tiny-v1").glob("*.actions.mcap")
-    )
+    results = sorted((tmp_path / "checkout" / "reports" / "rounds" / commitment[:16] / "results" / "Tiny-v1").glob("*.actions.mcap"))
     assert [file.name for file in results] == ["anna.actions.mcap", "rule_based.actions.mcap"]
     assert "anna" in answers[3].out
     assert not (tmp_path / "checkout" / "reports" / "results").exists()
@@ -103,7 +101,5 @@ def test_the_commitment_can_be_computed_without_glbench_as_the_page_says(run: ob
     sealed = read_round(tmp_path / "secret" / "round.toml")
     (command,) = re.findall(r"^(printf .* \| sha256sum)$", PAGE, re.MULTILINE)
     assert hashlib.sha256(b"glbench round 1\n" + sealed.salt.encode()).hexdigest() == made.out.strip()
-    done = subprocess.run(
-        ["bash", "-c", command.replace("SALT", sealed.salt)], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run(["bash", "-c", command.replace("SALT", sealed.salt)], capture_output=True, text=True, check=True)
     assert done.stdout.split()[0] == made.out.strip()

@@ -63,9 +63,7 @@ def test_a_round_never_replaces_a_file(tmp_path: Path) -> None:
         ("salt =", "salt", "not TOML"),
     ],
 )
-def test_a_file_that_was_changed_is_refused_without_showing_the_salt(
-    tmp_path: Path, old: str, new: str, words: str
-) -> None:
+def test_a_file_that_was_changed_is_refused_without_showing_the_salt(tmp_path: Path, old: str, new: str, words: str) -> None:
     file = tmp_path / "round.toml"
     file.write_text(SECRET.to_toml().replace(old, new), encoding="utf-8")
     with pytest.raises(GlbenchError, match=words) as caught:
@@ -73,9 +71,7 @@ def test_a_file_that_was_changed_is_refused_without_showing_the_salt(
     assert "5" * 60 not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "weather", ['digest = "x"\nyears = [2019]', f'digest = "{"ab" * 32}"\nyears = []', 'digest = "x"', "years = 3"]
-)
+@pytest.mark.parametrize("weather", ['digest = "x"\nyears = [2019]', f'digest = "{"ab" * 32}"\nyears = []', 'digest = "x"', "years = 3"])
 def test_weather_that_cannot_be_is_refused(tmp_path: Path, weather: str) -> None:
     file = tmp_path / "round.toml"
     file.write_text(SECRET.to_toml() + f"\n[weather]\n{weather}\n", encoding="utf-8")
@@ -191,9 +187,7 @@ def test_a_closing_time_has_its_zone_and_is_to_come(glbench: Command, tmp_path: 
     assert not (tmp_path / "r.toml").exists()
 
 
-@pytest.mark.parametrize(
-    "closes", ["2027-03-01T17:00:00", "2027-03-01", "1", '"soon"', "2027-03-01T17:00:00.5Z", "9" * 5000]
-)
+@pytest.mark.parametrize("closes", ["2027-03-01T17:00:00", "2027-03-01", "1", '"soon"', "2027-03-01T17:00:00.5Z", "9" * 5000])
 def test_a_file_with_another_closing_time_is_refused(tmp_path: Path, closes: str) -> None:
     file = tmp_path / "r.toml"
     write_round(SECRET, file)
@@ -216,9 +210,7 @@ def test_new_and_check_say_until_when_a_round_is_open(glbench: Command, tmp_path
 
 
 @pytest.mark.slow
-def test_after_it_closed_an_entry_is_refused_or_named_as_late(
-    glbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_after_it_closed_an_entry_is_refused_or_named_as_late(glbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)

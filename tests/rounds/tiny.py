@@ -106,12 +106,7 @@ epi = { value = -0.1, unit = "EUR m-2" }
 penalty = 3.0
 """
 
-REAL_YEARS = (
-    TINY.replace("Tiny", "Years")
-    .replace("generated = true\n", "")
-    .replace("seasons = 8\n", "")
-    .replace("seasons = 6\n", "")
-)
+REAL_YEARS = TINY.replace("Tiny", "Years").replace("generated = true\n", "").replace("seasons = 8\n", "").replace("seasons = 6\n", "")
 """The same with the seasons of the real years."""
 
 

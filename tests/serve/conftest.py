@@ -33,9 +33,7 @@ class Client:
     def __post_init__(self) -> None:
         self.connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=120)
 
-    def raw(
-        self, method: str, path: str, body: bytes | None = None, headers: dict[str, str] | None = None
-    ) -> tuple[int, bytes]:
+    def raw(self, method: str, path: str, body: bytes | None = None, headers: dict[str, str] | None = None) -> tuple[int, bytes]:
         self.connection.request(method, path, body, JSON if headers is None else headers)
         answer = self.connection.getresponse()
         return answer.status, answer.read()
@@ -74,9 +72,7 @@ def process_of(task: str, *options: str) -> Iterator[tuple[subprocess.Popen[str]
     try:
         assert process.stderr is not None
         line = process.stderr.readline()
-        match = re.fullmatch(
-            r"glbench/\S+ is at (http://127\.0\.0\.1:\d+)/ \(open it in a browser\)\. Ctrl-C closes it\.\n", line
-        )
+        match = re.fullmatch(r"glbench/\S+ is at (http://127\.0\.0\.1:\d+)/ \(open it in a browser\)\. Ctrl-C closes it\.\n", line)
         assert match, line
         yield process, match[1]
     finally:

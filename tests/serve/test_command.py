@@ -30,9 +30,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[subproces
 
 
 @pytest.mark.slow
-def test_the_examples_of_the_page_run(
-    server: tuple[subprocess.Popen[str], str, Path], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_examples_of_the_page_run(server: tuple[subprocess.Popen[str], str, Path], capsys: pytest.CaptureFixture[str]) -> None:
     _, address, _ = server
     examples = [text.replace("http://127.0.0.1:8000", address) for text in examples_of(PAGE)]
     assert examples
@@ -48,9 +46,7 @@ def test_the_curl_commands_of_the_page_run(server: tuple[subprocess.Popen[str], 
     session = ""
     for command in block.replace("\\\n", " ").strip().splitlines():
         text = command.replace("http://127.0.0.1:8000", address).replace("SESSION", session)
-        answer = json.loads(
-            subprocess.run(text, shell=True, capture_output=True, text=True, check=True, timeout=120).stdout
-        )
+        answer = json.loads(subprocess.run(text, shell=True, capture_output=True, text=True, check=True, timeout=120).stdout)
         assert "error" not in answer
         session = answer.get("session", session)
     assert answer["step"] == 4
@@ -84,10 +80,7 @@ def test_letting_other_machines_in_is_said() -> None:
     process = subprocess.Popen([*COMMAND, "--port", "0", "--host", "0.0.0.0"], stderr=subprocess.PIPE, text=True)
     try:
         assert process.stderr is not None
-        assert (
-            "Whoever reaches this machine over the network (--host 0.0.0.0) can start seasons"
-            in process.stderr.readline()
-        )
+        assert "Whoever reaches this machine over the network (--host 0.0.0.0) can start seasons" in process.stderr.readline()
     finally:
         process.kill()
         process.communicate()
@@ -103,15 +96,12 @@ def test_answers_are_sent_at_once() -> None:
 def test_a_port_in_use_and_a_host_of_others_are_refused_in_words() -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
-        assert (
-            f"cannot listen at port {port} of 127.0.0.1 (Address already in use). Choose another port with --port"
-            in refused("--port", str(port))
+        assert f"cannot listen at port {port} of 127.0.0.1 (Address already in use). Choose another port with --port" in refused(
+            "--port", str(port)
         )
     with pytest.raises(app.GlbenchError, match=r"port 0 of no\.such\.host\.invalid \(there is no such host\)"):
         app.bind("no.such.host.invalid", 0)
-    with pytest.raises(
-        app.GlbenchError, match=r"cannot listen at port 0 of 192\.0\.2\.1 \(Cannot assign requested address\)"
-    ):
+    with pytest.raises(app.GlbenchError, match=r"cannot listen at port 0 of 192\.0\.2\.1 \(Cannot assign requested address\)"):
         app.bind("192.0.2.1", 0)
 
 

@@ -17,9 +17,7 @@ from glbench.serve.sessions import Session, Sessions
 from glbench.tasks import TaskSpec
 from tests.serve.conftest import JSON, Client, served
 
-LIBRARY_WORDS = re.compile(
-    r"pydantic|traceback|fastapi|starlette|uvicorn|valid integer|input should|\bbody\.|line \d+, in", re.IGNORECASE
-)
+LIBRARY_WORDS = re.compile(r"pydantic|traceback|fastapi|starlette|uvicorn|valid integer|input should|\bbody\.|line \d+, in", re.IGNORECASE)
 NAMES = ("uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr")
 STILL = dict.fromkeys(NAMES, 0.0)
 HUGE = "1" + "0" * 400
@@ -64,13 +62,9 @@ IMPOSSIBLE_STEPS = {
 
 
 @pytest.mark.parametrize("case", IMPOSSIBLE_STEPS)
-def test_an_impossible_step_is_refused_in_words_and_nothing_is_simulated(
-    client: Client, session: str, case: str
-) -> None:
+def test_an_impossible_step_is_refused_in_words_and_nothing_is_simulated(client: Client, session: str, case: str) -> None:
     body, status, field, words = IMPOSSIBLE_STEPS[case]
-    got, content = client.raw(
-        "POST", f"/v1/sessions/{session}/step", body if isinstance(body, bytes) else body.encode()
-    )
+    got, content = client.raw("POST", f"/v1/sessions/{session}/step", body if isinstance(body, bytes) else body.encode())
     error = json.loads(content)["error"]
     assert (got, error["field"]) == (status, field), error
     assert words in f"{error['what']} {error['do']}"
@@ -98,9 +92,7 @@ def test_an_impossible_step_is_refused_in_words_and_nothing_is_simulated(
         ([], 422, "body", "JSON object"),
     ],
 )
-def test_an_impossible_season_is_refused_in_words(
-    client: Client, body: Any, status: int, field: str, words: str
-) -> None:
+def test_an_impossible_season_is_refused_in_words(client: Client, body: Any, status: int, field: str, words: str) -> None:
     before = client.ok("GET", "/health")["sessions"]
     got, content = client.call("POST", "/sessions", body)
     assert (got, content["error"]["field"]) == (status, field)
@@ -130,9 +122,7 @@ def test_a_wrong_address_is_answered_in_words(client: Client, method: str, path:
     assert words in f"{error['what']} {error['do']}"
 
 
-@pytest.mark.parametrize(
-    "kind", ["text/plain", "application/x-www-form-urlencoded", "", "multipart/form-data; boundary=x"]
-)
+@pytest.mark.parametrize("kind", ["text/plain", "application/x-www-form-urlencoded", "", "multipart/form-data; boundary=x"])
 def test_what_is_not_marked_as_json_is_refused(client: Client, kind: str) -> None:
     headers = {"Content-Type": kind} if kind else {}
     got, content = client.raw("POST", "/v1/sessions", b"{}", headers)
@@ -146,9 +136,7 @@ def test_a_season_needs_no_body_and_json_may_name_its_letters(client: Client) ->
         client.ok("DELETE", f"/sessions/{json.loads(content)['session']}")
 
 
-@pytest.mark.parametrize(
-    "host", ["evil.example", "evil.example:8000", "127.0.0.1.evil.example", "", "[::1", "localhost.evil"]
-)
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:8000", "127.0.0.1.evil.example", "", "[::1", "localhost.evil"])
 def test_a_name_that_somebody_points_to_this_machine_is_not_answered(client: Client, host: str) -> None:
     got, content = client.raw("GET", "/v1/task", headers={"Host": host})
     assert got == 403
@@ -196,9 +184,7 @@ def test_without_an_allowed_origin_no_answer_can_be_read_by_another_page(client:
 def test_a_request_that_never_arrives_is_ended(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(app, "BODY_SECONDS", 0.2)
     with socket.create_connection(("127.0.0.1", client.port), timeout=30) as line:
-        line.sendall(
-            b"POST /v1/sessions HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\nContent-Length: 10\r\n\r\n{"
-        )
+        line.sendall(b"POST /v1/sessions HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\nContent-Length: 10\r\n\r\n{")
         assert b" 408 " in line.recv(100)
 
 
@@ -236,9 +222,7 @@ def test_the_answers_are_those_of_the_openapi_document(client: Client, session: 
         about = document["paths"][path][method]
         ok = about["responses"]["201" if path == "/v1/sessions" else "200"]["content"]["application/json"]["schema"]
         jsonschema.validate(client.ok(method.upper(), address, body), {**ok, "components": document["components"]})
-        assert about["responses"]["4XX"]["content"]["application/json"]["schema"] == {
-            "$ref": "#/components/schemas/Failure"
-        }
+        assert about["responses"]["4XX"]["content"]["application/json"]["schema"] == {"$ref": "#/components/schemas/Failure"}
         assert "422" not in about["responses"]
         assert about["description"]
 

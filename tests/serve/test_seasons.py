@@ -39,9 +39,7 @@ def played_in_gymnasium(split: str, actions: np.ndarray, steps: list[int]) -> tu
 
 
 @pytest.mark.parametrize("split", ["training", "validation"])
-def test_seed_and_actions_give_the_bits_of_the_gymnasium_environment(
-    client: Client, task: TaskSpec, split: str
-) -> None:
+def test_seed_and_actions_give_the_bits_of_the_gymnasium_environment(client: Client, task: TaskSpec, split: str) -> None:
     names = [action.name for action in task.actions]
     actions = np.random.default_rng(1).uniform(-1.0, 1.0, (12, 6)).astype(np.float32)
     steps = [1, 4, 1, 96, 2, 1, 1, 7, 1, 1, 30, 1]
@@ -63,9 +61,7 @@ def test_sessions_do_not_disturb_each_other_at_the_same_time(client: Client) -> 
     def play(actor: int) -> tuple[list[list[float]], list[float]]:
         own, rng = Client(client.port), np.random.default_rng(actor)
         name = own.ok("POST", "/sessions", {"seed": SEED + actor % 2})["session"]
-        answers = [
-            own.ok("POST", f"/sessions/{name}/step", {"action": rng.uniform(-1, 1, 6).tolist()}) for _ in range(25)
-        ]
+        answers = [own.ok("POST", f"/sessions/{name}/step", {"action": rng.uniform(-1, 1, 6).tolist()}) for _ in range(25)]
         own.ok("DELETE", f"/sessions/{name}")
         own.connection.close()
         return [answer["vector"] for answer in answers], [answer["reward"] for answer in answers]
@@ -76,12 +72,8 @@ def test_sessions_do_not_disturb_each_other_at_the_same_time(client: Client) -> 
     assert alone[0] != alone[1]
 
 
-def test_the_account_is_the_sum_of_the_steps_in_the_metrics_of_results(
-    client: Client, session: str, task: TaskSpec
-) -> None:
-    answers = [
-        client.ok("POST", f"/sessions/{session}/step", {"action": STILL, "steps": steps}) for steps in (1, 5, 40)
-    ]
+def test_the_account_is_the_sum_of_the_steps_in_the_metrics_of_results(client: Client, session: str, task: TaskSpec) -> None:
+    answers = [client.ok("POST", f"/sessions/{session}/step", {"action": STILL, "steps": steps}) for steps in (1, 5, 40)]
     account = client.ok("GET", f"/sessions/{session}/account")
     metrics = {metric.name: metric.unit for metric in metrics_of(task)}
     assert account["units"] == metrics
@@ -95,9 +87,7 @@ def test_the_account_is_the_sum_of_the_steps_in_the_metrics_of_results(
     assert last["violations"]["air_temperature_low"] > 0.0
 
 
-def test_the_forecast_is_the_part_of_the_observation_that_looks_ahead(
-    client: Client, session: str, task: TaskSpec
-) -> None:
+def test_the_forecast_is_the_part_of_the_observation_that_looks_ahead(client: Client, session: str, task: TaskSpec) -> None:
     forecast = client.ok("GET", f"/sessions/{session}/forecast")["forecast"]
     seen = client.ok("GET", f"/sessions/{session}/observation")
     columns = {
@@ -105,9 +95,7 @@ def test_the_forecast_is_the_part_of_the_observation_that_looks_ahead(
         for name, ahead in forecast.items()
         for hours, value in zip(ahead["hours_ahead"], ahead["values"], strict=True)
     }
-    assert columns == {
-        name: value for name, value in seen["observation"].items() if name.endswith("h") and "_in_" in name
-    }
+    assert columns == {name: value for name, value in seen["observation"].items() if name.endswith("h") and "_in_" in name}
     assert [forecast["global_radiation"][key] for key in ("unit", "meaning")] == [
         "W m-2",
         "sun and sky on a horizontal plane outside",
@@ -137,9 +125,7 @@ def test_an_action_in_the_units_of_the_card_is_the_set_point_itself() -> None:
         sessions.start(SeasonRequest()).step(StepRequest(values=values | {one.name: one.highest + 1.0}))
 
 
-def test_the_card_has_every_column_with_unit_and_meaning_and_nothing_that_agents_may_not_know(
-    client: Client, task: TaskSpec
-) -> None:
+def test_the_card_has_every_column_with_unit_and_meaning_and_nothing_that_agents_may_not_know(client: Client, task: TaskSpec) -> None:
     card = client.ok("GET", "/task")
     assert [one["name"] for one in card["observations"]] == [column.name for column in task.observed()]
     assert all(one["unit"] and one["meaning"] for one in (*card["observations"], *card["actions"], *card["controls"]))
@@ -158,9 +144,7 @@ def test_the_card_has_every_column_with_unit_and_meaning_and_nothing_that_agents
     assert not {str(year) for year in (2008, 2009, 2010, 2011, 2012)} & set(text.replace('"', " ").split())
 
 
-def test_what_is_observed_is_the_sensors_reading_and_nothing_shows_the_true_state(
-    client: Client, session: str, task: TaskSpec
-) -> None:
+def test_what_is_observed_is_the_sensors_reading_and_nothing_shows_the_true_state(client: Client, session: str, task: TaskSpec) -> None:
     answer = client.ok("POST", f"/sessions/{session}/step", {"action": STILL})
     sessions = Sessions(task)
     twin = sessions.start(SeasonRequest(seed=SEED))
@@ -171,9 +155,7 @@ def test_what_is_observed_is_the_sensors_reading_and_nothing_shows_the_true_stat
     assert not truth & numbers
 
 
-def test_a_finished_season_is_over_and_its_record_can_be_read(
-    client: Client, session: str, task: TaskSpec, tmp_path: Path
-) -> None:
+def test_a_finished_season_is_over_and_its_record_can_be_read(client: Client, session: str, task: TaskSpec, tmp_path: Path) -> None:
     address = f"/sessions/{session}"
     status, refused = client.call("GET", f"{address}/episode")
     assert (status, "not over" in refused["error"]["what"]) == (409, True)
@@ -195,9 +177,7 @@ def test_a_finished_season_is_over_and_its_record_can_be_read(
     assert (again["step"], again["terminated"], again["session"]) == (0, False, session)
 
 
-def test_seasons_are_written_when_they_are_closed_replaced_idle_or_the_server_ends(
-    task: TaskSpec, tmp_path: Path
-) -> None:
+def test_seasons_are_written_when_they_are_closed_replaced_idle_or_the_server_ends(task: TaskSpec, tmp_path: Path) -> None:
     now = [0.0]
     sessions = Sessions(task, folder=tmp_path / "seasons", idle_minutes=1.0, clock=lambda: now[0])
     act = StepRequest(action=STILL, steps=3)
@@ -232,9 +212,7 @@ def test_a_part_of_a_season_can_be_viewed(task: TaskSpec, tmp_path: Path) -> Non
     assert (tmp_path / "day.rrd").stat().st_size > 10_000
 
 
-def test_a_step_that_cannot_be_simulated_ends_the_season_in_words(
-    task: TaskSpec, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_step_that_cannot_be_simulated_ends_the_season_in_words(task: TaskSpec, monkeypatch: pytest.MonkeyPatch) -> None:
     session = Sessions(task).start(SeasonRequest(seed=SEED))
     session.step(StepRequest(action=STILL))
     environments = session.simulation._environments

@@ -59,12 +59,7 @@ def test_list_shows_suite_by_suite_and_the_default_task_first() -> None:
     assert suites == sorted(suites, key=suites.index), "tasks of a suite stand together"
     assert not any(suites[suites.index(()) :] if () in suites else ()), "those in no suite come last"
     shown = run("list").stdout
-    assert (
-        shown.index("Suite control")
-        < shown.index("Spring-v1")
-        < shown.index("SpringMismatch-v1")
-        < shown.index("Suite paper")
-    )
+    assert shown.index("Suite control") < shown.index("Spring-v1") < shown.index("SpringMismatch-v1") < shown.index("Suite paper")
     assert shown.count("Suite control") == shown.count("Suite energy") == shown.count("Suite transfer") == 1
     assert listed[0]["splits"]["test"] == {"years": [2011, 2012], "seasons": 100}
     transfer = {entry["id"] for entry in machine("list", "--suite", "transfer")}
@@ -309,13 +304,9 @@ def test_check_names_a_rate_that_is_not_finite_at_the_start(tmp_path: Path, monk
 def test_references_are_written_again_as_they_are_shipped_with_the_best_known_runs(tmp_path, monkeypatch):
     shipped = data_folder("tasks")
     monkeypatch.setattr(references, "references_path", lambda: tmp_path / "references.toml")
-    monkeypatch.setattr(
-        references, "best_known_path", lambda task_id: tmp_path / "best_known" / f"{task_id.rpartition('/')[2]}.json"
-    )
+    monkeypatch.setattr(references, "best_known_path", lambda task_id: tmp_path / "best_known" / f"{task_id.rpartition('/')[2]}.json")
     references.read_references.cache_clear()
-    done = CliRunner().invoke(
-        app, ["references", "--write", "--out", str(data_folder("reports/released/results").parent)]
-    )
+    done = CliRunner().invoke(app, ["references", "--write", "--out", str(data_folder("reports/released/results").parent)])
     references.read_references.cache_clear()
     assert done.exit_code == 0, done.output
     names = ["references.toml", *(f"best_known/{path.name}" for path in (shipped / "best_known").iterdir())]

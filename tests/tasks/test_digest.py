@@ -43,9 +43,7 @@ def test_the_digest_is_the_sha256_of_canonical_json() -> None:
     assert task.fingerprint().definition == hashlib.sha256(rfc8785.dumps(parts["definition"])).hexdigest()
 
 
-def test_comments_layout_prose_and_the_order_of_keys_do_not_matter(
-    vary: Vary, own_text: str, write: Callable[[str], Path]
-) -> None:
+def test_comments_layout_prose_and_the_order_of_keys_do_not_matter(vary: Vary, own_text: str, write: Callable[[str], Path]) -> None:
     digest = get_task(vary()).digest
     bare = "\n".join(line.partition(" #")[0] for line in own_text.splitlines() if not line.startswith("#"))
     assert get_task(write(bare)).digest == digest
@@ -94,9 +92,7 @@ def test_the_rows_of_a_forecast_belong_to_the_digest(vary: Vary) -> None:
 
 def test_a_fresh_process_finds_the_same_digest() -> None:
     program = f"from glbench.tasks import get_task; print(get_task({PAPER_TASK!r}).digest)"
-    printed = subprocess.run(
-        [sys.executable, "-c", program], check=True, capture_output=True, text=True, env={"PYTHONHASHSEED": "12345"}
-    )
+    printed = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True, env={"PYTHONHASHSEED": "12345"})
     assert printed.stdout.strip() == get_task(PAPER_TASK).digest
 
 

@@ -195,9 +195,7 @@ def test_the_rows_of_every_season_are_in_the_digest_of_schema_2(
     write: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch, forget: Callable[[], None]
 ) -> None:
     """Unlike schema 1, which covers the hourly figures."""
-    path = write(
-        f'base = "glbench/{SHORT_ID}"\nschema = 2\nid = "mylab/Two-v1"\ntitle = "Two"\nscenario.years = [2010, 2011]\n'
-    )
+    path = write(f'base = "glbench/{SHORT_ID}"\nschema = 2\nid = "mylab/Two-v1"\ntitle = "Two"\nscenario.years = [2010, 2011]\n')
     before = get_task(path).fingerprint()
     season = TaskSpec.season
 

@@ -16,9 +16,7 @@ from glbench.tasks import Quantity, get_task, list_tasks, lock_new_tasks, read_l
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
 from tests.tasks.names import FILE, SHORT_ID
 
-ADVICE = (
-    "Published tasks never change: restore the file, or add your change as a new version and run `glbench tasks lock`."
-)
+ADVICE = "Published tasks never change: restore the file, or add your change as a new version and run `glbench tasks lock`."
 
 
 def edit(path: Path, old: str, new: str) -> None:
@@ -57,9 +55,7 @@ def test_comments_and_prose_of_a_published_task_may_change(published: Path) -> N
     assert get_task(SHORT_ID).digest == digest
 
 
-def test_another_model_is_named_as_the_reason(
-    published: Path, forget: Callable[[], None], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_model_is_named_as_the_reason(published: Path, forget: Callable[[], None], monkeypatch: pytest.MonkeyPatch) -> None:
     changed = replace(TOMATO, stated_version="1.1.0-changed")
     monkeypatch.setattr(glbench.model, "get_model", lambda model_id, variant: changed)
     forget()
@@ -88,9 +84,7 @@ def test_other_weather_parameters_or_start_are_named_as_the_reason(published: Pa
         get_task(SHORT_ID)
 
 
-def test_other_columns_are_named_as_the_reason(
-    published: Path, forget: Callable[[], None], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_columns_are_named_as_the_reason(published: Path, forget: Callable[[], None], monkeypatch: pytest.MonkeyPatch) -> None:
     wider = ObservationModule("crop", "", lambda context: (Quantity("fruit_dry_mass", "kg m-2", 0.0, 99.0, ""),))
     monkeypatch.setitem(OBSERVATION_MODULES._entries, "crop", wider)
     forget()

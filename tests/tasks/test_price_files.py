@@ -30,9 +30,7 @@ def utc(prices: PriceFile) -> list[str]:
 
 
 def entsoe(day: str, begin_and_end: list[tuple[str, str]]) -> str:
-    rows = [
-        f'"{day} {begin} - {day} {end}","{10 * i}.5","EUR",""' for i, (begin, end) in enumerate(begin_and_end, start=1)
-    ]
+    rows = [f'"{day} {begin} - {day} {end}","{10 * i}.5","EUR",""' for i, (begin, end) in enumerate(begin_and_end, start=1)]
     return "\r\n".join(['"MTU (CET/CEST)","Day-ahead Price [EUR/MWh]","Currency","BZN|NL"', *rows])
 
 
@@ -57,9 +55,7 @@ def test_times_come_in_two_columns_in_utc_beside_local_and_with_the_newest_on_to
     turned = prices_of(tmp_path, "\n".join(["Datum;Tijd;Prijs (ct/kWh)", *rows[::-1]]), clock="Europe/Amsterdam")
     assert utc(turned) == expected
     np.testing.assert_allclose(turned.prices, prices.prices)
-    two_clocks = [
-        f"{day} {hour},2010-{stamp},{i}.5" for i, ((day, hour), stamp) in enumerate(zip(local, expected, strict=True))
-    ]
+    two_clocks = [f"{day} {hour},2010-{stamp},{i}.5" for i, ((day, hour), stamp) in enumerate(zip(local, expected, strict=True))]
     both = prices_of(tmp_path, "\n".join(["datum_nl,datum_utc,prijs", *two_clocks]), file_unit="EUR/MWh")
     assert (utc(both), both.doubts) == (expected, ())
     names = [f"{day} {hour} {'CET' if i > 2 else 'CEST'},{i}.5" for i, (day, hour) in enumerate(local)]
@@ -152,9 +148,7 @@ def test_units_are_converted_to_that_of_the_table(tmp_path: Path, title: str, un
 
 def test_hours_without_a_price_are_named(tmp_path: Path) -> None:
     prices = prices_of(tmp_path, "hour,EUR/MWh\n2010-01-01T00:00Z,40\n2010-01-01T01:00Z,n/e\n2010-01-01T02:00Z,42\n")
-    assert prices.doubts == (
-        "1 of 3 hours have no price (the first: row 3, 2010-01-01 01:00 UTC); the price before them holds",
-    )
+    assert prices.doubts == ("1 of 3 hours have no price (the first: row 3, 2010-01-01 01:00 UTC); the price before them holds",)
     assert utc(prices) == ["01-01 00:00", "01-01 02:00"]
     with pytest.raises(TaskError, match="it has no price at all"):
         prices_of(tmp_path, "hour,EUR/MWh\n2010-01-01T00:00Z,n/e\n2010-01-01T01:00Z,\n", column="EUR/MWh")
@@ -189,9 +183,7 @@ def test_hours_without_a_price_are_named(tmp_path: Path) -> None:
         ("time,EUR/MWh\n" + "2010-01-01T00:00,1\n" * 110_001, {}, "it has 110,001 prices, and a task may have 110,000"),
     ],
 )
-def test_files_that_cannot_be_used_are_refused_in_words(
-    tmp_path: Path, text: str, how: dict[str, str], words: str
-) -> None:
+def test_files_that_cannot_be_used_are_refused_in_words(tmp_path: Path, text: str, how: dict[str, str], words: str) -> None:
     with pytest.raises(TaskError, match=f"prices.csv.*{words}"):
         prices_of(tmp_path, text, **how)
 
@@ -221,9 +213,7 @@ file = "power.csv"
 """
 
 
-def own_task(
-    folder: Path, year: int, scale: float = 1.0, without: str = 'without = ["price_tables.power.market"]'
-) -> Path:
+def own_task(folder: Path, year: int, scale: float = 1.0, without: str = 'without = ["price_tables.power.market"]') -> Path:
     begin = dt.datetime(year, 1, 1)
     rows = [f"{begin + dt.timedelta(hours=i):%Y-%m-%dT%H:%M},{scale * (40 + i % 24)}" for i in range(8760)]
     (folder / "power.csv").write_text("\n".join(["hour,EUR/MWh", *rows]))
@@ -234,9 +224,7 @@ def own_task(
 
 def test_a_market_of_the_base_is_replaced_or_the_error_says_how(tmp_path: Path) -> None:
     assert len(get_task(own_task(tmp_path, 2010)).price_tables["power"].series) == 8760
-    with pytest.raises(
-        TaskError, match=r'has a market, which the file must replace. Add without = \["price_tables.power.market"\]'
-    ):
+    with pytest.raises(TaskError, match=r'has a market, which the file must replace. Add without = \["price_tables.power.market"\]'):
         get_task(own_task(tmp_path, 2010, without=""))
 
 

@@ -235,9 +235,7 @@ def test_a_file_of_an_exchange_is_read_in_its_unit(write: Write, header: str, fi
     ],
 )
 def test_a_file_in_another_unit_or_with_another_header_is_refused(write: Write, header: str, unit: str) -> None:
-    with pytest.raises(
-        TaskError, match=r"\[price_tables.power\] file: .*power.csv.*hour,EUR/MWh.*for a table in EUR kWh-1"
-    ):
+    with pytest.raises(TaskError, match=r"\[price_tables.power\] file: .*power.csv.*hour,EUR/MWh.*for a table in EUR kWh-1"):
         with_file(write, f"{header}\n2010-10-01T00:00,87.5\n", '"EUR kWh-1"', f'"{unit}"')
 
 
@@ -259,16 +257,12 @@ def test_a_file_that_is_written_otherwise_is_refused_in_words(write: Write, text
 
 def test_a_table_has_the_unit_of_its_base_or_is_refused_for_lack_of_one(write: Write) -> None:
     text, no_unit = "hour,EUR/MWh\n2010-10-01T00:00,87.5\n", ('unit = "EUR kWh-1"\n', "")
-    task = with_file(
-        write, text, *no_unit, 'without = ["price_tables.power"]', 'without = ["price_tables.power.market"]'
-    )
+    task = with_file(write, text, *no_unit, 'without = ["price_tables.power"]', 'without = ["price_tables.power.market"]')
     assert task.price_tables["power"].series[0][1] == pytest.approx(0.0875)
     own = ("[price_tables.power]", "[price_tables.gas]")
     with pytest.raises(TaskError) as caught:
         with_file(write, text, *no_unit, *own)
-    assert 'the file is in EUR/MWh, and the price table has no unit: write unit = "EUR kWh-1" in it.' in str(
-        caught.value
-    )
+    assert 'the file is in EUR/MWh, and the price table has no unit: write unit = "EUR kWh-1" in it.' in str(caught.value)
 
 
 def hourly_file(first: str, hours: int) -> str:

@@ -175,25 +175,16 @@ def test_a_registry_takes_a_new_word_once_and_names_the_nearest() -> None:
 
 
 def test_every_price_has_its_unit_and_fresh_fruit_is_not_called_carbohydrate() -> None:
-    lines = {
-        line.split(":")[0]: line for name in ("Spring-v1", "SpringEnergy-v1") for line in get_task(name).ledger.lines()
-    }
+    lines = {line.split(":")[0]: line for name in ("Spring-v1", "SpringEnergy-v1") for line in get_task(name).ledger.lines()}
     assert lines["+ revenue_harvest"] == (
         "+ revenue_harvest: 15.38 times the carbohydrate of the fruit harvested [kg m-2] x 1.6 EUR kg-1"
     ), "6.5 % dry matter"
-    assert lines["+ revenue_buffer"].startswith("+ revenue_buffer: heat in the buffer [kWh m-2] x 0.042 EUR kWh-1"), (
-        "MJ"
-    )
+    assert lines["+ revenue_buffer"].startswith("+ revenue_buffer: heat in the buffer [kWh m-2] x 0.042 EUR kWh-1"), "MJ"
     assert lines["- cost_engine"] == "- cost_engine: time that the engine runs [h] x 0.0003 EUR m-2 h-1"
     heads = next(item for item in get_task("Lettuce-v1").ledger.items if item.name == "revenue")
     assert heads.price_unit == "EUR"
     for task in list_tasks():
         for item in task.ledger.items:
             assert same_unit(f"{item.price_unit} {item.amount_unit}", MONEY), (task.id, item.name)
-    rows = {
-        row[0]: row[2]
-        for one in definition_in_words(get_task("SpringEnergy-v1"))
-        if one.heading == "Prices"
-        for row in one.rows
-    }
+    rows = {row[0]: row[2] for one in definition_in_words(get_task("SpringEnergy-v1")) if one.heading == "Prices" for row in one.rows}
     assert rows["Wear of the engine"] == "0.0003 EUR per m2 and h"

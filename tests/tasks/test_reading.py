@@ -95,9 +95,7 @@ def test_a_mistake_in_the_file_is_told_in_words(vary: Vary, old: str, new: str, 
         ),
     ],
 )  # fmt: skip
-def test_what_model_or_weather_cannot_give_is_told_with_file_and_table(
-    vary: Vary, old: str, new: str, words: str
-) -> None:
+def test_what_model_or_weather_cannot_give_is_told_with_file_and_table(vary: Vary, old: str, new: str, words: str) -> None:
     path = vary(old, new)
     with pytest.raises(TaskError) as caught:
         get_task(path)

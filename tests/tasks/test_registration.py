@@ -22,9 +22,7 @@ HEAVY = ("casadi", "pandas", "pydantic", "pvlib", "pyarrow", "scipy", "torch", "
 
 def run(program: str) -> str:
     """What ``program`` prints in a fresh process."""
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", program], check=False, capture_output=True, text=True, timeout=300
-    )
+    done = subprocess.run([sys.executable, "-W", "error", "-c", program], check=False, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
 
@@ -36,10 +34,7 @@ def test_importing_glbench_loads_nothing_heavy() -> None:
 
 @pytest.mark.parametrize("imports", ["import glbench, gymnasium", "import gymnasium, glbench"])
 def test_both_orders_of_import_register_every_task_without_the_model(imports: str) -> None:
-    program = (
-        f"import sys; {imports}; "
-        "print(sum(name.startswith('glbench/') for name in gymnasium.registry), 'casadi' in sys.modules)"
-    )
+    program = f"import sys; {imports}; print(sum(name.startswith('glbench/') for name in gymnasium.registry), 'casadi' in sys.modules)"
     assert run(program) == f"{len(list_tasks()) + len(list_drafts())} False"
 
 
@@ -88,9 +83,7 @@ def test_registering_again_changes_nothing() -> None:
     assert dict(gymnasium.registry) == before
 
 
-def test_a_file_that_is_being_edited_does_not_keep_the_package_from_loading(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_is_being_edited_does_not_keep_the_package_from_loading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "half.toml").write_text("id = ", encoding="utf-8")
     (tmp_path / "none.toml").write_text("days = 1", encoding="utf-8")
     (tmp_path / "good.toml").write_text('id = "glbench/Good-v1"', encoding="utf-8")

@@ -50,9 +50,7 @@ ROOT = Path(__file__).parents[2]
         (SPRING, "[splits.test]\nyears = [2012]\nseasons = 3", TEST_ALONE),
     ],
 )
-def test_a_changed_task_is_that_of_a_file_with_its_base(
-    base: str, text: str, changes: dict[str, Any], write: Write
-) -> None:
+def test_a_changed_task_is_that_of_a_file_with_its_base(base: str, text: str, changes: dict[str, Any], write: Write) -> None:
     ours = get_task(base).replace(changes, id="mylab/Own-v1", title="Own")
     theirs = get_task(write(f'base = "{base}"\nid = "mylab/Own-v1"\ntitle = "Own"\n{text}\n'))
     assert ours.definition() == theirs.definition()

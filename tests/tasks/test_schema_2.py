@@ -131,9 +131,7 @@ def test_a_series_of_prices_may_stand_in_a_file(toys: Callable[..., TaskSpec], t
     (tmp_path / "market.csv").write_text("time,price\n2010-05-01T00:00,5.0\n", encoding="utf-8")
     assert set(get_task(task.source).price_tables["market"].values(weather.times, weather.hour_of_day)) == {5.0}
     (tmp_path / "market.csv").write_text("time,cost\n", encoding="utf-8")
-    with pytest.raises(
-        TaskError, match=r"\[price_tables.market\] file: .*market.csv has no line of titles above rows of values"
-    ):
+    with pytest.raises(TaskError, match=r"\[price_tables.market\] file: .*market.csv has no line of titles above rows of values"):
         toys(hourly, 'file = "market.csv"', "Water a toy", "Water it")
 
 
@@ -212,9 +210,7 @@ def test_the_harvest_is_paid_when_the_fruit_load_is_full(write: Write) -> None:
     assert picked > 0.0
     assert step["revenue"] == pytest.approx(picked * 1e-6 / 0.065 * 1.6)
     assert step["standing"] < 0.0  # growth paid this, and nothing more, before
-    assert step["revenue"] + step["standing"] == pytest.approx(
-        (rates[model.state_index("cFruit")] * 900.0 + picked) * 1e-6 / 0.065 * 1.6
-    )
+    assert step["revenue"] + step["standing"] == pytest.approx((rates[model.state_index("cFruit")] * 900.0 + picked) * 1e-6 / 0.065 * 1.6)
 
 
 def test_a_scenario_is_read(write: Write) -> None:
@@ -303,9 +299,7 @@ def test_a_mistake_is_told_in_words(toys: Callable[..., TaskSpec], old: str, new
 
 
 def test_a_profit_can_be_scaled_between_stated_bounds(toys: Callable[..., TaskSpec]) -> None:
-    task = toys(
-        'modules = ["epi"]', 'modules = ["scaled_epi"]\nepi_scale = { low = -0.1, high = 0.3, unit = "EUR m-2" }'
-    )
+    task = toys('modules = ["epi"]', 'modules = ["scaled_epi"]\nepi_scale = { low = -0.1, high = 0.3, unit = "EUR m-2" }')
     accounts = make_accounts(task)
     assert (accounts.lowest_epi, accounts.highest_epi) == (-0.1, 0.3)
 
@@ -334,9 +328,7 @@ def test_revenue_goes_on_after_day_30_where_the_harvest_is_paid(write: Write) ->
     """hps_2020: once a plant carries 300000 mg m-2 its fruit does not get heavier, and growth alone earns nothing."""
     text = HARVEST.replace("Delta10", "Delta00")
     paid = season(get_task(write(text)))
-    growth = season(
-        get_task(write(text.split("[ledger.revenue]")[0] + '[reward]\nmodules = ["epi", "scaled_penalty"]\n'))
-    )
+    growth = season(get_task(write(text.split("[ledger.revenue]")[0] + '[reward]\nmodules = ["epi", "scaled_penalty"]\n')))
     late = slice(30 * 96, None)
     assert growth["revenue"][late].sum() < 0.1
     assert paid["revenue"][late].sum() > 5.0

@@ -85,9 +85,7 @@ def test_a_snapshot_goes_on_in_its_own_split_only(task: TaskSpec) -> None:
     again = Simulation(task.in_split("training"), 2, StillKernel())
     assert again.restore(read).tobytes() == simulation.observe().tobytes()
     other = Simulation(task.in_split("test"), 2, StillKernel())
-    with pytest.raises(
-        TaskError, match="split training, this is its split test: the same seeds stand for other scenarios"
-    ):
+    with pytest.raises(TaskError, match="split training, this is its split test: the same seeds stand for other scenarios"):
         other.restore(read)
     env = GreenhouseEnv(task, kernel=StillKernel(), split="validation")
     with pytest.raises(TaskError, match="split training, this is its split validation"):
@@ -103,10 +101,7 @@ def test_a_snapshot_under_a_secret_salt_does_not_go_on_under_another_and_does_no
         other.restore(Snapshot.from_bytes(data))
     with pytest.raises(TaskError, match="secret salt"):
         Simulation(task.in_split("test"), 1, StillKernel()).restore(Snapshot.from_bytes(data))
-    assert (
-        Simulation(task.in_split("test", "my secret"), 1, StillKernel()).restore(Snapshot.from_bytes(data))
-        == one.observe()
-    ).all()
+    assert (Simulation(task.in_split("test", "my secret"), 1, StillKernel()).restore(Snapshot.from_bytes(data)) == one.observe()).all()
 
 
 def test_copies_of_a_simulation_stay_in_their_split(task: TaskSpec) -> None:

@@ -169,9 +169,7 @@ def test_the_task_with_weather_of_ones_own_runs(write: Write, tmp_path: Path, mo
         env.step(env.action_space.sample())
     assert env.task.steps == 960
     late = text.replace("scenario.start_within_days = 0\n", "")
-    with pytest.raises(
-        TaskError, match=r"28 days by which it may start later \(scenario.start_within_days = 28; 0 needs"
-    ):
+    with pytest.raises(TaskError, match=r"28 days by which it may start later \(scenario.start_within_days = 28; 0 needs"):
         get_task(write(late))
     keep_record("short", 11)
     checked = CliRunner().invoke(app, ["tasks", "check", str(write(text.replace("my-greenhouse", "short")))])

@@ -82,9 +82,7 @@ def test_an_environment_shows_seasons_that_are_not_scored(name: str) -> None:
     task = gymnasium.make(name).unwrapped.task  # type: ignore[attr-defined]
     scored = get_task(name).scored
     assert (task.id, task.digest, task.split) == (name, scored.digest, "preview")
-    assert task.season_years == ((2008, 2009, 2010) if "House" in name else (2001,)), (
-        "houses: no year that Spring tests in"
-    )
+    assert task.season_years == ((2008, 2009, 2010) if "House" in name else (2001,)), "houses: no year that Spring tests in"
     for seed in (10000, 10001):
         shown, held_out = run_weather(task, seed).values[:, 1], run_weather(scored, seed).values[:, 1]
         assert not np.array_equal(shown, held_out)
@@ -135,10 +133,7 @@ def test_houses_stand_in_the_seasons_of_the_base() -> None:
     for seed in (10000, 10029):
         assert np.array_equal(run_weather(base, seed).values, run_weather(there, seed).values)
     drawn = [base.model_value.parameter_names.index(name) for name in base.uncertain_parameters()]
-    ours, theirs = (
-        np.asarray(RunScenarios(task).draw([10000]).parameters)[0, drawn] / task.parameters()[drawn]
-        for task in (base, there)
-    )
+    ours, theirs = (np.asarray(RunScenarios(task).draw([10000]).parameters)[0, drawn] / task.parameters()[drawn] for task in (base, there))
     assert np.allclose(ours, theirs, rtol=1e-12), "crop and house deviate by the same shares"
     assert not np.array_equal(base.parameters(), there.parameters())
 

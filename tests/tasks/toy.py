@@ -32,9 +32,7 @@ class ToyFluxes(NamedTuple):
 
 
 def _parameter(name: str, unit: str, value: float) -> ParameterInfo:
-    return ParameterInfo(
-        name, name, unit, name, "made up", "toy", "positive", "", "yes", frozenset(), {"benchmark": value}
-    )
+    return ParameterInfo(name, name, unit, name, "made up", "toy", "positive", "", "yes", frozenset(), {"benchmark": value})
 
 
 @dataclass(frozen=True)

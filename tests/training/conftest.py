@@ -23,10 +23,7 @@ default:
   evaluation: {every: 200, runs: 2, first_seed: 20_000_000_000}
 """
 PPO = TINY + "  n_steps: 48\n  n_epochs: 2\n"
-SAC = (
-    TINY
-    + "  buffer_size: 1000\n  learning_starts: 100\n  train_freq: 10\n  gradient_steps: 2\n  action_noise_std: 0.05\n"
-)
+SAC = TINY + "  buffer_size: 1000\n  learning_starts: 100\n  train_freq: 10\n  gradient_steps: 2\n  action_noise_std: 0.05\n"
 
 
 @pytest.fixture(scope="session")

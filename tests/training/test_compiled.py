@@ -103,9 +103,7 @@ def test_a_training_can_be_repeated_and_continued_to_the_bit(trained: Trained, d
     assert done.already_done
 
 
-def test_ctrl_c_waits_for_the_update_and_keeps_it(
-    trained: Trained, day: TaskSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_waits_for_the_update_and_keeps_it(trained: Trained, day: TaskSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings, update = tiny(day, tmp_path), _Training.update
     finished = []
 
@@ -127,9 +125,7 @@ def test_ctrl_c_waits_for_the_update_and_keeps_it(
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_a_state_that_was_changed_or_is_of_another_training_is_refused(
-    trained: Trained, day: TaskSpec, tmp_path: Path
-) -> None:
+def test_a_state_that_was_changed_or_is_of_another_training_is_refused(trained: Trained, day: TaskSpec, tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match=r"--resume|another training"):
         train_compiled(day, tiny(day, tmp_path), trained.folder, seed=4)
     state = trained.folder / "learner.npz"
@@ -171,9 +167,7 @@ def test_a_policy_with_a_memory_acts_as_it_learnt_to(day: TaskSpec, tmp_path: Pa
     learner = Learner.of(day, tiny(day, tmp_path, MEMORY + "  places: 1\n"))
     learning = learner.begin(jax.random.key(0))
     quiet = learning._replace(weights={**learning.weights, "spread": jax.numpy.full(6, -30.0)})
-    now, rollout = jax.lax.scan(
-        lambda now, key: learner._step(quiet, now, key), quiet.now, jax.random.split(jax.random.key(1), 8)
-    )
+    now, rollout = jax.lax.scan(lambda now, key: learner._step(quiet, now, key), quiet.now, jax.random.split(jax.random.key(1), 8))
     columns = len(actor.columns)
     network = replace(
         actor.network,
@@ -292,9 +286,7 @@ def test_impossible_settings_are_refused_in_words(day: TaskSpec, tmp_path: Path)
         with pytest.raises(TrainingError, match=words):
             tiny(day, tmp_path, more)
     settings = tiny(day, tmp_path, "  accrual: {state: cBug, price: 1}\n")
-    with pytest.raises(
-        TrainingError, match=r"'accrual' or 'critic_sees': test/Day-v1 has no quantity or state 'cBug'.*'cBuf'"
-    ):
+    with pytest.raises(TrainingError, match=r"'accrual' or 'critic_sees': test/Day-v1 has no quantity or state 'cBug'.*'cBuf'"):
         Learner.of(day, settings)
     settings = tiny(day, tmp_path, "  memory: {hours: [1], columns: [co3]}\n")
     with pytest.raises(TrainingError, match=r"'memory\.columns': test/Day-v1 shows no column 'co3'.*'co2'"):

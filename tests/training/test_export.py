@@ -43,9 +43,7 @@ def model_of(algorithm: str, day: TaskSpec, activation: str = "SiLU") -> tuple[o
 
 
 @pytest.mark.parametrize("activation", ["SiLU", "Tanh", "ReLU"])
-def test_the_exported_policy_answers_as_stable_baselines3_to_a_millionth(
-    algorithm: str, activation: str, day: TaskSpec
-) -> None:
+def test_the_exported_policy_answers_as_stable_baselines3_to_a_millionth(algorithm: str, activation: str, day: TaskSpec) -> None:
     model, normalization = model_of(algorithm, day, activation)
     policy = export_policy(model, normalization, day, {})
     seen = spread(normalization, 500)

@@ -69,9 +69,7 @@ def test_a_search_does_not_overwrite_a_training_nor_a_training_a_search(
     assert contents(tuned).items() <= before.items()
 
 
-def test_a_finished_training_without_its_checkpoint_stays_as_it_is(
-    day: TaskSpec, settings: TrainingSettings, run: Path
-) -> None:
+def test_a_finished_training_without_its_checkpoint_stays_as_it_is(day: TaskSpec, settings: TrainingSettings, run: Path) -> None:
     shutil.rmtree(run / "checkpoint")
     before = contents(run)
     with pytest.raises(TrainingError, match="holds another training"):
@@ -90,9 +88,7 @@ def test_settings_that_are_refused_are_not_written(day: TaskSpec, settings: Trai
     assert contents(run) == before
 
 
-def test_a_policy_that_was_not_written_any_more_is_made_by_the_next_call(
-    day: TaskSpec, settings: TrainingSettings, run: Path
-) -> None:
+def test_a_policy_that_was_not_written_any_more_is_made_by_the_next_call(day: TaskSpec, settings: TrainingSettings, run: Path) -> None:
     policy = (run / "policy.npz").read_bytes()
     (run / "policy.npz").unlink()
     assert train(day, settings, run, tensorboard=False).already_done

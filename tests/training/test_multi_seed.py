@@ -15,9 +15,7 @@ from glbench.training.multi_seed import bring_home, train_seeds
 from tests.training.watching import Watching
 
 
-@pytest.mark.parametrize(
-    ("text", "seeds"), [("0-3", [0, 1, 2, 3]), ("7", [7]), ("4, 1,2-3,1", [4, 1, 2, 3]), ("5-5", [5])]
-)
+@pytest.mark.parametrize(("text", "seeds"), [("0-3", [0, 1, 2, 3]), ("7", [7]), ("4, 1,2-3,1", [4, 1, 2, 3]), ("5-5", [5])])
 def test_seeds_are_named_in_words(text: str, seeds: list[int]) -> None:
     assert seeds_of(text) == seeds
 
@@ -39,9 +37,7 @@ def test_processes_train_what_is_trained_alone_and_one_that_fails_stops_no_other
     (folders[1] / "checkpoint" / "state.json").write_text('{"identity": {"seed": 9}}', encoding="utf-8")
     heard = {seed: Watching() for seed in folders}
     with ProcessExecutor(2) as executor:
-        ended = dict(
-            train_seeds(executor, train, day, tiny, folders, listeners=lambda seed: [heard[seed]], tensorboard=False)
-        )
+        ended = dict(train_seeds(executor, train, day, tiny, folders, listeners=lambda seed: [heard[seed]], tensorboard=False))
     assert isinstance(ended[1], TrainingError)
     assert "another training" in str(ended[1])
     listening = Watching()

@@ -54,9 +54,7 @@ def test_one_ppm_of_outdoor_co2_moves_a_trained_policy_no_more(
     assert before.scale[column] < 0.2
     assert np.ptp(now.act(seen), axis=0).min() > 0.0, "it looks at the others"
 
-    model, normalization = load_model(
-        tmp_path / "now/best/model.zip", settings.algorithm, tmp_path / "now/best/vecnormalize.pkl"
-    )
+    model, normalization = load_model(tmp_path / "now/best/model.zip", settings.algorithm, tmp_path / "now/best/vecnormalize.pkl")
     other = seen + np.random.default_rng(1).normal(size=seen.shape).astype(np.float32)
     np.testing.assert_allclose(now.act(other), torch_action(model, normalization, other), rtol=0, atol=1e-6)
 

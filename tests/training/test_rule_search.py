@@ -21,9 +21,7 @@ from tests.training.watching import PowerCutError, Watching
 
 pytestmark = pytest.mark.train
 
-SETTINGS = RuleSearchSettings(
-    population=6, seasons=36, sigma=0.1, evaluation=EvaluationPlan(every=288, runs=2, first_seed=20_000_000_000)
-)
+SETTINGS = RuleSearchSettings(population=6, seasons=36, sigma=0.1, evaluation=EvaluationPlan(every=288, runs=2, first_seed=20_000_000_000))
 """Six generations of a day, evaluated after every second one."""
 
 
@@ -85,9 +83,7 @@ def test_the_same_seed_finds_the_same_and_another_seed_another(day: TaskSpec, st
 
 
 @pytest.mark.parametrize("generations", [1, 4, 5])
-def test_a_search_that_was_killed_goes_on_to_the_same_rules(
-    day: TaskSpec, start: Path, tmp_path: Path, generations: int
-) -> None:
+def test_a_search_that_was_killed_goes_on_to_the_same_rules(day: TaskSpec, start: Path, tmp_path: Path, generations: int) -> None:
     tune_rules([day], start, SETTINGS, tmp_path / "whole")
     with pytest.raises(PowerCutError):
         tune_rules([day], start, SETTINGS, tmp_path / "cut", listeners=[Watching(generations)])
@@ -115,9 +111,7 @@ def test_another_search_is_not_continued(day: TaskSpec, start: Path, tmp_path: P
     with pytest.raises(PowerCutError):
         tune_rules([day], start, SETTINGS, tmp_path / "run", listeners=[Watching(2)])
     other = tmp_path / "other.yml"
-    other.write_text(
-        start.read_text(encoding="utf-8").replace("heating_night: 12.0", "heating_night: 12.5"), encoding="utf-8"
-    )
+    other.write_text(start.read_text(encoding="utf-8").replace("heating_night: 12.0", "heating_night: 12.5"), encoding="utf-8")
     with pytest.raises(TrainingError, match="holds another search"):
         tune_rules([day], other, SETTINGS, tmp_path / "run")
 
@@ -142,12 +136,8 @@ def test_candidates_of_a_generation_share_their_seasons_and_those_of_no_test(
     seen.clear()
     few = SETTINGS.model_copy(update={"population": 4, "seasons": 4})
     with monkeypatch.context() as short:
-        short.setattr(
-            "glbench.training.periodic_evaluation.season_sums", lambda simulation, seeds, _: _begin(simulation, seeds)
-        )
-        short.setattr(
-            "glbench.training.periodic_evaluation.season_sums", lambda simulation, seeds, _: _begin(simulation, seeds)
-        )
+        short.setattr("glbench.training.periodic_evaluation.season_sums", lambda simulation, seeds, _: _begin(simulation, seeds))
+        short.setattr("glbench.training.periodic_evaluation.season_sums", lambda simulation, seeds, _: _begin(simulation, seeds))
         tune_rules([spring], shipped_start([spring]), few, tmp_path / "spring")
     assert [split for split, _ in seen] == ["validation", "training", "validation"]
     assert min(seed for _, seeds in seen for seed in seeds) >= FIRST_TRAINING_SEED
@@ -175,9 +165,7 @@ def test_a_test_is_never_tuned_for(start: Path, tmp_path: Path) -> None:
         tune_rules([], start, SETTINGS, tmp_path / "none")
 
 
-def test_rewards_of_several_tasks_are_averaged_when_they_are_of_one_kind(
-    day: TaskSpec, start: Path, tmp_path: Path
-) -> None:
+def test_rewards_of_several_tasks_are_averaged_when_they_are_of_one_kind(day: TaskSpec, start: Path, tmp_path: Path) -> None:
     dim = day.replace(id="test/Dim-v1", uncertainty={"delta": 0.0})
     settings = SETTINGS.model_copy(update={"seasons": 12})
     found = tune_rules([day, dim], start, settings, tmp_path / "both")

@@ -25,9 +25,7 @@ BASE = TrainingSettings(algorithm="ppo", policy_kwargs={"activation_fn": "Tanh"}
 
 def read(folder: Path, parameters: str, more: str = "") -> Search:
     file = folder / "search.yml"
-    file.write_text(
-        f"algorithm: ppo\ntask: Schiphol2010-Delta10-v1\n{more}\nparameters:\n{parameters}", encoding="utf-8"
-    )
+    file.write_text(f"algorithm: ppo\ntask: Schiphol2010-Delta10-v1\n{more}\nparameters:\n{parameters}", encoding="utf-8")
     return read_search(file)
 
 
@@ -68,9 +66,7 @@ def test_a_search_that_makes_no_sense_is_refused(tmp_path: Path, parameters: str
 
 
 def test_the_same_file_is_a_sweep_of_weights_and_biases(tmp_path: Path) -> None:
-    search = read(
-        tmp_path, "  lr: {min: 1.0e-5, max: 1.0e-3, distribution: log_uniform_values}\n  gamma: {values: [0.9, 0.99]}"
-    )
+    search = read(tmp_path, "  lr: {min: 1.0e-5, max: 1.0e-3, distribution: log_uniform_values}\n  gamma: {values: [0.9, 0.99]}")
     assert search.wandb_config() == {
         "name": "ppo Schiphol2010-Delta10-v1",
         "method": "bayes",
@@ -140,17 +136,13 @@ def test_a_trial_that_fails_is_told_and_the_search_goes_on(
     assert "Traceback" not in capfd.readouterr().err
 
 
-def test_a_search_whose_trials_all_fail_says_why(
-    day_file: Path, tmp_path: Path, base: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_search_whose_trials_all_fail_says_why(day_file: Path, tmp_path: Path, base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def diverge(settings: TrainingSettings, folder: Path) -> float:
         msg = f"gamma {settings.gamma} diverges\nin many words"
         raise ValueError(msg)
 
     trained_by(monkeypatch, diverge)
-    with pytest.raises(
-        TrainingError, match=r"All 3 trials .* failed, the last one so: ValueError: gamma 0\.9\d? diverges$"
-    ):
+    with pytest.raises(TrainingError, match=r"All 3 trials .* failed, the last one so: ValueError: gamma 0\.9\d? diverges$"):
         sweep(a_search(day_file, base), tmp_path / "study")
 
 
@@ -223,9 +215,7 @@ def test_a_trial_that_ended_keeps_its_policy_and_not_its_checkpoint(day_file: Pa
     assert "checkpoint" not in kept
 
 
-def test_a_trial_that_is_stopped_keeps_no_checkpoint(
-    day_file: Path, tmp_path: Path, base: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_trial_that_is_stopped_keeps_no_checkpoint(day_file: Path, tmp_path: Path, base: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def stopped(settings: TrainingSettings, folder: Path) -> float:
         (folder / "checkpoint" / "a").mkdir(parents=True)
         (folder / "best").mkdir()
@@ -234,9 +224,7 @@ def test_a_trial_that_is_stopped_keeps_no_checkpoint(
     trained_by(monkeypatch, stopped)
     trials = sweep(a_search(day_file, base), tmp_path / "study")
     assert [trial.state for trial in trials] == ["pruned"] * 3
-    assert [[item.name for item in folder.iterdir()] for folder in (tmp_path / "study").glob("trial-*")] == [
-        ["best"]
-    ] * 3
+    assert [[item.name for item in folder.iterdir()] for folder in (tmp_path / "study").glob("trial-*")] == [["best"]] * 3
 
 
 def test_a_trial_that_came_to_its_end_is_not_stopped_there(tmp_path: Path) -> None:

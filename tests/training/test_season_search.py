@@ -49,9 +49,7 @@ def settings_for(start: Path, folder: Path, more: str = "") -> SearchSettings:
     return read_season_search(file, "test/Day-v1")
 
 
-def test_it_finds_better_policies_that_differ_in_the_last_layer_only(
-    day: TaskSpec, start: Path, tmp_path: Path
-) -> None:
+def test_it_finds_better_policies_that_differ_in_the_last_layer_only(day: TaskSpec, start: Path, tmp_path: Path) -> None:
     watching = Watching()
     found = search(day, settings_for(start, tmp_path), tmp_path / "run", listeners=[watching])
 
@@ -137,9 +135,7 @@ def test_an_action_may_begin_anew(day: TaskSpec, start: Path, tmp_path: Path) ->
 
 
 def test_impossible_settings_are_named(tmp_path: Path) -> None:
-    with pytest.raises(
-        TrainingError, match=r"'population': .*; there is no setting 'generation'. Did you mean 'generations'"
-    ):
+    with pytest.raises(TrainingError, match=r"'population': .*; there is no setting 'generation'. Did you mean 'generations'"):
         settings_for(tmp_path / "policy.npz", tmp_path, "  population: 1\n  generation: 5\n")
 
 

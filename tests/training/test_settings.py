@@ -101,9 +101,7 @@ def test_a_section_named_by_the_task_leaves_the_rest_of_a_table_as_it_is(tmp_pat
         ("auto_0.1", "auto_0.1"),
     ],
 )
-def test_a_number_that_yaml_takes_for_text_is_a_number_and_other_text_is_none(
-    tmp_path: Path, written: str, meant: object
-) -> None:
+def test_a_number_that_yaml_takes_for_text_is_a_number_and_other_text_is_none(tmp_path: Path, written: str, meant: object) -> None:
     read = read_settings(write(tmp_path, f"default: {{target: {written}}}"), "ppo", TASK).hyperparameters["target"]
     assert (read, type(read)) == (meant, type(meant))
 
@@ -182,9 +180,7 @@ def test_seeds_that_a_task_may_be_scored_with_are_refused(tmp_path: Path, seed: 
 
 def test_no_task_can_be_scored_with_a_seed_for_training() -> None:
     fields = EvaluationTable.model_fields
-    bounds = {
-        name: next(at for at in fields[name].metadata if isinstance(at, Lt | Le)) for name in ("first_seed", "runs")
-    }
+    bounds = {name: next(at for at in fields[name].metadata if isinstance(at, Lt | Le)) for name in ("first_seed", "runs")}
     last = bounds["first_seed"].lt - 1 + bounds["runs"].le - 1
     assert last < FIRST_TRAINING_SEED
 
@@ -238,9 +234,7 @@ def test_an_update_every_episode_reaches_the_algorithm(tmp_path: Path, day: Task
         ("default: {batch_size: 1}", "refuses its settings"),
     ],
 )
-def test_a_setting_that_the_algorithm_does_not_take_is_named(
-    tmp_path: Path, day: TaskSpec, text: str, said: str
-) -> None:
+def test_a_setting_that_the_algorithm_does_not_take_is_named(tmp_path: Path, day: TaskSpec, text: str, said: str) -> None:
     settings = read_settings(write(tmp_path, text), "ppo", TASK)
     with pytest.raises(GlbenchError, match=said):
         make_model(settings, TrainingVecEnv(day, 2), 0, None)

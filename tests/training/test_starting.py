@@ -46,9 +46,7 @@ def test_it_acts_at_once_as_the_policy_did(day: TaskSpec, tiny: TrainingSettings
 
     assert np.abs(torch_action(model, normalization, observations) - read_policy(file).act(observations)).max() > 0.01
     begin_with(file, model, normalization, day)
-    np.testing.assert_allclose(
-        torch_action(model, normalization, observations), read_policy(file).act(observations), atol=1e-6
-    )
+    np.testing.assert_allclose(torch_action(model, normalization, observations), read_policy(file).act(observations), atol=1e-6)
 
 
 def test_the_card_says_from_what_it_started(day: TaskSpec, first: Path, tmp_path: Path) -> None:
@@ -63,9 +61,7 @@ def test_the_card_says_from_what_it_started(day: TaskSpec, first: Path, tmp_path
     assert len(card["start"]["digest"]) == 64
 
 
-def test_the_place_of_the_policy_does_not_matter_and_its_content_does(
-    day: TaskSpec, first: Path, tmp_path: Path
-) -> None:
+def test_the_place_of_the_policy_does_not_matter_and_its_content_does(day: TaskSpec, first: Path, tmp_path: Path) -> None:
     policy = (first / "policy.npz").read_bytes()
     digests = []
     for name, content in (("a", policy), ("b", policy), ("c", policy + b"0")):
@@ -95,16 +91,12 @@ def test_a_card_of_something_else_beside_the_policy_does_no_harm(day: TaskSpec, 
 
 def test_what_the_start_started_from_counts_as_well(day: TaskSpec, first: Path, tmp_path: Path) -> None:
     train(day, settings_with(tmp_path, day, first / "policy.npz"), tmp_path / "second", tensorboard=False)
-    cards = [
-        tomllib.loads((folder / "card.toml").read_text(encoding="utf-8")) for folder in (first, tmp_path / "second")
-    ]
+    cards = [tomllib.loads((folder / "card.toml").read_text(encoding="utf-8")) for folder in (first, tmp_path / "second")]
     assert start_of(tmp_path / "second" / "policy.npz")["steps"] == sum(card["training"]["steps"] for card in cards)
 
 
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
-def test_statistics_weigh_the_same_whenever_the_policy_was_kept(
-    day: TaskSpec, first: Path, tiny: TrainingSettings
-) -> None:
+def test_statistics_weigh_the_same_whenever_the_policy_was_kept(day: TaskSpec, first: Path, tiny: TrainingSettings) -> None:
     normalization = Normalizer(TrainingVecEnv(day, 2))
     begin_with(first / "policy.npz", make_model(tiny, normalization, 7, None), normalization, day)
     mean = normalization.obs_rms.mean.copy()

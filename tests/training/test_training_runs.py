@@ -59,9 +59,7 @@ def assert_same_bits(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -
         np.testing.assert_array_equal(value, other[name], err_msg=name)
 
 
-def test_the_same_seed_gives_the_same_weights_and_another_seed_others(
-    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
-) -> None:
+def test_the_same_seed_gives_the_same_weights_and_another_seed_others(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
         train(day, tiny, tmp_path / name, seed=seed, tensorboard=False)
     a, b, c = (weights_of(tmp_path / name, tiny.algorithm) for name in "abc")
@@ -70,9 +68,7 @@ def test_the_same_seed_gives_the_same_weights_and_another_seed_others(
     assert (tmp_path / "a" / "policy.npz").read_bytes() == (tmp_path / "b" / "policy.npz").read_bytes()
 
 
-def test_a_training_that_was_killed_goes_on_to_the_same_weights(
-    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
-) -> None:
+def test_a_training_that_was_killed_goes_on_to_the_same_weights(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
     train(day, tiny, tmp_path / "whole", tensorboard=False)
     with pytest.raises(PowerCutError):
         train(day, tiny, tmp_path / "cut", tensorboard=False, save_seconds=0.0, listeners=[Listening(checkpoints=4)])
@@ -82,9 +78,7 @@ def test_a_training_that_was_killed_goes_on_to_the_same_weights(
     assert listening.last is not None
     assert listening.last.steps == trained.steps
     assert_same_bits(weights_of(tmp_path / "whole", tiny.algorithm), weights_of(tmp_path / "cut", tiny.algorithm))
-    curves = [
-        np.genfromtxt(tmp_path / name / "learning_curve.csv", delimiter=",", names=True) for name in ("whole", "cut")
-    ]
+    curves = [np.genfromtxt(tmp_path / name / "learning_curve.csv", delimiter=",", names=True) for name in ("whole", "cut")]
     assert curves[0].dtype.names == curves[1].dtype.names
     for column in set(curves[0].dtype.names) - {"seconds"}:
         np.testing.assert_array_equal(curves[0][column], curves[1][column])
@@ -124,9 +118,7 @@ def test_a_task_with_fewer_controls_can_be_trained(day_file: Path, tiny: Trainin
 
 
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
-def test_the_card_tells_how_the_agent_was_made_and_where_the_time_went(
-    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
-) -> None:
+def test_the_card_tells_how_the_agent_was_made_and_where_the_time_went(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
     listening = Listening()
     trained = train(day, tiny, tmp_path / "run", seed=3, tensorboard=False, listeners=[listening])
     card = tomllib.loads((tmp_path / "run" / "card.toml").read_text(encoding="utf-8"))
@@ -160,9 +152,7 @@ def test_what_is_finished_is_not_done_again_and_what_was_begun_is_not_overwritte
     assert card["training"]["ended_before_at"] == [first.steps]
 
 
-def test_a_lengthened_training_ends_as_one_that_was_that_long_at_once(
-    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
-) -> None:
+def test_a_lengthened_training_ends_as_one_that_was_that_long_at_once(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
     steps = (300, 600, 1200)  # ends between two evaluations, and where one is due
     for end in steps:
         train(day, tiny.model_copy(update={"n_timesteps": end}), tmp_path / "longer", resume=True, tensorboard=False)
@@ -183,9 +173,7 @@ def test_a_lengthened_training_ends_as_one_that_was_that_long_at_once(
 
 
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
-def test_a_training_that_goes_on_is_no_finished_one_until_its_new_end(
-    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
-) -> None:
+def test_a_training_that_goes_on_is_no_finished_one_until_its_new_end(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
     folder, longer = tmp_path / "run", tiny.model_copy(update={"n_timesteps": 1200})
     train(day, tiny, folder, tensorboard=False)
     with pytest.raises(PowerCutError):
@@ -196,9 +184,7 @@ def test_a_training_that_goes_on_is_no_finished_one_until_its_new_end(
 
 
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
-def test_a_best_model_from_beyond_the_end_is_not_taken_for_an_earlier_one(
-    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
-) -> None:
+def test_a_best_model_from_beyond_the_end_is_not_taken_for_an_earlier_one(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     tiny = tiny.model_copy(update={"evaluation": tiny.evaluation.model_copy(update={"every": 96})})
     with pytest.raises(PowerCutError):
@@ -213,9 +199,7 @@ def test_a_best_model_from_beyond_the_end_is_not_taken_for_an_earlier_one(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
-def test_a_policy_with_a_memory_goes_on_with_what_it_remembers(
-    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
-) -> None:
+def test_a_policy_with_a_memory_goes_on_with_what_it_remembers(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
     recurrent = tiny.model_copy(
         update={
             "algorithm": "sb3_contrib.RecurrentPPO",
@@ -269,9 +253,7 @@ def test_a_checkpoint_with_other_numbers_is_refused(day: TaskSpec, tiny: Trainin
 
 
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
-def test_a_training_cut_short_is_evaluated_where_it_stopped(
-    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
-) -> None:
+def test_a_training_cut_short_is_evaluated_where_it_stopped(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
     with pytest.raises(PowerCutError):
         train(day, tiny, tmp_path / "run", tensorboard=False, save_seconds=0.0, listeners=[Listening(3)])
     listening = Listening()
@@ -282,13 +264,9 @@ def test_a_training_cut_short_is_evaluated_where_it_stopped(
 
 
 @pytest.mark.parametrize(("algorithm", "rollout"), [("ppo", 96), ("sac", 20)], indirect=["algorithm"])
-def test_progress_is_told_against_the_steps_that_will_be_made(
-    day: TaskSpec, tiny: TrainingSettings, rollout: int, tmp_path: Path
-) -> None:
+def test_progress_is_told_against_the_steps_that_will_be_made(day: TaskSpec, tiny: TrainingSettings, rollout: int, tmp_path: Path) -> None:
     listening = Listening()
-    trained = train(
-        day, tiny.model_copy(update={"n_timesteps": 190}), tmp_path / "run", tensorboard=False, listeners=[listening]
-    )
+    trained = train(day, tiny.model_copy(update={"n_timesteps": 190}), tmp_path / "run", tensorboard=False, listeners=[listening])
     assert rollout_steps(tiny, day.steps) == rollout
     assert listening.last is not None
     assert listening.last.total_steps == trained.steps == -(-190 // rollout) * rollout

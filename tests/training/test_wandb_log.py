@@ -28,9 +28,7 @@ def offline(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
-def test_a_training_leaves_a_run_that_can_be_synced_later(
-    day: TaskSpec, tiny: TrainingSettings, tmp_path: Path
-) -> None:
+def test_a_training_leaves_a_run_that_can_be_synced_later(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
     listener = WandbListener("my run, seed 0", {"gamma": 0.96}, tmp_path / "run")
     try:
         trained = train(day, tiny, tmp_path / "run", tensorboard=False, listeners=[listener])

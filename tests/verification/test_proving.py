@@ -56,12 +56,8 @@ def test_a_step_that_cannot_be_simulated_is_reproduced_to_fail_again(day_task, w
         return after, [*failed, *(StepFailure(int(row), "too hot") for row in rows)]
 
     monkeypatch.setattr(Kernel, "try_step", brittle)
-    monkeypatch.setattr(
-        Kernel, "environments", lambda kernel, program, n: None
-    )  # a fused step does not ask for this one
-    result = evaluate(
-        day_task, write_agent("def act(self, observations):\n    return np.full((self.n, 6), 1.0)"), out=tmp_path
-    )
+    monkeypatch.setattr(Kernel, "environments", lambda kernel, program, n: None)  # a fused step does not ask for this one
+    result = evaluate(day_task, write_agent("def act(self, observations):\n    return np.full((self.n, 6), 1.0)"), out=tmp_path)
     path = result_path(tmp_path, day_task.id, "agent_under_test")
     assert {(run.status, run.steps) for run in result.runs} == {("simulation_failed", 3)}
     assert verify(path).exactness == "bits"
@@ -71,9 +67,7 @@ def test_a_step_that_cannot_be_simulated_is_reproduced_to_fail_again(day_task, w
 
 
 def test_an_agent_that_never_started_is_reproduced(day_task, write_agent, tmp_path):
-    agent = write_agent(
-        "def reset(self, task, n_runs):\n    raise OSError('no weights')\ndef act(self, observations):\n    return 0"
-    )
+    agent = write_agent("def reset(self, task, n_runs):\n    raise OSError('no weights')\ndef act(self, observations):\n    return 0")
     result = evaluate(day_task, agent, out=tmp_path, episodes="best")
     assert {run.steps for run in result.runs} == {0}
     assert verify(result_path(tmp_path, day_task.id, "agent_under_test")).exactness == "bits"

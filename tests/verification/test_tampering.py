@@ -82,9 +82,7 @@ def test_other_seeds_in_result_and_record(wavy):
             run["seed"] += 100
 
     rewrite(wavy, shift)
-    rewrite_record(
-        wavy, lambda log: replace(log, runs=tuple(run.model_copy(update={"seed": run.seed + 100}) for run in log.runs))
-    )
+    rewrite_record(wavy, lambda log: replace(log, runs=tuple(run.model_copy(update={"seed": run.seed + 100}) for run in log.runs)))
     refused(wavy, "reward", "step 1")
 
 
@@ -161,9 +159,7 @@ def test_the_result_of_another_version_of_the_task(wavy):
         parts = {**task.parts, "weather": other}
         return replace(
             log,
-            provenance=log.provenance.model_copy(
-                update={"task": task.model_copy(update={"digest": other, "parts": parts})}
-            ),
+            provenance=log.provenance.model_copy(update={"task": task.model_copy(update={"digest": other, "parts": parts})}),
         )
 
     rewrite_record(wavy, retask)
@@ -174,18 +170,14 @@ def test_the_digest_of_other_weather_in_the_record(wavy):
     def reweather(log):
         task = log.provenance.task
         parts = {**task.parts, "weather": "0" * 64}
-        return replace(
-            log, provenance=log.provenance.model_copy(update={"task": task.model_copy(update={"parts": parts})})
-        )
+        return replace(log, provenance=log.provenance.model_copy(update={"task": task.model_copy(update={"parts": parts})}))
 
     rewrite_record(wavy, reweather)
     refused(wavy, "record_of_other_task", "digests of the task's parts")
 
 
 def test_another_definition_of_the_task_in_the_record(wavy):
-    rewrite_record(
-        wavy, lambda log: replace(log, definition=log.definition.replace(b'"fruit": 1.6', b'"fruit": 160.0'))
-    )
+    rewrite_record(wavy, lambda log: replace(log, definition=log.definition.replace(b'"fruit": 1.6', b'"fruit": 160.0')))
     refused(wavy, "other_task_version", "definition")
 
 
@@ -197,9 +189,7 @@ def test_a_privileged_controller_that_is_called_fair(reports, day_task):
     def demote(log):
         return replace(
             log,
-            provenance=log.provenance.model_copy(
-                update={"agent": log.provenance.agent.model_copy(update={"privileged": False})}
-            ),
+            provenance=log.provenance.model_copy(update={"agent": log.provenance.agent.model_copy(update={"privileged": False})}),
         )
 
     rewrite_record(path, demote)
@@ -235,9 +225,7 @@ def test_a_record_file_outside_the_folder(wavy):
 def test_a_record_that_counts_other_steps_than_it_has(wavy):
     def stretch(log):
         task = log.provenance.task
-        return replace(
-            log, provenance=log.provenance.model_copy(update={"task": task.model_copy(update={"steps": 48})})
-        )
+        return replace(log, provenance=log.provenance.model_copy(update={"task": task.model_copy(update={"steps": 48})}))
 
     rewrite_record(wavy, stretch)
     refused(wavy, "record_of_other_task", "steps")
@@ -247,9 +235,7 @@ def test_actions_of_other_controls(wavy):
     def rename(log):
         agent = log.provenance.agent
         columns = (*agent.columns[1:], agent.columns[0])
-        return replace(
-            log, provenance=log.provenance.model_copy(update={"agent": agent.model_copy(update={"columns": columns})})
-        )
+        return replace(log, provenance=log.provenance.model_copy(update={"agent": agent.model_copy(update={"columns": columns})}))
 
     rewrite_record(wavy, rename)
     refused(wavy, "record_of_other_task", "uCo2, uThScr")
@@ -305,9 +291,7 @@ def state_kernel(wavy, kernel):
     rewrite(wavy, lambda d: d["evaluation"]["kernel"].update(kernel))
     rewrite_record(
         wavy,
-        lambda log: replace(
-            log, provenance=log.provenance.model_copy(update={"kernel": {**log.provenance.kernel, **kernel}})
-        ),
+        lambda log: replace(log, provenance=log.provenance.model_copy(update={"kernel": {**log.provenance.kernel, **kernel}})),
     )
 
 

@@ -31,16 +31,12 @@ def knmi_days(first: dt.date, days: int, station: int = 240) -> list[str]:
     return [knmi_line(day, hour, station=station) for day in dates for hour in range(1, 25)]
 
 
-def knmi_text(
-    rows: Iterable[str], *, header: str = KNMI_HEADER, comments: Iterable[str] = KNMI_COMMENTS, end: str = "\r\n"
-) -> str:
+def knmi_text(rows: Iterable[str], *, header: str = KNMI_HEADER, comments: Iterable[str] = KNMI_COMMENTS, end: str = "\r\n") -> str:
     """A whole file or answer."""
     return end.join([*comments, header, *rows, ""])
 
 
-def write_epw(
-    path: Path, years: Mapping[int, int] | int, *, offset: float = 1.0, edits: Mapping[int, str] | None = None
-) -> Path:
+def write_epw(path: Path, years: Mapping[int, int] | int, *, offset: float = 1.0, edits: Mapping[int, str] | None = None) -> Path:
     """An EPW of a common year; ``years`` is the year, or the year of each month; ``edits`` replaces data rows (from 0)."""
     lines = [
         f"LOCATION,Testdam,NH,NLD,MADE UP,062400,52.3,4.8,{offset},-3.0",
@@ -61,9 +57,7 @@ def write_epw(
     return path
 
 
-def epw_line(
-    start: dt.datetime, year: int, *, temperature: float | None = None, infrared: float = 300.0, wind: float = 4.5
-) -> str:
+def epw_line(start: dt.datetime, year: int, *, temperature: float | None = None, infrared: float = 300.0, wind: float = 4.5) -> str:
     """One EPW row: temperature 0.1 degC times the hour's number (1..24), radiation 100 Wh/m2 from 8 to 16 h, cloud 5 tenths."""
     hour = start.hour + 1
     degrees = hour / 10 if temperature is None else temperature

@@ -66,9 +66,7 @@ def test_the_clock_goes_back_and_forward(tmp_path: Path) -> None:
     spring = [f"31-03-2024;{hour:02d}:00;{values}" for hour in (0, 1, 3, 4)]
     assert read_columns(export(tmp_path, titles, spring), columns).period == "2024-03-30 23:00 to 2024-03-31 03:00 UTC"
     winter_time = [f"31-03-2024;{hour:02d}:00;{values}" for hour in (0, 1, 2, 3)]
-    with pytest.raises(
-        WeatherError, match=r"row 4, column 'Datum': 2024-03-31 02:00 does not exist on the clock of Europe/Amsterdam"
-    ):
+    with pytest.raises(WeatherError, match=r"row 4, column 'Datum': 2024-03-31 02:00 does not exist on the clock of Europe/Amsterdam"):
         read_columns(export(tmp_path, titles, winter_time), columns)
 
 
@@ -131,16 +129,12 @@ def test_the_newest_row_may_be_on_top_also_when_the_clock_goes_back(tmp_path: Pa
         (";;Afd 1;;Meteo;;;\nDatum;Tijd;Temp;RV;Temp;RV;Wind;Straling", "20;80;5;90;5;100", (5.0, 90.0, 5.0, 100.0)),
     ],
 )  # fmt: skip
-def test_a_column_is_taken_with_its_unit_and_from_outside(
-    tmp_path: Path, titles: str, values: str, expected: tuple[float, ...]
-) -> None:
+def test_a_column_is_taken_with_its_unit_and_from_outside(tmp_path: Path, titles: str, values: str, expected: tuple[float, ...]) -> None:
     titles = titles if "\n" in titles else f"Datum;Tijd;{titles}"
     path = export(tmp_path, titles, half_hours("13-02-2024", values))
     columns, _, _ = guess_column_map(path)
     record = read_columns(path, columns, coordinates=(52.0, 4.5, 0.0))
-    first = [
-        record.values(name)[0] for name in ("air_temperature", "relative_humidity", "wind_speed", "global_radiation")
-    ]
+    first = [record.values(name)[0] for name in ("air_temperature", "relative_humidity", "wind_speed", "global_radiation")]
     np.testing.assert_allclose(first, expected)
 
 
@@ -164,9 +158,7 @@ def test_titles_that_do_not_say_outside_are_to_be_checked(tmp_path: Path) -> Non
         (lambda hour: f"13 februari 2024;{hour}:00", "2024-02-12 23:00"),
     ],
 )
-def test_hours_may_be_numbered_or_end_at_24_and_months_be_words(
-    tmp_path: Path, stamp: Callable[[int], str], begin: str
-) -> None:
+def test_hours_may_be_numbered_or_end_at_24_and_months_be_words(tmp_path: Path, stamp: Callable[[int], str], begin: str) -> None:
     rows = [f"{stamp(hour)};{hour};90;2;0" for hour in range(24)]
     path = export(tmp_path, "Datum;Uur;Buitentemp [°C];RV buiten [%];Wind [m/s];Straling [W/m2]", rows)
     columns, _, _ = guess_column_map(path)

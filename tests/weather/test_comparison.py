@@ -27,11 +27,7 @@ def schiphol() -> WeatherRecord:
 
 
 def missed(found: Resemblance) -> list[str]:
-    return [
-        f"{figure.name}: {figure.value:.3f} ({figure.limits}) {figure.worst}"
-        for figure in found.figures
-        if not figure.within_limits
-    ]
+    return [f"{figure.name}: {figure.value:.3f} ({figure.limits}) {figure.worst}" for figure in found.figures if not figure.within_limits]
 
 
 def value(found: Resemblance, words: str) -> float:
@@ -42,13 +38,10 @@ def value(found: Resemblance, words: str) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("years", [TRAINING, TEST])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_generated_seasons_resemble_the_years_they_are_made_of(
-    schiphol: WeatherRecord, years: tuple[int, ...], seed: int
-) -> None:
+def test_generated_seasons_resemble_the_years_they_are_made_of(schiphol: WeatherRecord, years: tuple[int, ...], seed: int) -> None:
     found = resemblance(SeasonGenerator(schiphol, years), seasons=400, seed=seed)
     assert {figure.name for figure in found.figures if not figure.within_limits} <= {
-        f"size of changes at joints, {name}, Kolmogorov-Smirnov distance [-]"
-        for name in ("relative humidity", "wind speed")
+        f"size of changes at joints, {name}, Kolmogorov-Smirnov distance [-]" for name in ("relative humidity", "wind speed")
     }, missed(found)
 
 
@@ -73,10 +66,7 @@ def test_rounding_at_joints_makes_small_changes_vanish_which_signs_hide(schiphol
         real_seasons(generator, dt.date(2010, 2, 15), 28, 60),
     )
     joined = made.joints[:, 1:]
-    calm = [
-        (change == 0.0).mean()
-        for change in (midnight_changes(made)["wind_speed"][joined], midnight_changes(real)["wind_speed"])
-    ]
+    calm = [(change == 0.0).mean() for change in (midnight_changes(made)["wind_speed"][joined], midnight_changes(real)["wind_speed"])]
     numbers, values = generator.real_days()
     begins = np.searchsorted(numbers, made.sources[:, 1:][joined])
     begins = begins[(begins > 0) & (numbers[begins - 1] == numbers[begins] - 1)]

@@ -76,9 +76,7 @@ def test_temperature_runs_linearly_between_slot_ends(schiphol: WeatherRecord, ye
 def test_vapour_pressure_runs_linearly_between_slot_ends(schiphol: WeatherRecord, year: Disturbances) -> None:
     first = slot(schiphol, YEAR_BEGIN)
     t = schiphol.values("air_temperature", first - 1, first + 8760)
-    vp = (
-        schiphol.values("relative_humidity", first - 1, first + 8760) / 100 * 610.78 * np.exp(17.2694 * t / (t + 238.3))
-    )
+    vp = schiphol.values("relative_humidity", first - 1, first + 8760) / 100 * 610.78 * np.exp(17.2694 * t / (t + 238.3))
     quarters = vp[:-1, None] + np.diff(vp)[:, None] * (np.arange(4) + 0.5) / 4
     np.testing.assert_allclose(year.values[:, VP].reshape(8760, 4), quarters, rtol=1e-13)
 
@@ -96,9 +94,7 @@ def test_an_invisible_sky_counts_as_overcast(schiphol: WeatherRecord) -> None:
 
 
 def test_an_overcast_sky_is_warmer_than_the_papers_ninths_make_it(schiphol: WeatherRecord) -> None:
-    overcast = replace(
-        schiphol, counts={**schiphol.counts, "cloud_cover": np.full_like(schiphol.counts["cloud_cover"], 8000)}
-    )
+    overcast = replace(schiphol, counts={**schiphol.counts, "cloud_cover": np.full_like(schiphol.counts["cloud_cover"], 8000)})
     start = dt.datetime(2010, 3, 1, tzinfo=dt.UTC)
     paper = disturbances(overcast, start=start, steps=960)
     conserving = disturbances(overcast, start=start, steps=960, preprocessing="conserving")
@@ -198,9 +194,7 @@ def test_the_local_day_lasts_23_hours_when_summer_time_begins(schiphol: WeatherR
 
 
 def test_day_flag_is_half_at_sunrise_and_ramps_for_an_hour(schiphol: WeatherRecord) -> None:
-    made = disturbances(
-        schiphol, start=dt.datetime(2010, 3, 20, tzinfo=dt.UTC), steps=1440, step_seconds=60, preprocessing="conserving"
-    )
+    made = disturbances(schiphol, start=dt.datetime(2010, 3, 20, tzinfo=dt.UTC), steps=1440, step_seconds=60, preprocessing="conserving")
     sine = sine_of_elevation(made.times.astype(np.float64) + 30.0, schiphol.place)
     sunrise = int(np.flatnonzero(sine > 0)[0])
     flag, smooth = made.values[:, DAY], made.values[:, DAYSMOOTH]
@@ -234,9 +228,7 @@ def test_the_first_hour_and_the_last_local_day_of_the_record_can_be_used(schipho
 
 
 def test_a_local_day_with_missing_daylight_is_refused(schiphol: WeatherRecord) -> None:
-    shortened = replace(
-        schiphol, counts={k: v[12:] for k, v in schiphol.counts.items()}, begin=schiphol.begin + 12 * 3600
-    )
+    shortened = replace(schiphol, counts={k: v[12:] for k, v in schiphol.counts.items()}, begin=schiphol.begin + 12 * 3600)
     with pytest.raises(WeatherError, match="daylight hours from 2007-12-31 23:00 to 2008-01-01 12:00 UTC are missing"):
         disturbances(shortened, start=shortened.first, steps=4, preprocessing="conserving")
 
@@ -246,9 +238,7 @@ def test_values_that_are_means_are_held_through_their_slot(schiphol: WeatherReco
     means = replace(schiphol, timing=timing)
     made = disturbances(means, start=YEAR_BEGIN, steps=8, preprocessing="conserving")
     first = slot(schiphol, YEAR_BEGIN)
-    np.testing.assert_array_equal(
-        made.values[:, TOUT], np.repeat(schiphol.values("air_temperature", first, first + 2), 4)
-    )
+    np.testing.assert_array_equal(made.values[:, TOUT], np.repeat(schiphol.values("air_temperature", first, first + 2), 4))
 
 
 def test_sun_stands_where_the_almanac_says() -> None:
@@ -288,15 +278,10 @@ def test_what_is_remembered_of_sun_and_clock_changes_no_bit(schiphol: WeatherRec
         assert conserving.sines_over(schiphol.place, begin, slots).any()
 
 
-@pytest.mark.parametrize(
-    "clock", ["Europe/Amsterdam", "America/Anchorage", "Australia/Lord_Howe", "Asia/Kolkata", "UTC"]
-)
+@pytest.mark.parametrize("clock", ["Europe/Amsterdam", "America/Anchorage", "Australia/Lord_Howe", "Asia/Kolkata", "UTC"])
 def test_the_clock_is_looked_up_at_every_quarter(clock: str) -> None:
     rng = np.random.default_rng(1)
-    changes = [
-        int(dt.datetime(2010, month, day, tzinfo=dt.UTC).timestamp())
-        for month, day in ((3, 28), (10, 31), (4, 3), (11, 7))
-    ]
+    changes = [int(dt.datetime(2010, month, day, tzinfo=dt.UTC).timestamp()) for month, day in ((3, 28), (10, 31), (4, 3), (11, 7))]
     times = np.concatenate([change + rng.integers(-90_000, 90_000, 200) for change in changes])
     zone = ZoneInfo(clock)
     expected = [dt.datetime.fromtimestamp(int(t), tz=zone).utcoffset() for t in times]

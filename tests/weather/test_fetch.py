@@ -103,9 +103,7 @@ def test_a_year_is_fetched_whole(service: Service) -> None:
 
 def test_knmi_is_asked_for_whole_days_in_its_own_form(service: Service) -> None:
     fetched(service)
-    assert service.asked == [
-        {"start": "2013010101", "end": "2013123124", "stns": "240", "vars": "Q:T:U:FH:N", "fmt": "csv"}
-    ]
+    assert service.asked == [{"start": "2013010101", "end": "2013123124", "stns": "240", "vars": "Q:T:U:FH:N", "fmt": "csv"}]
 
 
 def test_an_extra_day_in_the_answer_is_cut_off(service: Service) -> None:
@@ -240,9 +238,7 @@ def nothing_at_all(service: Service) -> None:
         (nothing_at_all, "no KNMI file of hourly values"),
     ],
 )
-def test_every_failure_is_told_and_nothing_is_kept(
-    service: Service, cache: Path, breakage: Callable[[Service], None], words: str
-) -> None:
+def test_every_failure_is_told_and_nothing_is_kept(service: Service, cache: Path, breakage: Callable[[Service], None], words: str) -> None:
     breakage(service)
     with pytest.raises(WeatherError, match=words):
         fetched(service)

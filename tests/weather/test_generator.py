@@ -148,9 +148,7 @@ def test_hours_away_from_joints_keep_their_joint_course(schiphol: WeatherRecord,
         assert np.ptp(shift[~near], axis=1).max() <= 200  # the same all day, to the grid of 0.1 degC
 
 
-def test_a_season_changes_over_a_joint_as_the_block_did_when_it_began(
-    schiphol: WeatherRecord, generator: SeasonGenerator
-) -> None:
+def test_a_season_changes_over_a_joint_as_the_block_did_when_it_began(schiphol: WeatherRecord, generator: SeasonGenerator) -> None:
     first = np.datetime64("2008-01-01", "D").astype(np.int64)
     for season in some(generator):
         joints = np.flatnonzero(season.joints)
@@ -194,9 +192,7 @@ def test_values_stay_on_the_grid_of_the_record_and_possible(generator: SeasonGen
             assert counts.max() <= high * quantity.counts_per_unit
 
 
-def test_radiation_keeps_its_clearness_under_the_sun_of_the_season(
-    schiphol: WeatherRecord, generator: SeasonGenerator
-) -> None:
+def test_radiation_keeps_its_clearness_under_the_sun_of_the_season(schiphol: WeatherRecord, generator: SeasonGenerator) -> None:
     clear = clear_sky(schiphol.place, 0)
     for season in some(generator, 8):
         first = (season.start - dt.date(1970, 1, 1)).days - MARGIN_DAYS
@@ -316,9 +312,7 @@ def test_the_hours_that_a_typical_year_lacks_come_from_its_other_end() -> None:
 
 
 def test_a_record_with_slots_off_the_hour_is_cut_at_its_own_slots(schiphol: WeatherRecord) -> None:
-    delhi = replace(
-        schiphol, begin=schiphol.begin - 19800, place=replace(schiphol.place, longitude=77.0, timezone="Asia/Kolkata")
-    )
+    delhi = replace(schiphol, begin=schiphol.begin - 19800, place=replace(schiphol.place, longitude=77.0, timezone="Asia/Kolkata"))
     season = made(SeasonGenerator(delhi, (2009, 2010)), 1)
     assert (season.record.begin - delhi.begin) % 3600 == 0
     assert np.isfinite(disturbances(season.record, start=SPRING, steps=96, preprocessing="conserving").values).all()

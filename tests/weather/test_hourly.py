@@ -47,9 +47,7 @@ def test_finer_steps_are_averaged_to_hours(tmp_path: Path, minutes: int) -> None
 
 
 def test_hours_that_lie_half_an_hour_off_are_split(tmp_path: Path) -> None:
-    record = read_csv(
-        table(tmp_path, 60, [(10.0, 50, 2, 0), (20.0, 50, 2, 100), (30.0, 50, 2, 200)], begin="2024-06-01T10:30")
-    )
+    record = read_csv(table(tmp_path, 60, [(10.0, 50, 2, 0), (20.0, 50, 2, 100), (30.0, 50, 2, 200)], begin="2024-06-01T10:30"))
     assert record.first.hour == 11
     np.testing.assert_allclose(record.values("air_temperature"), [15.0, 25.0])
     np.testing.assert_allclose(record.values("global_radiation"), [50.0, 150.0])
@@ -71,10 +69,7 @@ def test_readings_of_sensors_are_set_to_their_limits_and_larger_ones_refused(tmp
     record = read_csv(table(tmp_path, 60, [(10.0, 103.0, 2.0, -4.0), (10.0, 99.0, 2.0, 0.0)]))
     assert record.values("global_radiation")[0] == 0.0
     assert record.values("relative_humidity")[0] == 100.0
-    assert (
-        "global_radiation: 1 values as far as -4 W/m2 set to 0 W/m2 (the offset of a pyranometer at night)"
-        in record.notes
-    )
+    assert "global_radiation: 1 values as far as -4 W/m2 set to 0 W/m2 (the offset of a pyranometer at night)" in record.notes
     with pytest.raises(WeatherError, match="row 6: relative humidity of 120 %"):
         read_csv(table(tmp_path, 60, [(10.0, 120.0, 2.0, 0.0)]))
 
@@ -90,18 +85,14 @@ def test_the_error_of_the_estimated_sky_is_what_the_page_says() -> None:
     begin, end = (calendar.timegm((year, 1, 1, 0, 0, 0)) for year in (2008, 2011))
     hours = slice((begin - record.begin) // 3600, (end - record.begin) // 3600)
     temperature, humidity, radiation, cloud = (
-        record.values(name, hours.start, hours.stop)
-        for name in ("air_temperature", "relative_humidity", "global_radiation", "cloud_cover")
+        record.values(name, hours.start, hours.stop) for name in ("air_temperature", "relative_humidity", "global_radiation", "cloud_cover")
     )
     observed = sky_temperature_from_cloud(temperature, np.minimum(cloud, 8.0) / 8.0)
     estimated = sky_temperature_from_infrared(sky_infrared(temperature, humidity, radiation, begin, record.place))
     constant = sky_temperature_from_cloud(temperature, np.full(cloud.size, float(np.minimum(cloud, 8.0).mean()) / 8.0))
     error, without = estimated - observed, constant - observed
     page = " ".join((Path(__file__).parents[2] / "docs" / "weather.md").read_text().split())
-    assert (
-        f"{np.sqrt(np.mean(error**2)):.1f} K (root mean square), {error.mean():+.1f} K on average".replace("-", "−")
-        in page
-    )
+    assert f"{np.sqrt(np.mean(error**2)):.1f} K (root mean square), {error.mean():+.1f} K on average".replace("-", "−") in page
     assert f"the mean cloud cover instead would be off by {np.sqrt(np.mean(without**2)):.1f} K" in page
     assert f"{np.sqrt(np.mean(error**2)):.1f} K (root mean square)" in SKY_ESTIMATED
 

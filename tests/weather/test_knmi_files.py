@@ -66,9 +66,7 @@ def test_knmi_headers_of_every_make_are_read(tmp_path: Path, header: str) -> Non
     assert record.hours == 24
 
 
-@pytest.mark.parametrize(
-    "comments", [(), KNMI_COMMENTS * 5, ("BRON: KNMI", "", "SOURCE: KNMI, without a hash", *KNMI_COMMENTS)]
-)
+@pytest.mark.parametrize("comments", [(), KNMI_COMMENTS * 5, ("BRON: KNMI", "", "SOURCE: KNMI, without a hash", *KNMI_COMMENTS)])
 def test_any_number_of_knmi_comments_is_read(tmp_path: Path, comments: tuple[str, ...]) -> None:
     assert read_knmi(knmi_file(tmp_path, knmi_text(knmi_days(DAY, 1), comments=comments))).hours == 24
 

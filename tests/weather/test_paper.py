@@ -74,15 +74,11 @@ def test_a_row_calculated_by_hand(schiphol: WeatherRecord, spring: Disturbances)
     assert row[WIND] == pytest.approx(half_way("wind_speed"), rel=1e-14)
     assert row[TSKY] == pytest.approx((sky(eight) + sky(nine)) / 2, rel=1e-12)
     seconds = (59 * 24 + 8.5) * 3600
-    assert row[SOIL] == pytest.approx(
-        10 + 5 * math.sin(2 * math.pi * (seconds + 0.625 * 31536000) / 31536000), rel=1e-13
-    )
+    assert row[SOIL] == pytest.approx(10 + 5 * math.sin(2 * math.pi * (seconds + 0.625 * 31536000) / 31536000), rel=1e-13)
     assert (row[DAY], row[DAYSMOOTH]) == (1.0, 1.0)
 
 
-def test_the_days_radiation_sum_is_that_of_the_whole_calendar_day(
-    schiphol: WeatherRecord, spring: Disturbances
-) -> None:
+def test_the_days_radiation_sum_is_that_of_the_whole_calendar_day(schiphol: WeatherRecord, spring: Disturbances) -> None:
     sums = spring.values[:, RADSUM].reshape(60, 96)
     assert (sums == sums[:, :1]).all()
     # 1 March 2010: dark at both midnights, so the sum of the 5-minute lines is the sum of KNMI's 24 hourly values.
@@ -178,8 +174,7 @@ def test_a_year_end_is_followed_without_a_jump(schiphol: WeatherRecord) -> None:
     assert made.times[96] == np.datetime64("2009-01-01T00:00:00")
     # 23:30 UTC lies half way from the last slot of 2008 to the first of 2009.
     expected = (
-        hourly(schiphol, "air_temperature", dt.datetime(2008, 12, 31, 23))
-        + hourly(schiphol, "air_temperature", dt.datetime(2009, 1, 1, 0))
+        hourly(schiphol, "air_temperature", dt.datetime(2008, 12, 31, 23)) + hourly(schiphol, "air_temperature", dt.datetime(2009, 1, 1, 0))
     ) / 2
     assert made.values[94, TOUT] == pytest.approx(expected, rel=1e-13)
     # 2008 was a leap year: 31 December is day 365. The count starts anew with the year.
@@ -236,9 +231,7 @@ def test_day_flag_edges_in_the_first_and_last_hour_stay_hard() -> None:
 def test_a_partly_covered_day_is_refused(schiphol: WeatherRecord) -> None:
     from dataclasses import replace
 
-    shortened = replace(
-        schiphol, counts={k: v[6:] for k, v in schiphol.counts.items()}, begin=schiphol.begin + 6 * 3600
-    )
+    shortened = replace(schiphol, counts={k: v[6:] for k, v in schiphol.counts.items()}, begin=schiphol.begin + 6 * 3600)
     with pytest.raises(WeatherError, match="only a part of the day 2008-01-01"):
         disturbances(shortened, start=dt.datetime(2008, 1, 1, 12), steps=4)
     assert disturbances(shortened, start=dt.datetime(2008, 1, 2), steps=4).values.shape == (4, 10)

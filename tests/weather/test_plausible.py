@@ -63,9 +63,7 @@ def test_the_figures_of_a_record_are_those_of_its_values() -> None:
     record = load_weather("schiphol")
     temperature, light, wind = in_figures(record)
     values = record.values("air_temperature")
-    assert (
-        f"lowest {values.min():.1f} degC, mean {values.mean():.1f} degC, highest {values.max():.1f} degC" in temperature
-    )
+    assert f"lowest {values.min():.1f} degC, mean {values.mean():.1f} degC, highest {values.max():.1f} degC" in temperature
     a_day = record.values("global_radiation").mean() * 86400
     assert f"{a_day / 1e4:.0f} J/cm2" in light
     assert f"{a_day * 2.3e-6:.1f} mol/m2" in light

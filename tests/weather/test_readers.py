@@ -55,9 +55,7 @@ def test_formats_are_told_from_the_content(tmp_path: Path) -> None:
 
 def test_an_unknown_content_is_refused(tmp_path: Path) -> None:
     path = csv_file(tmp_path, "a,b\n1,2\n")
-    with pytest.raises(
-        WeatherError, match=r"none of the known weather formats \(knmi, epw, tmy, pvgis, nsrdb, .*, csv, parquet\)"
-    ):
+    with pytest.raises(WeatherError, match=r"none of the known weather formats \(knmi, epw, tmy, pvgis, nsrdb, .*, csv, parquet\)"):
         read_weather(path)
 
 

@@ -184,9 +184,7 @@ def test_shipped_names_cannot_be_taken(schiphol: WeatherRecord) -> None:
 def test_a_changed_stored_record_is_refused(schiphol: WeatherRecord) -> None:
     path = save_weather(schiphol, "mine")
     table = pq.ParquetFile(path).read()
-    changed = table.set_column(
-        table.column_names.index("wind_speed"), "wind_speed", [np.asarray(schiphol.counts["wind_speed"]) + 1]
-    )
+    changed = table.set_column(table.column_names.index("wind_speed"), "wind_speed", [np.asarray(schiphol.counts["wind_speed"]) + 1])
     pq.write_table(changed, path)
     with pytest.raises(WeatherError, match="its digest should be"):
         load_weather("mine")

@@ -115,9 +115,7 @@ def test_a_file_of_pvgis_without_titles_is_refused(read: Callable[..., WeatherRe
 def test_a_value_of_an_nsrdb_file_is_named(read: Callable[..., WeatherRecord]) -> None:
     with pytest.raises(WeatherError, match=r"export\.csv, row 4, column 'GHI': 'x' is not a number"):
         read(nsrdb(60).replace(",30,0,10", ",30,x,10", 1))
-    with pytest.raises(
-        WeatherError, match=r"row 4, column 'Year, Month, Day, Hour': the time '2023-02-30 00:00' does not"
-    ):
+    with pytest.raises(WeatherError, match=r"row 4, column 'Year, Month, Day, Hour': the time '2023-02-30 00:00' does not"):
         read(nsrdb(60).replace("2023,6,1,0", "2023,2,30,0", 1))
 
 
@@ -147,10 +145,7 @@ def open_meteo_row(stamp: str, hour: int, temperature: float = 10.0, wind: float
 def hourly_rows(count: int, zone: dt.tzinfo = dt.UTC, first: dt.datetime = DAY) -> list[str]:
     """Rows of hours that follow each other in UTC, on the clock of ``zone``; the radiation counts them."""
     begin = first.replace(tzinfo=zone).astimezone(dt.UTC)
-    return [
-        open_meteo_row((begin + dt.timedelta(hours=i)).astimezone(zone).strftime("%Y-%m-%dT%H:%M"), i)
-        for i in range(count)
-    ]
+    return [open_meteo_row((begin + dt.timedelta(hours=i)).astimezone(zone).strftime("%Y-%m-%dT%H:%M"), i) for i in range(count)]
 
 
 def test_open_meteo_radiation_is_the_mean_of_the_hour_before(read: Callable[..., WeatherRecord]) -> None:
@@ -183,9 +178,7 @@ def test_open_meteo_units_are_converted(
 
 
 def test_an_unknown_open_meteo_unit_is_refused(read: Callable[..., WeatherRecord]) -> None:
-    with pytest.raises(
-        WeatherError, match=r"column 'wind_speed_10m \(furlong\)': the unit 'furlong' is unknown. Known are C, F"
-    ):
+    with pytest.raises(WeatherError, match=r"column 'wind_speed_10m \(furlong\)': the unit 'furlong' is unknown. Known are C, F"):
         read(open_meteo(hourly_rows(24), units=("°C", "furlong")))
 
 
@@ -215,9 +208,7 @@ def test_unix_seconds_of_open_meteo_are_utc(read: Callable[..., WeatherRecord]) 
 
 
 @pytest.mark.parametrize("first", [dt.datetime(2023, 3, 25), dt.datetime(2023, 10, 28)])
-def test_open_meteo_stamps_may_follow_summer_time_or_a_fixed_offset(
-    read: Callable[..., WeatherRecord], first: dt.datetime
-) -> None:
+def test_open_meteo_stamps_may_follow_summer_time_or_a_fixed_offset(read: Callable[..., WeatherRecord], first: dt.datetime) -> None:
     zone = ZoneInfo("Europe/Berlin")
     offset = round((first.replace(tzinfo=zone).utcoffset() or dt.timedelta()).total_seconds())
     place = f"52.0,13.4,38.0,{offset},Europe/Berlin,CET"
@@ -245,9 +236,7 @@ def test_several_places_in_one_open_meteo_file_are_refused(read: Callable[..., W
 # ---- PVGIS -------------------------------------------------------------------------------------------------------------------------
 
 PVGIS_PLACE = "Latitude (decimal degrees): 45.000\nLongitude (decimal degrees):\t8.000\nElevation (m): 250.0\n"
-PVGIS_LEGEND = (
-    "\nT2m: 2-m air temperature (degree Celsius)\nRH: relative humidity (%)\n\nPVGIS (c) European Union, 2001-2025\n"
-)
+PVGIS_LEGEND = "\nT2m: 2-m air temperature (degree Celsius)\nRH: relative humidity (%)\n\nPVGIS (c) European Union, 2001-2025\n"
 
 
 def pvgis_typical(offset: str = "0.25") -> str:
@@ -302,9 +291,7 @@ def test_a_typical_year_of_pvgis_in_json_is_the_same(read: Callable[..., Weather
 
 
 @pytest.mark.parametrize(("columns", "values"), [("G(i)", "400"), ("Gb(i),Gd(i),Gr(i)", "300,100,0")])
-def test_hourly_pvgis_has_no_humidity_unless_it_is_estimated(
-    read: Callable[..., WeatherRecord], columns: str, values: str
-) -> None:
+def test_hourly_pvgis_has_no_humidity_unless_it_is_estimated(read: Callable[..., WeatherRecord], columns: str, values: str) -> None:
     with pytest.raises(WeatherError, match=r"has no humidity, .* --estimate-humidity"):
         read(pvgis_hourly(columns, values))
     record = read(pvgis_hourly(columns, values), estimate_humidity=True)
@@ -318,9 +305,7 @@ def test_hourly_pvgis_has_no_humidity_unless_it_is_estimated(
 
 
 def test_radiation_on_a_tilted_plane_is_refused(read: Callable[..., WeatherRecord]) -> None:
-    with pytest.raises(
-        WeatherError, match=r"tilted plane \(slope 30.0\). The greenhouse needs global horizontal radiation"
-    ):
+    with pytest.raises(WeatherError, match=r"tilted plane \(slope 30.0\). The greenhouse needs global horizontal radiation"):
         read(pvgis_hourly(slope="30"), estimate_humidity=True)
     with pytest.raises(WeatherError, match="tilted plane"):
         read(pvgis_hourly(slope="35 (optimum)"), estimate_humidity=True)

@@ -180,9 +180,7 @@ def test_hours_from_0_to_23_come_in_with_a_note(tmp_path: Path) -> None:
 
 def test_an_hour_0_among_hours_to_24_is_refused(tmp_path: Path) -> None:
     line = epw_line(dt.datetime(2010, 1, 1, 4), 2010).replace("2010,1,1,5,", "2010,1,1,0,", 1)
-    with pytest.raises(
-        WeatherError, match=r"row 13, column 'hour': hour 0 does not exist|row 13: hour 0 does not exist"
-    ):
+    with pytest.raises(WeatherError, match=r"row 13, column 'hour': hour 0 does not exist|row 13: hour 0 does not exist"):
         read_epw(write_epw(tmp_path / "bad.epw", 2010, edits={4: line}))
 
 

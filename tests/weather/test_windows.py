@@ -108,9 +108,7 @@ def test_a_start_with_a_time_zone_means_that_moment(schiphol: WeatherRecord, pre
     ("start", "words"),
     [(dt.datetime(2010, 3, 28, 2, 30), "skips"), (dt.datetime(2010, 10, 31, 2, 30), "strikes twice")],
 )
-def test_hours_that_the_clock_skips_or_repeats_are_refused(
-    schiphol: WeatherRecord, start: dt.datetime, words: str
-) -> None:
+def test_hours_that_the_clock_skips_or_repeats_are_refused(schiphol: WeatherRecord, start: dt.datetime, words: str) -> None:
     with pytest.raises(WeatherError, match=f"{words} {start}"):
         disturbances(schiphol, start=start, steps=4, preprocessing="conserving")
     assert disturbances(schiphol, start=start, steps=4).hour_of_day[0] == 2.5
@@ -142,9 +140,7 @@ def test_the_digest_of_the_spring_is_locked(schiphol: WeatherRecord, preprocessi
 
 @BOTH
 def test_the_digest_sees_every_argument_and_the_data(schiphol: WeatherRecord, preprocessing: str) -> None:
-    def digest(
-        record: WeatherRecord = schiphol, start: dt.date = dt.date(2010, 3, 1), steps: int = 96, **rest: float
-    ) -> str:
+    def digest(record: WeatherRecord = schiphol, start: dt.date = dt.date(2010, 3, 1), steps: int = 96, **rest: float) -> str:
         return disturbances(record, start=start, steps=steps, preprocessing=preprocessing, **rest).digest
 
     warmer = schiphol.counts["air_temperature"].copy()
@@ -185,15 +181,11 @@ def test_the_digest_ignores_hours_outside_the_window(schiphol: WeatherRecord) ->
     steps=st.integers(1, 60),
     step=st.sampled_from([60, 300, 450, 900, 1000, 3600, 7200]),
 )
-def test_any_window_of_conserving_keeps_the_energy_between_its_ends(
-    hour: int, minute: int, steps: int, step: int
-) -> None:
+def test_any_window_of_conserving_keeps_the_energy_between_its_ends(hour: int, minute: int, steps: int, step: int) -> None:
     record = load_weather("schiphol")
     start = record.first + dt.timedelta(hours=hour + 1, minutes=minute)
     made = disturbances(record, start=start, steps=steps, step_seconds=step, preprocessing="conserving")
-    whole = disturbances(
-        record, start=start, steps=1, step_seconds=min(steps * step, 86400), preprocessing="conserving"
-    )
+    whole = disturbances(record, start=start, steps=1, step_seconds=min(steps * step, 86400), preprocessing="conserving")
     if steps * step <= 86400:
         assert made.values[:, 0].mean() == pytest.approx(whole.values[0, 0], rel=1e-11, abs=1e-9)
         assert made.values[:, 1].mean() == pytest.approx(whole.values[0, 1], rel=1e-11, abs=1e-9)

@@ -94,18 +94,13 @@ def columns_of(task: TaskSpec) -> Columns:
     observed = (*observed, *deficits)
     meanings = {state.name: state.meaning for state in model.states}
     climate = tuple(
-        ProfileColumn(one.name, one.unit, _AIR.get(one.source) or meanings.get(one.source, one.meaning), "level")
-        for one in observed
+        ProfileColumn(one.name, one.unit, _AIR.get(one.source) or meanings.get(one.source, one.meaning), "level") for one in observed
     )
-    light = tuple(
-        ProfileColumn(one.name.removesuffix(_TODAY), one.unit, one.meaning.partition(",")[0], "amount") for one in rates
-    )
+    light = tuple(ProfileColumn(one.name.removesuffix(_TODAY), one.unit, one.meaning.partition(",")[0], "amount") for one in rates)
     earned = {item.amount for item in ledger.earned}
     flows = {item.amount for item in ledger.items}
     amounts = tuple(
-        ProfileColumn(q.name, q.unit, q.meaning, "amount")
-        for q in task.quantities
-        if q.name in {*flows, "epi", "penalty", "reward"}
+        ProfileColumn(q.name, q.unit, q.meaning, "amount") for q in task.quantities if q.name in {*flows, "epi", "penalty", "reward"}
     )
     return Columns(
         controls,
@@ -239,9 +234,7 @@ def _changing(task: TaskSpec) -> list[LedgerItem]:
 def _energy(task: TaskSpec, trace: Trace) -> dict[str, Floats]:
     """The columns of the energy system ``(steps, n)``."""
     units = {flow.name: flow.unit for flow in task.model_value.flows()}
-    flows = {
-        name: amount * _KWH[units[name]] for name, amount in flow_amounts(task, ENERGY_FLOWS, trace.x, trace.u).items()
-    }
+    flows = {name: amount * _KWH[units[name]] for name, amount in flow_amounts(task, ENERGY_FLOWS, trace.x, trace.u).items()}
     level = trace.x[..., task.model_value.state_index(BUFFER)] * _KWH["MJ m-2"]
     equipment = Equipment.of(task.model_value, task.parameters_by_name())
     days = task.step_seconds / record.SECONDS_A_DAY
@@ -370,9 +363,7 @@ def _misfit(result: Result, profile: Profile) -> str:
     if seeds["all"] != [run.seed for run in result.runs] or not {seeds["best"], seeds["worst"]} <= set(seeds["all"]):
         return "its seeds are others"
     try:
-        spec = (published_task(task.id) if task.id in task_ids() else task_of(profile.text_of_task)).scored_in(
-            task.split
-        )
+        spec = (published_task(task.id) if task.id in task_ids() else task_of(profile.text_of_task)).scored_in(task.split)
         if spec.id != task.id:
             return "its task is another one"
         columns = columns_of(spec)
@@ -446,26 +437,18 @@ class _Builder:
     def calendar(self) -> dict[str, Any]:
         """By day and hour of day: minutes outside each limit, mean over the runs, in tenths."""
         return {
-            name.removeprefix(quantities.OUTSIDE): record.pack(
-                record.calendar(outside, self._lengths, self._a_day, self._seconds), 2
-            )
+            name.removeprefix(quantities.OUTSIDE): record.pack(record.calendar(outside, self._lengths, self._a_day, self._seconds), 2)
             for name, outside in self._course.outside.items()
         }
 
     def worst(self, run: int) -> dict[str, Any]:
         """Hour by hour through the ``run`` that earned the smallest metric."""
         length = int(self._lengths[run])
-        return {
-            c.name: self._hourly(self._course.columns[c.name][:, run], length, add=c.kind == "amount")
-            for c in self.columns.worst
-        }
+        return {c.name: self._hourly(self._course.columns[c.name][:, run], length, add=c.kind == "amount") for c in self.columns.worst}
 
     def hours(self) -> dict[str, Any]:
         """By hour of day and run: sums over the whole season."""
-        sums = {
-            name: record.by_hour_of_day(self._course.columns[name], self._a_day, self._seconds)
-            for name in self.columns.by_hour
-        }
+        sums = {name: record.by_hour_of_day(self._course.columns[name], self._a_day, self._seconds) for name in self.columns.by_hour}
         return {name: record.pack(values, _HOUR_DIGITS) for name, values in sums.items()}
 
     def energy(self, task: TaskSpec) -> dict[str, Any]:
@@ -477,10 +460,7 @@ class _Builder:
         running = (np.arange(steps)[:, None] < self._lengths).astype(np.float64)
         counts = self._of_day(running)
         an_hour = 3600.0 / self._seconds
-        flows = {
-            name: self._of_day(columns[name]) / counts * (1.0 if name == _LEVEL else an_hour)
-            for name in (*_AMOUNTS, _LEVEL)
-        }
+        flows = {name: self._of_day(columns[name]) / counts * (1.0 if name == _LEVEL else an_hour) for name in (*_AMOUNTS, _LEVEL)}
         prices = {}
         for item in _changing(task):
             amount = self._of_day(self._course.columns[item.amount])

@@ -38,9 +38,7 @@ _FIRST_USER, _USERS = 61184, 4336
 """User ids that nobody has: those that systemd sets aside for services."""
 _PATIENCE_SECONDS = 20.0
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
-_REMEDY = (
-    "or, for code that you wrote or have read, give --sandbox none: it then runs unprotected, and the result says so"
-)
+_REMEDY = "or, for code that you wrote or have read, give --sandbox none: it then runs unprotected, and the result says so"
 _LOAD, _EQUAL, _AT_LEAST, _ANY_BIT, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x06
 _ALLOW: Final = 0x7FFF0000
 _KILL: Final = 0x80000000
@@ -205,11 +203,7 @@ def _complaint(mode: Mode) -> str:
         return f"{error}."
     if process.returncode == 0:
         return ""
-    return (
-        " ".join(process.stderr.split())[-300:].rstrip(".") + "."
-        if process.stderr.strip()
-        else f"exit code {process.returncode}."
-    )
+    return " ".join(process.stderr.split())[-300:].rstrip(".") + "." if process.stderr.strip() else f"exit code {process.returncode}."
 
 
 def _separation(mode: Mode) -> list[str]:

@@ -123,8 +123,7 @@ def _loaded(agent: LoadedAgent, choice: SandboxChoice) -> Protected:
             return Protected(agent, "built-in", None)
     if choice != "none":
         msg = (
-            f"The code of '{agent.name}' was loaded into this process already, so that no sandbox can hold it. "
-            "Name the agent by its path."
+            f"The code of '{agent.name}' was loaded into this process already, so that no sandbox can hold it. Name the agent by its path."
         )
         raise SubmissionError(msg)
     return Protected(agent, "unsandboxed", None)

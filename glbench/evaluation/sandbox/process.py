@@ -240,9 +240,7 @@ class AgentProcess:
         self._have(HEADER.size, until, late)
         kind, number_in_frame, length = HEADER.unpack_from(self._inbox, self._from)
         if number_in_frame != number or kind < Kind.HELLO or length > self._longest:
-            self.refuse(
-                f"an answer of kind {kind} to question {number_in_frame} with {length:,} bytes, when {number} was asked"
-            )
+            self.refuse(f"an answer of kind {kind} to question {number_in_frame} with {length:,} bytes, when {number} was asked")
         self._have(HEADER.size + length, until, late)
         start = self._from + HEADER.size
         self._from = start + length
@@ -305,9 +303,7 @@ class AgentProcess:
                 inherited += [facts_writing, words, *([filter_file] if filter_file is not None else [])]
                 line = [*bubblewrap.program(), "--args", str(words), *inside]
             # A session of its own: Ctrl-C in the terminal is for the evaluation, which ends the agent in its own time.
-            self._started = Child(
-                line, stdin=subprocess.DEVNULL, stdout=writing, stderr=writing, pass_fds=inherited, env=environment
-            )
+            self._started = Child(line, stdin=subprocess.DEVNULL, stdout=writing, stderr=writing, pass_fds=inherited, env=environment)
             undo.pop_all()
         self._sock.setblocking(False)
         os.set_blocking(self._output, False)

@@ -99,9 +99,7 @@ class SandboxedAgent:
         """
         n, m = self.runs, len(self.card.actions)
         longest = n * (8 * m + frames.ROW.size + frames.LONGEST_TEXT)
-        return AgentProcess(
-            self.submission, self.sizes, self.prints, longest, walls=self.walls, libraries=self.libraries
-        )
+        return AgentProcess(self.submission, self.sizes, self.prints, longest, walls=self.walls, libraries=self.libraries)
 
     def made_in(self, process: AgentProcess) -> bool:
         """Load the submission in ``process`` and make the agent; whether it is one agent a run.
@@ -128,9 +126,7 @@ class SandboxedAgent:
                 process.refuse(f"a frame of kind {kind} where an agent was to be made")
         except LostError as lost:
             output = "".join(f"\n  {line}" for line in self.prints.last_lines(_MOST_LINES))
-            msg = f"The agent '{self.submission.name}' cannot be made: {lost.reason}." + (
-                f" It printed:{output}" if output else ""
-            )
+            msg = f"The agent '{self.submission.name}' cannot be made: {lost.reason}." + (f" It printed:{output}" if output else "")
             raise SubmissionError(msg) from lost
         return bool(body[0])
 
@@ -328,9 +324,7 @@ class SandboxedRuns(AgentRunner):
         return None
 
     def _read_row(self, kind: int, body: memoryview, row: int, actions: Array | None) -> Failure | None:
-        row_in_frame, status = (
-            frames.ROW.unpack_from(body) if kind == frames.Kind.ROW and len(body) >= frames.ROW.size else (-1, -1)
-        )
+        row_in_frame, status = frames.ROW.unpack_from(body) if kind == frames.Kind.ROW and len(body) >= frames.ROW.size else (-1, -1)
         rest = body[frames.ROW.size :]
         if row_in_frame != row or not 0 <= status < len(frames.STATUSES):
             self._process.refuse(f"a frame of kind {kind} with {len(body):,} bytes, when run {row} was asked")
@@ -390,7 +384,5 @@ def told_failure(row: int | None, status: int, text: memoryview) -> Failure:
 
 def words(text: bytes | memoryview, longest: int) -> str:
     """A text of the agent's process as it may stand in a result: one line, printable, not empty, not too long."""
-    printable = (
-        " ".join(frames.plain(bytes(text).decode("utf-8", errors="replace")).split()) or "nothing that can be shown"
-    )
+    printable = " ".join(frames.plain(bytes(text).decode("utf-8", errors="replace")).split()) or "nothing that can be shown"
     return printable if len(printable) <= longest else printable[: longest - 4] + " ..."

@@ -76,9 +76,7 @@ def place_inside(submission: Identity) -> Path:
     return SUBMISSION / submission.path.name
 
 
-def visible_files(
-    submission: Identity, staging: Callable[[], Path], kernels: Mapping[str, Path] | None = None
-) -> list[str]:
+def visible_files(submission: Identity, staging: Callable[[], Path], kernels: Mapping[str, Path] | None = None) -> list[str]:
     """Arguments for bubblewrap that make the files visible.
 
     Parameters
@@ -154,9 +152,7 @@ def _covered() -> set[Path]:
 def _installations(system: tuple[str, ...], base: str) -> frozenset[Path]:
     """Package folders of all Python installations below visible folders."""
     roots = [*(Path(place) for place in system if "lib" in Path(place).name), Path(base) / "lib", Path(base) / "lib64"]
-    pythons = [
-        folder for root in roots if root.is_dir() for folder in root.iterdir() if folder.name.startswith("python")
-    ]
+    pythons = [folder for root in roots if root.is_dir() for folder in root.iterdir() if folder.name.startswith("python")]
     places = [folder / name for folder in pythons for name in _LIBRARIES]
     return frozenset(place.resolve() for place in places if place.is_dir())
 

@@ -187,9 +187,7 @@ class Host:
         setup, agents, line = self._setup, self._agents, self._line
         card, n = setup.card, setup.runs
         rows = np.flatnonzero(np.frombuffer(body[:n], dtype=np.uint8))
-        observations = (
-            np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy() if kind == frames.Kind.ACT else None
-        )
+        observations = np.frombuffer(body[n:], dtype=np.float32).reshape(n, -1).copy() if kind == frames.Kind.ACT else None
         for row in rows.tolist():
             if observations is None:
                 failure = guarded(lambda r=row: agents[r].reset(card, 1), setup.time.start, "reset", through=()).failure  # type: ignore[misc]
@@ -203,9 +201,7 @@ class Host:
                 guarded(lambda r=row: let_go(agents, r), _LETTING_GO_SECONDS, "letting go", through=())  # type: ignore[misc]
                 # The adapter counts its own runs, of which it has one here.
                 reason = failure.reason.replace(" in run 0", "")
-                line.answer(
-                    frames.Kind.ROW, frames.ROW.pack(row, frames.STATUSES.index(failure.status)), frames.encoded(reason)
-                )
+                line.answer(frames.Kind.ROW, frames.ROW.pack(row, frames.STATUSES.index(failure.status)), frames.encoded(reason))
             elif observations is not None and action.shape != (len(card.actions),):
                 reason = action_problems([action], card, 1)[0]
                 line.answer(
@@ -240,9 +236,7 @@ def enter_domain() -> bool:
     """
     library = ctypes.CDLL(None, use_errno=True)
     forbidden = ctypes.c_uint64(_MAKE_DEVICES)
-    ruleset: int = library.syscall(
-        _CREATE_RULESET, ctypes.byref(forbidden), ctypes.c_size_t(ctypes.sizeof(forbidden)), 0
-    )
+    ruleset: int = library.syscall(_CREATE_RULESET, ctypes.byref(forbidden), ctypes.c_size_t(ctypes.sizeof(forbidden)), 0)
     return ruleset >= 0 and library.syscall(_RESTRICT_SELF, ruleset, 0) == 0
 
 

@@ -136,9 +136,7 @@ def _look_at_settings(path: Path, spec: TaskSpec, began: float) -> Report:
     except GlbenchError as error:
         book.add([problem("loading", str(error))])
     name = path.resolve().name
-    return Report(
-        name, "settings", spec.id, tuple(book.findings), frozenset(book.checked), book.facts, time.monotonic() - began
-    )
+    return Report(name, "settings", spec.id, tuple(book.findings), frozenset(book.checked), book.facts, time.monotonic() - began)
 
 
 @dataclass
@@ -156,9 +154,7 @@ class _Book:
     @property
     def hopeless(self) -> bool:
         """Whether running it would only say the same again."""
-        return any(
-            finding.level == "problem" and finding.subject in {"loading", "packages"} for finding in self.findings
-        )
+        return any(finding.level == "problem" and finding.subject in {"loading", "packages"} for finding in self.findings)
 
 
 class _DryRun:
@@ -312,9 +308,7 @@ class _DryRun:
                 f"each other one, the mean of {len(later)}. The limit is {_duration(limits.run)}: runs would end early."
             )
             results.append(problem("time", text))
-        measured = (
-            f"the first one {1e3 * first:.3g} ms" if later else "the first one alone, which may take longer than others"
-        )
+        measured = f"the first one {1e3 * first:.3g} ms" if later else "the first one alone, which may take longer than others"
         self._book.facts["time"] = (
             f"{1e3 * each:.3g} ms a decision of one run, {measured}; {_duration(whole * runs)} for {runs} runs of {steps} steps"
         )
@@ -387,9 +381,7 @@ class _DryRun:
         if activity["c"]:
             text = f"It connects to {', '.join(activity['c'])}. In the evaluation there is no network: bring along what it needs."
             self._book.add([problem("surroundings", text)])
-        files = [
-            file for file in activity["w"] if "__pycache__" not in file
-        ]  # by Python, of what is imported first here
+        files = [file for file in activity["w"] if "__pycache__" not in file]  # by Python, of what is imported first here
         if files:
             text = f"It writes to {', '.join(files)}. In the evaluation only /tmp can be written to, and that is gone afterwards."
             self._book.add([problem("surroundings", text)])
@@ -402,9 +394,7 @@ class _DryRun:
             text = f"{text_of_size}. Of an evaluation only the beginning and the end are kept, and printing takes time."
             self._book.add([problem("printing", text)])
         elif size > _PRINTED_NOTE:
-            self._book.add(
-                [note("printing", f"{text_of_size}. Of an evaluation only the beginning and the end are kept.")]
-            )
+            self._book.add([note("printing", f"{text_of_size}. Of an evaluation only the beginning and the end are kept.")])
         if size:
             self._book.facts["printing"] = f"{size} bytes"
 

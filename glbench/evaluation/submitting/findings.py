@@ -107,9 +107,7 @@ _LARGEST_LOOK, _LARGEST_SOURCE = 64 * MIB, 2 * MIB
 """Sizes up to which a saved policy is opened and a source file parsed before the agent runs."""
 _ALWAYS_THERE = frozenset({"numpy", "glbench"})
 _NEEDS = {"sb3": ("torch", "stable_baselines3"), "torchscript": ("torch",), "onnx": ("onnxruntime",), "python": ()}
-_LARGE = frozenset(
-    {"torch", "stable_baselines3", "sb3_contrib", "onnxruntime", "scipy", "pandas", "sklearn", "jax", "tensorflow"}
-)
+_LARGE = frozenset({"torch", "stable_baselines3", "sb3_contrib", "onnxruntime", "scipy", "pandas", "sklearn", "jax", "tensorflow"})
 _PACKAGE_OF = {
     "stable_baselines3": "stable-baselines3",
     "sb3_contrib": "sb3-contrib",
@@ -181,9 +179,7 @@ def package_findings(identity: Identity) -> list[Finding]:
         )
         for module in missing(*_NEEDS[identity.form])
     ]
-    declared = (
-        {name.lower().replace("_", "-") for name in identity.card.requires} if identity.card is not None else set()
-    )
+    declared = {name.lower().replace("_", "-") for name in identity.card.requires} if identity.card is not None else set()
     items = identity.folder.iterdir() if identity.folder is not None else ()
     own = {item.stem for item in items if item.is_dir() or item.suffix == ".py"}
     checked: set[str] = set()
@@ -234,9 +230,7 @@ def policy_findings(identity: Identity, task: TaskCard) -> list[Finding]:
         results.append(problem("packages", text))
     algorithm = identity.card.algorithm if identity.card is not None else None
     if algorithm is not None and algorithm.lower() != archive.algorithm.name.lower():
-        results.append(
-            note("card", f'The card says algorithm = "{algorithm}", the model is of {archive.algorithm.name}.')
-        )
+        results.append(note("card", f'The card says algorithm = "{algorithm}", the model is of {archive.algorithm.name}.'))
     return results
 
 

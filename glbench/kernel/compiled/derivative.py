@@ -24,9 +24,7 @@ def jacobian(graph: Graph, outputs: Sequence[int], source: str = "x", *, guarded
     ``guarded`` derivatives of roots and powers are 0 where their base is 0, instead of infinite or not a number: there the base
     is the flat side of a maximum (the gap of a closed screen), which the chain rule cannot know.
     """
-    return _differentiate(
-        graph, outputs, lambda node: {node.index: graph.constant(1.0)} if node.source == source else {}, guarded=guarded
-    )
+    return _differentiate(graph, outputs, lambda node: {node.index: graph.constant(1.0)} if node.source == source else {}, guarded=guarded)
 
 
 def directional(graph: Graph, outputs: Sequence[int], direction: Callable[[Node], int | None]) -> list[int]:
@@ -43,9 +41,7 @@ def directional(graph: Graph, outputs: Sequence[int], direction: Callable[[Node]
     return [gradient.get(0, zero) for gradient in _differentiate(graph, outputs, seed, guarded=True)]
 
 
-def _differentiate(
-    graph: Graph, outputs: Sequence[int], seed: Callable[[Node], Gradient], *, guarded: bool
-) -> list[Gradient]:
+def _differentiate(graph: Graph, outputs: Sequence[int], seed: Callable[[Node], Gradient], *, guarded: bool) -> list[Gradient]:
     worker = _Forward(graph, seed, guarded=guarded)
     for number in graph.needed(outputs):
         worker.visit(number)
@@ -107,9 +103,7 @@ class _Forward:
         return self._plus(self._scaled(self.of(b), a), self._scaled(self.of(a), b))
 
     def _inv(self, number: int) -> Gradient:
-        return self._scaled(
-            self.of(self._args(number)[0]), self.graph.make("neg", self.graph.make("mul", number, number))
-        )
+        return self._scaled(self.of(self._args(number)[0]), self.graph.make("neg", self.graph.make("mul", number, number)))
 
     def _exp(self, number: int) -> Gradient:
         return self._scaled(self.of(self._args(number)[0]), number)
@@ -160,9 +154,7 @@ class _Forward:
     def _either(self, condition: int, yes: int, no: int) -> Gradient:
         zero = self.graph.constant(0.0)
         states = sorted({*self.of(yes), *self.of(no)})
-        return {
-            s: self.graph.make("select", condition, self.of(yes).get(s, zero), self.of(no).get(s, zero)) for s in states
-        }
+        return {s: self.graph.make("select", condition, self.of(yes).get(s, zero), self.of(no).get(s, zero)) for s in states}
 
 
 def slope_of_root(graph: Graph, root: int, *, guarded: bool) -> int:

@@ -51,9 +51,7 @@ class SensitivityLibrary:
         if tuple(sizes) != (*(ctypes.sizeof(kind) for kind in kinds), model.sizes["x"]):
             raise binding.of_another_version(path)
 
-    def run(
-        self, settings: binding.Settings, rows: Rows, request: Request, horizon: int = 0
-    ) -> tuple[FloatArray, binding.Status]:
+    def run(self, settings: binding.Settings, rows: Rows, request: Request, horizon: int = 0) -> tuple[FloatArray, binding.Status]:
         """States after the step (n, states) and status (n,); with ``horizon`` > 0, in reverse through horizons of so many rows.
 
         The request's cotangents gather what comes from later rows, then.
@@ -116,9 +114,7 @@ class CompiledDifferentiator:
             for ours, theirs in zip(result, part, strict=True):
                 ours[again] = theirs
         seeds, others = directions.seeds.get("p"), np.flatnonzero(status == 0)
-        if (
-            seeds is not None and seeds[..., self._absent].any() and others.size
-        ):  # the usual library does not know these
+        if seeds is not None and seeds[..., self._absent].any() and others.size:  # the usual library does not know these
             part_of_seeds = np.zeros_like(seeds)
             part_of_seeds[..., self._absent] = seeds[..., self._absent]
             absent = Directions(directions.count, directions.shared, {"p": part_of_seeds})
@@ -179,9 +175,7 @@ class CompiledDifferentiator:
             result.gradients["p"][np.ix_(which, self._absent)] = part.gradients["p"][:, self._absent]
             result.failed[which] |= part.failed
 
-    def _forward(
-        self, rows: Rows, directions: Directions, library: SensitivityLibrary
-    ) -> tuple[Forward, binding.Status]:
+    def _forward(self, rows: Rows, directions: Directions, library: SensitivityLibrary) -> tuple[Forward, binding.Status]:
         tangents = np.zeros((len(rows.x), directions.count, self._sizes["x"]))
         request = Request(directions=directions.count, stride=int(not directions.shared), tangents=tangents.ctypes.data)
         for key, seeds in directions.seeds.items():

@@ -85,9 +85,7 @@ def order(reads: Mapping[int, Sequence[int]], kinds: Mapping[int, str], outputs:
     return _overtake(sequence, reads, kinds)
 
 
-def _cost_of_missing(
-    output: int, reads: Mapping[int, Sequence[int]], kinds: Mapping[int, str], sequence: Mapping[int, None]
-) -> float:
+def _cost_of_missing(output: int, reads: Mapping[int, Sequence[int]], kinds: Mapping[int, str], sequence: Mapping[int, None]) -> float:
     """Cost of what a statement needs, itself included, and what is not in the sequence yet."""
     missing: set[int] = set()
     stack = [output]
@@ -144,9 +142,7 @@ class Emitter:
         C++ expression of a node that need not be computed (an input, a stored value), or None.
     """
 
-    def __init__(
-        self, graph: Graph, outputs: Sequence[int], name_of_input: Callable[[int], str | None], *, packed: bool = True
-    ) -> None:
+    def __init__(self, graph: Graph, outputs: Sequence[int], name_of_input: Callable[[int], str | None], *, packed: bool = True) -> None:
         self.graph = graph
         self.lines: list[str] = []
         self.reads: dict[int, list[int]] = {}
@@ -246,9 +242,7 @@ class Emitter:
 
     def _alone(self, number: int) -> bool:
         """A product that only its one reader needs, so that it can be fused."""
-        return (
-            self.graph.nodes[number].op == "mul" and self._uses[number] == 1 and self._name_without_code(number) is None
-        )
+        return self.graph.nodes[number].op == "mul" and self._uses[number] == 1 and self._name_without_code(number) is None
 
     def _fused(self, function: str, product: int, other: int) -> str:
         a, b = self.graph.nodes[product].args
@@ -298,9 +292,7 @@ def function_text(head: str, emitter: Emitter, stores: Mapping[str, int]) -> str
     return f"template <class V> {head} {{\n    {inner}\n}}\n"
 
 
-def function_in_two_orders(
-    head: str, graph: Graph, stores: Mapping[str, int], name_of_input: Callable[[int], str | None]
-) -> str:
+def function_in_two_orders(head: str, graph: Graph, stores: Mapping[str, int], name_of_input: Callable[[int], str | None]) -> str:
     """The same as ``function_text`` with two bodies of the same statements.
 
     One lane packs slow operations; many lanes need an order in which few values are alive at a time, see ``order``.
@@ -310,8 +302,7 @@ def function_in_two_orders(
     one = "\n        ".join(packed.lines + body)
     many = "\n        ".join(_in_order(graph, stores, name_of_input))
     return (
-        f"template <class V> {head} {{\n    if constexpr (width_of<V> == 1) {{\n        {one}\n"
-        f"    }} else {{\n        {many}\n    }}\n}}\n"
+        f"template <class V> {head} {{\n    if constexpr (width_of<V> == 1) {{\n        {one}\n    }} else {{\n        {many}\n    }}\n}}\n"
     )
 
 

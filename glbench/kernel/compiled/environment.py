@@ -28,9 +28,7 @@ class CompiledEnvironments(Environments):
         self._addressed: list[Any] = []  # what the library holds addresses of
         self._after, self._next = np.zeros_like(self.x), np.zeros_like(self.u)
         self._status, self._substeps, self._reached = np.zeros(n, np.int32), np.zeros(n, np.int32), np.zeros(n)
-        self._pointers = binding.EnvironmentPointers(
-            n=n, days_stride=program.days, p_stride=sizes["p"] if program.own_parameters else 0
-        )
+        self._pointers = binding.EnvironmentPointers(n=n, days_stride=program.days, p_stride=sizes["p"] if program.own_parameters else 0)
         for name, array in {
             "x": self.x, "after": self._after, "u": self.u, "next": self._next, "k": self.k, "ended": self.ended, "key": self.keys,
             "days": self.days, "first": self.first, "p": self.parameters, "traits": self.traits, "memory": self.memory,
@@ -89,9 +87,7 @@ class CompiledEnvironments(Environments):
     def _program_pointers(self, program: Program) -> binding.ProgramPointers:
         lookups = (binding.LookupPointers * len(program.lookups))(
             *(
-                binding.LookupPointers(
-                    self._address(a.table, np.float32), a.table.shape[1], a.rows, a.at, a.clocked, a.ahead, a.every
-                )
+                binding.LookupPointers(self._address(a.table, np.float32), a.table.shape[1], a.rows, a.at, a.clocked, a.ahead, a.every)
                 for a in program.lookups
             )
         )

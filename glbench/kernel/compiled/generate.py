@@ -143,10 +143,7 @@ def generate(function: Any, traits: Traits | None = None) -> GeneratedModel:
     parts = [
         '#pragma once\n#include "many.hpp"\n#define K(a) broadcast<V>(a)\nnamespace glb {\nnamespace model {\n',
         *(f"constexpr int {name} = {value};\n" for name, value in sizes.items()),
-        *(
-            f"constexpr int {name}[] = {{{', '.join(map(str, [*entries_, -1]))}}};\n"
-            for name, entries_ in lists.items()
-        ),
+        *(f"constexpr int {name}[] = {{{', '.join(map(str, [*entries_, -1]))}}};\n" for name, entries_ in lists.items()),
         text.prepare(outputs[len(at_state) :]),
         text.slopes(at_state[: len(moving)]),
         text.slopes_and_jacobian(at_state, [place[entry] for entry in own_entries]),

@@ -118,9 +118,7 @@ class Graph:
         node = self.nodes[number]
         if node.op == "add":
             first, second = node.args
-            return (self.is_positive(first) and self._is_square(second)) or (
-                self.is_positive(second) and self._is_square(first)
-            )
+            return (self.is_positive(first) and self._is_square(second)) or (self.is_positive(second) and self._is_square(first))
         return node.op == "const" and node.value > 0.0
 
     def _is_square(self, number: int) -> bool:
@@ -320,11 +318,7 @@ def _node(graph: Graph, code: int, args: list[int]) -> int:
 def _add_or_select(graph: Graph, a: int, b: int) -> int:
     """``if_else(c, a, b)`` reaches us as ``(c ? a : 0) + (!c ? b : 0)``: put it together again."""
     first, second = graph.nodes[a], graph.nodes[b]
-    if (
-        first.op == second.op == "select"
-        and graph.is_constant(first.args[2], 0.0)
-        and graph.is_constant(second.args[2], 0.0)
-    ):
+    if first.op == second.op == "select" and graph.is_constant(first.args[2], 0.0) and graph.is_constant(second.args[2], 0.0):
         if graph.make("not", first.args[0]) == second.args[0]:
             return graph.make("select", first.args[0], first.args[1], second.args[1])
         if graph.make("not", second.args[0]) == first.args[0]:
@@ -333,7 +327,5 @@ def _add_or_select(graph: Graph, a: int, b: int) -> int:
 
 
 _BINARY = frozenset(
-    code
-    for code, name in _DIRECT.items()
-    if name in {"add", "sub", "mul", "pow", "min", "max", "lt", "le", "eq", "ne", "and", "or"}
+    code for code, name in _DIRECT.items() if name in {"add", "sub", "mul", "pow", "min", "max", "lt", "le", "eq", "ne", "and", "or"}
 )

@@ -257,9 +257,7 @@ def _lent_name(model: Model, traits: Traits, *, sensitivities: bool) -> str:
     return f"{_file_name(model)}-{kind}-{prebuilt_key(model, traits)[:20]}"
 
 
-def _place(
-    model: Model, traits: Traits, width: int | None, *, sensitivities: bool = False
-) -> tuple[Path, str, tuple[str, ...]]:
+def _place(model: Model, traits: Traits, width: int | None, *, sensitivities: bool = False) -> tuple[Path, str, tuple[str, ...]]:
     """Folder and name of a library, and the flags that it is compiled with."""
     compiler = find_compiler()
     flags = compiler.flags(width)
@@ -273,9 +271,7 @@ def _place(
     return cache_folder() / "kernel", name, flags
 
 
-def write_source(
-    folder: Path, model: Model, traits: Traits, *, sensitivities: bool = False
-) -> tuple[Path, tuple[Path, ...]]:
+def write_source(folder: Path, model: Model, traits: Traits, *, sensitivities: bool = False) -> tuple[Path, tuple[Path, ...]]:
     """Write the C++ of a model into ``folder``: the file to compile, and the folders that it includes from."""
     function = model.rhs_function()
     (folder / "model.hpp").write_text(generate(function, traits).text, encoding="utf-8")
@@ -288,9 +284,7 @@ def write_source(
     return source, (folder, _NATIVE)
 
 
-def _build(
-    folder: Path, name: str, model: Model, traits: Traits, flags: tuple[str, ...], *, sensitivities: bool
-) -> Build:
+def _build(folder: Path, name: str, model: Model, traits: Traits, flags: tuple[str, ...], *, sensitivities: bool) -> Build:
     started = time.perf_counter()
     compiler = find_compiler()
     with tempfile.TemporaryDirectory(prefix=f".{name}.", dir=folder) as temporary:
@@ -385,8 +379,4 @@ def _digest(parts: Iterable[bytes]) -> str:
 def _sources() -> str:
     """Digest of the files of the generator and the C++ beside it."""
     files = [*_NATIVE.glob("*.hpp"), *(_HERE / f"{name}.py" for name in _GENERATOR)]
-    return _digest(
-        part
-        for file in sorted(files)
-        for part in (file.name.encode(), with_unix_line_ends(file.name, file.read_bytes()))
-    )
+    return _digest(part for file in sorted(files) for part in (file.name.encode(), with_unix_line_ends(file.name, file.read_bytes())))

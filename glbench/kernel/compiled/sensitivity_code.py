@@ -256,9 +256,7 @@ def _inputs_text(model: Structure, inputs: list[int], function: Any) -> str:
                 name,
                 _targets("dc", forward[:split]) | _targets("drate", forward[split:]),
             ),
-            _function_text(
-                f"void inputs_reverse({point}, const V* cb, const V* rateb, V* pb, V* ub, V* db)", graph, name, targets
-            ),
+            _function_text(f"void inputs_reverse({point}, const V* cb, const V* rateb, V* pb, V* ub, V* db)", graph, name, targets),
         ]
     )
 

@@ -76,12 +76,8 @@ class Preset:
 
 PRESETS = {
     "reference": Preset(relative=1.8e-8, first_substep=1.0, fast_error_floor=3e-3, singular_error_factor=1e2),
-    "standard": Preset(
-        relative=8e-6, first_substep=3.0, fast_error_floor=1e-3, method="GRK4T", last_stretch=50.0, balanced=True
-    ),
-    "fast": Preset(
-        relative=2e-4, first_substep=8.0, fast_error_floor=2e-3, method="GRK4T", last_stretch=50.0, balanced=True
-    ),
+    "standard": Preset(relative=8e-6, first_substep=3.0, fast_error_floor=1e-3, method="GRK4T", last_stretch=50.0, balanced=True),
+    "fast": Preset(relative=2e-4, first_substep=8.0, fast_error_floor=2e-3, method="GRK4T", last_stretch=50.0, balanced=True),
     "tight": Preset(relative=1e-10, first_substep=0.1, fast_error_floor=1.0, singular_error_factor=1.0),
 }
 """``reference``: what scores are made with, 1e-6 a step. ``standard``: at least as accurate as CVODES at 1e-6, which the
@@ -232,9 +228,7 @@ class CompiledStepper:
             batch = self._batch = self._new_batch(len(x))
         fits = x.shape == out.shape == batch.x_shape and u.shape == batch.u_shape and d.shape == batch.d_shape
         shared = p.shape in self._shared
-        if not (fits and (shared or p.shape == batch.p_shape)) or not (
-            x.dtype == u.dtype == d.dtype == p.dtype == out.dtype == _DOUBLE
-        ):
+        if not (fits and (shared or p.shape == batch.p_shape)) or not (x.dtype == u.dtype == d.dtype == p.dtype == out.dtype == _DOUBLE):
             raise self._wrong_arrays(x, u, d, p, out)
         pointers = batch.pointers
         pointers.p_stride = 0 if shared else batch.p_shape[1]
@@ -262,8 +256,7 @@ class CompiledStepper:
         if not status.any():
             return []
         return [
-            StepFailure(row, f"{self.explain(row)} ({inputs_in_words(self.model, rows, row)})")
-            for row in map(int, status.nonzero()[0])
+            StepFailure(row, f"{self.explain(row)} ({inputs_in_words(self.model, rows, row)})") for row in map(int, status.nonzero()[0])
         ]
 
     def bind(self, rows: Rows, out: Array) -> CompiledBoundStep:
@@ -384,9 +377,7 @@ class CompiledStepper:
         return _Batch(n, x, u, d, p, out, status, substeps, reached, pointers, ctypes.byref(pointers), *shapes)
 
     def _wrong_arrays(self, *arrays: Array) -> ShapeError:
-        got = ", ".join(
-            f"{name} {a.dtype}{a.shape}" for name, a in zip(("x", "u", "d", "p", "out"), arrays, strict=True)
-        )
+        got = ", ".join(f"{name} {a.dtype}{a.shape}" for name, a in zip(("x", "u", "d", "p", "out"), arrays, strict=True))
         x, u, d, p = self._sizes.values()
         msg = (
             f"step_rows wants C-contiguous float64 arrays x (n, {x}), u (n, {u}), d (n, {d}), p (n, {p}) or ({p},), "

@@ -69,9 +69,7 @@ _BELOW_ZERO = 0.1  # kg m-2; the store is drawn below zero in long darkness
 class LettuceState(NamedTuple):
     """State of the lettuce; also used for its time derivative (the unit then gains s-1)."""
 
-    x_n: Annotated[
-        Expr, Variable("kg m-2", "non-structural dry matter; slightly negative in long darkness", scale=0.1, small=1e-4)
-    ]
+    x_n: Annotated[Expr, Variable("kg m-2", "non-structural dry matter; slightly negative in long darkness", scale=0.1, small=1e-4)]
     x_s: Annotated[Expr, Variable("kg m-2", "structural dry matter", scale=0.1, small=1e-4)]
 
 

@@ -77,11 +77,7 @@ def photosynthesis(s: Surroundings, x: TomatoState, p: TomatoParameters, variant
     Needs leaves: the compensation point is proportional to ``1/lai``.
     """
     lai, r, air = s.lai, s.light, s.x
-    par_can = (
-        p.par_jto_umol_sun * r.r_par_sun_can
-        + s.p.zeta_lamp_par * r.r_par_lamp_can
-        + s.p.zeta_int_lamp_par * r.r_par_int_lamp_can
-    )
+    par_can = p.par_jto_umol_sun * r.r_par_sun_can + s.p.zeta_lamp_par * r.r_par_lamp_can + s.p.zeta_int_lamp_par * r.r_par_int_lamp_can
     j25_can_max = lai * p.j25_leaf_max
     # Eq. 9.23 has j25LeafMax/j25CanMax, which is 1/lai.
     gamma = p.c_gamma * air.t_can / lai + REFERENCE_TEMPERATURE * p.c_gamma * (1 - 1 / lai)

@@ -173,12 +173,8 @@ class VanthoorTomato(Crop):
         words = "dry mass of the fruit on the plants"
         fruit = ObservedColumn("fruit_dry_mass", "kg m-2", words, "cFruit", -_BELOW_ZERO, heaviest, _KG_PER_MG)
         milligrams = ObservedColumn("fruit_carbohydrate", "mg m-2", words, "cFruit", -_BELOW_ZERO * 1e6, heaviest * 1e6)
-        mean = ObservedColumn(
-            "canopy_temperature_24h", "degC", "24-hour low-pass of the canopy temperature", "tCan24", COLDEST, HOTTEST
-        )
-        summed = ObservedColumn(
-            "temperature_sum", "degC day", "temperature sum of the canopy since planting", "tCanSum", low, high
-        )
+        mean = ObservedColumn("canopy_temperature_24h", "degC", "24-hour low-pass of the canopy temperature", "tCan24", COLDEST, HOTTEST)
+        summed = ObservedColumn("temperature_sum", "degC day", "temperature sum of the canopy since planting", "tCanSum", low, high)
         return {"crop": (fruit, mean, summed), "published_crop": (mean, milligrams, summed)}.get(module)
 
 

@@ -79,9 +79,7 @@ class Needles:
     seeds: tuple[tuple[int, int], ...]
 
     @classmethod
-    def collect(
-        cls, series: Iterable[tuple[str, Any, int]], digests: Iterable[str], seeds: Iterable[tuple[int, int]]
-    ) -> Needles:
+    def collect(cls, series: Iterable[tuple[str, Any, int]], digests: Iterable[str], seeds: Iterable[tuple[int, int]]) -> Needles:
         """Windows of ``(name, numbers, stride)``: of every stretch of ``stride`` numbers the one that says most, if any says enough."""
         windows, of, names = [], [], []
         for name, numbers, stride in series:
@@ -340,9 +338,7 @@ def _tables(data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
     import pyarrow.ipc
     import pyarrow.parquet as pq
 
-    table = (
-        pq.read_table(io.BytesIO(data)) if data.startswith(b"PAR1") else pa.ipc.open_file(io.BytesIO(data)).read_all()
-    )
+    table = pq.read_table(io.BytesIO(data)) if data.startswith(b"PAR1") else pa.ipc.open_file(io.BytesIO(data)).read_all()
     for name, column in zip(table.column_names, table.columns, strict=True):
         if pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
             yield name, column.combine_chunks().cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
@@ -353,11 +349,7 @@ def _hdf(data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
 
     arrays: list[tuple[str, NDArray[Any]]] = []
     with h5py.File(io.BytesIO(data), "r") as file:
-        file.visititems(
-            lambda name, item: (
-                arrays.append((name, item[()])) if isinstance(item, h5py.Dataset) and item.shape else None
-            )
-        )
+        file.visititems(lambda name, item: arrays.append((name, item[()])) if isinstance(item, h5py.Dataset) and item.shape else None)
     yield from arrays
 
 
@@ -387,11 +379,7 @@ def _numbers_of_text(data: bytes) -> Iterator[Floats]:
     whole = len(letters) // _BLOCK * _BLOCK
     blocks = [letters[:whole].reshape(-1, _BLOCK), letters[None, whole:]]
     dense = np.concatenate(
-        [
-            _DIGITS[block].sum(axis=1) * 4 > np.maximum(block.shape[1] - _BLANK[block].sum(axis=1), 40)
-            for block in blocks
-            if block.size
-        ]
+        [_DIGITS[block].sum(axis=1) * 4 > np.maximum(block.shape[1] - _BLANK[block].sum(axis=1), 40) for block in blocks if block.size]
     )
     dense[:-1] |= dense[1:]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], dense, [False]]).astype(np.int8)))

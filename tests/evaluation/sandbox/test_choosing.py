@@ -38,16 +38,12 @@ def test_without_bubblewrap_strangers_code_is_not_run_and_it_says_what_to_do(
     path = write_agent()
     path.write_text("raise SystemExit('it was run')", encoding="utf-8")
 
-    with pytest.raises(
-        SandboxError, match=r"'agent_under_test' was not run.*apt-get install bubblewrap.*--sandbox none"
-    ):
+    with pytest.raises(SandboxError, match=r"'agent_under_test' was not run.*apt-get install bubblewrap.*--sandbox none"):
         prepare(day_task, path, sandbox=choice)  # type: ignore[arg-type]
 
 
 @pytest.mark.usefixtures("without_bubblewrap")
-def test_without_bubblewrap_an_unchanged_example_is_run_and_the_result_says_so(
-    day_task: TaskSpec, tmp_path: Path
-) -> None:
+def test_without_bubblewrap_an_unchanged_example_is_run_and_the_result_says_so(day_task: TaskSpec, tmp_path: Path) -> None:
     example = data_folder("submissions") / "my_agent.py"
     changed = tmp_path / "my_agent.py"
     changed.write_text(example.read_text(encoding="utf-8") + "\n# changed\n", encoding="utf-8")
@@ -103,9 +99,7 @@ def test_another_system_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "--sandbox none" in reason
 
 
-def test_what_bubblewrap_says_against_it_is_repeated(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, write_agent: AgentWriter
-) -> None:
+def test_what_bubblewrap_says_against_it_is_repeated(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, write_agent: AgentWriter) -> None:
     fake = tmp_path / "bin" / "bwrap"
     fake.parent.mkdir()
     fake.write_text("#!/bin/sh\necho 'bwrap: setting up uid map: Permission denied' >&2\nexit 1\n", encoding="utf-8")

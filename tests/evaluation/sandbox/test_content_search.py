@@ -34,9 +34,7 @@ def needles() -> Needles:
 
 def columns() -> str:
     rows = zip(TEMPERATURE, HUMIDITY, RADIATION, strict=True)
-    return "".join(
-        f"2010-03-{1 + i // 24:02} {i % 24:02}:00,{t:.1f},{h:.0f},{r:.0f}\n" for i, (t, h, r) in enumerate(rows)
-    )
+    return "".join(f"2010-03-{1 + i // 24:02} {i % 24:02}:00,{t:.1f},{h:.0f},{r:.0f}\n" for i, (t, h, r) in enumerate(rows))
 
 
 def fixed() -> str:
@@ -115,9 +113,7 @@ def test_it_is_found_in_every_form(needles: Needles, tmp_path: Path, content: by
 
 def test_nothing_is_found_where_there_is_nothing(needles: Needles, tmp_path: Path) -> None:
     noise = np.random.default_rng(1)
-    (tmp_path / "walk.csv").write_text(
-        "\n".join(f"{x:.1f},{y}" for x, y in np.cumsum(noise.normal(size=(9000, 2)), axis=0))
-    )
+    (tmp_path / "walk.csv").write_text("\n".join(f"{x:.1f},{y}" for x, y in np.cumsum(noise.normal(size=(9000, 2)), axis=0)))
     (tmp_path / "bytes").write_bytes(noise.bytes(300_000))
     (tmp_path / "sines").write_bytes(np.sin(np.arange(9000) * np.pi / 12.0).tobytes())
     (tmp_path / "characters").write_bytes(np.arange(9000, 12000, dtype="<u4").tobytes())

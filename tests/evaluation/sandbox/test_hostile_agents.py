@@ -77,9 +77,7 @@ for _ in range(7):
     if os.fork() == 0: time.sleep(1000)
 time.sleep(1000)
 """
-C_CALL = (
-    "import ctypes; c = ctypes.CDLL(None, use_errno=True)\nif c.{0}({1}) < 0: raise OSError(ctypes.get_errno(), '{0}')"
-)
+C_CALL = "import ctypes; c = ctypes.CDLL(None, use_errno=True)\nif c.{0}({1}) < 0: raise OSError(ctypes.get_errno(), '{0}')"
 
 ANIMALS: dict[str, tuple[str, str, str]] = {
     # name: (what it does in its fourth step, status of its runs, reason)
@@ -268,9 +266,7 @@ def test_processes_that_take_memory_together_are_ended(write_agent: AgentWriter,
     )
 
     assert ends(result) == [("crashed", 3)] * 3
-    assert (
-        result.runs[0].reason == "the agent's processes took more than 0.5 GiB of memory together, which is their limit"
-    )
+    assert result.runs[0].reason == "the agent's processes took more than 0.5 GiB of memory together, which is their limit"
 
 
 def test_answers_ahead_of_their_questions_end_the_process(write_agent: AgentWriter, sandboxed: Prepare) -> None:
@@ -300,9 +296,7 @@ STARTS = {
 
 
 @pytest.mark.parametrize(("body", "words"), STARTS.values(), ids=STARTS)
-def test_a_file_that_does_harm_while_it_is_loaded(
-    write_agent: AgentWriter, sandboxed: Prepare, body: str, words: str
-) -> None:
+def test_a_file_that_does_harm_while_it_is_loaded(write_agent: AgentWriter, sandboxed: Prepare, body: str, words: str) -> None:
     path = write_agent()
     path.write_text(path.read_text(encoding="utf-8") + f"\n{body}\n", encoding="utf-8")
 

@@ -57,9 +57,7 @@ SINGLE = {
 
 
 @pytest.mark.parametrize("body", BATCHED.values(), ids=BATCHED)
-def test_a_batched_agent_ends_as_it_does_unsandboxed(
-    day_task: TaskSpec, write_agent: AgentWriter, sandboxed: Prepare, body: str
-) -> None:
+def test_a_batched_agent_ends_as_it_does_unsandboxed(day_task: TaskSpec, write_agent: AgentWriter, sandboxed: Prepare, body: str) -> None:
     path = write_agent(body)
 
     assert sandboxed(path).run().runs == evaluate(day_task, path, limits=PATIENT).runs
@@ -175,15 +173,11 @@ def test_a_stored_result_without_sandbox_does_not_pass_for_one_with(
 
 
 @pytest.mark.slow
-def test_limits_in_the_task_hold_for_the_agent(
-    day_task_file: Path, write_agent: AgentWriter, needs_sandbox: None, tmp_path: Path
-) -> None:
+def test_limits_in_the_task_hold_for_the_agent(day_task_file: Path, write_agent: AgentWriter, needs_sandbox: None, tmp_path: Path) -> None:
     seconds = {"start": 120.0, "step": 1.0, "run": 600.0}
     lines = "".join(f'{name} = {{ value = {value}, unit = "s" }}\n' for name, value in seconds.items())
     task = tmp_path / "hasty.toml"
-    task.write_text(
-        day_task_file.read_text(encoding="utf-8") + "\n[evaluation.time_limits]\n" + lines, encoding="utf-8"
-    )
+    task.write_text(day_task_file.read_text(encoding="utf-8") + "\n[evaluation.time_limits]\n" + lines, encoding="utf-8")
     slow = write_agent(
         "def act(self, o):\n    self.calls += 1\n    time.sleep(1000.0 * (self.calls == 3))\n    return np.zeros((self.n, 6))"
     )

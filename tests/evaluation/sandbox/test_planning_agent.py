@@ -31,8 +31,6 @@ def test_the_agent_of_the_page_plans_inside(needs_sandbox: None, tmp_path: Path)
     (folder / "agent.py").write_text(agent, encoding="utf-8")
     (folder / "end_value.json").write_text(json.dumps(settings.end_values[task.model_id]), encoding="utf-8")
     Climatology.of(task).write(folder / "climatology.json")
-    evaluation = prepare(
-        task, folder, runs=2, out=None, sandbox="bubblewrap", limits=TimeLimits(start=300.0, step=60.0)
-    )
+    evaluation = prepare(task, folder, runs=2, out=None, sandbox="bubblewrap", limits=TimeLimits(start=300.0, step=60.0))
     result = evaluation.run()
     assert result.summary.ok == 2, result.runs[0].reason

@@ -74,9 +74,7 @@ def test_an_agent_plans_with_its_task(write_agent: AgentWriter, needs_sandbox: N
     folder.mkdir()
     (folder / "agent.py").write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
     Climatology.of(task).write(folder / "climatology.json")
-    evaluation = prepare(
-        task, folder, runs=1, out=None, sandbox="bubblewrap", limits=TimeLimits(start=300.0, step=60.0)
-    )
+    evaluation = prepare(task, folder, runs=1, out=None, sandbox="bubblewrap", limits=TimeLimits(start=300.0, step=60.0))
     evaluation = dataclasses.replace(evaluation, prints=Prints(2**24))
     result = evaluation.run()
     assert result.summary.ok == 1, result.runs[0].reason
@@ -89,9 +87,7 @@ def test_an_agent_plans_with_its_task(write_agent: AgentWriter, needs_sandbox: N
     assert seen["slope"] > 0.0
     # What was compiled outside is found, and cannot be written to; no other library is there, and none was built.
     libraries = [name for name in seen["held"] if name.endswith(".so")]
-    assert (
-        len(libraries) == 4
-    )  # for steps and for derivatives, of the task's model and of that without meters, which planners use
+    assert len(libraries) == 4  # for steps and for derivatives, of the task's model and of that without meters, which planners use
     assert sum("sensitivities" in name for name in libraries) == 2
     assert sum("-judged-" in name for name in libraries) == 2
     assert not seen["written"]

@@ -19,13 +19,9 @@ from tests.evaluation.sandbox.walking import sight_of, write_walker
 PATIENT = TimeLimits(start=3000.0, step=60.0)
 
 
-def found_inside(
-    task: TaskSpec, folder: Path, leave_out: tuple[str, ...] = ()
-) -> tuple[list[tuple[str, str]], dict[str, int]]:
+def found_inside(task: TaskSpec, folder: Path, leave_out: tuple[str, ...] = ()) -> tuple[list[tuple[str, str]], dict[str, int]]:
     """What a walker finds in its sandbox, as file and series, and how many files of what kind it looked at."""
-    evaluation = prepare(
-        task, write_walker(folder, shipped_needles(), leave_out), runs=1, sandbox="bubblewrap", limits=PATIENT
-    )
+    evaluation = prepare(task, write_walker(folder, shipped_needles(), leave_out), runs=1, sandbox="bubblewrap", limits=PATIENT)
     evaluation = dataclasses.replace(evaluation, prints=Prints(2**26))
     result = evaluation.run()
     assert result.summary.ok == 1, (result.runs[0].reason, evaluation.prints.text())
@@ -35,9 +31,7 @@ def found_inside(
 
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
-def test_nothing_that_is_visible_holds_what_no_agent_may_have(
-    needs_sandbox: None, day_task: TaskSpec, tmp_path: Path
-) -> None:
+def test_nothing_that_is_visible_holds_what_no_agent_may_have(needs_sandbox: None, day_task: TaskSpec, tmp_path: Path) -> None:
     """It opens every file of the sandbox, wherever it is and whatever its name."""
     found, looked = found_inside(day_task, tmp_path)
 

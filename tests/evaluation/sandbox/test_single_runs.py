@@ -43,9 +43,7 @@ def test_who_ends_the_process_ends_alone_and_the_others_go_on_with_the_same_bits
     day_task: TaskSpec, write_agent: AgentWriter, sandboxed: Prepare, deed: str, status: str, words: str
 ) -> None:
     clean = evaluate(day_task, write_agent(agent("False", "pass"), single=True))
-    result = sandboxed(
-        write_agent(agent("(self.number, self.calls) == (2, 9)", deed), single=True), limits=LIMITS
-    ).run()
+    result = sandboxed(write_agent(agent("(self.number, self.calls) == (2, 9)", deed), single=True), limits=LIMITS).run()
 
     assert ends(result) == [("ok", 24), (status, 8), ("ok", 24)]
     assert result.runs[1].reason == words
@@ -64,12 +62,8 @@ def test_who_ends_the_process_ends_alone_and_the_others_go_on_with_the_same_bits
         ("import signal; signal.raise_signal(signal.SIGALRM)", "TimeUp (agent_under_test.py"),
     ],
 )
-def test_a_timeout_is_not_for_the_agent_to_find(
-    write_agent: AgentWriter, sandboxed: Prepare, deed: str, words: str
-) -> None:
-    result = sandboxed(
-        write_agent(agent("(self.number, self.calls) == (2, 9)", deed), single=True), limits=LIMITS
-    ).run()
+def test_a_timeout_is_not_for_the_agent_to_find(write_agent: AgentWriter, sandboxed: Prepare, deed: str, words: str) -> None:
+    result = sandboxed(write_agent(agent("(self.number, self.calls) == (2, 9)", deed), single=True), limits=LIMITS).run()
 
     assert ends(result) == [("ok", 24), ("crashed", 8), ("ok", 24)]
     assert words in (result.runs[1].reason or "")
@@ -77,9 +71,7 @@ def test_a_timeout_is_not_for_the_agent_to_find(
 
 def test_one_after_the_other_ends_the_process(day_task: TaskSpec, write_agent: AgentWriter, sandboxed: Prepare) -> None:
     clean = evaluate(day_task, write_agent(agent("False", "pass"), single=True), runs=5)
-    result = sandboxed(
-        write_agent(agent("self.number < 5 and self.calls == 3 * self.number", "os._exit(1)"), single=True), runs=5
-    ).run()
+    result = sandboxed(write_agent(agent("self.number < 5 and self.calls == 3 * self.number", "os._exit(1)"), single=True), runs=5).run()
 
     assert ends(result) == [("crashed", 2), ("crashed", 5), ("crashed", 8), ("crashed", 11), ("ok", 24)]
     assert result.runs[4] == clean.runs[4]
@@ -91,24 +83,18 @@ def test_all_end_the_process_in_one_step(write_agent: AgentWriter, sandboxed: Pr
     assert ends(result) == [("crashed", 2)] * 3
 
 
-def test_one_ends_the_process_while_it_is_reset(
-    day_task: TaskSpec, write_agent: AgentWriter, sandboxed: Prepare
-) -> None:
+def test_one_ends_the_process_while_it_is_reset(day_task: TaskSpec, write_agent: AgentWriter, sandboxed: Prepare) -> None:
     body = AGENT.replace("Agent.made, 0, 0.0", "Agent.made, 0, 0.0\n    if self.number == 2: os._exit(1)")
     clean = evaluate(day_task, write_agent(agent("False", "pass"), single=True))
     # Its own instance of the second run is reset first again in the new process, and is the second there, too.
-    result = sandboxed(
-        write_agent(body.format(when="False", deed="pass").replace("Agent.made =", "Agent.made ="), single=True)
-    ).run()
+    result = sandboxed(write_agent(body.format(when="False", deed="pass").replace("Agent.made =", "Agent.made ="), single=True)).run()
 
     assert result.runs[0] == clean.runs[0]
     assert result.runs[1].status == "crashed"
     assert result.runs[1].steps == 0
 
 
-def test_an_agent_that_does_not_repeat_itself_cannot_be_brought_back(
-    write_agent: AgentWriter, sandboxed: Prepare
-) -> None:
+def test_an_agent_that_does_not_repeat_itself_cannot_be_brought_back(write_agent: AgentWriter, sandboxed: Prepare) -> None:
     body = agent("(self.number, self.calls) == (2, 9)", "os._exit(7)")
     body = body.replace("np.cos(self.total)", "np.cos(self.total) if self.number == 3 else time.time() % 1")
     result = sandboxed(write_agent(body, single=True)).run()

@@ -57,9 +57,7 @@ NAMES_OF_CODE = {path.name for path in Path(glbench.__file__).parent.rglob("*.py
 """Some templates of submissions have names that modules of the package have, too."""
 
 
-def test_python_its_libraries_glbench_and_the_submission_are_there_and_nothing_else(
-    write_agent: AgentWriter, sandboxed: Prepare
-) -> None:
+def test_python_its_libraries_glbench_and_the_submission_are_there_and_nothing_else(write_agent: AgentWriter, sandboxed: Prepare) -> None:
     body = """
 seen = []
 for place, folders, files in os.walk("/"):
@@ -119,9 +117,7 @@ def test_data_among_the_libraries_are_covered(
     assert visible.is_visible(library / "useful.py", identity)
 
 
-def test_a_checkout_in_a_folder_of_the_system_is_covered(
-    monkeypatch: pytest.MonkeyPatch, write_agent: AgentWriter
-) -> None:
+def test_a_checkout_in_a_folder_of_the_system_is_covered(monkeypatch: pytest.MonkeyPatch, write_agent: AgentWriter) -> None:
     root = Path(glbench.__file__).parents[1]
     monkeypatch.setattr(visible, "SYSTEM", (*visible.SYSTEM, str(root.parent)))
     identity = identify(write_agent())
@@ -204,9 +200,7 @@ seen += [name for name in sys.modules if name.startswith(("glbench.env", "glbenc
     assert seen(write_agent, sandboxed, body) == []
 
 
-def test_the_environment_is_fresh(
-    write_agent: AgentWriter, sandboxed: Prepare, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_environment_is_fresh(write_agent: AgentWriter, sandboxed: Prepare, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SECRET_TOKEN", "swordfish")
     body = """
 seen = {"initial": [line.partition("=")[0] for line in open("/proc/self/environ").read().split("\\0") if line], **os.environ}
@@ -227,9 +221,7 @@ for process in filter(str.isdigit, os.listdir("/proc")):
     }  # fmt: skip
 
 
-def test_it_inherits_no_files_but_its_socket_and_its_output(
-    write_agent: AgentWriter, sandboxed: Prepare, tmp_path: Path
-) -> None:
+def test_it_inherits_no_files_but_its_socket_and_its_output(write_agent: AgentWriter, sandboxed: Prepare, tmp_path: Path) -> None:
     body = """
 seen = {}
 for number in os.listdir("/proc/self/fd"):
@@ -323,14 +315,10 @@ def test_an_agent_sees_the_files_that_its_digest_covers_and_nothing_else(sandbox
     result = evaluation.run()
 
     assert result.summary.ok == 1, (result.runs[0].reason, evaluation.prints.text())
-    assert evaluation.prints.text().splitlines() == [
-        f"{name} 315532800 0o755" for name in ("agent.py", "deep", "deep/weights.txt")
-    ]
+    assert evaluation.prints.text().splitlines() == [f"{name} 315532800 0o755" for name in ("agent.py", "deep", "deep/weights.txt")]
 
 
-def test_nothing_but_the_files_of_the_digest_is_copied(
-    sandboxed: Prepare, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_but_the_files_of_the_digest_is_copied(sandboxed: Prepare, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder, place = tmp_path / "anna", tmp_path / "scratch"
     folder.mkdir()
     place.mkdir()
@@ -349,9 +337,7 @@ def test_nothing_but_the_files_of_the_digest_is_copied(
     assert list(place.iterdir()) == []
 
 
-def test_a_submission_that_changes_after_its_evaluation_began_is_refused(
-    sandboxed: Prepare, write_agent: AgentWriter
-) -> None:
+def test_a_submission_that_changes_after_its_evaluation_began_is_refused(sandboxed: Prepare, write_agent: AgentWriter) -> None:
     agent = write_agent()
     evaluation = sandboxed(agent, runs=1)
     agent.write_text(agent.read_text(encoding="utf-8") + "# better\n", encoding="utf-8")
@@ -360,9 +346,7 @@ def test_a_submission_that_changes_after_its_evaluation_began_is_refused(
         evaluation.run()
 
 
-def test_a_folder_that_holds_what_no_agent_may_see_is_refused(
-    sandboxed: Prepare, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_that_holds_what_no_agent_may_see_is_refused(sandboxed: Prepare, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GLBENCH_DATA", str(tmp_path / "anna" / "data"))
     (tmp_path / "anna" / "data").mkdir(parents=True)
     (tmp_path / "anna" / "data" / "weather.csv").write_text("warm", encoding="utf-8")
