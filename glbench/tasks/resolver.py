@@ -505,7 +505,12 @@ class ResolvedTask(TaskRecord):
         with self.errors_in("scenario"):
             seasons = [Season(entry.source or weather.source, entry.start) for entry in scenario.seasons]
             if generated is None:
-                seasons += [Season(source, _in_year(weather.start, year)) for year in years]
+                for year in years:
+                    try:
+                        seasons.append(Season(source, weather.start.replace(year=year)))
+                    except ValueError:
+                        msg = f"{year} has no 29 February: start on another day."
+                        raise UnknownNameError(msg) from None
         return Scenario(
             scenario.family, salt, tuple(groups), tuple(starts),
             tuple(seasons) or (Season(weather.source, weather.start),), scenario.start_within_days, generated,
@@ -548,14 +553,6 @@ def _amount_in_words(meaning: str, unit: str, amount_unit: str, factor: float) -
         return meaning
     same_kind = unit == amount_unit or times != factor
     return f"{times:.4g} times the {meaning}" if same_kind else f"{factor:.4g} {amount_unit} for each {unit} of {meaning}"
-
-
-def _in_year(day: dt.date, year: int) -> dt.date:
-    try:
-        return day.replace(year=year)
-    except ValueError:
-        msg = f"{year} has no 29 February: start on another day."
-        raise UnknownNameError(msg) from None
 
 
 def _read_only(array: FloatArray) -> FloatArray:
