@@ -22,10 +22,8 @@ def serve(
     task: Annotated[str | None, typer.Argument(metavar="[TASK]", help="Task id or task file (.toml). Default: the benchmark's.")] = None,
     port: Annotated[int, typer.Option("--port", "-p", min=0, max=65535, help="Port; 0 takes any free one.")] = 8000,
     host: Annotated[str, typer.Option("--host", help="Address to listen at. Another than this one lets other machines in.")] = "127.0.0.1",
-    sessions: Annotated[int, typer.Option("--sessions", min=1, max=1000, help="Most seasons open at once.")] = 16,
-    idle_minutes: Annotated[
-        float, typer.Option("--idle-minutes", min=0.1, help="Close a session that was not used for so long [min].")
-    ] = 60.0,
+    sessions: Annotated[int, typer.Option("--sessions", min=1, max=1000, help="Seasons that may be open at once.")] = 16,
+    idle_minutes: Annotated[float, typer.Option("--idle-minutes", min=0.1, help="Close a session after so long without use [min].")] = 60.0,
     seed: Annotated[int | None, typer.Option("--seed", help="Seed of the first season that names none. Default: 10,000,000,000.")] = None,
     episodes: Annotated[
         Path | None, typer.Option("--episodes", help="Write the season of every session here when it ends (.mcap).")

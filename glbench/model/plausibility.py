@@ -95,6 +95,7 @@ def find_doubts(p: Mapping[str, float]) -> list[Doubt]:
         low, high = figure.possible if impossible else figure.usual
         number = f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.4g}"
         sizes = ", ".join(f"{name} = {p[name]:,.10g}" for name in names)
-        words = f"{figure.name}: {number}{figure.unit}; {'possible' if impossible else 'usual'} is {low:,.10g} to {high:,.10g} ({sizes})."
+        kind = "possible" if impossible else "usual"
+        words = f"{figure.name}: {number}{figure.unit}; the {kind} range is {low:,.10g} to {high:,.10g} ({sizes})."
         doubts.append(Doubt(f"{words}{figure.advice and f' {figure.advice}'}", impossible))
     return doubts

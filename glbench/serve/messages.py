@@ -127,7 +127,7 @@ class Health(BaseModel):
     splits: list[str]
     sessions: int = Field(description="open ones")
     most_sessions: int
-    idle_minutes: float = Field(description="a session is closed when it was not used for so long")
+    idle_minutes: float = Field(description="a session is closed after so long without use")
 
 
 class Problem(BaseModel):

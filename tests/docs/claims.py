@@ -1239,7 +1239,6 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("at most 0.1 a step", "definition: the controls that walk"),
     ],
     "docs/scale.md": [
-        ("within 3 s, and Ray, if the command started it, within about 60 s", "timed once by hand with `bound --engine ray`"),
         ("up to 3 times", "definition: execution.py"),
         ("then every 20 s", "definition: execution.py"),
         ("of more than 256 MiB", "definition: execution.py"),

@@ -14,6 +14,7 @@ from glbench.agents import load_agent
 from glbench.env import Simulation
 from glbench.tasks import get_task, task_card
 from glbench.training.periodic_evaluation import season_sums
+from tests.support import is_recorded_processor
 
 
 @pytest.fixture(scope="module")
@@ -227,5 +228,4 @@ def test_the_score_of_the_grower_on_the_test_split_is_that_of_an_evaluation() ->
     reward = season_sums(Simulation(task, len(seeds)), seeds, agent.act)["reward"].mean()  # type: ignore[union-attr, arg-type]
     match = re.search(r"here and (-\d\.\d\d) on the test split of", design.PAGE.read_text(encoding="utf-8"))
     assert match is not None
-    # a closed loop turns the last digits of another kind of processor into 0.02 EUR/m2
-    assert float(match[1]) == pytest.approx(reward, abs=0.03)
+    assert float(match[1]) == pytest.approx(reward, abs=0.005 if is_recorded_processor() else 0.03)

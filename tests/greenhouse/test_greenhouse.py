@@ -132,10 +132,10 @@ def test_what_a_page_cannot_say(tmp_path: Path, text: str, words: str) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('[house]\nfloor_area = "144 m2"\n[heating]\nboiler = "2 MW"', "Boiler: 13,889 W for each m2 of floor; possible is 0 to 1,000"),
+        ('[house]\nfloor_area = "144 m2"\n[heating]\nboiler = "2 MW"', "13,889 W for each m2 of floor; the possible range is 0 to 1,000"),
         (FLOOR + 'gutter_height = "650 m"', "Heights are in m, not in cm"),
-        (FLOOR + 'roof_light = "0.8 %"', "Light that the roof lets through: 0.008; possible is 0.02 to 0.98"),
-        (FLOOR + '[co2]\nsupply = "230 g/m2/h"', "CO2 supply: 230 g m-2 h-1; possible is 0 to 200"),
+        (FLOOR + 'roof_light = "0.8 %"', "Light that the roof lets through: 0.008; the possible range is 0.02 to 0.98"),
+        (FLOOR + '[co2]\nsupply = "230 g/m2/h"', "CO2 supply: 230 g m-2 h-1; the possible range is 0 to 200"),
         (FLOOR + '[led_lamps]\nlight = "400 umol/m2/s"\npower = "68 W/m2"', "are 5.88 umol/J, and no such lamp gives more than 5.3"),
         (FLOOR + '[energy_screen]\nsaving = "90 %"', "a closed screen of the model saves"),
     ],
@@ -152,7 +152,7 @@ def test_what_cannot_be_is_refused(tmp_path: Path, text: str, words: str) -> Non
     [
         ('[heating]\nboiler = "500 kW"', "The boiler gives 10 W/m2; 18 degC at -10 degC outside would need"),
         ('[heating]\nboiler = "15 MW"', "give off less than the boiler's 300 W/m2 below 90 degC"),
-        ('[co2]\nsupply = "230 kg/h"', "CO2 supply: 4.6 g m-2 h-1; usual is 5 to 45"),
+        ('[co2]\nsupply = "230 kg/h"', "CO2 supply: 4.6 g m-2 h-1; the usual range is 5 to 45"),
         ('[led_lamps]\nlight = "68 umol/m2/s"\npower = "200 W/m2"', "Are light and power swapped?"),
     ],
 )
