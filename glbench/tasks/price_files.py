@@ -104,7 +104,7 @@ def read_prices(path: Path, unit: object, *, clock: object = None, column: objec
     path
         The file. ``.zip`` and ``.gz`` with one table inside are opened.
     unit
-        Unit of the table, such as ``EUR kWh-1``; ``None`` for that of a plain file's title.
+        Unit of the table, such as ``EUR kWh-1``; ``None``, of a table without one, is refused.
     clock
         IANA zone of stamps without an offset; by default UTC, or that of an exchange where the title says CET/CEST.
     column
