@@ -626,7 +626,9 @@ def _date_order(table: TextTable, dates: Sequence[str], name: str) -> DateOrder:
         for order, following in steps.items():
             days = [_day_number(date, order) for date in parts]
             following.update(abs(later - earlier) for earlier, later in pairwise(days) if later is not None and earlier is not None)
-        fitting = [order for order, following in steps.items() if following <= {1} or following <= {28, 29, 30, 31}]
+        place: dict[DateOrder, int] = {"day first": 1, "month first": 3}
+        monthly = {order for order, day in place.items() if all(int(match[day]) == 1 for match in parts.values())}
+        fitting = [order for order, following in steps.items() if following <= {1} or (order in monthly and following <= {28, 29, 30, 31})]
         if len(fitting) == 1 or (fitting and next(iter(parts.values()))[2] == "-"):
             return fitting[0]
     example = next(iter(parts))

@@ -164,6 +164,7 @@ def test_nothing_is_left_of_a_command_that_was_killed(tmp_path: Path, arguments:
     ids=["train", "sweep"],
 )
 def test_nothing_is_left_of_a_training_that_was_killed(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    pytest.importorskip("stable_baselines3", reason="needs the extra 'train'", exc_type=ImportError)
     write_short_task(tmp_path, "Long", days=2)
     (tmp_path / "tiny.yml").write_text(TINY, encoding="utf-8")
     (tmp_path / "search.yml").write_text(SWEEP, encoding="utf-8")

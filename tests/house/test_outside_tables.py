@@ -153,7 +153,7 @@ def test_numbers_are_read_with_either_decimal_sign(text: str, decimal: str, valu
 
 def test_decimal_signs_that_are_unclear_or_mixed_are_refused() -> None:
     with pytest.raises(WeatherError, match=r"row 2, column 'a': it is unclear whether 1,234 is 1\.234 or 1234"):
-        table_of("time;a\n2024-01-01;1,234\n2024-01-02;2,345\n")
+        table_of('time,a\n2024-01-01,"1,234"\n2024-01-02,"2,345"\n')
     with pytest.raises(WeatherError, match=r"row 3, column 'a': 2\.5 has another decimal sign than 1,5 in row 2"):
         table_of("time;a\n2024-01-01;1,5\n2024-01-02;2.5\n")
 
@@ -172,6 +172,7 @@ def test_decimal_signs_that_are_unclear_or_mixed_are_refused() -> None:
         (("01.02.2024 00:00",), ["2024-02-01T00:00"]),  # with points, the day is first
         (("01/02/2024", "02/02/2024", "03/02/2024"), ["2024-02-01T00:00", "2024-02-02T00:00", "2024-02-03T00:00"]),
         (("02/01/2024", "02/02/2024", "02/03/2024"), ["2024-02-01T00:00", "2024-02-02T00:00", "2024-02-03T00:00"]),
+        (("01-01-2024", "01-02-2024", "01-03-2024"), ["2024-01-01T00:00", "2024-02-01T00:00", "2024-03-01T00:00"]),  # prices of months
         (("01.01.2024 00:00 - 01.01.2024 01:00",), ["2024-01-01T00:00"]),  # ENTSO-E's ranges
         (("45334.5", "45334.75"), ["2024-02-12T12:00", "2024-02-12T18:00"]),  # Excel's days
         (("1707865200",), ["2024-02-13T23:00"]),  # Unix seconds
