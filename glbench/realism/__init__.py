@@ -16,17 +16,20 @@ from glbench.realism.comparison import (
     write_picture,
 )
 from glbench.realism.houses import HOUSES, SHIPPED, House, Settings, choose_houses, read_settings
+from glbench.realism.indoor import INDOOR, Indoor, read_indoor
 from glbench.realism.published import Archive, Compartment, Weather, read_archive
 from glbench.realism.season import Season, simulate
 
 __all__ = [
     "HOUSES",
+    "INDOOR",
     "SHIPPED",
     "Archive",
     "Comparison",
     "Compartment",
     "House",
     "HouseComparison",
+    "Indoor",
     "Season",
     "Settings",
     "Weather",
@@ -35,6 +38,7 @@ __all__ = [
     "compare",
     "read_archive",
     "read_comparison",
+    "read_indoor",
     "read_settings",
     "save_comparison",
     "simulate",

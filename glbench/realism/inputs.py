@@ -7,7 +7,6 @@ dosed evenly while there is light from sun or lamps.
 
 from __future__ import annotations
 
-import datetime as dt
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,16 +14,14 @@ from numpy.typing import NDArray
 
 from glbench.errors import ArchiveError
 from glbench.realism.houses import Lamps, Settings
-from glbench.realism.published import DAY_ZERO, ROWS_A_DAY, WEATHER, Archive, Compartment, Weather, longest, moment
+from glbench.realism.published import ROW_SECONDS, WEATHER, Archive, Compartment, Weather, five_minutes, longest, moment, on_rows
 from glbench.weather import preprocessing
 from glbench.weather.record import FloatArray, IntArray
 
 STEP_SECONDS = 900
 """Length of a step [s]: that of the benchmark's tasks."""
-_ROW_SECONDS = 86400 // ROWS_A_DAY
 LONGEST_GAP_HOURS = 3
 """Weather that may be missing at once [h]."""
-_EPOCH = (dt.date(1970, 1, 1) - DAY_ZERO).days
 _DAY_SECONDS = 86400
 _KWH = 3.6e6  # J
 _STEPS_AN_HOUR = 3600 // STEP_SECONDS
@@ -62,11 +59,11 @@ class Outdoors:
         return self.values[:, preprocessing.COLUMNS.index(name)]
 
 
-def outdoors(archive: Archive, clock: str, co2_ppm: float) -> Outdoors:
+def outdoors(archive: Archive, clock: str, co2_ppm: float, step_seconds: int = STEP_SECONDS) -> Outdoors:
     """Weather over the days of the archive, from midnight to midnight on ``clock``, with ``co2_ppm`` outside.
 
-    What was read at a time holds for the five minutes after it; a step has their means. Gaps are filled linearly. The hour
-    that summer time skips does not exist, whatever the archive has in its rows; the hour that comes twice is read twice.
+    What was read at a time holds for the five minutes after it; a step, of a multiple of five minutes, has their means. Gaps are filled
+    linearly. The hour that summer time skips does not exist, whatever the archive has in its rows; the hour that comes twice is read twice.
 
     The sky's temperature follows from the net long-wave radiation of the pyrgeometer, whose own temperature is the air's:
     sigma Tsky^4 = sigma Tout^4 + Pyrgeo.
@@ -76,12 +73,10 @@ def outdoors(archive: Archive, clock: str, co2_ppm: float) -> Outdoors:
     ArchiveError
         When more than ``LONGEST_GAP_HOURS`` are missing at once, or the weather does not reach over all days.
     """
-    begin, end = (preprocessing.to_utc_seconds(archive.first + dt.timedelta(days=days), clock) for days in (0, archive.days))
-    readings = np.arange(begin, end, _ROW_SECONDS, dtype=np.int64)
-    numbers = (readings + preprocessing.utc_offsets(readings, clock)) // _ROW_SECONDS + _EPOCH * ROWS_A_DAY
-    places = np.minimum(np.searchsorted(archive.weather.rows, numbers), archive.weather.rows.size - 1)
-    has_row = archive.weather.rows[places] == numbers
-    radiation, temperature, humidity, wind, net = (np.where(has_row, archive.weather.columns[name][places], np.nan) for name in WEATHER)
+    readings, numbers = five_minutes(archive.first, archive.days, clock)
+    radiation, temperature, humidity, wind, net = (
+        on_rows(archive.weather.columns[name], archive.weather.rows, numbers) for name in WEATHER
+    )
     missing = np.isnan(radiation + temperature + humidity + wind + net)
     notes = _check(archive.weather, missing, numbers)
     present = np.flatnonzero(~missing)
@@ -91,13 +86,13 @@ def outdoors(archive: Archive, clock: str, co2_ppm: float) -> Outdoors:
     sky = preprocessing.STEFAN_BOLTZMANN * (temperature + preprocessing.KELVIN) ** 4 + net
     vapour = preprocessing.vapour_pressure(temperature, np.minimum(humidity, 100.0))
     radiation, temperature, vapour, wind, sky = (
-        values.reshape(-1, STEP_SECONDS // _ROW_SECONDS).mean(axis=1)
+        values.reshape(-1, step_seconds // ROW_SECONDS).mean(axis=1)
         for values in (np.maximum(radiation, 0.0), temperature, vapour, wind, sky)
     )
-    times = np.arange(begin, end, STEP_SECONDS, dtype=np.int64)
+    times = readings[:: step_seconds // ROW_SECONDS]
     local = times + preprocessing.utc_offsets(times, clock)
     day = local // _DAY_SECONDS - int(local[0] // _DAY_SECONDS)
-    sums = np.bincount(day, weights=radiation) * STEP_SECONDS * 1e-6
+    sums = np.bincount(day, weights=radiation) * step_seconds * 1e-6
     light = (radiation > 0.0).astype(np.float64)
     columns = {
         "iGlob": radiation,
@@ -121,7 +116,7 @@ def _check(weather: Weather, missing: np.ndarray[tuple[int], np.dtype[np.bool_]]
     if not missing.any():
         return ()
     begin, length = longest(missing)
-    hours = length * _ROW_SECONDS / 3600.0
+    hours = length * ROW_SECONDS / 3600.0
     if hours > LONGEST_GAP_HOURS:
         msg = (
             f"{weather.source}: the weather of {hours:.1f} h is missing from {moment(int(numbers[begin]))}; at most "

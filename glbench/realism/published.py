@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import ArchiveError, did_you_mean
+from glbench.weather import preprocessing
 from glbench.weather.record import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -28,7 +29,9 @@ if TYPE_CHECKING:
 DAY_ZERO = dt.date(1899, 12, 30)
 """Day 0 of a spreadsheet's dates."""
 ROWS_A_DAY = 288
-"""Rows of the weather: one in five minutes."""
+"""Rows of weather and indoor climate: one in five minutes."""
+ROW_SECONDS = 86400 // ROWS_A_DAY
+_EPOCH = (dt.date(1970, 1, 1) - DAY_ZERO).days
 MOST_DAYS_FILLED = 3
 """Days in a row that may be missing of what a compartment used."""
 
@@ -81,6 +84,8 @@ class Compartment:
         Fruit of class A and B, fresh [kg m-2] (days,).
     dry_matter
         Mean dry matter content of the fruit [kg kg-1]; ``None`` where it was not measured.
+    indoor
+        File of its indoor climate every five minutes, for ``read_indoor``; ``None`` where there is none.
     """
 
     name: str
@@ -90,6 +95,7 @@ class Compartment:
     co2: FloatArray
     harvest: FloatArray
     dry_matter: float | None
+    indoor: Path | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,26 +142,19 @@ def read_archive(folder: Path) -> Archive:
     if path is None:
         msg = f"{folder} has no weather: expected Weather.csv or Weather.parquet there, or in a folder Weather."
         raise ArchiveError(msg)
-    table = _table(path)
-    numbers = np.rint(_moments(table, path) * ROWS_A_DAY).astype(np.int64)
-    order = np.argsort(numbers, kind="stable")
-    if np.any(np.diff(numbers[order]) == 0):
-        twice = int(numbers[order][np.flatnonzero(np.diff(numbers[order]) == 0)[0]])
-        msg = f"{path} has two rows for the five minutes at {moment(twice)}. Keep one."
-        raise ArchiveError(msg)
-    columns = {name: _values(table, name, path)[order] for name in WEATHER}
-    weather = Weather(numbers[order], columns, path)
+    table, rows = read_rows(path)
+    weather = Weather(rows, {name: _values(table, name, path) for name in WEATHER}, path)
     notes: list[str] = []
     used = {name: _Resources.read(name, path, notes) for name, path in _compartments(folder).items()}
     first, last = max(one.first for one in used.values()), min(one.last for one in used.values())
     if first > last:
-        spans = "; ".join(f"{name}: {_date(one.first)} to {_date(one.last)}" for name, one in used.items())
+        spans = "; ".join(f"{name}: {day_of(one.first)} to {day_of(one.last)}" for name, one in used.items())
         msg = f"The compartments in {folder} have no day in common ({spans}). Leave one of them out."
         raise ArchiveError(msg)
     if any((one.first, one.last) != (first, last) for one in used.values()):
-        notes.append(f"The compartments cover different days; compared are those of all, {_date(first)} to {_date(last)}.")
+        notes.append(f"The compartments cover different days; compared are those of all, {day_of(first)} to {day_of(last)}.")
     compartments = tuple(one.compartment(first, last, notes) for one in used.values())
-    return Archive(_date(first), last - first + 1, weather, compartments, tuple(notes))
+    return Archive(day_of(first), last - first + 1, weather, compartments, tuple(notes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +178,7 @@ class _Resources:
         days = days[order]
         if np.any(np.diff(days) == 0):
             twice = int(days[np.flatnonzero(np.diff(days) == 0)[0]])
-            msg = f"{path} has {_date(twice)} (day {twice}) twice. Keep one row a day."
+            msg = f"{path} has {day_of(twice)} (day {twice}) twice. Keep one row a day."
             raise ArchiveError(msg)
         first, count = int(days[0]), int(days[-1] - days[0]) + 1
         columns = {}
@@ -207,7 +206,9 @@ class _Resources:
             dry_matter = float(np.nanmean(contents)) / 100.0
         else:
             notes.append(f"{self.name}: no dry matter content was measured; the settings' value is used.")
-        return Compartment(self.name, heat, high, low, co2, harvest, dry_matter)
+        climate = (self._beside("GreenhouseClimate").with_suffix(suffix) for suffix in (".parquet", ".csv"))
+        indoor = next((path for path in climate if path.is_file()), None)
+        return Compartment(self.name, heat, high, low, co2, harvest, dry_matter, indoor)
 
     def _beside(self, what: str) -> Path:
         name = self.path.name
@@ -239,10 +240,11 @@ def _compartments(folder: Path) -> dict[str, Path]:
 def moment(row: int) -> str:
     """``2020-03-29 01:50`` for the number of five minutes."""
     day, part = divmod(row, ROWS_A_DAY)
-    return f"{_date(day)} {part // 12:02d}:{part % 12 * 5:02d}"
+    return f"{day_of(day)} {part // 12:02d}:{part % 12 * 5:02d}"
 
 
-def _date(day: int) -> dt.date:
+def day_of(day: int) -> dt.date:
+    """Date of a day's number."""
     return DAY_ZERO + dt.timedelta(days=int(day))
 
 
@@ -260,10 +262,46 @@ def _table(path: Path) -> pd.DataFrame:
         msg = f"Cannot read {path}: {error}. Is the file whole?"
         raise ArchiveError(msg) from error
     table.columns = [str(name).strip().lstrip("%").strip() for name in table.columns]
+    table.index = range(len(table))
     if table.empty:
         msg = f"{path} has no rows. Is the file whole?"
         raise ArchiveError(msg)
     return table
+
+
+def read_rows(path: Path) -> tuple[pd.DataFrame, IntArray]:
+    """A file with a row in five minutes, oldest first, and the numbers of its five minutes (rows,), as in ``Weather``.
+
+    Raises
+    ------
+    ArchiveError
+        When it cannot be read, lacks a time, or has two rows for one; names file and row.
+    """
+    table = _table(path)
+    numbers = np.rint(_moments(table, path) * ROWS_A_DAY).astype(np.int64)
+    order = np.argsort(numbers, kind="stable")
+    numbers = numbers[order]
+    if np.any(np.diff(numbers) == 0):
+        twice = int(numbers[np.flatnonzero(np.diff(numbers) == 0)[0]])
+        msg = f"{path} has two rows for the five minutes at {moment(twice)}. Keep one."
+        raise ArchiveError(msg)
+    return table.iloc[order], numbers
+
+
+def five_minutes(first: dt.date, days: int, clock: str) -> tuple[IntArray, IntArray]:
+    """Every five minutes of these days: seconds UTC (rows,), and their numbers on ``clock``, as in ``Weather`` (rows,).
+
+    The hour that summer time skips has none; the numbers of the hour that comes twice are there twice.
+    """
+    begin, end = (preprocessing.to_utc_seconds(first + dt.timedelta(days=passed), clock) for passed in (0, days))
+    times = np.arange(begin, end, ROW_SECONDS, dtype=np.int64)
+    return times, (times + preprocessing.utc_offsets(times, clock)) // ROW_SECONDS + _EPOCH * ROWS_A_DAY
+
+
+def on_rows(values: FloatArray, rows: IntArray, numbers: IntArray) -> FloatArray:
+    """``values`` of ``rows`` (rising) at ``numbers``; NaN where there is no such row."""
+    places = np.minimum(np.searchsorted(rows, numbers), rows.size - 1)
+    return np.where(rows[places] == numbers, values[places], np.nan)
 
 
 def _moments(table: pd.DataFrame, path: Path) -> FloatArray:
@@ -272,9 +310,11 @@ def _moments(table: pd.DataFrame, path: Path) -> FloatArray:
     if name is None:
         msg = f"{path} has no column 'time' (days since 30 December 1899). It has {', '.join(table.columns[:8])}."
         raise ArchiveError(msg)
-    moments = _numbers(table, name, path)
+    moments = numbers_of(table, name, path)
     if not np.all(np.isfinite(moments)):
-        msg = f"{path}, row {int(np.flatnonzero(~np.isfinite(moments))[0]) + 2}: there is no time. Give each row one, or take it out."
+        msg = (
+            f"{path}, row {table.index[np.flatnonzero(~np.isfinite(moments))[0]] + 2}: there is no time. Give each row one, or take it out."
+        )
         raise ArchiveError(msg)
     return moments
 
@@ -289,16 +329,23 @@ def _values(table: pd.DataFrame, name: str, path: Path) -> FloatArray:
         near = did_you_mean(name, table.columns)
         msg = f"{path} has no column '{name}'.{near} The archive's files have it; docs/realism.md lists the columns that are read."
         raise ArchiveError(msg)
-    values = _numbers(table, name, path)
+    values = numbers_of(table, name, path)
     low, high = _LIMITS[name]
     wrong = np.flatnonzero((values < low) | (values > high))
     if wrong.size:
-        msg = f"{path}, row {int(wrong[0]) + 2}: {name} is {values[wrong[0]]:g}, outside {low:g} to {high:g}. Correct or empty it."
+        msg = f"{path}, row {table.index[wrong[0]] + 2}: {name} is {values[wrong[0]]:g}, outside {low:g} to {high:g}. Correct or empty it."
         raise ArchiveError(msg)
     return values
 
 
-def _numbers(table: pd.DataFrame, name: str, path: Path) -> FloatArray:
+def numbers_of(table: pd.DataFrame, name: str, path: Path) -> FloatArray:
+    """Numbers of a column (rows,), NaN where it has none.
+
+    Raises
+    ------
+    ArchiveError
+        For a text that is no number; names file and row.
+    """
     import pandas as pd
 
     column = table[name]
@@ -306,7 +353,7 @@ def _numbers(table: pd.DataFrame, name: str, path: Path) -> FloatArray:
     empty = column.isna() | column.astype(str).str.strip().str.lower().isin(["nan", ""])
     wrong = np.flatnonzero(numbers.isna() & ~empty)
     if wrong.size:
-        msg = f"{path}, row {int(wrong[0]) + 2}: {name} is '{column.iloc[wrong[0]]}', which is not a number."
+        msg = f"{path}, row {table.index[wrong[0]] + 2}: {name} is '{column.iloc[wrong[0]]}', which is not a number."
         raise ArchiveError(msg)
     return np.asarray(numbers, dtype=np.float64)
 
@@ -319,7 +366,7 @@ def _filled(values: FloatArray, name: str, path: Path, first: int, notes: list[s
     begin, length = longest(missing)
     if length > MOST_DAYS_FILLED or missing[0] or missing[-1]:
         msg = (
-            f"{path}: {name} is missing on {length} days in a row from {_date(first + begin)}. "
+            f"{path}: {name} is missing on {length} days in a row from {day_of(first + begin)}. "
             f"At most {MOST_DAYS_FILLED} between two known days are filled; complete the file, or take out its first or last rows."
         )
         raise ArchiveError(msg)
@@ -352,9 +399,9 @@ def _harvest(path: Path, first: int, last: int, notes: list[str]) -> FloatArray:
         counted = day
         if day < first:
             counted = next((later for later in days[place + 1 :].tolist() if later >= first), first)
-            notes.append(f"{path.name}: a harvest is dated {_date(day)}, before the season; it is counted on {_date(counted)}.")
+            notes.append(f"{path.name}: a harvest is dated {day_of(day)}, before the season; it is counted on {day_of(counted)}.")
         if counted > last:
-            notes.append(f"{path.name}: the harvest of {_date(day)}, after the last day, is left out.")
+            notes.append(f"{path.name}: the harvest of {day_of(day)}, after the last day, is left out.")
         else:
             harvest[counted - first] += weight
     return harvest

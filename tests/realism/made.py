@@ -25,6 +25,7 @@ class Made:
     resources: dict[str, pd.DataFrame] = field(init=False)
     production: dict[str, pd.DataFrame] = field(init=False)
     quality: dict[str, pd.DataFrame] = field(init=False)
+    climate: dict[str, pd.DataFrame] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         number = (self.first - DAY_ZERO).days
@@ -54,6 +55,31 @@ class Made:
             name: pd.DataFrame({"time": [days[0], days[-1]], "Flavour": 70.0, "DMC_fruit": [8.0, 9.0]}) for name in self.resources
         }
 
+    def indoors(self) -> pd.DataFrame:
+        """A smooth indoor climate: air from 18 to 22 degC, lamps from 3 to 15 h, pipes at night, vents by day."""
+        hour = np.arange(len(self.weather)) % ROWS_A_DAY / 12.0
+        by_day, lit = (hour >= 8.0) & (hour < 18.0), (hour >= 3.0) & (hour < 15.0)
+        wave = np.sin(np.pi * (hour - 9.0) / 12.0)
+        return pd.DataFrame(
+            {
+                "time": self.weather["time"],
+                "Tair": np.round(20.0 + 2.0 * wave, 2),
+                "Rhair": np.round(75.0 - 10.0 * wave, 2),
+                "CO2air": np.round(600.0 + 100.0 * wave, 1),
+                "VentLee": np.where(by_day, 20.0, 0.0),
+                "Ventwind": np.where(by_day, 10.0, 0.0),
+                "EnScr": np.where(by_day, 0.0, 100.0),
+                "BlackScr": np.where(lit & ~by_day, 96.0, 0.0),
+                "AssimLight": np.where(lit, 100.0, 0.0),
+                "PipeLow": np.where(by_day, 0.0, 45.0),
+                "PipeGrow": 0.0,
+                "co2_dos": np.where(by_day, 0.005, 0.0),
+                "t_heat_vip": np.where(by_day, 20.0, 18.0),
+                "int_red_vip": np.where(lit, 1000.0, np.nan),
+                "int_blue_sp": 500.0,
+            }
+        )
+
     def write(self, folder: Path) -> Path:
         """As in the folder of the README: a Parquet file, and files with the compartment's name in front."""
         folder.mkdir(exist_ok=True)
@@ -78,6 +104,7 @@ class Made:
             name: {
                 "Resources": self.resources[name],
                 "Production": self.production[name],
+                **({"GreenhouseClimate": self.climate[name]} if name in self.climate else {}),
                 **({"TomQuality": self.quality[name]} if name in self.quality else {}),
             }
             for name in self.resources

@@ -37,6 +37,17 @@ def test_a_step_has_the_means_of_its_rows(tmp_path: Path) -> None:
     assert outside.notes == ()
 
 
+def test_steps_of_five_minutes_have_the_rows_themselves(tmp_path: Path) -> None:
+    made = Made()
+    archive = archive_of(made, tmp_path)
+    fine, usual = outdoors(archive, CLOCK, 410.0, step_seconds=300), outdoors(archive, CLOCK, 410.0)
+    assert fine.of("iGlob") == pytest.approx(made.weather["Iglob"][:-1])
+    assert fine.hour[:3] == pytest.approx([0.0, 1 / 12, 1 / 6])
+    for name in ("vpOut", "wind"):
+        assert quarters(fine.of(name)) == pytest.approx(usual.of(name)), name
+    assert fine.of("dayRadSum")[::3] == pytest.approx(usual.of("dayRadSum"))
+
+
 def test_the_sky_is_as_warm_as_its_net_radiation_says(tmp_path: Path) -> None:
     made = Made()
     made.weather["Tout"], made.weather["Pyrgeo"] = 10.0, -80.0

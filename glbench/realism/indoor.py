@@ -1,0 +1,224 @@
+"""The climate inside a compartment every five minutes: the air, what the actuators did, and the set points that were realised.
+
+``read_indoor`` reads ``GreenhouseClimate.csv`` or ``.parquet`` of the published archive. Readings that cannot be true are taken out and
+noted, never used: those outside what a sensor or an actuator can say (an error code such as -499), those far from all others of the hours
+around them, both sides of a jump that nothing explains, and a sensor's value that stays the same for hours.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.errors import ArchiveError
+from glbench.realism.published import DAY_ZERO, ROW_SECONDS, ROWS_A_DAY, day_of, five_minutes, moment, numbers_of, on_rows, read_rows
+from glbench.weather.record import FloatArray, IntArray
+
+AROUND = 12
+"""Readings before and after one, with which it is compared: an hour each."""
+LONGEST_SAME = 72
+"""Readings of a sensor, 6 h, that may be the same."""
+LONGEST_HELD = 12
+"""Missing readings of a pipe, 1 h, for which the last one holds; later it counts as off."""
+HPS_POWER = 81.0
+"""Electric power of the archive's HPS lamps [W m-2]."""
+LED_POWER: Mapping[str, float] = MappingProxyType({"blue": 7.27, "red": 25.3, "farred": 6.23, "white": 22.72})
+"""Most electric power of the channels of the archive's LEDs [W m-2], at 1000; they burn only while the HPS lamps do."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a column of the indoor climate holds.
+
+    Attributes
+    ----------
+    unit, meaning
+        Its unit, and what it is.
+    low, high
+        Least and most that it can be.
+    archive
+        Columns of the archive: of each row the first that has a value.
+    leap
+        Of a sensor: how far a reading can be from the median of two hours around it, and from the one five minutes before.
+    """
+
+    unit: str
+    meaning: str
+    low: float
+    high: float
+    archive: tuple[str, ...]
+    leap: float | None = None
+
+
+def _set_point(unit: str, meaning: str, high: float, name: str) -> Quantity:
+    return Quantity(unit, f"set point: {meaning}", 0.0, high, (f"{name}_vip", f"{name}_sp"))
+
+
+INDOOR: Mapping[str, Quantity] = MappingProxyType(
+    {
+        "air_temperature": Quantity("degC", "air temperature", 1.0, 60.0, ("Tair",), leap=7.0),
+        "humidity": Quantity("%", "relative humidity", 1.0, 100.0, ("Rhair",), leap=25.0),
+        "co2": Quantity("ppm", "CO2 of the air", 100.0, 5000.0, ("CO2air",), leap=700.0),
+        "vents_lee": Quantity("%", "lee vents, open", 0.0, 100.0, ("VentLee",)),
+        "vents_wind": Quantity("%", "windward vents, open", 0.0, 100.0, ("Ventwind",)),
+        "thermal_screen": Quantity("%", "energy screen, closed", 0.0, 100.0, ("EnScr",)),
+        "blackout_screen": Quantity("%", "blackout screen, closed", 0.0, 100.0, ("BlackScr",)),
+        "lamps": Quantity("W/m2", "lamps, electric power", 0.0, 500.0, ("AssimLight",)),
+        "rail_pipe": Quantity("degC", "rail pipe, empty or 0 where it is off", 0.0, 110.0, ("PipeLow",)),
+        "grow_pipe": Quantity("degC", "growing pipe, empty or 0 where it is off", 0.0, 110.0, ("PipeGrow",)),
+        "co2_dose": Quantity("kg/m2/h", "CO2 dosed", 0.0, 0.2, ("co2_dos",)),
+        "heating_set_point": _set_point("degC", "heat below", 50.0, "t_heat"),
+        "ventilation_lee_set_point": _set_point("degC", "open lee vents above", 60.0, "t_ventlee"),
+        "ventilation_wind_set_point": _set_point("degC", "open windward vents above", 60.0, "t_ventwind"),
+        "humidity_deficit_set_point": _set_point("g/m3", "least humidity deficit", 20.0, "dx"),
+        "minimum_rail_pipe": _set_point("degC", "least temperature of the rail pipe", 90.0, "t_rail_min"),
+        "minimum_grow_pipe": _set_point("degC", "least temperature of the growing pipe", 90.0, "t_grow_min"),
+        "minimum_vents": _set_point("%", "least opening of the lee vents", 100.0, "window_pos_lee"),
+        "co2_set_point": _set_point("ppm", "dose CO2 below", 3000.0, "co2"),
+        # of the screens `_vip` is how far they may close, `_sp` where they should be
+        "thermal_screen_set_point": Quantity("%", "set point: energy screen, closed", 0.0, 100.0, ("scr_enrg_sp",)),
+        "blackout_screen_set_point": Quantity("%", "set point: blackout screen, closed", 0.0, 100.0, ("scr_blck_sp",)),
+    }
+)
+"""The columns by name."""
+REQUIRED = ("air_temperature", "humidity", "vents_lee", "vents_wind", "rail_pipe")
+PIPES = ("rail_pipe", "grow_pipe")
+
+
+@dataclass(frozen=True, eq=False)
+class Indoor:
+    """Indoor climate of a compartment.
+
+    Attributes
+    ----------
+    name
+        As its files are called.
+    times
+        Seconds since 1970 UTC (rows,): every five minutes from the midnight before the first day to the one after the last. What was
+        read at a time holds for the five minutes after it.
+    columns
+        All columns of ``INDOOR`` (rows,): NaN where nothing was measured, or the reading cannot be true; of pipes, where they are off.
+    lamp_power
+        Installed electric power of the lamps [W m-2].
+    notes
+        What was taken out or filled, a line a column, in words.
+    """
+
+    name: str
+    times: IntArray
+    columns: Mapping[str, FloatArray]
+    lamp_power: float
+    notes: tuple[str, ...]
+
+
+def read_indoor(path: Path, clock: str = "Europe/Amsterdam", *, first: dt.date | None = None, days: int | None = None) -> Indoor:
+    """Read the indoor climate of a compartment of the archive.
+
+    Parameters
+    ----------
+    path
+        ``GreenhouseClimate.csv`` or ``.parquet``, as ``Compartment.indoor`` names it.
+    clock
+        IANA zone of its stamps. The hour that summer time skips does not exist; the hour that comes twice is read twice.
+    first, days
+        First day and number of days, such as those of the archive; by default all that the file has.
+
+    Raises
+    ------
+    ArchiveError
+        When the file cannot be read, lacks a column of ``REQUIRED``, or has a text for a number; names file, row and column.
+    """
+    table, rows = read_rows(path)
+
+    def first_of(names: Sequence[str]) -> FloatArray:
+        values = np.full(rows.size, np.nan)
+        for name in (name for name in names if name in table):
+            values = np.where(np.isnan(values), numbers_of(table, name, path), values)
+        return values
+
+    columns = {name: first_of(quantity.archive) for name, quantity in INDOOR.items()}
+    for name in REQUIRED:
+        if np.all(np.isnan(columns[name])):
+            quantity = INDOOR[name]
+            msg = f"{path} has no values in a column '{quantity.archive[0]}' ({quantity.meaning}, {quantity.unit}), which is needed."
+            raise ArchiveError(msg)
+    hps, power = columns["lamps"], HPS_POWER / 100.0 * columns["lamps"]
+    for channel, most in LED_POWER.items():
+        share = np.clip(np.nan_to_num(first_of((f"int_{channel}_vip", f"int_{channel}_sp"))), 0.0, 1000.0) / 1000.0
+        power += np.where(hps > 0.0, most * share, 0.0)
+    columns["lamps"] = power
+    first = first or day_of(int(rows[0]) // ROWS_A_DAY)
+    days = days or int(rows[-1] - 1) // ROWS_A_DAY + 1 - (first - DAY_ZERO).days
+    times, numbers = five_minutes(first, days, clock)
+    name = path.parent.name if path.stem.lower() == "greenhouseclimate" else path.stem[: path.stem.lower().rindex("_greenhouse")]
+    on_grid = {name: on_rows(values, rows, numbers) for name, values in columns.items()}
+    return checked(name, times, numbers, on_grid, HPS_POWER + sum(LED_POWER.values()))
+
+
+def checked(name: str, times: IntArray, numbers: IntArray, columns: Mapping[str, FloatArray], lamp_power: float) -> Indoor:
+    """An indoor climate without the readings that cannot be true; ``numbers`` are those of the five minutes on the local clock (rows,)."""
+    notes: list[str] = []
+    missing: dict[tuple[int, int], list[str]] = {}
+    clean = {}
+    for column, quantity in INDOOR.items():
+        values = columns[column].copy()
+        gaps = np.flatnonzero(np.isnan(values))
+        if gaps.size:
+            missing.setdefault((gaps.size, int(gaps[0])), []).append(column)
+        checks: dict[str, Callable[[FloatArray], NDArray[np.bool_]]] = {
+            f"outside {quantity.low:g} to {quantity.high:g} {quantity.unit}": lambda v, q=quantity: (v < q.low) | (v > q.high),
+        }
+        if quantity.leap is not None:
+            checks["impossible beside the readings around"] = partial(_leaps, quantity.leap)
+            checks[f"the same for {LONGEST_SAME * ROW_SECONDS // 3600} h or longer"] = _stuck
+        wrong = np.zeros(values.size, dtype=bool)
+        reasons = []
+        for reason, check in checks.items():
+            bad = check(np.where(wrong, np.nan, values))
+            reasons += [f"{bad.sum():,} {reason}"] if bad.any() else []
+            wrong |= bad
+        if wrong.any():
+            place = int(np.flatnonzero(wrong)[0])
+            notes.append(
+                f"{name}, {column}: {wrong.sum():,} readings taken out ({', '.join(reasons)}), the first {values[place]:g} "
+                f"{quantity.unit} at {moment(int(numbers[place]))}."
+            )
+        values[wrong] = np.nan
+        if column in PIPES:
+            present = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(values.size)))
+            held = (present >= 0) & (np.arange(values.size) - present <= LONGEST_HELD)
+            values = np.where(held, values[present], np.nan)
+            values[values <= 0.0] = np.nan
+        clean[column] = values
+    for (count, place), names in missing.items():
+        since = moment(int(numbers[place]))
+        what = "there is no" if count == times.size else f"{count:,} of {times.size:,} rows, the first at {since}, have no"
+        notes.append(f"{name}: {what} {', '.join(names)}.")
+    return Indoor(name, times, MappingProxyType(clean), lamp_power, tuple(notes))
+
+
+def _leaps(leap: float, values: FloatArray) -> NDArray[np.bool_]:
+    """Which readings of a sensor are farther than ``leap`` from the median around them, or on either side of such a jump."""
+    from scipy.ndimage import median_filter
+
+    wrong = np.zeros(values.size, dtype=bool)
+    present = np.flatnonzero(~np.isnan(values))
+    far = np.abs(values[present] - median_filter(values[present], 2 * AROUND + 1, mode="nearest")) > leap
+    wrong[present[far]] = True
+    present = present[~far]
+    jump = (np.abs(np.diff(values[present])) > leap) & (np.diff(present) == 1)
+    wrong[present[:-1][jump]] = wrong[present[1:][jump]] = True
+    return wrong
+
+
+def _stuck(values: FloatArray) -> NDArray[np.bool_]:
+    """Which readings of a sensor belong to ``LONGEST_SAME`` or more that are the same."""
+    lengths = np.diff(np.flatnonzero(np.concatenate(([True], values[1:] != values[:-1], [True]))))
+    return np.repeat(lengths >= LONGEST_SAME, lengths)
