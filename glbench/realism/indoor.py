@@ -159,10 +159,10 @@ def read_indoor(path: Path, clock: str = "Europe/Amsterdam", *, first: dt.date |
     times, numbers = five_minutes(first, days, clock)
     name = path.parent.name if path.stem.lower() == "greenhouseclimate" else path.stem[: path.stem.lower().rindex("_greenhouse")]
     on_grid = {name: on_rows(values, rows, numbers) for name, values in columns.items()}
-    return checked(name, times, numbers, on_grid, HPS_POWER + sum(LED_POWER.values()))
+    return indoor_of(name, times, numbers, on_grid, HPS_POWER + sum(LED_POWER.values()))
 
 
-def checked(name: str, times: IntArray, numbers: IntArray, columns: Mapping[str, FloatArray], lamp_power: float) -> Indoor:
+def indoor_of(name: str, times: IntArray, numbers: IntArray, columns: Mapping[str, FloatArray], lamp_power: float) -> Indoor:
     """An indoor climate without the readings that cannot be true; ``numbers`` are those of the five minutes on the local clock (rows,)."""
     notes: list[str] = []
     missing: dict[tuple[int, int], list[str]] = {}
@@ -193,8 +193,8 @@ def checked(name: str, times: IntArray, numbers: IntArray, columns: Mapping[str,
         values[wrong] = np.nan
         if column in PIPES:
             present = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(values.size)))
-            held = (present >= 0) & (np.arange(values.size) - present <= LONGEST_HELD)
-            values = np.where(held, values[present], np.nan)
+            recent = (present >= 0) & (np.arange(values.size) - present <= LONGEST_HELD)
+            values = np.where(recent, values[present], np.nan)
             values[values <= 0.0] = np.nan
         clean[column] = values
     for (count, place), names in missing.items():

@@ -293,7 +293,7 @@ def five_minutes(first: dt.date, days: int, clock: str) -> tuple[IntArray, IntAr
 
     The hour that summer time skips has none; the numbers of the hour that comes twice are there twice.
     """
-    begin, end = (preprocessing.to_utc_seconds(first + dt.timedelta(days=passed), clock) for passed in (0, days))
+    begin, end = (preprocessing.to_utc_seconds(first + dt.timedelta(days=count), clock) for count in (0, days))
     times = np.arange(begin, end, ROW_SECONDS, dtype=np.int64)
     return times, (times + preprocessing.utc_offsets(times, clock)) // ROW_SECONDS + _EPOCH * ROWS_A_DAY
 
