@@ -173,7 +173,7 @@ def indoor_of(name: str, times: IntArray, numbers: IntArray, columns: Mapping[st
         if gaps.size:
             missing.setdefault((gaps.size, int(gaps[0])), []).append(column)
         checks: dict[str, Callable[[FloatArray], NDArray[np.bool_]]] = {
-            f"outside {quantity.low:g} to {quantity.high:g} {quantity.unit}": lambda v, q=quantity: (v < q.low) | (v > q.high),
+            f"outside {quantity.low:g} to {quantity.high:g} {quantity.unit}": partial(_outside, quantity),
         }
         if quantity.leap is not None:
             checks["impossible beside the readings around"] = partial(_leaps, quantity.leap)
@@ -202,6 +202,10 @@ def indoor_of(name: str, times: IntArray, numbers: IntArray, columns: Mapping[st
         what = "there is no" if count == times.size else f"{count:,} of {times.size:,} rows, the first at {since}, have no"
         notes.append(f"{name}: {what} {', '.join(names)}.")
     return Indoor(name, times, MappingProxyType(clean), lamp_power, tuple(notes))
+
+
+def _outside(quantity: Quantity, values: FloatArray) -> NDArray[np.bool_]:
+    return (values < quantity.low) | (values > quantity.high)
 
 
 def _leaps(leap: float, values: FloatArray) -> NDArray[np.bool_]:

@@ -262,7 +262,7 @@ def _table(path: Path) -> pd.DataFrame:
         msg = f"Cannot read {path}: {error}. Is the file whole?"
         raise ArchiveError(msg) from error
     table.columns = [str(name).strip().lstrip("%").strip() for name in table.columns]
-    table.index = range(len(table))
+    table = table.reset_index(drop=isinstance(table.index, pd.RangeIndex))
     if table.empty:
         msg = f"{path} has no rows. Is the file whole?"
         raise ArchiveError(msg)
