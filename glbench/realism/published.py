@@ -344,7 +344,7 @@ def numbers_of(table: pd.DataFrame, name: str, path: Path) -> FloatArray:
     Raises
     ------
     ArchiveError
-        For a text that is no number; names file and row.
+        For a text that is not a number; names file and row.
     """
     import pandas as pd
 
