@@ -63,7 +63,7 @@ def _set_point(unit: str, meaning: str, high: float, name: str) -> Quantity:
 
 INDOOR: Mapping[str, Quantity] = MappingProxyType(
     {
-        "air_temperature": Quantity("degC", "air temperature", 1.0, 60.0, ("Tair",), leap=7.0),
+        "air_temperature": Quantity("degC", "temperature of the air", 1.0, 60.0, ("Tair",), leap=7.0),
         "humidity": Quantity("%", "relative humidity", 1.0, 100.0, ("Rhair",), leap=25.0),
         "co2": Quantity("ppm", "CO2 of the air", 100.0, 5000.0, ("CO2air",), leap=700.0),
         "vents_lee": Quantity("%", "lee vents, open", 0.0, 100.0, ("VentLee",)),
