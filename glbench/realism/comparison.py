@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from glbench.errors import ArchiveError, ResultError
-from glbench.realism.houses import MODEL, House, Settings, model
+from glbench.realism.houses import House, Settings, model
 from glbench.realism.inputs import outdoors
 from glbench.realism.published import Archive, Compartment
 from glbench.realism.season import Season, simulate
@@ -224,11 +224,12 @@ def compare(
         for house in houses
     )
     heat = np.column_stack([one.heat for one in archive.compartments])
+    models = tuple(dict.fromkeys(house.model for house in houses))
     comparison = Comparison(
         first=archive.first,
         last=archive.first + dt.timedelta(days=archive.days - 1),
-        model=MODEL,
-        digest=model().digest,
+        model=", ".join(models),
+        digest=", ".join(model(name).digest for name in models),
         warmer=warmer,
         settings=settings,
         notes=(*archive.notes, *outside.notes),

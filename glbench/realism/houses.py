@@ -6,17 +6,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from glbench import settings
 from glbench.agents.grower import Heating, HumidityDeficit, Screen, Ventilation
 from glbench.errors import ArchiveError, UnknownNameError, did_you_mean
 from glbench.model import Model, get_model
+from glbench.model.parameter_sets import Override
+from glbench.tasks.fields import sorted_overrides
 from glbench.weather.record import FloatArray
 
 MODEL = "greenlight-tomato-harvest-1.0.0"
@@ -116,6 +118,10 @@ class House:
         As tables and pages call it.
     parameters
         Named set of the model.
+    model
+        Id of the model.
+    overrides
+        Values by parameter name in place of the set's, in the units of the model's table.
     uncooled
         Whether the active cooling of its lamps is switched off.
     mixed
@@ -127,6 +133,8 @@ class House:
     parameters: str
     uncooled: bool = False
     mixed: tuple[str, str] | None = None
+    model: str = MODEL
+    overrides: Mapping[str, Override] = field(default_factory=dict)
 
 
 HOUSES: Mapping[str, House] = MappingProxyType(
@@ -166,9 +174,36 @@ def choose_houses(names: tuple[str, ...]) -> tuple[House, ...]:
     return tuple(HOUSES[name] for name in dict.fromkeys(names)) or tuple(HOUSES.values())
 
 
-def model() -> Model:
+class _ModelTable(settings.Table):
+    id: str
+    parameters: str
+    overrides: Annotated[tuple[tuple[str, float, str], ...], BeforeValidator(sorted_overrides)] = ()
+
+
+class _HousePage(settings.Table):
+    name: str
+    description: str
+    model: _ModelTable
+    identified: dict[str, Any] = Field(default_factory=dict)
+
+
+def read_house(path: Path) -> House:
+    """A house from a page in TOML: ``name``, ``description``, and ``[model]`` as in a task file. ``glbench identify`` writes such pages.
+
+    Raises
+    ------
+    GlbenchError
+        When the page cannot be read, or names a model, set, parameter or value that cannot be.
+    """
+    page = settings.read_settings(_HousePage, path, "the page of the house", ArchiveError, toml=True)
+    overrides = {name: (value, unit) for name, value, unit in page.model.overrides}
+    model(page.model.id).parameters.default(page.model.parameters, overrides)
+    return House(page.name, page.description, page.model.parameters, model=page.model.id, overrides=overrides)
+
+
+def model(name: str = MODEL) -> Model:
     """The model that is simulated."""
-    return get_model(MODEL)
+    return get_model(name)
 
 
 def parameters(house: House, settings: Settings) -> FloatArray:
@@ -176,14 +211,14 @@ def parameters(house: House, settings: Settings) -> FloatArray:
 
     A house with both kinds of lamps has one that is their mean (``mix_lamps``).
     """
-    values = model().parameters
-    overrides: dict[str, float] = {"cFruitMax": 1e3 * settings.plants.fruit_load}
+    values = model(house.model).parameters
+    overrides: dict[str, Override] = {"cFruitMax": 1e3 * settings.plants.fruit_load}
     if house.mixed is not None:
         hps, led = (values.group(_LAMPS, name) for name in house.mixed)
         overrides |= mix_lamps(settings.lamps.hps / settings.lamps.power, hps, led)
     elif house.uncooled:
         overrides[_COOLING] = 0.0
-    return values.default(house.parameters, overrides | {_LAMP_POWER: settings.lamps.power})
+    return values.default(house.parameters, overrides | {_LAMP_POWER: settings.lamps.power, **house.overrides})
 
 
 def mix_lamps(share: float, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:

@@ -10,8 +10,8 @@ import numpy as np
 
 from glbench.env.process_computer import MEMORY, Measured, work
 from glbench.kernel import Kernel
-from glbench.model import co2_ppm, humidity_deficit, relative_humidity
-from glbench.realism.houses import House, Settings, model, parameters
+from glbench.model import Model, co2_ppm, humidity_deficit, relative_humidity
+from glbench.realism.houses import House, Plants, Settings, model, parameters
 from glbench.realism.inputs import STEP_SECONDS, Outdoors, schedule
 from glbench.realism.published import Archive
 from glbench.tasks import get_task
@@ -87,7 +87,7 @@ def simulate(
     StepError
         When a step cannot be integrated.
     """
-    greenhouse, p, count = model(), parameters(house, settings), len(archive.compartments)
+    greenhouse, p, count = model(house.model), parameters(house, settings), len(archive.compartments)
     # Of the process computer's task only its defaults and the house count.
     computer = get_task(_BASE).replace(
         {
@@ -104,7 +104,7 @@ def simulate(
     kernel = Kernel(greenhouse, STEP_SECONDS)
     place = {name: greenhouse.state_index(name) for name in _READ}
     column = {name: number for number, name in enumerate(greenhouse.control_names)}
-    x = np.repeat(_planted(outside, p, settings)[None], count, axis=0)
+    x = np.repeat(young_crop(greenhouse, outside.values[0], p, settings.plants)[None], count, axis=0)
     u = np.zeros((count, len(column)))
     memory: dict[str, Any] = {name: np.full(count, value) for name, value in MEMORY.items()}
     sums = {name: np.zeros((archive.days, count)) for name in ("heat", "pipes", "lamps", "co2", "harvest", "air", "humid", "ppm")}
@@ -153,13 +153,22 @@ def simulate(
     )  # fmt: skip
 
 
-def _planted(outside: Outdoors, p: FloatArray, settings: Settings) -> FloatArray:
-    """State when the young plants have been planted (states,); the rest is that of any start."""
-    greenhouse, plants = model(), settings.plants
-    x = np.array(greenhouse.start("mature_crop", outside.values[0], AIR_AT_START, p))
+def young_crop(greenhouse: Model, first: FloatArray, p: FloatArray, plants: Plants, air_temperature: float = AIR_AT_START) -> FloatArray:
+    """State when the young plants have been planted (states,); the rest is that of any start.
+
+    Parameters
+    ----------
+    first
+        The first row of the weather (disturbances,).
+    p
+        Parameters (parameters,).
+    air_temperature
+        Of air, surfaces and plants [degC].
+    """
+    x = np.array(greenhouse.start("mature_crop", first, air_temperature, p))
     mass = 1e3 * plants.dry_mass  # mg m-2
     own = {
-        "tCan": AIR_AT_START, "tCan24": AIR_AT_START, "cBuf": 0.0, "cLeaf": mass * plants.leaves, "cStem": mass * plants.stems,
+        "tCan": air_temperature, "tCan24": air_temperature, "cBuf": 0.0, "cLeaf": mass * plants.leaves, "cStem": mass * plants.stems,
         "cFruit": mass * plants.fruit, "tCanSum": 0.0,
     }  # fmt: skip
     for name, value in own.items():
