@@ -28,12 +28,11 @@ if TYPE_CHECKING:
 
 CHANNELS: Mapping[str, str] = {"air_temperature": "K", "humidity": "%", "co2": "ppm"}
 """What is compared, with the unit of its errors."""
-THREADS = 2
-"""Threads that share the parameter sets of a batch; their number changes no bit."""
+PRESET, THREADS = "fast", 2
+"""Of the kernel; the number of threads changes no bit."""
 _AIR, _PIPES = ("tAir", "vpAir", "co2Air"), {"rail_pipe": "tPipe", "grow_pipe": "tGroPipe"}
 _SCREENS = {names.SCREEN: "thermal_screen", names.BLACKOUT: "blackout_screen"}
-_MG_S = 1e6 / 3600.0
-"""A kilogram an hour [mg s-1]."""
+_MG_S = 1e6 / 3600.0  # a kilogram an hour
 
 Flags = NDArray[np.bool_]
 Progress = Callable[[int, int], None]
@@ -44,20 +43,9 @@ Progress = Callable[[int, int], None]
 class Drive:
     """What drives the free run, and what it is compared with; every array is (steps,), ``weather`` (steps, disturbances).
 
-    Attributes
-    ----------
-    step_seconds
-        Length of a step [s].
-    date, hour, week
-        Day and whole hour on the local clock, and whole weeks since the first day.
-    shares
-        Position of vents and screens by the control's name [-].
-    lamps, dose
-        Electric power [W m-2] and CO2 [mg m-2 s-1].
-    pipes
-        Temperatures by the state's name [degC]; NaN where a pipe is off.
-    measured
-        ``CHANNELS`` in degC, % and ppm; NaN where there is no reading.
+    Date and whole hour are those of the local clock, weeks are counted from the first day. ``shares`` has the positions of vents and
+    screens [-] by control, ``lamps`` their electric power [W m-2], ``dose`` the CO2 [mg m-2 s-1], ``pipes`` temperatures [degC] by state,
+    NaN where a pipe is off, and ``measured`` the ``CHANNELS`` [degC, %, ppm], NaN where there is no reading.
     """
 
     step_seconds: float
@@ -86,26 +74,17 @@ class Drive:
 def drive(indoor: Indoor, outside: Outdoors, first: dt.date) -> Drive:
     """Put measured climate and weather together.
 
-    An actuator without a reading keeps its last one, and one that was never read is closed or off. Two vents count as their mean.
-
-    Parameters
-    ----------
-    outside
-        Weather in steps of the same length.
-    first
-        The first day.
+    Both have the same steps, of which the first is at midnight of the day ``first``. An actuator without a reading keeps its last one;
+    one that was never read is closed or off. Two vents count as their mean.
 
     Raises
     ------
     ArchiveError
-        When climate and weather have not the same steps, or the air was never measured.
+        When climate and weather differ in their steps, or the air was never measured.
     """
     steps = outside.steps
     if indoor.times.size != steps:
-        msg = (
-            f"{indoor.name}: the climate has {indoor.times.size:,} rows and the weather {steps:,} steps. "
-            "Both have to cover the same days in steps of the same length."
-        )
+        msg = f"{indoor.name}: the climate has {indoor.times.size:,} rows and the weather {steps:,} steps. Both must cover the same days."
         raise ArchiveError(msg)
     missing = np.full(steps, np.nan)
     measured = {channel: indoor.columns.get(channel, missing) for channel in CHANNELS}
@@ -145,15 +124,9 @@ class Error(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FreeRun:
-    """A free run of several parameter sets.
+    """A free run of several parameter sets, the lanes: simulated ``CHANNELS`` at the start of each step, as readings are (steps, lanes).
 
-    Attributes
-    ----------
-    climate
-        Simulated ``CHANNELS`` at the start of each step, like the readings, in degC, % and ppm (steps, lanes); NaN from where a lane
-        could not be integrated.
-    failures
-        Why, by lane.
+    A lane that could not be integrated is NaN from there on; ``failures`` says why.
     """
 
     drive: Drive
@@ -183,27 +156,11 @@ class FreeRun:
 
 
 def free_run(
-    greenhouse: Model,
-    parameters: FloatArray,
-    season: Drive,
-    plants: Plants,
-    *,
-    steps: int | None = None,
-    preset: str = "fast",
-    progress: Progress | None = None,
+    greenhouse: Model, parameters: FloatArray, season: Drive, plants: Plants, *, steps: int | None = None, progress: Progress | None = None
 ) -> FreeRun:
-    """Run parameter sets side by side through a measured season.
+    """Run ``parameters`` (lanes, parameters) side by side through a measured season, or its first ``steps``.
 
-    Parameters
-    ----------
-    parameters
-        A row a set (lanes, parameters).
-    plants
-        The young crop of the start, planted in the air as first measured.
-    steps
-        How many; all for ``None``.
-    preset
-        Of the kernel.
+    The young crop is planted in the air as first measured.
 
     Raises
     ------
@@ -217,8 +174,8 @@ def free_run(
     warm = season.measured["air_temperature"][0]
     air = float(warm) if np.isfinite(warm) else AIR_AT_START
     x = np.stack([young_crop(greenhouse, season.weather[0], row, plants, air) for row in p])
-    sets = [dict(zip(greenhouse.parameter_names, row.tolist(), strict=True)) for row in p]
-    installed = [{one.name: one.capacity for one in greenhouse.capacities(one_set)} for one_set in sets]
+    sets = (dict(zip(greenhouse.parameter_names, row.tolist(), strict=True)) for row in p)
+    installed = [{one.name: one.capacity for one in greenhouse.capacities(values)} for values in sets]
     column = {name: number for number, name in enumerate(greenhouse.control_names)}
     controls = np.zeros((total, count, len(column)))
     for name, share in season.shares.items():
@@ -234,7 +191,7 @@ def free_run(
         controls[:, :, column[name]] = np.clip(amount[:total, None] / np.where(most > 0.0, most, 1.0), 0.0, 1.0)
     pipes = [(greenhouse.state_index(state), values) for state, values in season.pipes.items()]
     air_states = [greenhouse.state_index(name) for name in _AIR]
-    kernel = Kernel(greenhouse, season.step_seconds, preset=preset, threads=THREADS)
+    kernel = Kernel(greenhouse, season.step_seconds, preset=PRESET, threads=THREADS)
     air_values = np.full((total, count, len(_AIR)), np.nan)
     alive, failures = np.arange(count), dict[int, str]()
     for step in range(total):
