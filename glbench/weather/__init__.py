@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from glbench.extras import lazy_names
 from glbench.weather.generator import Blocks, GeneratedSeason, SeasonGenerator
-from glbench.weather.knmi import fetch_knmi, read_knmi
+from glbench.weather.knmi import fetch_knmi
 from glbench.weather.preprocessing import COLUMNS
 from glbench.weather.record import QUANTITIES, Place, WeatherInfo, WeatherRecord
 from glbench.weather.series import PREPROCESSINGS, Disturbances, disturbances
@@ -23,13 +23,13 @@ from glbench.weather.store import find_weather, list_weather, load_weather, save
 
 if TYPE_CHECKING:
     from glbench.weather.column_map import ColumnMap, guess_column_map, read_columns, read_csv, write_column_map
-    from glbench.weather.readers import FORMATS, read_epw, read_tmy, read_weather
+    from glbench.weather.readers import FORMATS, read_weather
 else:
     __getattr__ = lazy_names(
         __name__,
         {
             "column_map": ("ColumnMap", "guess_column_map", "read_columns", "read_csv", "write_column_map"),
-            "readers": ("FORMATS", "read_epw", "read_tmy", "read_weather"),
+            "readers": ("FORMATS", "read_weather"),
         },
     )
 
@@ -54,9 +54,6 @@ __all__ = [
     "load_weather",
     "read_columns",
     "read_csv",
-    "read_epw",
-    "read_knmi",
-    "read_tmy",
     "read_weather",
     "save_weather",
     "user_file",

@@ -166,20 +166,15 @@ def _names(generator: SeasonGenerator) -> tuple[str, ...]:
 
 def generated_seasons(generator: SeasonGenerator, start: dt.date, within_days: int, days: int, seasons: int, seed: int) -> Seasons:
     """``seasons`` generated seasons of so many days, their first days in turn from ``start`` to ``within_days`` later."""
-    inner = slice(MARGIN_DAYS, MARGIN_DAYS + days)
-    hours: dict[str, list[FloatArray]] = {name: [] for name in _names(generator)}
-    calendar, sources, joints = [], [], []
+    names, inner, rows = _names(generator), slice(MARGIN_DAYS, MARGIN_DAYS + days), []
     for number in range(seasons):
         first = start + dt.timedelta(days=number % (within_days + 1))
-        numbers = np.random.default_rng((seed, number)).random(generator.numbers(days))
-        season = generator.season(first, days, numbers)
-        for name, column in hours.items():
-            column.append(season.record.values(name).reshape(-1, DAY_HOURS)[inner])
-        calendar.append(calendar_days((first - dt.date(1970, 1, 1)).days + np.arange(days)))
-        sources.append(season.sources[inner])
-        joints.append(season.joints[inner])
-    stacked = {name: np.stack(column) for name, column in hours.items()}
-    return Seasons(stacked, np.stack(calendar), np.stack(sources), np.stack(joints))
+        season = generator.season(first, days, np.random.default_rng((seed, number)).random(generator.numbers(days)))
+        hours = [season.record.values(name).reshape(-1, DAY_HOURS)[inner] for name in names]
+        calendar = calendar_days((first - dt.date(1970, 1, 1)).days + np.arange(days))
+        rows.append((calendar, season.sources[inner], season.joints[inner], *hours))
+    calendar, sources, joints, *columns = (np.stack(part) for part in zip(*rows, strict=True))
+    return Seasons(dict(zip(names, columns, strict=True)), calendar, sources, joints)
 
 
 def real_seasons(generator: SeasonGenerator, start: dt.date, within_days: int, days: int) -> Seasons:
@@ -278,18 +273,23 @@ def _midnights(generated: Seasons, real: Seasons) -> list[Figure]:
 
 
 def _sums(generated: Seasons, real: Seasons) -> list[Figure]:
-    """Sums of a season: radiation [MJ m-2] and degree-hours [K h] below 18 degC; their mean over the real one, and their spread."""
+    """Sums over a season of radiation and of degree-hours below 18 degC: their mean over that of the real ones, and their spread."""
     figures = []
     days = generated.calendar.shape[1]
     radiation, below = (
-        [one.hours["global_radiation"].sum(axis=(1, 2)) * 3600e-6 for one in (generated, real)],
-        [np.maximum(BASE_TEMPERATURE - one.hours["air_temperature"], 0.0).sum(axis=(1, 2)) for one in (generated, real)],
+        [one.hours["global_radiation"] for one in (generated, real)],
+        [np.maximum(BASE_TEMPERATURE - one.hours["air_temperature"], 0.0) for one in (generated, real)],
     )
-    for name, (ours, theirs) in ((f"radiation sum of {days} days", radiation), (f"degree-hours of {days} days", below)):
-        limits = (0.98, 1.02) if name.startswith("radiation") else (None, None)
-        figures.append(Figure(f"{name}, generated over real [-]", float(ours.mean() / theirs.mean()), *limits))
-        figures.append(Figure(f"{name}, sd generated [% of mean]", 100.0 * float(ours.std() / ours.mean())))
-        figures.append(Figure(f"{name}, sd real [% of mean]", 100.0 * float(theirs.std() / theirs.mean())))
+    for name, hours, low, high in (
+        (f"radiation sum of {days} days", radiation, 0.98, 1.02),
+        (f"degree-hours of {days} days", below, None, None),
+    ):
+        ours, theirs = (one.sum(axis=(1, 2)) for one in hours)
+        figures.append(Figure(f"{name}, generated over real [-]", float(ours.mean() / theirs.mean()), low, high))
+        figures += [
+            Figure(f"{name}, sd {kind} [% of mean]", 100.0 * float(one.std() / one.mean()))
+            for kind, one in (("generated", ours), ("real", theirs))
+        ]
     return figures
 
 
@@ -352,13 +352,8 @@ def write_picture(generator: SeasonGenerator, season: GeneratedSeason, path: Pat
     for axes in (rows[1], rows[3]):
         axes.set_ylim(bottom=0.0)
     _blocks(rows[-1], generator, dates, season.sources[inner], season.joints[inner])
-    figure.legend(
-        *rows[0].get_legend_handles_labels(),
-        loc="outside upper center",
-        ncols=min(len(real), 6) + 2,
-        frameon=False,
-        fontsize=9,
-    )
+    legend = rows[0].get_legend_handles_labels()
+    figure.legend(*legend, loc="outside upper center", ncols=min(len(real), 6) + 2, frameon=False, fontsize=9)
     years = ", ".join(str(year) for year in generator.years)
     rows[0].set_title(f"A season generated from {years} ({season.record.station})", loc="left", fontsize=12, color=INK)
     library: Any = matplotlib_dates  # matplotlib does not say what its locators take
@@ -375,18 +370,13 @@ def write_picture(generator: SeasonGenerator, season: GeneratedSeason, path: Pat
 def _real_years(generator: SeasonGenerator, calendar: IntArray) -> dict[int, dict[str, FloatArray]]:
     """Hours of the same calendar days in each year, (days, 24) of each quantity; NaN where a season runs out of the year."""
     numbers, values = generator.real_days()
-    own_years = numbers.astype("datetime64[D]").astype("datetime64[Y]").astype(np.int64) + 1970
-    own = calendar_days(numbers)
-    turned = np.flatnonzero(np.diff(calendar) < 0)
-    wanted_year = np.zeros(calendar.size, dtype=np.int64)
-    if turned.size:
-        wanted_year[turned[0] + 1 :] = 1
+    years = numbers.astype("datetime64[D]").astype("datetime64[Y]").astype(np.int64) + 1970
+    # The last row of a key that occurs twice is taken: a leap year has 28 February and then 29 February, which counts as that day.
+    row_of = dict(zip(zip(years.tolist(), calendar_days(numbers).tolist(), strict=True), range(numbers.size), strict=True))
+    later = np.cumsum(np.diff(calendar, prepend=calendar[:1]) < 0)
     by_year = {}
     for year in generator.years:
-        rows = np.full(calendar.size, -1, dtype=np.int64)
-        for i, (day, later) in enumerate(zip(calendar, wanted_year, strict=True)):
-            here = np.flatnonzero((own == day) & (own_years == year + later))
-            rows[i] = here[0] if here.size else -1
+        rows = np.array([row_of.get((year + turn, day), -1) for day, turn in zip(calendar.tolist(), later.tolist(), strict=True)])
         by_year[year] = {name: np.where((rows >= 0)[:, None], column[rows], np.nan) for name, column in values.items()}
     return by_year
 
@@ -394,22 +384,14 @@ def _real_years(generator: SeasonGenerator, calendar: IntArray) -> dict[int, dic
 def _blocks(axes: Axes, generator: SeasonGenerator, dates: Any, sources: IntArray, joints: Any) -> None:
     """A strip that says where each block was taken from, and lines at the joints."""
     begins = np.flatnonzero(joints | (np.arange(joints.size) == 0))
-    for begin, end in zip(begins, np.append(begins[1:], joints.size), strict=True):
-        first = sources[begin].astype("datetime64[D]").item()
-        colour = _colour(generator.years.index(first.year))
-        axes.barh(
-            0.0,
-            float(end - begin),
-            left=dates[begin] - np.timedelta64(12, "h"),
-            height=1.0,
-            color=colour,
-            alpha=0.55,
-            ec="white",
-            lw=2,
-        )
-        if end - begin >= ROOM_OF_A_DATE:
-            middle = dates[begin] - np.timedelta64(12, "h") + np.timedelta64(int(12 * (end - begin)), "h")
-            axes.text(middle, 0.0, f"{first.day} {first:%b}\n{first.year}", ha="center", va="center", fontsize=7.5, color=INK)
+    lengths, left = np.diff(begins, append=joints.size), dates[begins] - np.timedelta64(12, "h")
+    first_days = sources[begins].astype("datetime64[D]").tolist()
+    colours = [_colour(generator.years.index(first.year)) for first in first_days]
+    axes.barh(np.zeros(begins.size), lengths.astype("timedelta64[D]"), left=left, height=1.0, color=colours, alpha=0.55, ec="white", lw=2)
+    for first, length, edge in zip(first_days, lengths.tolist(), left, strict=True):
+        if length >= ROOM_OF_A_DATE:
+            text = f"{first.day} {first:%b}\n{first.year}"
+            axes.text(edge + np.timedelta64(12 * length, "h"), 0.0, text, ha="center", va="center", fontsize=7.5, color=INK)
     axes.set_yticks([])
     axes.set_ylabel("taken from", fontsize=9, color=INK)
     axes.set_ylim(-0.5, 0.5)

@@ -20,13 +20,12 @@ import urllib.error
 import urllib.parse
 import urllib.request
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 
 from glbench.errors import WeatherError, whole_number
-from glbench.outside_tables import read_text
+from glbench.outside_tables import TextTable
 from glbench.resources import cache_folder, data_folder, write_atomically
 from glbench.weather.hourly import hourly_record
 from glbench.weather.record import (
@@ -39,6 +38,7 @@ from glbench.weather.record import (
     Place,
     Rows,
     WeatherRecord,
+    ends_of_hours,
     require_columns,
 )
 
@@ -87,25 +87,13 @@ def native_rows(file: str, native: Mapping[str, IntArray] | Mapping[str, FloatAr
     """
     require_columns(file, list(native), NEEDED_COLUMNS[1:])
     value = {name: np.asarray(column, dtype=np.float64) for name, column in native.items()}
-    if numbers is None:
-        numbers = np.arange(1, value["HH"].size + 1, dtype=np.int64)
-    unique, which = np.unique(value["YYYYMMDD"].astype(np.int64), return_inverse=True)
-    midnights = np.empty(unique.size, dtype=np.int64)
-    for i, date in enumerate(unique):
-        text = f"{int(date):08d}"
-        try:
-            midnights[i] = np.datetime64(f"{text[:4]}-{text[4:6]}-{text[6:]}", "s").astype(np.int64)
-        except ValueError as error:
-            row = numbers[np.flatnonzero(which == i)[0]]
-            msg = f"{file}, row {row}: the date {text} does not exist. Correct the file or fetch it again."
-            raise WeatherError(msg) from error
-    hours = value["HH"]
-    bad = np.flatnonzero(~((hours >= 1) & (hours <= 24) & (hours % 1 == 0)))
-    if bad.size:
-        i = int(bad[0])
-        msg = f"{file}, row {numbers[i]}: the hour {hours[i]:g} is not one of 1 to 24. Correct the file or fetch it again."
-        raise WeatherError(msg)
-    slot_ends = np.asarray(midnights[which] + SLOT_SECONDS * hours.astype(np.int64), dtype=np.int64)
+    date, hour = value["YYYYMMDD"], value["HH"]
+    row_numbers = np.arange(1, hour.size + 1, dtype=np.int64) if numbers is None else numbers
+
+    def refuse(row: int, problem: str) -> WeatherError:
+        return WeatherError(f"{file}, row {row_numbers[row]}: {problem}. Correct the file or fetch it again.")
+
+    slot_ends = ends_of_hours(date // 10000, date // 100 % 100, date % 100, hour, refuse)
     columns: dict[str, FloatArray] = {
         "air_temperature": value["T"] / 10.0,
         "relative_humidity": value["U"],
@@ -114,68 +102,12 @@ def native_rows(file: str, native: Mapping[str, IntArray] | Mapping[str, FloatAr
         # J cm-2 in the slot; 1e4 J m-2 over 3600 s as one rounded division.
         "global_radiation": value["Q"] * 10000.0 / SLOT_SECONDS,
     }
-    return Rows(file, slot_ends, columns, USUAL_TIMING, numbers)
-
-
-@dataclass(frozen=True)
-class KnmiTable:
-    """A KNMI text file as read: native columns (NaN for a blank), line numbers, and the station table of its comments."""
-
-    file: str
-    columns: Mapping[str, FloatArray]
-    lines: IntArray
-    stations: Mapping[int, Place]
-
-    def only(self, rows: IntArray) -> KnmiTable:
-        """The same table with the rows numbered ``rows`` (from 0)."""
-        columns = {name: column[rows] for name, column in self.columns.items()}
-        return KnmiTable(self.file, columns, self.lines[rows], self.stations)
-
-
-def read_knmi(
-    path: Path | str,
-    *,
-    name: str | None = None,
-    station: int | None = None,
-    timezone: str | None = None,
-    coordinates: Coordinates | None = None,
-    fill_gaps: int = 0,
-) -> WeatherRecord:
-    """Weather record of a KNMI file of hourly values: an answer of the web service, or a bulk file (``.txt`` or ``.zip``).
-
-    Parameters
-    ----------
-    path : Path or str
-        The file. Comment lines, quotes and Windows line ends are as KNMI writes them.
-    name : str, optional
-        Name of the record; the file's own name by default.
-    station : int, optional
-        KNMI's number; needed when the file holds several stations.
-    timezone : str, optional
-        IANA zone of the local clock; Europe/Amsterdam by default.
-    coordinates : tuple of float, optional
-        Degrees north, degrees east and metres above sea level. By default those of the file's station table, or else of KNMI's list.
-    fill_gaps : int
-        Fill up to so many missing hours in a row linearly (recorded in the notes); 0 fills nothing.
-
-    Raises
-    ------
-    WeatherError
-        When the file is no KNMI file, is cut off, or has gaps or impossible values; names file, row and value.
-    """
-    path = Path(path)
-    return record_from_knmi(
-        parse_knmi(read_text(path, WeatherError), str(path)),
-        name or path.stem.lower(),
-        station=station,
-        timezone=timezone,
-        coordinates=coordinates,
-        fill_gaps=fill_gaps,
-    )
+    return Rows(file, slot_ends, columns, USUAL_TIMING, row_numbers)
 
 
 def record_from_knmi(
-    table: KnmiTable,
+    table: TextTable,
+    places: Mapping[int, Place],
     name: str,
     *,
     station: int | None = None,
@@ -183,8 +115,23 @@ def record_from_knmi(
     coordinates: Coordinates | None = None,
     fill_gaps: int = 0,
 ) -> WeatherRecord:
-    """Checked record of one station of a KNMI table. Raises ``WeatherError`` as ``read_knmi`` does."""
-    present = sorted({int(number) for number in table.columns["STN"]})
+    """Checked record of one station of a table of ``parse_knmi``; the options are those of ``read_weather``.
+
+    Raises
+    ------
+    WeatherError
+        When the station is unknown or there are several, a field is not a number, or there are gaps or impossible values; names file, row
+        and value.
+    """
+    columns = {}
+    for title in (title for title in (*NEEDED_COLUMNS, "N") if title in table.titles):
+        columns[title] = values = table.numbers(title)
+        blank = np.isnan(values) & (title in NATIVE_COLUMNS)
+        odd = np.flatnonzero(~(values % 1 == 0) & ~blank)
+        if odd.size:
+            problem = f"'{table.texts(title)[odd[0]]}' is not a whole number. Correct the file or fetch it again."
+            raise table.refuse(problem, int(odd[0]), title)
+    present = sorted({int(number) for number in columns["STN"]})
     if station is None and not present:
         msg = f"{table.file} holds no hourly values. Is it the right file, and whole?"
         raise WeatherError(msg)
@@ -196,7 +143,7 @@ def record_from_knmi(
         msg = f"{table.file} holds {stations}, not station {station}. Choose the right file or station."
         raise WeatherError(msg)
     number = present[0] if station is None else station
-    place = table.stations.get(number)
+    place = places.get(number)
     if coordinates is not None:
         place = Place(place.station if place else f"KNMI {number}", *coordinates, KNMI_TIMEZONE)
     if place is None:
@@ -205,19 +152,20 @@ def record_from_knmi(
             "list. Give the place with --place LATITUDE,LONGITUDE,ALTITUDE [deg north, deg east, m]."
         )
         raise WeatherError(msg)
-    own = table.only(np.flatnonzero(table.columns["STN"] == number))
+    own = columns["STN"] == number
+    native = {title: values[own] for title, values in columns.items()}
     place = replace(place, timezone=timezone or place.timezone)
     origin = Origin(name, place, f"{KNMI_SOURCE}, station {number}", KNMI_LICENCE)
-    return hourly_record(native_rows(own.file, own.columns, own.lines), origin, fill_gaps=fill_gaps)
+    return hourly_record(native_rows(table.file, native, np.array(table.lines, dtype=np.int64)[own]), origin, fill_gaps=fill_gaps)
 
 
-def parse_knmi(text: str, file: str) -> KnmiTable:
-    """KNMI's text as a table; only the columns that are needed are kept.
+def parse_knmi(text: str, file: str) -> tuple[TextTable, Mapping[int, Place]]:
+    """KNMI's text as a table, and the places of stations by their numbers, from its comments and from KNMI's list.
 
     Raises
     ------
     WeatherError
-        When there is no header line, a line has too few or too many fields, or a field is not a number.
+        When there is no header line, or a line has too few or too many fields.
     """
     header: list[str] = []
     stations = dict(known_stations())
@@ -234,7 +182,7 @@ def parse_knmi(text: str, file: str) -> KnmiTable:
             place = Place(f"KNMI {code}, {town}", float(latitude), float(longitude), float(altitude), KNMI_TIMEZONE)
             stations[int(code)] = place
         elif header and line and not raw.lstrip(' "').startswith("#"):
-            rows.append(raw.split(","))
+            rows.append([field.strip() for field in raw.split(",")])
             numbers.append(number)
     if not header:
         beginning = " ".join(text.split())[:80]
@@ -243,35 +191,15 @@ def parse_knmi(text: str, file: str) -> KnmiTable:
             "If KNMI's service answered with a web page, it is out of order: try again later."
         )
         raise WeatherError(msg)
-    lines = np.array(numbers, dtype=np.int64)
-    names = [name for name in ("STN", "YYYYMMDD", "HH", *NATIVE_COLUMNS) if name in header]
     for number, row in zip(numbers, rows, strict=True):
         if len(row) != len(header):
-            content = ",".join(row).strip()
+            content = ",".join(row)
             msg = (
                 f"{file}, row {number}: {len(row)} fields instead of {len(header)} ('{content[:60]}'). The file is cut off or "
                 "damaged: fetch it again."
             )
             raise WeatherError(msg)
-    columns = {name: _numbers(file, name, [row[header.index(name)] for row in rows], lines) for name in names}
-    return KnmiTable(file, columns, lines, stations)
-
-
-def _numbers(file: str, name: str, fields: list[str], lines: IntArray) -> FloatArray:
-    """Fields as numbers; blanks become NaN, except in the columns that say which hour it is."""
-    values = np.empty(len(fields))
-    for i, text in enumerate(fields):
-        stripped = text.strip()
-        try:
-            values[i] = float(int(stripped)) if stripped else np.nan
-        except ValueError as error:
-            msg = f"{file}, row {lines[i]}: '{stripped}' in column {name} is not a whole number. Correct the file or fetch it again."
-            raise WeatherError(msg) from error
-    if name not in NATIVE_COLUMNS and np.isnan(values).any():
-        row = lines[np.flatnonzero(np.isnan(values))[0]]
-        msg = f"{file}, row {row}: no value in column {name}. Correct the file or fetch it again."
-        raise WeatherError(msg)
-    return values
+    return TextTable(file, WeatherError, (), tuple(header), rows, numbers), stations
 
 
 def fetch_knmi(
@@ -337,12 +265,13 @@ def fetch_knmi(
     if content is None:
         content = _download(address, form, timeout_seconds, total_seconds, progress)
     file = f"KNMI's answer for station {station}, {year}"
-    table = parse_knmi(content.decode("utf-8", errors="replace"), file)
-    own = table.only(np.flatnonzero((table.columns["YYYYMMDD"] // 10000) == year))
-    if own.lines.size == 0:
+    table, places = parse_knmi(content.decode("utf-8", errors="replace"), file)
+    own = [i for i, date in enumerate(table.texts("YYYYMMDD")) if date.startswith(str(year))]
+    if not own:
         msg = f"{file}: it holds no hour of {year}. Does the station exist, and did it measure in that year?"
         raise WeatherError(msg)
-    record = record_from_knmi(own, name or f"knmi-{station}-{year}", station=station, fill_gaps=fill_gaps)
+    table = replace(table, rows=[table.rows[i] for i in own], lines=[table.lines[i] for i in own])
+    record = record_from_knmi(table, places, name or f"knmi-{station}-{year}", station=station, fill_gaps=fill_gaps)
     expected = int((np.datetime64(f"{year + 1}-01-01") - np.datetime64(f"{year}-01-01")).astype(np.int64)) * 24
     if record.hours != expected:
         msg = (

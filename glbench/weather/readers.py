@@ -10,31 +10,26 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from glbench.errors import UnknownNameError, WeatherError, did_you_mean
 from glbench.outside_tables import read_text
 from glbench.untrusted import open_regular, read_pieces, reason_of
 from glbench.weather import record
 from glbench.weather.column_map import EXPECTED_HEADER, guess_quantity, read_columns, read_csv
-from glbench.weather.knmi import read_knmi
+from glbench.weather.knmi import parse_knmi, record_from_knmi
 from glbench.weather.reading import Reading, record_of
 from glbench.weather.services import OPEN_METEO_HEADER, parse_nsrdb, parse_open_meteo, parse_pvgis, parse_solar_anywhere
 from glbench.weather.store import read_stored
-from glbench.weather.typical_years import TMY2_HEADER, parse_epw, parse_tmy2, parse_tmy3
+from glbench.weather.typical_years import TMY2_HEADER, parse_epw, parse_tmy
 
 Format = Literal["knmi", "epw", "tmy", "pvgis", "nsrdb", "openmeteo", "solaranywhere", "csv", "parquet"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 
 
-def _parse_tmy(text: str, file: str) -> Reading:
-    fixed_width = TMY2_HEADER.match(text.partition("\n")[0]) or file.lower().endswith((".tm2", ".tmy2"))
-    return (parse_tmy2 if fixed_width else parse_tmy3)(text, file)
-
-
 _PARSERS: Mapping[str, Callable[[str, str], Reading]] = {
     "epw": parse_epw,
-    "tmy": _parse_tmy,
+    "tmy": parse_tmy,
     "pvgis": parse_pvgis,
     "nsrdb": parse_nsrdb,
     "openmeteo": parse_open_meteo,
@@ -56,56 +51,6 @@ _SIGNS: Mapping[Format, re.Pattern[str]] = {
 """How the formats are recognised, in this order."""
 
 
-def read_epw(
-    path: Path | str,
-    *,
-    name: str | None = None,
-    timezone: str | None = None,
-    year: int | None = None,
-    coordinates: record.Coordinates | None = None,
-    fill_gaps: int = 0,
-) -> record.WeatherRecord:
-    """Weather record of an EnergyPlus weather file.
-
-    Parameters
-    ----------
-    path : Path or str
-        The ``.epw`` file.
-    name : str, optional
-        Name of the record; the file's own name by default.
-    timezone : str, optional
-        IANA zone of the local clock. By default the file's fixed offset (``Etc/GMT-1``), which has no summer time.
-    year : int, optional
-        Nominal (common) year of a typical year; 2001 by default. Not for a file of real years.
-    coordinates : tuple of float, optional
-        Degrees north, degrees east and metres above sea level, instead of the file's.
-    fill_gaps : int
-        Fill up to so many missing hours in a row linearly (recorded in the notes); 0 fills nothing.
-
-    Raises
-    ------
-    WeatherError
-        When the file is no EPW, or has gaps or impossible values; names file, row and value.
-    """
-    return read_weather(path, "epw", name=name, timezone=timezone, year=year, coordinates=coordinates, fill_gaps=fill_gaps)
-
-
-def read_tmy(
-    path: Path | str,
-    *,
-    name: str | None = None,
-    timezone: str | None = None,
-    year: int | None = None,
-    coordinates: record.Coordinates | None = None,
-    fill_gaps: int = 0,
-) -> record.WeatherRecord:
-    """Weather record of an NREL typical meteorological year: TMY3 (``.csv``) or TMY2 (``.tm2``).
-
-    Parameters and errors as for ``read_epw``.
-    """
-    return read_weather(path, "tmy", name=name, timezone=timezone, year=year, coordinates=coordinates, fill_gaps=fill_gaps)
-
-
 def read_weather(
     path: Path | str,
     file_format: str = "auto",
@@ -119,11 +64,30 @@ def read_weather(
     estimate_humidity: bool = False,
     fill_gaps: int = 0,
 ) -> record.WeatherRecord:
-    """Weather record of a file in any known format (``"auto"``: told from its content).
+    """Weather record of a file.
 
-    ``year`` is for typical years, ``station`` for KNMI, ``estimate_humidity`` for the hourly series of PVGIS, which have none; see their
-    readers. ``timezone`` (IANA) and ``coordinates`` (degrees north, degrees east, m above sea level) go before those of the file.
-    ``columns`` is the file of a column map, for tables that are in none of the formats.
+    Parameters
+    ----------
+    path
+        The file; one alone in a zip or gzip archive, too.
+    file_format
+        One of ``FORMATS``, or ``"auto"``: told from its content.
+    name
+        Name of the record; the file's own name by default.
+    timezone
+        IANA zone of the local clock, instead of the file's. A file with a fixed offset from UTC has ``Etc/GMT-1`` and no summer time.
+    year
+        Nominal (common) year of a typical year; 2001 by default.
+    station
+        KNMI's number, for a file of several stations.
+    coordinates
+        Degrees north, degrees east and metres above sea level, instead of the file's.
+    columns
+        File of a column map, for tables that are in none of the formats.
+    estimate_humidity
+        For the hourly series of PVGIS, which have none: the day's lowest temperature is taken for the dew point.
+    fill_gaps
+        Fill up to so many missing hours in a row linearly (recorded in the notes); 0 fills nothing.
 
     Raises
     ------
@@ -150,7 +114,9 @@ def read_weather(
             msg = f"{path} is read as {kind}, which takes no {option}. Leave it out, or choose the --format."
             raise WeatherError(msg)
     if kind == "knmi":
-        return read_knmi(path, name=name, station=station, timezone=timezone, coordinates=coordinates, fill_gaps=fill_gaps)
+        table, places = parse_knmi(read_text(path, WeatherError), str(path))
+        options: dict[str, Any] = {"station": station, "timezone": timezone, "coordinates": coordinates, "fill_gaps": fill_gaps}
+        return record_from_knmi(table, places, name or path.stem.lower(), **options)
     if kind == "csv":
         return read_csv(path, name=name, timezone=timezone, coordinates=coordinates, fill_gaps=fill_gaps)
     if kind == "parquet":

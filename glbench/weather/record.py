@@ -12,8 +12,8 @@ import datetime as dt
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -23,7 +23,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import WeatherError
+from glbench.errors import GlbenchError, WeatherError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -102,6 +102,23 @@ def utc_text(seconds: float) -> str:
     return str(np.datetime_as_string(np.datetime64(math.floor(seconds), "s"), unit="m")).replace("T", " ")
 
 
+def ends_of_hours(
+    year: FloatArray, month: FloatArray, day: FloatArray, hour: FloatArray, refuse: Callable[[int, str], GlbenchError]
+) -> IntArray:
+    """Ends of the hours 1 to 24 of calendar dates ``(rows,)`` [s since 1970-01-01]; ``refuse`` makes the error of a row and its fault."""
+    years, months, days, hours = (np.nan_to_num(part, nan=-1.0).astype(np.int64) for part in (year, month, day, hour))
+    calendar_months = (12 * (years - 1970) + months - 1).astype("datetime64[M]")
+    dates = calendar_months.astype("datetime64[D]") + (days - 1)
+    wrong = np.flatnonzero((years < 0) | (months < 1) | (months > 12) | (dates.astype("datetime64[M]") != calendar_months))
+    if wrong.size:
+        i = int(wrong[0])
+        raise refuse(i, f"the date {year[i]:04.0f}-{month[i]:02.0f}-{day[i]:02.0f} does not exist")
+    wrong = np.flatnonzero(~((hour >= 1) & (hour <= 24) & (hour % 1 == 0)))
+    if wrong.size:
+        raise refuse(int(wrong[0]), f"hour {hour[wrong[0]]:g} does not exist: hours run from 1 to 24")
+    return np.asarray(dates.astype("datetime64[s]").astype(np.int64) + SLOT_SECONDS * hours, dtype=np.int64)
+
+
 def time_zone(name: str) -> ZoneInfo:
     """IANA time zone ``name``.
 
@@ -133,21 +150,15 @@ class Place:
 
 
 @dataclass(frozen=True, eq=False)
-class WeatherRecord:
-    """Hourly weather of one place, without a gap, that never changes.
+class Origin:
+    """Who measured something where.
 
     Attributes
     ----------
     name : str
         The name used by ``load_weather``.
     place : Place
-        Station, coordinates and clock; also reachable as ``record.latitude`` and so on.
-    begin : int
-        Start of the first slot, seconds since 1970-01-01 UTC.
-    counts : Mapping[str, ndarray of int64]
-        The canonical whole numbers (read-only), see ``QUANTITIES``.
-    timing : Mapping[str, "instant" | "mean"]
-        For every column: the value at the end of the slot, or the mean over the slot.
+        Station, coordinates and clock; of a record also reachable as ``record.latitude`` and so on.
     source, licence : str
         Where the figures come from, and the terms under which they may be used.
     typical_year : bool
@@ -158,13 +169,29 @@ class WeatherRecord:
 
     name: str
     place: Place
-    begin: int
-    counts: Mapping[str, IntArray]
-    timing: Mapping[str, Timing]
     source: str
     licence: str
     typical_year: bool = False
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WeatherRecord(Origin):
+    """Hourly weather of one place, without a gap, that never changes.
+
+    Attributes
+    ----------
+    begin : int
+        Start of the first slot, seconds since 1970-01-01 UTC.
+    counts : Mapping[str, ndarray of int64]
+        The canonical whole numbers (read-only), see ``QUANTITIES``.
+    timing : Mapping[str, "instant" | "mean"]
+        For every column: the value at the end of the slot, or the mean over the slot.
+    """
+
+    begin: int
+    counts: Mapping[str, IntArray]
+    timing: Mapping[str, Timing]
 
     @property
     def station(self) -> str:
@@ -243,22 +270,16 @@ class WeatherRecord:
         return pd.DataFrame({name: self.values(name) for name in self.counts}, index=index)
 
 
-@dataclass(frozen=True)
-class WeatherInfo:
+@dataclass(frozen=True, kw_only=True)
+class WeatherInfo(Origin):
     """A line of ``glbench weather list``: what a record is, without its values."""
 
-    name: str
-    place: Place
     first: dt.datetime
     last: dt.datetime
     hours: int
-    source: str
-    licence: str
     digest: str
     origin: Literal["shipped", "yours"]
     path: Path
-    typical_year: bool = False
-    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -284,18 +305,6 @@ class Rows:
     columns: Mapping[str, FloatArray]
     timing: Mapping[str, Timing]
     row_numbers: IntArray
-
-
-@dataclass(frozen=True)
-class Origin:
-    """Who measured the rows where, and the terms under which they may be used."""
-
-    name: str
-    place: Place
-    source: str
-    licence: str
-    typical_year: bool = False
-    notes: tuple[str, ...] = ()
 
 
 def assemble(rows: Rows, origin: Origin, *, fill_gaps: int = 0) -> WeatherRecord:
@@ -333,16 +342,12 @@ def assemble(rows: Rows, origin: Origin, *, fill_gaps: int = 0) -> WeatherRecord
         column = np.rint(rows.columns[name] * QUANTITIES[name].counts_per_unit).astype(np.int64)
         column.setflags(write=False)
         counts[name] = column
+    about = {field.name: getattr(origin, field.name) for field in fields(Origin)}
     return WeatherRecord(
-        name=origin.name,
-        place=origin.place,
+        **about | {"notes": (*origin.notes, *notes, *dropped)},
         begin=int(rows.slot_ends[0]) - SLOT_SECONDS,
         counts=MappingProxyType(counts),
         timing=MappingProxyType({name: rows.timing[name] for name in names}),
-        source=origin.source,
-        licence=origin.licence,
-        typical_year=origin.typical_year,
-        notes=(*origin.notes, *notes, *dropped),
     )
 
 

@@ -42,18 +42,6 @@ if TYPE_CHECKING:
 
 MANIFEST = "manifest.toml"
 METADATA_KEY = b"glbench.weather"
-_DESCRIPTION = (
-    "schema",
-    "place",
-    "begin",
-    "hours",
-    "timing",
-    "source",
-    "licence",
-    "typical_year",
-    "notes",
-    "digest",
-)
 NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,63}")
 
 
@@ -209,16 +197,15 @@ def _described(record: WeatherRecord) -> dict[str, Any]:
 
 def _info(name: str, described: Mapping[str, Any], origin: Literal["shipped", "yours"], path: Path) -> WeatherInfo:
     first = dt.datetime.fromtimestamp(described["begin"], tz=dt.UTC)
-    return WeatherInfo(
-        name=name,
-        place=Place(**described["place"]),
-        first=first,
-        last=first + dt.timedelta(hours=described["hours"]),
-        origin=origin,
-        path=path,
-        notes=tuple(described["notes"]),
-        **{key: described[key] for key in ("hours", "source", "licence", "digest", "typical_year")},
-    )
+    last = first + dt.timedelta(hours=described["hours"])
+    more = {key: described[key] for key in ("hours", "digest")}
+    return WeatherInfo(**_origin(name, described), first=first, last=last, origin=origin, path=path, **more)
+
+
+def _origin(name: str, described: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of ``Origin`` that a description gives to the record ``name``."""
+    texts = {key: described[key] for key in ("source", "licence", "typical_year")}
+    return {**texts, "name": name, "place": Place(**described["place"]), "notes": tuple(described["notes"])}
 
 
 def _user_names() -> list[str]:
@@ -296,17 +283,8 @@ def _canonical(path: Path, name: str) -> WeatherRecord:
         column = _integers(table, quantity)
         column.setflags(write=False)
         counts[quantity] = column
-    return WeatherRecord(
-        name=name,
-        place=Place(**described["place"]),
-        begin=described["begin"],
-        counts=MappingProxyType(counts),
-        timing=MappingProxyType(described["timing"]),
-        source=described["source"],
-        licence=described["licence"],
-        typical_year=described["typical_year"],
-        notes=tuple(described["notes"]),
-    )
+    timing = MappingProxyType(described["timing"])
+    return WeatherRecord(**_origin(name, described), begin=described["begin"], counts=MappingProxyType(counts), timing=timing)
 
 
 def _metadata(schema: pa.Schema, path: Path) -> dict[str, Any]:
@@ -314,7 +292,8 @@ def _metadata(schema: pa.Schema, path: Path) -> dict[str, Any]:
         described = json.loads((schema.metadata or {})[METADATA_KEY])
     except (KeyError, ValueError) as error:
         raise _damaged(path, "it carries no description") from error
-    missing = [key for key in _DESCRIPTION if key not in described]
+    needed = ("schema", "place", "begin", "hours", "timing", "source", "licence", "typical_year", "notes", "digest")
+    missing = [key for key in needed if key not in described]
     if missing:
         raise _damaged(path, f"its description lacks {', '.join(missing)}")
     if described["schema"] != SCHEMA:

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from glbench.errors import WeatherError
-from glbench.outside_tables import DAY, HOUR, TextTable, read_stamps, split_table
+from glbench.outside_tables import HOUR, TextTable, read_stamps, split_table
 from glbench.untrusted import visible
 from glbench.weather import record
 from glbench.weather.reading import (
@@ -141,19 +141,13 @@ def parse_epw(text: str, file: str) -> Reading:
 def _epw_ends(table: TextTable, notes: list[str]) -> record.IntArray:
     """End of each row's interval [s since 1970-01-01] on the file's clock; hours count to their end, 1 to 24."""
     year, month, day, hour = (table.numbers(name) for name in ("year", "month", "day", "hour"))
-    days = _days_of(table, year, month, day)
     zero, latest = np.flatnonzero(hour == 0), float(np.nanmax(hour))
     if zero.size and latest < 24:
         notes.append(
             f"hours run from 0 to {latest:g} instead of 1 to 24 (row {table.lines[zero[0]]}): each is taken for the one that begins then"
         )
         hour = hour + 1.0
-    bad = np.flatnonzero(~((hour >= 1) & (hour <= 24) & (hour % 1 == 0)))
-    if bad.size:
-        i = int(bad[0])
-        problem = f"hour {table.texts('hour')[i]} does not exist: hours run from 1 to 24. Correct the file."
-        raise table.refuse(problem, i)
-    of_hour = days * 24 + hour.astype(np.int64) - 1
+    of_hour = record.ends_of_hours(year, month, day, hour, lambda i, what: table.refuse(f"{what}. Correct the file.", i)) // HOUR - 1
     # Several rows an hour follow each other within it; what the minutes are called differs from writer to writer.
     begins = np.flatnonzero(np.diff(of_hour, prepend=of_hour[0] - 1) != 0)
     counts = np.diff(begins, append=of_hour.size)
@@ -169,23 +163,10 @@ def _epw_ends(table: TextTable, notes: list[str]) -> record.IntArray:
     return np.asarray((of_hour + 1) * HOUR, dtype=np.int64)
 
 
-def _days_of(table: TextTable, year: record.FloatArray, month: record.FloatArray, day: record.FloatArray) -> record.IntArray:
-    """Days since 1970-01-01 of calendar dates. Refuses a date that does not exist."""
-    triples = np.stack([year, month, day], axis=1)
-    unique, which = np.unique(triples, axis=0, return_inverse=True)
-    days = np.empty(len(unique), dtype=np.int64)
-    for k, (y, m, d) in enumerate(unique.tolist()):
-        try:
-            days[k] = np.datetime64(f"{int(y):04d}-{int(m):02d}-{int(d):02d}", "D").astype(np.int64)
-        except ValueError as error:
-            i = int(np.flatnonzero(which.ravel() == k)[0])
-            problem = f"the date {y:04.0f}-{m:02.0f}-{d:02.0f} does not exist. Correct the file."
-            raise table.refuse(problem, i) from error
-    return days[which.ravel()]
-
-
-def parse_tmy3(text: str, file: str) -> Reading:
-    """A typical year of NREL in the form TMY3, or another provider's file in it. Raises ``WeatherError`` as ``parse_epw`` does."""
+def parse_tmy(text: str, file: str) -> Reading:
+    """A typical year of NREL: TMY3, or another provider's file in that form, or TMY2. Raises ``WeatherError`` as ``parse_epw`` does."""
+    if TMY2_HEADER.match(text.partition("\n")[0]) or file.lower().endswith((".tm2", ".tmy2")):
+        return parse_tmy2(text, file)
     table = split_table(text, file, WeatherError, is_titles=lambda fields: bool(fields) and fields[0].lower().startswith("date (mm/dd"))
     above = [line for line in table.preamble if not line.startswith("#")]
     heading = next(csv.reader(above[:1], delimiter=";" if ";" in "".join(above[:1]) else ",", skipinitialspace=True), [])
@@ -244,10 +225,6 @@ def parse_tmy2(text: str, file: str) -> Reading:
             numbers.append(number)
     table = TextTable(file, WeatherError, (), tuple(_TMY2_FIELDS), rows, numbers)
     year, month, day, hour = (table.numbers(name) for name in ("year", "month", "day", "hour"))
-    bad = np.flatnonzero(~((hour >= 1) & (hour <= 24)))
-    if bad.size:
-        problem = f"hour '{rows[bad[0]][3]}' does not exist: hours run from 1 to 24. Correct the file."
-        raise table.refuse(problem, int(bad[0]))
     columns = {
         # Tenths are divided, as one correctly rounded operation.
         "air_temperature": table.numbers("dry-bulb temperature", (9999,)) / 10.0,
@@ -263,7 +240,7 @@ def parse_tmy2(text: str, file: str) -> Reading:
     return Reading(
         record.Rows(
             file,
-            np.asarray(_days_of(table, year + 1900, month, day) * DAY + hour.astype(np.int64) * HOUR, dtype=np.int64),
+            record.ends_of_hours(year + 1900, month, day, hour, lambda i, what: table.refuse(f"{what}. Correct the file.", i)),
             columns,
             TIMING,
             np.array(numbers, dtype=np.int64),

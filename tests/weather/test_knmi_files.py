@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import datetime as dt
 import zipfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from glbench.errors import WeatherError
-from glbench.weather import load_weather, read_csv, read_epw, read_knmi, read_tmy, read_weather
+from glbench.weather import load_weather, read_csv, read_weather
 from glbench.weather.knmi import known_stations
 from tests.weather.files import (
     KNMI_COMMENTS,
@@ -19,6 +20,10 @@ from tests.weather.files import (
     knmi_line,
     knmi_text,
 )
+
+read_epw = partial(read_weather, file_format="epw")
+read_knmi = partial(read_weather, file_format="knmi")
+read_tmy = partial(read_weather, file_format="tmy")
 
 DAY = dt.date(2019, 6, 1)
 
@@ -219,16 +224,17 @@ def test_hours_out_of_order_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("row", "words"),
     [
-        ("  240,20190230,    1,    0,   20,   80,   50,    4", "the date 20190230 does not exist"),
-        ("  240,20190601,   25,    0,   20,   80,   50,    4", "the hour 25 is not one of 1 to 24"),
-        ("  240,20190601,    1,    0,  2x0,   80,   50,    4", "'2x0' in column T is not a whole number"),
-        ("  240,20190601,     ,    0,   20,   80,   50,    4", "no value in column HH"),
+        ("  240,20190230,    1,    0,   20,   80,   50,    4", "the date 2019-02-30 does not exist"),
+        ("  240,20190601,   25,    0,   20,   80,   50,    4", "hour 25 does not exist: hours run from 1 to 24"),
+        ("  240,20190601,    1,    0,  2x0,   80,   50,    4", "'2x0' is not a number"),
+        ("  240,20190601,    1,    0,  2.5,   80,   50,    4", "'2.5' is not a whole number"),
+        ("  240,20190601,     ,    0,   20,   80,   50,    4", "'' is not a whole number"),
         ("  240,20190601,    1,    0,   20", "5 fields instead of 8"),
     ],
 )
 def test_damaged_knmi_rows_are_named(tmp_path: Path, row: str, words: str) -> None:
     number = len(KNMI_COMMENTS) + 2
-    with pytest.raises(WeatherError, match=rf"row {number}: {words}"):
+    with pytest.raises(WeatherError, match=rf"row {number}(, column '(T|HH)')?: {words}"):
         read_knmi(knmi_file(tmp_path, knmi_text([row])))
 
 

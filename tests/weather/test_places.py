@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import pvlib
 import pytest
 
 from glbench.errors import WeatherError
-from glbench.weather import list_weather, load_weather, read_tmy
+from glbench.weather import list_weather, load_weather, read_weather
 from glbench.weather.summary import monthly
+
+read_tmy = partial(read_weather, file_format="tmy")
 
 FILES = Path(pvlib.__file__).parent / "data"
 SOURCES = {

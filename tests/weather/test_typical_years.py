@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,15 @@ import pandas as pd
 import pytest
 
 from glbench.errors import WeatherError
-from glbench.weather import disturbances, read_epw, read_tmy, read_weather
+from glbench.weather import disturbances, read_weather
 from tests.weather.files import (
     epw_line,
     write_epw,
     write_tmy3,
 )
+
+read_epw = partial(read_weather, file_format="epw")
+read_tmy = partial(read_weather, file_format="tmy")
 
 
 def test_epw_of_one_real_year_keeps_its_year_and_its_clock(tmp_path: Path) -> None:
