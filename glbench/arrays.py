@@ -15,6 +15,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from glbench.errors import refuse
 from glbench.untrusted import MIB, parse_json, quoted, read_pieces, read_regular
 
 _MOST_ENTRIES: Final = 1000
@@ -95,14 +96,11 @@ class ArrayFile:
             with zipfile.ZipFile(io.BytesIO(data)) as archive:
                 entries = archive.infolist()
                 if len(entries) > _MOST_ENTRIES or sum(entry.file_size for entry in entries) > largest:
-                    msg = f"it unpacks to more than {largest // MIB} MiB or {_MOST_ENTRIES:,} arrays"
-                    raise ValueError(msg)
+                    refuse(f"it unpacks to more than {largest // MIB} MiB or {_MOST_ENTRIES:,} arrays")
                 if len({entry.filename.removesuffix(".npy") for entry in entries}) < len(entries):
-                    msg = "an array occurs twice"
-                    raise ValueError(msg)
+                    refuse("an array occurs twice")
                 if any(entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for entry in entries):
-                    msg = "it is packed in another way than numpy packs. Save it again with numpy.savez_compressed"
-                    raise ValueError(msg)
+                    refuse("it is packed in another way than numpy packs. Save it again with numpy.savez_compressed")
                 return cls({entry.filename.removesuffix(".npy"): _array(archive, entry) for entry in entries})
         except (
             zipfile.BadZipFile,
@@ -125,8 +123,7 @@ class ArrayFile:
     def check_format(self, number: int) -> None:
         """Refuse a file whose entry ``format`` is another number."""
         if self.integer("format") != number:
-            msg = f"it has format {self.integer('format')}; this version of glbench reads format {number}"
-            raise ValueError(msg)
+            refuse(f"it has format {self.integer('format')}; this version of glbench reads format {number}")
 
     def text(self, name: str) -> str:
         """A text."""
@@ -140,8 +137,7 @@ class ArrayFile:
         """A whole number."""
         array = self._entry(name, 0)
         if array.dtype.kind == "f":
-            msg = f"'{name}' is not a whole number"
-            raise ValueError(msg)
+            refuse(f"'{name}' is not a whole number")
         return int(array)
 
     def number(self, name: str) -> float:
@@ -154,24 +150,21 @@ class ArrayFile:
         with np.errstate(over="ignore"):
             cast: NDArray[Any] = array.astype(kind)
         if array.dtype.kind != "f" or not np.isfinite(cast).all():
-            msg = f"'{name}' has entries that are not finite floating-point numbers"
-            raise ValueError(msg)
+            refuse(f"'{name}' has entries that are not finite floating-point numbers")
         return cast
 
     def integers(self, name: str, dimensions: int, kind: Any) -> NDArray[Any]:
         """An array of whole numbers, which is one of ``kind`` already."""
         array = self._entry(name, dimensions)
         if array.dtype != np.dtype(kind):
-            msg = f"'{name}' has the type {array.dtype} instead of {np.dtype(kind)}"
-            raise ValueError(msg)
+            refuse(f"'{name}' has the type {array.dtype} instead of {np.dtype(kind)}")
         return array
 
     def table(self, name: str) -> dict[str, Any]:
         """The object of a JSON text."""
         table = parse_json(self.text(name))
         if not isinstance(table, dict):
-            msg = f"'{name}' is not a table"
-            raise ValueError(msg)  # noqa: TRY004  the file's fault
+            refuse(f"'{name}' is not a table")
         return table
 
     def _texts(self, name: str, dimensions: int) -> Any:
@@ -186,12 +179,10 @@ class ArrayFile:
     def _entry(self, name: str, dimensions: int, *, text: bool = False) -> NDArray[Any]:
         array = self._arrays.get(name)
         if array is None:
-            msg = f"it has no '{name}'"
-            raise ValueError(msg)
+            refuse(f"it has no '{name}'")
         if array.ndim != dimensions or (array.dtype.kind == "U") != text:
             expected = f"{'text' if text else 'numbers'} with {dimensions} dimensions"
-            msg = f"'{name}' is an array of {array.dtype} with shape {quoted(array.shape)}; expected {expected}"
-            raise ValueError(msg)
+            refuse(f"'{name}' is an array of {array.dtype} with shape {quoted(array.shape)}; expected {expected}")
         return array
 
 
@@ -204,12 +195,10 @@ def checked_facts(facts: object) -> dict[str, str | int | float]:
         When it is none.
     """
     if not isinstance(facts, dict):
-        msg = f"{quoted(facts)} is not a table"
-        raise ValueError(msg)  # noqa: TRY004  the file's fault
+        refuse(f"{quoted(facts)} is not a table")
     for name, value in facts.items():
         if not isinstance(value, str | int | float) or (isinstance(value, float) and not math.isfinite(value)):
-            msg = f"{quoted(name)} is {quoted(value)}, which is neither text nor a finite number"
-            raise ValueError(msg)
+            refuse(f"{quoted(name)} is {quoted(value)}, which is neither text nor a finite number")
     return facts
 
 
@@ -227,7 +216,6 @@ def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
         msg = f"its entry {quoted(entry.filename)} is not an array of plain numbers or text"
         raise ValueError(msg) from error
     if not fits or (dtype.kind != "U" and dtype.str not in _KINDS):
-        msg = f"its entry {quoted(entry.filename)} is not an array of plain numbers or text, or is incomplete"
-        raise ValueError(msg)
+        refuse(f"its entry {quoted(entry.filename)} is not an array of plain numbers or text, or is incomplete")
     array: NDArray[Any] = np.frombuffer(content.read(), dtype=dtype)
     return array.reshape(shape, order="F" if by_columns else "C").copy(order="K")

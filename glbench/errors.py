@@ -10,6 +10,7 @@ import difflib
 import operator
 import traceback
 from collections.abc import Iterable
+from typing import NoReturn
 
 
 class GlbenchError(Exception):
@@ -80,6 +81,17 @@ def whole_number(value: object, what: str) -> int:
         msg = f"{what} is a whole number; got {value!r}."
         raise GlbenchError(msg)
     return operator.index(value)  # type: ignore[arg-type]
+
+
+def refuse(reason: str) -> NoReturn:
+    """Refuse a value, in a validator of pydantic or a reader of untrusted data.
+
+    Raises
+    ------
+    ValueError
+        Always.
+    """
+    raise ValueError(reason)
 
 
 def did_you_mean(name: str, choices: Iterable[str], *, list_few: bool = True) -> str:

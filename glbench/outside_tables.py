@@ -23,7 +23,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NoReturn
 from zipfile import BadZipFile
 from zoneinfo import ZoneInfo
 
@@ -214,11 +214,17 @@ class TextTable:
     decimal: str = "."
     notes: tuple[str, ...] = ()
 
-    def refuse(self, problem: str, row: int | None = None, title: str | None = None) -> GlbenchError:
-        """The error to raise for ``problem``, with the row (from 0, by its line in the file) and the column."""
+    def refuse(self, problem: str, row: int | None = None, title: str | None = None) -> NoReturn:
+        """Raise the error for ``problem``, with the row (from 0, by its line in the file) and the column.
+
+        Raises
+        ------
+        refusal
+            Always.
+        """
         where = "" if row is None else f", row {self.lines[row]}"
         column = "" if title is None else f", column '{visible(title)}'"
-        return self.refusal(f"{self.file}{where}{column}: {problem}")
+        raise self.refusal(f"{self.file}{where}{column}: {problem}")
 
     def texts(self, title: str) -> list[str]:
         """Texts of the column ``title``, a row each.
@@ -229,8 +235,7 @@ class TextTable:
             When there is no such column; names the nearest.
         """
         if title not in self.titles:
-            problem = f"there is no column '{visible(title)}'.{did_you_mean(title, self.titles)}"
-            raise self.refuse(problem)
+            self.refuse(f"there is no column '{visible(title)}'.{did_you_mean(title, self.titles)}")
         position = self.titles.index(title)
         return [row[position] for row in self.rows]
 
@@ -246,8 +251,7 @@ class TextTable:
         for i, text in enumerate(self.texts(title)):
             value = parse_number(text, self.decimal)
             if value is None or math.isinf(value):
-                problem = f"'{visible(text[:60])}' is not a number. Correct it, or leave a missing value empty."
-                raise self.refuse(problem, i, title)
+                self.refuse(f"'{visible(text[:60])}' is not a number. Correct it, or leave a missing value empty.", i, title)
             values[i] = value
         for sentinel in sentinels:
             values[values == sentinel] = math.nan
@@ -460,11 +464,11 @@ def _decimal(table: TextTable, delimiter: str) -> str:
         i, title, field = max(comma, point)
         first = min(comma, point)
         problem = f"{field} has another decimal sign than {first[2]} in row {table.lines[first[0]]}. Use one of them in the whole file."
-        raise table.refuse(problem, i, title)
+        table.refuse(problem, i, title)
     if thousands and not comma and not point and delimiter != ";":
         i, title, field = thousands
         problem = f"it is unclear whether {field} is {field.replace(',', '.')} or {field.replace(',', '')}. Write numbers with a point."
-        raise table.refuse(problem, i, title)
+        table.refuse(problem, i, title)
     return "," if comma or (thousands and not point) else "."
 
 
@@ -586,8 +590,7 @@ def _parsed_stamps(table: TextTable, texts: Sequence[str], name: str, order: Dat
     for i, text in enumerate(texts):
         match = stamp_in(text)
         if match is None:
-            problem = f"'{visible(text[:60])}' is not a time such as 2024-02-13 23:00 or 13-02-2024 23:00. Correct the file."
-            raise table.refuse(problem, i, name)
+            table.refuse(f"'{visible(text[:60])}' is not a time such as 2024-02-13 23:00 or 13-02-2024 23:00. Correct the file.", i, name)
         matches.append(match)
     # the names of zones in some rows alone mark the hour that an autumn clock shows twice
     named = all(match["zone"] in _ZONES for match in matches)
@@ -596,14 +599,13 @@ def _parsed_stamps(table: TextTable, texts: Sequence[str], name: str, order: Dat
     if any(offset != zoned for offset in offsets):
         i = offsets.index(not zoned)
         problem = f"'{visible(texts[i][:60])}' {'lacks' if zoned else 'has'} an offset from UTC, unlike the rows above. Correct the file."
-        raise table.refuse(problem, i, name)
+        table.refuse(problem, i, name)
     order = order or _date_order(table, [match["date"] for match in matches], name)
     seconds = np.empty(len(texts), dtype=np.int64)
     for i, match in enumerate(matches):
         moment = _moment_of(match, order, named)
         if moment is None:
-            problem = f"the time '{visible(texts[i][:60])}' does not exist (read with the {order}). Correct the file."
-            raise table.refuse(problem, i, name)
+            table.refuse(f"the time '{visible(texts[i][:60])}' does not exist (read with the {order}). Correct the file.", i, name)
         seconds[i] = moment
     whole_hours = {match["hour"].zfill(2) for match in matches if match["hour"] and not int(match["minute"] or 0)}
     return Stamps(seconds, zoned, None, order, ends="24" in whole_hours and "00" not in whole_hours)
@@ -637,7 +639,7 @@ def _date_order(table: TextTable, dates: Sequence[str], name: str) -> DateOrder:
         if not day_first
         else f"some dates have the day first and some the month, such as {example}. Correct the file."
     )
-    raise table.refuse(problem, None, name)
+    return table.refuse(problem, None, name)
 
 
 @functools.lru_cache(maxsize=65536)
@@ -724,7 +726,7 @@ def utc_of_local(table: TextTable, seconds: IntArray, zone: ZoneInfo, name: str,
                 f"{stamp} does not exist on the clock of {zone.key}, which skips that hour in spring. Is the clock on standard time "
                 "all year (Etc/GMT-1 is one hour ahead of UTC), or are the stamps UTC?"
             )
-            raise table.refuse(problem, i, name)
+            table.refuse(problem, i, name)
         moment = local - first
         if first != second and before is not None and moment <= before:
             moment = local - second

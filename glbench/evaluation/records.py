@@ -21,7 +21,7 @@ import pydantic
 from glbench import __version__
 from glbench.agents.card import RecipeId, Split, SubmissionCard, Year
 from glbench.canonical import canonical_sha256
-from glbench.errors import ResultError
+from glbench.errors import ResultError, refuse
 from glbench.evaluation.metrics import COMMON_UNITS, MONEY_TOO, PAPER_ONLY, UNITS
 from glbench.fields import MOST_ENTRIES, Count, Text, Word
 from glbench.tasks.sealed import Round
@@ -48,8 +48,7 @@ _LARGEST_METRIC = 1e100
 
 def _agent_name(name: str) -> str:
     if not is_agent_name(name):
-        msg = f"an agent's name has {AGENT_NAME_RULE}"
-        raise ValueError(msg)
+        refuse(f"an agent's name has {AGENT_NAME_RULE}")
     return name
 
 
@@ -89,11 +88,9 @@ class RunResult(Sparse):
     @pydantic.model_validator(mode="after")
     def _is_consistent(self) -> Self:
         if RANKING_METRIC not in self.metrics:
-            msg = f"run with seed {self.seed} lacks the metric '{RANKING_METRIC}'"
-            raise ValueError(msg)
+            refuse(f"run with seed {self.seed} lacks the metric '{RANKING_METRIC}'")
         if (self.status == "ok") != (self.reason is None):
-            msg = f"run with seed {self.seed} is '{self.status}' with the reason {self.reason!r}"
-            raise ValueError(msg)
+            refuse(f"run with seed {self.seed} is '{self.status}' with the reason {self.reason!r}")
         return self
 
 
@@ -266,58 +263,45 @@ class Result(Sparse):
     def _is_consistent(self) -> Self:
         seeds = tuple(run.seed for run in self.runs)
         if seeds != self.evaluation.seeds or len(seeds) != self.evaluation.runs:
-            msg = (
+            refuse(
                 f"the result announces {self.evaluation.runs} runs with the seeds {_short(self.evaluation.seeds)} "
                 f"and holds {len(seeds)} with the seeds {_short(seeds)}"
             )
-            raise ValueError(msg)
         if len(set(seeds)) != len(seeds):
-            msg = "a seed occurs twice"
-            raise ValueError(msg)
+            refuse("a seed occurs twice")
         for run in self.runs:
             if set(run.metrics) != set(self.units):
                 missing, more = sorted(set(self.units) - set(run.metrics)), sorted(set(run.metrics) - set(self.units))
-                msg = f"run with seed {run.seed} lacks metrics that have a unit {missing}, or has some without one {more}"
-                raise ValueError(msg)
+                refuse(f"run with seed {run.seed} lacks metrics that have a unit {missing}, or has some without one {more}")
             if any(abs(value) > _LARGEST_METRIC for value in run.metrics.values()):
-                msg = f"run with seed {run.seed} has a metric above {_LARGEST_METRIC:g}"
-                raise ValueError(msg)
+                refuse(f"run with seed {run.seed} has a metric above {_LARGEST_METRIC:g}")
             if run.steps > self.task.steps or (run.status == "ok") != (run.steps == self.task.steps):
-                msg = f"run with seed {run.seed} is '{run.status}' after {run.steps} of {self.task.steps} steps"
-                raise ValueError(msg)
+                refuse(f"run with seed {run.seed} is '{run.status}' after {run.steps} of {self.task.steps} steps")
         # Other tasks may measure their heat in MJ; what every task has is in one unit, and so is all that the paper's tasks have.
         fixed = UNITS if set(self.units) >= PAPER_ONLY else COMMON_UNITS
         priced = MONEY_TOO if fixed is COMMON_UNITS else {}
         if any(unit not in (fixed.get(name, unit), priced.get(name)) for name, unit in self.units.items()):
-            msg = "the units are not those of this schema version"
-            raise ValueError(msg)
+            refuse("the units are not those of this schema version")
         if self.summary != summarise(self.runs):
-            msg = "the summary does not follow from the runs"
-            raise ValueError(msg)
+            refuse("the summary does not follow from the runs")
         if len({run.cluster is None for run in self.runs}) > 1:
-            msg = "some runs name their group (cluster) and some do not"
-            raise ValueError(msg)
+            refuse("some runs name their group (cluster) and some do not")
         if self.results_digest != results_digest(self.task.digest, self.agent, self.runs, self.task.salt_commitment):
-            msg = "results_digest does not match task, agent and runs: the file was changed after it was written"
-            raise ValueError(msg)
+            refuse("results_digest does not match task, agent and runs: the file was changed after it was written")
         if self.fresh_draws is not None:
             self._check_fresh_draws(self.fresh_draws)
         return self
 
     def _check_fresh_draws(self, fresh: FreshDraws) -> None:
         if self.task.split != "test" or self.task.salt_commitment is not None:
-            msg = "fresh_draws belong to a result on the published test split, and this result has other draws"
-            raise ValueError(msg)
+            refuse("fresh_draws belong to a result on the published test split, and this result has other draws")
         runs = len(self.runs)
         if any(len(values) != runs for one in fresh.references for values in (one.published, one.fresh)):
-            msg = f"fresh_draws: a reference agent does not have {runs} runs with both sets of draws"
-            raise ValueError(msg)
+            refuse(f"fresh_draws: a reference agent does not have {runs} runs with both sets of draws")
         if fresh.metric not in self.units:
-            msg = f"fresh_draws: the runs do not have the metric '{fresh.metric}'"
-            raise ValueError(msg)
+            refuse(f"fresh_draws: the runs do not have the metric '{fresh.metric}'")
         if fresh.digest != fresh.computed_digest(self.results_digest):
-            msg = "fresh_draws: the digest does not match salt, runs and reference agents: the file was changed after it was written"
-            raise ValueError(msg)
+            refuse("fresh_draws: the digest does not match salt, runs and reference agents: the file was changed after it was written")
         try:
             self.of_fresh_draws()
         except ValueError as error:

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from glbench import settings
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.greenhouse.draft import PIPE_WALL, SCREEN_BELOW_GUTTER, SPAN, Draft, Supply
 from glbench.model.units import same_unit
 from glbench.untrusted import decimal_point, quoted
@@ -30,18 +30,15 @@ _M2_HA = 1e4
 def _amount(text: Any, units: Mapping[str, float], example: str) -> tuple[float, str]:
     """A number in the unit that the factors lead to, and its own unit as ``units`` spells it."""
     if not isinstance(text, str):
-        msg = f"{quoted(text)} has no unit. Write number and unit in quotes, such as {example}; units: {', '.join(units)}"
-        raise ValueError(msg)  # noqa: TRY004 -- pydantic takes it for a wrong value
+        refuse(f"{quoted(text)} has no unit. Write number and unit in quotes, such as {example}; units: {', '.join(units)}")
     advice = decimal_point(text)
     number = _NUMBER.fullmatch(text.strip())
     if advice or number is None:
         advice = advice or f"write number and unit, such as {example}"
-        msg = f"{quoted(text)}: {advice}. The decimal sign is a point, and thousands have no sign"
-        raise ValueError(msg)
+        refuse(f"{quoted(text)}: {advice}. The decimal sign is a point, and thousands have no sign")
     unit = next((name for name in units if same_unit(name, number[2] or "")), None)
     if unit is None:
-        msg = f"{quoted(text)}: {quoted(number[2] or '')} is no unit that fits here. Write one of {', '.join(units)}, such as {example}"
-        raise ValueError(msg)
+        refuse(f"{quoted(text)}: {quoted(number[2] or '')} is no unit that fits here. Write one of {', '.join(units)}, such as {example}")
     return float(number[1]) * units[unit], unit
 
 
@@ -51,8 +48,7 @@ def _quantity(units: Mapping[str, float], example: str, lowest: float = 0.0, hig
     def read(text: Any) -> float:
         value, unit = _amount(text, units, example)
         if not lowest <= value <= highest:
-            msg = f"{quoted(text)}: it must be from {lowest / units[unit]:,.10g} to {highest / units[unit]:,.10g} {unit}"
-            raise ValueError(msg)
+            refuse(f"{quoted(text)}: it must be from {lowest / units[unit]:,.10g} to {highest / units[unit]:,.10g} {unit}")
         return value
 
     return BeforeValidator(read)
@@ -64,8 +60,7 @@ def _supply(whole: Mapping[str, float], of_floor: Mapping[str, float], example: 
     def read(text: Any) -> Supply:
         value, unit = _amount(text, {**whole, **of_floor}, example)
         if not 0.0 <= value <= 1e12:
-            msg = f"{quoted(text)}: it cannot be below 0"
-            raise ValueError(msg)
+            refuse(f"{quoted(text)}: it cannot be below 0")
         return Supply(value, unit in of_floor, text)
 
     return BeforeValidator(read)
@@ -96,11 +91,9 @@ class House(settings.Table):
     @model_validator(mode="after")
     def _can_stand(self) -> House:
         if self.gutter_height is not None and self.ridge_height is not None and self.ridge_height <= self.gutter_height:
-            msg = f"ridge_height {self.ridge_height:g} m must be above gutter_height {self.gutter_height:g} m"
-            raise ValueError(msg)
+            refuse(f"ridge_height {self.ridge_height:g} m must be above gutter_height {self.gutter_height:g} m")
         if self.length is not None and self.length > self.floor_area:
-            msg = f"length {self.length:g} m is too long for {self.floor_area:,g} m2"
-            raise ValueError(msg)
+            refuse(f"length {self.length:g} m is too long for {self.floor_area:,g} m2")
         return self
 
     def fill(self, draft: Draft) -> None:

@@ -120,8 +120,7 @@ def read_prices(path: Path, unit: object, *, clock: object = None, column: objec
     text = read_text(path, TaskError)
     table = split_table(text, str(path), TaskError)
     if len(table.rows) > MOST_PRICES:
-        problem = f"it has {len(table.rows):,} prices, and a task may have {MOST_PRICES:,}. Keep the years that the runs use."
-        raise table.refuse(problem)
+        table.refuse(f"it has {len(table.rows):,} prices, and a task may have {MOST_PRICES:,}. Keep the years that the runs use.")
     doubts: list[str] = []
     hours = {title: match for title in table.titles if (match := _EPEX_HOUR.fullmatch(title))}
     times = (
@@ -135,8 +134,7 @@ def read_prices(path: Path, unit: object, *, clock: object = None, column: objec
     else:
         price_title = _price_column(table, column)
         if not times:
-            problem = f"no column holds times; its columns are {visible(', '.join(table.titles)[:300])}. {_PLAIN_FILE}"
-            raise table.refuse(problem)
+            table.refuse(f"no column holds times; its columns are {visible(', '.join(table.titles)[:300])}. {_PLAIN_FILE}")
         table, stamps = oldest_first(table, read_stamps(table, times))
         seconds = stamps.seconds
         if stamps.zoned:
@@ -160,13 +158,12 @@ def read_prices(path: Path, unit: object, *, clock: object = None, column: objec
                     "rise, and each comes once. On a local clock, whose autumn has an hour twice, name it: clock = "
                     '"Europe/Amsterdam" in the price table (or --clock). Of several series below each other, keep one.'
                 )
-                raise table.refuse(problem, i, times[0])
+                table.refuse(problem, i, times[0])
     factor, own_unit, unit_note = _conversion(table, price_title, unit, file_unit)
     notes = [*table.notes, *([named_clock] if named_clock else []), *([unit_note] if unit_note else [])]
     missing = np.isnan(prices)
     if missing.all():
-        problem = "it has no price at all."
-        raise table.refuse(problem, None, price_title)
+        table.refuse("it has no price at all.", None, price_title)
     if missing.any():
         i = int(np.argmax(missing))
         where = f"row {lines[i]}, " if lines[i] else ""
@@ -240,8 +237,7 @@ def _price_column(table: TextTable, column: object) -> str:
     if len(candidates) != 1:
         what = "no column holds prices" if not candidates else "it is unclear which column holds the prices"
         titles = visible(", ".join(table.titles)[:400])
-        problem = f'{what}; its columns are {titles}. Name it: column = "..." in the price table (or --column). {_PLAIN_FILE}'
-        raise table.refuse(problem)
+        table.refuse(f'{what}; its columns are {titles}. Name it: column = "..." in the price table (or --column). {_PLAIN_FILE}')
     return candidates[0]
 
 
@@ -278,18 +274,15 @@ def _conversion(table: TextTable, title: str, unit: object, file_unit: object) -
             msg = f"{table.file}: '{visible(str(file_unit))}' is not a unit of prices such as EUR/MWh, ct/kWh or EUR/m3."
             raise TaskError(msg)
         if unit is None:
-            problem = 'neither the file nor the price table has a unit: write unit = "EUR kWh-1" in the table.'
-            raise table.refuse(problem)
+            table.refuse('neither the file nor the price table has a unit: write unit = "EUR kWh-1" in the table.')
         if len(table.titles) > 2 or title.lower() != "price":
-            problem = (
+            table.refuse(
                 f"the title '{visible(title)}' has no unit of prices. Name it: file_unit = \"EUR/MWh\" in the price table (or "
                 f"--file-unit). {_PLAIN_FILE}"
             )
-            raise table.refuse(problem)
         return 1.0, str(unit), ""
     if unit is None:
-        problem = f'the file is in {visible(match[0])}, and the price table has no unit: write unit = "EUR kWh-1" in it.'
-        raise table.refuse(problem)
+        table.refuse(f'the file is in {visible(match[0])}, and the price table has no unit: write unit = "EUR kWh-1" in it.')
     money = {"€": "EUR", "EURO": "EUR", "EUROS": "EUR", "CT": "EUR", "CTS": "EUR", "CENT": "EUR"}
     cents = match["money"].upper() in ("CT", "CTS", "CENT")
     currency = money.get(match["money"].upper(), match["money"].upper())
@@ -297,7 +290,6 @@ def _conversion(table: TextTable, title: str, unit: object, file_unit: object) -
     amount, factor = amounts[_amount(match)]
     table_amount, table_factor = amounts[_amount(target)] if target else ("", 1.0)
     if target is None or money.get(target["money"].upper(), target["money"].upper()) != currency or table_amount != amount:
-        problem = f"its prices are in {visible(match[0])}, which cannot become {visible(str(unit))}. {_PLAIN_FILE}"
-        raise table.refuse(problem)
+        table.refuse(f"its prices are in {visible(match[0])}, which cannot become {visible(str(unit))}. {_PLAIN_FILE}")
     total = factor / table_factor * (0.01 if cents else 1.0)
     return total, str(unit), "" if total == 1.0 else f"{visible(match[0])} converted to {unit}"

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from glbench.errors import refuse
 from glbench.tasks.fields import Table, as_tuple
 
 Floats = NDArray[np.float64]
@@ -309,8 +310,7 @@ _DAY = re.compile(r"(\d\d)-(\d\d)")
 
 def _hours_of_a_day(shares: tuple[float, ...]) -> tuple[float, ...]:
     if len(shares) != HOURS_A_DAY:
-        msg = f"There must be {HOURS_A_DAY} numbers, one an hour; there are {len(shares)}."
-        raise ValueError(msg)
+        refuse(f"There must be {HOURS_A_DAY} numbers, one an hour; there are {len(shares)}.")
     return shares
 
 
@@ -332,8 +332,7 @@ class MarketTable(Table):
     @model_validator(mode="after")
     def _limits_are_in_order(self) -> Self:
         if self.lowest >= self.highest:
-            msg = f"lowest = {self.lowest:g} must be below highest = {self.highest:g}."
-            raise ValueError(msg)
+            refuse(f"lowest = {self.lowest:g} must be below highest = {self.highest:g}.")
         return self
 
     def value(self) -> Market:
@@ -365,34 +364,28 @@ class PriceTableTable(Table):
         if sum(way is not None for way in ways) != 1:
             names = ("hourly", "from_day", "series", "market", "of")
             present = " and ".join(name for name, way in zip(names, ways, strict=True) if way is not None)
-            msg = (
+            refuse(
                 "It must have exactly one of hourly (24 prices), from_day (prices by day), series (or file), market (prices by "
                 f"sun and wind) and of (another table). {f'It has {present}. ' if present else ''}To replace the base's, leave it out "
                 'at the top of the task, such as without = ["price_tables.power.market"].'
             )
-            raise ValueError(msg)
         if self.yearly and self.series is None:
-            msg = "yearly = true belongs to a series, which then holds for every year. Leave it out."
-            raise ValueError(msg)
+            refuse("yearly = true belongs to a series, which then holds for every year. Leave it out.")
         if self.hourly is not None and len(self.hourly) != 24:
-            msg = f"hourly must have 24 prices, one an hour; it has {len(self.hourly)}."
-            raise ValueError(msg)
+            refuse(f"hourly must have 24 prices, one an hour; it has {len(self.hourly)}.")
         for day in self.from_day or ():
             _month_and_day(day)
         if self.from_day is not None and not self.from_day:
-            msg = 'from_day must have a price: from_day = { "01-15" = 3.5 }.'
-            raise ValueError(msg)
+            refuse('from_day must have a price: from_day = { "01-15" = 3.5 }.')
         if self.series is not None:
             moments = [point.time for point in self.series]
             if not moments or any(later <= earlier for earlier, later in pairwise(moments)):
-                msg = "series must have moments, each later than the one before."
-                raise ValueError(msg)
+                refuse("series must have moments, each later than the one before.")
             if self.yearly and _utc(moments[0]).year != _utc(moments[-1]).year:
-                msg = (
+                refuse(
                     f"With yearly = true the series must be in one calendar year (UTC); it goes from {moments[0]:%Y-%m-%d} to "
                     f"{moments[-1]:%Y-%m-%d}. Keep one year of it."
                 )
-                raise ValueError(msg)
         return self
 
     def value(self, others: Mapping[str, PriceTableTable]) -> PriceTable:
@@ -419,6 +412,5 @@ def _month_and_day(text: str) -> tuple[int, int]:
     match = _DAY.fullmatch(text)
     month, day = (int(match[1]), int(match[2])) if match else (0, 0)
     if not 1 <= month <= 12 or not 1 <= day <= monthrange(2000, month)[1]:
-        msg = f"'{text}' is not a day of the year. Write month and day with two digits each, such as \"01-15\"."
-        raise ValueError(msg)
+        refuse(f"'{text}' is not a day of the year. Write month and day with two digits each, such as \"01-15\".")
     return month, day

@@ -21,7 +21,7 @@ from typing import Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.registration import DEPRECATED_NAME, REFERENCES_NAME
 from glbench.resources import data_folder, write_atomically
 from glbench.tasks.digest import lock_path
@@ -64,14 +64,11 @@ class BestKnown(BaseModel):
     @model_validator(mode="after")
     def _is_consistent(self) -> Self:
         if list(self.seeds) != sorted(set(self.seeds)):
-            msg = "the runs are not in the order of their seeds, or two have the same"
-            raise ValueError(msg)
+            refuse("the runs are not in the order of their seeds, or two have the same")
         if set(self.units) != {"reward", "epi", "penalty"}:
-            msg = "the units are not those of reward, epi and penalty"
-            raise ValueError(msg)
+            refuse("the units are not those of reward, epi and penalty")
         if {run.agent for run in self.runs} != set(self.agents):
-            msg = "the agents are not those of the runs"
-            raise ValueError(msg)
+            refuse("the agents are not those of the runs")
         return self
 
     @property
@@ -156,8 +153,7 @@ class References(BaseModel):
     @model_validator(mode="after")
     def _in_order(self) -> References:
         if not self.best > self.nothing:
-            msg = f"the best known reward {self.best:g} is not above that of doing nothing, {self.nothing:g}"
-            raise ValueError(msg)
+            refuse(f"the best known reward {self.best:g} is not above that of doing nothing, {self.nothing:g}")
         return self
 
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
 
 from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
+from glbench.errors import refuse
 from glbench.quantities import FLOWS
 from glbench.tasks import vocabulary as words
 from glbench.tasks.fields import (
@@ -82,11 +83,9 @@ class PaperObservationTable(Table):
         registry = words.OBSERVATION_MODULES
         forecasts = [name for name in self.modules if name in registry and registry[name].is_forecast]
         if forecasts and self.forecast is None:
-            msg = f"'{forecasts[0]}' is among the modules, so say how far it looks: add [observation.forecast] with steps = 48."
-            raise ValueError(msg)
+            refuse(f"'{forecasts[0]}' is among the modules, so say how far it looks: add [observation.forecast] with steps = 48.")
         if self.forecast is not None and not forecasts:
-            msg = 'There is a table [observation.forecast], but no forecast among the modules: add "forecast" to them.'
-            raise ValueError(msg)
+            refuse('There is a table [observation.forecast], but no forecast among the modules: add "forecast" to them.')
         return self
 
 
@@ -139,8 +138,7 @@ class TaskFile1(TaskFile):
     @model_validator(mode="after")
     def _has_no_computer(self) -> Self:
         if self.actuation.kind == PROCESS_COMPUTER:
-            msg = "[actuation] A process computer needs a task of schema 2: add schema = 2 to a file with a base."
-            raise ValueError(msg)
+            refuse("[actuation] A process computer needs a task of schema 2: add schema = 2 to a file with a base.")
         return self
 
 

@@ -16,7 +16,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
-from glbench.errors import TaskError, did_you_mean
+from glbench.errors import TaskError, did_you_mean, refuse
 from glbench.tasks import vocabulary as words
 from glbench.tasks.fields import (
     ClimateQuantityTable,
@@ -66,8 +66,7 @@ class WeatherTable(Table):
     @model_validator(mode="after")
     def _steps_fill_the_day(self) -> Self:
         if SECONDS_A_DAY % self.step_seconds:
-            msg = f"step_seconds = {self.step_seconds} does not divide a day of {SECONDS_A_DAY} s. Use 300, 600, 900, 1800, ..."
-            raise ValueError(msg)
+            refuse(f"step_seconds = {self.step_seconds} does not divide a day of {SECONDS_A_DAY} s. Use 300, 600, 900, 1800, ...")
         return self
 
     @property
@@ -171,8 +170,7 @@ class ForecastTable(Table):
     def _hours_rise(self) -> Self:
         check_hours(self.hours, LONGEST_FORECAST)
         if self.error != PERFECT and not self.hours:
-            msg = f'error = "{self.error}" belongs to a forecast by the hour: add hours = [1, 2, 3, 6, 12, 18, 24].'
-            raise ValueError(msg)
+            refuse(f'error = "{self.error}" belongs to a forecast by the hour: add hours = [1, 2, 3, 6, 12, 18, 24].')
         return self
 
 
@@ -211,28 +209,23 @@ class ObservationTable(Table):
         ):
             reaches = forecast is not None and bool(getattr(forecast, key))
             if modules and not reaches:
-                msg = f"'{modules[0]}' is among the modules, so say how far it looks: add [observation.forecast] with {example}."
-                raise ValueError(msg)
+                refuse(f"'{modules[0]}' is among the modules, so say how far it looks: add [observation.forecast] with {example}.")
             if reaches and not modules:
-                msg = f'[observation.forecast] has {key}, but no such forecast is among the modules: add "{module}" to them.'
-                raise ValueError(msg)
+                refuse(f'[observation.forecast] has {key}, but no such forecast is among the modules: add "{module}" to them.')
         if forecast is not None and not by_row and not by_hour:
-            msg = f'There is a table [observation.forecast], but no forecast among the modules: add "{words.WEATHER_FORECAST}" to them.'
-            raise ValueError(msg)
+            refuse(f'There is a table [observation.forecast], but no forecast among the modules: add "{words.WEATHER_FORECAST}" to them.')
         return self
 
     @model_validator(mode="after")
     def _day_ahead_is_granted_and_shown(self) -> Self:
         is_shown = words.DAY_AHEAD in self.modules
         if is_shown and self.day_ahead is None:
-            msg = (
+            refuse(
                 f"'{words.DAY_AHEAD}' is among the modules, so say of which prices and how far ahead: add [observation.day_ahead] "
                 'with prices = ["power"] and hours = [1, 2, 3, 6, 12].'
             )
-            raise ValueError(msg)
         if self.day_ahead is not None and not is_shown:
-            msg = f'There is a table [observation.day_ahead]: add "{words.DAY_AHEAD}" to the modules, or leave it out.'
-            raise ValueError(msg)
+            refuse(f'There is a table [observation.day_ahead]: add "{words.DAY_AHEAD}" to the modules, or leave it out.')
         return self
 
     @property
@@ -303,14 +296,12 @@ class ProcessComputerTable(Table):
     @model_validator(mode="after")
     def _bands_are_in_order(self) -> Self:
         if self.ventilation_band_most < self.ventilation_band:
-            msg = (
+            refuse(
                 f"ventilation_band_most = {self.ventilation_band_most:g} K must not be below "
                 f"ventilation_band = {self.ventilation_band:g} K."
             )
-            raise ValueError(msg)
         if self.co2_vents >= self.co2_vents_off:
-            msg = f"co2_vents = {self.co2_vents:g} must be below co2_vents_off = {self.co2_vents_off:g}."
-            raise ValueError(msg)
+            refuse(f"co2_vents = {self.co2_vents:g} must be below co2_vents_off = {self.co2_vents_off:g}.")
         return self
 
 
@@ -336,19 +327,16 @@ class ActuationTable(Table):
     @model_validator(mode="after")
     def _settings_are_used(self) -> Self:
         if "process_computer" in self.model_fields_set and self.kind != PROCESS_COMPUTER:
-            msg = f'There is a table [actuation.process_computer], but the kind is "{self.kind}". Take one of them out.'
-            raise ValueError(msg)
+            refuse(f'There is a table [actuation.process_computer], but the kind is "{self.kind}". Take one of them out.')
         return self
 
     @model_validator(mode="after")
     def _machines_can_be_switched(self) -> Self:
         if self.on_off and self.kind not in SWITCHING:
-            msg = f'There are tables [actuation.on_off], but the kind is "{self.kind}". It must be {" or ".join(SWITCHING)}.'
-            raise ValueError(msg)
+            refuse(f'There are tables [actuation.on_off], but the kind is "{self.kind}". It must be {" or ".join(SWITCHING)}.')
         for name in self.on_off:
             if name not in self.controls:
-                msg = f"[actuation.on_off.{name}] is about a control that the task does not grant.{did_you_mean(name, self.controls)}"
-                raise ValueError(msg)
+                refuse(f"[actuation.on_off.{name}] is about a control that the task does not grant.{did_you_mean(name, self.controls)}")
         return self
 
 
@@ -410,11 +398,10 @@ class BeyondTable(Table):
         for key in ("amount", "price"):
             entry = table.get(key)
             if not isinstance(entry, Mapping) or set(entry) != {"value", "unit"} or not isinstance(entry["unit"], str):
-                msg = (
+                refuse(
                     'Write amount and price with their units: beyond = { amount = { value = 12.0, unit = "kg m-2" }, '
                     'price = { value = 0.20, unit = "EUR kg-1" } }.'
                 )
-                raise ValueError(msg)
             plain |= {key: entry["value"], f"{key}_unit": entry["unit"]}
         return plain
 
@@ -445,23 +432,19 @@ class ItemTable(Table):
         text = price.get("value") if isinstance(price, Mapping) else price
         if isinstance(text, str) and _NUMBER.fullmatch(text.strip()):
             plain = text.strip().replace(",", ".")
-            msg = f'price is "{text}": a number is written without quotes, price = {{ value = {plain}, unit = "EUR kWh-1" }}.'
-            raise ValueError(msg)
+            refuse(f'price is "{text}": a number is written without quotes, price = {{ value = {plain}, unit = "EUR kWh-1" }}.')
         if isinstance(price, str):
             return table
         if not isinstance(price, Mapping) or set(price) != {"value", "unit"} or not isinstance(price["unit"], str):
-            msg = 'Write the price with its unit, price = { value = 0.09, unit = "EUR kWh-1" }, or name a price table.'
-            raise ValueError(msg)
+            refuse('Write the price with its unit, price = { value = 0.09, unit = "EUR kWh-1" }, or name a price table.')
         return {**table, "price": price["value"], "price_unit": price["unit"]}
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
         if (self.flow is None) == (self.stock is None):
-            msg = 'It must name either a flow or a stock: flow = "heat", or stock = "fruit".'
-            raise ValueError(msg)
+            refuse('It must name either a flow or a stock: flow = "heat", or stock = "fruit".')
         if self.factor != 1.0 and (self.amount is None or self.unit is None):
-            msg = "With a factor the amount is another one than the flow: name it, and its unit: amount = ..., unit = ..."
-            raise ValueError(msg)
+            refuse("With a factor the amount is another one than the flow: name it, and its unit: amount = ..., unit = ...")
         return self
 
 
@@ -504,8 +487,7 @@ class SplitTable(Table):
     @model_validator(mode="after")
     def _different_years(self) -> Self:
         if not self.years or len(set(self.years)) < len(self.years) or not all(1 <= year <= 9999 for year in self.years):
-            msg = "years must be different years, at least one, each of which the weather record has."
-            raise ValueError(msg)
+            refuse("years must be different years, at least one, each of which the weather record has.")
         return self
 
 
@@ -526,8 +508,7 @@ class SplitsTable(Table):
         for name in self.names[:-1]:
             shared = sorted(set(getattr(self, name).years) & set(self.test.years))
             if shared:
-                msg = f"{name} and test share the year {shared[0]}: no season that scores may be seen before."
-                raise ValueError(msg)
+                refuse(f"{name} and test share the year {shared[0]}: no season that scores may be seen before.")
         return self
 
 
@@ -576,8 +557,7 @@ class SensorsTable(ClimateQuantityTable):
     @model_validator(mode="after")
     def _something_drops_out(self) -> Self:
         if self.dropouts is not None and not self.items():
-            msg = "There are [sensors.dropouts], but no sensor that could drop out: add [sensors.air_temperature]."
-            raise ValueError(msg)
+            refuse("There are [sensors.dropouts], but no sensor that could drop out: add [sensors.air_temperature].")
         return self
 
 
@@ -601,16 +581,13 @@ class ScenarioTable(Table):
     @model_validator(mode="after")
     def _one_list_of_seasons(self) -> Self:
         if self.seasons and self.years:
-            msg = "It has both seasons and years: years are seasons that start on the day of [weather]. Keep one of them."
-            raise ValueError(msg)
+            refuse("It has both seasons and years: years are seasons that start on the day of [weather]. Keep one of them.")
         if len(set(self.years)) < len(self.years) or not all(1 <= year <= 9999 for year in self.years):
-            msg = "years must be different years, each of which the weather record has."
-            raise ValueError(msg)
+            refuse("years must be different years, each of which the weather record has.")
         for groups in (self.parameters, self.start):
             names = [group.name or str(place) for place, group in enumerate(groups)]
             if len(set(names)) < len(names):
-                msg = "Two groups have the same name: a stream of random numbers is called after it."
-                raise ValueError(msg)
+                refuse("Two groups have the same name: a stream of random numbers is called after it.")
         return self
 
 
@@ -758,14 +735,11 @@ class TaskFile2(TaskFile):
                 continue
             followed = self.price_tables.get(table.of)
             if followed is None:
-                msg = f"[price_tables.{name}] of = '{table.of}': there is no such table.{did_you_mean(table.of, self.price_tables)}"
-                raise ValueError(msg)
+                refuse(f"[price_tables.{name}] of = '{table.of}': there is no such table.{did_you_mean(table.of, self.price_tables)}")
             if followed.of is not None:
-                msg = f"[price_tables.{name}] of = '{table.of}', which follows '{followed.of}' itself. Name that one."
-                raise ValueError(msg)
+                refuse(f"[price_tables.{name}] of = '{table.of}', which follows '{followed.of}' itself. Name that one.")
             if followed.unit != table.unit:
-                msg = f"[price_tables.{name}] is in {table.unit}, and '{table.of}', which it follows, in {followed.unit}."
-                raise ValueError(msg)
+                refuse(f"[price_tables.{name}] is in {table.unit}, and '{table.of}', which it follows, in {followed.unit}.")
         return self
 
     @model_validator(mode="after")
@@ -773,44 +747,37 @@ class TaskFile2(TaskFile):
         day_ahead = self.observation.day_ahead
         for name in day_ahead.prices if day_ahead is not None else ():
             if name not in self.price_tables:
-                msg = f"[observation.day_ahead] prices: there is no price table '{name}'.{did_you_mean(name, self.price_tables)}"
-                raise ValueError(msg)
+                refuse(f"[observation.day_ahead] prices: there is no price table '{name}'.{did_you_mean(name, self.price_tables)}")
         return self
 
     @model_validator(mode="after")
     def _seasons_are_stated_once(self) -> Self:
         scenario, splits = self.scenario, self.splits
         if splits is not None and (scenario.seasons or scenario.years):
-            msg = "[scenario] has seasons or years, and [splits] has years too. Keep those of [splits]."
-            raise ValueError(msg)
+            refuse("[scenario] has seasons or years, and [splits] has years too. Keep those of [splits].")
         if scenario.generated and splits is None:
-            msg = "[scenario] generated = true needs [splits]: which years seasons are made of, for training and for the test."
-            raise ValueError(msg)
+            refuse("[scenario] generated = true needs [splits]: which years seasons are made of, for training and for the test.")
         if scenario.co2_range is not None and not scenario.generated:
-            msg = "[scenario.co2_range] goes with generated seasons: add generated = true, or leave it out."
-            raise ValueError(msg)
+            refuse("[scenario.co2_range] goes with generated seasons: add generated = true, or leave it out.")
         for name in splits.names if splits is not None else ():
             if (getattr(splits, name).seasons is None) is scenario.generated:
-                msg = (
+                refuse(
                     f"[splits.{name}] must say how many seasons are generated: seasons = 100."
                     if scenario.generated
                     else f"[splits.{name}] has a number of seasons, but they are not generated: add generated = true to [scenario]."
                 )
-                raise ValueError(msg)
         return self
 
     @model_validator(mode="after")
     def _violations_cost_something(self) -> Self:
         scales, prices = (dict(table.items()) for table in (self.reward.penalty_scale, self.reward.violation_price))
         if scales and prices:
-            msg = (
+            refuse(
                 f"[reward.penalty_scale] has {_first(scales)} and [reward.violation_price] has {_first(prices)}: violations cost "
                 "points or money, not both. Keep one of the tables."
             )
-            raise ValueError(msg)
         if self.constraints.judged == "mean" and not self.constraints.items():
-            msg = '[constraints] has judged = "mean" and no limit to judge by. Add one, or leave judged out.'
-            raise ValueError(msg)
+            refuse('[constraints] has judged = "mean" and no limit to judge by. Add one, or leave judged out.')
         for name, limits in self.constraints.items():
             if name in scales or name in prices:
                 continue

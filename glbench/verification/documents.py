@@ -96,8 +96,7 @@ def _same_evaluation(result: Result, log: ActionLog) -> None:
     versions = result.versions.model_dump()
     for name, number in log.provenance.versions.items():
         if versions.get(name) != number:
-            reason = f"The record was made with {name} {number}, the result says {versions.get(name)}."
-            refute("other_versions", reason)
+            refute("other_versions", f"The record was made with {name} {number}, the result says {versions.get(name)}.")
 
 
 def _same_runs(result: Result, log: ActionLog) -> None:
@@ -107,15 +106,13 @@ def _same_runs(result: Result, log: ActionLog) -> None:
         dropped = sorted(set(recorded) - set(seeds))
         missing = sorted(set(seeds) - set(recorded))
         if dropped and not missing:
-            reason = f"The result leaves out {_seeds(dropped)} of the {len(recorded)} runs that were made."
-            refute("dropped_run", reason)
+            refute("dropped_run", f"The result leaves out {_seeds(dropped)} of the {len(recorded)} runs that were made.")
         if missing and not dropped:
             refute("missing_run", f"The recorded actions lack {_seeds(missing)} of the result's {len(seeds)} runs.")
         refute("seeds", f"The result's runs have the seeds {seeds}, the recorded ones {recorded}.")
     for expected, run in zip(run_facts(result.runs), log.runs, strict=True):
         if run.steps != expected.steps:
-            reason = f"The record of the run with seed {run.seed} has {run.steps} steps, the result says {expected.steps}."
-            refute("shortened", reason)
+            refute("shortened", f"The record of the run with seed {run.seed} has {run.steps} steps, the result says {expected.steps}.")
         if run != expected:
             reason = (
                 f"The run with seed {run.seed} is '{expected.status}' ({expected.reason or 'no reason'}) in the result and "
@@ -130,8 +127,7 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
     try:
         own = task_of(log.definition) if file is None and not published else None
         if own is not None and own.steps > _MOST_STEPS:
-            reason = f"The task in the record has {own.steps:,} steps, more than {_MOST_STEPS:,}. Give its file with --task."
-            cannot_tell("no_task", reason)
+            cannot_tell("no_task", f"The task in the record has {own.steps:,} steps, more than {_MOST_STEPS:,}. Give its file with --task.")
         task = (own or get_task(result.task.id if published or file is None else file)).scored_in(result.task.split)
         fingerprint = task.fingerprint()
     except EpisodeError as error:
@@ -151,10 +147,7 @@ def find_task(result: Result, log: ActionLog, file: Path | None) -> TaskSpec:
         )
         refute("other_task_version", reason)
     if log.provenance.task.parts != parts or log.provenance.task.start != task.weather.start.isoformat():
-        refute(
-            "record_of_other_task",
-            "The record names digests of the task's parts, or a first day, that are not the task's.",
-        )
+        refute("record_of_other_task", "The record names digests of the task's parts, or a first day, that are not the task's.")
     facts, claims = (task.title, task.steps, task.step_seconds), result.task
     if facts != (claims.title, claims.steps, claims.step_seconds):
         refute("task_facts", f"The task's title, steps or step length are not those of {task.id}.")
@@ -214,8 +207,7 @@ def check_seeds(result: Result, task: TaskSpec) -> tuple[str, ...]:
         return ()
     holes = sorted(set(range(seeds[0], seeds[0] + len(seeds))) - set(seeds))
     if holes:
-        reason = f"The seeds are not consecutive: {_seeds(holes)} is missing. Evaluations leave no run out."
-        refute("dropped_run", reason)
+        refute("dropped_run", f"The seeds are not consecutive: {_seeds(holes)} is missing. Evaluations leave no run out.")
     return (
         f"This is a trial of {len(seeds)} runs from seed {seeds[0]}; the task asks for {len(scored)} "
         f"from seed {scored[0]}. It is not ranked.",
@@ -227,16 +219,12 @@ def check_setting(result: Result, log: ActionLog, task: TaskSpec) -> None:
     agent = log.provenance.agent
     columns = task.model_value.control_names if agent.acts == "controls" else tuple(action.name for action in task.actions)
     if agent.columns != columns:
-        reason = f"The recorded actions are of {', '.join(agent.columns)}, the task's of {', '.join(columns)}."
-        refute("record_of_other_task", reason)
+        refute("record_of_other_task", f"The recorded actions are of {', '.join(agent.columns)}, the task's of {', '.join(columns)}.")
     kernel = result.evaluation.kernel
     required = {"preset": "reference", "step_seconds": task.step_seconds, "variant": task.model.variant}
     for name, value in required.items():
         if kernel.get(name) != value:
-            refute(
-                "other_kernel",
-                f"The result was made with a kernel whose {name} is {kernel.get(name)!r}, not {value!r}.",
-            )
+            refute("other_kernel", f"The result was made with a kernel whose {name} is {kernel.get(name)!r}, not {value!r}.")
 
 
 def _seeds(seeds: list[int]) -> str:
@@ -271,10 +259,7 @@ def _place(file: Path, episode: Episode, log: ActionLog) -> int:
     run = episode.run
     named = re.fullmatch(r"seed-(\d+)", file.stem)
     if run.seed not in log.seeds or (named is not None and int(named[1]) != run.seed):
-        refute(
-            "swapped_episode",
-            f"{file} holds the run with seed {run.seed}, which is not the one that it is named after.",
-        )
+        refute("swapped_episode", f"{file} holds the run with seed {run.seed}, which is not the one that it is named after.")
     if episode.provenance != log.provenance:
         what = "task" if episode.provenance.task != log.provenance.task else "agent"
         reason = f"{file} is an episode of another evaluation: its {what}, kernel or versions are not those of the result."

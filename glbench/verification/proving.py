@@ -179,8 +179,7 @@ def _reproduced(
     if profiled and result.profile is not None:
         profile = make_profile(spec, result, log, again.trace)
         if profile.digest != result.profile.digest:
-            reason = f"{result.profile.file} does not show what the recorded actions lead to. Delete it and evaluate again."
-            proof.refute("profile", reason)
+            proof.refute("profile", f"{result.profile.file} does not show what the recorded actions lead to. Delete it and evaluate again.")
     seeds = tuple(log.runs[row].seed for row, _ in whole)
     steps = sum(run.steps for run in result.runs)
     return _Reproduced(spec, agreement, origin, notes, profiled, seeds, len(result.runs), steps)
@@ -202,10 +201,7 @@ def _with_fresh_draws(
         reason = f"The runs with fresh draws: {refused.reason}"
         raise proof.Refused(refused.outcome, refused.cause, reason) from None
     if fresh.metric != runs.task.evaluation.metric:
-        proof.refute(
-            "fresh_draws",
-            f"The fresh draws state the metric '{fresh.metric}', and {result.task.id} is ranked by another metric.",
-        )
+        proof.refute("fresh_draws", f"The fresh draws state the metric '{fresh.metric}', and {result.task.id} is ranked by another metric.")
     exact = runs.agreement.exact and again.agreement.exact
     unlike = []
     for one in fresh.references:

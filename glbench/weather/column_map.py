@@ -17,7 +17,7 @@ from typing import Any, Literal, cast, get_args
 import numpy as np
 from pydantic import Field, field_validator
 
-from glbench.errors import WeatherError, did_you_mean
+from glbench.errors import WeatherError, did_you_mean, refuse
 from glbench.outside_tables import (
     DateOrder,
     IntArray,
@@ -158,15 +158,12 @@ class ColumnMap(Table):
     def _check_units(cls, columns: dict[str, ColumnEntry]) -> dict[str, ColumnEntry]:
         for quantity, entry in columns.items():
             if quantity not in UNITS:
-                msg = f"there is no quantity '{visible(quantity)}'.{did_you_mean(quantity, UNITS)}"
-                raise ValueError(msg)
+                refuse(f"there is no quantity '{visible(quantity)}'.{did_you_mean(quantity, UNITS)}")
             if canonical_unit(quantity, entry.unit) is None:
-                msg = f"{quantity} cannot come in '{visible(entry.unit)}'. Use one of {', '.join(UNITS[quantity])}."
-                raise ValueError(msg)
+                refuse(f"{quantity} cannot come in '{visible(entry.unit)}'. Use one of {', '.join(UNITS[quantity])}.")
         missing = [quantity for quantity in record.REQUIRED if quantity not in columns]
         if missing:
-            msg = f"no column is named for {', '.join(missing)}, which the model needs."
-            raise ValueError(msg)
+            refuse(f"no column is named for {', '.join(missing)}, which the model needs.")
         return columns
 
 
@@ -210,28 +207,23 @@ def read_csv(
     keys = (*REQUIRED_KEYS, *TEXT_KEYS, *(f"timing {quantity}" for quantity in record.QUANTITIES))
     for key, value in comments.items():
         if key not in keys:
-            problem = f"unknown comment '# {visible(key)}: ...'.{did_you_mean(key, keys)} Leave other remarks without a colon."
-            raise table.refuse(problem)
+            table.refuse(f"unknown comment '# {visible(key)}: ...'.{did_you_mean(key, keys)} Leave other remarks without a colon.")
         if key.startswith("timing "):
             if value not in get_args(record.Timing):
-                problem = f"'# {visible(key)}: {visible(value)}' must be instant (at the slot's end) or mean (over the slot)."
-                raise table.refuse(problem)
+                table.refuse(f"'# {visible(key)}: {visible(value)}' must be instant (at the slot's end) or mean (over the slot).")
             timing[key.removeprefix("timing ")] = cast(record.Timing, value)
     if timing["global_radiation"] != "mean":
-        problem = "global radiation must be a mean (or sum) over the slot; an instant does not tell the hour's energy."
-        raise table.refuse(problem)
+        table.refuse("global radiation must be a mean (or sum) over the slot; an instant does not tell the hour's energy.")
     needed = (*(REQUIRED_KEYS[:3] if coordinates is None else ()), *(REQUIRED_KEYS[3:] if timezone is None else ()))
     missing = [key for key in needed if key not in comments]
     if missing:
         option = "--timezone ZONE" if missing == ["timezone"] else "--place LATITUDE,LONGITUDE,ALTITUDE"
-        problem = f"the comment lines do not give {', '.join(missing)}. Add '# {missing[0]}: ...' on top, or import with {option}."
-        raise table.refuse(problem)
+        table.refuse(f"the comment lines do not give {', '.join(missing)}. Add '# {missing[0]}: ...' on top, or import with {option}.")
     if coordinates is None:
         numbers = {key: parse_number(comments[key], table.decimal) for key in REQUIRED_KEYS[:3]}
         for key, number in numbers.items():
             if number is None or not np.isfinite(number):
-                problem = f"'{visible(comments[key])}' for {key} is not a number. Correct the file."
-                raise table.refuse(problem)
+                table.refuse(f"'{visible(comments[key])}' for {key} is not a number. Correct the file.")
         coordinates = cast(record.Coordinates, tuple(numbers.values()))
     place = record.Place(comments.get("station", name or path.stem.lower()), *coordinates, timezone or comments["timezone"])
     columns = ColumnMap(time=(time,), stamps=TIME_COLUMNS[time], columns=entries)
@@ -268,7 +260,7 @@ def read_columns(
     if coordinates is None:
         if entry is None:
             problem = "the column map does not say where the station is. Fill in its [place], or import with --place LATITUDE,LONGITUDE."
-            raise table.refuse(problem)
+            table.refuse(problem)
         coordinates = (entry.latitude, entry.longitude, entry.altitude)
     place = record.Place((entry and entry.station) or path.stem, *coordinates, zone)
     origin = record.Origin(name or path.stem.lower(), place, f"file {path.name}", "Your own measurements.")
@@ -342,11 +334,10 @@ def _documented_columns(table: TextTable) -> tuple[dict[str, ColumnEntry], str]:
     if problems or missing or time is None:
         lines = [*problems[:12], *([f"missing: {', '.join(missing)}"] if missing else [])]
         listing, titles_there = "\n".join(f"  - {line}" for line in lines), visible(",".join(table.titles)[:300])
-        problem = (
+        table.refuse(
             f"the titles of its columns cannot be used.\n{listing}\n  titles:   {titles_there}\n  expected: {EXPECTED_HEADER}\n"
             f"  For an export that has other titles, `glbench weather columns {Path(table.file).name}` writes a column map."
         )
-        raise table.refuse(problem)
     return entries, time
 
 
@@ -404,11 +395,10 @@ def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[
     missing = [quantity for quantity in record.REQUIRED if quantity not in entries]
     if missing or not time:
         lacking = ", ".join([*([] if time else ["the time"]), *(f"{name} [{record.QUANTITIES[name].unit}]" for name in missing)])
-        problem = (
+        table.refuse(
             f"no column looks like {lacking}. Its columns are: {visible(', '.join(table.titles)[:600])}. "
             "Export these quantities, or write the map by hand (docs/weather.md)."
         )
-        raise table.refuse(problem)
     stamps = read_stamps(table, time)
     columns = ColumnMap(
         time=time,

@@ -21,6 +21,7 @@ import urllib.parse
 import urllib.request
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import NoReturn
 
 import numpy as np
 
@@ -90,8 +91,9 @@ def native_rows(file: str, native: Mapping[str, IntArray] | Mapping[str, FloatAr
     date, hour = value["YYYYMMDD"], value["HH"]
     row_numbers = np.arange(1, hour.size + 1, dtype=np.int64) if numbers is None else numbers
 
-    def refuse(row: int, problem: str) -> WeatherError:
-        return WeatherError(f"{file}, row {row_numbers[row]}: {problem}. Correct the file or fetch it again.")
+    def refuse(row: int, problem: str) -> NoReturn:
+        msg = f"{file}, row {row_numbers[row]}: {problem}. Correct the file or fetch it again."
+        raise WeatherError(msg)
 
     slot_ends = ends_of_hours(date // 10000, date // 100 % 100, date % 100, hour, refuse)
     columns: dict[str, FloatArray] = {
@@ -129,8 +131,7 @@ def record_from_knmi(
         blank = np.isnan(values) & (title in NATIVE_COLUMNS)
         odd = np.flatnonzero(~(values % 1 == 0) & ~blank)
         if odd.size:
-            problem = f"'{table.texts(title)[odd[0]]}' is not a whole number. Correct the file or fetch it again."
-            raise table.refuse(problem, int(odd[0]), title)
+            table.refuse(f"'{table.texts(title)[odd[0]]}' is not a whole number. Correct the file or fetch it again.", int(odd[0]), title)
     present = sorted({int(number) for number in columns["STN"]})
     if station is None and not present:
         msg = f"{table.file} holds no hourly values. Is it the right file, and whole?"

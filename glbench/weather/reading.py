@@ -263,8 +263,7 @@ def needed_title(table: TextTable, *words: str) -> str:
     """As ``title_of``. Raises the table's refusal when there is none of them."""
     title = title_of(table, *words)
     if title is None:
-        problem = f"there is no column '{words[0]}', which is needed. It has: {visible(', '.join(table.titles)[:300])}."
-        raise table.refuse(problem)
+        table.refuse(f"there is no column '{words[0]}', which is needed. It has: {visible(', '.join(table.titles)[:300])}.")
     return title
 
 

@@ -17,13 +17,13 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NoReturn
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import GlbenchError, WeatherError
+from glbench.errors import WeatherError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -103,19 +103,19 @@ def utc_text(seconds: float) -> str:
 
 
 def ends_of_hours(
-    year: FloatArray, month: FloatArray, day: FloatArray, hour: FloatArray, refuse: Callable[[int, str], GlbenchError]
+    year: FloatArray, month: FloatArray, day: FloatArray, hour: FloatArray, refuse: Callable[[int, str], NoReturn]
 ) -> IntArray:
-    """Ends of the hours 1 to 24 of calendar dates ``(rows,)`` [s since 1970-01-01]; ``refuse`` makes the error of a row and its fault."""
+    """Ends of the hours 1 to 24 of calendar dates ``(rows,)`` [s since 1970-01-01]; ``refuse`` raises the error of a row and its fault."""
     years, months, days, hours = (np.nan_to_num(part, nan=-1.0).astype(np.int64) for part in (year, month, day, hour))
     calendar_months = (12 * (years - 1970) + months - 1).astype("datetime64[M]")
     dates = calendar_months.astype("datetime64[D]") + (days - 1)
     wrong = np.flatnonzero((years < 0) | (months < 1) | (months > 12) | (dates.astype("datetime64[M]") != calendar_months))
     if wrong.size:
         i = int(wrong[0])
-        raise refuse(i, f"the date {year[i]:04.0f}-{month[i]:02.0f}-{day[i]:02.0f} does not exist")
+        refuse(i, f"the date {year[i]:04.0f}-{month[i]:02.0f}-{day[i]:02.0f} does not exist")
     wrong = np.flatnonzero(~((hour >= 1) & (hour <= 24) & (hour % 1 == 0)))
     if wrong.size:
-        raise refuse(int(wrong[0]), f"hour {hour[wrong[0]]:g} does not exist: hours run from 1 to 24")
+        refuse(int(wrong[0]), f"hour {hour[wrong[0]]:g} does not exist: hours run from 1 to 24")
     return np.asarray(dates.astype("datetime64[s]").astype(np.int64) + SLOT_SECONDS * hours, dtype=np.int64)
 
 

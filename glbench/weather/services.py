@@ -73,8 +73,7 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Rea
     tilted = [title for title in ("G(i)", "Gb(i)", "Gd(i)", "Gr(i)") if title in table.titles]
     typical = "G(h)" in table.titles
     if not typical and not tilted:
-        problem = f"there is no column of radiation, G(h) or G(i). It has: {', '.join(table.titles)}."
-        raise table.refuse(problem)
+        table.refuse(f"there is no column of radiation, G(h) or G(i). It has: {', '.join(table.titles)}.")
     slope = facts.get("slope")
     reflects = "Gr(i)" in table.titles and table.numbers("Gr(i)").any()
     is_horizontal = slope == 0.0 if isinstance(slope, float) else slope is None and "Gr(i)" in table.titles and not reflects
@@ -333,8 +332,7 @@ def _open_meteo_column(table: TextTable, name: str) -> record.FloatArray | None:
         return None
     unit = re.sub(r"[^A-Za-z0-9/%]", "", title[len(name) :])
     if unit not in _OPEN_METEO_UNITS:
-        problem = f"the unit '{unit}' is unknown. Known are {', '.join(_OPEN_METEO_UNITS)}."
-        raise table.refuse(problem, None, title)
+        table.refuse(f"the unit '{unit}' is unknown. Known are {', '.join(_OPEN_METEO_UNITS)}.", None, title)
     factor, offset = _OPEN_METEO_UNITS[unit]
     return np.asarray(table.numbers(title) * factor + offset)
 

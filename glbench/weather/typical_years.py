@@ -100,8 +100,7 @@ def parse_epw(text: str, file: str) -> Reading:
             msg = f"{file}, row {stray}: '{visible(lines[stray - 1][:60])}' is no row of an EPW. Correct the file."
             raise WeatherError(msg)
         if len(fields) < len(_EPW_FIELDS):
-            problem = f"{len(fields)} fields instead of at least {len(_EPW_FIELDS)}. Is the file whole?"
-            raise table.refuse(problem, i)
+            table.refuse(f"{len(fields)} fields instead of at least {len(_EPW_FIELDS)}. Is the file whole?", i)
     if not rows:
         msg = f"{file} holds no hourly values. Is it the right file, and whole?"
         raise WeatherError(msg)
@@ -155,8 +154,7 @@ def _epw_ends(table: TextTable, notes: list[str]) -> record.IntArray:
     wrong = np.flatnonzero(counts != per_hour)
     if wrong.size and per_hour > 1:
         i = int(begins[wrong[0]])
-        problem = f"this hour has {counts[wrong[0]]} rows, most have {per_hour}. Correct the file."
-        raise table.refuse(problem, i)
+        table.refuse(f"this hour has {counts[wrong[0]]} rows, most have {per_hour}. Correct the file.", i)
     if per_hour > 1 and HOUR % per_hour == 0:
         position = np.arange(of_hour.size) - np.repeat(begins, counts)
         return np.asarray(of_hour * HOUR + (position + 1) * (HOUR // per_hour), dtype=np.int64)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, FailFast, Field, ValidationError
 
-from glbench.errors import ResultError
+from glbench.errors import ResultError, refuse
 from glbench.evaluation.records import Digest
 from glbench.fields import Count, Word
 from glbench.settings import first_problems
@@ -38,9 +38,10 @@ def _shallow(task: dict[str, Any]) -> dict[str, Any]:
         inner = [one.values() if isinstance(one, dict) else one for one in level if isinstance(one, dict | list)]
         level = [value for values in inner for value in values]
         if not level:
-            return task
-    msg = "it is nested too deeply"
-    raise ValueError(msg)
+            break
+    else:
+        refuse("it is nested too deeply")
+    return task
 
 
 class _Part(BaseModel):
