@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
+import inspect
 import sys
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
@@ -70,22 +72,26 @@ def how_to_install(module: str) -> str:
     return f"Install it with: pip install 'glbench[{EXTRAS[module]}]'" if module in EXTRAS else f"Install it: pip install {module}"
 
 
-def lazy_names(package: str, places: Mapping[str, tuple[str, ...]]) -> Callable[[str], object]:
-    """A ``__getattr__`` for ``package``: ``places`` tells which of its modules (or which other, by its full name) has which names.
+def lazy_names(package: str, places: Mapping[str, tuple[str, ...]] | None = None) -> Callable[[str], object]:
+    """A ``__getattr__`` for ``package``, which imports a name when it is asked for.
 
     The process of a sandboxed agent needs a few modules out of large packages and must be there in a fraction of a second: a package that
     imports all of its modules would make it wait for libraries that no agent asked for.
 
-    Put it under ``if not TYPE_CHECKING``, beside ordinary imports for the type checker.
+    Put it under ``else`` of ``if TYPE_CHECKING``. The imports there, which the type checker reads, tell which module has which names;
+    ``places`` tells it instead of them, by modules of the package.
     """
-    homes = {name: module for module, names in places.items() for name in names}
+    homes = {name: f"{package}.{module}" for module, names in (places or {}).items() for name in names}
+    if places is None:
+        blocks = (node for node in ast.parse(inspect.getsource(sys.modules[package])).body if isinstance(node, ast.If))
+        imports = (node for block in blocks for node in block.body if isinstance(node, ast.ImportFrom))
+        homes = {alias.name: str(node.module) for node in imports for alias in node.names}
 
     def get(name: str) -> object:
         if name not in homes:
             msg = f"module {package!r} has no attribute {name!r}"
             raise AttributeError(msg)
-        home = homes[name]
-        value: object = getattr(importlib.import_module(home if home.startswith("glbench.") else f"{package}.{home}"), name)
+        value: object = getattr(importlib.import_module(homes[name]), name)
         setattr(sys.modules[package], name, value)  # found without this function from now on
         return value
 

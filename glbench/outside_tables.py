@@ -224,7 +224,8 @@ class TextTable:
         """
         where = "" if row is None else f", row {self.lines[row]}"
         column = "" if title is None else f", column '{visible(title)}'"
-        raise self.refusal(f"{self.file}{where}{column}: {problem}")
+        msg = f"{self.file}{where}{column}: {problem}"
+        raise self.refusal(msg)
 
     def texts(self, title: str) -> list[str]:
         """Texts of the column ``title``, a row each.

@@ -33,32 +33,7 @@ if TYPE_CHECKING:
     )
     from glbench.agents.tuned_rules import TunedRulesAgent
 else:
-    __getattr__ = lazy_names(
-        __name__,
-        {
-            "baselines": ("Baseline", "read_baseline"),
-            "card": ("SubmissionCard", "read_card"),
-            "identity": ("Identity", "baseline_names", "identify"),
-            "loading": ("LoadedAgent", "load_agent"),
-            "protocol": (
-                "Agent",
-                "PerRunAgent",
-                "PrivilegedController",
-                "ScenarioController",
-                "SingleRunAgent",
-                "action_problems",
-            ),
-            "rules": (
-                "FairRuleBasedAgent",
-                "RuleBasedController",
-                "RuleInputs",
-                "RuleSettings",
-                "read_rule_settings",
-                "rule_controls",
-            ),
-            "tuned_rules": ("TunedRulesAgent",),
-        },
-    )
+    __getattr__ = lazy_names(__name__)
 
 __all__ = [
     "Agent",

@@ -18,18 +18,7 @@ if TYPE_CHECKING:
     from glbench.evaluation.rollout import Progress
     from glbench.evaluation.sandbox.choosing import Protected, SandboxChoice, protect
 else:
-    __getattr__ = lazy_names(
-        __name__,
-        {
-            "files": ("SavingError", "load_result", "result_path", "save_result"),
-            "limits": ("TimeLimits",),
-            "rollout": ("Progress",),
-            "metrics": ("METRIC_NAMES", "METRICS", "UNITS", "Metric"),
-            "evaluation": ("Evaluation", "evaluate", "prepare"),
-            "records": ("Result", "RunResult", "Summary"),
-            "sandbox.choosing": ("Protected", "SandboxChoice", "protect"),
-        },
-    )
+    __getattr__ = lazy_names(__name__)
 
 __all__ = [
     "METRICS",

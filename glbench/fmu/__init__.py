@@ -12,6 +12,6 @@ from glbench.extras import lazy_names
 if TYPE_CHECKING:
     from glbench.fmu.export import export_fmu
 else:
-    __getattr__ = lazy_names(__name__, {"export": ("export_fmu",)})
+    __getattr__ = lazy_names(__name__)
 
 __all__ = ["export_fmu"]

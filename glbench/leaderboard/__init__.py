@@ -19,15 +19,7 @@ if TYPE_CHECKING:
     )
     from glbench.leaderboard.tables import to_frame, to_markdown, write_leaderboard
 else:
-    __getattr__ = lazy_names(
-        __name__,
-        {
-            "collect": ("Expectation", "StoredResult", "collect_readable", "collect_results"),
-            "ranking": ("Row", "TaskTable", "rank"),
-            "statistics": ("Estimate", "bootstrap_interval", "estimate", "estimates_of", "interquartile_mean", "mean"),
-            "tables": ("to_frame", "to_markdown", "write_leaderboard"),
-        },
-    )
+    __getattr__ = lazy_names(__name__)
 
 __all__ = [
     "Estimate",

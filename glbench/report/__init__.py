@@ -12,9 +12,6 @@ from glbench.extras import lazy_names
 if TYPE_CHECKING:
     from glbench.report.page import Completion, Report, build_report, complete_profiles, write_report
 else:
-    __getattr__ = lazy_names(
-        __name__,
-        {"page": ("Completion", "Report", "build_report", "complete_profiles", "write_report")},
-    )
+    __getattr__ = lazy_names(__name__)
 
 __all__ = ["Completion", "Report", "build_report", "complete_profiles", "write_report"]

@@ -50,49 +50,7 @@ if TYPE_CHECKING:
         Word,
     )
 else:
-    __getattr__ = lazy_names(
-        __name__,
-        {
-            "glbench.registration": ("register_tasks",),
-            "card": ("Constraint", "Place", "Prices", "TaskCard", "task_card"),
-            "ledger": ("Ledger", "LedgerItem", "StepQuantity"),
-            "prices": ("Market", "PriceTable"),
-            "resolver": ("ParameterGroup", "Scenario", "Season", "StartGroup"),
-            "schema1": ("TaskFile1",),
-            "tables": ("TaskFile2",),
-            "library": (
-                "DEFAULT_TASK",
-                "PAPER_TASK",
-                "get_suite",
-                "get_task",
-                "list_drafts",
-                "list_suites",
-                "list_tasks",
-                "lock_new_tasks",
-                "published_task",
-                "usual_task",
-            ),
-            "digest": ("Fingerprint", "LockEntry", "read_lock"),
-            "quantities": ("Action", "Capacity", "Normalisation", "ObservationContext", "Quantity"),
-            "sealed": ("Round", "SealedWeather", "read_round"),
-            "spec": ("TaskSpec",),
-            "vocabulary": (
-                "ACTUATION_KINDS",
-                "DISTRIBUTIONS",
-                "INITIAL_STATES",
-                "METRICS",
-                "MODEL_VARIANTS",
-                "OBSERVATION_MODULES",
-                "PREPROCESSINGS",
-                "REWARD_MODULES",
-                "ActuationKind",
-                "InitialState",
-                "ObservationModule",
-                "Registry",
-                "Word",
-            ),
-        },
-    )
+    __getattr__ = lazy_names(__name__)
 
 __all__ = [
     "ACTUATION_KINDS",

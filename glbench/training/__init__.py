@@ -17,16 +17,7 @@ if TYPE_CHECKING:
     from glbench.training.settings import TrainingSettings, read_settings, shipped_settings
     from glbench.training.vec_env import make_vec_env
 else:
-    __getattr__ = lazy_names(
-        __name__,
-        {
-            "folder": ("Trained",),
-            "periodic_evaluation": ("CurvePoint", "Listener", "Progress"),
-            "run": ("train",),
-            "settings": ("TrainingSettings", "read_settings", "shipped_settings"),
-            "vec_env": ("make_vec_env",),
-        },
-    )
+    __getattr__ = lazy_names(__name__)
 
 __all__ = [
     "CurvePoint",

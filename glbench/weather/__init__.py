@@ -25,13 +25,7 @@ if TYPE_CHECKING:
     from glbench.weather.column_map import ColumnMap, guess_column_map, read_columns, read_csv, write_column_map
     from glbench.weather.readers import FORMATS, read_weather
 else:
-    __getattr__ = lazy_names(
-        __name__,
-        {
-            "column_map": ("ColumnMap", "guess_column_map", "read_columns", "read_csv", "write_column_map"),
-            "readers": ("FORMATS", "read_weather"),
-        },
-    )
+    __getattr__ = lazy_names(__name__)
 
 __all__ = [
     "COLUMNS",
