@@ -132,26 +132,21 @@ def user_data_folder() -> Path:
     GlbenchError
         When it is not set and the user has no home folder.
     """
-    override = os.environ.get("GLBENCH_DATA")
-    if override:
-        return Path(override).expanduser()
-    base = os.environ.get("XDG_DATA_HOME") or str(_home("GLBENCH_DATA") / ".local" / "share")
-    return Path(base) / "glbench"
+    return _user_folder("GLBENCH_DATA", "XDG_DATA_HOME", ".local/share")
 
 
 def cache_folder() -> Path:
     """Folder for things that can be made again; ``GLBENCH_CACHE`` overrides the platform's default. Errors as for ``user_data_folder``."""
-    override = os.environ.get("GLBENCH_CACHE")
+    return _user_folder("GLBENCH_CACHE", "XDG_CACHE_HOME", ".cache")
+
+
+def _user_folder(variable: str, of_platform: str, usual: str) -> Path:
+    """The folder that ``variable`` names; otherwise below the platform's or the ``usual`` one in the user's home."""
+    override, base = os.environ.get(variable), os.environ.get(of_platform)
     if override:
         return Path(override).expanduser()
-    base = os.environ.get("XDG_CACHE_HOME") or str(_home("GLBENCH_CACHE") / ".cache")
-    return Path(base) / "glbench"
-
-
-def _home(variable: str) -> Path:
-    """The user's home folder; ``variable`` is what may be set instead."""
     try:
-        return Path.home()
+        return (Path(base) if base else Path.home() / usual) / "glbench"
     except RuntimeError as error:
         # A folder for all users, such as /tmp, will not do: compiled kernels are loaded from there.
         msg = f"This user has no home folder: set HOME, or {variable}, to a folder that only this user may write to."

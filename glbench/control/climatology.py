@@ -314,20 +314,16 @@ class Climatology:
                 says = np.ones_like(middles, dtype=bool)
                 forecast_values = forecast[:, row] - mean[..., quantity]
             says = says & ~np.isnan(forecast_values)
-            earlier_at, earlier = np.full((n, rows), -np.inf), np.zeros((n, rows))
-            later_at, later = np.full((n, rows), np.inf), np.zeros((n, rows))
-            for place in range(len(hours)):
-                here, there = says[:, place, None] & (middles[:, place, None] <= at), middles[:, place, None]
-                earlier_at, earlier = (
-                    np.where(here, there, earlier_at),
-                    np.where(here, forecast_values[:, place, None], earlier),
-                )
-            for place in reversed(range(len(hours))):
-                here, there = says[:, place, None] & (middles[:, place, None] > at), middles[:, place, None]
-                later_at, later = (
-                    np.where(here, there, later_at),
-                    np.where(here, forecast_values[:, place, None], later),
-                )
+            nearest = []
+            for order, is_before in ((range(len(hours)), True), (reversed(range(len(hours))), False)):
+                nearest_at, nearest_value = np.full((n, rows), -np.inf if is_before else np.inf), np.zeros((n, rows))
+                for place in order:
+                    there = middles[:, place, None]
+                    here = says[:, place, None] & ((there <= at) == is_before)
+                    nearest_at = np.where(here, there, nearest_at)
+                    nearest_value = np.where(here, forecast_values[:, place, None], nearest_value)
+                nearest.append((nearest_at, nearest_value))
+            (earlier_at, earlier), (later_at, later) = nearest
             has_earlier, has_later = np.isfinite(earlier_at), np.isfinite(later_at)
             between = has_earlier & has_later
             share = np.where(between, at - earlier_at, 0.0) / np.where(between, later_at - earlier_at, 1.0)

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -152,29 +152,27 @@ class Lamps(settings.Table):
     power: _Power | None = None
 
 
-class EnergyScreen(settings.Table):
-    """Light that the closed screen lets through [-], and heat that it saves [-]."""
-
-    light: _Percent | None = None
-    saving: _Percent | None = None
-
-    def fill(self, draft: Draft) -> None:
-        """The light; what it saves is found by computing (``design``)."""
-        light = draft.value_or(self.light, draft.book["tauThScrPar"], "energy_screen.light", "%")
-        if self.light is not None:
-            draft.add_layer("ThScr", light, "energy_screen.light, for PAR and near-infrared alike")
-
-
 class BlackoutScreen(settings.Table):
     """Light that the closed screen lets through [-]."""
 
+    name: ClassVar = "blackout_screen"
+    layer: ClassVar = "BlScr"
     light: _Percent | None = None
 
     def fill(self, draft: Draft) -> None:
         """The light."""
-        light = draft.value_or(self.light, draft.book["tauBlScrPar"], "blackout_screen.light", "%")
+        entry = f"{self.name}.light"
+        light = draft.value_or(self.light, draft.book[f"tau{self.layer}Par"], entry, "%")
         if self.light is not None:
-            draft.add_layer("BlScr", light, "blackout_screen.light, for PAR and near-infrared alike")
+            draft.add_layer(self.layer, light, f"{entry}, for PAR and near-infrared alike")
+
+
+class EnergyScreen(BlackoutScreen):
+    """Light that the closed screen lets through [-], and heat that it saves [-], which ``design`` finds by computing."""
+
+    name: ClassVar = "energy_screen"
+    layer: ClassVar = "ThScr"
+    saving: _Percent | None = None
 
 
 class Vents(settings.Table):

@@ -16,8 +16,6 @@ from glbench.tasks.set_points import BLACKOUT, DOSING, LAMPS, SCREEN, WORKED
 _CLOTHS = {"epsThScrFir": (0.05, 0.95), "tauThScrFir": (0.0, 0.5), "kThScr": (1e-6, 2e-3)}
 """Heat radiation that an energy screen takes up and lets through [-], air that it lets through [m s-1 K-0.66]: of the densest and of the
 most open cloth. Between them lie those that save less and less."""
-_SAVING_TOLERANCE = 0.02
-"""What a screen saves may differ by so much from its data sheet [-]."""
 
 
 @dataclass(frozen=True)

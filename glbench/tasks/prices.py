@@ -9,7 +9,7 @@ with the hour h of the task's clock, W = 1 on Saturday and Sunday, the means ove
 (``glbench.env.random``). It is kept within ``lowest`` and ``highest``. This is a generator of plausible prices and no model of a
 market: its form and its defaults are chosen, docs/prices.md shows what comes out.
 
-``PriceTableTable`` and ``MarketTable`` are the tables of a task file; their ``value`` is a ``PriceTable`` or a ``Market``.
+``PriceTableTable`` and ``Market`` are tables of a task file; the ``value`` of the former is a ``PriceTable``.
 """
 
 from __future__ import annotations
@@ -44,16 +44,21 @@ RADIATION, WIND = 1000.0, 5.0
 """Radiation [W m-2] and wind [m s-1] by which a market's influences are counted."""
 
 
-@dataclass(frozen=True)
-class Market:
-    """A power market; all shares are of ``level``.
+def _hours_of_a_day(shares: tuple[float, ...]) -> tuple[float, ...]:
+    if len(shares) != HOURS_A_DAY:
+        refuse(f"There must be {HOURS_A_DAY} numbers, one an hour; there are {len(shares)}.")
+    return shares
+
+
+class Market(Table):
+    """``[price_tables.<name>.market]``: a power market; all shares are of ``level``.
 
     Attributes
     ----------
     level
         Mean price of a working day without sun and at 5 m s-1 of wind, in the unit of the table.
     shape
-        24 shares, one an hour of the task's clock.
+        24 shares, one an hour of the task's clock; ``SHAPE`` where there are none.
     weekend
         Added on Saturday and Sunday, mostly negative.
     sun, wind
@@ -64,19 +69,27 @@ class Market:
         Limits of the price, in the unit of the table.
     """
 
-    level: float
-    shape: tuple[float, ...]
-    weekend: float
-    sun: float
-    wind: float
-    spread: float
-    persistence: float
-    lowest: float
-    highest: float
+    level: float = Field(gt=0.0, description="a price above 0, in the unit of the table")
+    shape: Annotated[tuple[float, ...], BeforeValidator(as_tuple), AfterValidator(_hours_of_a_day)] | None = Field(
+        default=None, description="24 shares of the level, one an hour"
+    )
+    weekend: float = Field(ge=-1.0, le=1.0, description="a share of the level, -1 to 1")
+    sun: float = Field(ge=0.0, le=10.0, description="a share of the level, 0 to 10")
+    wind: float = Field(ge=0.0, le=10.0, description="a share of the level, 0 to 10")
+    spread: float = Field(ge=0.0, le=10.0, description="a share of the level, 0 to 10")
+    persistence: float = Field(ge=0.0, lt=1.0, description="a fraction from 0 to below 1")
+    lowest: float = Field(description="a price, in the unit of the table")
+    highest: float = Field(description="a price, in the unit of the table")
+
+    @model_validator(mode="after")
+    def _limits_are_in_order(self) -> Self:
+        if self.lowest >= self.highest:
+            refuse(f"lowest = {self.lowest:g} must be below highest = {self.highest:g}.")
+        return self
 
     def price(self, hour: NDArray[np.int64], weekend: NDArray[np.bool_], sun: Floats, wind: Floats, path: Floats) -> Floats:
         """Prices of hours, all arguments ``(hours,)``: hour of day, whether a weekend, W m-2, m s-1, the unexplained part."""
-        share = np.array(self.shape)[hour] + np.where(weekend, self.weekend, 0.0)
+        share = np.array(self.shape or SHAPE)[hour] + np.where(weekend, self.weekend, 0.0)
         share = share - self.sun * (sun / RADIATION) - self.wind * ((wind - WIND) / WIND) + self.spread * path
         return np.minimum(np.maximum(self.level * share, self.lowest), self.highest)
 
@@ -308,38 +321,6 @@ class SeriesPoint(Table):
 _DAY = re.compile(r"(\d\d)-(\d\d)")
 
 
-def _hours_of_a_day(shares: tuple[float, ...]) -> tuple[float, ...]:
-    if len(shares) != HOURS_A_DAY:
-        refuse(f"There must be {HOURS_A_DAY} numbers, one an hour; there are {len(shares)}.")
-    return shares
-
-
-class MarketTable(Table):
-    """``[price_tables.<name>.market]``: prices by the hour like those of a power market; ``glbench.tasks.prices`` has the formula."""
-
-    level: float = Field(gt=0.0, description="a price above 0, in the unit of the table")
-    shape: Annotated[tuple[float, ...], BeforeValidator(as_tuple), AfterValidator(_hours_of_a_day)] | None = Field(
-        default=None, description="24 shares of the level, one an hour"
-    )
-    weekend: float = Field(ge=-1.0, le=1.0, description="a share of the level, -1 to 1")
-    sun: float = Field(ge=0.0, le=10.0, description="a share of the level, 0 to 10")
-    wind: float = Field(ge=0.0, le=10.0, description="a share of the level, 0 to 10")
-    spread: float = Field(ge=0.0, le=10.0, description="a share of the level, 0 to 10")
-    persistence: float = Field(ge=0.0, lt=1.0, description="a fraction from 0 to below 1")
-    lowest: float = Field(description="a price, in the unit of the table")
-    highest: float = Field(description="a price, in the unit of the table")
-
-    @model_validator(mode="after")
-    def _limits_are_in_order(self) -> Self:
-        if self.lowest >= self.highest:
-            refuse(f"lowest = {self.lowest:g} must be below highest = {self.highest:g}.")
-        return self
-
-    def value(self) -> Market:
-        """The market."""
-        return Market(**{**self.model_dump(), "shape": self.shape or SHAPE})
-
-
 class PriceTableTable(Table):
     """``[price_tables.<name>]``: a price that changes with time, in one of several ways."""
 
@@ -348,7 +329,7 @@ class PriceTableTable(Table):
     from_day: dict[str, float] | None = Field(default=None, description='prices by day, such as { "01-15" = 3.5 }')
     series: tuple[SeriesPoint, ...] | None = Field(default=None, description="a list of { time = ..., price = ... }")
     yearly: bool = Field(default=False, description="true or false")
-    market: MarketTable | None = Field(default=None, description="a table [price_tables.<name>.market]")
+    market: Market | None = Field(default=None, description="a table [price_tables.<name>.market]")
     of: str | None = Field(default=None, min_length=1, description="the name of another price table, in quotes")
     times: float = Field(default=1.0, description="a factor")
     plus: float = Field(default=0.0, description="a price, in the unit of the table")
@@ -398,7 +379,7 @@ class PriceTableTable(Table):
             tuple((*_month_and_day(day), price) for day, price in sorted((self.from_day or {}).items())),
             tuple((_utc(point.time), point.price) for point in self.series or ()),
             self.yearly,
-            None if self.market is None else self.market.value(),
+            self.market,
             times=self.times,
             plus=self.plus,
         )

@@ -12,6 +12,7 @@ The first two files change when a better run is released; the tasks do not.
 
 from __future__ import annotations
 
+import json
 import logging
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -24,6 +25,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from glbench.errors import TaskError, refuse
 from glbench.registration import DEPRECATED_NAME, REFERENCES_NAME
 from glbench.resources import data_folder, write_atomically
+from glbench.settings import Table
 from glbench.tasks.digest import lock_path
 
 logger = logging.getLogger(__name__)
@@ -34,10 +36,8 @@ SEVERAL = "several"
 """Stands for the agents' names where the best known runs are not all of one."""
 
 
-class KnownRun(BaseModel):
+class KnownRun(Table):
     """The best known run with a seed: what it scored, and whose it is. Units are those of the file."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     seed: int
     reward: float
@@ -46,10 +46,10 @@ class KnownRun(BaseModel):
     agent: str
 
 
-class BestKnown(BaseModel):
+class BestKnown(Table):
     """The best known runs of a task, by seed, and the results that they are taken from."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+    model_config = ConfigDict(populate_by_name=True)
 
     schema_name: Literal["glbench/best-known"] = Field(default="glbench/best-known", alias="schema")
     schema_version: Literal[1] = 1
@@ -138,10 +138,8 @@ _HEAD = """# Zero and one of normalised scores: the mean reward of doing nothing
 """
 
 
-class References(BaseModel):
+class References(Table):
     """Zero and one of a task's normalised score; rewards have no unit."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     nothing: float
     nothing_results_digest: str
@@ -199,23 +197,14 @@ def write_references(references: Mapping[str, References]) -> Path:
     """
     parts = [_HEAD]
     for task_id, one in sorted(references.items()):
-        parts.append(
-            f'["{task_id}"]\n'
-            f"nothing = {one.nothing!r}\n"
-            f'nothing_results_digest = "{one.nothing_results_digest}"\n'
-            f"best = {one.best!r}\n"
-            f'best_agent = "{one.best_agent}"\n'
-            f'best_results_digest = "{one.best_results_digest}"\n'
-        )
+        parts.append(f'["{task_id}"]\n' + "".join(f"{key} = {json.dumps(value)}\n" for key, value in one.model_dump().items()))
     write_atomically(references_path(), "\n".join(parts))
     read_references.cache_clear()
     return references_path()
 
 
-class Deprecation(BaseModel):
+class Deprecation(Table):
     """Why a published task should not be used for new work."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     since: str
     """Version of glbench, such as "0.2.0"."""

@@ -64,7 +64,7 @@ _SPELLINGS: Mapping[str, str] = {
     "w/m^2": "W/m2", "w.m-2": "W/m2", "jcm-2": "J/cm2", "j/cm^2": "J/cm2", "whm-2": "Wh/m2", "wh/m^2": "Wh/m2", "kjm-2": "kJ/m2",
     "mjm-2": "MJ/m2", "okta": "octants", "oktas": "octants", "octas": "octants", "1/8": "octants", "umolm-2s-1": "umol/m2/s",
     "umol/m2s": "umol/m2/s", "gradenc": "degC", "graden": "degC", "grc": "degC", "j/cm2/uur": "J/cm2/h", "j/cm2h": "J/cm2/h",
-    "km/uur": "km/h", "w": "W/m2", "watt": "W/m2",
+    "km/uur": "km/h", "w": "W/m2", "watt": "W/m2", "w/m": "W/m2", "ms": "m/s",
 }  # fmt: skip
 """Other spellings of units, in lower case, without spaces and degree signs, with a plain 2 and u."""
 TIME_COLUMNS: Mapping[str, Literal["end", "start"]] = {"slot_end [UTC]": "end", "slot_start [UTC]": "start"}

@@ -19,6 +19,7 @@ from glbench.errors import WeatherError
 from glbench.outside_tables import HOUR, Stamps, TextTable, read_stamps, split_table, step_of, utc_of_local
 from glbench.untrusted import parse_json, reason_of
 from glbench.weather import record
+from glbench.weather.column_map import UNITS, canonical_unit
 from glbench.weather.reading import (
     MEANS,
     TIMING,
@@ -35,21 +36,14 @@ from glbench.weather.reading import (
 _MISSING = (-9999, -999)
 _PVGIS_LICENCE = "PVGIS (c) European Union: free to use, with the source acknowledged."
 _OPEN_METEO_LICENCE = "CC BY 4.0, weather data by Open-Meteo.com"
-_OPEN_METEO_UNITS: Mapping[str, tuple[float, float]] = {
-    "C": (1.0, 0.0),
-    "F": (1 / 1.8, -32 / 1.8),
-    "%": (1.0, 0.0),
-    "m/s": (1.0, 0.0),
-    "ms": (1.0, 0.0),
-    "km/h": (1 / 3.6, 0.0),
-    "kmh": (1 / 3.6, 0.0),
-    "mp/h": (0.44704, 0.0),
-    "mph": (0.44704, 0.0),
-    "kn": (1852 / 3600, 0.0),
-    "W/m": (1.0, 0.0),
-    "W/m2": (1.0, 0.0),
+_OPEN_METEO_NAMES: Mapping[str, tuple[str, ...]] = {
+    "air_temperature": ("temperature_2m",),
+    "relative_humidity": ("relative_humidity_2m", "relativehumidity_2m"),
+    "wind_speed": ("wind_speed_10m", "windspeed_10m"),
+    "global_radiation": ("shortwave_radiation",),
+    "cloud_cover": ("cloud_cover", "cloudcover"),
 }
-"""Units of Open-Meteo, without degree signs and raised twos: factor and offset to the canonical unit."""
+"""What Open-Meteo calls the quantities."""
 OPEN_METEO_HEADER = "utc_offset_seconds"
 
 
@@ -269,7 +263,7 @@ def parse_open_meteo(text: str, file: str) -> Reading:
         msg = f"{file} holds no hourly values. Choose hourly variables in Open-Meteo's export; daily ones are too coarse."
         raise WeatherError(msg)
     # The hourly rows where they have all that is needed, else the finer ones.
-    tables.sort(key=lambda pair: (_open_meteo_column(pair[0], "temperature_2m") is None, -step_of(pair[1].seconds)))
+    tables.sort(key=lambda pair: (_open_meteo_column(pair[0], "temperature_2m", "air_temperature") is None, -step_of(pair[1].seconds)))
     table, stamps = tables[0]
     notes: list[str] = []
     columns = _open_meteo_columns(table, notes)
@@ -294,46 +288,39 @@ def parse_open_meteo(text: str, file: str) -> Reading:
 def _open_meteo_columns(table: TextTable, notes: list[str]) -> dict[str, record.FloatArray]:
     """Quantities of a table of Open-Meteo, in canonical units."""
     present = {}
-    for quantity, names in {
-        "air_temperature": ("temperature_2m",),
-        "relative_humidity": ("relative_humidity_2m", "relativehumidity_2m"),
-        "dew_point": ("dew_point_2m", "dewpoint_2m"),
-        "wind_speed": ("wind_speed_10m", "windspeed_10m"),
-        "global_radiation": ("shortwave_radiation",),
-        "direct": ("direct_radiation",),
-        "diffuse": ("diffuse_radiation",),
-        "cloud_cover": ("cloud_cover", "cloudcover"),
-    }.items():
-        values = next((column for name in names if (column := _open_meteo_column(table, name)) is not None), None)
+    for quantity, names in _OPEN_METEO_NAMES.items():
+        values = next((column for name in names if (column := _open_meteo_column(table, name, quantity)) is not None), None)
         if values is not None:
             present[quantity] = values
-    if "relative_humidity" not in present and {"dew_point", "air_temperature"} <= set(present):
+    dew_point, direct, diffuse = (
+        next((column for name in names if (column := _open_meteo_column(table, name, quantity)) is not None), None)
+        for quantity, *names in (
+            ("air_temperature", "dew_point_2m", "dewpoint_2m"),
+            ("global_radiation", "direct_radiation"),
+            ("global_radiation", "diffuse_radiation"),
+        )
+    )
+    if "relative_humidity" not in present and "air_temperature" in present and dew_point is not None:
         notes.append("relative humidity from the dew point")
-        present["relative_humidity"] = humidity_of_dew_point(present["air_temperature"], present["dew_point"])
-    if "global_radiation" not in present and {"direct", "diffuse"} <= set(present):
-        present["global_radiation"] = present["direct"] + present["diffuse"]
-    for quantity, name in (
-        ("air_temperature", "temperature_2m"),
-        ("relative_humidity", "relative_humidity_2m"),
-        ("wind_speed", "wind_speed_10m"),
-        ("global_radiation", "shortwave_radiation"),
-    ):
+        present["relative_humidity"] = humidity_of_dew_point(present["air_temperature"], dew_point)
+    if "global_radiation" not in present and direct is not None and diffuse is not None:
+        present["global_radiation"] = direct + diffuse
+    for quantity in record.REQUIRED:
         if quantity not in present:
-            needed_title(table, name)
-    if "cloud_cover" in present:
-        present["cloud_cover"] = present["cloud_cover"] * 0.08
-    return {quantity: values for quantity, values in present.items() if quantity in record.QUANTITIES}
+            needed_title(table, _OPEN_METEO_NAMES[quantity][0])
+    return present
 
 
-def _open_meteo_column(table: TextTable, name: str) -> record.FloatArray | None:
-    """Values of a variable in the canonical unit of its dimension; ``None`` where the table has no such column."""
+def _open_meteo_column(table: TextTable, name: str, quantity: str) -> record.FloatArray | None:
+    """Values of a variable in the unit of ``quantity``; ``None`` where the table has no such column."""
     title = next((title for title in table.titles if re.sub(r"\s*[\[(].*", "", title) == name), None)
     if title is None:
         return None
     unit = re.sub(r"[^A-Za-z0-9/%]", "", title[len(name) :])
-    if unit not in _OPEN_METEO_UNITS:
-        table.refuse(f"the unit '{unit}' is unknown. Known are {', '.join(_OPEN_METEO_UNITS)}.", None, title)
-    factor, offset = _OPEN_METEO_UNITS[unit]
+    known = canonical_unit(quantity, unit)
+    if known is None:
+        table.refuse(f"the unit '{unit}' is unknown. Known are {', '.join(UNITS[quantity])}.", None, title)
+    factor, offset = UNITS[quantity][known]
     return np.asarray(table.numbers(title) * factor + offset)
 
 

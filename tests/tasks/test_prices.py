@@ -19,7 +19,7 @@ from glbench.tasks.prices import SHAPE, Market, SeasonOfPrices, day_ahead, price
 
 Write = Callable[[str], Path]
 
-MARKET = Market(0.2, SHAPE, -0.1, 0.8, 0.25, 0.2, 0.97, 0.0, 0.8)
+MARKET = Market(level=0.2, shape=SHAPE, weekend=-0.1, sun=0.8, wind=0.25, spread=0.2, persistence=0.97, lowest=0.0, highest=0.8)
 TABLE = PriceTable("EUR kWh-1", market=MARKET)
 
 

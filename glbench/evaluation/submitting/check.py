@@ -6,7 +6,7 @@ The agent runs in a process of its own, as in an evaluation: in the sandbox, or 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -324,16 +324,26 @@ class _DryRun:
         self._book.facts["memory"] = f"{max(memory) / MIB:,.0f} MiB; limit {_SIZES.memory / MIB:,.0f} MiB"
         self._book.add(results, "time", "memory")
 
-    def _repeat(self) -> bool:
-        """Show a fresh agent the same observations: it must decide the same, to the last bit."""
-        if not self._make(RUNS, again=True):
-            return False
-        self._book.checked.add("repeatable")
+    def _replayed(self, rows: slice, subject: Subject, share: float) -> Iterator[tuple[int, Decision, NDArray[np.float64]]]:
+        """Step, what a fresh agent decides when it is shown the same observations of ``rows`` again, and what was decided before.
+
+        Ends after ``share`` of the time that is left; nothing where the agent cannot be made.
+        """
+        if not self._make(len(range(RUNS)[rows]), again=True):
+            return
+        self._book.checked.add(subject)
         until = time.monotonic()
         for step, (observations, before) in enumerate(self._dialogue, start=1):
-            decision, _ = self._ask(observations, step)
+            decision, _ = self._ask(observations[rows], step)
             if step == 1:
-                until = time.monotonic() + _SHARE_REPEAT * self._remaining()
+                until = time.monotonic() + share * self._remaining()
+            yield step, decision, before[rows]
+            if time.monotonic() > until:
+                return
+
+    def _repeat(self) -> bool:
+        """Show a fresh agent the same observations: it must decide the same, to the last bit."""
+        for step, decision, before in self._replayed(slice(None), "repeatable", _SHARE_REPEAT):
             failure = _worst(decision)
             if failure is not None and (failure.row is None or failure.status != "invalid_action"):
                 self._book.add([_unrepeatable(step, None, failure.reason)])
@@ -341,33 +351,22 @@ class _DryRun:
             if decision.actions.tobytes() != before.tobytes():
                 self._book.add([_unrepeatable(step, float(np.abs(decision.actions - before).max()), "")])
                 return False
-            if time.monotonic() > until:
-                break
-        return True
+        return "repeatable" in self._book.checked
 
     def _alone(self) -> None:
         """Show fresh agents single runs: what they decide must not depend on the company."""
         for row in (0, RUNS - 1):
-            if not self._make(1, again=True):
-                return
-            self._book.checked.add("rows")
-            until = time.monotonic()
-            for step, (observations, together) in enumerate(self._dialogue, start=1):
-                decision, _ = self._ask(observations[row : row + 1], step)
-                if step == 1:
-                    until = time.monotonic() + _SHARE_ALONE * self._remaining()
-                failure = _worst(decision)
+            for step, decision, together in self._replayed(slice(row, row + 1), "rows", _SHARE_ALONE):
+                failure, difference = _worst(decision), float(np.abs(decision.actions - together).max())
                 if failure is not None:
-                    who = f"With one run instead of {RUNS} the agent"
-                    text = f"{who} fails in step {step}: {failure.reason}. So would `--runs 1`."
+                    text = f"With one run instead of {RUNS} the agent fails in step {step}: {failure.reason}. So would `--runs 1`."
                     self._book.add([problem("rows", text)])
                     return
-                difference = float(np.abs(decision.actions - together[row : row + 1]).max())
                 if difference > 0.0:
                     self._book.add([_company(difference, step)])
                     return
-                if time.monotonic() > until:
-                    break
+            if "rows" not in self._book.checked:
+                return
 
     def _book_surroundings(self) -> None:
         """Where the agent connected to and what it wrote, as it says itself; nothing once its process has ended."""
