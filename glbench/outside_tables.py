@@ -10,6 +10,7 @@ A check of an outside table ends in one of three ways: *usable*; *usable, but* w
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import datetime as dt
 import functools
@@ -149,13 +150,10 @@ def decode(data: bytes) -> str:
     elif sample.count(0) > len(sample) // 4:
         text = data.decode("utf-16-be" if sample[::2].count(0) > sample[1::2].count(0) else "utf-16-le", errors="replace")
     else:
-        try:
-            text = data.decode("utf-8")
-        except UnicodeDecodeError:
-            try:
-                text = data.decode("cp1252")
-            except UnicodeDecodeError:
-                text = data.decode("latin-1")
+        for encoding in ("utf-8", "cp1252", "latin-1"):  # the last one knows every byte
+            with contextlib.suppress(UnicodeDecodeError):
+                text = data.decode(encoding)
+                break
     return text.removeprefix("\ufeff").replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n")
 
 

@@ -275,14 +275,13 @@ def _finished(
     made_by = (stored.task.digest, stored.agent.digest, stored.evaluation.kernel, stored.versions.glbench)
     if made_by != (task.digest, agent.digest, kernel, __version__) or stored.agent.training != agent_record(agent).training:
         return None
-    if protection == "bubblewrap" and stored.evaluation.sandbox != "bubblewrap":
+    weaker = protection == "bubblewrap" and stored.evaluation.sandbox != "bubblewrap"
+    if weaker or stored.evaluation.seeds != seeds or stored.task.split != task.split:
         return None
-    if stored.evaluation.seeds == seeds and stored.task.split == task.split:
-        if stored.record is not None and path.with_name(stored.record.file).is_file():
-            return stored
+    if stored.record is None or not path.with_name(stored.record.file).is_file():
         logger.warning("%s lacks its recorded actions, without which nobody can verify it; evaluating again.", path)
         return None
-    return None
+    return stored
 
 
 class JointAgentError(SubmissionError):

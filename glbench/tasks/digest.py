@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
 from pathlib import Path
@@ -98,23 +98,16 @@ class LockEntry:
 
 def definition_of(task: TaskRecord) -> dict[str, Any]:
     """The content of the file without prose, as plain JSON values: the part of the digest that comes from the file."""
-    plain = _DEFINITIONS[task.schema_version](task)
+    schema_1 = task.schema_version == 1
+    whole = task.file.plain(mode="json", by_alias=True, exclude=set(PROSE), exclude_defaults=not schema_1)
+    plain = {**whole, "schema": task.schema_version}
+    if schema_1:
+        plain = {table: {key: whole[table][key] for key in keys} if keys else whole[table] for table, keys in SCHEMA_1.items()}
+        if task.evaluation.time_limits is not None:  # a task that says nothing about time has the digest it always had
+            plain["evaluation"]["time_limits"] = whole["evaluation"]["time_limits"]
     if plain["model"].pop("overrides", None) is not None:
         plain["model"]["overrides"] = {name: [value, unit] for name, value, unit in task.model.overrides}
     return plain
-
-
-def _definition_1(task: TaskRecord) -> dict[str, Any]:
-    whole = task.file.plain(mode="json", by_alias=True, exclude=set(PROSE))
-    plain = {table: {key: whole[table][key] for key in keys} if keys else whole[table] for table, keys in SCHEMA_1.items()}
-    if task.evaluation.time_limits is not None:  # a task that says nothing about time has the digest it always had
-        plain["evaluation"]["time_limits"] = whole["evaluation"]["time_limits"]
-    return plain
-
-
-def _definition_2(task: TaskRecord) -> dict[str, Any]:
-    plain = task.file.plain(mode="json", by_alias=True, exclude=set(PROSE), exclude_defaults=True)
-    return {**plain, "schema": task.schema_version}
 
 
 def fingerprint_of(task: ResolvedTask) -> Fingerprint:
@@ -135,25 +128,23 @@ def fingerprint_of(task: ResolvedTask) -> Fingerprint:
     if model.air is None and task.constraints.items():
         msg = f"{task.source}: [constraints] {model.id} has no air whose climate could be limited. Leave the table out."
         raise TaskError(msg)
-    parts = _PARTS[task.schema_version](task)
+    parts = _parts(task)
     named = {name: canonical_sha256(part) for name, part in parts.items() if name in Fingerprint.PARTS}
     return Fingerprint(digest=canonical_sha256(parts), **named, model_version=model.version)
 
 
-def _parts_1(task: ResolvedTask) -> dict[str, Any]:
+def _parts(task: ResolvedTask) -> dict[str, Any]:
+    """What the digest covers, by the recipe of the task's schema."""
     model = task.model_value
-    return {
+    parts: dict[str, Any] = {
         "definition": definition_of(task),
         "parameters": {name: _rounded(value) for name, value in task.parameters_by_name().items()},
         "start": [_rounded(value) for value in task.initial_state().tolist()],
         "observation": [[q.name, q.unit, _rounded(q.low), _rounded(q.high)] for q in task.observed()],
-        "weather": task.disturbances(task.observation.forecast_steps).digest,
         "model": {"version": model.version, "variant": model.variant, "digest": model.digest},
     }
-
-
-def _parts_2(task: ResolvedTask) -> dict[str, Any]:
-    model, parts = task.model_value, _parts_1(task)
+    if task.schema_version == 1:
+        return {**parts, "weather": task.disturbances(task.observation.forecast_steps).digest}
     parts["start"] = dict(zip(model.state_names, parts["start"], strict=True))
     parts["weather"] = _weather_digests(task)
     parts["model"]["id"] = model.id
@@ -206,10 +197,6 @@ def _season_digest(task: ResolvedTask, season: Season) -> list[str]:
 
 def _rounded(value: float) -> float:
     return float(f"{value:.{DIGITS}g}")
-
-
-_DEFINITIONS: Mapping[int, Callable[[TaskRecord], dict[str, Any]]] = MappingProxyType({1: _definition_1, 2: _definition_2})
-_PARTS: Mapping[int, Callable[[ResolvedTask], dict[str, Any]]] = MappingProxyType({1: _parts_1, 2: _parts_2})
 
 
 def lock_path() -> Path:

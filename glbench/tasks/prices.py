@@ -341,13 +341,12 @@ class PriceTableTable(Table):
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
-        ways = (self.hourly, self.from_day, self.series, self.market, self.of)
-        if sum(way is not None for way in ways) != 1:
-            names = ("hourly", "from_day", "series", "market", "of")
-            present = " and ".join(name for name, way in zip(names, ways, strict=True) if way is not None)
+        ways = [name for name in ("hourly", "from_day", "series", "market", "of") if getattr(self, name) is not None]
+        if len(ways) != 1:
+            present = f"It has {' and '.join(ways)}. " if ways else ""
             refuse(
                 "It must have exactly one of hourly (24 prices), from_day (prices by day), series (or file), market (prices by "
-                f"sun and wind) and of (another table). {f'It has {present}. ' if present else ''}To replace the base's, leave it out "
+                f"sun and wind) and of (another table). {present}To replace the base's, leave it out "
                 'at the top of the task, such as without = ["price_tables.power.market"].'
             )
         if self.yearly and self.series is None:

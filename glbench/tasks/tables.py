@@ -717,16 +717,11 @@ class TaskFile2(TaskFile):
     @property
     def uncertainty(self) -> UncertaintyTable:
         """Which parameters are redrawn: the widest group of the scenario, or the table of schema 1."""
-        groups = sorted(self.scenario.parameters, key=lambda group: group.half_width)
-        if not groups:
-            return UncertaintyTable.model_construct(
-                distribution="uniform", delta=0.0, half_width_factor=1.0, parameters=(), redraw="episode"
-            )
-        widest = groups[-1]
-        return UncertaintyTable.model_construct(
-            distribution=widest.distribution, delta=widest.half_width, half_width_factor=1.0, parameters=widest.parameters,
-            redraw=widest.redraw,
-        )  # fmt: skip
+        widest = sorted(self.scenario.parameters, key=lambda group: group.half_width)[-1:]
+        facts: dict[str, Any] = {"distribution": "uniform", "delta": 0.0, "parameters": (), "redraw": "episode"}
+        for group in widest:
+            facts = {"distribution": group.distribution, "delta": group.half_width, "parameters": group.parameters, "redraw": group.redraw}
+        return UncertaintyTable.model_construct(half_width_factor=1.0, **facts)
 
     @model_validator(mode="after")
     def _prices_follow_each_other(self) -> Self:
@@ -773,7 +768,7 @@ class TaskFile2(TaskFile):
         scales, prices = (dict(table.items()) for table in (self.reward.penalty_scale, self.reward.violation_price))
         if scales and prices:
             refuse(
-                f"[reward.penalty_scale] has {_first(scales)} and [reward.violation_price] has {_first(prices)}: violations cost "
+                f"[reward.penalty_scale] has {next(iter(scales))} and [reward.violation_price] has {next(iter(prices))}: violations cost "
                 "points or money, not both. Keep one of the tables."
             )
         if self.constraints.judged == "mean" and not self.constraints.items():
@@ -798,7 +793,3 @@ def as_json(content: Mapping[str, Any]) -> dict[str, Any]:
     """The tables of a file as plain JSON values: days and moments as text (ISO 8601)."""
     plain: dict[str, Any] = json.loads(json.dumps(content, default=lambda moment: moment.isoformat()))
     return plain
-
-
-def _first(entries: Mapping[str, object]) -> str:
-    return next(iter(entries))

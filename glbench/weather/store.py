@@ -13,7 +13,7 @@ import io
 import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import lru_cache
 from pathlib import Path
@@ -83,7 +83,7 @@ def find_weather(digest: str) -> str:
     for name in _user_names():
         path = user_folder() / f"{name}.parquet"
         with contextlib.suppress(WeatherError):  # one that is damaged is not asked for
-            if _metadata(_parquet_schema(path), path)["digest"] == digest:
+            if _metadata(path)["digest"] == digest:
                 return name
     msg = (
         f"There is no weather record with the SHA-256 {digest}. Import it with `glbench weather import`, with its own place and time zone; "
@@ -100,7 +100,7 @@ def list_weather() -> list[WeatherInfo]:
     ]
     for name in _user_names():
         path = user_folder() / f"{name}.parquet"
-        infos.append(_info(name, _metadata(_parquet_schema(path), path), "yours", path))
+        infos.append(_info(name, _metadata(path), "yours", path))
     return infos
 
 
@@ -267,7 +267,7 @@ def read_stored(path: Path, name: str | None = None) -> WeatherRecord:
         When the file is damaged, or its values are not those that its description locks.
     """
     record = _canonical(path, name or path.stem)
-    described = _metadata(_parquet_schema(path), path)
+    described = _metadata(path)
     if record.digest != described["digest"]:
         raise _damaged(path, f"its digest should be {described['digest'][:12]}..., found {record.digest[:12]}...")
     return record
@@ -275,7 +275,7 @@ def read_stored(path: Path, name: str | None = None) -> WeatherRecord:
 
 def _canonical(path: Path, name: str) -> WeatherRecord:
     table = _parquet_table(path)
-    described = _metadata(table.schema, path)
+    described = _metadata(path)
     counts: dict[str, IntArray] = {}
     for quantity in described["timing"]:
         if quantity not in QUANTITIES or quantity not in table.column_names:
@@ -287,9 +287,13 @@ def _canonical(path: Path, name: str) -> WeatherRecord:
     return WeatherRecord(**_origin(name, described), begin=described["begin"], counts=MappingProxyType(counts), timing=timing)
 
 
-def _metadata(schema: pa.Schema, path: Path) -> dict[str, Any]:
+def _metadata(path: Path) -> dict[str, Any]:
+    import pyarrow.parquet as pq
+
+    with _readable(path):
+        metadata = pq.read_schema(path).metadata or {}
     try:
-        described = json.loads((schema.metadata or {})[METADATA_KEY])
+        described = json.loads(metadata[METADATA_KEY])
     except (KeyError, ValueError) as error:
         raise _damaged(path, "it carries no description") from error
     needed = ("schema", "place", "begin", "hours", "timing", "source", "licence", "typical_year", "notes", "digest")
@@ -301,22 +305,20 @@ def _metadata(schema: pa.Schema, path: Path) -> dict[str, Any]:
     return dict(described)
 
 
-def _parquet_schema(path: Path) -> pa.Schema:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        return pq.read_schema(path)
-    except (OSError, pa.ArrowException) as error:
-        raise _damaged(path, str(error)) from error
-
-
 def _parquet_table(path: Path) -> pa.Table:
-    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    try:
+    with _readable(path):
         return pq.ParquetFile(path).read()
+
+
+@contextlib.contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Turn what Arrow cannot read into the error of a damaged record."""
+    import pyarrow as pa
+
+    try:
+        yield
     except (OSError, pa.ArrowException) as error:
         raise _damaged(path, str(error)) from error
 

@@ -34,15 +34,16 @@ _EPW_FIELDS = (
     *("extraterrestrial", "extraterrestrial direct", "horizontal infrared", "global horizontal radiation", "direct", "diffuse"),
     *("illuminance", "direct illuminance", "diffuse illuminance", "zenith luminance", "wind direction", "wind speed", "sky cover"),
 )
-_EPW_MISSING: Mapping[str, tuple[float, ...]] = {
-    "dry-bulb temperature": (99.9, 999, 999.9, 9999, -99, -99.9, -999, -9999),
-    "dew point": (99.9, 999, 999.9, 9999, -99, -99.9, -999, -9999),
-    "relative humidity": (999, 9999, -99, -999, -9999),
-    "horizontal infrared": (0, 9999, 99999, 999999, -999, -9999),
-    "global horizontal radiation": (9999, 99999, 999999, -999, -9999),
-    "wind speed": (99.9, 999, 999.9, 9999, -99, -999, -9999),
-    "sky cover": (99, 999, 9999, -99, -999, -9999),
+_DEW_POINT = ("dew point", (99.9, 999, 999.9, 9999, -99, -99.9, -999, -9999))
+_EPW_COLUMNS: Mapping[str, tuple[str, tuple[float, ...]]] = {
+    "air_temperature": ("dry-bulb temperature", _DEW_POINT[1]),
+    "relative_humidity": ("relative humidity", (999, 9999, -99, -999, -9999)),
+    "wind_speed": ("wind speed", (99.9, 999, 999.9, 9999, -99, -999, -9999)),
+    "global_radiation": ("global horizontal radiation", (9999, 99999, 999999, -999, -9999)),
+    "cloud_cover": ("sky cover", (99, 999, 9999, -99, -999, -9999)),
+    "sky_infrared": ("horizontal infrared", (0, 9999, 99999, 999999, -999, -9999)),
 }
+"""Fields of the quantities, and the codes for a missing value."""
 _TMY3_MISSING = (-9900, -999, -9999)
 _TMY2_FIELDS: Mapping[str, slice] = {
     "year": slice(1, 3),
@@ -106,20 +107,12 @@ def parse_epw(text: str, file: str) -> Reading:
         raise WeatherError(msg)
     notes: list[str] = []
     ends = _epw_ends(table, notes)
-    columns = {
-        "air_temperature": table.numbers("dry-bulb temperature", _EPW_MISSING["dry-bulb temperature"]),
-        "relative_humidity": table.numbers("relative humidity", _EPW_MISSING["relative humidity"]),
-        "wind_speed": table.numbers("wind speed", _EPW_MISSING["wind speed"]),
-        "global_radiation": table.numbers("global horizontal radiation", _EPW_MISSING["global horizontal radiation"]),
-        "cloud_cover": table.numbers("sky cover", _EPW_MISSING["sky cover"]) * OCTANTS_PER_TENTH,
-        "sky_infrared": table.numbers("horizontal infrared", _EPW_MISSING["horizontal infrared"]),
-    }
+    columns = {quantity: table.numbers(*field) for quantity, field in _EPW_COLUMNS.items()}
+    columns["cloud_cover"] *= OCTANTS_PER_TENTH
     if np.isnan(columns["sky_infrared"]).all():
         notes.append("the sky's infrared radiation is 0 or missing in every row: it is left out")
     if np.isnan(columns["relative_humidity"]).all():
-        columns["relative_humidity"] = humidity_of_dew_point(
-            columns["air_temperature"], table.numbers("dew point", _EPW_MISSING["dew point"])
-        )
+        columns["relative_humidity"] = humidity_of_dew_point(columns["air_temperature"], table.numbers(*_DEW_POINT))
         notes.append("relative humidity from the dew point")
     columns = without_constant_zero(columns, ("cloud_cover",), notes)
     names = [field.strip() for field in heading[1:-4]]
