@@ -67,12 +67,10 @@ class Entry:
 _TODAY = "_today"
 
 
-def _entries() -> dict[str, Mapping[str, Entry]]:
-    groups = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
-    return {group: MappingProxyType({name: Entry(name, **words) for name, words in entries.items()}) for group, entries in groups.items()}
-
-
-GROUPS = MappingProxyType(_entries())
+_FILE = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+GROUPS: Mapping[str, Mapping[str, Entry]] = MappingProxyType(
+    {group: MappingProxyType({name: Entry(name, **words) for name, words in entries.items()}) for group, entries in _FILE.items()}
+)
 """All entries by group and name, in the order of the file."""
 CLOCK, AIR, DEFICITS = GROUPS["clock"], GROUPS["air"], GROUPS["deficit"]
 INSIDE, LIGHT, OUTDOOR = GROUPS["inside"], GROUPS["light"], GROUPS["outdoor"]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import logging
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -28,7 +27,7 @@ from glbench.evaluation.runners import AgentRunner, make_runner
 from glbench.evaluation.sandbox.choosing import Protected, Protection, SandboxChoice, protect
 from glbench.evaluation.sandbox.frames import Prints, SandboxLimits
 from glbench.evaluation.saving import Computed, agent_folder, make_episodes, result_lock, run_facts, save, settle, tidy
-from glbench.kernel import Kernel, make_kernel
+from glbench.kernel import make_kernel
 from glbench.tasks import TaskSpec, get_task, task_card
 from glbench.untrusted import real_path
 
@@ -73,7 +72,12 @@ def prepare(
     task = (task if isinstance(task, TaskSpec) else get_task(task)).scored
     protected = agent if isinstance(agent, Protected) else protect(agent, sandbox)
     agent = protected.agent
-    _keep_secret(task, protected)
+    if task.sealed and protected.protection == "unsandboxed":
+        msg = (
+            f"'{agent.name}' would run without a sandbox, in the process that holds the secret of the round, and could read it. "
+            "In a round submissions run with --sandbox bubblewrap only."
+        )
+        raise SandboxError(msg)
     seeds = _seeds(task, runs, first_seed)
     selection = parse_selection(episodes)
     chosen_rows(selection, seeds, [0.0] * len(seeds))  # a seed that no run has is reported now, not after the evaluation
@@ -119,22 +123,6 @@ def results_folder(out: Path, task: TaskSpec) -> Path:
     """Folder of the results of ``task``: ``out`` with public draws, ``<out>/rounds/<commitment>`` in a sealed round."""
     commitment = task.salt_commitment
     return out if commitment is None else out / ROUNDS / commitment[:_SHOWN_COMMITMENT]
-
-
-def _keep_secret(task: TaskSpec, agent: Protected) -> None:
-    """Refuse an evaluation in which the agent could read the secret of the round.
-
-    Raises
-    ------
-    SandboxError
-        When the agent would run in this process, whose memory holds the secret.
-    """
-    if task.sealed and agent.protection == "unsandboxed":
-        msg = (
-            f"'{agent.agent.name}' would run without a sandbox, in the process that holds the secret of the round, and could read it. "
-            "In a round submissions run with --sandbox bubblewrap only."
-        )
-        raise SandboxError(msg)
 
 
 def evaluate(
@@ -351,7 +339,10 @@ class Evaluation:
 
     def compute(self, progress: ProgressCallback | None = None, callback: StepCallback | None = None) -> Computed:
         """Run it, from its checkpoint if there is one, and save nothing but checkpoints. Errors as for ``run``."""
-        with _open_kernel(self.task, self.workers) as kernel:
+        task, workers = self.task, self.workers
+        # with several cores a kernel whose rows they share, otherwise the one that all simulations of this thread share
+        own = nullcontext() if workers == 1 else make_kernel(task.model_value, task.step_seconds, workers=workers)
+        with own as kernel:
             simulation = Simulation(self.task, len(self.seeds), kernel=kernel)
             saved = read_checkpoint(self.folder) if self.folder is not None else None
             outcome = self._rolled_out(simulation, saved, progress, callback) if saved is not None else None
@@ -538,13 +529,3 @@ def agent_record(agent: LoadedAgent) -> records.AgentRecord:
         card=agent.submission.card if agent.submission is not None else None,
         training=None if agent.training is None else records.TrainingRecord.model_validate(asdict(agent.training)),
     )
-
-
-@contextmanager
-def _open_kernel(task: TaskSpec, workers: int) -> Iterator[Kernel | None]:
-    """A kernel whose rows several cores share, or ``None`` for the one that all simulations of this thread share."""
-    if workers == 1:
-        yield None
-        return
-    with make_kernel(task.model_value, task.step_seconds, workers=workers) as kernel:
-        yield kernel

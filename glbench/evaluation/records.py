@@ -419,7 +419,11 @@ def current_versions(model: str) -> Versions:
 
 def this_machine() -> Machine:
     """Processor, cores that this process may use, operating system."""
-    return Machine(processor=_processor(), architecture=platform.machine(), cores=usable_cores(), system=platform.platform())
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines() if cpuinfo.is_file() else []
+    names = [value.strip() for key, _, value in (line.partition(":") for line in lines) if key.strip() == "model name"]
+    processor = next(iter(names), "") or platform.processor() or platform.machine() or "unknown"
+    return Machine(processor=processor, architecture=platform.machine(), cores=usable_cores(), system=platform.platform())
 
 
 def usable_cores() -> int:
@@ -455,14 +459,3 @@ def _git(root: Path, *arguments: str) -> str | None:
     except (OSError, subprocess.TimeoutExpired):
         return None
     return answer.stdout.strip() if answer.returncode == 0 else None
-
-
-def _processor() -> str:
-    """Name of the processor as its maker writes it; the architecture where the system does not tell."""
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.is_file():
-        for line in cpuinfo.read_text(encoding="utf-8", errors="replace").splitlines():
-            key, _, value = line.partition(":")
-            if key.strip() == "model name":
-                return value.strip()
-    return platform.processor() or platform.machine() or "unknown"

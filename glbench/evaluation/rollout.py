@@ -215,7 +215,11 @@ class RolloutLoop:
         decision = self._runner.decide(step, inputs, totals.alive)
         totals.asked += totals.alive
         totals.seconds += decision.seconds
-        ended = totals.end((*decision.failures, *self._overdue()))
+        limit, failures = self._limits.run, list(decision.failures)
+        if np.maximum.reduce(totals.seconds) > limit:
+            reason = f"the run's decisions together took longer than their limit of {limit:g} s"
+            failures += [Failure(row, "timed_out", reason) for row in np.flatnonzero(totals.seconds > limit).tolist()]
+        ended = totals.end(failures)
         self._checkpoint.record(inputs, decision.actions)
         if ended:
             simulation.end(ended)
@@ -241,14 +245,6 @@ class RolloutLoop:
         if self._callback is not None:
             self._callback.add(self._simulation, outcome)
         return ended
-
-    def _overdue(self) -> list[Failure]:
-        """Runs whose decisions together took too long."""
-        limit, seconds = self._limits.run, self._totals.seconds
-        if np.maximum.reduce(seconds) <= limit:
-            return []
-        late = np.flatnonzero(seconds > limit)
-        return [Failure(int(row), "timed_out", f"the run's decisions together took longer than their limit of {limit:g} s") for row in late]
 
     def _report(self, step: int, *, replaying: bool = False, waiting: str = "act", limit: float | None = None) -> None:
         if self._progress is not None:

@@ -340,19 +340,16 @@ def write_recording(result: Path, seed: int, folder: Path) -> Recording:
         },
     )
     write_atomically(folder / ACTIONS_FILE, recording.to_bytes())
-    write_atomically(folder / CARD_FILE, _card(agent.name, loaded.task.id, seed))
-    return recording
-
-
-def _card(agent: str, task: str, seed: int) -> str:
-    """The text of the folder's card."""
-    card = {
-        "title": f"Recording of {agent}, seed {seed}",
+    text = {
+        "title": f"Recording of {agent.name}, seed {seed}",
         "controller": "recording",
         "settings": ACTIONS_FILE,
-        "description": f"The actions that {agent} took in the run with seed {seed} of {task}, replayed without looking at any observation. "
-        f"What it earns beside {agent} tells what feedback is worth there.",
-        "made": f"glbench evaluate {agent} --task {task} --seed {seed} --runs 1, then glbench episodes recording RESULT --run {seed}",
+        "description": f"The actions that {agent.name} took in the run with seed {seed} of {loaded.task.id}, replayed without looking at "
+        f"any observation. What it earns beside {agent.name} tells what feedback is worth there.",
+        "made": f"glbench evaluate {agent.name} --task {loaded.task.id} --seed {seed} --runs 1, then "
+        f"glbench episodes recording RESULT --run {seed}",
     }
     # A string of JSON is one of TOML; names come from a result, which may be a stranger's.
-    return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in card.items()) + "sources = []\n"
+    lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in text.items()]
+    write_atomically(folder / CARD_FILE, "".join(lines) + "sources = []\n")
+    return recording

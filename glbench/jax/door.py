@@ -90,7 +90,12 @@ def open_door(task: TaskSpec, seeds: Sequence[int], places: int, preset: str, wo
             raise UnknownNameError(msg)
     program, parts = make_program(task)
     if parts is not NO_PARTS:
-        raise _not_served(task, f"{', '.join(_python_parts(task))} is Python")
+        of_python = [f"the actuation '{task.actuation.kind}'"] if recorded_actuation(task) is None else []
+        of_python += [f"the reward '{name}'" for name in task.reward.modules if not REWARDS.recorded(name)]
+        of_python += [f"the observation '{name}'" for name in task.observation.modules if python_part(name) is not None]
+        distributions = {group.distribution for group in task.scenario.groups} - {UNIFORM}
+        of_python += [f"the distribution '{name}'" for name in sorted(distributions)]
+        raise _not_served(task, f"{', '.join(of_python) or 'what follows from its uncertain parameters'} is Python")
     environments = make_kernel(task.model_value, task.step_seconds, workers=workers, preset=preset).environments(program, 1)
     if not isinstance(environments, CompiledEnvironments):
         raise _not_served(task, why_not_compiled(task.model_value) or "its program is too large for the compiled kernel")
@@ -154,13 +159,3 @@ def _not_served(task: TaskSpec, reason: str) -> TaskError:
     return TaskError(
         f"glbench.jax cannot step {task.id}: {reason}. Use glbench.env.GreenhouseVectorEnv, which steps every task on every machine."
     )
-
-
-def _python_parts(task: TaskSpec) -> list[str]:
-    """The parts of a task that only Python knows, in words."""
-    parts = [f"the actuation '{task.actuation.kind}'"] if recorded_actuation(task) is None else []
-    parts += [f"the reward '{name}'" for name in task.reward.modules if not REWARDS.recorded(name)]
-    parts += [f"the observation '{name}'" for name in task.observation.modules if python_part(name) is not None]
-    distributions = {group.distribution for group in task.scenario.groups} - {UNIFORM}
-    parts += [f"the distribution '{name}'" for name in sorted(distributions)]
-    return parts or ["what follows from its uncertain parameters"]

@@ -24,7 +24,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from glbench.canonical import canonical_sha256
-from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
 from glbench.resources import data_folder, write_atomically
 from glbench.tasks.record import TaskRecord
 from glbench.tasks.resolver import ResolvedTask, Season
@@ -163,6 +163,8 @@ def _parts(task: ResolvedTask) -> dict[str, Any]:
 
 def _weather_digests(task: ResolvedTask) -> list[list[str]]:
     """Digests of the weather of all splits, whichever split the task is in."""
+    from glbench.weather import SeasonGenerator
+
     splits = task.splits
     if splits is None:
         return [_season_digest(task, season) for season in task.scenario.seasons]
@@ -173,19 +175,13 @@ def _weather_digests(task: ResolvedTask) -> list[list[str]]:
             digests += [[name, *_season_digest(task, season)] for season in scenario.seasons]
         else:
             years = map(str, scenario.generated.years)
-            digests.append([name, "generated", *years, _generated_digest(task, name)])
+            with task.errors_in(f"splits.{name}"):
+                generator = SeasonGenerator(task.record(), getattr(splits, name).years)
+            # of one season: whole numbers, the same on every machine
+            numbers = np.asarray(np.arange(1, generator.numbers(task.weather.days) + 1) * _EVEN % 1.0, np.float64)
+            season = generator.season(task.weather.start, task.weather.days, numbers)
+            digests.append([name, "generated", *years, season.record.digest])
     return digests
-
-
-def _generated_digest(task: ResolvedTask, split: str) -> str:
-    """Digest of one season that the generator makes from the years of a split: whole numbers, the same on every machine."""
-    from glbench.weather import SeasonGenerator
-
-    with task.errors_in(f"splits.{split}"):
-        generator = SeasonGenerator(task.record(), getattr(task.splits, split).years)
-    days = task.weather.days
-    numbers = np.asarray(np.arange(1, generator.numbers(days) + 1) * _EVEN % 1.0, np.float64)
-    return generator.season(task.weather.start, days, numbers).record.digest
 
 
 def _season_digest(task: ResolvedTask, season: Season) -> list[str]:
@@ -224,18 +220,15 @@ def read_lock(path: Path | None = None) -> Mapping[str, LockEntry]:
 def _read(path: Path, _modified: int, _size: int) -> Mapping[str, LockEntry]:
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
-        return MappingProxyType({task_id: _entry(task_id, entry) for task_id, entry in content.items()})
+        names, entries = {field.name for field in fields(Fingerprint)}, {}
+        for task_id, entry in content.items():
+            if not isinstance(entry, dict) or set(entry) != {"file", *names} or not all(isinstance(value, str) for value in entry.values()):
+                refuse(f"the entry of '{task_id}' is not complete")
+            entries[task_id] = LockEntry(task_id, entry["file"], Fingerprint(**{name: entry[name] for name in names}))
+        return MappingProxyType(entries)
     except (OSError, ValueError) as error:
         msg = f"Cannot read {path}: {error}. Restore the file, or install glbench again."
         raise TaskError(msg) from error
-
-
-def _entry(task_id: str, entry: object) -> LockEntry:
-    names = {field.name for field in fields(Fingerprint)}
-    if not isinstance(entry, dict) or set(entry) != {"file", *names} or not all(isinstance(value, str) for value in entry.values()):
-        msg = f"the entry of '{task_id}' is not complete"
-        raise ValueError(msg)
-    return LockEntry(task_id, entry["file"], Fingerprint(**{name: entry[name] for name in names}))
 
 
 def write_lock(entries: Mapping[str, LockEntry], path: Path) -> None:

@@ -206,11 +206,6 @@ def _clock_of(table: TextTable, time: str, clock: object) -> tuple[ZoneInfo | No
     return None, ""
 
 
-def _is_time(table: TextTable, title: str) -> bool:
-    text = next((text for text in table.texts(title) if text), "")
-    return stamp_in(text) is not None or re.match(r"\d.*\d\s+[-\u2013]\s+\d", text) is not None
-
-
 def _price_column(table: TextTable, column: object) -> str:
     """Title of the column of prices.
 
@@ -223,7 +218,10 @@ def _price_column(table: TextTable, column: object) -> str:
         table.texts(str(column))
         return str(column)
     numeric = []
-    for title in (title for title in table.titles if not _is_time(table, title)):
+    for title in table.titles:
+        first = next(filter(None, table.texts(title)), "")
+        if stamp_in(first) is not None or re.match(r"\d.*\d\s+[-\u2013]\s+\d", first) is not None:
+            continue
         values = [parse_number(text, table.decimal) for text in table.texts(title)[:200]]
         if any(value is not None and value == value for value in values) and sum(value is None for value in values) <= 1:
             numeric.append(title)

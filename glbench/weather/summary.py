@@ -147,19 +147,14 @@ def doubts(record: WeatherRecord) -> list[str]:
 
     Its clock against its longitude, its radiation against the sun over the station, and the units and the sensors behind its values.
     """
-    return [*_doubts_of_clock(record), *_doubts_of_values(record), *_doubts_of_radiation(record)]
-
-
-def _doubts_of_clock(record: WeatherRecord) -> list[str]:
     offset = time_zone(record.timezone).utcoffset(record.first.replace(month=1, tzinfo=None)) or dt.timedelta()
     ahead, sun = offset / dt.timedelta(hours=1), record.longitude / 15.0
-    apart = abs((ahead - sun + 12.0) % 24.0 - 12.0)
-    if apart <= MOST_CLOCK_HOURS:
-        return []
-    return [
+    of_clock = (
         f"the clock {record.timezone} is {ahead:+g} h from UTC, but at {record.longitude:g} deg east the sun is {sun:+.1f} h from it. "
         "Is the zone that of another place, or the longitude's sign wrong (east is plus)?"
-    ]
+    )
+    is_odd = abs((ahead - sun + 12.0) % 24.0 - 12.0) > MOST_CLOCK_HOURS
+    return [*([of_clock] if is_odd else []), *_doubts_of_values(record), *_doubts_of_radiation(record)]
 
 
 def _doubts_of_values(record: WeatherRecord) -> list[str]:
