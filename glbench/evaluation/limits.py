@@ -161,18 +161,14 @@ def in_words(error: BaseException) -> str:
     themselves fail, as they may in a stranger's class or without memory, its kind alone.
     """
     try:
-        return _in_words(error)
+        text = " ".join("".join(traceback.format_exception_only(error)).split())
+        text = _ADDRESS.sub("0x...", text)
+        if len(text) > _LONGEST_REASON:
+            text = text[: _LONGEST_REASON - 4] + " ..."
+        place = _place(error)
     except Exception:
         # Past whatever a metaclass makes of looking at its name.
         return str(type.__getattribute__(type(error), "__name__"))
-
-
-def _in_words(error: BaseException) -> str:
-    text = "".join(traceback.format_exception_only(error)).strip()
-    text = _ADDRESS.sub("0x...", " ".join(text.split()))
-    if len(text) > _LONGEST_REASON:
-        text = text[: _LONGEST_REASON - 4] + " ..."
-    place = _place(error)
     return f"{text} ({place})" if place else text
 
 

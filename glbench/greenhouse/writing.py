@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from contextlib import suppress
 
@@ -75,7 +76,7 @@ def task_text(page: Page, house: Greenhouse, task_id: str, source: str) -> str:
         lines += [f"#   {assumption}" for assumption in house.assumptions]
     lines += [f"# Doubt: {doubt}" for doubt in house.doubts]
     controls = [name for name in base.actuation.controls if name not in WORKED or name in house.controls]
-    lines += ["", "[actuation]", f"controls = {_list(controls)}"]
+    lines += ["", "[actuation]", f"controls = {json.dumps(controls)}"]
     lines += _weather_lines(page, base)
     own = {entry.name: entry.value for entry in house.entries}
     values = dict(zip(TOMATO.parameter_names, TOMATO.parameters.default(house.book, own).tolist(), strict=True))
@@ -85,7 +86,7 @@ def task_text(page: Page, house: Greenhouse, task_id: str, source: str) -> str:
             with suppress(ParameterError):
                 TOMATO.parameters.default(house.book, own | {name: values[name] * (1.0 + group.half_width)})
                 variable.append(name)
-        lines += ["", "[[scenario.parameters]]", f'name = "{group.name}"', f"parameters = {_list(variable)}"]
+        lines += ["", "[[scenario.parameters]]", f'name = "{group.name}"', f"parameters = {json.dumps(variable)}"]
         lines += [f"half_width = {group.half_width!r}", f'redraw = "{group.redraw}"', f'distribution = "{group.distribution}"']
         if len(variable) < len(group.parameters):
             constant = ", ".join(name for name in group.parameters if name not in variable)
@@ -173,7 +174,3 @@ def _text(words: str) -> str:
     """Words as TOML."""
     plain = re.sub(r'[\x00-\x1f\x7f"\\]', " ", words)
     return f'"{plain}"'
-
-
-def _list(names: list[str]) -> str:
-    return f"[{', '.join(f'{chr(34)}{name}{chr(34)}' for name in names)}]"

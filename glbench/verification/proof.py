@@ -20,7 +20,7 @@ from typing import Annotated, Final, Literal, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AliasChoices, ConfigDict, FailFast, Field, ValidationError
+from pydantic import AliasChoices, FailFast, Field, ValidationError
 
 from glbench import __version__
 from glbench.errors import GlbenchError
@@ -265,8 +265,6 @@ class Proof(Record):
     ``result_sha256`` is that of the whole file, so that nothing in it can change under the note. ``reproduced`` and ``stated`` name fields
     of the result; notes of schema version 1 lack them, and call ``exactness`` ``proved``.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, populate_by_name=True)
 
     schema_name: Literal["glbench/proof"] = Field(default=SCHEMA, alias="schema")
     schema_version: Literal[1, 2] = 2

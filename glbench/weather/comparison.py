@@ -384,11 +384,11 @@ def _real_years(generator: SeasonGenerator, calendar: IntArray) -> dict[int, dic
 def _blocks(axes: Axes, generator: SeasonGenerator, dates: Any, sources: IntArray, joints: Any) -> None:
     """A strip that says where each block was taken from, and lines at the joints."""
     begins = np.flatnonzero(joints | (np.arange(joints.size) == 0))
-    lengths, left = np.diff(begins, append=joints.size), dates[begins] - np.timedelta64(12, "h")
+    lengths, edges = np.diff(begins, append=joints.size), dates[begins] - np.timedelta64(12, "h")
     first_days = sources[begins].astype("datetime64[D]").tolist()
     colours = [_colour(generator.years.index(first.year)) for first in first_days]
-    axes.barh(np.zeros(begins.size), lengths.astype("timedelta64[D]"), left=left, height=1.0, color=colours, alpha=0.55, ec="white", lw=2)
-    for first, length, edge in zip(first_days, lengths.tolist(), left, strict=True):
+    axes.barh(np.zeros(begins.size), lengths.astype("timedelta64[D]"), left=edges, height=1.0, color=colours, alpha=0.55, ec="white", lw=2)
+    for first, length, edge in zip(first_days, lengths.tolist(), edges, strict=True):
         if length >= ROOM_OF_A_DATE:
             text = f"{first.day} {first:%b}\n{first.year}"
             axes.text(edge + np.timedelta64(12 * length, "h"), 0.0, text, ha="center", va="center", fontsize=7.5, color=INK)

@@ -314,23 +314,16 @@ def _download(address: str, form: dict[str, str], timeout_seconds: float, total_
         msg = f"KNMI's service {address} answered with HTTP {error.code} ({error.reason}). Try again later."
         error.close()
         raise WeatherError(msg) from error
-    except TimeoutError as error:
-        raise _silent(address, timeout_seconds) from error
     except (OSError, http.client.HTTPException) as error:
         reason = getattr(error, "reason", error)
-        if isinstance(reason, TimeoutError):
-            raise _silent(address, timeout_seconds) from error
         msg = f"KNMI's service {address} cannot be reached, or broke off: {reason}. Check the connection and try again."
+        if isinstance(reason, TimeoutError):
+            msg = (
+                f"KNMI's service {address} was silent for {timeout_seconds:g} s. Try again later, or wait longer with --timeout. "
+                "Files downloaded by hand come in with `glbench weather import`."
+            )
         raise WeatherError(msg) from error
     if total is not None and len(received) < total:
         msg = f"KNMI's answer broke off after {len(received)} of {total} bytes. Try again."
         raise WeatherError(msg)
     return bytes(received)
-
-
-def _silent(address: str, timeout_seconds: float) -> WeatherError:
-    msg = (
-        f"KNMI's service {address} was silent for {timeout_seconds:g} s. Try again later, or wait longer with --timeout. "
-        "Files downloaded by hand come in with `glbench weather import`."
-    )
-    return WeatherError(msg)

@@ -317,10 +317,10 @@ def _open_meteo_column(table: TextTable, name: str, quantity: str) -> record.Flo
     if title is None:
         return None
     unit = re.sub(r"[^A-Za-z0-9/%]", "", title[len(name) :])
-    known = canonical_unit(quantity, unit)
-    if known is None:
+    own_unit = canonical_unit(quantity, unit)
+    if own_unit is None:
         table.refuse(f"the unit '{unit}' is unknown. Known are {', '.join(UNITS[quantity])}.", None, title)
-    factor, offset = UNITS[quantity][known]
+    factor, offset = UNITS[quantity][own_unit]
     return np.asarray(table.numbers(title) * factor + offset)
 
 

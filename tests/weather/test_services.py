@@ -178,7 +178,9 @@ def test_open_meteo_units_are_converted(
 
 
 def test_an_unknown_open_meteo_unit_is_refused(read: Callable[..., WeatherRecord]) -> None:
-    with pytest.raises(WeatherError, match=r"column 'wind_speed_10m \(furlong\)': the unit 'furlong' is unknown. Known are C, F"):
+    with pytest.raises(
+        WeatherError, match=r"column 'wind_speed_10m \(furlong\)': the unit 'furlong' is unknown. Known are m/s, km/h, mph, kn"
+    ):
         read(open_meteo(hourly_rows(24), units=("°C", "furlong")))
 
 

@@ -62,15 +62,13 @@ class _Lines(_Part):
     values: Annotated[list[_Cells], FailFast()]
 
 
-class _Column(_Part):
-    unit: Word
-    meaning: Word
-    kind: Literal["level", "amount"]
-
-
 class _WeatherColumn(_Part):
     unit: Word
     meaning: Word
+
+
+class _Column(_WeatherColumn):
+    kind: Literal["level", "amount"]
 
 
 class _Seeds(_Part):
