@@ -1,15 +1,16 @@
 """The climate inside a compartment every five minutes: the air, what the actuators did, and the set points that were realised.
 
-``read_indoor`` reads ``GreenhouseClimate.csv`` or ``.parquet`` of the published archive. Readings that cannot be true are taken out and
-noted, never used: those outside what a sensor or an actuator can say (an error code such as -499), those far from all others of the hours
-around them, both sides of a jump that nothing explains, and a sensor's value that stays the same for hours.
+``read_indoor`` reads ``GreenhouseClimate.csv`` or ``.parquet`` of the published archive, or ``indoor.csv`` of a greenhouse's own export.
+Readings that cannot be true are taken out and noted, never used: those outside what a sensor or an actuator can say (an error code such as
+-499), those far from all others of the hours around them, both sides of a jump that nothing explains, and a sensor's value that stays the
+same for hours.
 """
 
 from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import ArchiveError
+from glbench.realism.export import EXPORT, read_export
 from glbench.realism.published import DAY_ZERO, ROW_SECONDS, ROWS_A_DAY, day_of, five_minutes, moment, numbers_of, on_rows, read_rows
 from glbench.weather.record import FloatArray, IntArray
 
@@ -25,6 +27,10 @@ AROUND = 12
 """Readings before and after one, with which it is compared: an hour each."""
 LONGEST_SAME = 72
 """Readings of a sensor, 6 h, that may be the same."""
+MOST_LOST = 0.05
+"""Share of a sensor's readings beyond which losing them is a doubt."""
+FEW_DAYS = 28
+"""Days below which an export says little about a house."""
 LONGEST_HELD = 12
 """Missing readings of a pipe, 1 h, for which the last one holds; later it counts as off."""
 HPS_POWER = 81.0
@@ -89,6 +95,7 @@ INDOOR: Mapping[str, Quantity] = MappingProxyType(
 )
 """The columns by name."""
 REQUIRED = ("air_temperature", "humidity", "vents_lee", "vents_wind", "rail_pipe")
+REQUIRED_OF_EXPORT = tuple(name for name in REQUIRED if name != "vents_wind")
 PIPES = ("rail_pipe", "grow_pipe")
 
 
@@ -109,6 +116,8 @@ class Indoor:
         Installed electric power of the lamps [W m-2].
     notes
         What was taken out or filled, a line a column, in words.
+    doubts
+        What needs a person's eye before the climate is used.
     """
 
     name: str
@@ -116,25 +125,33 @@ class Indoor:
     columns: Mapping[str, FloatArray]
     lamp_power: float
     notes: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
 
 
-def read_indoor(path: Path, clock: str = "Europe/Amsterdam", *, first: dt.date | None = None, days: int | None = None) -> Indoor:
-    """Read the indoor climate of a compartment of the archive.
+def read_indoor(
+    path: Path, clock: str = "Europe/Amsterdam", *, first: dt.date | None = None, days: int | None = None, lamp_power: float | None = None
+) -> Indoor:
+    """Read the indoor climate of a compartment.
 
     Parameters
     ----------
     path
-        ``GreenhouseClimate.csv`` or ``.parquet``, as ``Compartment.indoor`` names it.
+        ``GreenhouseClimate.csv`` or ``.parquet`` of the archive, or ``indoor.csv`` of an export: ``Compartment.indoor``.
     clock
-        IANA zone of its stamps. The hour that summer time skips does not exist; the hour that comes twice is read twice.
+        IANA zone of its stamps. The hour that summer time skips does not exist; the hour that comes twice is read twice, of an export
+        in its order.
     first, days
         First day and number of days, such as those of the archive; by default all that the file has.
+    lamp_power
+        Installed electric power [W m-2] of an export's lamps, where they come in per cent; by default the most that they took.
 
     Raises
     ------
     ArchiveError
         When the file cannot be read, lacks a column of ``REQUIRED``, or has a text for a number; names file, row and column.
     """
+    if path.name == EXPORT:
+        return _indoor_of_export(path, clock, first, days, lamp_power)
     table, rows = read_rows(path)
 
     def first_of(names: Sequence[str]) -> FloatArray:
@@ -160,6 +177,40 @@ def read_indoor(path: Path, clock: str = "Europe/Amsterdam", *, first: dt.date |
     name = path.parent.name if path.stem.lower() == "greenhouseclimate" else path.stem[: path.stem.lower().rindex("_greenhouse")]
     on_grid = {name: on_rows(values, rows, numbers) for name, values in columns.items()}
     return indoor_of(name, times, numbers, on_grid, HPS_POWER + sum(LED_POWER.values()))
+
+
+def _indoor_of_export(path: Path, clock: str, first: dt.date | None, days: int | None, lamp_power: float | None) -> Indoor:
+    """Of ``indoor.csv``. One column of vents stands for both sides; lamps [%] are turned into power."""
+    export = read_export(path, {name: quantity.unit for name, quantity in INDOOR.items()}, clock, lamp_power)
+    for name in REQUIRED_OF_EXPORT:
+        export.need(name, INDOOR[name].unit, INDOOR[name].meaning)
+    if first is None or days is None:
+        first, days = export.whole_days(clock)
+    times, numbers = five_minutes(first, days, clock)
+    columns = {name: export.on(times, name) for name in INDOOR}
+    notes = export.notes
+    if "vents_wind" not in export.columns:
+        columns["vents_wind"] = columns["vents_lee"].copy()
+        notes = (*notes, f"{path.name}: there is no vents_wind; vents_lee counts for both sides.")
+    lamps = columns["lamps"]
+    most = float(np.nanmax(lamps)) if np.any(np.isfinite(lamps)) else 0.0
+    power = most if lamp_power is None else lamp_power
+    if most > power:
+        msg = (
+            f"{path}: the lamps take up to {most:g} W/m2, the settings have {power:g} W/m2. Correct [lamps] there, or the file."
+        )
+        raise ArchiveError(msg)
+    indoor = indoor_of(path.resolve().parent.name, times, numbers, columns, power)
+    doubts = []
+    for name in ("air_temperature", "humidity", "co2"):
+        lost = float(np.mean(np.isnan(indoor.columns[name]) & ~np.isnan(columns[name])))
+        if lost > MOST_LOST:
+            doubts.append(f"{lost:.0%} of the readings of {name} were taken out: check the sensor")
+    if np.all(np.isnan(indoor.columns["co2"])):
+        doubts.append("co2 was not measured: photosynthesis and vents are compared by temperature and humidity alone")
+    if days < FEW_DAYS:
+        doubts.append(f"{days} whole days are few: {FEW_DAYS} and more tell the house from the weather")
+    return replace(indoor, notes=(*notes, *indoor.notes), doubts=tuple(doubts))
 
 
 def indoor_of(name: str, times: IntArray, numbers: IntArray, columns: Mapping[str, FloatArray], lamp_power: float) -> Indoor:

@@ -20,8 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import ArchiveError, did_you_mean
+from glbench.realism.export import EXPORT, EXPORT_WEATHER, WEATHER_UNITS, read_export
 from glbench.weather import preprocessing
-from glbench.weather.record import FloatArray, IntArray
+from glbench.weather.hourly import SKY_ESTIMATED, sky_infrared
+from glbench.weather.record import FloatArray, IntArray, Place
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -112,6 +114,8 @@ class Archive:
         What was measured; compartments in alphabetical order.
     notes
         What was filled, moved or left out, in words.
+    own
+        Whether it is a greenhouse's own export, of which no heat, harvest and supplies of a day are known.
     """
 
     first: dt.date
@@ -119,6 +123,7 @@ class Archive:
     weather: Weather
     compartments: tuple[Compartment, ...]
     notes: tuple[str, ...]
+    own: bool = False
 
     @property
     def dates(self) -> NDArray[np.datetime64]:
@@ -126,8 +131,8 @@ class Archive:
         return np.datetime64(self.first, "D") + np.arange(self.days)
 
 
-def read_archive(folder: Path) -> Archive:
-    """Read the archive in ``folder``.
+def read_archive(folder: Path, clock: str = "Europe/Amsterdam") -> Archive:
+    """Read the archive in ``folder``, or a greenhouse's own export with stamps on ``clock`` (docs/measured-data.md).
 
     Raises
     ------
@@ -137,10 +142,15 @@ def read_archive(folder: Path) -> Archive:
     if not folder.is_dir():
         msg = f"There is no folder {folder}. Unpack the archive (docs/realism.md says which) and name the folder."
         raise ArchiveError(msg)
+    if (folder / EXPORT).is_file():
+        return _read_own(folder, clock)
     places = [folder / part / f"Weather.{suffix}" for part in ("", "Weather") for suffix in ("parquet", "csv")]
     path = next((place for place in places if place.is_file()), None)
     if path is None:
-        msg = f"{folder} has no weather: expected Weather.csv or Weather.parquet there, or in a folder Weather."
+        msg = (
+            f"{folder} has no weather: expected Weather.csv or Weather.parquet there, or in a folder Weather. "
+            f"A greenhouse's own export has {EXPORT} and {EXPORT_WEATHER} (docs/measured-data.md)."
+        )
         raise ArchiveError(msg)
     table, rows = read_rows(path)
     weather = Weather(rows, {name: _values(table, name, path) for name in WEATHER}, path)
@@ -155,6 +165,60 @@ def read_archive(folder: Path) -> Archive:
         notes.append(f"The compartments cover different days; compared are those of all, {day_of(first)} to {day_of(last)}.")
     compartments = tuple(one.compartment(first, last, notes) for one in used.values())
     return Archive(day_of(first), last - first + 1, weather, compartments, tuple(notes))
+
+
+def _read_own(folder: Path, clock: str) -> Archive:
+    """Weather and the one compartment of an export, over the whole days of both.
+
+    Where the sky's temperature was not measured, its infrared radiation is estimated hour by hour from clearness and humidity.
+    """
+    table = read_export(folder / EXPORT, WEATHER_UNITS, clock)
+    days_inside = table.whole_days(clock)
+    if not set(WEATHER_UNITS) & set(table.columns):
+        if not (folder / EXPORT_WEATHER).is_file():
+            msg = f"{folder} has no {EXPORT_WEATHER}, and {EXPORT} no columns of the weather: {', '.join(WEATHER_UNITS)}. Add one of them."
+            raise ArchiveError(msg)
+        table = read_export(folder / EXPORT_WEATHER, WEATHER_UNITS, clock)
+    for name, unit in WEATHER_UNITS.items():
+        if name != "sky_temperature":
+            table.need(name, unit, "weather")
+    spans = (days_inside, table.whole_days(clock))
+    first = max(day for day, _ in spans)
+    days = (min(day + dt.timedelta(days=count) for day, count in spans) - first).days
+    if days < 1:
+        msg = f"{folder}: climate and weather have no whole day in common. Export both for the same days."
+        raise ArchiveError(msg)
+    for name, column in zip(WEATHER_UNITS, WEATHER[:4], strict=False):
+        low, high = _LIMITS[column]
+        wrong = np.flatnonzero((table.columns[name] < low) | (table.columns[name] > high))
+        if wrong.size:
+            value, unit = table.columns[name][wrong[0]], WEATHER_UNITS[name]
+            msg = (
+                f"{table.file}, row {table.lines[wrong[0]]}: {name} is {value:g} {unit}, outside {low:g} to {high:g}. Correct or empty it."
+            )
+            raise ArchiveError(msg)
+    times, numbers = five_minutes(first, days, clock)
+    columns = {column: table.on(times, name) for name, column in zip(WEATHER_UNITS, WEATHER[:4], strict=False)}
+    sky, outside, notes = table.on(times, "sky_temperature"), columns["Tout"], list(table.notes)
+    if np.all(np.isnan(sky)):
+        if not {"latitude", "longitude"} <= set(table.place):
+            msg = f"{table.file} has no sky_temperature [degC]; to estimate it, add '# latitude: 52.0' and '# longitude: 4.5' on top."
+            raise ArchiveError(msg)
+        place = Place(folder.name, table.place["latitude"], table.place["longitude"], 0.0, clock)
+        present = ~np.isnan(columns["Tout"] + columns["Rhout"] + columns["Iglob"])
+        temperature, humidity, radiation = (
+            np.interp(times, times[present], columns[name][present]).reshape(-1, 12).mean(axis=1) for name in ("Tout", "Rhout", "Iglob")
+        )
+        infrared = sky_infrared(temperature, humidity, radiation, int(times[0]), place)
+        sky = np.interp(times, times[0] + 1800.0 + 3600.0 * np.arange(infrared.size), preprocessing.sky_temperature_from_infrared(infrared))
+        notes.append(f"{table.file.name}: {SKY_ESTIMATED}.")
+    kelvin = (sky + preprocessing.KELVIN, outside + preprocessing.KELVIN)
+    columns["Pyrgeo"] = preprocessing.STEFAN_BOLTZMANN * (kelvin[0] ** 4 - kelvin[1] ** 4)
+    rows, once = np.unique(numbers, return_index=True)
+    weather = Weather(rows, {name: columns[name][once] for name in WEATHER}, table.file)
+    none = np.full(days, np.nan)
+    own = Compartment(folder.resolve().name, none, none, none, none, none, None, folder / EXPORT)
+    return Archive(first, days, weather, (own,), tuple(notes), own=True)
 
 
 @dataclass(frozen=True, eq=False)

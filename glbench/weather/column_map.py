@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, cast, get_args
@@ -39,7 +39,7 @@ from glbench.weather import record
 from glbench.weather.hourly import hourly_record
 from glbench.weather.preprocessing import KELVIN
 
-_JOULES: Mapping[str, float] = {"Wh/m2": 3600.0, "J/cm2": 1e4, "kJ/m2": 1e3, "MJ/m2": 1e6, "J/m2": 1.0}
+JOULES: Mapping[str, float] = {"Wh/m2": 3600.0, "J/cm2": 1e4, "kJ/m2": 1e3, "MJ/m2": 1e6, "J/m2": 1.0}
 """Units of radiation [J m-2] that are sums over the interval."""
 UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "air_temperature": {"degC": (1.0, 0.0), "K": (1.0, -KELVIN), "degF": (5 / 9, -160 / 9)},
@@ -48,7 +48,7 @@ UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     # 2.3 umol of PAR a joule of sunlight (Vanthoor 2011, tables 8.1 and 9.1), as in the greenhouse model
     "global_radiation": {
         "W/m2": (1.0, 0.0),
-        **dict.fromkeys(_JOULES, (1.0, 0.0)),
+        **dict.fromkeys(JOULES, (1.0, 0.0)),
         "J/cm2/h": (1e4 / 3600, 0.0),
         "umol/m2/s": (1 / 2.3, 0.0),
     },
@@ -169,9 +169,14 @@ class ColumnMap(Table):
 
 def canonical_unit(quantity: str, unit: str) -> str | None:
     """The unit of ``UNITS`` that ``unit`` is a spelling of; ``None`` for one that the quantity cannot have."""
+    return unit_among(UNITS.get(quantity, ()), unit)
+
+
+def unit_among(units: Iterable[str], unit: str) -> str | None:
+    """The one of ``units`` that ``unit`` is a spelling of; ``None`` for another."""
     plain = re.sub("[ °ºâ]", "", unit.lower()).translate(str.maketrans("²µμ⁻¹", "2uu-1"))
     spelling = _SPELLINGS.get(plain, plain).lower()
-    return next((name for name in UNITS.get(quantity, ()) if name.lower() == spelling), None)
+    return next((name for name in units if name.lower() == spelling), None)
 
 
 def read_csv(
@@ -195,7 +200,7 @@ def read_csv(
     path = Path(path)
     text = read_text(path, WeatherError)
     documented = re.search(rf"^[^#\n]*\b({'|'.join(UNITS)}|slot_end|slot_start) ?\[", text, re.MULTILINE) is not None
-    titles = (lambda fields: any(_split_title(field)[0] in (*UNITS, "slot_end", "slot_start") for field in fields)) if documented else None
+    titles = (lambda fields: any(split_title(field)[0] in (*UNITS, "slot_end", "slot_start") for field in fields)) if documented else None
     table = split_table(text, str(path), WeatherError, is_titles=titles)
     comments = {
         key.strip(): value.strip()
@@ -283,7 +288,7 @@ def _record_of(
             numbers = _rises(numbers, seconds, step)
         factor, offset = UNITS[quantity][unit]
         # one rounded division, so that J/cm2 and Wh/m2 come out whole
-        values[quantity] = numbers * _JOULES[unit] / step if unit in _JOULES else np.asarray(numbers * factor + offset)
+        values[quantity] = numbers * JOULES[unit] / step if unit in JOULES else np.asarray(numbers * factor + offset)
     running = any(entry.total == "day" for entry in columns.columns.values())
     usable = slice(1 if running else 0, None)  # the first of a running sum has none before it
     values = {quantity: numbers[usable] for quantity, numbers in values.items()}
@@ -310,7 +315,7 @@ def _documented_columns(table: TextTable) -> tuple[dict[str, ColumnEntry], str]:
     for title in table.titles:
         if title in TIME_COLUMNS:
             continue
-        quantity, unit = _split_title(title)
+        quantity, unit = split_title(title)
         own_unit = canonical_unit(quantity, unit) if quantity in UNITS and unit else None
         if own_unit is None:
             near = guess_quantity(title)
@@ -330,7 +335,7 @@ def _documented_columns(table: TextTable) -> tuple[dict[str, ColumnEntry], str]:
     time = next((title for title in table.titles if title in TIME_COLUMNS), None)
     if time is None:
         problems.append("no time column. Name it 'slot_end [UTC]' or 'slot_start [UTC]'.")
-    missing = [title for title in _EXPECTED if title not in TIME_COLUMNS and _split_title(title)[0] not in entries]
+    missing = [title for title in _EXPECTED if title not in TIME_COLUMNS and split_title(title)[0] not in entries]
     if problems or missing or time is None:
         lines = [*problems[:12], *([f"missing: {', '.join(missing)}"] if missing else [])]
         listing, titles_there = "\n".join(f"  - {line}" for line in lines), visible(",".join(table.titles)[:300])
@@ -341,7 +346,7 @@ def _documented_columns(table: TextTable) -> tuple[dict[str, ColumnEntry], str]:
     return entries, time
 
 
-def _split_title(title: str) -> tuple[str, str]:
+def split_title(title: str) -> tuple[str, str]:
     """Words and unit of a title such as ``Buitentemp [°C]``, ``wind (m/s)`` or ``Straling W/m2``; the unit is empty where there is none."""
     match = re.fullmatch(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*", title) or re.fullmatch(r"(.*\S)\s+(\S+)\s*", title)
     if match and (title.rstrip()[-1:] in "])" or any(canonical_unit(quantity, match[2]) for quantity in UNITS)):
@@ -351,7 +356,7 @@ def _split_title(title: str) -> tuple[str, str]:
 
 def guess_quantity(title: str) -> str | None:
     """The quantity that a title such as ``Buitentemp [°C]`` or ``RH (%)`` seems to mean."""
-    words = re.sub(r"[_.]", " ", _split_title(title)[0].lower())
+    words = re.sub(r"[_.]", " ", split_title(title)[0].lower())
     return next(
         (quantity for quantity, (fits, not_this) in _GUESSES.items() if re.search(fits, words) and not re.search(not_this, words)), None
     )
@@ -370,7 +375,7 @@ def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[
     entries: dict[str, ColumnEntry] = {}
     checks: dict[str, str] = {}
     # titles that name the outside before those that do not, and those with a unit of their quantity before others
-    unit_of = {title: canonical_unit(guess_quantity(title) or "", _split_title(title)[1]) for title in table.titles}
+    unit_of = {title: canonical_unit(guess_quantity(title) or "", split_title(title)[1]) for title in table.titles}
     order = sorted(table.titles, key=lambda title: (_OUTSIDE.search(title) is None, unit_of[title] is None))
     for title in (title for title in order if title not in time):
         quantity = guess_quantity(title)
@@ -379,7 +384,7 @@ def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[
         if quantity in entries:
             checks[quantity] = f"or is it '{visible(title)}'?"
             continue
-        _, unit = _split_title(title)
+        _, unit = split_title(title)
         own_unit = unit_of[title]
         if _OUTSIDE.search(title) is None and quantity in ("air_temperature", "relative_humidity"):
             checks[quantity] = "is it measured outside, not in the greenhouse?"
@@ -390,7 +395,7 @@ def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[
                 own_unit = "fraction"
             if quantity == "global_radiation" and _is_running(title, table.numbers(title)):
                 own_unit = "J/cm2"
-        running = own_unit in _JOULES and _is_running(title, table.numbers(title))
+        running = own_unit in JOULES and _is_running(title, table.numbers(title))
         entries[quantity] = ColumnEntry(column=title, unit=own_unit, total="day" if running else "interval")
     missing = [quantity for quantity in record.REQUIRED if quantity not in entries]
     if missing or not time:
@@ -452,7 +457,7 @@ def write_column_map(columns: ColumnMap, checks: Mapping[str, str], unused: Sequ
             f"column = {text(entry.column)}",
             f"unit = {text(entry.unit)}" + (f"  # CHECK: {checks[quantity]}" if quantity in checks else ""),
         ]
-        if entry.unit in _JOULES:
+        if entry.unit in JOULES:
             lines.append(f'total = "{entry.total}"  # a sum over each "interval", or running since midnight ("day")')
         lines.append("")
     lines.append(f"# Columns left out: {visible(', '.join(unused)) or 'none'}")

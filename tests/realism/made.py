@@ -111,6 +111,31 @@ class Made:
         }
 
 
+def own_export(made: Made, folder: Path) -> Path:
+    """The same weather and indoor climate as a greenhouse's own export: a unit in each title, stamps on the local clock."""
+    folder.mkdir(exist_ok=True)
+    inside, outside = made.indoors(), made.weather
+    stamps = pd.date_range(made.first, periods=len(inside), freq="5min", name="time")
+    lit = inside["AssimLight"] > 0.0
+    columns = {
+        "air_temperature [degC]": inside["Tair"],
+        "humidity [%]": inside["Rhair"],
+        "co2 [ppm]": inside["CO2air"],
+        "vents_lee [%]": inside["VentLee"],
+        "vents_wind [%]": inside["Ventwind"],
+        "thermal_screen [%]": inside["EnScr"],
+        "rail_pipe [degC]": inside["PipeLow"],
+        "lamps [W/m2]": np.where(lit, 81.0 + 25.3 + 0.5 * 7.27, 0.0),
+        "co2_dose [kg/m2/h]": inside["co2_dos"],
+    }
+    pd.DataFrame({name: np.asarray(values) for name, values in columns.items()}, stamps).to_csv(folder / "indoor.csv")
+    weather = {"global_radiation [W/m2]": "Iglob", "outdoor_temperature [degC]": "Tout", "outdoor_humidity [%]": "Rhout"}
+    weather |= {"wind_speed [m/s]": "Windsp"}
+    text: Any = pd.DataFrame({title: outside[name].to_numpy() for title, name in weather.items()}, stamps).to_csv()
+    (folder / "weather.csv").write_text(f"# latitude: 52.0\n# longitude: 4.5\n{text}", encoding="utf-8")
+    return folder
+
+
 def _write(table: pd.DataFrame, path: Path) -> None:
     text: Any = table.to_csv(index=False, na_rep="NaN")
     path.write_text("%" + text, encoding="utf-8")

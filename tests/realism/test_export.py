@@ -1,0 +1,165 @@
+"""A greenhouse's own export: units, steps, clocks, what is estimated, and what is refused with which words."""
+
+from __future__ import annotations
+
+import datetime as dt
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from glbench.errors import ArchiveError
+from glbench.realism import Indoor, read_archive, read_indoor
+from glbench.realism.inputs import outdoors
+from tests.realism.made import Made, own_export
+
+CLOCK = "Europe/Amsterdam"
+
+
+def climate_of(folder: Path, lamp_power: float | None = None) -> Indoor:
+    archive = read_archive(folder, CLOCK)
+    (own,) = archive.compartments
+    assert own.indoor is not None
+    return read_indoor(own.indoor, CLOCK, first=archive.first, days=archive.days, lamp_power=lamp_power)
+
+
+def test_an_export_says_the_same_as_the_archive(tmp_path: Path) -> None:
+    made = Made()
+    made.climate["Anna"] = made.indoors()
+    published = read_archive(made.write(tmp_path / "archive"))
+    path = published.compartments[0].indoor
+    assert path is not None
+    theirs = read_indoor(path)
+    folder = own_export(made, tmp_path / "house")
+    archive, mine = read_archive(folder, CLOCK), climate_of(folder)
+    assert (archive.first, archive.days, archive.own) == (published.first, published.days, True)
+    assert mine.name == "house"
+    assert np.array_equal(mine.times, theirs.times)
+    for name in ("air_temperature", "humidity", "co2", "vents_lee", "vents_wind", "rail_pipe", "thermal_screen", "lamps", "co2_dose"):
+        assert mine.columns[name] == pytest.approx(theirs.columns[name], nan_ok=True), name
+    one, other = (outdoors(each, CLOCK, 410.0, step_seconds=300) for each in (archive, published))
+    for name in ("iGlob", "tOut", "vpOut", "wind"):
+        assert one.of(name) == pytest.approx(other.of(name)), name
+    assert any("estimated" in note for note in archive.notes)
+    assert np.all(one.of("tSky") < one.of("tOut")), "the estimated sky is colder than the air"
+
+
+def test_other_units_commas_and_orders_are_read(tmp_path: Path) -> None:
+    made = Made()
+    usual, other = own_export(made, tmp_path / "usual"), own_export(made, tmp_path / "other")
+    table = pd.read_csv(usual / "indoor.csv", index_col="time")
+    table["air_temperature [K]"] = table.pop("air_temperature [degC]") + 273.15
+    table["thermal_screen [fraction]"] = table.pop("thermal_screen [%]") / 100.0
+    table["co2_dose [kg/ha/h]"] = table.pop("co2_dose [kg/m2/h]") * 1e4
+    table["lamps [%]"] = table.pop("lamps [W/m2]") / 110.0 * 100.0
+    table["mood"] = "good"
+    table[::-1].to_csv(other / "indoor.csv", sep=";", decimal=",")
+    mine, theirs = climate_of(other, lamp_power=110.0), climate_of(usual)
+    for name, values in theirs.columns.items():
+        assert mine.columns[name] == pytest.approx(values, nan_ok=True), name
+    assert mine.lamp_power == 110.0
+    assert any("columns that are not read: 'mood'" in note for note in mine.notes)
+
+
+def test_finer_steps_are_averaged_and_coarser_ones_held(tmp_path: Path) -> None:
+    usual = pd.read_csv(own_export(Made(), tmp_path) / "indoor.csv", index_col="time", parse_dates=True)
+    air = "air_temperature [degC]"
+    minutes = usual.resample("1min").ffill()
+    minutes[air] += np.tile([-0.2, -0.1, 0.0, 0.1, 0.2], len(minutes) // 5 + 1)[: len(minutes)]
+    minutes.to_csv(tmp_path / "indoor.csv")
+    expected = usual[air].to_numpy()[:-1]
+    assert climate_of(tmp_path).columns["air_temperature"] == pytest.approx(expected)
+    usual[::3].to_csv(tmp_path / "indoor.csv")
+    assert climate_of(tmp_path).columns["air_temperature"] == pytest.approx(np.repeat(expected[::3], 3))
+
+
+def test_one_file_may_have_both_and_one_kind_of_vents(tmp_path: Path) -> None:
+    folder = own_export(Made(), tmp_path)
+    inside, outside = (pd.read_csv(folder / f"{name}.csv", index_col="time", comment="#") for name in ("indoor", "weather"))
+    both = inside.join(outside.assign(**{"sky_temperature [degC]": -4.0})).drop(columns="vents_wind [%]")
+    both.to_csv(folder / "indoor.csv")
+    (folder / "weather.csv").unlink()
+    archive, indoor = read_archive(folder, CLOCK), climate_of(folder)
+    assert outdoors(archive, CLOCK, 410.0).of("tSky") == pytest.approx(-4.0)
+    assert np.array_equal(indoor.columns["vents_wind"], indoor.columns["vents_lee"])
+    assert any("vents_lee counts for both sides" in note for note in indoor.notes)
+
+
+def test_only_whole_days_of_both_are_used(tmp_path: Path) -> None:
+    folder = own_export(Made(days=4), tmp_path)
+    lines = (folder / "indoor.csv").read_text().splitlines(keepends=True)
+    (folder / "indoor.csv").write_text("".join([lines[0], *lines[100:900]]))
+    archive = read_archive(folder, CLOCK)
+    assert (archive.first, archive.days) == (dt.date(2020, 2, 11), 2)
+
+
+def test_a_clock_without_offset_follows_summer_time(tmp_path: Path) -> None:
+    folder = own_export(Made(first=dt.date(2020, 3, 28)), tmp_path)
+    with pytest.raises(ArchiveError, match=r"row \d+, column 'time': 2020-03-29 02:00 does not exist on the clock of Europe/Amsterdam"):
+        read_archive(folder, CLOCK)
+    for name in ("indoor", "weather"):
+        path = folder / f"{name}.csv"
+        path.write_text("".join(line for line in path.read_text().splitlines(keepends=True) if not line.startswith("2020-03-29 02")))
+    indoor = climate_of(folder)
+    assert indoor.times.size == 3 * 288 - 12
+    assert not np.isnan(indoor.columns["air_temperature"]).any()
+
+
+def test_a_bad_sensor_and_few_days_are_doubts(tmp_path: Path) -> None:
+    folder = own_export(Made(), tmp_path)
+    table = pd.read_csv(folder / "indoor.csv", index_col="time").drop(columns="co2 [ppm]")
+    table.loc[table.index[300:400], "humidity [%]"] = 0.0
+    table.to_csv(folder / "indoor.csv")
+    sensor, co2, few = climate_of(folder).doubts
+    assert sensor == "12% of the readings of humidity were taken out: check the sensor"
+    assert "co2 was not measured" in co2
+    assert few.startswith("3 whole days are few")
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after", "words"),
+    [
+        (
+            "indoor",
+            "humidity [%]",
+            "humidity",
+            r"column 'humidity': its title has no unit. Write one of humidity \[%\], hum",
+        ),
+        ("indoor", "humidity [%]", "humidity [g/kg]", r"the unit 'g/kg' is unknown"),
+        ("indoor", "humidity [%]", "humidty [%]", r"indoor.csv has no values of humidity \[%\] \(relative humidity\), which is needed"),
+        ("indoor", "vents_wind [%]", "vents_lee [fraction]", r"there are two columns vents_lee. Keep one"),
+        ("indoor", "2020-02-10 00:05:00,", "2020-02-10 00:00:00,", r"row 3, column 'time': '2020-02-10 00:00:00' is not later"),
+        ("indoor", "2020-02-10 00:05:00,", "soon,", r"row 3, column 'time': 'soon' is not a time"),
+        ("weather", "# latitude: 52.0\n", "", r"weather.csv has no sky_temperature \[degC\]; to estimate it, add '# latitude: 52.0'"),
+        ("weather", "wind_speed [m/s]", "wind [m/s]", r"weather.csv has no values of wind_speed \[m/s\]"),
+        ("weather", ",80.0,4.0", ",80.0,400.0", r"row 4: wind_speed is 400 m/s, outside 0 to 75. Correct or empty it"),
+        ("weather", ",80.0,4.0", ",80.0,much", r"row 4, column 'wind_speed \[m/s\]': 'much' is not a number"),
+    ],
+)
+def test_what_is_wrong_is_said_with_row_column_and_value(tmp_path: Path, name: str, before: str, after: str, words: str) -> None:
+    path = own_export(Made(), tmp_path) / f"{name}.csv"
+    text = path.read_text()
+    assert before in text
+    path.write_text(text.replace(before, after, 1))
+    with pytest.raises(ArchiveError, match=words):
+        climate_of(tmp_path)
+
+
+def test_steps_and_files_that_cannot_be_read(tmp_path: Path) -> None:
+    folder = own_export(Made(), tmp_path)
+    table = pd.read_csv(folder / "indoor.csv", index_col="time")
+    table[::6].to_csv(folder / "indoor.csv")
+    with pytest.raises(ArchiveError, match=r"its step is 30 min. Export means of 1 to 15 min"):
+        read_archive(folder, CLOCK)
+    table[:100].to_csv(folder / "indoor.csv")
+    with pytest.raises(
+        ArchiveError, match=r"covers no whole day from midnight to midnight"
+    ):
+        read_archive(folder, CLOCK)
+    table.to_csv(folder / "indoor.csv")
+    with pytest.raises(ArchiveError, match=r"the lamps take up to 109.935 W/m2, the settings have 90 W/m2"):
+        climate_of(folder, lamp_power=90.0)
+    (folder / "weather.csv").unlink()
+    with pytest.raises(ArchiveError, match=r"has no weather.csv, and indoor.csv no columns of the weather: global_radiation"):
+        read_archive(folder, CLOCK)
