@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -16,10 +17,12 @@ from glbench.cli.options import AsJson
 from glbench.cli.progress import Bar, status_bar
 
 if TYPE_CHECKING:
-    from glbench.realism import Comparison, House
+    from glbench.realism import ClimateComparison, Comparison, House
+    from glbench.realism.climate import Errors
     from glbench.speed import SpeedRecord
 
 _FIGURES, _PICTURE = "comparison.json", "comparison.png"
+_CLIMATE = "climate.json"
 _WIDTHS = (28, 9, 9, 8, 13)
 
 
@@ -102,8 +105,19 @@ def speed_parts(record: SpeedRecord) -> Iterator[console.Part]:
 def validate(
     folder: Annotated[
         Path,
-        typer.Argument(help="The unpacked archive of the second Autonomous Greenhouse Challenge (docs/realism.md)."),
+        typer.Argument(
+            help="The unpacked archive of the second Autonomous Greenhouse Challenge (docs/realism.md), or a greenhouse's own export "
+            "(docs/measured-data.md)."
+        ),
     ],
+    by: Annotated[
+        Literal["actuators", "set-points"] | None,
+        typer.Option(
+            "--by",
+            help="What drives the simulation: what vents, screens, lamps, CO2 and pipes did, to compare the climate; or set points, to "
+            "compare heat and harvest. Default: both where they can be compared.",
+        ),
+    ] = None,
     sets: Annotated[
         list[str] | None,
         typer.Option("--set", "-s", help="Parameter set to compare, such as paper or mixed_2021; repeatable. Default: all."),
@@ -118,38 +132,101 @@ def validate(
     ] = 0.0,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help=f"Folder for {_FIGURES} (sums and statistics) and {_PICTURE} (days; needs matplotlib)."),
+        typer.Option("--out", "-o", help=f"Folder for {_FIGURES} and {_CLIMATE} (statistics) and for pictures (needs matplotlib)."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compare simulated with measured heat and harvest, by day, month and season.
+    """Compare a simulated with a measured season: climate by what the actuators did, heat and harvest by set points.
 
-    Each compartment is simulated with the measured weather and the measured daily light and CO2. Its set points were not read from the
-    archive: the same page of settings stands for all growers.
+    By actuators, each compartment with a measured climate is simulated from its first reading on, with the measured weather. By set points,
+    each compartment is simulated with the measured weather and the measured daily light and CO2.
     """
     from glbench import realism
+    from glbench.errors import ArchiveError
     from glbench.evaluation.files import ensure_writable
+    from glbench.resources import write_atomically
 
     houses = realism.choose_houses(tuple(sets or ()))
     page = realism.read_settings(settings or realism.SHIPPED)
     if out is not None:
         realism.check_pictures()
         ensure_writable(out)
-    archive = realism.read_archive(folder)
-    with Bar("simulating", len(houses) * archive.days, "{task.fields[words]}", time_left=True, words="") as bar:
+    archive = realism.read_archive(folder, page.place.clock)
+    has_climate = any(one.indoor is not None for one in archive.compartments)
+    if by == "actuators" and not has_climate:
+        msg = f"No compartment in {folder} has an indoor climate (GreenhouseClimate.csv). Add one, or compare --by set-points."
+        raise ArchiveError(msg)
+    parts: list[Iterator[console.Part]] = []
+    answers: dict[str, Any] = {}
+    files: list[Path] = []
+    if by != "set-points" and has_climate:
+        with Bar("simulating", 100, "{task.fields[words]}", time_left=True, words="by actuators") as bar:
+            climate, runs = realism.compare_climate(
+                archive, houses, page, progress=lambda step, steps: bar.move(100 * step // steps, words="by actuators")
+            )
+        parts.append(climate_parts(climate, notes=climate.notes if by == "actuators" or archive.own else ()))
+        answers["actuators"] = climate.model_dump(mode="json")
+        if out is not None:
+            write_atomically(out / _CLIMATE, climate.model_dump_json(indent=1) + "\n")
+            files.append(out / _CLIMATE)
+            for run, compartment in zip(runs, climate.compartments, strict=True):
+                files += [out / f"mean-days-{run.name}.png", out / f"errors-{run.name}.png"]
+                realism.draw_mean_days(run, files[-2])
+                realism.draw_errors(compartment, files[-1])
+    if by == "set-points" or (not archive.own and by is None):
+        with Bar("simulating", len(houses) * archive.days, "{task.fields[words]}", time_left=True, words="") as bar:
 
-        def update(house: House, day: int, days: int) -> None:
-            bar.move(houses.index(house) * days + day, words=house.name)
-            if day == days and not bar.on_terminal:
-                console.tell(f"{house.name}: {days} days simulated")
+            def update(house: House, day: int, days: int) -> None:
+                bar.move(houses.index(house) * days + day, words=house.name)
+                if day == days and not bar.on_terminal:
+                    console.tell(f"{house.name}: {days} days simulated")
 
-        comparison, seasons = realism.compare(archive, houses, page, warmer=warmer, progress=update)
-    if out is not None:
-        realism.save_comparison(comparison, out / _FIGURES)
-        realism.write_picture(archive, seasons, page, out / _PICTURE)
-    console.show(console.View(comparison_parts(comparison), lambda: comparison.model_dump(mode="json")), as_json=as_json)
-    if out is not None:
-        console.tell(f"Saved {out / _FIGURES} and {out / _PICTURE}. The picture shows measured days: mind the archive's licence.")
+            comparison, seasons = realism.compare(archive, houses, page, warmer=warmer, progress=update)
+        parts.append(comparison_parts(comparison))
+        answers["set_points"] = comparison.model_dump(mode="json")
+        if out is not None:
+            files += [out / _FIGURES, out / _PICTURE]
+            realism.save_comparison(comparison, files[-2])
+            realism.write_picture(archive, seasons, page, files[-1])
+    view = console.View(chain(*parts), lambda: answers if len(answers) > 1 else next(iter(answers.values())))
+    console.show(view, as_json=as_json)
+    if files:
+        names = ", ".join(path.name for path in files)
+        console.tell(f"Saved in {out}: {names}. Pictures show measured values: mind the archive's licence.")
+
+
+def climate_parts(comparison: ClimateComparison, notes: Sequence[str]) -> Iterator[console.Part]:
+    """Errors of the free run by house, and by month and hours of the day of the house that is closest by temperature."""
+    for note in (*notes, *(note for compartment in comparison.compartments for note in compartment.notes)):
+        yield console.warning(note)
+    numbers = ("K", "bias", "%", "bias", "ppm", "bias")
+
+    def row(errors: Errors) -> list[str]:
+        cells = []
+        for channel, digits in (("air_temperature", 2), ("humidity", 1), ("co2", 0)):
+            one = errors.get(channel)
+            cells += ["-", "-"] if one is None else [f"{one.rmse:.{digits}f}", f"{one.bias:+.{digits}f}"]
+        return cells
+
+    for compartment in comparison.compartments:
+        view = console.table(
+            f"{compartment.name}, {comparison.first} to {comparison.last}, by actuators: temperature, humidity, CO2",
+            "", *numbers, numbers=numbers, padding=(0, 1),
+            caption="Simulated against measured air: root mean square error (K, %, ppm) and bias. Nothing of the measured air is used.",
+        )  # fmt: skip
+        for house in compartment.houses:
+            view.add(Markup(styled(house.name, "bold")), *row(house.overall))
+        view.end_section()
+        closest = min(compartment.houses, key=lambda house: house.overall["air_temperature"].rmse)
+        for title, groups in (("by month", closest.months), ("hours of day", closest.hours), ("weeks", closest.weeks)):
+            view.add(Markup(styled(f"{closest.name}, {title}", "bold")), *[""] * len(numbers))
+            for name, errors in groups.items():
+                view.add(f"  {name}", *row(errors))
+        yield view
+        doubts = compartment.doubts
+        yield console.Line(f"The climate of {compartment.name} is {'usable, but:' if doubts else 'usable.'}")
+        for doubt in doubts:
+            yield console.warning(doubt)
 
 
 def comparison_parts(comparison: Comparison) -> Iterator[console.Part]:

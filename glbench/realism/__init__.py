@@ -6,6 +6,7 @@ and tells how heat and harvest differ.
 
 from __future__ import annotations
 
+from glbench.realism.climate import ClimateComparison, ClimateRun, CompartmentClimate, compare_climate, draw_errors, draw_mean_days
 from glbench.realism.comparison import (
     Comparison,
     HouseComparison,
@@ -25,8 +26,11 @@ __all__ = [
     "INDOOR",
     "SHIPPED",
     "Archive",
+    "ClimateComparison",
+    "ClimateRun",
     "Comparison",
     "Compartment",
+    "CompartmentClimate",
     "House",
     "HouseComparison",
     "Indoor",
@@ -36,6 +40,9 @@ __all__ = [
     "check_pictures",
     "choose_houses",
     "compare",
+    "compare_climate",
+    "draw_errors",
+    "draw_mean_days",
     "read_archive",
     "read_comparison",
     "read_indoor",

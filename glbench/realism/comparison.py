@@ -30,11 +30,13 @@ FIRST_FRUIT = 0.05
 """Fresh fruit after which the harvest counts as begun [kg m-2]."""
 
 
-class _Frozen(BaseModel):
+class Frozen(BaseModel):
+    """Figures of a file that never change."""
+
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Heat(_Frozen):
+class Heat(Frozen):
     """Heat of a compartment.
 
     Attributes
@@ -60,7 +62,7 @@ class Heat(_Frozen):
     bias_by_month: dict[str, float]
 
 
-class Harvest(_Frozen):
+class Harvest(Frozen):
     """Fresh fruit of a compartment, both classes.
 
     Attributes
@@ -83,14 +85,14 @@ class Harvest(_Frozen):
     bias_by_month: dict[str, float]
 
 
-class Supply(_Frozen):
+class Supply(Frozen):
     """Light or CO2 of the season: measured, and used in the simulation."""
 
     measured: float
     simulated: float
 
 
-class CompartmentComparison(_Frozen):
+class CompartmentComparison(Frozen):
     """A compartment in a house.
 
     Attributes
@@ -111,7 +113,7 @@ class CompartmentComparison(_Frozen):
     co2_air: float
 
 
-class HouseComparison(_Frozen):
+class HouseComparison(Frozen):
     """All compartments in a house.
 
     Attributes
@@ -156,7 +158,7 @@ class HouseComparison(_Frozen):
         return self.mean(lambda one: one.harvest.bias_by_month[month])
 
 
-class Comparison(_Frozen):
+class Comparison(Frozen):
     """Houses against the measured season.
 
     Attributes
@@ -211,6 +213,9 @@ def compare(
     comparison, seasons
         What can be stored and passed on; and the simulated days.
     """
+    if archive.own:
+        msg = "An export has no heat and harvest of a day to compare a simulation by set points with. Compare it with --by actuators."
+        raise ArchiveError(msg)
     outside = outdoors(archive, settings.place.clock, settings.place.co2)
     seasons = tuple(
         simulate(
@@ -351,12 +356,10 @@ def write_picture(archive: Archive, seasons: Sequence[Season], settings: Setting
     GlbenchError
         When the file cannot be written.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     count = len(archive.compartments)
     figure = Figure(figsize=(_WIDTH, 0.8 + _HEIGHT * count), dpi=100, layout="constrained", facecolor="white")
-    canvas: Any = FigureCanvasAgg(figure)
     rows: Any = figure.subplots(count, 2, sharex=True, squeeze=False)
     dates = archive.dates
     for place, (measured, (heat, harvest)) in enumerate(zip(archive.compartments, rows, strict=True)):
@@ -371,17 +374,31 @@ def write_picture(archive: Archive, seasons: Sequence[Season], settings: Setting
         harvest.set_ylabel("harvest, added up\n[kg m⁻²]", fontsize=9, color=INK)
         for axes in (heat, harvest):
             axes.set_ylim(bottom=0.0)
-            axes.tick_params(labelsize=8.5, colors=QUIET)
-            axes.grid(color=EDGE, lw=0.5, alpha=0.6)
-            for side in ("top", "right"):
-                axes.spines[side].set_visible(False)
-    figure.legend(
-        *rows[0][0].get_legend_handles_labels(),
-        loc="outside upper center",
-        ncols=len(seasons) + 1,
-        frameon=False,
-        fontsize=9,
-    )
+            tidy(axes)
+    saved_figure(figure, rows[0][0], path)
+
+
+def tidy(axes: Any) -> None:
+    """The look of all pictures: a quiet grid, no frame above and at the right."""
+    axes.tick_params(labelsize=8.5, colors=QUIET)
+    axes.grid(color=EDGE, lw=0.5, alpha=0.6)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def saved_figure(figure: Any, labelled: Any, path: Path) -> None:
+    """Write a figure to ``path`` as PNG, on top the legend of the axes ``labelled``.
+
+    Raises
+    ------
+    GlbenchError
+        When the file cannot be written.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    handles, labels = labelled.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 8), frameon=False, fontsize=9)
     sink = io.BytesIO()
+    canvas: Any = FigureCanvasAgg(figure)
     canvas.print_png(sink)
     write_atomically(path, sink.getvalue())

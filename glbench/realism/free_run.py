@@ -80,7 +80,7 @@ def drive(indoor: Indoor, outside: Outdoors, first: dt.date) -> Drive:
     Raises
     ------
     ArchiveError
-        When climate and weather differ in their steps, or the air was never measured.
+        When climate and weather differ in their steps, or temperature or humidity of the air was never measured.
     """
     steps = outside.steps
     if indoor.times.size != steps:
@@ -88,7 +88,7 @@ def drive(indoor: Indoor, outside: Outdoors, first: dt.date) -> Drive:
         raise ArchiveError(msg)
     missing = np.full(steps, np.nan)
     measured = {channel: indoor.columns.get(channel, missing) for channel in CHANNELS}
-    if empty := [channel for channel, values in measured.items() if np.isnan(values).all()]:
+    if empty := [channel for channel, values in measured.items() if channel != "co2" and np.isnan(values).all()]:
         msg = f"{indoor.name}: {' and '.join(empty)} {'was' if len(empty) == 1 else 'were'} never measured, so nothing can be compared."
         raise ArchiveError(msg)
     vents = [indoor.columns.get(name, missing) for name in ("vents_lee", "vents_wind")]

@@ -196,9 +196,7 @@ def _indoor_of_export(path: Path, clock: str, first: dt.date | None, days: int |
     most = float(np.nanmax(lamps)) if np.any(np.isfinite(lamps)) else 0.0
     power = most if lamp_power is None else lamp_power
     if most > power:
-        msg = (
-            f"{path}: the lamps take up to {most:g} W/m2, the settings have {power:g} W/m2. Correct [lamps] there, or the file."
-        )
+        msg = f"{path}: the lamps take up to {most:g} W/m2, the settings have {power:g} W/m2. Correct [lamps] there, or the file."
         raise ArchiveError(msg)
     indoor = indoor_of(path.resolve().parent.name, times, numbers, columns, power)
     doubts = []

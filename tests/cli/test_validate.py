@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.command_line import Command
-from tests.realism.made import Made
+from tests.realism.made import Made, own_export
 
 
 @pytest.fixture
@@ -47,6 +47,54 @@ def test_tables_files_and_notes(glbench: Command, folder: Path, tmp_path: Path) 
     assert [house["name"] for house in stored["houses"]] == ["paper", "mixed_2021"]
 
 
+def test_the_climate_by_actuators(glbench: Command, tmp_path: Path) -> None:
+    made = Made(days=1)
+    made.climate["Bert"] = made.indoors()
+    made.climate["Bert"].loc[40, "CO2air"] = -499.0
+    folder, out = made.write(tmp_path / "archive"), tmp_path / "out"
+    answer = glbench("validate", folder, "--set", "paper", "--set", "hps_2020", "--by", "actuators", "--out", out)
+    assert answer.code == 0, answer.err
+    words = " ".join(answer.out.split())
+    assert "Bert, 2020-02-10 to 2020-02-10, by actuators: temperature, humidity, CO2" in words
+    for row in ("paper", "hps_2020", "2020-02", "0-3", "21-24", "even"):
+        assert re.search(rf"{row} +\d+\.\d\d +[-+]\d+\.\d\d +\d+\.\d +[-+]\d+\.\d +\d+ +[-+]\d+ *$", answer.out, re.M), row
+    assert "fruit" not in words
+    assert "The climate of Bert is usable." in words
+    assert "co2: 1 readings taken out (1 outside 100 to 5000 ppm), the first -499 ppm at 2020-02-10 03:20" in " ".join(answer.err.split())
+    stored = json.loads((out / "climate.json").read_text())
+    assert [one["name"] for one in stored["compartments"]] == ["Bert"]
+    assert stored["compartments"][0]["houses"][0]["overall"]["co2"]["readings"] == 287
+    for name in ("mean-days-Bert.png", "errors-Bert.png"):
+        assert (out / name).read_bytes().startswith(b"\x89PNG")
+    assert not (out / "comparison.json").exists()
+
+
+def test_both_comparisons_where_there_is_a_climate(glbench: Command, tmp_path: Path) -> None:
+    made = Made(days=1)
+    made.climate["Bert"] = made.indoors()
+    answer = glbench("validate", made.write(tmp_path / "archive"), "--set", "hps_2020", "--json")
+    assert answer.code == 0, answer.err
+    both = json.loads(answer.out)
+    assert (both["actuators"]["first"], len(both["set_points"]["houses"][0]["compartments"])) == ("2020-02-10", 2)
+
+
+def test_an_export_of_ones_own(glbench: Command, tmp_path: Path) -> None:
+    folder = own_export(Made(days=1), tmp_path / "house")
+    answer = glbench("validate", folder, "--set", "hps_2020")
+    assert answer.code == 0, answer.err
+    words = " ".join(answer.out.split())
+    assert "house, 2020-02-10 to 2020-02-10, by actuators" in words
+    assert "The climate of house is usable, but:" in words
+    assert "1 whole days are few" in " ".join(answer.err.split())
+    answer = glbench("validate", folder, "--by", "set-points")
+    assert answer.code == 1
+    assert "An export has no heat and harvest of a day" in answer.err
+    (folder / "weather.csv").unlink()
+    answer = glbench("validate", folder)
+    assert answer.code == 1
+    assert "has no weather.csv, and indoor.csv no columns of the weather" in " ".join(answer.err.split())
+
+
 def test_json_and_nothing_else(glbench: Command, folder: Path) -> None:
     answer = glbench("validate", folder, "--set", "hps_2021", "--warmer", "-1", "--json")
     assert answer.code == 0, answer.err
@@ -58,6 +106,9 @@ def test_refusals_are_said_in_words(glbench: Command, folder: Path, tmp_path: Pa
     answer = glbench("validate", tmp_path / "none")
     assert answer.code == 1
     assert "Error: There is no folder" in answer.err
+    answer = glbench("validate", folder, "--by", "actuators")
+    assert answer.code == 1
+    assert "has an indoor climate (GreenhouseClimate.csv). Add one" in " ".join(answer.err.split())
     answer = glbench("validate", folder, "--set", "papers")
     assert answer.code == 1
     assert "no parameter set 'papers' to compare. Did you mean 'paper'" in answer.err

@@ -153,9 +153,7 @@ def test_steps_and_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(ArchiveError, match=r"its step is 30 min. Export means of 1 to 15 min"):
         read_archive(folder, CLOCK)
     table[:100].to_csv(folder / "indoor.csv")
-    with pytest.raises(
-        ArchiveError, match=r"covers no whole day from midnight to midnight"
-    ):
+    with pytest.raises(ArchiveError, match=r"covers no whole day from midnight to midnight"):
         read_archive(folder, CLOCK)
     table.to_csv(folder / "indoor.csv")
     with pytest.raises(ArchiveError, match=r"the lamps take up to 109.935 W/m2, the settings have 90 W/m2"):
