@@ -30,7 +30,7 @@ WEATHER_UNITS: Mapping[str, str] = {
     "global_radiation": "W/m2", "outdoor_temperature": "degC", "outdoor_humidity": "%", "wind_speed": "m/s", "sky_temperature": "degC",
 }  # fmt: skip
 """Columns of the weather; without the last the sky is estimated."""
-_UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = {
+UNIT_FACTORS: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "degC": UNITS["air_temperature"],
     "%": UNITS["relative_humidity"],
     "m/s": UNITS["wind_speed"],
@@ -147,7 +147,7 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
         if name not in units:
             unread.append(f"'{visible(title)}'{did_you_mean(name, [one for one in units if one not in columns]).rstrip()}")
             continue
-        factors = UNITS["global_radiation"] if name == "global_radiation" else _UNITS[units[name]]
+        factors = UNITS["global_radiation"] if name == "global_radiation" else UNIT_FACTORS[units[name]]
         if name == "lamps" and lamp_power is not None:
             factors = {**factors, "%": (lamp_power / 100.0, 0.0)}
         own = unit_among(factors, unit)

@@ -50,6 +50,9 @@ from glbench.model import (
 )
 from glbench.model.air import humidity_deficit
 from glbench.realism import HouseComparison
+from glbench.realism.export import FIVE_MINUTES, LONGEST, SHORTEST
+from glbench.realism.indoor import FEW_DAYS, LONGEST_SAME, MOST_LOST
+from glbench.realism.inputs import LONGEST_GAP_HOURS
 from glbench.realism.season import GROW_PIPE, RAIL_PIPE
 from glbench.speed import SpeedRecord, read_record
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card
@@ -520,6 +523,12 @@ CLAIMS: dict[str, list[Claim]] = {
             "{} ms forward and {} ms back",
             lambda: tuple(1e3 * trajectory_seconds(name, 5760) for name in ("push-60", "pull-60")),
         ),
+    ],
+    "docs/measured-data.md": [
+        ("Any step from {} to {} minutes. Finer steps than {} minutes", lambda: (SHORTEST / 60, LONGEST / 60, FIVE_MINUTES / 60)),
+        ("the same value for {} hours", lambda: LONGEST_SAME * FIVE_MINUTES / 3600),
+        ("Up to {} hours of missing weather", lambda: LONGEST_GAP_HOURS),
+        ("lost more than {} % of its readings, no CO2, fewer than {} days", lambda: (100.0 * MOST_LOST, FEW_DAYS)),
     ],
     "docs/realism.md": [
         ("{} W m⁻² for each kelvin that the rail pipe", lambda: RAIL_PIPE),

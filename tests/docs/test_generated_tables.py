@@ -11,6 +11,7 @@ from docs import (
     accuracy_table,
     estimator_table,
     fresh_draws_table,
+    measured_columns,
     realism_figure,
     realism_setpoints,
     speed_figure,
@@ -101,6 +102,11 @@ def test_the_page_of_realism_holds_what_was_compared() -> None:
     assert comparison.settings == read_settings()
     ratios = {house.name: house.pipe_heat / house.mean(lambda one: one.heat.simulated) for house in comparison.houses}
     assert all(abs(ratio - 1.0) < 0.04 for name, ratio in ratios.items() if name != "paper"), "as the page says"
+
+
+def test_the_page_of_measured_data_has_every_column() -> None:
+    page = (DOCS / "measured-data.md").read_text(encoding="utf-8")
+    assert measured_columns.filled(page) == page
 
 
 def test_the_table_of_other_set_points_holds_what_was_simulated() -> None:
