@@ -103,11 +103,11 @@ def compare_climate(
         by_house: dict[str, HouseClimate] = {}
         simulated: dict[str, Mapping[str, FloatArray]] = {}
         for number, name in enumerate(models):
-            done = place * len(models) + number
+            before = place * len(models) + number
 
-            def move(step: int, steps: int, done: int = done) -> None:
+            def move(step: int, steps: int, before: int = before) -> None:
                 if progress is not None:
-                    progress(done * steps + step, jobs * steps)
+                    progress(before * steps + step, jobs * steps)
 
             lanes = [house for house in houses if house.model == name]
             rows = np.stack([parameters(house, settings) for house in lanes])
