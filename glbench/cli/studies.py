@@ -18,11 +18,13 @@ from glbench.cli.progress import Bar, status_bar
 
 if TYPE_CHECKING:
     from glbench.realism import ClimateComparison, Comparison, House
+    from glbench.realism.board import Board
     from glbench.realism.climate import Errors
     from glbench.speed import SpeedRecord
 
 _FIGURES, _PICTURE = "comparison.json", "comparison.png"
-_CLIMATE = "climate.json"
+_CLIMATE, _BOARD = "climate.json", "board.json"
+_BOARD_HOUSES = ("bleiswijk_2020", "mixed_2020")
 _WIDTHS = (28, 9, 9, 8, 13)
 
 
@@ -130,28 +132,55 @@ def validate(
         float,
         typer.Option("--warmer", min=-10.0, max=10.0, help="Heat and ventilate at so much more than the page says [K]."),
     ] = 0.0,
+    agents: Annotated[
+        str | None,
+        typer.Option("--agents", help="Controllers, such as rule_based_tuned,grower: what each would have earned in the season."),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", help=f"Folder for {_FIGURES} and {_CLIMATE} (statistics) and for pictures (needs matplotlib)."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compare a simulated with a measured season: climate by what the actuators did, heat and harvest by set points.
+    """Compare a simulated with a measured season: climate by what the actuators did, heat and harvest by set points, money by --agents.
 
     By actuators, each compartment with a measured climate is simulated from its first reading on, with the measured weather. By set points,
-    each compartment is simulated with the measured weather and the measured daily light and CO2.
+    each compartment is simulated with the measured weather and the measured daily light and CO2; with --by set-points, one that has set
+    points in its indoor climate by those.
     """
     from glbench import realism
     from glbench.errors import ArchiveError
     from glbench.evaluation.files import ensure_writable
     from glbench.resources import write_atomically
 
+    if agents is not None and not sets:
+        sets = [next(name for name in _BOARD_HOUSES if name in realism.HOUSES)]
     houses = realism.choose_houses(tuple(sets or ()))
     page = realism.read_settings(settings or realism.SHIPPED)
     if out is not None:
-        realism.check_pictures()
+        if agents is None:
+            realism.check_pictures()
         ensure_writable(out)
     archive = realism.read_archive(folder, page.place.clock)
+    if agents is not None:
+        from glbench.realism.board import board
+        from glbench.realism.money import read_prices
+
+        controllers = [name.strip() for name in agents.split(",") if name.strip()]
+        with Bar("simulating", 100, "{task.fields[words]}", time_left=True, words="") as bar:
+            rows = board(
+                archive,
+                houses,
+                page,
+                read_prices(),
+                controllers,
+                out=out,
+                progress=lambda words, at, of: bar.move(100 * at // of, words=words),
+            )
+        if out is not None:
+            write_atomically(out / _BOARD, rows.model_dump_json(indent=1) + "\n")
+        console.show(console.View(board_parts(rows), lambda: rows.model_dump(mode="json")), as_json=as_json)
+        return
     has_climate = any(one.indoor is not None for one in archive.compartments)
     if by == "actuators" and not has_climate:
         msg = f"No compartment in {folder} has an indoor climate (GreenhouseClimate.csv). Add one, or compare --by set-points."
@@ -181,7 +210,7 @@ def validate(
                 if day == days and not bar.on_terminal:
                     console.tell(f"{house.name}: {days} days simulated")
 
-            comparison, seasons = realism.compare(archive, houses, page, warmer=warmer, progress=update)
+            comparison, seasons = realism.compare(archive, houses, page, own_set_points=by == "set-points", warmer=warmer, progress=update)
         parts.append(comparison_parts(comparison))
         answers["set_points"] = comparison.model_dump(mode="json")
         if out is not None:
@@ -227,6 +256,32 @@ def climate_parts(comparison: ClimateComparison, notes: Sequence[str]) -> Iterat
         yield console.Line(f"The climate of {compartment.name} is {'usable, but:' if doubts else 'usable.'}")
         for doubt in doubts:
             yield console.warning(doubt)
+
+
+def board_parts(board: Board) -> Iterator[console.Part]:
+    """Notes, a table of accounts for what was measured and for each house, and what is assumed."""
+    for note in (*board.notes, *board.refused):
+        yield console.warning(note)
+    for house, ratio in {one.house: one.fruit_ratio for one in board.accounts}.items():
+        numbers = ("fruit", "power", "heat", "CO2", *(("labour", "plants", "net") if house is None else ("net", "scaled")))
+        title = f"{'Measured' if house is None else f'Simulated in {house}'}, {board.first} to {board.last}: EUR/m2, and amounts a m2"
+        view = console.table(title, "", *numbers, numbers=numbers, padding=(0, 1), pad_edge=False)
+        for one in (one for one in board.accounts if one.house == house):
+            net, scaled = Markup(styled(f"{one.net():.2f}", "bold")), "-" if ratio is None else f"{one.net(ratio):.2f}"
+            rest = (f"{-one.labour:.2f}", f"{-one.plants:.2f}", net) if house is None else (net, scaled)
+            costs = (one.cost_electricity, one.cost_heat, one.cost_co2)
+            view.add(one.name, f"{one.income:.2f}", *(f"{0.0 - cost:.2f}" for cost in costs), *rest)
+            amounts = (f"{one.fruit:.1f} kg", f"{one.electricity:.0f} kWh", f"{one.heat:.0f} MJ", f"{one.co2:.1f} kg")
+            view.add("", *amounts, *[""] * len(rest))
+        yield view
+    yield console.Line(
+        f"Simulated fruit has {100.0 * board.dry_matter:.2f} % dry matter and {board.brix:.2f} degrees Brix, the means of "
+        f"{board.compartment}, and is all of class A; net profit also pays for labour and plants as there. {board.compartment} is "
+        "simulated by its own set points. Scaled: with all simulated fruit times measured over simulated fruit of that row"
+        + "".join(f", {house} {ratio:.2f}" for house, ratio in {one.house: one.fruit_ratio for one in board.accounts}.items() if ratio)
+        + ". Agents were made for other seasons, prices and crops, and had no budget of light.",
+        wrap="always",
+    )
 
 
 def comparison_parts(comparison: Comparison) -> Iterator[console.Part]:

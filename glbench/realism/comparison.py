@@ -16,9 +16,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from glbench.errors import ArchiveError, ResultError
 from glbench.realism.houses import House, Settings, model
+from glbench.realism.indoor import Indoor, read_indoor
 from glbench.realism.inputs import outdoors
 from glbench.realism.published import Archive, Compartment
-from glbench.realism.season import Season, simulate
+from glbench.realism.season import NEEDED, Season, simulate
 from glbench.resources import write_atomically
 from glbench.untrusted import MIB, read_regular, reason_of
 from glbench.weather.record import FloatArray
@@ -203,10 +204,13 @@ def compare(
     houses: Sequence[House],
     settings: Settings,
     *,
+    own_set_points: bool = False,
     warmer: float = 0.0,
     progress: Progress | None = None,
 ) -> tuple[Comparison, tuple[Season, ...]]:
     """Simulate ``archive`` in each of ``houses`` and compare. Errors as for ``outdoors`` and ``simulate``.
+
+    With ``own_set_points``, compartments that have set points of heating and vents in their indoor climate are driven by them.
 
     Returns
     -------
@@ -216,13 +220,19 @@ def compare(
     if archive.own:
         msg = "An export has no heat and harvest of a day to compare a simulation by set points with. Compare it with --by actuators."
         raise ArchiveError(msg)
-    outside = outdoors(archive, settings.place.clock, settings.place.co2)
+    outside, indoors = outdoors(archive, settings.place.clock, settings.place.co2), dict[str, Indoor]()
+    for one in archive.compartments if own_set_points else ():
+        indoor = one.indoor and read_indoor(one.indoor, settings.place.clock, first=archive.first, days=archive.days)
+        if indoor and not any(np.isnan(indoor.columns[name]).all() for name in NEEDED):
+            indoors[one.name] = indoor
+    driven = tuple(f"{name} is driven by its own set points." for name in indoors)
     seasons = tuple(
         simulate(
             archive,
             outside,
             house,
             settings,
+            indoors=indoors,
             warmer=warmer,
             progress=None if progress is None else partial(progress, house),
         )
@@ -237,7 +247,7 @@ def compare(
         digest=", ".join(model(name).digest for name in models),
         warmer=warmer,
         settings=settings,
-        notes=(*archive.notes, *outside.notes),
+        notes=(*archive.notes, *outside.notes, *driven),
         heat_spread=_rms(heat - heat.mean(axis=1, keepdims=True)),
         houses=tuple(
             HouseComparison(

@@ -44,7 +44,8 @@ RESOURCES = ("Heat_cons", "ElecHigh", "ElecLow", "CO2_cons")
 _LIMITS: Mapping[str, tuple[float, float]] = {
     "Iglob": (-20.0, 2000.0), "Tout": (-60.0, 60.0), "Rhout": (0.0, 105.0), "Windsp": (0.0, 75.0), "Pyrgeo": (-300.0, 100.0),
     "Heat_cons": (0.0, 50.0), "ElecHigh": (0.0, 10.0), "ElecLow": (0.0, 10.0), "CO2_cons": (0.0, 2.0),
-    "ProdA": (0.0, 20.0), "ProdB": (0.0, 20.0), "DMC_fruit": (1.0, 50.0),
+    "ProdA": (0.0, 20.0), "ProdB": (0.0, 20.0), "DMC_fruit": (1.0, 50.0), "TSS": (1.0, 30.0),
+    "stem_dens": (0.1, 30.0), "plant_dens": (0.1, 30.0),
 }  # fmt: skip
 """What a value can be."""
 
@@ -88,6 +89,10 @@ class Compartment:
         Mean dry matter content of the fruit [kg kg-1]; ``None`` where it was not measured.
     indoor
         File of its indoor climate every five minutes, for ``read_indoor``; ``None`` where there is none.
+    class_b, brix
+        The part of ``harvest`` that is of class B [kg m-2], and the fruit's soluble solids [degrees Brix] (days,).
+    stems, plants
+        Densities [m-2] as counted last (days,). They and ``brix`` are ``None`` where nothing was measured.
     """
 
     name: str
@@ -98,6 +103,10 @@ class Compartment:
     harvest: FloatArray
     dry_matter: float | None
     indoor: Path | None = None
+    class_b: FloatArray | None = None
+    brix: FloatArray | None = None
+    stems: FloatArray | None = None
+    plants: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,7 +281,13 @@ class _Resources:
             notes.append(f"{self.name}: no dry matter content was measured; the settings' value is used.")
         climate = (self._beside("GreenhouseClimate").with_suffix(suffix) for suffix in (".parquet", ".csv"))
         indoor = next((path for path in climate if path.is_file()), None)
-        return Compartment(self.name, heat, high, low, co2, harvest, dry_matter, indoor)
+        counts = self._beside("CropParameters")
+        brix, stems, plants = (
+            _by_day(path, name, first, last) for path, name in ((quality, "TSS"), (counts, "stem_dens"), (counts, "plant_dens"))
+        )
+        return Compartment(
+            self.name, heat, high, low, co2, harvest.sum(axis=1), dry_matter, indoor, harvest[:, 1], brix, stems, plants
+        )  # fmt: skip
 
     def _beside(self, what: str) -> Path:
         name = self.path.name
@@ -449,17 +464,32 @@ def longest(missing: NDArray[np.bool_]) -> tuple[int, int]:
     return int(begins[place]), int(ends[place] - begins[place])
 
 
+def _by_day(path: Path, name: str, first: int, last: int) -> FloatArray | None:
+    """A column measured now and then (days,): straight between measurements, densities as counted last; ``None`` without measurements."""
+    table = _table(path) if path.is_file() else None
+    if table is None or name not in table:
+        return None
+    days, values, numbers = _days(table, path), _values(table, name, path), np.arange(first, last + 1)
+    present = np.isfinite(values)
+    if not present.any():
+        return None
+    days, values = days[present], values[present]
+    if name == "TSS":
+        return np.interp(numbers, days, values)
+    return np.asarray(values[np.maximum(np.searchsorted(days, numbers, side="right") - 1, 0)])
+
+
 def _harvest(path: Path, first: int, last: int, notes: list[str]) -> FloatArray:
-    """Fresh fruit of both classes [kg m-2] on each day.
+    """Fresh fruit [kg m-2] on each day, a column a class (days, 2).
 
     A date before the one above it, or before the season, is a typo (the published file of the reference has one): the fruit
     counts on the date of the next row.
     """
     table = _table(path)
     days = _days(table, path)
-    fruit = np.nan_to_num(_values(table, "ProdA", path)) + np.nan_to_num(_values(table, "ProdB", path))
-    harvest = np.zeros(last - first + 1)
-    for place, (day, weight) in enumerate(zip(days.tolist(), fruit.tolist(), strict=True)):
+    fruit = np.column_stack([np.nan_to_num(_values(table, name, path)) for name in ("ProdA", "ProdB")])
+    harvest = np.zeros((last - first + 1, 2))
+    for place, (day, weight) in enumerate(zip(days.tolist(), fruit, strict=True)):
         counted = day
         if day < first:
             counted = next((later for later in days[place + 1 :].tolist() if later >= first), first)

@@ -115,3 +115,19 @@ def test_refusals_are_said_in_words(glbench: Command, folder: Path, tmp_path: Pa
     answer = glbench("validate", folder, "--settings", tmp_path / "page.toml")
     assert answer.code == 1
     assert "cannot be used: it cannot be read" in answer.err
+
+
+def test_what_agents_would_have_earned(glbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GLBENCH_DATA", str(tmp_path / "data"))
+    made = Made(days=1)
+    made.sold(first=0)
+    made.climate["Anna"] = made.indoors().assign(t_ventlee_vip=24.0)
+    out = tmp_path / "out"
+    answer = glbench("validate", made.write(tmp_path / "archive"), "--agents", "rule_based_tuned, nobody", "--out", out)
+    assert answer.code == 0, answer.err
+    for words in ("Measured, 2020-02-10 to 2020-02-10", "Simulated in mixed_2020", "rule_based_tuned", "0.8 kg", "2 kWh"):
+        assert words in answer.out, words
+    assert "…" not in answer.out, "a table is too wide for 80 columns"
+    assert "nobody has no row in mixed_2020" in " ".join(answer.err.split())
+    stored = json.loads((out / "board.json").read_text())
+    assert [one["house"] for one in stored["accounts"]] == [None, None, "mixed_2020", "mixed_2020"]

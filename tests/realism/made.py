@@ -26,6 +26,7 @@ class Made:
     production: dict[str, pd.DataFrame] = field(init=False)
     quality: dict[str, pd.DataFrame] = field(init=False)
     climate: dict[str, pd.DataFrame] = field(init=False, default_factory=dict)
+    crop: dict[str, pd.DataFrame] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         number = (self.first - DAY_ZERO).days
@@ -80,6 +81,13 @@ class Made:
             }
         )
 
+    def sold(self, first: int = 1) -> None:
+        """Measure what net profit needs: sugar content, and from day ``first`` on 3, at last 4 stems of 1.5 plants."""
+        days = self.resources["Anna"]["Time"].to_numpy()
+        for name in self.resources:
+            self.quality[name]["TSS"] = np.linspace(8.0, 9.0, len(self.quality[name]))
+            self.crop[name] = pd.DataFrame({"Time": [days[first], days[-1]], "stem_dens": [3.0, 4.0], "plant_dens": [1.5, np.nan]})
+
     def write(self, folder: Path) -> Path:
         """As in the folder of the README: a Parquet file, and files with the compartment's name in front."""
         folder.mkdir(exist_ok=True)
@@ -106,6 +114,7 @@ class Made:
                 "Production": self.production[name],
                 **({"GreenhouseClimate": self.climate[name]} if name in self.climate else {}),
                 **({"TomQuality": self.quality[name]} if name in self.quality else {}),
+                **({"CropParameters": self.crop[name]} if name in self.crop else {}),
             }
             for name in self.resources
         }
