@@ -34,6 +34,7 @@ _COMMANDS = {
     "serve": ("serve", None),
     "bench": ("studies", None),
     "validate": ("studies", None),
+    "identify": ("studies", None),
     "train": ("train", None),
     "sweep": ("train", None),
     "submit": ("submit", "app"),

@@ -1,4 +1,4 @@
-"""Studies of the model: ``glbench bench``, how fast it steps here, and ``glbench validate``, how close it is to a measured season."""
+"""Studies of the model: its speed here (``bench``), how close it is to a measured season (``validate``), a fit to one (``identify``)."""
 
 from __future__ import annotations
 
@@ -348,3 +348,66 @@ def _unused_capacity(comparison: Comparison) -> Iterator[str]:
                         f"{house.name}, {one.name}: of {supply.measured:.2f} {unit} measured ({what}) the simulation used "
                         f"{supply.simulated:.2f}, which is all that is installed."
                     )
+
+
+def identify(
+    folder: Annotated[Path, typer.Argument(help="Folder with weather and indoor climate (docs/identify.md).")],
+    model_id: Annotated[str | None, typer.Option("--model", help="Id of a model. Default: the page's, else that of the house.")] = None,
+    house_name: Annotated[str | None, typer.Option("--set", "-s", help="House at the start: a name, or a page of a house (.toml).")] = None,
+    numbers: Annotated[
+        str | None,
+        typer.Option("--parameters", help="Fit only these, separated by commas: numbers of the page, or parameters of the model."),
+    ] = None,
+    page_file: Annotated[Path | None, typer.Option("--page", help="Page of what is fitted (.toml). Default: that of glbench.")] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for set, report and state.")] = Path("runs/identify"),
+    split: Annotated[
+        list[str] | None,
+        typer.Option("--split", help="weeks, date or date:2020-03-01; repeatable, the first makes the set. Default: weeks, date."),
+    ] = None,
+    compartment: Annotated[str | None, typer.Option("--compartment", help="Which one, where several have an indoor climate.")] = None,
+    settings: Annotated[Path | None, typer.Option("--settings", help="Page of assumptions, as for glbench validate.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fit numbers of a greenhouse to its measured air, and test them on weeks that are held out.
+
+    Writes a parameter set (identified.toml) and a report. Stop it whenever you like; the same command goes on.
+    """
+    from glbench import realism
+    from glbench.evaluation.files import ensure_writable
+    from glbench.realism import identify as fitting
+    from glbench.resources import write_atomically
+
+    only = tuple(filter(None, (numbers or "").replace(" ", "").split(",")))
+    page = fitting.read_page(page_file or fitting.SHIPPED_PAGE, only, model=model_id, set=house_name)
+    ensure_writable(out)
+    problem, source, notes = fitting.read_problem(folder, page, realism.read_settings(settings or realism.SHIPPED), compartment)
+    splits = [fitting.make_split(problem.season, text) for text in dict.fromkeys(split or ("weeks", "date"))]
+    words = f"at most {fitting.MOST_POINTS} points a fit, each {len(problem.names) + 1} seasons"
+    with (
+        console.interruption("The points computed so far are kept. Run the same command again to continue."),
+        Bar("fitting", len(splits) * fitting.MOST_POINTS, "{task.fields[words]}", time_left=True, words=words) as bar,
+    ):
+
+        def update(number: int, points: float) -> None:
+            bar.move(number * fitting.MOST_POINTS + points, words=f"{splits[number].fitted}, point {math.ceil(points)}; {words}")
+            if not bar.on_terminal and points == int(points):
+                console.tell(f"{splits[number].fitted}: {points:.0f} points computed")
+
+        fits = fitting.identify(problem, splits, out / "state.json", update)
+    report = fitting.report_text(problem, fits, source)
+    write_atomically(out / "identified.toml", fitting.page_text(problem, fits[0], source, out.resolve().name))
+    write_atomically(out / "report.md", report)
+    document = {
+        fit.split.name: {
+            "settled": fit.settled,
+            "numbers": {one.name: one._asdict() for one in fit.estimates},
+            "correlations": fit.correlations,
+            **{
+                when: {part: {channel: error._asdict() for channel, error in errors.items()} for part, errors in parts.items()}
+                for when, parts in (("before", fit.before), ("after", fit.after))
+            },
+        }
+        for fit in fits
+    }
+    console.show(console.View((*map(console.warning, notes), console.Line(report)), document), as_json=as_json)
+    console.tell(f"Saved {out / 'identified.toml'} and {out / 'report.md'}")

@@ -23,7 +23,7 @@ from glbench.weather.record import FloatArray
 
 MODEL = "greenlight-tomato-harvest-1.0.0"
 """The model with a meter on its harvest."""
-_LAMP_POWER, _COOLING, _PAR, _PHOTONS = "thetaLampMax", "etaLampCool", "etaLampPar", "zetaLampPar"
+LAMP_POWER, _COOLING, _PAR, _PHOTONS = "thetaLampMax", "etaLampCool", "etaLampPar", "zetaLampPar"
 _LAMPS = "lamps"
 SHIPPED = Path(__file__).with_name("settings.toml")
 
@@ -218,7 +218,7 @@ def parameters(house: House, settings: Settings) -> FloatArray:
         overrides |= mix_lamps(settings.lamps.hps / settings.lamps.power, hps, led)
     elif house.uncooled:
         overrides[_COOLING] = 0.0
-    return values.default(house.parameters, overrides | {_LAMP_POWER: settings.lamps.power, **house.overrides})
+    return values.default(house.parameters, overrides | {LAMP_POWER: settings.lamps.power, **house.overrides})
 
 
 def mix_lamps(share: float, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:

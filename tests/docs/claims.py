@@ -49,7 +49,7 @@ from glbench.model import (
     vapour_pressure_deficit,
 )
 from glbench.model.air import humidity_deficit
-from glbench.realism import HouseComparison
+from glbench.realism import HouseComparison, identify
 from glbench.realism.export import FIVE_MINUTES, LONGEST, SHORTEST
 from glbench.realism.indoor import FEW_DAYS, LONGEST_SAME, MOST_LOST
 from glbench.realism.inputs import LONGEST_GAP_HOURS
@@ -503,6 +503,13 @@ def radiation_bias() -> tuple[float, float]:
 
 
 CLAIMS: dict[str, list[Claim]] = {
+    "docs/identify.md": [
+        ("An error of {} K, {} % or {} ppm counts as 1", lambda: tuple(identify.read_page(identify.SHIPPED_PAGE).weights.values())),
+        ("each number is changed by {} %", lambda: 100.0 * identify.CHANGE),
+        ("ends within {} % of its bound", lambda: 100.0 * identify.NEAR_BOUND),
+        ("correlated by {} or more", lambda: identify.CORRELATED),
+        ("factor of {} to 5", lambda: identify.FitNumber().lowest),
+    ],
     "docs/benchmark-design.md": [
         (
             "`grower`, for example, earns {} EUR/m² here and",

@@ -22,6 +22,7 @@ PRIVILEGED = {"agents/rules.py": {"tAir", "vpAir", "co2Air"}}
 # `glbench validate` sets one model against measurements: its lamps, the crop that was planted, the air, the pipes and the harvest.
 MEASURED = {
     "realism/houses.py": {"thetaLampMax", "etaLampCool", "etaLampPar", "zetaLampPar", "cFruitMax"},
+    "realism/free_run.py": {"tAir", "vpAir", "co2Air", "tPipe", "tGroPipe"},
     "realism/season.py": {
         *("tAir", "vpAir", "co2Air", "sumMcFruitHar", "tPipe", "tGroPipe"),
         *("tCan", "tCan24", "tCanSum", "cBuf", "cLeaf", "cStem", "cFruit"),
