@@ -122,7 +122,7 @@ def validate(
     ] = None,
     sets: Annotated[
         list[str] | None,
-        typer.Option("--set", "-s", help="Parameter set to compare, such as paper or mixed_2021; repeatable. Default: all."),
+        typer.Option("--set", "-s", help="Parameter set, such as paper, or a page that glbench identify wrote; repeatable. Default: all."),
     ] = None,
     settings: Annotated[
         Path | None,
@@ -403,7 +403,10 @@ def identify(
             "numbers": {one.name: one._asdict() for one in fit.estimates},
             "correlations": fit.correlations,
             **{
-                when: {part: {channel: error._asdict() for channel, error in errors.items()} for part, errors in parts.items()}
+                when: {
+                    part: {channel: error._asdict() if error.readings else None for channel, error in errors.items()}
+                    for part, errors in parts.items()
+                }
                 for when, parts in (("before", fit.before), ("after", fit.after))
             },
         }

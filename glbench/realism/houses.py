@@ -159,21 +159,6 @@ HOUSES: Mapping[str, House] = MappingProxyType(
 """Those that are compared. No parameter is fitted."""
 
 
-def choose_houses(names: tuple[str, ...]) -> tuple[House, ...]:
-    """Houses of these names, in their order; all of them for none.
-
-    Raises
-    ------
-    UnknownNameError
-        When there is no such house; the message names the nearest.
-    """
-    for name in names:
-        if name not in HOUSES:
-            msg = f"There is no parameter set '{name}' to compare.{did_you_mean(name, HOUSES)}"
-            raise UnknownNameError(msg)
-    return tuple(HOUSES[name] for name in dict.fromkeys(names)) or tuple(HOUSES.values())
-
-
 class _ModelTable(settings.Table):
     id: str
     parameters: str
@@ -199,6 +184,21 @@ def read_house(path: Path) -> House:
     overrides = {name: (value, unit) for name, value, unit in page.model.overrides}
     model(page.model.id).parameters.default(page.model.parameters, overrides)
     return House(page.name, page.description, page.model.parameters, model=page.model.id, overrides=overrides)
+
+
+def choose_houses(names: tuple[str, ...]) -> tuple[House, ...]:
+    """Houses of these names, in their order, or of pages (``read_house``) where a name ends in ``.toml``; all named ones for none.
+
+    Raises
+    ------
+    UnknownNameError
+        When there is no such house; the message names the nearest.
+    """
+    for name in names:
+        if name not in HOUSES and not name.endswith(".toml"):
+            msg = f"There is no parameter set '{name}' to compare.{did_you_mean(name, HOUSES)}"
+            raise UnknownNameError(msg)
+    return tuple(HOUSES.get(name) or read_house(Path(name)) for name in dict.fromkeys(names)) or tuple(HOUSES.values())
 
 
 def model(name: str = MODEL) -> Model:

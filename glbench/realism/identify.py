@@ -11,6 +11,7 @@ import datetime as dt
 import hashlib
 import json
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -25,7 +26,7 @@ from glbench import __version__, settings
 from glbench.canonical import canonical_sha256
 from glbench.errors import ArchiveError, ParameterError, StepError
 from glbench.realism.free_run import Drive, Error, Flags, drive, free_run
-from glbench.realism.houses import LAMP_POWER, House, Plants, Settings, choose_houses, model, parameters, read_house
+from glbench.realism.houses import LAMP_POWER, House, Plants, Settings, choose_houses, model, parameters
 from glbench.realism.indoor import read_indoor
 from glbench.realism.inputs import outdoors
 from glbench.realism.published import ROW_SECONDS, read_archive
@@ -145,10 +146,8 @@ class Problem:
                 self.places[-1].append(place)
             begin.append(base[self.places[-1][0]] if one.start is None and one.sets else 1.0 if one.start is None else one.start)
             if not one.lowest < begin[-1] < one.highest or (one.multiplies and (one.lowest <= 0.0 or begin[-1] != 1.0)):
-                msg = (
-                    f"'{entry}' begins at {begin[-1]:g}, so its lowest {one.lowest:g} must be below and its highest {one.highest:g} above. "
-                )
-                msg += "A factor begins at 1, and its lowest is above 0."
+                words = f"its lowest {one.lowest:g} must be below and its highest {one.highest:g} above"
+                msg = f"'{entry}' begins at {begin[-1]:g}, so {words}. A factor begins at 1, and its lowest is above 0."
                 raise ArchiveError(msg)
         self.is_factor, self.prior = np.array([bool(one.multiplies) for one in entries]), np.array([one.prior for one in entries])
         rows = np.array([begin, [one.lowest for one in entries], [one.highest for one in entries]])
@@ -198,13 +197,27 @@ class Problem:
         change = np.where(z + self.change > self.high, -self.change, self.change)
         lanes = np.stack([self.vector(z + step) for step in (0.0 * z, *np.diag(change))])
         span, week = int(np.flatnonzero(split.steps)[-1]) + 1, self.season.week
-        run = free_run(self.greenhouse, lanes, self.season, self.plants, steps=span, progress=lambda step, steps: progress(step / steps))
         weeks = np.unique(week[split.steps])
-        normal = np.full((weeks.size, z.size + 1, z.size + 1), np.inf if 0 in run.failures else 0.0)
-        if 0 not in run.failures and run.failures:
+        normal = np.zeros((weeks.size, z.size + 1, z.size + 1))
+        try:
+            run = free_run(
+                self.greenhouse, lanes, self.season, self.plants, steps=span, progress=lambda step, steps: progress(step / steps)
+            )
+        except StepError:
+            if not z.any():  # the start
+                raise
+            return normal + np.inf
+        if run.failures and (0 not in run.failures or not z.any()):
             lane, reason = next(iter(run.failures.items()))
-            msg = f"A small change of '{self.names[lane - 1]}' cannot be integrated at {reason}"
+            msg = (
+                f"The season cannot be integrated with a small change of '{self.names[lane - 1]}'"
+                if lane
+                else "The start cannot be integrated"
+            )
+            msg = f"{msg}: {reason}"
             raise StepError(msg)
+        if run.failures:
+            return normal + np.inf
         for channel, weight in self.page.weights.items():
             error = run.differences(channel) * math.sqrt(self.season.step_seconds / 86400.0) / weight
             error = np.where(np.isfinite(error) & split.steps[:span, None], error, 0.0)
@@ -215,9 +228,7 @@ class Problem:
         return normal
 
 
-def read_problem(
-    folder: Path, page: FitPage, assumptions: Settings, compartment: str | None = None
-) -> tuple[Problem, str, tuple[str, ...]]:
+def read_problem(folder: Path, page: FitPage, assumptions: Settings, compartment: str | None) -> tuple[Problem, str, tuple[str, ...]]:
     """What is fitted to a compartment of an archive, the compartment's name, and what was filled or left out.
 
     Raises
@@ -225,7 +236,7 @@ def read_problem(
     ArchiveError
         When it is not clear which compartment is meant, and as for ``read_archive``, ``read_indoor`` and ``outdoors``.
     """
-    house = read_house(Path(page.set)) if page.set.endswith(".toml") else choose_houses((page.set,))[0]
+    (house,) = choose_houses((page.set,))
     archive, place = read_archive(folder), assumptions.place
     measured = {one.name: one.indoor for one in archive.compartments if one.indoor is not None}
     name = compartment or next(iter(measured), "")
@@ -267,18 +278,25 @@ class Fit(NamedTuple):
 def identify(problem: Problem, splits: Sequence[Split], state: Path, progress: Callable[[int, float], None]) -> tuple[Fit, ...]:
     """Fit each split from the same start; ``progress`` is called with the split's number and its points, also in part.
 
-    The file ``state`` keeps the points: a fit that was interrupted goes on from it, to the same bits.
+    The file ``state`` keeps the points: a fit that was interrupted continues from it, with the same bits.
 
     Raises
     ------
     ArchiveError
-        When the file belongs to another fit.
+        When the file cannot be read or belongs to another fit.
     """
     page, plants = problem.page.model_dump(mode="json"), problem.plants.model_dump(mode="json")
     identity = canonical_sha256([problem.data_digest, page, problem.base.tolist(), problem.greenhouse.digest, plants])
-    stored: dict[str, Any] = json.loads(state.read_text("utf-8")) if state.exists() else {"of": identity, "points": {}}
-    if stored["of"] != identity:
-        msg = f"{state} belongs to a fit of other data, numbers or house. Name another folder with --out, or remove the file."
+    stored: dict[str, Any] = {"of": identity, "points": {}}
+    try:
+        stored = json.loads(state.read_text("utf-8")) if state.exists() else stored
+        is_mine = stored["of"] == identity
+    except (ValueError, TypeError, KeyError):
+        is_mine = False
+    if not is_mine:
+        msg = (
+            f"{state} is damaged, or belongs to a fit of other data, numbers or house. Name another folder with --out, or remove the file."
+        )
         raise ArchiveError(msg)
     save, solutions, fits = lambda: write_atomically(state, json.dumps(stored)), [], []
     for number, split in enumerate(splits):
@@ -346,41 +364,31 @@ def _estimates(problem: Problem, z: FloatArray, normal: FloatArray) -> tuple[Est
 
 def page_text(problem: Problem, fit: Fit, source: str, name: str) -> str:
     """The parameter set of a fit in TOML: ``[model]`` as in a task file, and how it was made. ``read_house`` reads it."""
-    greenhouse, days = problem.greenhouse, f"{problem.season.date[0]} to {problem.season.date[-1]}"
-    entries = [
-        f"{one.name} = {{ {word} = {json.dumps(names)}, value = {one.value!r}, interval = [{one.low!r}, {one.high!r}], "
-        f'bound = "{one.bound}" }}'
-        for one, entry in zip(fit.estimates, problem.page.parameters.values(), strict=True)
-        for word, names in (("multiplies", entry.multiplies), ("sets", entry.sets))
-        if names
+    greenhouse, quote, name = problem.greenhouse, partial(json.dumps, ensure_ascii=False), re.sub(r"\W+", "_", name)
+    days = f"{problem.season.date[0]} to {problem.season.date[-1]}"
+    words = f"{problem.house.name} with {len(problem.names)} numbers fitted to {source}, {days}, {fit.split.fitted}"
+    origin = {"start": problem.house.name, "split": fit.split.name, "settled": fit.settled, "version": __version__}
+    origin |= {"data": f"sha256:{problem.data_digest}", "model": f"sha256:{greenhouse.digest}"}
+    lines = ["# Written by `glbench identify`. [model] can be copied into a task file.", f"name = {quote(name)}"]
+    lines += [
+        f"description = {quote(words)}",
+        "",
+        "[model]",
+        f"id = {quote(greenhouse.id)}",
+        f"parameters = {quote(problem.house.parameters)}",
     ]
-    made = {
-        "split": fit.split.name,
-        "data": f"sha256:{problem.data_digest}",
-        "model": f"sha256:{greenhouse.digest}",
-        "version": __version__,
-    }
-    return "\n".join(
-        [
-            "# Written by `glbench identify`. [model] can be copied into a task file.",
-            f'name = "{name}"',
-            f'description = "{problem.house.name} with {len(entries)} numbers fitted to {source}, {days}, {fit.split.fitted}"',
-            f'\n[model]\nid = "{greenhouse.id}"\nparameters = "{problem.house.parameters}"\n\n[model.overrides]',
-            *(
-                f'{key} = {{ value = {value!r}, unit = "{greenhouse.parameters.info(key).unit}" }}'
-                for key, value in problem.overrides(fit.z).items()
-            ),
-            "\n[identified]",
-            *(f'{key} = "{text}"' for key, text in (made | {"start": problem.house.name}).items()),
-            f"settled = {json.dumps(fit.settled)}\n\n[identified.numbers]",
-            *entries,
-            *(
-                f'\n[identified.rmse."{part}"]\n' + "\n".join(f"{channel} = {error.rmse!r}" for channel, error in errors.items())
-                for part, errors in fit.after.items()
-            ),
-            "",
-        ]
-    )
+    lines += ["", "[model.overrides]"]
+    for key, value in problem.overrides(fit.z).items():
+        lines.append(f"{key} = {{ value = {value!r}, unit = {quote(greenhouse.parameters.info(key).unit)} }}")
+    lines += ["", "[identified]", *(f"{key} = {quote(value)}" for key, value in origin.items()), "", "[identified.numbers]"]
+    for one, entry in zip(fit.estimates, problem.page.parameters.values(), strict=True):
+        names = f"{'multiplies' if entry.multiplies else 'sets'} = {quote(entry.multiplies or entry.sets)}"
+        lines.append(
+            f"{quote(one.name)} = {{ {names}, value = {one.value!r}, interval = [{one.low!r}, {one.high!r}], bound = {quote(one.bound)} }}"
+        )
+    for part, errors in fit.after.items():
+        lines += ["", f"[identified.rmse.{quote(part)}]", *(f"{channel} = {error.rmse!r}" for channel, error in errors.items())]
+    return "\n".join(lines) + "\n"
 
 
 def report_text(problem: Problem, fits: Sequence[Fit], source: str) -> str:
@@ -397,8 +405,8 @@ def report_text(problem: Problem, fits: Sequence[Fit], source: str) -> str:
             scaled = np.array([one.low, one.high, one.value, 1.0 if entry.multiplies else problem.start[i]])
             scaled = ((np.log(scaled) if entry.multiplies else scaled) - problem.start[i]) / problem.prior[i]
             shares = np.clip((scaled - problem.low[i]) / (problem.high[i] - problem.low[i]), 0.0, 1.0)
-            left, right, value, start = np.rint(shares * (_PICTURE - 1)).astype(int).tolist()
-            cells = ["-" if left <= cell <= right else "." for cell in range(_PICTURE)]
+            lower, upper, value, start = np.rint(shares * (_PICTURE - 1)).astype(int).tolist()
+            cells = ["-" if lower <= cell <= upper else "." for cell in range(_PICTURE)]
             cells[start], cells[value] = "|", "o"
             unit = f" {problem.greenhouse.parameters.info(entry.sets[0]).unit}" if entry.sets else ""
             words = f"{'x ' * bool(entry.multiplies)}{one.value:.3g}{unit} | {one.low:.3g} to {one.high:.3g}{unit} | `{''.join(cells)}`"

@@ -50,6 +50,8 @@ def test_a_set_a_report_and_a_second_call_that_computes_nothing(glbench: Command
     assert values["tauRfNir"] / before["tauRfNir"] == pytest.approx(numbers["cover_light"]["value"])
     assert values["thetaLampMax"] == pytest.approx(142.52), "the lamps as they were measured"
     assert values["etaLampPar"] == pytest.approx(before["etaLampPar"])
+    simulated = glbench("validate", folder, "--set", out / "identified.toml", "--json")
+    assert json.loads(simulated.out)["houses"][0]["name"] == "my_house"
     again = glbench(*command, "--json")
     assert "points computed" not in again.err
     document = json.loads(again.out)["weeks"]

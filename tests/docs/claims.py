@@ -506,6 +506,7 @@ CLAIMS: dict[str, list[Claim]] = {
     "docs/identify.md": [
         ("An error of {} K, {} % or {} ppm counts as 1", lambda: tuple(identify.read_page(identify.SHIPPED_PAGE).weights.values())),
         ("each number is changed by {} %", lambda: 100.0 * identify.CHANGE),
+        ("drawn again {} times", lambda: float(identify.RESAMPLES)),
         ("ends within {} % of its bound", lambda: 100.0 * identify.NEAR_BOUND),
         ("correlated by {} or more", lambda: identify.CORRELATED),
         ("factor of {} to 5", lambda: identify.FitNumber().lowest),

@@ -85,8 +85,11 @@ def test_a_fit_that_is_killed_goes_on_to_the_same_bits(tmp_path: Path) -> None:
     assert identify(made, splits, state, lambda number, points: computed.append(points))[0].estimates == fits[0].estimates
     assert not computed
     other = problem(21, page(vents={"multiplies": ["cDgh"]}), cDgh=0.8)
-    with pytest.raises(ArchiveError, match=r"state\.json belongs to a fit of other data, numbers or house"):
+    with pytest.raises(ArchiveError, match=r"state\.json is damaged, or belongs to a fit of other data, numbers or house"):
         identify(other, splits, state, ignore)
+    state.write_text('{"points": [')
+    with pytest.raises(ArchiveError, match="is damaged"):
+        identify(made, splits, state, ignore)
 
 
 def test_a_bound_that_binds_is_named(tmp_path: Path) -> None:
