@@ -409,9 +409,9 @@ def report_text(problem: Problem, fits: Sequence[Fit], source: str) -> str:
             cells = ["-" if lower <= cell <= upper else "." for cell in range(_PICTURE)]
             cells[start], cells[value] = "|", "o"
             unit = f" {problem.greenhouse.parameters.info(entry.sets[0]).unit}" if entry.sets else ""
-            words = f"{'x ' * bool(entry.multiplies)}{one.value:.3g}{unit} | {one.low:.3g} to {one.high:.3g}{unit} | `{''.join(cells)}`"
+            picture = f"{'x ' * bool(entry.multiplies)}{one.value:.3g}{unit} | {one.low:.3g} to {one.high:.3g}{unit} | `{''.join(cells)}`"
             bound = f"its {one.bound}, {getattr(entry, one.bound):g}" if one.bound else ""
-            parts.append(f"| {one.name} | {words} | {bound} | {entry.meaning} ({', '.join(entry.multiplies or entry.sets)}) |")
+            parts.append(f"| {one.name} | {picture} | {bound} | {entry.meaning} ({', '.join(entry.multiplies or entry.sets)}) |")
         parts += ["", *(f"- {a} and {b} stand in for each other: correlation {r:+.2f}." for a, b, r in fit.correlations)]
         parts += [] if fit.settled else [f"- The fit had not settled after {fit.points} points; its numbers are provisional."]
         parts.append("")
