@@ -244,7 +244,8 @@ def read_problem(folder: Path, page: FitPage, assumptions: Settings, compartment
         names = ", ".join(measured) or "none"
         msg = f"The fit needs one compartment with an indoor climate. {folder} has these: {names}. Choose with --compartment."
         raise ArchiveError(msg)
-    indoor = read_indoor(measured[name], place.clock, first=archive.first, days=archive.days)
+    power = assumptions.lamps.power if archive.own else None
+    indoor = read_indoor(measured[name], place.clock, first=archive.first, days=archive.days, lamp_power=power)
     outside = outdoors(archive, place.clock, place.co2, ROW_SECONDS)
     own = {LAMP_POWER: indoor.lamp_power} | {key: (value, unit) for key, value, unit in page.overrides}
     house = replace(house, model=page.model or house.model, overrides={**house.overrides, **own})
