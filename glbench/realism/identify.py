@@ -237,7 +237,8 @@ def read_problem(folder: Path, page: FitPage, assumptions: Settings, compartment
         When it is not clear which compartment is meant, and as for ``read_archive``, ``read_indoor`` and ``outdoors``.
     """
     (house,) = choose_houses((page.set,))
-    archive, place = read_archive(folder), assumptions.place
+    place = assumptions.place
+    archive = read_archive(folder, place.clock)
     measured = {one.name: one.indoor for one in archive.compartments if one.indoor is not None}
     name = compartment or next(iter(measured), "")
     if name not in measured or (len(measured) > 1 and compartment is None):

@@ -50,8 +50,11 @@ def test_a_set_a_report_and_a_second_call_that_computes_nothing(glbench: Command
     assert values["tauRfNir"] / before["tauRfNir"] == pytest.approx(numbers["cover_light"]["value"])
     assert values["thetaLampMax"] == pytest.approx(142.52), "the lamps as they were measured"
     assert values["etaLampPar"] == pytest.approx(before["etaLampPar"])
-    simulated = glbench("validate", folder, "--set", out / "identified.toml", "--json")
-    assert json.loads(simulated.out)["houses"][0]["name"] == "my_house"
+    simulated = glbench("validate", folder, "--set", out / "identified.toml", "--by", "actuators", "--json")
+    validated = json.loads(simulated.out)["compartments"][0]["houses"][0]
+    assert validated["name"] == "my_house"
+    for channel, rmse in page["identified"]["rmse"]["odd weeks"].items():
+        assert validated["weeks"]["odd"][channel]["rmse"] == pytest.approx(rmse, rel=1e-9), "the page is the house that was fitted"
     again = glbench(*command, "--json")
     assert "points computed" not in again.err
     document = json.loads(again.out)["weeks"]
