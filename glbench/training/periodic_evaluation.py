@@ -204,8 +204,10 @@ class History:
         """What ``asdict`` made of a history."""
         return cls(**{**content, "time": TimeAccount(**content["time"])})
 
-    def add(self, steps: int, result: ProbeResult) -> CurvePoint:
-        """Book an evaluation after ``steps``, the best so far or not."""
+    def add(self, steps: int, result: ProbeResult, every: int) -> CurvePoint:
+        """Book an evaluation after ``steps``, the best so far or not; the next one is due ``every`` steps later."""
+        if steps >= self.next_evaluation:  # an end between two evaluations does not shift them
+            self.next_evaluation = steps + every
         is_best = result.reward > self.best_reward
         if is_best:
             self.best_reward, self.best_steps = result.reward, steps

@@ -9,8 +9,8 @@ generation mean that earned most on the validation split or, for tasks without s
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -28,11 +28,11 @@ from glbench.resources import data_folder, write_atomically
 from glbench.tasks import task_card
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training import periodic_evaluation
-from glbench.training.card import CARD, TrainingFacts, digest_of_tasks, note_session, write_card
+from glbench.training.card import CARD, TrainingFacts
 from glbench.training.export import start_of
-from glbench.training.folder import SEARCH, SETTINGS, Trained, claim, folder_lock, open_folder
+from glbench.training.folder import Trained
 from glbench.training.settings import EvaluationPlan, FrozenSettings, TrainingSeed
-from glbench.training.strategy import Strategy
+from glbench.training.strategy import HANSEN, Search, Strategy
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
@@ -180,54 +180,65 @@ class _TaskRuns:
         return agent.act
 
 
-@dataclass
-class _Search:
-    """A search under way."""
+class _RuleSearch(Search):
+    """A search for numbers of rules; ``page`` is the one that it begins with."""
 
-    tasks: Sequence[TaskSpec]
-    settings: RuleSearchSettings
-    candidates: Candidates
-    strategy: Strategy
-    runs: list[_TaskRuns]
-    history: periodic_evaluation.History
+    def __init__(self, page: tuned_rules.RulePage, *session: Any) -> None:
+        super().__init__(*session)
+        self._page, self._candidates = page, Candidates(page)
 
-    @property
-    def generations(self) -> int:
-        """Generations so far."""
-        return len(self.strategy.rewards)
+    def prepare(self) -> None:
+        first, s = self._candidates, self.settings
+        self.strategy = Strategy(first.mean, s.sigma, population=s.population, seed=self.seed, bounds=first.bounds)
+        self._runs = [_TaskRuns(task, s) for task in self.tasks]
 
-    @property
-    def steps_a_generation(self) -> int:
-        """Environment steps of a generation."""
-        return self.settings.population * sum(task.steps for task in self.tasks)
-
-    @property
-    def steps(self) -> int:
-        """Environment steps so far."""
-        return self.generations * self.steps_a_generation
-
-    def generation(self) -> None:
-        """Ask the strategy for numbers, reward each with a season of every task, and tell it the mean."""
+    def advance(self) -> float:
         clock = self.history.time
         with clock.spend("learning"):
             candidates = self.strategy.ask()
-            numbers = [self.candidates.numbers(one) for one in candidates]
+            numbers = [self._candidates.numbers(one) for one in candidates]
         with clock.spend("simulator"):
             seed = self.settings.first_seed + self.generations
-            rewards = sum((runs.rewards(numbers, seed) for runs in self.runs), np.zeros(len(candidates))) / len(self.runs)
+            rewards = sum((runs.rewards(numbers, seed) for runs in self._runs), np.zeros(len(candidates))) / len(self._runs)
         with clock.spend("learning"):
             self.strategy.tell(candidates, rewards)
+        self.keep()
+        return float(rewards.mean())
 
-    def evaluate(self) -> tuple[periodic_evaluation.CurvePoint, tuned_rules.RulePage]:
-        """A point of the learning curve, the mean over the tasks, and the page that it belongs to."""
-        page = self.candidates.page(self.strategy.mean)
-        with self.history.time.spend("evaluation"):
-            sums = [runs.evaluate(page.numbers).sums for runs in self.runs]
-            names = [name for name in sums[0] if all(name in other for other in sums)]
-            result = periodic_evaluation.ProbeResult({name: float(np.mean([one[name] for one in sums])) for name in names})
-        if self.steps >= self.history.next_evaluation:  # an end between two evaluations moves none
-            self.history.next_evaluation = self.steps + self.settings.evaluation.every
-        return self.history.add(self.steps, result), page
+    def evaluate(self) -> periodic_evaluation.ProbeResult:
+        page = self._candidates.page(self.strategy.mean)
+        sums = [runs.evaluate(page.numbers).sums for runs in self._runs]
+        names = [name for name in sums[0] if all(name in other for other in sums)]
+        return periodic_evaluation.ProbeResult({name: float(np.mean([one[name] for one in sums])) for name in names})
+
+    def save_best(self) -> None:
+        names = ", ".join(task.id for task in self.tasks)
+        heading = (
+            f"Numbers of the tuned rules for {names}, after {self.steps:,} steps of glbench tune rules, seed {self.seed}.",
+            f"{CARD} tells how they were found, docs/training.md how to tune others.",
+        )
+        write_atomically(self.folder / _START, tuned_rules.settings_text(self._page))
+        write_atomically(self.folder / RULES, tuned_rules.settings_text(self._candidates.page(self.strategy.mean), heading))
+
+    def facts(self) -> TrainingFacts:
+        settings, tasks = self.settings, self.tasks
+        return TrainingFacts(
+            title=f"Rules tuned for {', '.join(task.id for task in tasks)} by CMA-ES, seed {self.seed}",
+            description=(
+                f"The best mean of {self.generations} generations of {settings.population} candidates, {self.steps:,} steps. "
+                "Set points by the sun and by light, humidity just below its limit; it sees observations only and acts through the "
+                "task's actuation."
+            ),
+            command="glbench tune rules; the tables below tell the rest.",
+            sources=(HANSEN,),
+            training={
+                **self.table(),
+                "seasons": self.generations * settings.population * len(tasks),
+                "season_seeds": [settings.first_seed, settings.first_seed + self.generations - 1],
+            },
+            controller=ENERGY_CONTROLLER if about_energy(tasks) else CONTROLLER,
+            acts_with=RULES,
+        )
 
 
 def tune_rules(
@@ -273,91 +284,7 @@ def tune_rules(
     reward, energy = reward_of(tasks), about_energy(tasks)
     scope = tuple(task.id for task in tasks) if energy else reward
     page = tuned_rules.RulePage(scope, tuned_rules.read_rule_page(start, kind_for(tasks)).numbers)
-    digest = settings.digest(page)
-    identity = {"task_digest": digest_of_tasks(tasks), "settings_digest": digest, "seed": seed}
-    with folder_lock(folder):
-        state = folder / SEARCH if (folder / SEARCH).is_file() else None
-        generations = settings.generations(tasks)
-        card = claim(folder, identity, state, start=None, target={"generations": generations}, resume=True)
-        if card is not None:
-            return Trained.of(folder, card, already_done=True)
-        candidates = Candidates(page)
-        strategy = Strategy(candidates.mean, settings.sigma, population=settings.population, seed=seed, bounds=candidates.bounds)
-        runs = [_TaskRuns(task, settings) for task in tasks]
-        search = _Search(tasks, settings, candidates, strategy, runs, periodic_evaluation.History())
-        if state is not None:
-            search.history = strategy.go_on(state, identity)
-        note_session(search.history, tasks[0], search.steps)
-        open_folder(folder, settings.model_dump(mode="json"))
-        facts = start_of(start)  # before the folder's own rules may take the place of those that it starts from
-        write_atomically(folder / _START, tuned_rules.settings_text(page))
-        _run(search, folder, generations, listeners, identity)
-        card = write_card(folder, tasks, _facts(search, identity), settings.evaluation, search.history, facts)
-    return Trained.of(folder, card, already_done=False)
-
-
-def _run(
-    search: _Search,
-    folder: Path,
-    generations: int,
-    listeners: Sequence[periodic_evaluation.Listener],
-    identity: dict[str, Any],
-) -> None:
-    total, pace = generations * search.steps_a_generation, periodic_evaluation.Pace(search.steps)
-    while search.generations < generations:
-        if search.steps >= search.history.next_evaluation:
-            _evaluate(search, folder, listeners, identity)
-        search.generation()
-        search.strategy.keep(folder / SEARCH, identity, search.history)
-        mean = float(search.strategy.rewards[-1].mean())
-        for listener in listeners:
-            listener.on_progress(periodic_evaluation.Progress(search.steps, total, pace.rate(search.steps), mean))
-    curve = search.history.curve
-    if not curve or curve[-1]["steps"] < search.steps:
-        _evaluate(search, folder, listeners, identity)
-
-
-def _evaluate(search: _Search, folder: Path, listeners: Sequence[periodic_evaluation.Listener], identity: dict[str, Any]) -> None:
-    point, page = search.evaluate()
-    if point.is_best:
-        names = ", ".join(task.id for task in search.tasks)
-        heading = (
-            f"Numbers of the tuned rules for {names}, after {point.steps:,} steps of glbench tune rules, seed {identity['seed']}.",
-            f"{CARD} tells how they were found, docs/training.md how to tune others.",
-        )
-        write_atomically(folder / RULES, tuned_rules.settings_text(page, heading))
-    search.history.write_curve(folder)
-    search.strategy.keep(folder / SEARCH, identity, search.history)
-    for listener in listeners:
-        listener.on_evaluation(point)
-        listener.on_saved(search.steps)
-
-
-def _facts(search: _Search, identity: Mapping[str, Any]) -> TrainingFacts:
-    settings, tasks = search.settings, search.tasks
-    last = settings.first_seed + search.generations - 1
-    return TrainingFacts(
-        title=f"Rules tuned for {', '.join(task.id for task in tasks)} by CMA-ES, seed {identity['seed']}",
-        description=(
-            f"The best mean of {search.generations} generations of {settings.population} candidates, {search.steps:,} steps. "
-            "Set points by the sun and by light, humidity just below its limit; it sees observations only and acts through the "
-            "task's actuation."
-        ),
-        command="glbench tune rules; the tables below tell the rest.",
-        sources=("Hansen (2016). The CMA evolution strategy: a tutorial. arXiv:1604.00772",),
-        training={
-            "algorithm": "CMA-ES",
-            "seed": identity["seed"],
-            "steps": search.steps,
-            "generations": search.generations,
-            "population": settings.population,
-            "seasons": search.generations * settings.population * len(tasks),
-            "season_seeds": [settings.first_seed, last],
-            "kernel_preset": settings.kernel_preset,
-            "settings": SETTINGS,
-            "settings_digest": identity["settings_digest"],
-            "learning_curve": "learning_curve.csv",
-        },
-        controller=ENERGY_CONTROLLER if about_energy(tasks) else CONTROLLER,
-        acts_with=RULES,
-    )
+    search = _RuleSearch(page, tasks, settings, settings.digest(page), seed, folder)
+    generations = settings.generations(tasks)
+    total = generations * search.steps_a_generation
+    return search.carry_out({"generations": generations}, total, listeners, resume=True, start=start_of(start))

@@ -115,9 +115,7 @@ class TrainingCallback(BaseCallback):
         history = self.history
         result = self.probe.run(self.model, self.normalization)
         history.time.evaluation += self._lap()
-        if self.num_timesteps >= history.next_evaluation:  # an end between two evaluations moves none
-            history.next_evaluation = self.num_timesteps + self._evaluate_every
-        point = history.add(self.num_timesteps, result)
+        point = history.add(self.num_timesteps, result, self._evaluate_every)
         if point.is_best:
             with replaced(self.folder / BEST) as folder:
                 self.model.save(folder / MODEL)

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,19 +30,13 @@ from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
 from glbench.settings import validated
 from glbench.tasks.record import FIRST_TRAINING_SEED
-from glbench.training.card import POLICY, TrainingFacts, note_session, write_card
+from glbench.training.card import POLICY, TrainingFacts
 from glbench.training.constant_columns import varies, without_constant_columns
 from glbench.training.export import policy_in, start_of
-from glbench.training.folder import SEARCH, SETTINGS, Trained, claim, folder_lock, open_folder
-from glbench.training.periodic_evaluation import CurvePoint, History, Listener, Pace, Probe, Progress, season_sums
-from glbench.training.settings import (
-    EvaluationPlan,
-    FrozenSettings,
-    PolicyFile,
-    TrainingSeed,
-    section,
-)
-from glbench.training.strategy import Strategy
+from glbench.training.folder import Trained
+from glbench.training.periodic_evaluation import Listener, Probe, ProbeResult, season_sums
+from glbench.training.settings import EvaluationPlan, FrozenSettings, PolicyFile, TrainingSeed, section
+from glbench.training.strategy import HANSEN, Search, Strategy
 from glbench.untrusted import real_path
 
 if TYPE_CHECKING:
@@ -185,41 +179,32 @@ class Variations:
         return replace(base, weights=(*base.weights[:-1], weights), biases=(*base.biases[:-1], biases), about=about)
 
 
-class _Search:
-    """A search from its beginning or from what was kept of it."""
+class _SeasonSearch(Search):
+    """A search for the last layer of a policy, for one task."""
 
-    def __init__(self, task: TaskSpec, settings: SearchSettings, seed: int) -> None:
-        self.task, self.settings = task, settings
+    def prepare(self) -> None:
+        (task,), settings = self.tasks, self.settings
         kernel = make_kernel(task.model_value, task.step_seconds, preset=settings.kernel_preset)
         self._simulation = Simulation(task, settings.population, kernel)
         self._probe = Probe(task.chosen_on, settings.evaluation, settings.kernel_preset)
         start = _begun_anew(settings, task)
         self._batched = BatchedPolicy(start)
-        self.variations = Variations(start, self._hidden_of_a_season(start), settings.directions)
-        self.strategy = Strategy(np.zeros(self.variations.size), settings.sigma, population=settings.population, seed=seed)
-        self.history = History()
+        self._batched.take([(start.weights[-1], start.biases[-1])] * len(self._probe.seeds))
+        hidden: list[Singles] = []
 
-    @property
-    def steps(self) -> int:
-        """Environment steps so far."""
-        return self.generations * self.settings.population * self.task.steps
+        def act(observations: Singles) -> Floats:
+            hidden.append(self._batched.hidden(observations))
+            return self._batched.act(observations)
 
-    @property
-    def generations(self) -> int:
-        """Generations so far."""
-        return len(self.strategy.rewards)
+        self._probe.of(act)
+        self._variations = Variations(start, np.concatenate(hidden[::_LOOKED_AT]), settings.directions)
+        self.strategy = Strategy(np.zeros(self._variations.size), settings.sigma, population=settings.population, seed=self.seed)
 
-    @property
-    def mean(self) -> Floats:
-        """The middle of the variations."""
-        return self.strategy.mean
-
-    def generation(self) -> None:
-        """Ask the strategy for variations, reward each with a season, and tell it the rewards."""
+    def advance(self) -> float:
         clock, batched = self.history.time, self._batched
         with clock.spend("learning"):
             candidates = self.strategy.ask()
-            batched.take([self.variations.layer(numbers) for numbers in candidates])
+            batched.take([self._variations.layer(numbers) for numbers in candidates])
         before = batched.seconds
         with clock.spend("simulator"):
             seeds = [self.settings.first_seed + self.generations] * self.settings.population
@@ -228,28 +213,29 @@ class _Search:
         clock.simulator -= batched.seconds - before
         with clock.spend("learning"):
             self.strategy.tell(candidates, rewards)
+        return float(rewards.mean())
 
-    def evaluate(self) -> CurvePoint:
-        """A point of the learning curve: the middle of the variations."""
-        with self.history.time.spend("evaluation"):
-            self._batched.take([self.variations.layer(self.mean)] * len(self._probe.seeds))
-            result = self._probe.of(self._batched.act)
-        if self.steps >= self.history.next_evaluation:  # an end between two evaluations moves none
-            self.history.next_evaluation = self.steps + self.settings.evaluation.every
-        return self.history.add(self.steps, result)
+    def evaluate(self) -> ProbeResult:
+        self._batched.take([self._variations.layer(self.strategy.mean)] * len(self._probe.seeds))
+        return self._probe.of(self._batched.act)
 
-    def _hidden_of_a_season(self, policy: NetworkPolicy) -> NDArray[np.float32]:
-        batched = BatchedPolicy(policy)
-        layer = policy.weights[-1], policy.biases[-1]
-        batched.take([layer] * len(self._probe.seeds))
-        hidden: list[NDArray[np.float32]] = []
+    def save_best(self) -> None:
+        task = self.tasks[0]
+        about: dict[str, str | int | float] = {
+            "algorithm": "CMA-ES", "seed": self.seed, "steps": self.steps, "task_digest": task.digest,
+        }  # fmt: skip
+        policy = self._variations.policy(self.strategy.mean, about)
+        write_atomically(self.folder / POLICY, replace(policy, task_id=task.id, delta=task.uncertainty.delta).to_bytes())
 
-        def act(observations: NDArray[np.float32]) -> Floats:
-            hidden.append(batched.hidden(observations))
-            return batched.act(observations)
-
-        self._probe.of(act)
-        return np.concatenate(hidden[::_LOOKED_AT])
+    def facts(self) -> TrainingFacts:
+        file, task = self.settings.start_from, self.tasks[0]
+        return TrainingFacts(
+            title=f"The last layer of {file.name} adapted to {task.id} by CMA-ES, seed {self.seed}",
+            description=f"The best mean of {self.generations} generations of {self.settings.population} runs, {self.steps:,} steps.",
+            command="glbench tune; the tables below tell the rest.",
+            sources=(HANSEN,),
+            training=self.table(),
+        )
 
 
 def search(
@@ -284,63 +270,10 @@ def search(
         When the task has a test alone.
     """
     task.check_training()
-    with folder_lock(folder):
-        identity = {"task_digest": task.digest, "settings_digest": settings.digest, "seed": seed}
-        state = folder / SEARCH if (folder / SEARCH).is_file() else None
-        card = claim(
-            folder,
-            identity,
-            state,
-            start=settings.start_from,
-            target={"generations": settings.generations},
-            resume=resume,
-        )
-        if card is not None:
-            return Trained.of(folder, card, already_done=True)
-        start = start_of(settings.start_from)
-        under_way = _Search(task, settings, seed)
-        if state is not None:
-            under_way.history = under_way.strategy.go_on(state, identity)
-        note_session(under_way.history, task, under_way.steps)
-        open_folder(folder, settings.model_dump(mode="json"))
-        _run(under_way, folder, listeners, identity)
-        history, facts = under_way.history, _facts(under_way, identity)
-        card = write_card(folder, task, facts, settings.evaluation, history, start)
-    return Trained.of(folder, card, already_done=False)
-
-
-def _run(under_way: _Search, folder: Path, listeners: Sequence[Listener], identity: dict[str, Any]) -> None:
-    settings = under_way.settings
-    total = settings.generations * settings.population * under_way.task.steps
-    pace = Pace(under_way.steps)
-    while under_way.generations < settings.generations:
-        if under_way.steps >= under_way.history.next_evaluation:
-            _evaluate(under_way, folder, listeners, identity)
-        under_way.generation()
-        mean = float(under_way.strategy.rewards[-1].mean())
-        for listener in listeners:
-            listener.on_progress(Progress(under_way.steps, total, pace.rate(under_way.steps), mean))
-    curve = under_way.history.curve
-    if not curve or curve[-1]["steps"] < under_way.steps:
-        _evaluate(under_way, folder, listeners, identity)
-
-
-def _evaluate(under_way: _Search, folder: Path, listeners: Sequence[Listener], identity: dict[str, Any]) -> None:
-    point = under_way.evaluate()
-    if point.is_best:
-        about: dict[str, str | int | float] = {
-            "algorithm": "CMA-ES", "seed": identity["seed"], "steps": under_way.steps, "task_digest": under_way.task.digest,
-        }  # fmt: skip
-        policy = under_way.variations.policy(under_way.mean, about)
-        write_atomically(
-            folder / POLICY,
-            replace(policy, task_id=under_way.task.id, delta=under_way.task.uncertainty.delta).to_bytes(),
-        )
-    under_way.history.write_curve(folder)
-    under_way.strategy.keep(folder / SEARCH, identity, under_way.history)
-    for listener in listeners:
-        listener.on_evaluation(point)
-        listener.on_saved(under_way.steps)
+    under_way = _SeasonSearch([task], settings, settings.digest, seed, folder)
+    policy, target = settings.start_from, {"generations": settings.generations}
+    total = settings.generations * under_way.steps_a_generation
+    return under_way.carry_out(target, total, listeners, resume=resume, policy=policy, start=start_of(policy))
 
 
 def _begun_anew(settings: SearchSettings, task: TaskSpec) -> NetworkPolicy:
@@ -357,24 +290,3 @@ def _begun_anew(settings: SearchSettings, task: TaskSpec) -> NetworkPolicy:
         weights[:, column], biases[column] = 0.0, value if policy.output == "clip" else np.arctanh(value)
     start = replace(policy, weights=(*policy.weights[:-1], weights), biases=(*policy.biases[:-1], biases))
     return without_constant_columns(start, varies(policy.mean - policy.scale, policy.mean + policy.scale))
-
-
-def _facts(under_way: _Search, identity: dict[str, Any]) -> TrainingFacts:
-    settings, steps = under_way.settings, under_way.steps
-    return TrainingFacts(
-        title=f"The last layer of {settings.start_from.name} adapted to {under_way.task.id} by CMA-ES, seed {identity['seed']}",
-        description=f"The best mean of {under_way.generations} generations of {settings.population} runs, {steps:,} steps.",
-        command="glbench tune; the tables below tell the rest.",
-        sources=("Hansen (2016). The CMA evolution strategy: a tutorial. arXiv:1604.00772",),
-        training={
-            "algorithm": "CMA-ES",
-            "seed": identity["seed"],
-            "steps": steps,
-            "generations": under_way.generations,
-            "population": settings.population,
-            "kernel_preset": settings.kernel_preset,
-            "settings": SETTINGS,
-            "settings_digest": identity["settings_digest"],
-            "learning_curve": "learning_curve.csv",
-        },
-    )

@@ -6,23 +6,17 @@ are all it takes to go on: asked again from the beginning, the strategy says the
 
 from __future__ import annotations
 
-import io
-import json
-from collections.abc import Sequence
-from dataclasses import asdict
-from hashlib import sha256
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from cmaes import CMA
 from numpy.typing import NDArray
 
-from glbench.errors import TrainingError
-from glbench.resources import write_atomically
-from glbench.training.folder import DAMAGED, altered
-from glbench.training.periodic_evaluation import History
+from glbench.training.folder import SEARCH
+from glbench.training.session import Arrays, Session
 
+HANSEN = "Hansen (2016). The CMA evolution strategy: a tutorial. arXiv:1604.00772"
 Floats = NDArray[np.float64]
 
 
@@ -62,43 +56,37 @@ class Strategy:
         self._cma.tell([(numbers, -float(reward)) for numbers, reward in zip(candidates, rewards, strict=True)])
         self.rewards.append(rewards)
 
-    def repeat(self, rewards: Sequence[Floats]) -> None:
-        """Go on after generations with these rewards."""
-        for reward in rewards:
-            self.tell(self.ask(), reward)
 
-    def keep(self, file: Path, identity: dict[str, Any], history: History) -> None:
-        """Write what it takes to go on to ``file``."""
-        rewards = np.array(self.rewards).reshape(len(self.rewards), self.population)
-        state = {"identity": identity, "history": asdict(history)}
-        facts = json.dumps({**state, "digest": _digest(state, rewards)})
-        content = io.BytesIO()
-        np.savez(content, allow_pickle=False, rewards=rewards, facts=np.frombuffer(facts.encode(), dtype=np.uint8))
-        write_atomically(file, content.getvalue())
+class Search(Session):
+    """A search under way: generations of a strategy, each rewarded with seasons of the tasks."""
 
-    def go_on(self, file: Path, identity: dict[str, Any]) -> History:
-        """Go on from what ``file`` keeps, and the history of the search so far.
+    what, state = "search", SEARCH
+    strategy: Strategy
 
-        Raises
-        ------
-        TrainingError
-            When the file is of another search, cannot be read, or is not as it was written.
-        """
-        try:
-            with np.load(file, allow_pickle=False) as arrays:
-                rewards, facts = arrays["rewards"], json.loads(arrays["facts"].tobytes())
-        except DAMAGED as error:
-            msg = f"The state of the search {file} cannot be read: {error}. Remove it to start the search over."
-            raise TrainingError(msg) from error
-        if facts["identity"] != identity:
-            msg = f"{file.parent} holds another search: task, settings, start or seed differ. Choose another folder."
-            raise TrainingError(msg)
-        if facts.pop("digest", None) != _digest(facts, rewards):
-            raise altered(file)
-        self.repeat(rewards)
-        return History.from_dict(facts["history"])
+    @property
+    def generations(self) -> int:
+        """Generations so far."""
+        return len(self.strategy.rewards)
 
+    @property
+    def steps_a_generation(self) -> int:
+        """Environment steps of a generation."""
+        return int(self.settings.population) * sum(task.steps for task in self.tasks)
 
-def _digest(facts: dict[str, Any], rewards: Floats) -> str:
-    """SHA-256 (hex) over what is kept of a search."""
-    return sha256(json.dumps(facts, sort_keys=True).encode() + rewards.astype("<f8").tobytes()).hexdigest()
+    @property
+    def steps(self) -> int:
+        """Environment steps so far."""
+        return self.generations * self.steps_a_generation
+
+    def arrays(self) -> Arrays:
+        """The rewards so far, ``(generations, population)``."""
+        return {"rewards": np.array(self.strategy.rewards).reshape(self.generations, self.strategy.population)}
+
+    def restore(self, arrays: Arrays, facts: Mapping[str, Any]) -> None:
+        """Ask again from the beginning, and tell the rewards."""
+        for rewards in arrays["rewards"]:
+            self.strategy.tell(self.strategy.ask(), rewards)
+
+    def table(self, algorithm: str = "CMA-ES") -> dict[str, Any]:
+        """With the generations and their size."""
+        return {**super().table(algorithm), "generations": self.generations, "population": self.settings.population}
