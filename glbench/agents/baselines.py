@@ -174,10 +174,7 @@ def shipped_digest(name: str) -> str:
 def shipped_sight(name: str) -> Sight:
     """What a shipped baseline is shown, also where its policies or plans are not installed.
 
-    Raises
-    ------
-    SubmissionError
-        When there is no such baseline.
+    Raises ``SubmissionError`` when there is no such baseline.
     """
     return find_controller(_read_card(data_folder("baselines") / name / "card.toml").controller).sees
 
@@ -195,10 +192,7 @@ def _shipped_trainings(folder: Path) -> dict[str, Recipe | None]:
 def _check_place(place: Path, folder: Path) -> None:
     """Refuse settings that lie elsewhere, are no regular files, or are or expand to more than they may.
 
-    Raises
-    ------
-    SubmissionError
-        When they do.
+    Raises ``SubmissionError`` when they do.
     """
     if not place.is_relative_to(folder.resolve()):
         msg = f"The card in {folder} names settings that lie elsewhere: {place}. Copy them into the folder."

@@ -140,13 +140,7 @@ class ObservedController(ABC):
         """Actions (n_runs, actions) for the observations."""
 
     def act(self, observations: NDArray[np.float32], /) -> Array:
-        """Actions (n_runs, actions).
-
-        Raises
-        ------
-        ShapeError
-            When the number of rows differs from the number of runs passed to ``reset``.
-        """
+        """Actions (n_runs, actions). Raises ``ShapeError`` when the number of rows differs from the number of runs passed to ``reset``."""
         check_runs(observations, self.runs)
         # Rows of an array of their own: numpy may take another path, with another last bit, through the columns of a larger one.
         rows = observations.T[self._places].astype(np.float64, order="C")
@@ -163,13 +157,9 @@ class ObservedController(ABC):
     ) -> None:
         """Find the columns of a task.
 
-        ``needed`` and ``optional`` are observations; ``positions`` are controls whose positions are needed. If actions
-        are changes, the positions of the controls that they change are read as well.
-
-        Raises
-        ------
-        SubmissionError
-            When the task has another kind of actuation, or does not show what is needed.
+        ``needed`` and ``optional`` are observations; ``positions`` are controls whose positions are needed. If actions are changes, the
+        positions of the controls that they change are read as well. Raises ``SubmissionError`` when the task has another kind of actuation,
+        or does not show what is needed.
         """
         self.check_actuation(task)
         controls = {control.name: control for control in task.controls}
@@ -189,13 +179,7 @@ class ObservedController(ABC):
         self.task, self.runs = task, n_runs
 
     def check_actuation(self, task: TaskCard) -> None:
-        """Refuse a kind of actuation that is not one of ``actuations``.
-
-        Raises
-        ------
-        SubmissionError
-            When it is none of them.
-        """
+        """Refuse a kind of actuation that is not one of ``actuations``. Raises ``SubmissionError`` when it is none of them."""
         if task.actuation not in self.actuations:
             names = " or ".join(f"'{name}'" for name in self.actuations)
             msg = f"The actuation of {task.id} is '{task.actuation}', and {self.title} can act through {names} only."

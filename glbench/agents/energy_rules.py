@@ -100,12 +100,8 @@ class EnergyRulesAgent(TunedRulesAgent):
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """Forget what was measured; ``n_runs`` runs of ``task`` begin.
 
-        Raises
-        ------
-        SubmissionError
-            When the task does not show the price of power or another quantity that the rules need, or no page is for it.
-        ShapeError
-            When there are numbers for another count of runs.
+        Raises ``SubmissionError`` when the task does not show the price of power or another quantity that the rules need, or no page is for
+        it, and ``ShapeError`` when there are numbers for another count of runs.
         """
         super().reset(task, n_runs)
         self._hours_ahead = tuple(name for name in task.observation_names if name.startswith(_AHEAD))

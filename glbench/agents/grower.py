@@ -148,10 +148,7 @@ class GrowerSettings(Table):
 def read_grower_settings(path: Path) -> GrowerSettings:
     """Read the page of settings from a TOML file.
 
-    Raises
-    ------
-    SubmissionError
-        When the file cannot be read, lacks a setting, or has an unknown or impossible one.
+    Raises ``SubmissionError`` when the file cannot be read, lacks a setting, or has an unknown or impossible one.
     """
     return read_settings(GrowerSettings, path, "the grower's settings", toml=True)
 
@@ -173,10 +170,7 @@ class GrowerAgent(ObservedController):
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """Forget the light; ``n_runs`` runs of ``task`` begin.
 
-        Raises
-        ------
-        SubmissionError
-            When the task has no process computer, or does not show clock and radiation.
+        Raises ``SubmissionError`` when the task has no process computer, or does not show clock and radiation.
         """
         if task.actuation not in self.actuations:
             msg = f"The grower works at a process computer, and {task.id} has the actuation '{task.actuation}'."

@@ -77,13 +77,8 @@ def is_part_of_submission(file: Path, folder: Path) -> bool:
 def files_of_folder(folder: Path) -> tuple[Path, ...]:
     """Every file in a submission's folder; hidden files and Python's caches do not belong to it.
 
-    Raises
-    ------
-    SubmissionError
-        When there are too many, a name cannot be shown, a link leads to a folder, to nothing or out of ``folder``, or there is a pipe,
-        a socket or a device.
-    OSError
-        When a folder cannot be read.
+    Raises ``SubmissionError`` when there are too many, a name cannot be shown, a link leads to a folder, to nothing or out of ``folder``,
+    or there is a pipe, a socket or a device, and ``OSError`` when a folder cannot be read.
     """
     files: list[Path] = []
     waiting, entry_count = [folder], 0
@@ -110,13 +105,7 @@ def files_of_folder(folder: Path) -> tuple[Path, ...]:
 
 
 def check_file(file: Path, root: Path) -> None:
-    """Refuse what is not a regular file, or a link that leads out of ``root``.
-
-    Raises
-    ------
-    SubmissionError
-        When it is.
-    """
+    """Refuse what is not a regular file, or a link that leads out of ``root``. Raises ``SubmissionError`` when it is."""
     if file.is_symlink():
         if not file.is_file():
             msg = f"{file} is a link to a folder or to nothing, so the digest would not cover what it holds. Copy the files."
@@ -132,10 +121,7 @@ def check_file(file: Path, root: Path) -> None:
 def check_sizes(files: tuple[Path, ...], root: Path) -> None:
     """Refuse what is too large before any of it is read.
 
-    Raises
-    ------
-    SubmissionError
-        When all files together are larger than ``LARGEST_SUBMISSION``.
+    Raises ``SubmissionError`` when all files together are larger than ``LARGEST_SUBMISSION``.
     """
     sizes = {file: file.stat().st_size for file in files}
     total = sum(sizes.values())
@@ -152,15 +138,9 @@ def check_sizes(files: tuple[Path, ...], root: Path) -> None:
 def digest_of(files: tuple[Path, ...], root: Path, copy: Path | None = None) -> str:
     """SHA-256 (hex) over names and contents, as ``glbench.resources.sha256_of_files`` has it, of at most ``LARGEST_SUBMISSION`` bytes.
 
-    Text counts with LF line endings. With ``copy``, a folder, the covered files are copied into it under the same names:
-    text with LF, other files unchanged.
-
-    Raises
-    ------
-    SubmissionError
-        When a file changes while it is read.
-    OSError
-        When a file cannot be read, or a copy not be written.
+    Text counts with LF line endings. With ``copy``, a folder, the covered files are copied into it under the same names: text with LF,
+    other files unchanged. Raises ``SubmissionError`` when a file changes while it is read, and ``OSError`` when a file cannot be read, or a
+    copy not be written.
     """
     digest, remaining = sha256(), LARGEST_SUBMISSION
     for name, file in sorted((file.relative_to(root).as_posix(), file) for file in files):
@@ -227,10 +207,7 @@ class Training:
 def policy_digest(weights: Iterable[Path]) -> str | None:
     """SHA-256 (hex) over files of weights, independent of names, order and, in archives, of packing.
 
-    Raises
-    ------
-    OSError
-        When a file cannot be read.
+    Raises ``OSError`` when a file cannot be read.
     """
     parts = []
     for file in weights:
@@ -314,13 +291,7 @@ def identify(ref: str | Path) -> Identity | None:
 
 
 def path_of(ref: str | Path) -> Path:
-    """The path that names an agent.
-
-    Raises
-    ------
-    SubmissionError
-        When it is neither text nor a path.
-    """
+    """The path that names an agent. Raises ``SubmissionError`` when it is neither text nor a path."""
     if not isinstance(ref, Path | str):
         msg = f"An agent is named by a baseline's name or a path; got {ref!r}. {EXPECTED}."
         raise SubmissionError(msg)
@@ -339,10 +310,7 @@ _PAGES = (".yml", ".toml")
 def read_identity(path: Path) -> Identity:
     """Find out what the file or folder ``path`` is.
 
-    Raises
-    ------
-    SubmissionError
-        When it is no submission, its name cannot be used, its card is wrong, or its files cannot be read.
+    Raises ``SubmissionError`` when it is no submission, its name cannot be used, its card is wrong, or its files cannot be read.
     """
     settings = next((one for one in list(path.parents)[:2] if is_built_in(one)), None)
     if path.suffix in _PAGES and settings is not None:
@@ -395,10 +363,8 @@ def baseline_like(name: str) -> str | None:
 def name_of(place: Path) -> str:
     """Name of the agent in the file or folder ``place``, under which results are filed.
 
-    Raises
-    ------
-    SubmissionError
-        When it cannot be a name, or is that of a baseline or too much like it; or when ``place`` is a link, which has two names.
+    Raises ``SubmissionError`` when it cannot be a name, or is that of a baseline or too much like it; or when ``place`` is a link, which
+    has two names.
     """
     if place.is_symlink():
         msg = f"{place} is a link. Name the file or folder that it leads to, under whose name results are filed, or copy it."
@@ -421,13 +387,7 @@ def name_of(place: Path) -> str:
 
 
 def find_card(place: Path) -> Path | None:
-    """The card of a file or folder, if it has one.
-
-    Raises
-    ------
-    SubmissionError
-        When it is a link that leads out of the submission.
-    """
+    """The card of a file or folder, if it has one. Raises ``SubmissionError`` when it is a link that leads out of the submission."""
     root = place if place.is_dir() else place.parent
     file = root / SUBMISSION_CARD if root is place else place.with_suffix(".toml")
     if not file.is_file() or file == place:

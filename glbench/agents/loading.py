@@ -136,10 +136,7 @@ def _hint_about_neighbours(error: BaseException, file: Path, folder: Path | None
 def python_maker(submission: identity.Identity) -> Callable[[TaskCard], Agent]:
     """Run the submission's file and return what makes its agent for a task.
 
-    Raises
-    ------
-    SubmissionError
-        When the file is no valid Python, raises, or has no ``make_agent(task)``.
+    Raises ``SubmissionError`` when the file is no valid Python, raises, or has no ``make_agent(task)``.
     """
     file, folder = submission.entry, submission.folder
     module = import_file(file, f"_glbench_submission_{submission.digest[:16]}", folder)
@@ -298,13 +295,7 @@ def load_agent(ref: str | Path) -> LoadedAgent:
 
 
 def find_submission(ref: str | Path) -> Path:
-    """The file or folder ``ref``, which is not a name of a baseline.
-
-    Raises
-    ------
-    SubmissionError
-        When there is no such thing.
-    """
+    """The file or folder ``ref``, which is not a name of a baseline. Raises ``SubmissionError`` when there is no such thing."""
     path = identity.path_of(ref)
     if path.is_dir() or path.is_file():
         return path
@@ -353,12 +344,8 @@ _OWN_NAMES = ("submission.toml", "README.md")
 def new_submission(folder: Path, kind: Kind) -> tuple[Path, ...]:
     """Write a submission of that ``kind`` into a new ``folder``, whose name becomes the submission's, and return the files.
 
-    Raises
-    ------
-    SubmissionError
-        When the folder is there already, or its name cannot be that of an agent.
-    GlbenchError
-        When it cannot be written.
+    Raises ``SubmissionError`` when the folder is there already, or its name cannot be that of an agent, and ``GlbenchError`` when it cannot
+    be written.
     """
     if folder.exists():
         msg = f"{folder} is there already, and nothing is overwritten. Choose another name, or move it away."
@@ -382,12 +369,8 @@ def new_submission(folder: Path, kind: Kind) -> tuple[Path, ...]:
 def copy_examples(folder: Path) -> tuple[Path, ...]:
     """Write the example submissions into ``folder``, ``my_agent.py`` among them, and return the files.
 
-    Raises
-    ------
-    SubmissionError
-        When a file of one of their names is there that is not the example itself.
-    GlbenchError
-        When they cannot be written.
+    Raises ``SubmissionError`` when a file of one of their names is there that is not the example itself, and ``GlbenchError`` when they
+    cannot be written.
     """
     sources = sorted(data_folder("submissions").glob("*.py"))
     targets = tuple(folder / source.name for source in sources)

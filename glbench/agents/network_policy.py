@@ -367,13 +367,7 @@ _GRU = {"weights": 2, "bias": 1, "recurrent": 2}
 
 
 def read_actor(file: Path) -> Actor:
-    """The policy in ``file``, of either format.
-
-    Raises
-    ------
-    SubmissionError
-        When it cannot be read.
-    """
+    """The policy in ``file``, of either format. Raises ``SubmissionError`` when it cannot be read."""
     try:
         data = read_regular(file, 64 * MIB)
     except OSError as error:
@@ -399,10 +393,7 @@ def read_actor(file: Path) -> Actor:
 def read_policy(file: Path) -> NetworkPolicy:
     """The network in ``file``, which has to be one without a memory.
 
-    Raises
-    ------
-    SubmissionError
-        When it cannot be read, or has a memory or positions.
+    Raises ``SubmissionError`` when it cannot be read, or has a memory or positions.
     """
     policy = read_actor(file)
     if not policy.plain:
@@ -422,13 +413,7 @@ class PolicyFiles:
 
     @classmethod
     def at(cls, place: Path) -> PolicyFiles:
-        """The policy file ``place``, or all of the folder ``place``.
-
-        Raises
-        ------
-        SubmissionError
-            When there is none.
-        """
+        """The policy file ``place``, or all of the folder ``place``. Raises ``SubmissionError`` when there is none."""
         files = tuple(sorted(place.glob("*.npz"))) if place.is_dir() else (place,)
         if not files or not files[0].is_file():
             msg = f"There is no policy at {place}. glbench train writes one, and glbench export makes one of a trained model."
@@ -452,10 +437,7 @@ class ActorAgent:
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """Begin ``n_runs`` runs: all controls are at 0, and there are no traces yet.
 
-        Raises
-        ------
-        SubmissionError
-            When no policy fits the task's observations and actions.
+        Raises ``SubmissionError`` when no policy fits the task's observations and actions.
         """
         self.policy = policy = policy_for(task, self._policies)
         self._runs = n_runs
@@ -464,13 +446,7 @@ class ActorAgent:
         self._memory = np.zeros((n_runs, 0 if policy.gru is None else policy.gru.units))
 
     def act(self, observations: NDArray[np.float32], /) -> Floats:
-        """Actions (n_runs, actions).
-
-        Raises
-        ------
-        ShapeError
-            When there are not as many rows as runs were announced to ``reset``.
-        """
+        """Actions (n_runs, actions). Raises ``ShapeError`` when there are not as many rows as runs were announced to ``reset``."""
         check_runs(observations, self._runs)
         policy = self.policy
         if policy.plain:
@@ -493,13 +469,7 @@ class ActorAgent:
 
 
 def policy_for(task: TaskCard, policies: Sequence[Actor]) -> Actor:
-    """The policy that acts in ``task``.
-
-    Raises
-    ------
-    SubmissionError
-        When none fits its observations and actions.
-    """
+    """The policy that acts in ``task``. Raises ``SubmissionError`` when none fits its observations and actions."""
     fitting = [policy for policy in policies if policy.why_not(task) is None]
     if not fitting:
         reasons = "; ".join(sorted({str(policy.why_not(task)) for policy in policies}))

@@ -85,10 +85,7 @@ class PlanBook:
     def of(cls, task: TaskSpec, seeds: Sequence[int], actions: ArrayLike, about: Mapping[str, str | int | float]) -> PlanBook:
         """A book with one plan, ``actions`` ``(steps, actions)``, for the runs of ``task`` with ``seeds``.
 
-        Raises
-        ------
-        ShapeError
-            When the actions have another shape than those of a run.
+        Raises ``ShapeError`` when the actions have another shape than those of a run.
         """
         low, high = (np.array([getattr(action, side) for action in task.actions]) for side in ("low", "high"))
         plan = np.asarray(actions, dtype=np.float64)
@@ -142,10 +139,7 @@ class PlanBook:
     def merged(self, other: PlanBook) -> PlanBook:
         """These plans, and for the runs of ``other`` its plans in their place.
 
-        Raises
-        ------
-        SubmissionError
-            When the two are not of the same task.
+        Raises ``SubmissionError`` when the two are not of the same task.
         """
         if self.same_task != other.same_task:
             msg = f"Plans of {self.task_id} ({self.task_digest[:12]}) and of {other.task_id} ({other.task_digest[:12]}) do not go together."
@@ -198,24 +192,12 @@ class PlanBook:
         )
 
     def save(self, file: Path) -> None:
-        """Write the book.
-
-        Raises
-        ------
-        GlbenchError
-            When it cannot be written.
-        """
+        """Write the book. Raises ``GlbenchError`` when it cannot be written."""
         write_atomically(file, self.to_bytes())
 
 
 def read_book(file: Path) -> PlanBook:
-    """The book of plans in ``file``.
-
-    Raises
-    ------
-    SubmissionError
-        When it cannot be read or is none.
-    """
+    """The book of plans in ``file``. Raises ``SubmissionError`` when it cannot be read or is none."""
     try:
         arrays = ArrayFile.at(file, _LARGEST)
         arrays.check_format(FORMAT)
@@ -291,13 +273,7 @@ class PlanController:
         self._step = 0
 
     def reset(self, task: TaskSpec, seeds: Sequence[int], /) -> None:
-        """Take the plans of these runs.
-
-        Raises
-        ------
-        SubmissionError
-            When there are none for the task or for one of the seeds.
-        """
+        """Take the plans of these runs. Raises ``SubmissionError`` when there are none for the task or for one of the seeds."""
         book = self._plans.book(task)
         reason = f"there are none for its digest {task.digest[:12]}" if book is None else book.why_not(task)
         search = f"glbench bound {task.short_id if task.locked else task.source}"
@@ -395,13 +371,7 @@ class Recording:
 
 
 def read_recording(file: Path) -> Recording:
-    """The recording in ``file``.
-
-    Raises
-    ------
-    SubmissionError
-        When it cannot be read or is not a recording.
-    """
+    """The recording in ``file``. Raises ``SubmissionError`` when it cannot be read or is not a recording."""
     advice = "`glbench episodes recording` writes one."
     try:
         arrays = ArrayFile.at(file, _LARGEST)
@@ -434,13 +404,7 @@ class RecordingAgent:
         self._step = 0
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
-        """Begin again with the first action.
-
-        Raises
-        ------
-        SubmissionError
-            When ``task`` takes other actions than the recorded ones.
-        """
+        """Begin again with the first action. Raises ``SubmissionError`` when ``task`` takes other actions than the recorded ones."""
         reason = self._recording.why_not(task)
         if reason is not None:
             msg = f"The recording does not fit this task: {reason}. Record an agent on a task with the same actions."
@@ -450,10 +414,7 @@ class RecordingAgent:
     def act(self, observations: NDArray[np.float32], /) -> NDArray[np.float64]:
         """The next action for every run, ``(n_runs, actions)``; of ``observations`` only the number of rows is looked at.
 
-        Raises
-        ------
-        ShapeError
-            When there are not as many rows as runs were announced to ``reset``.
+        Raises ``ShapeError`` when there are not as many rows as runs were announced to ``reset``.
         """
         check_runs(observations, self._runs)
         actions = self._recording.actions

@@ -44,10 +44,7 @@ class PredictiveSettings(Table):
     def controller(self, task: TaskSpec) -> PredictiveController:
         """A controller for a task.
 
-        Raises
-        ------
-        SubmissionError
-            When there is no end value for the task's model, or it cannot be planned for.
+        Raises ``SubmissionError`` when there is no end value for the task's model, or it cannot be planned for.
         """
         if task.model_id not in self.end_values:
             msg = (
@@ -73,13 +70,7 @@ class PredictiveSettings(Table):
 
 
 def read_predictive_settings(path: Path) -> PredictiveSettings:
-    """Read the settings.
-
-    Raises
-    ------
-    SubmissionError
-        When the file cannot be read, lacks a setting, or has an unknown or impossible one.
-    """
+    """Read the settings. Raises ``SubmissionError`` when the file cannot be read, lacks a setting, or has an unknown or impossible one."""
     settings = read_settings(PredictiveSettings, path, "the settings of predictive control")
     try:
         for value in settings.end_values.values():
@@ -122,13 +113,7 @@ class TrueStateController:
         self.settings = settings
 
     def reset(self, task: TaskSpec, seeds: Sequence[int], /) -> None:
-        """Learn everything about the runs that begin.
-
-        Raises
-        ------
-        SubmissionError
-            When the task cannot be planned for.
-        """
+        """Learn everything about the runs that begin. Raises ``SubmissionError`` when the task cannot be planned for."""
         self._task, self._step = task, 0
         self._scenarios = [Scenario.of(task, seed) for seed in seeds]
         self._controller = self.settings.controller(task)
@@ -136,13 +121,7 @@ class TrueStateController:
         self._steering = _Steering(task, len(seeds))
 
     def act(self, x: Floats, /) -> Floats:
-        """Actions for the coming step.
-
-        Raises
-        ------
-        ShapeError
-            When there are not as many rows as runs.
-        """
+        """Actions for the coming step. Raises ``ShapeError`` when there are not as many rows as runs."""
         check_runs(x, len(self._scenarios), "states")
         k = self._step
         self._step += 1
@@ -179,13 +158,7 @@ class PredictiveAgent:
         self.settings = settings
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
-        """``n_runs`` runs of ``task`` begin.
-
-        Raises
-        ------
-        SubmissionError
-            When the task cannot be planned for.
-        """
+        """``n_runs`` runs of ``task`` begin. Raises ``SubmissionError`` when the task cannot be planned for."""
         spec = task.task()
         self._controller = self.settings.controller(spec)
         self._controller.reset(n_runs)
@@ -198,10 +171,7 @@ class PredictiveAgent:
     def act(self, observations: NDArray[np.float32], /) -> Floats:
         """Actions for the coming step.
 
-        Raises
-        ------
-        TaskError
-            When there are not as many rows as runs, or other columns than the task shows.
+        Raises ``TaskError`` when there are not as many rows as runs, or other columns than the task shows.
         """
         k, controls = self._step, self._steering.controls
         self._step += 1

@@ -45,13 +45,7 @@ class Agent(Protocol):
 
 
 def check_runs(rows: NDArray[Any], n_runs: int, what: str = "observations") -> None:
-    """Refuse ``rows`` of another number of runs than an agent was reset for.
-
-    Raises
-    ------
-    ShapeError
-        When it is another.
-    """
+    """Refuse ``rows`` of another number of runs than an agent was reset for. Raises ``ShapeError`` when it is another."""
     if len(rows) != n_runs:
         msg = f"act got {what} of {len(rows)} runs, reset was called with {n_runs}. Call reset first."
         raise ShapeError(msg)

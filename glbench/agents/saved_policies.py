@@ -54,10 +54,7 @@ def without_warnings() -> Iterator[None]:
 def normaliser(submission: Identity, columns: int) -> Normalise:
     """What is done to the observations ``(n, columns)`` first: nothing, where neither card nor statistics say so.
 
-    Raises
-    ------
-    SubmissionError
-        When the statistics cannot be read or are of another number of columns.
+    Raises ``SubmissionError`` when the statistics cannot be read or are of another number of columns.
     """
     if submission.statistics is not None:
         return _statistics_from(submission.statistics, columns)
@@ -213,10 +210,7 @@ class PolicyAgent:
     def act(self, observations: Observations, /) -> Actions:
         """Actions (n_runs, actions) for ``observations`` (n_runs, columns).
 
-        Raises
-        ------
-        ShapeError
-            When there are not as many rows as runs were announced to ``reset``.
+        Raises ``ShapeError`` when there are not as many rows as runs were announced to ``reset``.
         """
         check_runs(observations, len(self._state))
         rows = np.ascontiguousarray(self._normalise(observations), dtype=np.float32)
@@ -236,10 +230,7 @@ _HOW = 'Write one with: torch.jit.script(policy).save("policy.pt"), or torch.jit
 def onnx_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
     """The agent of an ONNX file, run on one thread of the processor.
 
-    Raises
-    ------
-    SubmissionError
-        When onnxruntime is missing, the file is no ONNX, or the policy does not fit the task.
+    Raises ``SubmissionError`` when onnxruntime is missing, the file is no ONNX, or the policy does not fit the task.
     """
     file = submission.entry
     runtime = need("onnxruntime", f"The ONNX policy {file.name}")
@@ -291,10 +282,7 @@ def _input(session: Any, columns: int, file: str) -> tuple[int, type[np.floating
 def torchscript_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
     """The agent of a TorchScript file; torch uses one thread from here on, since bits depend on the number of threads.
 
-    Raises
-    ------
-    SubmissionError
-        When torch is missing, the file is not TorchScript, or the policy does not fit the task.
+    Raises ``SubmissionError`` when torch is missing, the file is not TorchScript, or the policy does not fit the task.
     """
     file = submission.entry
     complaint = torchscript_complaint(file)

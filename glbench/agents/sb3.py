@@ -116,10 +116,7 @@ class Archive:
 def read_archive(file: Path) -> Archive:
     """Read what ``file`` says about itself.
 
-    Raises
-    ------
-    SubmissionError
-        When it is not a model of Stable-Baselines3, or of an algorithm that cannot be told.
+    Raises ``SubmissionError`` when it is not a model of Stable-Baselines3, or of an algorithm that cannot be told.
     """
     data = archive_data(file)
     with _opened(file) as archive:
@@ -154,10 +151,7 @@ def read_archive(file: Path) -> Archive:
 def archive_data(file: Path) -> dict[str, Any]:
     """The settings in a saved model; Python objects among them are left as descriptions of pickles.
 
-    Raises
-    ------
-    SubmissionError
-        When it is not a model of Stable-Baselines3.
+    Raises ``SubmissionError`` when it is not a model of Stable-Baselines3.
     """
     with _opened(file) as archive:
         lacking = {"data", "policy.pth"} - set(archive.namelist())
@@ -236,10 +230,7 @@ def _space(described: object) -> tuple[int | None, str]:
 def sb3_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
     """The agent of a saved model; torch uses one thread from here on, since bits depend on the number of threads.
 
-    Raises
-    ------
-    SubmissionError
-        When a package is missing, the file cannot be used, or the model does not fit the task.
+    Raises ``SubmissionError`` when a package is missing, the file cannot be used, or the model does not fit the task.
     """
     file = submission.entry
     archive = read_archive(file)

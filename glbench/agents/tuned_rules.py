@@ -182,13 +182,7 @@ class RulePages:
         return next((file for file, page in pages if self.kind.is_for(page.scope, reward, task_id)), None)
 
     def numbers_for(self, reward: Sequence[str], task_id: str) -> TunedRuleSettings:
-        """Numbers of that page.
-
-        Raises
-        ------
-        SubmissionError
-            When none of several pages is for such a task.
-        """
+        """Numbers of that page. Raises ``SubmissionError`` when none of several pages is for such a task."""
         file = self.page_for(reward, task_id)
         if file is not None:
             return self.pages[file].numbers
@@ -203,10 +197,8 @@ class RulePages:
 def read_rule_pages(place: Path, kind: type[TunedRuleSettings] = TunedRuleSettings) -> RulePages:
     """Read the page in the YAML file ``place``, or those in all ``*.yml`` of the folder ``place``.
 
-    Raises
-    ------
-    SubmissionError
-        When there is none, one cannot be read or lacks a number, has an unknown or impossible one, or two are for the same.
+    Raises ``SubmissionError`` when there is none, one cannot be read or lacks a number, has an unknown or impossible one, or two are for
+    the same.
     """
     files = sorted(place.glob("*.yml")) if place.is_dir() else [place]
     if not files:

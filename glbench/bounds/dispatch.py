@@ -50,13 +50,7 @@ _VARIABLES = ("boiler", "engine", "bought", "sold", "co2", "dumped", "stored")
 
 
 def equipment_of(task: TaskSpec) -> Equipment:
-    """The equipment of a task, at its nominal parameters.
-
-    Raises
-    ------
-    GlbenchError
-        When the task's model has no energy system.
-    """
+    """The equipment of a task, at its nominal parameters. Raises ``GlbenchError`` when the task's model has no energy system."""
     lacking = lacks_energy(task.model_value)
     if lacking:
         msg = (
@@ -97,12 +91,8 @@ class EnergyDemand:
     def of(cls, episode: Episode, task: TaskSpec) -> Self:
         """What the run of ``episode`` asked for, at the prices of its moments.
 
-        Raises
-        ------
-        GlbenchError
-            When the model of ``task`` has no energy system, or its ledger prices nothing of it.
-        EpisodeError
-            When the prices are not those that the run paid: the task has other draws.
+        Raises ``GlbenchError`` when the model of ``task`` has no energy system, or its ledger prices nothing of it, and ``EpisodeError``
+        when the prices are not those that the run paid: the task has other draws.
         """
         equipment_of(task)  # or there is nothing to ask of
         x, u = episode.states, np.stack([episode[name] for name in task.model_value.control_names], axis=1)
@@ -172,11 +162,7 @@ def dispatch(equipment: Equipment, demand: EnergyDemand) -> Dispatch | None:
     """The cheapest way to give a run what it asked for; ``None`` where ``equipment`` cannot.
 
     A buffer starts with the heat that the run started with, and ends with what the run ended with at least; a smaller one is full then.
-
-    Raises
-    ------
-    GlbenchError
-        When the solver gives up.
+    Raises ``GlbenchError`` when the solver gives up.
     """
     from scipy.optimize import linprog
 

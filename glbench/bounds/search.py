@@ -86,10 +86,7 @@ class PlanJob:
 def make_plan(context: JobContext, job: PlanJob) -> PlanBook:
     """A book with the plan; each ``Iteration`` is sent to the listener.
 
-    Raises
-    ------
-    GlbenchError
-        When there is no plan, or this machine's numbers would differ from those of the machine that packed the task.
+    Raises ``GlbenchError`` when there is no plan, or this machine's numbers would differ from those of the machine that packed the task.
     """
     task, seed = job.task.unpack(), job.seeds[0]
     plan = plan_season(Scenario.of(task, seed), job.controls, iterations=job.iterations, watch=context.send)

@@ -209,13 +209,7 @@ class Printer:
             put_parts(parts)
 
     def show(self, view: View) -> None:
-        """Print a view.
-
-        Raises
-        ------
-        typer.Exit
-            With the view's exit code, unless it is 0.
-        """
+        """Print a view. Raises ``typer.Exit`` with the view's exit code, unless it is 0."""
         for note in view.notes:
             print_warning(note)
         if self.as_json:
@@ -355,10 +349,7 @@ def tell_interrupted(consequence: str = "") -> None:
 def interruption(consequence: str | Callable[[], str]) -> Iterator[None]:
     """Turn Ctrl-C into the message ``Interrupted.`` with its ``consequence``.
 
-    Raises
-    ------
-    typer.Exit
-        With code ``INTERRUPTED`` after Ctrl-C.
+    Raises ``typer.Exit`` with code ``INTERRUPTED`` after Ctrl-C.
     """
     try:
         yield

@@ -181,10 +181,8 @@ def _engine(name: options.EngineName, address: str | None, workers: int | None) 
 def select_tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | None, split: str = "test") -> list[TaskSpec]:
     """The tasks of these names, each once, with the draws of a ``sealed`` round if there is one; the default task when none is named.
 
-    Raises
-    ------
-    TaskError
-        When a task has no such split, or when two tasks differ in their namespace only: their results would overwrite each other.
+    Raises ``TaskError`` when a task has no such split, or when two tasks differ in their namespace only: their results would overwrite each
+    other.
     """
     from glbench.tasks import DEFAULT_TASK, get_suite, get_task
 
@@ -207,10 +205,7 @@ def select_tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | No
 def load_agents(refs: Sequence[str], sandbox: SandboxName) -> tuple[dict[str, Protected], dict[str, str]]:
     """The agents of these names, each once, and the reasons why others cannot be used. A single one that cannot be used raises.
 
-    Raises
-    ------
-    SubmissionError
-        When two different agents have one name: their results would overwrite each other.
+    Raises ``SubmissionError`` when two different agents have one name: their results would overwrite each other.
     """
     from glbench.evaluation import protect
     from glbench.evaluation.sandbox.choosing import EXAMPLES

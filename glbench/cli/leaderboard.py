@@ -261,7 +261,7 @@ def _task_tables(table: TaskTable, *, members: bool) -> Iterator[console.Table]:
         *t.year_columns(table.rows, first, gives_way=6),
         *([replace(t.overall_column(first, gives_way=6), heading="Overall\n95 %")] if has("overall") else []),
         *([replace(t.deviation_column(first, gives_way=8), heading="SD of\ntrainings")] if has("deviation") else []),
-        t.TableColumn("IQM", lambda row: t.number_text(t.iqm_of(row, first), first.digits), gives_way=9),
+        t.iqm_column(first, "IQM", gives_way=9),
         *(t.of_metric(metric, gives_way=3 + place) for place, metric in enumerate(others)),
         *regrets[1:],
         t.TableColumn("Runs", runs, gives_way=7),

@@ -105,13 +105,7 @@ def task_or_default(name: str | None) -> TaskSpec:
 
 @contextlib.contextmanager
 def needs_the_extra(extra: str) -> Iterator[None]:
-    """Say what to install when packages are missing.
-
-    Raises
-    ------
-    TrainingError
-        Instead of the import's own error.
-    """
+    """Say what to install when packages are missing. Raises ``TrainingError`` instead of the import's own error."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -132,12 +126,7 @@ def task_ids(names: Sequence[str]) -> list[str]:
 def find_results(name: str, tasks: Sequence[str], reports: Path) -> list[StoredResult]:
     """Results that ``name`` means: a result file, or all of an agent's below ``reports`` and of the released ones.
 
-    ``tasks`` (ids or their short forms) keeps those of these tasks only.
-
-    Raises
-    ------
-    ResultError
-        When there is none.
+    ``tasks`` (ids or their short forms) keeps those of these tasks only. Raises ``ResultError`` when there is none.
     """
     from glbench.evaluation import load_result
     from glbench.leaderboard.collect import StoredResult, own_and_released_results

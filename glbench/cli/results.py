@@ -12,9 +12,7 @@ from rich.box import HEAVY_HEAD
 
 from glbench.cli import console, options
 from glbench.cli.console import Markup, count, plain, styled
-from glbench.cli.console import (
-    show as show_view,
-)
+from glbench.cli.console import show as show_view
 from glbench.cli.options import REPORTS
 from glbench.errors import ResultError
 
@@ -346,10 +344,11 @@ def _entries(name: str, tasks: Sequence[str], out: Path, by_task: Callable[[], M
 
 def comparison_view(entries: Sequence[tuple[Entry, Entry]]) -> console.View:
     """Two agents on one task or several."""
-    from glbench.leaderboard.pairs import compare_entries, corrected_p_values
+    from glbench.leaderboard.pairs import compare_entries
+    from glbench.leaderboard.statistics import corrected
 
     pairs = [compare_entries(ours, theirs) for ours, theirs in entries]
-    tests = list(zip(pairs, corrected_p_values(pairs), strict=True))
+    tests = list(zip(pairs, corrected([pair.p_value for pair in pairs]), strict=True))
     return console.View(_comparison_parts(entries, tests), lambda: [_document(pair, p_value) for pair, p_value in tests])
 
 

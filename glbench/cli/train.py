@@ -381,13 +381,7 @@ class Where:
 
 
 def seeds_of(text: str) -> list[int]:
-    """The seeds that ``0-4`` or ``0,1,7-9`` names, each once.
-
-    Raises
-    ------
-    GlbenchError
-        When it names none, or too many.
-    """
+    """The seeds that ``0-4`` or ``0,1,7-9`` names, each once. Raises ``GlbenchError`` when it names none, or too many."""
     seeds = dict[int, None]()
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
@@ -431,10 +425,7 @@ def train_with_seeds(
 ) -> None:
     """Train with ``several`` seeds, each in ``out/NAME-seedSEED``, and print the outcome; ``training`` is what ``glbench train`` calls.
 
-    Raises
-    ------
-    typer.Exit
-        With code 1 when a training failed, else 3 when one learnt nothing, 130 when interrupted.
+    Raises ``typer.Exit`` with code 1 when a training failed, else 3 when one learnt nothing, 130 when interrupted.
     """
     from glbench.leaderboard.catalogue import catalogue
     from glbench.training.multi_seed import train_seeds
@@ -503,10 +494,7 @@ def _put_outcome(
 ) -> None:
     """Print the best policy or rules (``what``) of a training and what to do with it; ``how`` to train for more steps.
 
-    Raises
-    ------
-    typer.Exit
-        With code 3 when nothing was learnt.
+    Raises ``typer.Exit`` with code 3 when nothing was learnt.
     """
     from glbench.leaderboard.catalogue import catalogue
 

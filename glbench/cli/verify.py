@@ -76,12 +76,7 @@ def verify(
 def result_files(paths: list[Path]) -> list[Path]:
     """These result files, and those in these folders.
 
-    Raises
-    ------
-    ResultError
-        When a folder is missing that has results of trials beside it.
-    typer.Exit
-        With code 2 when there is none.
+    Raises ``ResultError`` when a folder is missing that has results of trials beside it, and ``typer.Exit`` with code 2 when there is none.
     """
     from glbench.verification import SUFFIX
 

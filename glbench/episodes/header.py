@@ -196,10 +196,7 @@ def definition_json(task: TaskSpec) -> bytes:
 def task_of(definition: bytes) -> TaskSpec:
     """The task that a record's attached definition defines. Whether it is the right one, its digest tells.
 
-    Raises
-    ------
-    EpisodeError
-        When the attachment defines no task.
+    Raises ``EpisodeError`` when the attachment defines no task.
     """
     from glbench.tasks import TaskSpec
 

@@ -196,10 +196,7 @@ class Layout:
 def layout_from(descriptor: bytes, full_name: str) -> Layout:
     """Layout that a file's own description of a message type tells.
 
-    Raises
-    ------
-    EpisodeError
-        When there is no such message type, or it is not made of parts whose fields are numbers of one type.
+    Raises ``EpisodeError`` when there is no such message type, or it is not made of parts whose fields are numbers of one type.
     """
     types = {
         f"{file.package}.{message.name}": message for file in FileDescriptorSet.FromString(descriptor).file for message in file.message_type
@@ -387,10 +384,7 @@ class Scan:
 def scan(path: Path) -> Scan:
     """Read ``path`` from the front to its end, or to where it is cut or damaged.
 
-    Raises
-    ------
-    EpisodeError
-        When there is no such file, it cannot be read, or it is no MCAP file at all.
+    Raises ``EpisodeError`` when there is no such file, it cannot be read, or it is no MCAP file at all.
     """
     try:
         data = read_regular(path, LARGEST_FILE)

@@ -133,10 +133,7 @@ class Recorder:
 def check_round(task: TaskSpec, provenance: Provenance) -> None:
     """Refuse to simulate runs of a sealed round with other draws than its own.
 
-    Raises
-    ------
-    EpisodeError
-        When the task is not given the secret of the record's round.
+    Raises ``EpisodeError`` when the task is not given the secret of the record's round.
     """
     recorded, available = provenance.task.salt_commitment, task.salt_commitment
     if recorded == available:

@@ -155,12 +155,8 @@ class RunSet:
     def closeup(self) -> tuple[np.datetime64, np.datetime64]:
         """Start and end of the days that fast quantities show first.
 
-        Without a chosen first day these are the whole days in which the shown runs together broke their limits most.
-
-        Raises
-        ------
-        GlbenchError
-            When the chosen day is none of the episode's.
+        Without a chosen first day these are the whole days in which the shown runs together broke their limits most. Raises
+        ``GlbenchError`` when the chosen day is none of the episode's.
         """
         times = self.longest.times
         per_day = round(HOURS_PER_DAY * 3600 / self.task.step_seconds)
@@ -198,10 +194,7 @@ def trajectory_of(episode: Episode) -> Trajectory:
 def shown_of(episodes: Sequence[Episode]) -> RunSet:
     """Recorded episodes of one task, to be shown together.
 
-    Raises
-    ------
-    GlbenchError
-        When they are not of one and the same task, and as ``show_together`` does.
+    Raises ``GlbenchError`` when they are not of one and the same task, and as ``show_together`` does.
     """
     if not episodes:
         raise GlbenchError(_NOTHING)
@@ -227,10 +220,7 @@ def provenance_words(episodes: Sequence[Episode]) -> dict[str, str]:
 def show_together(task: TaskSpec, trajectories: Sequence[Trajectory]) -> RunSet:
     """Trajectories with labels: the controller's name, with the seed where one controller is shown twice.
 
-    Raises
-    ------
-    GlbenchError
-        For no trajectory, an empty one, the same run twice, or more trajectories than there are colours.
+    Raises ``GlbenchError`` for no trajectory, an empty one, the same run twice, or more trajectories than there are colours.
     """
     if not trajectories:
         raise GlbenchError(_NOTHING)
@@ -368,13 +358,7 @@ def _outcome(trajectory: Trajectory, signals: Signals) -> list[str]:
 
 
 def load_rerun() -> Any:
-    """The module ``rerun``.
-
-    Raises
-    ------
-    GlbenchError
-        When it is not installed; it says how to install it.
-    """
+    """The module ``rerun``. Raises ``GlbenchError`` when it is not installed; it says how to install it."""
     try:
         return importlib.import_module("rerun")
     except ImportError as error:

@@ -381,13 +381,7 @@ class Signals:
 
 @lru_cache(maxsize=32)
 def signals_of(task: TaskSpec) -> Signals:
-    """The description for ``task``.
-
-    Raises
-    ------
-    TaskError
-        When two columns of its record would have the same name.
-    """
+    """The description for ``task``. Raises ``TaskError`` when two columns of its record would have the same name."""
     model, ledger = task.model_value, task.ledger
     pages = _pages(task)
     paths = [curve.path for page in pages for curve in page.curves]

@@ -83,12 +83,8 @@ class Trajectory:
 def check_learnable(task: TaskSpec, first_seed: int, seasons: int) -> None:
     """Refuse seasons that are held out.
 
-    Raises
-    ------
-    TaskError
-        When ``task`` is in a split other than training, or has no training split.
-    GlbenchError
-        When a task could be scored with one of the seeds.
+    Raises ``TaskError`` when ``task`` is in a split other than training, or has no training split, and ``GlbenchError`` when a task could
+    be scored with one of the seeds.
     """
     task.check_training()
     if task.split not in (None, "training"):
@@ -105,10 +101,7 @@ def check_learnable(task: TaskSpec, first_seed: int, seasons: int) -> None:
 def check_agent(task: TaskSpec, agent: Protected, seed: int) -> None:
     """Refuse an agent that cannot begin a season of ``task``, or whose decisions are not actions of the environment.
 
-    Raises
-    ------
-    SubmissionError
-        For a controller that sets controls past the task's actuation, and for an agent that fails.
+    Raises ``SubmissionError`` for a controller that sets controls past the task's actuation, and for an agent that fails.
     """
     if agent.agent.acts == "controls":
         msg = (

@@ -166,12 +166,6 @@ def of_published(task_ids_: Iterable[str]) -> Catalogue:
     return catalogue(*(published_task(task_id) for task_id in task_ids_ if task_id in task_ids()))
 
 
-def has_several_seasons(task: TaskSpec) -> bool:
-    """Whether runs of the task are in different seasons."""
-    scenario = task.scenario
-    return task.splits is not None or scenario.generated is not None or len(scenario.seasons) > 1
-
-
 @cache
 def _layout() -> Mapping[str, Any]:
     """What ``catalogue.toml`` says."""
@@ -188,7 +182,8 @@ def _of_task(task: TaskSpec) -> Catalogue:
         and set(limits) == quantities.AIR.keys()
         and "scaled_epi" in task.reward.modules
     )
-    coverage = _layout()["coverage"]["several" if has_several_seasons(task) else "one"]
+    has_several_seasons = task.splits is not None or task.scenario.generated is not None or len(task.scenario.seasons) > 1
+    coverage = _layout()["coverage"]["several" if has_several_seasons else "one"]
     # What is known comes first: a stored task has its tables in another order than the file that it came from.
     items, flows = task.ledger.items, list(quantities.FLOWS)
     places = {item.name: flows.index(item.flow) - len(flows) if _entry(item) else items.index(item) for item in items}

@@ -139,10 +139,7 @@ def read_folder(folder: Path) -> tuple[list[StoredResult], list[ResultError]]:
 def refuse_mixed_digests(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> None:
     """Results under one task id must be results of one and the same task.
 
-    Raises
-    ------
-    ResultError
-        When the digests of a task's results differ from each other, or from the published digest in ``expected``.
+    Raises ``ResultError`` when the digests of a task's results differ from each other, or from the published digest in ``expected``.
     """
     items = list(stored)
     strangers = [problem for item in items if (problem := _problem_of_task(item, expected.get(item.result.task.id)))]

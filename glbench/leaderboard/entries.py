@@ -209,10 +209,7 @@ def expected_seeds(task_id: str, items: Iterable[StoredResult], expected: Mappin
 def metric_of(task_id: str, expected: Mapping[str, Expectation], task: TaskSpec | None = None) -> str:
     """The metric that ranks on a task: on a published one as ``expected`` says, else as its definition says where that is known.
 
-    Raises
-    ------
-    ResultError
-        When it is one that results do not hold, or of which less is better.
+    Raises ``ResultError`` when it is one that results do not hold, or of which less is better.
     """
     task_id = task_of_board(task_id)
     own = RANKING_METRIC if task is None else task.evaluation.metric

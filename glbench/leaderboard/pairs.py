@@ -18,7 +18,6 @@ from glbench.leaderboard.statistics import (
     SIGNIFICANCE,
     Array,
     Interval,
-    corrected,
     estimate_difference,
     paired_test,
     probability_of_improvement,
@@ -93,10 +92,7 @@ class Pair:
 def compare_entries(one: Entry, other: Entry) -> Pair:
     """Compare two entries of one task on their common seeds.
 
-    Raises
-    ------
-    ResultError
-        When they are of different tasks, have no seed in common, or one of them holds no reward.
+    Raises ``ResultError`` when they are of different tasks, have no seed in common, or one of them holds no reward.
     """
     first, second = one.first, other.first
     if first.task.digest != second.task.digest:
@@ -176,11 +172,6 @@ def failures(name: str, runs: Iterable[RunResult]) -> str:
         return ""
     how = ", ".join(f"{state.replace('_', ' ')}: {number}" for state, number in failed.items())
     return f"{sum(failed.values())} of {states.total()} runs of {name} failed ({how})"
-
-
-def corrected_p_values(pairs: list[Pair]) -> list[float]:
-    """P-values of several tasks, corrected for their number, see ``statistics.corrected``."""
-    return corrected([pair.p_value for pair in pairs])
 
 
 def _metric(unit: str, first: Array | None, second: Array | None, fixed: tuple[bool, bool]) -> MetricPair:

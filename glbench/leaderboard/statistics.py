@@ -183,10 +183,7 @@ class MeanEstimate:
     def interval(self, confidence: float = CONFIDENCE) -> Interval:
         """Interval of Student's t; both ends are the value if nothing is drawn, or for a single run.
 
-        Raises
-        ------
-        ResultError
-            When ``confidence`` is not between 0 and 1.
+        Raises ``ResultError`` when ``confidence`` is not between 0 and 1.
         """
         _check_settings(confidence)
         half = 0.0
@@ -398,10 +395,7 @@ def stratified_interval(
 ) -> tuple[float, float]:
     """``bootstrap_interval`` over several tasks: one array of run values ``(n_i,)`` a task, and a statistic of all of them.
 
-    Raises
-    ------
-    ResultError
-        When there is no task, a task has no runs, or ``confidence`` is not between 0 and 1.
+    Raises ``ResultError`` when there is no task, a task has no runs, or ``confidence`` is not between 0 and 1.
     """
     if not strata or any(stratum.size == 0 for stratum in strata):
         msg = "An interval over tasks needs at least one task, and runs in each of them."
@@ -427,13 +421,7 @@ def _ends(values: Array, confidence: float = CONFIDENCE) -> Array:
 
 
 def normalise(values: Array, nothing: float, best: float) -> Array:
-    """Rewards ``(n,)`` as normalised scores.
-
-    Raises
-    ------
-    ResultError
-        When the best known reward is not above that of doing nothing.
-    """
+    """Rewards ``(n,)`` as normalised scores. Raises ``ResultError`` when the best known reward is not above that of doing nothing."""
     if not best > nothing:
         msg = f"The best known reward ({best:g}) is not above that of doing nothing ({nothing:g}): scores cannot be normalised."
         raise ResultError(msg)
@@ -480,16 +468,12 @@ def aggregate(
     """A score over tasks, from one array of normalised scores ``(n_i,)`` or ``(trainings_i, n_i)`` a task.
 
     The mean has a 95 % interval over runs and trainings, see ``estimate_mean``. If a task has several trainings, other scores have the
-    range from the lowest to the highest training of each task; otherwise the 95 % bootstrap interval over runs.
-
-    Raises
-    ------
-    ResultError
-        When there is no task, or a task without runs.
+    range from the lowest to the highest training of each task; otherwise the 95 % bootstrap interval over runs. Raises ``ResultError`` when
+    there is no task, or a task without runs.
     """
     if score == "mean":
         return estimate_mean(tasks, scenarios).interval()
-    statistic, by_training, together = SCORES[score], [np.atleast_2d(runs) for runs in tasks], pooled(tasks)
+    statistic, by_training, together = SCORES[score], [np.atleast_2d(runs) for runs in tasks], [runs.ravel() for runs in tasks]
     if any(len(runs) > 1 for runs in by_training):
         lowest = [runs[runs.mean(axis=1).argmin()] for runs in by_training]
         highest = [runs[runs.mean(axis=1).argmax()] for runs in by_training]
@@ -499,18 +483,10 @@ def aggregate(
     return Interval(value=float(statistic(together)), low=low, high=high)
 
 
-def pooled(tasks: Sequence[Array]) -> list[Array]:
-    """Runs of all trainings of a task together: ``(trainings_i, n_i)`` to ``(trainings_i * n_i,)``."""
-    return [runs.ravel() for runs in tasks]
-
-
 def performance_profile(agent: str, tasks: Sequence[Array], thresholds: Array, *, resamples: int = 2_000, seed: int = 0) -> Profile:
     """Share of runs above each threshold, averaged over tasks, with pointwise 95 % bands.
 
-    Raises
-    ------
-    ResultError
-        When there is no task, or a task without runs.
+    Raises ``ResultError`` when there is no task, or a task without runs.
     """
     if not tasks or any(runs.size == 0 for runs in tasks):
         msg = "A performance profile needs at least one task, and runs in each of them."
@@ -539,12 +515,8 @@ def probability_of_improvement(
     Equal scores count half. Of several trainings every pair counts, run by run. ``ours`` and ``theirs`` are values ``(n,)`` or
     ``(trainings, n)`` by task, in the order of the same runs, in any unit that orders them; ``scenarios`` name the runs as in
     ``estimate_mean``, by task. The interval is Wilson's (1927, J. Am. Stat. Assoc. 22, 209-212), with the number of independent pairs that
-    gives the estimated variance, at most the actual number of pairs. So its ends are never both 0 or both 1.
-
-    Raises
-    ------
-    ResultError
-        When the agents have no task in common, or not the same runs.
+    gives the estimated variance, at most the actual number of pairs. So its ends are never both 0 or both 1. Raises ``ResultError`` when
+    the agents have no task in common, or not the same runs.
     """
     common = sorted(set(ours) & set(theirs))
     if not common:
@@ -708,12 +680,7 @@ def pairs_apart(
 ) -> set[frozenset[str]]:
     """The pairs of agents that can be told apart, from their values as in ``paired_test``, corrected for the number of pairs.
 
-    ``fixed`` names agents that were not trained.
-
-    Raises
-    ------
-    ResultError
-        When the agents do not all have the same runs.
+    ``fixed`` names agents that were not trained. Raises ``ResultError`` when the agents do not all have the same runs.
     """
     pairs = list(combinations(sorted(scores), 2))
     tests = [paired_test(scores[a], scores[b], resolutions, scenarios, (a in fixed, b in fixed)) for a, b in pairs]
@@ -729,13 +696,9 @@ def tiers(
 ) -> tuple[tuple[str, ...], ...]:
     """Agents in tiers, best first: those that cannot be told apart from the first of their tier; arguments as for ``pairs_apart``.
 
-    Within a tier agents stand by their mean; equal means by name. "Cannot be told apart" is not transitive: neighbours of different
-    tiers may be hard to tell apart, and only the first of a tier is sure to be told apart from the first of the tier above.
-
-    Raises
-    ------
-    ResultError
-        When the agents do not all have the same runs.
+    Within a tier agents stand by their mean; equal means by name. "Cannot be told apart" is not transitive: neighbours of different tiers
+    may be hard to tell apart, and only the first of a tier is sure to be told apart from the first of the tier above. Raises
+    ``ResultError`` when the agents do not all have the same runs.
     """
     if not scores:
         return ()

@@ -286,7 +286,7 @@ def _profiles(whole: Mapping[str, Mapping[str, statistics.Array]], tasks: Sequen
     """Profiles over thresholds from the lowest score that matters to a little above the best."""
     if not whole:
         return ()
-    lists = {agent: statistics.pooled([by_task[task] for task in tasks]) for agent, by_task in whole.items()}
+    lists = {agent: [by_task[task].ravel() for task in tasks] for agent, by_task in whole.items()}
     every = np.concatenate([runs for each in lists.values() for runs in each])
     low, high = max(_LOWEST_THRESHOLD, min(0.0, float(every.min()))), max(1.0, float(every.max()))
     margin = 0.02 * (high - low)

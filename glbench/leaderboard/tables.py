@@ -61,7 +61,7 @@ FOOTNOTES = (
     "Failed runs count at the task's stated penalty.",
     "CVaR10 is the mean of the worst tenth of the runs in what ranks; of several trainings the mean over them.",
     f"{RANGE_MARK} is a range, not an interval: the lowest and the highest of several trainings with different seeds, around their mean. "
-    "A 95 % interval covers the {covers}; {beyond} or another training can lie far outside.",
+    "A 95 % interval covers the {draws}, and one training; {beyond} or another training can lie far outside.",
     "Agents that cannot be told apart share a rank: paired t-tests of the difference of the means, over runs with the same seeds and over "
     "trainings, corrected for the number of pairs (Benjamini-Hochberg), at 5 %.",
     "Source: released with glbench; own, evaluated by you; trial, with other seeds than the task's, such as fewer runs, and not ranked.",
@@ -100,15 +100,10 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     extra += [REGRET_NOTE] * any(map(has_regret, tables))
     profit = profit or (_PROFIT if name == "Profit" else f"the profit: {_PROFIT}")
     words = catalogue(*tasks)
-    notes = [note.format(name=name, profit=profit, units=units, covers=covers(words), beyond=words.beyond) for note in FOOTNOTES]
+    notes = [note.format(name=name, profit=profit, units=units, draws=words.draws, beyond=words.beyond) for note in FOOTNOTES]
     if any(resolution_of(table.metric, table.task) for table in tables) or not tables:
         notes.insert(RESOLUTION_PLACE, RESOLUTION_NOTE)
     return [*notes, *extra]
-
-
-def covers(words: Catalogue) -> str:
-    """What an interval over the runs of one training covers, in tasks with these words."""
-    return f"{words.draws}, and one training"
 
 
 def has_regret(table: TaskTable) -> bool:
@@ -133,9 +128,9 @@ def score_note(task_ids: Iterable[str]) -> str:
     """What the intervals of normalised scores over these tasks are."""
     words = of_published(task_ids)
     return (
-        f"Intervals cover the {covers(words)}; if an agent has several trainings, the interval of its mean covers trainings, too. "
-        f"Intervals narrower than {SCORE_STEP} are left out, because {words.beyond} or another training can move a score by more. "
-        f"{RANGE_MARK}: range from the lowest to the highest training of each task."
+        f"Intervals cover the {words.draws}, and one training; if an agent has several trainings, the interval of its mean covers "
+        f"trainings, too. Intervals narrower than {SCORE_STEP} are left out, because {words.beyond} or another training can move a score by "
+        f"more. {RANGE_MARK}: range from the lowest to the highest training of each task."
     )
 
 
@@ -185,14 +180,14 @@ class TableColumn:
     gives_way: int = 0
 
 
+def of_numbers(heading: str, value: Callable[[Any], float | None], digits: int, gives_way: int = 0) -> TableColumn:
+    """What ``value`` is of each row, with so many decimals."""
+    return TableColumn(heading, lambda row: number_text(value(row), digits), number=True, gives_way=gives_way)
+
+
 def of_metric(metric: Metric, gives_way: int = 0) -> TableColumn:
     """The mean of a metric."""
-    return TableColumn(
-        metric.headed,
-        lambda row: number_text(row.means.get(metric.name), metric.digits),
-        number=True,
-        gives_way=gives_way,
-    )
+    return of_numbers(metric.headed, lambda row: row.means.get(metric.name), metric.digits, gives_way)
 
 
 def with_interval(metric: Metric) -> TableColumn:
@@ -207,13 +202,14 @@ def with_interval(metric: Metric) -> TableColumn:
     return TableColumn(metric.headed, text)
 
 
-DECISION = TableColumn("Decision [ms]", lambda row: number_text(row.decision_milliseconds, 3), number=True)
+DECISION = of_numbers("Decision [ms]", lambda row: row.decision_milliseconds, 3)
 TRAINING = TableColumn("Training [steps]", lambda row: steps_text(row.training_steps))
 SOURCE = TableColumn("Source", lambda row: str(row.origin), words=True)
+_SANDBOXED = {"bubblewrap": "yes", "unsandboxed": "no", "built-in": "part of glbench"}
 WORDS = (
     SOURCE,
     TableColumn("Sees", lambda row: sees_word(privileged=row.privileged, information=row.information), words=True),
-    TableColumn("Sandboxed", lambda row: sandbox_word(row.sandbox), words=True),
+    TableColumn("Sandboxed", lambda row: _SANDBOXED.get(row.sandbox or "", NONE), words=True),
 )
 _CHECKED = TableColumn("Reproduced", lambda row: REPRODUCED_MARK if row.reproduced else NONE, words=True)
 _CHECKED_IN_WORDS = TableColumn("Reproduced", lambda row: "yes" if row.reproduced else "no", words=True)
@@ -233,7 +229,7 @@ def _task_columns(table: TaskTable) -> list[TableColumn]:
         TableColumn("#", lambda row: NONE if row.rank is None else "" if row.training_seed is not None else str(row.rank)),
         TableColumn("Agent", agent_label, words=True, free=True),
         *map(with_interval, (first, *others)),
-        TableColumn(f"{first.heading}, IQM", lambda row: number_text(iqm_of(row, first), first.digits)),
+        iqm_column(first, f"{first.heading}, IQM"),
         *([fresh_column(first)] if has_fresh_draws(table) else []),
         worst_column(first),
         *year_columns(table.rows, first),
@@ -249,22 +245,14 @@ def _task_columns(table: TaskTable) -> list[TableColumn]:
     ]
 
 
-def fresh_column(metric: Metric, gives_way: int = 0) -> TableColumn:
+def fresh_column(metric: Metric) -> TableColumn:
     """Mean of the ranking metric with fresh draws."""
-
-    def text(row: Row) -> str:
-        return number_text(None if row.fresh_draws is None else row.fresh_draws.mean, metric.digits)
-
-    return TableColumn("Fresh draws", text, number=True, gives_way=gives_way)
+    return of_numbers("Fresh draws", lambda row: row.fresh_draws and row.fresh_draws.mean, metric.digits)
 
 
 def worst_column(metric: Metric, gives_way: int = 0) -> TableColumn:
     """The worst tenth of the runs in what ranks."""
-
-    def text(row: Row) -> str:
-        return number_text(None if row.worst_tenth is None else row.worst_tenth.value, metric.digits)
-
-    return TableColumn("CVaR10", text, number=True, gives_way=gives_way)
+    return of_numbers("CVaR10", lambda row: row.worst_tenth and row.worst_tenth.value, metric.digits, gives_way)
 
 
 def regret_columns(table: TaskTable, gives_way: tuple[int, int, int] = (0, 0, 0), *, spans: bool = True) -> list[TableColumn]:
@@ -308,30 +296,22 @@ def year_columns(rows: Iterable[Row], metric: Metric, gives_way: int = 0) -> lis
     """Columns with the mean of the ranking metric by weather year; none if no row has several years."""
 
     def column(year: int) -> TableColumn:
-        def text(row: Row) -> str:
-            return number_text(next((one.mean for one in row.by_year if one.year == year), None), metric.digits)
-
-        return TableColumn(f"{year}", text, number=True, gives_way=gives_way)
+        return of_numbers(f"{year}", lambda row: {one.year: one.mean for one in row.by_year}.get(year), metric.digits, gives_way)
 
     return [column(year) for year in sorted({one.year for row in rows for one in row.by_year})]
 
 
 def deviation_column(metric: Metric, gives_way: int = 0) -> TableColumn:
     """How far trainings of one recipe spread."""
-
-    def text(row: Row) -> str:
-        estimate = row.estimates.get(metric.name)
-        return number_text(None if estimate is None else estimate.deviation, metric.digits)
-
-    return TableColumn("SD of trainings", text, gives_way=gives_way)
+    return of_numbers("SD of trainings", lambda row: getattr(row.estimates.get(metric.name), "deviation", None), metric.digits, gives_way)
 
 
 TRAINED_ON = TableColumn("Trained on", lambda row: visible(row.trained_on.words), words=True, free=True)
 
 
-def iqm_of(row: Row, metric: Metric) -> float | None:
+def iqm_column(metric: Metric, heading: str, gives_way: int = 0) -> TableColumn:
     """The interquartile mean of a metric."""
-    return row.estimates[metric.name].iqm if metric.name in row.estimates else None
+    return of_numbers(heading, lambda row: getattr(row.estimates.get(metric.name), "iqm", None), metric.digits, gives_way)
 
 
 def _score_columns(table: SuiteTable) -> list[TableColumn]:
@@ -586,44 +566,29 @@ def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *
         "kernel_build": row.build,
     }
     for metric in metrics:
-        one = row.estimates.get(metric.name)
-        for part in ("mean", "iqm", "low", "high"):
-            record[f"{metric.name}_{part} [{metric.unit}]"] = None if one is None else getattr(one, part)
+        record |= _cells(metric.name, row.estimates.get(metric.name), ("mean", "iqm", "low", "high"), f" [{metric.unit}]")
+    ends = {"mean": "mean", "lowest": "low", "highest": "high"} if entry.is_range else dict.fromkeys(("mean", "lowest", "highest"), "mean")
     for metric in (one for one in metrics if one.column and one.interval):
-        of_all = entry.estimates.get(metric.name)
-        parts: tuple[float | None, ...] = (None,) * 3
-        if of_all is not None:
-            ends = (of_all.low, of_all.high) if entry.is_range else (of_all.mean, of_all.mean)
-            parts = (of_all.mean, *ends)
-        for part, value in zip(("mean", "lowest", "highest"), parts, strict=True):
-            record[f"entry_{metric.name}_{part} [{metric.unit}]"] = value
-        overall = None if of_all is None else of_all.overall
-        record[f"entry_{metric.name}_deviation [{metric.unit}]"] = None if of_all is None else of_all.deviation
-        for part in ("low", "high"):
-            record[f"entry_{metric.name}_overall_{part} [{metric.unit}]"] = overall and getattr(overall, part)
+        of_all, name, unit = entry.estimates.get(metric.name), f"entry_{metric.name}", f" [{metric.unit}]"
+        record |= _cells(name, of_all, ends, unit) | _cells(name, of_all, ("deviation",), unit)
+        record |= _cells(f"{name}_overall", of_all and of_all.overall, ("low", "high"), unit)
     record["by_year"] = "; ".join(f"{one.year}: {one.mean:.17g} ({one.runs} runs)" for one in row.by_year)
-    for part in ("value", "low", "high"):
-        record[f"worst_tenth_{part}"] = row.worst_tenth and getattr(row.worst_tenth, part)
-    record |= _regret_record(entry, row)
+    record |= _cells("worst_tenth", row.worst_tenth, ("value", "low", "high"))
+    record["regret_unit"] = row.regret and row.regret.unit  # it differs between tasks, but for the profit's
+    for part in PARTS:
+        name, unit = "regret" if part == "total" else f"regret_{part}", " [EUR m-2]" if part == "profit" else ""
+        record |= _cells(name, row.regret and getattr(row.regret, part), ("mean", "low", "high"), unit)
+    record["regret_runs_ahead"] = row.regret and row.regret.runs_ahead
+    record |= _cells("entry_regret", entry.regret and entry.regret.total, ends)
     if fresh:
-        for name in ("mean", "drop", "low", "margin", "reference", "failed", "marked"):
-            record[f"fresh_draws_{name}"] = row.fresh_draws and getattr(row.fresh_draws, name)
+        record |= _cells("fresh_draws", row.fresh_draws, ("mean", "drop", "low", "margin", "reference", "failed", "marked"))
     return {**record, "task_digest": row.task_digest, "results_digest": row.results_digest}
 
 
-def _regret_record(entry: Row, row: Row) -> dict[str, object]:
-    """Regret and its parts; the unit of all but the profit differs between tasks, so it has a column."""
-    own, of_all = row.regret, entry.regret
-    record: dict[str, object] = {"regret_unit": own and own.unit}
-    for part in PARTS:
-        estimate: Estimate | None = None if own is None else getattr(own, part)
-        name, unit = "regret" if part == "total" else f"regret_{part}", " [EUR m-2]" if part == "profit" else ""
-        for end in ("mean", "low", "high"):
-            record[f"{name}_{end}{unit}"] = None if estimate is None else getattr(estimate, end)
-    record["regret_runs_ahead"] = own and own.runs_ahead
-    for name, end in (("mean", "mean"), ("lowest", "low"), ("highest", "high")):
-        record[f"entry_regret_{name}"] = of_all and getattr(of_all.total, end if entry.is_range else "mean")
-    return record
+def _cells(name: str, of: object, parts: Iterable[str] | Mapping[str, str], unit: str = "") -> dict[str, object]:
+    """Parts of an estimate as ``<name>_<part>``, or under other names (name to part); ``None`` where there is none."""
+    named = parts if isinstance(parts, Mapping) else {part: part for part in parts}
+    return {f"{name}_{part}{unit}": getattr(of, attribute, None) for part, attribute in named.items()}
 
 
 def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
@@ -639,15 +604,10 @@ def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
             "low_and_high": "range over trainings" if row.trainings[1] > 1 else "95 % interval over runs",
             "low_and_high_of_mean": f"95 % interval over runs{' and trainings' if row.trainings[1] > 1 else ''}",
         }  # fmt: skip
-        for name in SCORES:
-            interval = getattr(row, name)
-            record |= {name: interval.value, f"{name}_low": interval.low, f"{name}_high": interval.high}
-        for part in ("value", "low", "high"):
-            heading = "regret" if part == "value" else f"regret_{part}"
-            record[f"{heading} [EUR m-2]"] = row.regret and getattr(row.regret, part)
-        for part in ("value", "low", "high"):
-            heading = RULES if part == "value" else f"{RULES}_{part}"
-            record[f"more_than_{heading} [EUR m-2]"] = row.against_rules and getattr(row.against_rules, part)
+        intervals = {**{name: (getattr(row, name), "") for name in SCORES}, "regret": (row.regret, " [EUR m-2]")}
+        intervals[f"more_than_{RULES}"] = row.against_rules, " [EUR m-2]"
+        for name, (interval, unit) in intervals.items():
+            record |= {f"{name}{unit}": interval and interval.value, **_cells(name, interval, ("low", "high"), unit)}
         for metric in words.metrics.values():
             record[f"{metric.name}_mean [{metric.unit}]"] = figures and figures.metrics.get(metric.name)
         records.append(record | {
@@ -873,11 +833,6 @@ def sees_word(*, privileged: bool, information: str) -> str:
     return "privileged" if privileged else "nothing" if information.startswith("nothing") else "observations"
 
 
-def sandbox_word(sandbox: str | None) -> str:
-    """How an agent was kept apart, in a word."""
-    return {"bubblewrap": "yes", "unsandboxed": "no", "built-in": "part of glbench"}.get(sandbox or "", NONE)
-
-
 def span_text(interval: Interval, *, is_range: bool) -> str:
     """``0.91 to 0.93``, of trainings ``0.910 ↔ 0.934``; empty where an interval is narrower than ``SCORE_STEP``."""
     low, high = interval.low, interval.high
@@ -923,10 +878,7 @@ _COLOURS = {True: "#2f7d4f", False: "#8a6d1f"}
 def badge(table: TaskTable, agent: str) -> str:
     """SVG: task on the left; rank, reward, trainings, origin and whether it was reproduced on the right. Green when reproduced, else ochre.
 
-    Raises
-    ------
-    ResultError
-        When the agent has no row in the table.
+    Raises ``ResultError`` when the agent has no row in the table.
     """
     row = next((one for one in table.rows if one.agent == agent), None)
     if row is None:

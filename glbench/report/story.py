@@ -121,12 +121,8 @@ class Story:
 def tell(path: Path, against: Path, workers: int = 1) -> Story:
     """The story of the result at ``path`` against that at ``against``, from the actions recorded beside them.
 
-    Raises
-    ------
-    ResultError
-        When they are not of one task and split, have no run in common that both ended, or are of one agent.
-    EpisodeError
-        When the recorded actions of one are missing or of another result.
+    Raises ``ResultError`` when they are not of one task and split, have no run in common that both ended, or are of one agent, and
+    ``EpisodeError`` when the recorded actions of one are missing or of another result.
     """
     paths = (path, against)
     results = (load_result(path), load_result(against))

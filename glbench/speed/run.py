@@ -250,13 +250,7 @@ def measure_memory() -> Memory:
 
 
 def _run(code: str, *arguments: str, **environment: str) -> float:
-    """Run ``code`` in another process and return the number that it prints.
-
-    Raises
-    ------
-    GlbenchError
-        When it fails or takes too long.
-    """
+    """Run ``code`` in another process and return the number that it prints. Raises ``GlbenchError`` when it fails or takes too long."""
     command, settings = [sys.executable, "-c", code, *arguments], {**os.environ, **environment}
     try:
         process = children.run(command, env=settings, timeout=_TIMEOUT_SECONDS)

@@ -51,12 +51,8 @@ _NO_SETTINGS = ("self", "policy", "policy_kwargs", "_init_setup_model", *_SET_BY
 def algorithm_class(name: str) -> type[BaseAlgorithm]:
     """Class of ``ppo``, ``sac`` or a class path such as ``sb3_contrib.RecurrentPPO``.
 
-    Raises
-    ------
-    UnknownNameError
-        When there is no such algorithm.
-    TrainingError
-        When the class is not an algorithm of Stable-Baselines3's kind.
+    Raises ``UnknownNameError`` when there is no such algorithm, and ``TrainingError`` when the class is not an algorithm of
+    Stable-Baselines3's kind.
     """
     path = SHORT.get(name.lower(), name)
     module, _, attribute = path.rpartition(".")
@@ -84,10 +80,7 @@ def short_name(algorithm: str) -> str:
 def make_model(settings: TrainingSettings, env: VecEnv, seed: int, tensorboard: str | None) -> BaseAlgorithm:
     """An untrained model of the settings, on the processor, seeded.
 
-    Raises
-    ------
-    TrainingError
-        When an argument is unknown to the algorithm, or refused by it.
+    Raises ``TrainingError`` when an argument is unknown to the algorithm, or refused by it.
     """
     check_settings(settings)
     kind = algorithm_class(settings.algorithm)
@@ -115,10 +108,7 @@ def make_model(settings: TrainingSettings, env: VecEnv, seed: int, tensorboard: 
 def policy_arguments(settings: dict[str, Any]) -> dict[str, Any]:
     """Arguments of the policy with classes in the place of their names.
 
-    Raises
-    ------
-    UnknownNameError
-        When PyTorch has no activation function or optimiser of that name.
+    Raises ``UnknownNameError`` when PyTorch has no activation function or optimiser of that name.
     """
     arguments = dict(settings)
     for key, home in (("activation_fn", torch.nn), ("optimizer_class", torch.optim)):
@@ -135,12 +125,8 @@ def policy_arguments(settings: dict[str, Any]) -> dict[str, Any]:
 def check_settings(settings: TrainingSettings) -> None:
     """Check what can be checked without an environment: the algorithm, names and schedules of its arguments, its policy's classes.
 
-    Raises
-    ------
-    UnknownNameError
-        When there is no such algorithm, activation function or optimiser.
-    TrainingError
-        When an argument is unknown to the algorithm, is set by glbench, or is no schedule.
+    Raises ``UnknownNameError`` when there is no such algorithm, activation function or optimiser, and ``TrainingError`` when an argument is
+    unknown to the algorithm, is set by glbench, or is no schedule.
     """
     kind = algorithm_class(settings.algorithm)
     names = [name for name in inspect.signature(kind.__init__).parameters if name not in _NO_SETTINGS]
@@ -248,10 +234,7 @@ def load_checkpoint(
 ) -> tuple[BaseAlgorithm, Normalizer, History]:
     """Model, normalisation and history of a checkpoint, with environment and generators set back to its moment.
 
-    Raises
-    ------
-    TrainingError
-        When the checkpoint is of another training, cannot be read, or is not as it was written.
+    Raises ``TrainingError`` when the checkpoint is of another training, cannot be read, or is not as it was written.
     """
     try:
         state = json.loads((folder / STATE).read_text(encoding="utf-8"))

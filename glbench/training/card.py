@@ -168,13 +168,7 @@ def _recipe(facts: TrainingFacts, tasks: Sequence[TaskSpec]) -> str:
 
 
 def read_card(file: Path) -> dict[str, Any] | None:
-    """The card, or ``None`` when there is none.
-
-    Raises
-    ------
-    TrainingError
-        When the file is there and no card.
-    """
+    """The card, or ``None`` when there is none. Raises ``TrainingError`` when the file is there and no card."""
     try:
         card = tomllib.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:

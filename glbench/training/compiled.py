@@ -103,13 +103,7 @@ class _Training(Session):
             return float(reward)
 
     def policy(self) -> Actor:
-        """The policy as it stands, without the noise of exploration.
-
-        Raises
-        ------
-        TrainingError
-            When its weights are no longer finite.
-        """
+        """The policy as it stands, without the noise of exploration. Raises ``TrainingError`` when its weights are no longer finite."""
         card, learning, learner = task_card(self.task), self._learning, self._learner
         columns, layers, names = learning.columns, learning.weights["actor"], card.observation_names
         hours, steered = self.settings.memory.hours, learner.max_change > 0

@@ -148,10 +148,7 @@ def is_compiled(file: Path | None, task: TaskSpec) -> bool:
 def read_compiled_settings(file: Path | None, task: TaskSpec, steps: int | None = None) -> CompiledSettings:
     """Settings for a task from a YAML file, or the shipped ones; ``steps`` instead of the file's.
 
-    Raises
-    ------
-    TrainingError
-        When the file cannot be read, or a value is impossible.
+    Raises ``TrainingError`` when the file cannot be read, or a value is impossible.
     """
     source = file or data_folder("baselines") / "ppo" / "fast.yml"
     content = settings.section(source, task.id)

@@ -40,10 +40,7 @@ _WEIGHT = 1e6
 def load_model(file: Path, algorithm: str, normalization: Path | None) -> tuple[BaseAlgorithm, VecNormalize | None]:
     """A saved model and its normalisation. Both files hold pickles, which can run code: load only what you trust.
 
-    Raises
-    ------
-    TrainingError
-        When one of them cannot be read.
+    Raises ``TrainingError`` when one of them cannot be read.
     """
     for path in filter(None, (file, normalization)):
         if not path.is_file():
@@ -69,11 +66,8 @@ def export_policy(
 ) -> NetworkPolicy:
     """The deterministic policy of ``model``: mean action, without the noise of exploration.
 
-    Raises
-    ------
-    TrainingError
-        When its actor is no plain multilayer perceptron (recurrent, with state-dependent exploration, an unknown
-        activation, a features extractor of its own), or the model is of another task.
+    Raises ``TrainingError`` when its actor is no plain multilayer perceptron (recurrent, with state-dependent exploration, an unknown
+    activation, a features extractor of its own), or the model is of another task.
     """
     layers, activation, output = actor_of(model)
     card = task_card(task)
@@ -109,10 +103,7 @@ def export_policy(
 def export_model(file: Path, algorithm: str, normalization: Path | None, task: TaskSpec, folder: Path) -> None:
     """Write the policy of a saved model to ``folder`` with a card, so that the folder can be evaluated as an agent.
 
-    Raises
-    ------
-    TrainingError
-        When the model cannot be read or exported, or the folder holds another agent's card.
+    Raises ``TrainingError`` when the model cannot be read or exported, or the folder holds another agent's card.
     """
     if (folder / CARD).exists():
         msg = f"{folder} has a {CARD} already. Choose another folder with --out."
@@ -134,10 +125,7 @@ def export_model(file: Path, algorithm: str, normalization: Path | None, task: T
 def actor_of(model: BaseAlgorithm) -> tuple[list[nn.Linear], str, Output]:
     """Layers of a model's actor, the activation between them, and what is made of the last one.
 
-    Raises
-    ------
-    TrainingError
-        When it is no plain multilayer perceptron.
+    Raises ``TrainingError`` when it is no plain multilayer perceptron.
     """
     policy = model.policy
     if type(policy).__name__.startswith("Recurrent"):
@@ -180,12 +168,8 @@ def _normalization(normalization: VecNormalize | None, columns: int) -> tuple[np
 def begin_with(file: Path, model: BaseAlgorithm, normalization: Normalizer, task: TaskSpec) -> None:
     """Give ``model`` and ``normalization``, which are untrained, the actor and the statistics of the policy in ``file``.
 
-    Raises
-    ------
-    SubmissionError
-        When there is no policy in ``file``.
-    TrainingError
-        When it is damaged, of another task's kind, or its network is another than the settings ask for.
+    Raises ``SubmissionError`` when there is no policy in ``file``, and ``TrainingError`` when it is damaged, of another task's kind, or its
+    network is another than the settings ask for.
     """
     policy = policy_in(file, task)
     layers, activation, output = actor_of(model)

@@ -36,10 +36,7 @@ DAMAGED = (
 def folder_lock(folder: Path) -> Iterator[None]:
     """Make ``folder`` where it is missing, and keep other processes out of it until the block is left.
 
-    Raises
-    ------
-    TrainingError
-        When another process is at work there, or the disk cannot be written to.
+    Raises ``TrainingError`` when another process is at work there, or the disk cannot be written to.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -136,10 +136,8 @@ class Learner:
     def of(cls, task: TaskSpec, settings: CompiledSettings) -> Learner:
         """The learner for a task.
 
-        Raises
-        ------
-        TrainingError
-            When the settings name a column, a quantity or a state that the task does not have, or the compiled kernel cannot step the task.
+        Raises ``TrainingError`` when the settings name a column, a quantity or a state that the task does not have, or the compiled kernel
+        cannot step the task.
         """
         names = [column.name for column in task.observed()]
         least = np.full(len(names), _LEAST, np.float32)

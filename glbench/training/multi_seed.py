@@ -74,12 +74,8 @@ def submit_training(
 ) -> execution.Future:
     """Submit ``training(task, settings, folder, listeners=listeners, **options)``; ``outcome_of`` takes its outcome.
 
-    An exception of a listener stops the training, and is its outcome; with ``waits_for_answers``, right after the evaluation.
-
-    Raises
-    ------
-    TrainingError
-        When the policy to start from cannot be read.
+    An exception of a listener stops the training, and is its outcome; with ``waits_for_answers``, right after the evaluation. Raises
+    ``TrainingError`` when the policy to start from cannot be read.
     """
     is_remote = executor.is_remote
     start = _start_files(getattr(settings, "start_from", None)) if is_remote else {}
@@ -101,12 +97,7 @@ def submit_training(
 def outcome_of(future: execution.Future, folder: Path) -> Trained:
     """The outcome of a training in ``folder``.
 
-    Raises
-    ------
-    TrainingError
-        When it failed, or its workers were lost.
-    Exception
-        When a listener raised it.
+    Raises ``TrainingError`` when it failed, or its workers were lost, and ``Exception`` when a listener raised it.
     """
     try:
         trained: Trained = future.result()
@@ -209,10 +200,7 @@ def _replace_paths(text: str, paths: Mapping[str, str]) -> str:
 def _start_files(policy: Path | None) -> execution.Files:
     """The policy that a training starts from and its cards, in the same relative places as here.
 
-    Raises
-    ------
-    TrainingError
-        When it cannot be read.
+    Raises ``TrainingError`` when it cannot be read.
     """
     if policy is None:
         return {}

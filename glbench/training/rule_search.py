@@ -83,10 +83,7 @@ class RuleSearchSettings(FrozenSettings):
 def shipped_start(tasks: Sequence[TaskSpec]) -> Path:
     """File of the shipped page for ``tasks``: for their reward, or for the first of them where they show the price of power.
 
-    Raises
-    ------
-    TrainingError
-        When none is shipped, or as for ``reward_of``.
+    Raises ``TrainingError`` when none is shipped, or as for ``reward_of``.
     """
     reward, energy = reward_of(tasks), about_energy(tasks)
     folder = data_folder("baselines") / (ENERGY_CONTROLLER if energy else CONTROLLER) / "rules"
@@ -112,10 +109,7 @@ def kind_for(tasks: Sequence[TaskSpec]) -> type[tuned_rules.TunedRuleSettings]:
 def reward_of(tasks: Sequence[TaskSpec]) -> tuple[str, ...]:
     """Reward modules that all ``tasks`` share.
 
-    Raises
-    ------
-    TrainingError
-        When there is no task, one is named twice, or they have several rewards, whose sums say nothing.
+    Raises ``TrainingError`` when there is no task, one is named twice, or they have several rewards, whose sums say nothing.
     """
     if not tasks:
         msg = "Rules are tuned for a task: name one with --task."

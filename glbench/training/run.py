@@ -235,12 +235,7 @@ def train(
 def export_best(folder: Path, task: TaskSpec | None = None) -> str | None:
     """Write the best model of a finished training to ``folder/policy.npz``; why not, when its kind cannot be exported.
 
-    ``task`` need not be given for a task that glbench knows.
-
-    Raises
-    ------
-    TrainingError
-        When the folder holds no finished training.
+    ``task`` need not be given for a task that glbench knows. Raises ``TrainingError`` when the folder holds no finished training.
     """
     card = read_card(folder / CARD)
     if card is None:

@@ -115,13 +115,7 @@ class SearchSettings(FrozenSettings):
 
     @classmethod
     def of(cls, policy: Path) -> SearchSettings:
-        """The usual settings for a policy file.
-
-        Raises
-        ------
-        TrainingError
-            When there is none.
-        """
+        """The usual settings for a policy file. Raises ``TrainingError`` when there is none."""
         return validated(cls, {"start_from": policy}, "the settings", policy, TrainingError)
 
     @property
@@ -135,10 +129,7 @@ class SearchSettings(FrozenSettings):
 def read_season_search(file: Path, task_id: str, start_from: Path | None = None) -> SearchSettings:
     """Settings of a search for a task, from a YAML file with a section ``default:``; ``start_from`` instead of the file's.
 
-    Raises
-    ------
-    TrainingError
-        When the file cannot be read, or a value is impossible.
+    Raises ``TrainingError`` when the file cannot be read, or a value is impossible.
     """
     content = section(file, task_id)
     if start_from is not None:

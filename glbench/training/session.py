@@ -110,13 +110,8 @@ class Session(ABC):
     ) -> Trained:
         """Work in the folder until ``total_steps`` are made, which are ``target`` in the words of ``folder.claim``; write the card.
 
-        ``policy`` is the policy to start from, ``start`` what the card says of the start.
-
-        Raises
-        ------
-        TrainingError
-            As ``folder.claim`` and ``folder.folder_lock``, and when the state in the folder belongs to another session, cannot be read, or
-            has been changed.
+        ``policy`` is the policy to start from, ``start`` what the card says of the start. Raises ``TrainingError`` as ``folder.claim`` and
+        ``folder.folder_lock``, and when the state in the folder belongs to another session, cannot be read, or has been changed.
         """
         with folder_lock(self.folder):
             state = self.folder / self.state if (self.folder / self.state).is_file() else None

@@ -151,13 +151,7 @@ class Search(FrozenSettings):
 
 
 def read_search(file: Path) -> Search:
-    """The search in a YAML file.
-
-    Raises
-    ------
-    TrainingError
-        When it cannot be read, or asks for something impossible.
-    """
+    """The search in a YAML file. Raises ``TrainingError`` when it cannot be read, or asks for something impossible."""
     content = numbers(read_yaml(file, "the search", TrainingError))
     search = validated(Search, content, "the search", file, TrainingError, advice="docs/training.md shows one.")
     config = search.config
@@ -167,10 +161,7 @@ def read_search(file: Path) -> Search:
 def with_choices(settings: TrainingSettings, choices: dict[str, Any], steps: int) -> TrainingSettings:
     """Settings with the choices of a trial in their places.
 
-    Raises
-    ------
-    TrainingError
-        When a choice is none of the settings' parts, or impossible.
+    Raises ``TrainingError`` when a choice is none of the settings' parts, or impossible.
     """
     content: dict[str, Any] = settings.model_dump(mode="json")
     content["n_timesteps"] = steps

@@ -84,10 +84,7 @@ class WandbListener(Listener):
 def wandb_sweep(search: Search, folder: Path) -> None:
     """Run the search as a sweep of Weights & Biases, which then chooses the trials; needs an account and the network.
 
-    Raises
-    ------
-    TrainingError
-        When the package is not installed or the service cannot be reached.
+    Raises ``TrainingError`` when the package is not installed or the service cannot be reached.
     """
     try:
         import wandb

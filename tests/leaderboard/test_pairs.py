@@ -7,7 +7,8 @@ import pytest
 
 from glbench.errors import ResultError
 from glbench.leaderboard import pairs
-from glbench.leaderboard.pairs import compare_entries, corrected_p_values
+from glbench.leaderboard.pairs import compare_entries
+from glbench.leaderboard.statistics import corrected
 from tests.leaderboard.synthetic import digest_of, make_entry
 
 REWARDS = list(np.random.default_rng(1).normal(3000.0, 20.0, 30))
@@ -45,7 +46,7 @@ def test_p_values_of_several_tasks_are_corrected_together():
     pair = compare_entries(make_entry("a", list(np.array(REWARDS) + noise)), make_entry("b", REWARDS))
     other = compare_entries(make_entry("a", REWARDS), make_entry("b", REWARDS))
     assert (pair.p_value < 0.05, other.p_value) == (True, 1.0)
-    assert corrected_p_values([pair, other]) == pytest.approx([2 * pair.p_value, 1.0])
+    assert corrected([pair.p_value, other.p_value]) == pytest.approx([2 * pair.p_value, 1.0])
 
 
 def test_agents_are_compared_by_the_metric_that_ranks(monkeypatch):
