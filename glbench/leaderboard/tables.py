@@ -129,8 +129,8 @@ def score_note(task_ids: Iterable[str]) -> str:
     words = of_published(task_ids)
     return (
         f"Intervals cover the {words.draws}, and one training; if an agent has several trainings, the interval of its mean covers "
-        f"trainings, too. Intervals narrower than {SCORE_STEP} are left out, because {words.beyond} or another training can move a score by "
-        f"more. {RANGE_MARK}: range from the lowest to the highest training of each task."
+        f"trainings, too. Intervals narrower than {SCORE_STEP} are left out, because {words.beyond} or another training can move a score "
+        f"by more. {RANGE_MARK}: range from the lowest to the highest training of each task."
     )
 
 
