@@ -87,6 +87,9 @@ def costs_of_result(
 ) -> Iterator[tuple[int, Costs]]:
     """Seed and costs of runs of a stored result, one after the other, from its recorded actions. Failed runs are left out.
 
+    Raises ``GlbenchError`` when the task has no energy system, no run has one of the seeds, or all of them failed, and ``EpisodeError``
+    when the recorded actions are missing, damaged, or of another result.
+
     Parameters
     ----------
     result
@@ -97,13 +100,6 @@ def costs_of_result(
         As for :func:`costs`.
     sealed
         The round that the result belongs to, if any.
-
-    Raises
-    ------
-    GlbenchError
-        When the task has no energy system, no run has one of the seeds, or all of them failed.
-    EpisodeError
-        When the recorded actions are missing, damaged, or of another result.
     """
     loaded = load_result(result)
     task, log = task_of_result(loaded, result, sealed), recorded_actions(loaded, result)

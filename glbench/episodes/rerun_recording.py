@@ -378,6 +378,9 @@ def load_blueprint() -> Any:
 def save_recording(runs: RunSet, path: Path, properties: Mapping[str, str] | None = None, *, plain: bool = False) -> None:
     """Write ``runs`` with their blueprint to ``path`` (.rrd), whole or not at all.
 
+    Raises ``GlbenchError`` without the viewer's package, when the chosen days are none of the episode's, or when the file cannot be
+    written.
+
     Parameters
     ----------
     runs
@@ -388,11 +391,6 @@ def save_recording(runs: RunSet, path: Path, properties: Mapping[str, str] | Non
         Provenance in words, kept in the recording: digests, versions.
     plain
         Without the viewer's menu, for pictures.
-
-    Raises
-    ------
-    GlbenchError
-        Without the viewer's package, when the chosen days are none of the episode's, or when the file cannot be written.
     """
     rerun = load_rerun()
     runs.closeup()  # an impossible choice of days raises before anything is made

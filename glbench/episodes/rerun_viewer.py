@@ -50,13 +50,7 @@ _RENDERER = "Pictures and windows need Vulkan or OpenGL; without a graphics card
 
 
 def viewer_program() -> Path:
-    """The viewer's program, which comes with rerun-sdk.
-
-    Raises
-    ------
-    GlbenchError
-        Without the package, or when its program is missing.
-    """
+    """The viewer's program, which comes with rerun-sdk. Raises ``GlbenchError`` without the package, or when its program is missing."""
     rerun_recording.load_rerun()
     folder = Path(str(importlib.import_module("rerun_cli").__file__)).parent
     names = ("Rerun.app/Contents/MacOS/Rerun", "rerun", "rerun.exe")
@@ -96,10 +90,7 @@ def has_screen() -> bool:
 def open_window(recording: Path) -> None:
     """Open the viewer with ``recording`` and wait until it is closed.
 
-    Raises
-    ------
-    GlbenchError
-        Without the package, without a screen, or when the viewer fails.
+    Raises ``GlbenchError`` without the package, without a screen, or when the viewer fails.
     """
     program = viewer_program()
     require_screen()
@@ -110,10 +101,7 @@ def open_window(recording: Path) -> None:
 def window_for_stream() -> str:
     """Open a viewer that waits for a stream; the address to connect to. It stays open until a person closes it.
 
-    Raises
-    ------
-    GlbenchError
-        Without the package, without a screen, or when the viewer does not start.
+    Raises ``GlbenchError`` without the package, without a screen, or when the viewer does not start.
     """
     program = viewer_program()
     require_screen()
@@ -127,13 +115,8 @@ def window_for_stream() -> str:
 def page_for_browser(recording: Path | None, port: int | None = None) -> Iterator[tuple[str, str]]:
     """Serve the viewer as a page of this machine; its address, and the address that streams are sent to.
 
-    ``recording`` is shown; without one, what is streamed. The page is at ``port`` and its data at the next one; by default both
-    are any free ones.
-
-    Raises
-    ------
-    GlbenchError
-        Without the package, when a port is taken, or when the server does not start.
+    ``recording`` is shown; without one, what is streamed. The page is at ``port`` and its data at the next one; by default both are any
+    free ones. Raises ``GlbenchError`` without the package, when a port is taken, or when the server does not start.
     """
     program = viewer_program()
     page, data = (free_port(), free_port()) if port is None else (_unused(port), _unused(port + 1))
@@ -153,6 +136,8 @@ def stream_address(port: int) -> str:
 def take_picture(recording: Path, picture: Path, size: tuple[int, int] = PICTURE_SIZE) -> None:
     """Write a PNG of the viewer showing ``recording``; needs no screen, but something that draws.
 
+    Raises ``GlbenchError`` without the package, when nothing on this machine can draw, or when the file cannot be written.
+
     Parameters
     ----------
     recording
@@ -161,11 +146,6 @@ def take_picture(recording: Path, picture: Path, size: tuple[int, int] = PICTURE
         The file to write.
     size
         Width and height in pixels.
-
-    Raises
-    ------
-    GlbenchError
-        Without the package, when nothing on this machine can draw, or when the file cannot be written.
     """
     program = viewer_program()
     port = free_port()

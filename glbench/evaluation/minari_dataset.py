@@ -123,6 +123,8 @@ def trajectories(
 ) -> Iterator[Trajectory]:
     """Seasons of ``agent`` on ``task``, one for each of ``seeds``, in their order; the bits do not depend on the other seeds.
 
+    Raises ``SubmissionError`` when the agent fails: data from a broken agent are useless.
+
     Parameters
     ----------
     task, agent, seeds
@@ -132,11 +134,6 @@ def trajectories(
         sees its effect, and the noisy action is kept.
     progress
         Called after every step with the number of seasons that took it.
-
-    Raises
-    ------
-    SubmissionError
-        When the agent fails: data from a broken agent are useless.
     """
     for first in range(0, len(seeds), _TOGETHER):
         together = list(seeds[first : first + _TOGETHER])
@@ -247,7 +244,9 @@ def write_dataset(
 ) -> WrittenDataset:
     """Write ``runs`` seasons of each agent on the training split of ``task`` as a Minari dataset; the same arguments give the same arrays.
 
-    The dataset appears only when it is complete: an interruption leaves none.
+    The dataset appears only when it is complete: an interruption leaves none. Raises ``TaskError, GlbenchError`` when held-out seasons
+    would be used; see ``check_learnable``, and ``SubmissionError`` when an agent does not act, fails, or is named twice, and
+    ``EpisodeError`` when Minari does not accept the name, the dataset exists, or it cannot be written.
 
     Parameters
     ----------
@@ -262,15 +261,6 @@ def write_dataset(
         Seed of the first run, 10,000,000,000 or more.
     about
         Further entries of the metadata, such as ``author`` and ``code_permalink``.
-
-    Raises
-    ------
-    TaskError, GlbenchError
-        When held-out seasons would be used; see ``check_learnable``.
-    SubmissionError
-        When an agent does not act, fails, or is named twice.
-    EpisodeError
-        When Minari does not accept the name, the dataset exists, or it cannot be written.
     """
     check_learnable(task, first_seed, runs * len(agents))
     names = [agent.agent.name for agent in agents]

@@ -172,19 +172,15 @@ def published_expectations() -> dict[str, Expectation]:
 def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple[ResultError, ...]]:
     """The results that came with glbench, those in ``<out>/results``, and the trials of agents that have no full result there.
 
-    A released result always keeps its place. The user's own evaluation of a built-in agent takes a place that is free, is not needed
-    where it has the bits of the released one, and is left out where it differs. Whatever bears the name of a released agent and is
-    another one is left out. In the folder of a sealed round, where all results are of one, only these are returned.
+    A released result always keeps its place. The user's own evaluation of a built-in agent takes a place that is free, is not needed where
+    it has the bits of the released one, and is left out where it differs. Whatever bears the name of a released agent and is another one is
+    left out. In the folder of a sealed round, where all results are of one, only these are returned. Raises ``ResultError`` when the
+    released results hold two of one agent and task.
 
     Returns
     -------
     stored, problems
         Results, at most one an agent and task, sorted by task id and agent name; and an error for every file that is left out.
-
-    Raises
-    ------
-    ResultError
-        When the released results hold two of one agent and task.
     """
     home = data_folder("reports/released/results")
     released, problems = read_folder(home)

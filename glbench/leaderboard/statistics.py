@@ -202,17 +202,14 @@ class MeanEstimate:
 def estimate_mean(tasks: Sequence[Array], scenarios: Sequence[Sequence[Hashable]] | None = None) -> MeanEstimate:
     """An agent's mean over tasks of the mean over trainings and runs.
 
+    Raises ``ResultError`` when there is no task, a task has no runs, or a value is not finite.
+
     Parameters
     ----------
     tasks
         Values of each task, ``(n,)`` of one training or ``(trainings, n)``, finite. Training i of one task is training i of all.
     scenarios
         For each task, a name for each run; runs of different tasks with the same name have the same draws. ``None``: all draws differ.
-
-    Raises
-    ------
-    ResultError
-        When there is no task, a task has no runs, or a value is not finite.
     """
     side = _matrices(tasks)
     return _estimate([side], [one.mean(axis=0) for one in side], scenarios)
@@ -233,7 +230,8 @@ def estimate_difference(
     several tasks the means are taken first.
 
     If one agent has one training and the other has several, the single one is a draw that varies as much as one of the others, unless its
-    agent is ``fixed``, which means not trained. If both have one training, the difference is that of these two policies.
+    agent is ``fixed``, which means not trained. If both have one training, the difference is that of these two policies. Raises
+    ``ResultError`` as ``estimate_mean``, and when the two do not have the same tasks and runs.
 
     Parameters
     ----------
@@ -243,11 +241,6 @@ def estimate_difference(
         As in ``estimate_mean``.
     fixed
         For each agent, whether it was not trained.
-
-    Raises
-    ------
-    ResultError
-        As ``estimate_mean``, and when the two do not have the same tasks and runs.
     """
     sides = _matrices(first), _matrices(second)
     if len(sides[0]) != len(sides[1]):
@@ -631,9 +624,9 @@ def paired_test(
     trainings that differ much) when their true means are equal. See ``estimate_difference`` for what varies, and what is assumed of an
     agent with a single training.
 
-    If all differences on a task are the same number, the task draws nothing: its runs are a single observation, and a
-    difference within its resolution counts as 0. If no task draws anything and trainings do not differ, there is no variance to
-    test against: the p-value is 1 for no difference, else 0. From a single run the p-value is 1.
+    If all differences on a task are the same number, the task draws nothing: its runs are a single observation, and a difference within its
+    resolution counts as 0. If no task draws anything and trainings do not differ, there is no variance to test against: the p-value is 1
+    for no difference, else 0. From a single run the p-value is 1. Raises ``ResultError`` when the two do not have the same runs, or none.
 
     Parameters
     ----------
@@ -645,11 +638,6 @@ def paired_test(
         For each task, a name for each run; runs of different tasks with the same name have the same draws. ``None``: all draws differ.
     fixed
         For each agent, whether it was not trained, so that it has no variance between trainings.
-
-    Raises
-    ------
-    ResultError
-        When the two do not have the same runs, or none.
     """
     difference = estimate_difference(first, second, scenarios, fixed)
     tested = difference.value

@@ -55,12 +55,8 @@ class Report:
 def write_report(out: Path) -> tuple[Path, Report]:
     """Make ``<out>/index.html`` from ``<out>/results`` and the released baselines, and return its path.
 
-    Raises
-    ------
-    ResultError
-        When there are no results, or results of different tasks stand under one id.
-    GlbenchError
-        When the packages of the extra ``report`` are missing, or the folder cannot be written.
+    Raises ``ResultError`` when there are no results, or results of different tasks stand under one id, and ``GlbenchError`` when the
+    packages of the extra ``report`` are missing, or the folder cannot be written.
     """
     require("The report", "report", "jinja2", "plotly")
     stored, problems = own_and_released_results(out)
@@ -193,10 +189,7 @@ class Completion:
 def complete_profiles(stored: Iterable[StoredResult], workers: int = 1, progress: Callable[[Path], None] | None = None) -> Completion:
     """Make the profiles that are missing; results stay as they are. ``progress`` is called with each result that is replayed.
 
-    Raises
-    ------
-    GlbenchError
-        When a profile cannot be written, or one that is there was changed.
+    Raises ``GlbenchError`` when a profile cannot be written, or one that is there was changed.
     """
     profiles, impossible = [], []
     for item in stored:

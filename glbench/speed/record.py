@@ -79,24 +79,12 @@ class SpeedRecord(_Frozen):
 
 
 def save_record(record: SpeedRecord, path: Path) -> None:
-    """Write the record as JSON.
-
-    Raises
-    ------
-    GlbenchError
-        When the file cannot be written.
-    """
+    """Write the record as JSON. Raises ``GlbenchError`` when the file cannot be written."""
     write_atomically(path, record.model_dump_json(indent=1) + "\n")
 
 
 def read_record(path: Path) -> SpeedRecord:
-    """Read a record.
-
-    Raises
-    ------
-    ResultError
-        When there is none, or it is no speed record.
-    """
+    """Read a record. Raises ``ResultError`` when there is none, or it is no speed record."""
     try:
         return SpeedRecord.model_validate(parse_json(read_regular(path, MIB)))
     except (OSError, ValueError, ValidationError) as error:

@@ -297,10 +297,7 @@ SUBJECTS: tuple[Subject, ...] = tuple(sorted(_subjects(), key=lambda one: list(G
 def choose_subjects(names: Sequence[str] = (), *, quick: bool = False) -> tuple[Subject, ...]:
     """Subjects by name or by group; all of them, or the quick ones, without names.
 
-    Raises
-    ------
-    UnknownNameError
-        When there is no such subject or group.
+    Raises ``UnknownNameError`` when there is no such subject or group.
     """
     if not names:
         return tuple(one for one in SUBJECTS if one.quick or not quick)

@@ -44,6 +44,9 @@ def train_compiled(
 ) -> Trained:
     """Train one agent in ``folder``; the same task, settings and seed give the same policy on the same machine.
 
+    Raises ``TrainingError`` when ``folder`` holds something else, or an unfinished training without ``resume``; when the learner diverges,
+    or the compiled kernel cannot step the task, and ``TaskError`` when the task has only a test split.
+
     Parameters
     ----------
     task, settings, seed
@@ -55,14 +58,6 @@ def train_compiled(
         Continue from what ``folder`` holds, with the same bits as without the interruption; begin if it holds nothing.
     listeners
         Receive progress, evaluations and saves.
-
-    Raises
-    ------
-    TrainingError
-        When ``folder`` holds something else, or an unfinished training without ``resume``; when the learner diverges, or the
-        compiled kernel cannot step the task.
-    TaskError
-        When the task has only a test split.
     """
     task.check_training()
     steps = settings.updates * settings.rollout

@@ -71,6 +71,9 @@ def claim(
 ) -> dict[str, Any] | None:
     """The card of this very training if ``folder`` holds it, finished as far as ``target``; ``None`` when there is work to do.
 
+    Raises ``TrainingError`` when the folder holds something else that this training would overwrite, an unfinished training without
+    ``resume``, or when the state to resume from is gone.
+
     Parameters
     ----------
     identity
@@ -83,12 +86,6 @@ def claim(
         How far, in the card's terms, such as ``{"steps": 100_000}``.
     resume
         Whether it may resume from ``state``.
-
-    Raises
-    ------
-    TrainingError
-        When the folder holds something else that this training would overwrite, an unfinished training without ``resume``, or when the
-        state to resume from is gone.
     """
     if start is not None and start.resolve() == (folder / POLICY).resolve():
         msg = f"{folder} holds the policy to start from, which would be overwritten. Choose another folder with --out."

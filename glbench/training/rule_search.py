@@ -247,6 +247,9 @@ def tune_rules(
     """Tune rules in ``folder``; the same tasks, start, settings and seed give the same rules on the same machine.
 
     An interrupted search continues and gives the same numbers. A finished one stays unchanged unless ``settings`` asks for more runs.
+    Raises ``TrainingError`` when a task is in another split than that of training, ``folder`` holds another search, or as for
+    ``reward_of``, and ``TaskError`` when a task has a test alone, and ``SubmissionError`` when the page cannot be read, or the rules do not
+    fit a task.
 
     Parameters
     ----------
@@ -260,15 +263,6 @@ def tune_rules(
         Where it is kept: the best page, rewards so far, learning curve and card.
     listeners
         Receive progress, evaluations and saves.
-
-    Raises
-    ------
-    TrainingError
-        When a task is in another split than that of training, ``folder`` holds another search, or as for ``reward_of``.
-    TaskError
-        When a task has a test alone.
-    SubmissionError
-        When the page cannot be read, or the rules do not fit a task.
     """
     for task in tasks:
         task.check_training()

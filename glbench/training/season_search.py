@@ -240,6 +240,9 @@ def search(
 ) -> Trained:
     """Adapt a policy in ``folder``; the same task, settings and seed give the same policy on the same machine.
 
+    Raises ``TrainingError`` when ``folder`` holds another search, or one that was begun and is not to be resumed; when the policy does not
+    fit the task, and ``SubmissionError`` when there is no policy to start from, and ``TaskError`` when the task has a test alone.
+
     Parameters
     ----------
     task, settings, seed
@@ -250,15 +253,6 @@ def search(
         Go on from what ``folder`` holds, to the same bits as without the interruption; begin when it holds nothing.
     listeners
         Receive progress, evaluations and saves.
-
-    Raises
-    ------
-    TrainingError
-        When ``folder`` holds another search, or one that was begun and is not to be resumed; when the policy does not fit the task.
-    SubmissionError
-        When there is no policy to start from.
-    TaskError
-        When the task has a test alone.
     """
     task.check_training()
     under_way = _SeasonSearch([task], settings, settings.digest, seed, folder)

@@ -217,10 +217,11 @@ def base_settings(search: Search) -> TrainingSettings:
 def sweep(search: Search, folder: Path, *, executor: Executor | None = None, report: Report | None = None) -> list[TrialReport]:
     """Run the search in ``folder`` until it has all its trials; what is there already counts, and is continued.
 
-    A trial that a kill interrupted does not count, and another one takes its place; one that failed counts. What a trial draws
-    follows from the search's seed and the trial's number: a search that is continued, and several workers, try no choice twice by
-    that. With several workers the course of a search depends on who is faster; each trial by itself is reproducible. Study and
-    folders of the trials are always on this machine.
+    A trial that a kill interrupted does not count, and another one takes its place; one that failed counts. What a trial draws follows from
+    the search's seed and the trial's number: a search that is continued, and several workers, try no choice twice by that. With several
+    workers the course of a search depends on who is faster; each trial by itself is reproducible. Study and folders of the trials are
+    always on this machine. Raises ``TrainingError`` when the search cannot be run, the folder holds another one, or all its trials failed,
+    and ``UnknownNameError`` when there is no such algorithm or task.
 
     Parameters
     ----------
@@ -233,13 +234,6 @@ def sweep(search: Search, folder: Path, *, executor: Executor | None = None, rep
     -------
     list of TrialReport
         All trials that ended, best first.
-
-    Raises
-    ------
-    TrainingError
-        When the search cannot be run, the folder holds another one, or all its trials failed.
-    UnknownNameError
-        When there is no such algorithm or task.
     """
     settings = base_settings(search)
     check_settings(with_choices(settings, {name: p.first for name, p in search.parameters.items()}, search.steps))
