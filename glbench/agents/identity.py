@@ -86,21 +86,22 @@ def files_of_folder(folder: Path) -> tuple[Path, ...]:
         with os.scandir(waiting.pop()) as entries:
             for entry in entries:
                 entry_count += 1
-                if entry_count > MOST_ENTRIES or len(files) > MOST_FILES:
-                    raise SubmissionError(_too_many(folder))
                 path = Path(entry.path)
-                if not is_part_of_submission(Path(entry.name), Path()):
-                    continue
-                if not entry.name.isprintable():
-                    msg = f"A name in {path.parent} cannot be shown as text: {entry.name!a}. Rename the file or folder."
+                if is_part_of_submission(Path(entry.name), Path()):
+                    if not entry.name.isprintable():
+                        msg = f"A name in {path.parent} cannot be shown as text: {entry.name!a}. Rename the file or folder."
+                        raise SubmissionError(msg)
+                    if entry.is_dir(follow_symlinks=False):
+                        waiting.append(path)
+                    else:
+                        check_file(path, folder)
+                        files.append(path)
+                if entry_count > MOST_ENTRIES or len(files) > MOST_FILES:
+                    msg = (
+                        f"The submission in {folder} has more than {MOST_FILES:,} files, or more than {MOST_ENTRIES:,} with hidden files "
+                        "and folders. Leave out what the agent does not need."
+                    )
                     raise SubmissionError(msg)
-                if entry.is_dir(follow_symlinks=False):
-                    waiting.append(path)
-                else:
-                    check_file(path, folder)
-                    files.append(path)
-    if len(files) > MOST_FILES:
-        raise SubmissionError(_too_many(folder))
     return tuple(sorted(files))
 
 
@@ -167,13 +168,6 @@ def digest_of(files: tuple[Path, ...], root: Path, copy: Path | None = None) -> 
             item.chmod(_COPY_MODE)
             os.utime(item, _COPY_TIME)
     return digest.hexdigest()
-
-
-def _too_many(folder: Path) -> str:
-    return (
-        f"The submission in {folder} has more than {MOST_FILES:,} files, or more than {MOST_ENTRIES:,} with hidden files and folders. "
-        "Leave out what the agent does not need."
-    )
 
 
 def _changed(file: Path) -> str:

@@ -163,18 +163,14 @@ class NetworkPolicy:
             if wrong.size:
                 msg = f"The {what} of {quoted(columns[wrong[0]])} is {values[wrong[0]]:g}, expected {lowest:g} to {LARGEST:g}."
                 raise ShapeError(msg)
-        if not all(np.isfinite(array).all() for array in (*self.weights, *self.biases)):
-            msg = "A policy has weights that are not finite."
-            raise ShapeError(msg)
-        if not (self.low < self.high).all():
-            msg = "The policy has a lower bound that is not below the upper bound."
-            raise ShapeError(msg)
-        if not self.clip >= SMALLEST_CLIP:
-            msg = f"The policy clips normalised observations at {self.clip:g}, expected {SMALLEST_CLIP:g} or more."
-            raise ShapeError(msg)
-        if not 0.0 <= self.delta < 1.0:
-            msg = f"The policy's delta is {self.delta:g}, expected a fraction from 0 to below 1."
-            raise ShapeError(msg)
+        for is_right, msg in (
+            (all(np.isfinite(array).all() for array in (*self.weights, *self.biases)), "A policy has weights that are not finite."),
+            ((self.low < self.high).all(), "The policy has a lower bound that is not below the upper bound."),
+            (self.clip >= SMALLEST_CLIP, f"The policy clips normalised observations at {self.clip:g}, expected {SMALLEST_CLIP:g} or more."),
+            (0.0 <= self.delta < 1.0, f"The policy's delta is {self.delta:g}, expected a fraction from 0 to below 1."),
+        ):
+            if not is_right:
+                raise ShapeError(msg)
         layers = zip(self.weights, self.biases, strict=True)
         object.__setattr__(self, "_layers", [self.arithmetic.affine(matrix, bias) for matrix, bias in layers])
 

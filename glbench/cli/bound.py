@@ -63,9 +63,7 @@ def bound(
         ),
     ] = None,
     sandbox: options.SandboxChoice = options.Sandbox.AUTO,
-    engine: Annotated[
-        options.EngineName, typer.Option("--engine", help="Where to plan: on this machine, or on a Ray cluster.")
-    ] = options.EngineName.LOCAL,
+    engine: options.Engine = options.EngineName.LOCAL,
     address: options.Address = None,
     workers: options.Workers = None,
 ) -> None:
@@ -84,7 +82,7 @@ def bound(
             plans = list(submit_plans(submit or []))
         console.show(console.View(submission_parts(plans)))
         return
-    options.check_address(address, engine)
+    options.check_engine(engine, address)
     search = replace(make_search(task, scenario, split, start, iterations, out, sandbox, workers), address=address)
     results = list(search.stored())
     remaining = len(search.groups) - len(results)

@@ -65,10 +65,7 @@ def evaluate(
     ] = False,
     sandbox: options.SandboxChoice = options.Sandbox.AUTO,
     show_prints: Annotated[bool, typer.Option("--show-prints", help="Show what sandboxed agents print, also when nothing fails.")] = False,
-    engine: Annotated[
-        options.EngineName,
-        typer.Option("--engine", help="Where evaluations run: local, or ray (a Ray cluster; needs glbench[ray])."),
-    ] = options.EngineName.LOCAL,
+    engine: options.Engine = options.EngineName.LOCAL,
     address: options.Address = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="Evaluate again even if the result is there, and forget unfinished work.")] = False,
     fresh_draws: Annotated[
@@ -98,8 +95,7 @@ def evaluate(
     """
     if live:
         require("--live", "view", "rerun")
-    if engine is options.EngineName.RAY:
-        require("--engine ray", "ray", "ray")
+    options.check_engine(engine, address)
     with console.leaving_at_once():
         from glbench.evaluation.jobs import Job, Options
         from glbench.evaluation.sandbox.choosing import keep_out_of_sight
@@ -152,7 +148,9 @@ def evaluate(
         if live:
             msg = "--live shows one evaluation on this machine: name one agent and one task, without --engine."
             raise GlbenchError(msg)
-        place = _engine(engine, address, workers)
+        from glbench.evaluation.jobs import LocalEngine, RayEngine
+
+        place: Engine = LocalEngine() if engine is options.EngineName.LOCAL else RayEngine(address, workers)
         if fresh_draws:
             place = _WithFreshDraws(place)
         succeeded = _evaluate_many(jobs, place, unusable, printer, prints=show_prints)
@@ -169,13 +167,6 @@ def evaluate(
 def _all_failed(result: Result) -> str:
     runs = "The only run" if len(result.runs) == 1 else f"All {len(result.runs)} runs"
     return f"{runs} of {result.agent.name} failed: the result counts missing steps at the task's price alone, and is no evaluation."
-
-
-def _engine(name: options.EngineName, address: str | None, workers: int | None) -> Engine:
-    from glbench.evaluation.jobs import LocalEngine, RayEngine
-
-    options.check_address(address, name)
-    return LocalEngine() if name is options.EngineName.LOCAL else RayEngine(address, workers)
 
 
 def select_tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | None, split: str = "test") -> list[TaskSpec]:
@@ -421,6 +412,7 @@ def _evaluate_many(jobs: Sequence[Job], engine: Engine, unusable: dict[str, str]
 def outcome_view(outcome: Outcome, number: str, *, prints: bool) -> console.View:
     """A line for a job, and why runs failed; with ``--json`` the result."""
     from glbench.leaderboard.fresh_draws import fresh_words
+    from glbench.leaderboard.statistics import estimate
 
     result, name, metric = outcome.result, outcome.job.agent_name, _ranking_metric(outcome.job.task)
 
@@ -435,7 +427,10 @@ def outcome_view(outcome: Outcome, number: str, *, prints: bool) -> console.View
             runs += f", [red]{len(result.failed)} failed[/red]"
         time = "already there" if outcome.stored else f"{outcome.seconds:.1f} s"
         again = "" if result.fresh_draws is None else f"; with fresh draws {plain(fresh_words(result, metric))}"
-        yield console.aside(Markup(f"{title}{score_in_words(result, metric)}, {runs}, {time}{again}"))
+        one = estimate(result.values(metric.name))
+        spread = len(result.runs) > 1 and one.low < one.high
+        score = metric.phrase(one.mean) + (f" ({metric.number(one.low)} to {metric.number(one.high)})" if spread else "")
+        yield console.aside(Markup(f"{title}{score}, {runs}, {time}{again}"))
         if prints or result.failed:
             yield from reason_lines(result, _MOST_REASONS, indent="    ")
             yield from print_lines(name, outcome.printed, everything=prints, last=_MOST_LINES, indent="    ")
@@ -496,15 +491,6 @@ def announcement(evaluation: Evaluation) -> console.Line:
         f"{count(evaluation.workers, 'worker')}, {evaluation.kernel['backend']} kernel, {_PROTECTIONS[evaluation.protection]}{sealed}"
     )
     return console.paragraph(Markup(words), aside=True)
-
-
-def score_in_words(result: Result, metric: Metric) -> str:
-    """``reward 3,751.9 (3,750.9 to 3,752.8)``: mean and 95 % interval of what ranks."""
-    from glbench.leaderboard.statistics import estimate
-
-    one = estimate(result.values(metric.name))
-    spread = len(result.runs) > 1 and one.low < one.high
-    return metric.phrase(one.mean) + (f" ({metric.number(one.low)} to {metric.number(one.high)})" if spread else "")
 
 
 def print_lines(name: str, prints: str, *, everything: bool, last: int = _MOST_PRINTS, indent: str = "") -> Iterator[console.Line]:

@@ -15,6 +15,7 @@ import typer
 
 from glbench.cli.console import print_warning
 from glbench.errors import GlbenchError, ResultError, TrainingError, did_you_mean
+from glbench.extras import require
 
 if TYPE_CHECKING:
     from glbench.leaderboard import StoredResult, TaskTable
@@ -42,6 +43,7 @@ OneTask = Annotated[str | None, typer.Option("--task", "-t", help="Task id or ta
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder with results/ in it.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing else.")]
 Workers = Annotated[int | None, typer.Option("--workers", "-w", min=1, help="Cores to work with; changes no number. Default: all.")]
+Engine = Annotated[EngineName, typer.Option("--engine", help="Where to work: local, or ray (a Ray cluster; needs glbench[ray]).")]
 Address = Annotated[
     str | None,
     typer.Option("--address", help="Address of a Ray cluster, such as auto. Default: start one on this machine."),
@@ -74,15 +76,11 @@ Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of all that is ra
 Resume = Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint; nothing is lost but the minutes after it.")]
 
 
-def check_address(address: str | None, engine: EngineName) -> None:
-    """Refuse an address without the engine ``ray``.
-
-    Raises
-    ------
-    GlbenchError
-        That says what is missing.
-    """
-    if address is not None and engine is not EngineName.RAY:
+def check_engine(engine: EngineName, address: str | None) -> None:
+    """Refuse an address without the engine ``ray``, and ``ray`` without its package, with a ``GlbenchError``."""
+    if engine is EngineName.RAY:
+        require("--engine ray", "ray", "ray")
+    elif address is not None:
         msg = "--address is for a Ray cluster: add --engine ray."
         raise GlbenchError(msg)
 

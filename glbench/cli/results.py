@@ -307,6 +307,8 @@ def compare(
     """
     from glbench.leaderboard.collect import own_and_released_results, published_expectations
     from glbench.leaderboard.entries import entries_by_task
+    from glbench.leaderboard.pairs import compare_entries
+    from glbench.leaderboard.statistics import corrected
 
     tasks = options.task_ids(task or [])
     by_task = cache(lambda: entries_by_task(own_and_released_results(out)[0], published_expectations()))
@@ -322,7 +324,11 @@ def compare(
     if all(digests(ours[task_id]) == digests(theirs[task_id]) for task_id in common):
         msg = f"'{first}' and '{second}' are one and the same result. Give two agents, or two result files."
         raise ResultError(msg)
-    show_view(comparison_view([(ours[task_id], theirs[task_id]) for task_id in common]), as_json=as_json)
+    entries = [(ours[task_id], theirs[task_id]) for task_id in common]
+    pairs = [compare_entries(one, other) for one, other in entries]
+    tests = list(zip(pairs, corrected([pair.p_value for pair in pairs]), strict=True))
+    view = console.View(_comparison_parts(entries, tests), lambda: [_document(pair, p_value) for pair, p_value in tests])
+    show_view(view, as_json=as_json)
 
 
 def _entries(name: str, tasks: Sequence[str], out: Path, by_task: Callable[[], Mapping[str, Sequence[Entry]]]) -> dict[str, Entry]:
@@ -340,16 +346,6 @@ def _entries(name: str, tasks: Sequence[str], out: Path, by_task: Callable[[], M
         if entries:
             return entries
     return {item.board: entry_of(item) for item in options.find_results(name, tasks, out)}
-
-
-def comparison_view(entries: Sequence[tuple[Entry, Entry]]) -> console.View:
-    """Two agents on one task or several."""
-    from glbench.leaderboard.pairs import compare_entries
-    from glbench.leaderboard.statistics import corrected
-
-    pairs = [compare_entries(ours, theirs) for ours, theirs in entries]
-    tests = list(zip(pairs, corrected([pair.p_value for pair in pairs]), strict=True))
-    return console.View(_comparison_parts(entries, tests), lambda: [_document(pair, p_value) for pair, p_value in tests])
 
 
 def _comparison_parts(entries: Sequence[tuple[Entry, Entry]], tests: Sequence[tuple[Pair, float]]) -> Iterator[console.Part]:

@@ -36,7 +36,13 @@ def list_command(
     from glbench.tasks.references import read_deprecated
 
     published, drafts = list_tasks(), list_drafts()
-    tasks = by_suite([*published, *drafts], DEFAULT_TASK)
+    suites_of = list(dict.fromkeys(task.suites for task in (*published, *drafts)))
+    first = next((task.suites for task in published if task.id == DEFAULT_TASK), ())
+
+    def place(task: TaskSpec) -> tuple[bool, bool, int, bool]:
+        return not task.suites, task.suites != first, suites_of.index(task.suites), task.id != DEFAULT_TASK
+
+    tasks = sorted((*published, *drafts), key=place)
     if suite is not None:
         suites = dict.fromkeys(name for task in tasks for name in task.suites)
         if suite not in suites:
@@ -241,17 +247,6 @@ def references_command(
     for task_id, one in read_references().items():
         view.add(task_id.rpartition("/")[2], f"{one.nothing:,.1f}", f"{one.best:,.1f}", one.best_agent)
     console.show(console.View([view]))
-
-
-def by_suite(tasks: Sequence[TaskSpec], default: str) -> list[TaskSpec]:
-    """Tasks of a suite together; its suite and the default task itself come first, tasks in no suite last."""
-    suites = list(dict.fromkeys(task.suites for task in tasks))
-    first = next((task.suites for task in tasks if task.id == default), ())
-
-    def place(task: TaskSpec) -> tuple[bool, bool, int, bool]:
-        return not task.suites, task.suites != first, suites.index(task.suites), task.id != default
-
-    return sorted(tasks, key=place)
 
 
 def listing(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> Iterator[console.Part]:

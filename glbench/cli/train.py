@@ -53,9 +53,7 @@ def train(
         str | None,
         typer.Option("--seeds", help="Train with each of these seeds: 0-4, or 0,1,7-9. Resumes interrupted ones."),
     ] = None,
-    engine: Annotated[
-        options.EngineName, typer.Option("--engine", help="With --seeds, where to train: here, or on a Ray cluster.")
-    ] = options.EngineName.LOCAL,
+    engine: options.Engine = options.EngineName.LOCAL,
     address: options.Address = None,
     workers: Annotated[
         int | None,
@@ -67,15 +65,13 @@ def train(
     The folder then holds the policy (policy.npz, evaluated with numpy alone), the learning curve, the settings and card.toml,
     and is an agent itself: glbench evaluate FOLDER. Exit code 3: the training finished, but never beat the policy it began with.
     """
-    options.check_address(address, engine)
     if seeds is None and (engine is options.EngineName.RAY or workers is not None):
         msg = "--engine ray and --workers are for trainings of several seeds: add --seeds 0-4."
         raise TrainingError(msg)
     if seeds is not None and wandb:
         msg = "--wandb logs one training: give --seed instead of --seeds."
         raise TrainingError(msg)
-    if engine is options.EngineName.RAY:
-        require("--engine ray", "ray", "ray")
+    options.check_engine(engine, address)
     if wandb:
         require("--wandb", "wandb", "wandb")
     if algorithm != "ppo":
@@ -327,21 +323,17 @@ def sweep(
         int | None,
         typer.Option("--workers", "-w", min=1, help="Trials at a time, a core each. Default: 1; on Ray all cores."),
     ] = None,
-    engine: Annotated[
-        options.EngineName, typer.Option("--engine", help="Where trials are trained: here, or on a Ray cluster.")
-    ] = options.EngineName.LOCAL,
+    engine: options.Engine = options.EngineName.LOCAL,
     address: options.Address = None,
     wandb: Annotated[bool, typer.Option("--wandb", help="Let Weights & Biases choose the trials (needs an account).")] = False,
 ) -> None:
     """Search hyperparameters: an Optuna study in a local file. The same command resumes an interrupted search."""
-    options.check_address(address, engine)
     if wandb and engine is options.EngineName.RAY:
         msg = "--wandb trains on this machine: leave out --engine."
         raise TrainingError(msg)
+    options.check_engine(engine, address)
     if wandb:
         require("--wandb", "wandb", "wandb")
-    if engine is options.EngineName.RAY:
-        require("--engine ray", "ray", "ray")
     require("The sweep", "train", "optuna", "stable_baselines3", "torch")
     with options.needs_the_extra("train"):
         from glbench.training.sweep import read_search
@@ -365,7 +357,11 @@ def sweep(
         if engine is options.EngineName.RAY or (workers or 1) > 1:
             executor = stack.enter_context(executor_of(Where(engine is options.EngineName.RAY, address, workers), spec))
         trials = run_sweep(search, folder, executor=executor, report=lambda trial: console.tell(trial_in_words(trial, score)))
-    console.put_parts([trials_table(trials, score)])
+    headings = ("trial", "state", f"best {score.words}", "settings")
+    view = console.table("Trials, best first", *headings, numbers=headings[::2], fold=headings, box=HEAVY_HEAD, title_style=None)
+    for trial in trials[:_MOST_TRIALS]:
+        view.add(str(trial.number), trial.state, *_reward_and_choices(trial, score))
+    console.put_parts([view])
     if not any(trial.state != "fail" for trial in trials):
         msg = f"None of the {len(trials)} trials succeeded; the reasons are above. Correct {config} and choose a new folder with --out."
         raise TrainingError(msg)
@@ -465,15 +461,6 @@ def trial_in_words(trial: TrialReport, score: Metric) -> str:
     why = "" if trial.reason is None else f": {trial.reason}"
     reward, choices = _reward_and_choices(trial, score)
     return f"trial {trial.number:>3}  {trial.state:8}  {score.words} {reward:>8}  {choices}{why}"
-
-
-def trials_table(trials: list[TrialReport], score: Metric) -> console.Table:
-    """The best trials."""
-    headings = ("trial", "state", f"best {score.words}", "settings")
-    view = console.table("Trials, best first", *headings, numbers=headings[::2], fold=headings, box=HEAVY_HEAD, title_style=None)
-    for trial in trials[:_MOST_TRIALS]:
-        view.add(str(trial.number), trial.state, *_reward_and_choices(trial, score))
-    return view
 
 
 def _reward_and_choices(trial: TrialReport, score: Metric) -> tuple[str, str]:

@@ -53,6 +53,7 @@ PROVENANCE, RUN, TASK = "provenance.json", "run.json", "task.json"
 _WORDS, _RECOVERY = "glbench episode", "glbench recovery"
 _PIECES = 48
 _SHORTEST, _LONGEST = 4, 96
+"""Steps of one chunk, the part of a file that a killed writer may lose: about a fiftieth of the episode, a day at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,11 +203,6 @@ class Episode:
         return frame
 
 
-def chunk_steps(steps: int) -> int:
-    """Steps of one chunk, the part of a file that a killed writer may lose: about a fiftieth of the episode, a day at most."""
-    return min(_LONGEST, max(_SHORTEST, steps // _PIECES))
-
-
 class EpisodeWriter:
     """Writes one episode into a binary file, chunk by chunk, as a context manager.
 
@@ -321,7 +317,7 @@ def episode_bytes(episode: Episode) -> bytes:
 def write_into(file: IO[bytes], episode: Episode, remarks: Mapping[str, Mapping[str, str]] | None = None) -> None:
     """Write the steps that ``episode`` has into a binary file, with further tables of words."""
     action = np.dtype(episode.tables[ACTION].dtype)
-    length = chunk_steps(episode.provenance.task.steps)
+    length = min(_LONGEST, max(_SHORTEST, episode.provenance.task.steps // _PIECES))
     with EpisodeWriter(file, episode.provenance, episode.run, episode.definition, episode.groups, action) as writer:
         for name, words in (remarks or {}).items():
             writer.remark(name, words)

@@ -161,26 +161,19 @@ class RunSet:
         times = self.longest.times
         per_day = round(HOURS_PER_DAY * 3600 / self.task.step_seconds)
         width = min(self.days * per_day, self.longest.steps)
-        first = self._most_broken(per_day, width) if self.first_day is None else self._first_of_chosen()
+        if self.first_day is not None:
+            midnight = np.datetime64(str(self.first_day), "ns")
+            if not times[0] - np.timedelta64(1, "D") < midnight < times[-1]:
+                msg = f"{self.first_day} is not a day of what is shown, which lasts from {str(times[0])[:10]} to {str(times[-1])[:10]}."
+                raise GlbenchError(msg)
+            first = int(np.searchsorted(times, midnight))
+        else:
+            penalty = np.zeros(self.longest.steps)
+            for trajectory in self.trajectories:
+                penalty[: trajectory.steps] += trajectory.columns[self.signals.worst]
+            before, firsts = np.concatenate([[0.0], np.cumsum(penalty)]), np.arange(0, len(penalty) - width + 1, per_day)
+            first = int(firsts[np.argmax(before[firsts + width] - before[firsts])])
         return times[first], times[min(first + width, self.longest.steps)]
-
-    def _first_of_chosen(self) -> int:
-        """Step at which the chosen first day begins."""
-        times, midnight = self.longest.times, np.datetime64(str(self.first_day), "ns")
-        day = np.timedelta64(1, "D")
-        if not times[0] - day < midnight < times[-1]:
-            msg = f"{self.first_day} is not a day of what is shown, which lasts from {str(times[0])[:10]} to {str(times[-1])[:10]}."
-            raise GlbenchError(msg)
-        return int(np.searchsorted(times, midnight))
-
-    def _most_broken(self, per_day: int, width: int) -> int:
-        """Step at which the ``width`` steps with the largest penalty begin, at the start of a day."""
-        penalty = np.zeros(self.longest.steps)
-        for trajectory in self.trajectories:
-            penalty[: trajectory.steps] += trajectory.columns[self.signals.worst]
-        before = np.concatenate([[0.0], np.cumsum(penalty)])
-        firsts = np.arange(0, len(penalty) - width + 1, per_day)
-        return int(firsts[np.argmax(before[firsts + width] - before[firsts])])
 
 
 def trajectory_of(episode: Episode) -> Trajectory:
@@ -369,12 +362,6 @@ def load_rerun() -> Any:
         raise GlbenchError(msg) from error
 
 
-def load_blueprint() -> Any:
-    """The module ``rerun.blueprint``; raises as ``load_rerun`` does."""
-    load_rerun()
-    return importlib.import_module("rerun.blueprint")
-
-
 def save_recording(runs: RunSet, path: Path, properties: Mapping[str, str] | None = None, *, plain: bool = False) -> None:
     """Write ``runs`` with their blueprint to ``path`` (.rrd), whole or not at all.
 
@@ -402,7 +389,7 @@ def save_recording(runs: RunSet, path: Path, properties: Mapping[str, str] | Non
     if properties:
         stream.send_property("glbench", rerun.AnyValues(**properties))
     send_trajectories(stream, runs)
-    stream.log("weeks", rerun.TextDocument(weeks_card(runs), media_type=rerun.MediaType.MARKDOWN), static=True)
+    send_text(stream, "weeks", weeks_card(runs))
     send_limits(stream, runs, [0, runs.task.steps])
     send_layout(stream, runs, plain=plain)
     write_atomically(path, memory.drain_as_bytes())
@@ -423,13 +410,13 @@ def send_frame(stream: rr.RecordingStream, runs: RunSet) -> None:
             continue
         for colour, label in zip(PALETTE, runs.labels, strict=False):
             _send_style(stream, curve, label, colour)
-    send_card(stream, runs)
+    send_text(stream, "card", card(runs))
 
 
-def send_card(stream: rr.RecordingStream, runs: RunSet) -> None:
-    """Send the card, or a new one in the place of an earlier one."""
+def send_text(stream: rr.RecordingStream, place: str, text: str) -> None:
+    """Send a document in Markdown, or a new one in the place of an earlier one."""
     rerun = load_rerun()
-    stream.log("card", rerun.TextDocument(card(runs), media_type=rerun.MediaType.MARKDOWN), static=True)
+    stream.log(place, rerun.TextDocument(text, media_type=rerun.MediaType.MARKDOWN), static=True)
 
 
 def send_trajectories(stream: rr.RecordingStream, runs: RunSet, first: int = 0) -> None:
@@ -447,14 +434,8 @@ def send_limits(stream: rr.RecordingStream, runs: RunSet, steps: Sequence[int]) 
 
     A band is a measurement in its middle whose deviation is half its width; its own line has no width.
     """
-    rerun = load_rerun()
-    indexes = [
-        rerun.TimeColumn(STEP, sequence=list(steps)),
-        rerun.TimeColumn(TIME, timestamp=runs.times[list(steps)]),
-    ]
-    clock = local(runs.longest, runs.signals.clock)
-    if clock is not None and max(steps) < len(clock):
-        indexes.append(rerun.TimeColumn(LOCAL_TIME, timestamp=clock[list(steps)].astype("datetime64[ns]")))
+    rerun, places, clock = load_rerun(), list(steps), local(runs.longest, runs.signals.clock)
+    indexes = _indexes(places, runs.times[places], None if clock is None or max(steps) >= len(clock) else clock[places])
     for curve in runs.signals.curves:
         if curve.limits is None:
             continue
@@ -475,20 +456,18 @@ def _entity(curve: Curve, label: str | None) -> str:
 
 
 def _send_curve(stream: rr.RecordingStream, path: str, curve: Curve, trajectory: Trajectory, first: int, hours: str) -> None:
-    rerun = load_rerun()
-    moments = slice(first, -1) if curve.moment == "start" else slice(first + 1, None)
-    indexes = [
-        rerun.TimeColumn(STEP, sequence=np.arange(first, trajectory.steps) + 1),
-        rerun.TimeColumn(TIME, timestamp=trajectory.times[moments].astype("datetime64[ns]")),
-    ]
-    clock = local(trajectory, hours)
-    if clock is not None:
-        indexes.append(rerun.TimeColumn(LOCAL_TIME, timestamp=clock[moments].astype("datetime64[ns]")))
-    stream.send_columns(
-        path,
-        indexes=indexes,
-        columns=rerun.Scalars.columns(scalars=curve.values(trajectory.columns)[first:]),
-    )
+    moments, clock = slice(first, -1) if curve.moment == "start" else slice(first + 1, None), local(trajectory, hours)
+    steps = np.arange(first, trajectory.steps) + 1
+    indexes = _indexes(steps, trajectory.times[moments], None if clock is None else clock[moments])
+    values = curve.values(trajectory.columns)[first:]
+    stream.send_columns(path, indexes=indexes, columns=load_rerun().Scalars.columns(scalars=values))
+
+
+def _indexes(steps: Any, times: Times, clock: Times | None) -> list[Any]:
+    """The time lines of values: step, UTC, and the greenhouse's clock where it is known."""
+    rerun, moments = load_rerun(), {TIME: times} | ({} if clock is None else {LOCAL_TIME: clock})
+    lines = [rerun.TimeColumn(name, timestamp=values.astype("datetime64[ns]")) for name, values in moments.items()]
+    return [rerun.TimeColumn(STEP, sequence=steps), *lines]
 
 
 def _send_style(stream: rr.RecordingStream, curve: Curve, label: str | None, colour: Colour) -> None:
@@ -516,8 +495,8 @@ def blueprint(runs: RunSet, *, live: bool = False, plain: bool = False) -> rrb.B
     A ``live`` one follows the newest values and keeps the last days before them in view. A ``plain`` one, for pictures, has no
     menu either.
     """
-    views = load_blueprint()
     layout = _Layout(runs, live=live)
+    views = layout.views
     page: rrb.Blueprint = views.Blueprint(
         views.Tabs(
             layout.overview(),
@@ -545,7 +524,8 @@ class _Layout:
     """Makes the views of one blueprint."""
 
     def __init__(self, runs: RunSet, *, live: bool) -> None:
-        self._rr, self._rrb = load_rerun(), load_blueprint()
+        self._rr = load_rerun()
+        self.views = self._rrb = importlib.import_module("rerun.blueprint")
         self._run_set, self._live = runs, live
         self._limits = dict(runs.task.constraints.items())
         times = runs.times

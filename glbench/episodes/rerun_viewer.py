@@ -303,7 +303,7 @@ class LiveView:
         """Send the rest and disconnect."""
         if self._steps > self._sent:
             self._send()
-        rerun_recording.send_card(self._stream, self._run_set(self._steps))
+        rerun_recording.send_text(self._stream, "card", rerun_recording.card(self._run_set(self._steps)))
         try:
             self._stream.flush(timeout_sec=_FLUSH_SECONDS)
         except RuntimeError as error:

@@ -479,12 +479,8 @@ def _derived(task: TaskSpec) -> list[tuple[Column, Formula]]:
         return lambda vectors: formula(vectors["air"][:, temperature], vectors["air"][:, humidity])
 
     def of_day(rate: Callable[[Any, Any, Any], Any]) -> Formula:
-        def sums(vectors: Vectors) -> Floats:
-            u, d = model.Controls(*vectors["control"].T), model.Disturbances(*vectors["disturbance"].T)
-            rates = np.broadcast_to(np.asarray(rate(u, d, nominal), dtype=np.float64), len(vectors["control"]))
-            return daily_sums(rates, vectors["clock"][:, 0], task.step_seconds)
-
-        return sums
+        rates = _rates(task, rate)
+        return lambda vectors: daily_sums(rates(vectors), vectors["clock"][:, 0], task.step_seconds)
 
     columns: list[tuple[Column, Formula]] = []
     for series in model.signals():
@@ -584,20 +580,26 @@ def _total(name: str, unit: str) -> str:
     return entry.priced["label"] if entry.priced and unit == quantities.MONEY else entry.label
 
 
-def _light(task: TaskSpec) -> Iterable[Line]:
-    """Daily light integrals: of PAR above the canopy as the model has it, and of the sun's outside."""
-    model, seconds = task.model_value, task.step_seconds
+def _rates(task: TaskSpec, rate: Callable[[Any, Any, Any], Any]) -> Formula:
+    """A rate of the model in each step ``(steps,)``, from controls and weather."""
+    model = task.model_value
     nominal: Any = model.Parameters(*task.parameters().tolist())
 
+    def rates(vectors: Vectors) -> Floats:
+        u, d = model.Controls(*vectors["control"].T), model.Disturbances(*vectors["disturbance"].T)
+        return np.broadcast_to(np.asarray(rate(u, d, nominal), dtype=np.float64), len(vectors["control"]))
+
+    return rates
+
+
+def _light(task: TaskSpec) -> Iterable[Line]:
+    """Daily light integrals: of PAR above the canopy as the model has it, and of the sun's outside."""
+
     def of(rate: Callable[[Any, Any, Any], Any], factor: float) -> Formula:
-        def amounts(vectors: Vectors) -> Floats:
-            u, d = model.Controls(*vectors["control"].T), model.Disturbances(*vectors["disturbance"].T)
-            rates = np.asarray(rate(u, d, nominal), dtype=np.float64)
-            return np.broadcast_to(rates, len(vectors["control"])) * (seconds * factor)
+        rates = _rates(task, rate)
+        return lambda vectors: rates(vectors) * (task.step_seconds * factor)
 
-        return amounts
-
-    for series in model.signals():
+    for series in task.model_value.signals():
         name = series.path.rpartition("/")[2]
         if series.today is not None and name in quantities.LIGHT:
             words = quantities.LIGHT[name]

@@ -165,12 +165,9 @@ def tell(path: Path, against: Path, workers: int = 1) -> Story:
         levels=levels_of(task),
         lines=signals.accounts,
         clock=clock_of(task),
-        hours=np.stack([side.hours for side in sides]),
-        times=sides[0].times,
-        means=np.stack([side.means for side in sides]),
-        sums=np.stack([side.sums for side in sides]),
-        weeks=np.stack([side.weeks for side in sides]),
-        days=sides[0].days,
+        times=sides[0]["times"],
+        days=sides[0]["days"],
+        **{name: np.stack([side[name] for side in sides]) for name in ("hours", "means", "sums", "weeks")},
     )
 
 
@@ -216,20 +213,8 @@ def periods_of(light: Floats) -> Places:
     return periods
 
 
-@dataclass(frozen=True, eq=False)
-class _Side:
-    """One agent; fields as in ``Story``, without its axis of two."""
-
-    hours: Floats
-    times: Floats
-    means: Floats
-    sums: Floats
-    weeks: Floats
-    days: Places
-
-
-def _side(task: TaskSpec, log: ActionLog, seeds: Sequence[int], kernel: Stepper) -> _Side:
-    """One agent: its runs are replayed as many at a time as fit into memory, and of each only sums are kept."""
+def _side(task: TaskSpec, log: ActionLog, seeds: Sequence[int], kernel: Stepper) -> dict[str, NDArray[Any]]:
+    """What ``Story`` has of one agent: its runs are replayed as many at a time as fit into memory, and of each only sums are kept."""
     signals, curves, parts = signals_of(task), levels_of(task), len((NIGHT, DAWN, DAY))
     rows = [list(log.seeds).index(seed) for seed in seeds]
     together = max(1, LARGEST_TRACE // (task.steps * bytes_a_step(task)))
@@ -258,14 +243,14 @@ def _side(task: TaskSpec, log: ActionLog, seeds: Sequence[int], kernel: Stepper)
     lengths = np.bincount(weeks)
     by_week[:, [line.kind == "light" for line in signals.accounts]] /= lengths[:, None]
     with np.errstate(invalid="ignore"):  # an hour or a period that never was has no mean
-        return _Side(
-            hours=np.stack(by_hour).sum(axis=0) / np.stack(steps_by_hour).sum(axis=0)[:, None],
-            times=steps_in * (task.step_seconds / 3600.0) / len(seeds),
-            means=np.stack([all_levels[mask].sum(axis=0) for mask in masks]) / steps_in[:, None],
-            sums=np.stack([(all_lines * mask[..., None]).sum(axis=(1, 2)) for mask in masks], axis=1),
-            weeks=by_week,
-            days=lengths,
-        )
+        return {
+            "hours": np.stack(by_hour).sum(axis=0) / np.stack(steps_by_hour).sum(axis=0)[:, None],
+            "times": steps_in * (task.step_seconds / 3600.0) / len(seeds),
+            "means": np.stack([all_levels[mask].sum(axis=0) for mask in masks]) / steps_in[:, None],
+            "sums": np.stack([(all_lines * mask[..., None]).sum(axis=(1, 2)) for mask in masks], axis=1),
+            "weeks": by_week,
+            "days": lengths,
+        }
 
 
 _MINUS = "\u2212"
