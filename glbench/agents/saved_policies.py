@@ -17,6 +17,7 @@ import contextlib
 import pickle
 import warnings
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,6 +42,11 @@ Function = Callable[[Rows], NDArray[np.floating]]
 BLOCK = 32
 """Rows in a block: the 30 runs of an evaluation fit into one."""
 _SIZES = (0.01, 1.0, 100.0)
+DAMAGED = (
+    OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, IndexError, AssertionError, RuntimeError, ImportError,
+    pickle.UnpicklingError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
+"""Errors that reading a damaged file of Stable-Baselines3 or numpy may raise."""
 
 
 @contextlib.contextmanager
@@ -74,16 +80,7 @@ def _statistics_from(file: Path, columns: int) -> Normalise:
     try:
         with file.open("rb") as stream:
             statistics: Any = pickle.load(stream)  # a submission is a stranger's program in every form
-    except (
-        OSError,
-        EOFError,
-        pickle.UnpicklingError,
-        AttributeError,
-        ImportError,
-        ValueError,
-        TypeError,
-        IndexError,
-    ) as error:
+    except DAMAGED as error:
         msg = (
             f"{file.name} cannot be read as statistics of VecNormalize ({type(error).__name__}: {error}). "
             f'Save them with: env.save("{file.name}").'

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import lzma
-import pickle
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -22,7 +21,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.agents.saved_policies import EvenRows, PolicyAgent, Rows, normaliser, without_warnings
+from glbench.agents.saved_policies import DAMAGED, EvenRows, PolicyAgent, Rows, normaliser, without_warnings
 from glbench.errors import SubmissionError, last_line
 from glbench.extras import need
 from glbench.untrusted import opened_archive
@@ -51,17 +50,6 @@ _SIGNS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("ARS", ("n_delta",)),
     ("PPO", ("clip_range", "gae_lambda")),
     ("A2C", ("gae_lambda", "n_steps")),
-)
-_FAILURES = (
-    RuntimeError,
-    ValueError,
-    KeyError,
-    TypeError,
-    AttributeError,
-    ImportError,
-    AssertionError,
-    EOFError,
-    OSError,
 )
 
 
@@ -315,7 +303,7 @@ def _load(algorithm: Algorithm, file: Path) -> Any:
                     settings["use_sde"] = data["use_sde"]
                 policy = data["policy_class"](*spaces, lambda _progress: 0.0, **settings)
             policy.load_state_dict(parameters["policy"])
-    except (*_FAILURES, pickle.UnpicklingError, zipfile.BadZipFile) as error:
+    except DAMAGED as error:
         msg = (
             f"{file.name} cannot be loaded by Stable-Baselines3: {last_line(error)}. A model with network classes of your own "
             "needs a Python agent that brings them along; one of another version can be loaded and saved again there."

@@ -604,9 +604,9 @@ def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
             "low_and_high": "range over trainings" if row.trainings[1] > 1 else "95 % interval over runs",
             "low_and_high_of_mean": f"95 % interval over runs{' and trainings' if row.trainings[1] > 1 else ''}",
         }  # fmt: skip
-        intervals = {**{name: (getattr(row, name), "") for name in SCORES}, "regret": (row.regret, " [EUR m-2]")}
-        intervals[f"more_than_{RULES}"] = row.against_rules, " [EUR m-2]"
-        for name, (interval, unit) in intervals.items():
+        scores = [(str(name), getattr(row, name), "") for name in SCORES]
+        in_money = [("regret", row.regret, " [EUR m-2]"), (f"more_than_{RULES}", row.against_rules, " [EUR m-2]")]
+        for name, interval, unit in scores + in_money:
             record |= {f"{name}{unit}": interval and interval.value, **_cells(name, interval, ("low", "high"), unit)}
         for metric in words.metrics.values():
             record[f"{metric.name}_mean [{metric.unit}]"] = figures and figures.metrics.get(metric.name)

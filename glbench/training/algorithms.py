@@ -23,8 +23,9 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 
+from glbench.agents.saved_policies import DAMAGED
 from glbench.errors import TrainingError, UnknownNameError, did_you_mean
-from glbench.training.folder import DAMAGED, MODEL, STATE, altered, replaced
+from glbench.training.folder import MODEL, STATE, altered, replaced
 from glbench.training.periodic_evaluation import History
 from glbench.training.settings import LINEAR, OWN
 from glbench.training.vec_env import Normalizer, TrainingVecEnv

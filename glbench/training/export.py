@@ -18,13 +18,13 @@ from stable_baselines3.sac.policies import SACPolicy
 from torch import nn
 
 from glbench.agents.network_policy import ACTIVATIONS, NetworkPolicy, read_policy
+from glbench.agents.saved_policies import DAMAGED
 from glbench.errors import TrainingError
 from glbench.resources import write_atomically
 from glbench.tasks import task_card
 from glbench.training.algorithms import algorithm_class
 from glbench.training.card import CARD, POLICY, read_card, to_toml
 from glbench.training.constant_columns import without_constant_columns
-from glbench.training.folder import DAMAGED
 from glbench.training.vec_env import Normalizer
 from glbench.untrusted import reason_of
 

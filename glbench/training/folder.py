@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import pickle
 import shutil
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -25,11 +22,6 @@ BEST, MODEL = "best", "model.zip"
 """The best model of a training with Stable-Baselines3: a folder, and the file in it."""
 STATE = "state.json"
 """Of a checkpoint, written last."""
-DAMAGED = (
-    OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, IndexError, AssertionError, RuntimeError, ImportError,
-    pickle.UnpicklingError, zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
-"""Errors that reading a damaged file of Stable-Baselines3 or numpy may raise."""
 
 
 @contextmanager

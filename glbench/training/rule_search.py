@@ -32,7 +32,7 @@ from glbench.training.card import CARD, TrainingFacts
 from glbench.training.export import start_of
 from glbench.training.folder import Trained
 from glbench.training.settings import EvaluationPlan, FrozenSettings, TrainingSeed
-from glbench.training.strategy import HANSEN, Search, Strategy
+from glbench.training.strategy import HANSEN, Search
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
@@ -182,25 +182,24 @@ class _RuleSearch(Search):
         self._page, self._candidates = page, Candidates(page)
 
     def prepare(self) -> None:
-        first, s = self._candidates, self.settings
-        self.strategy = Strategy(first.mean, s.sigma, population=s.population, seed=self.seed, bounds=first.bounds)
-        self._runs = [_TaskRuns(task, s) for task in self.tasks]
+        self.begin(self._candidates.mean, self._candidates.bounds)
+        self._runs = [_TaskRuns(task, self.settings) for task in self.tasks]
 
     def advance(self) -> float:
         clock = self.history.time
         with clock.spend("learning"):
-            candidates = self.strategy.ask()
+            candidates = self.ask()
             numbers = [self._candidates.numbers(one) for one in candidates]
         with clock.spend("simulator"):
             seed = self.settings.first_seed + self.generations
             rewards = sum((runs.rewards(numbers, seed) for runs in self._runs), np.zeros(len(candidates))) / len(self._runs)
         with clock.spend("learning"):
-            self.strategy.tell(candidates, rewards)
+            self.tell(candidates, rewards)
         self.keep()
         return float(rewards.mean())
 
     def evaluate(self) -> periodic_evaluation.ProbeResult:
-        page = self._candidates.page(self.strategy.mean)
+        page = self._candidates.page(self.mean)
         sums = [runs.evaluate(page.numbers).sums for runs in self._runs]
         names = [name for name in sums[0] if all(name in other for other in sums)]
         return periodic_evaluation.ProbeResult({name: float(np.mean([one[name] for one in sums])) for name in names})
@@ -212,7 +211,7 @@ class _RuleSearch(Search):
             f"{CARD} tells how they were found, docs/training.md how to tune others.",
         )
         write_atomically(self.folder / _START, tuned_rules.settings_text(self._page))
-        write_atomically(self.folder / RULES, tuned_rules.settings_text(self._candidates.page(self.strategy.mean), heading))
+        write_atomically(self.folder / RULES, tuned_rules.settings_text(self._candidates.page(self.mean), heading))
 
     def facts(self) -> TrainingFacts:
         settings, tasks = self.settings, self.tasks

@@ -183,7 +183,8 @@ def train(
         When ``folder`` holds something else, or a training that was begun and is not to be resumed; when the algorithm fails.
     """
     with folder_lock(folder):
-        identity = _identity(task, settings, seed)
+        words = {"task": task.id, "task_digest": task.digest, "algorithm": settings.algorithm}
+        identity: dict[str, Any] = {**words, "settings_digest": settings_digest(settings), "seed": seed}
         state = find_checkpoint(folder / CHECKPOINT)
         card = claim(
             folder,
@@ -304,13 +305,3 @@ def _begin_or_continue(
     if settings.start_from is not None:
         begin_with(settings.start_from, model, normalization, task)
     return model, normalization, History()
-
-
-def _identity(task: TaskSpec, settings: TrainingSettings, seed: int) -> dict[str, Any]:
-    return {
-        "task": task.id,
-        "task_digest": task.digest,
-        "algorithm": settings.algorithm,
-        "settings_digest": settings_digest(settings),
-        "seed": seed,
-    }

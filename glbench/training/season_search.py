@@ -36,7 +36,7 @@ from glbench.training.export import policy_in, start_of
 from glbench.training.folder import Trained
 from glbench.training.periodic_evaluation import Listener, Probe, ProbeResult, season_sums
 from glbench.training.settings import EvaluationPlan, FrozenSettings, PolicyFile, TrainingSeed, section
-from glbench.training.strategy import HANSEN, Search, Strategy
+from glbench.training.strategy import HANSEN, Search
 from glbench.untrusted import real_path
 
 if TYPE_CHECKING:
@@ -189,12 +189,12 @@ class _SeasonSearch(Search):
 
         self._probe.of(act)
         self._variations = Variations(start, np.concatenate(hidden[::_LOOKED_AT]), settings.directions)
-        self.strategy = Strategy(np.zeros(self._variations.size), settings.sigma, population=settings.population, seed=self.seed)
+        self.begin(np.zeros(self._variations.size))
 
     def advance(self) -> float:
         clock, batched = self.history.time, self._batched
         with clock.spend("learning"):
-            candidates = self.strategy.ask()
+            candidates = self.ask()
             batched.take([self._variations.layer(numbers) for numbers in candidates])
         before = batched.seconds
         with clock.spend("simulator"):
@@ -203,11 +203,11 @@ class _SeasonSearch(Search):
         clock.policy += batched.seconds - before
         clock.simulator -= batched.seconds - before
         with clock.spend("learning"):
-            self.strategy.tell(candidates, rewards)
+            self.tell(candidates, rewards)
         return float(rewards.mean())
 
     def evaluate(self) -> ProbeResult:
-        self._batched.take([self._variations.layer(self.strategy.mean)] * len(self._probe.seeds))
+        self._batched.take([self._variations.layer(self.mean)] * len(self._probe.seeds))
         return self._probe.of(self._batched.act)
 
     def save_best(self) -> None:
@@ -215,7 +215,7 @@ class _SeasonSearch(Search):
         about: dict[str, str | int | float] = {
             "algorithm": "CMA-ES", "seed": self.seed, "steps": self.steps, "task_digest": task.digest,
         }  # fmt: skip
-        policy = self._variations.policy(self.strategy.mean, about)
+        policy = self._variations.policy(self.mean, about)
         write_atomically(self.folder / POLICY, replace(policy, task_id=task.id, delta=task.uncertainty.delta).to_bytes())
 
     def facts(self) -> TrainingFacts:

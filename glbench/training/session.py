@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.agents.saved_policies import DAMAGED
 from glbench.errors import TrainingError
 from glbench.resources import write_atomically
 from glbench.training.card import TrainingFacts, digest_of_tasks, note_session, write_card
-from glbench.training.folder import DAMAGED, SETTINGS, Trained, altered, claim, folder_lock, open_folder
+from glbench.training.folder import SETTINGS, Trained, altered, claim, folder_lock, open_folder
 from glbench.training.periodic_evaluation import CURVE, History, Listener, Pace, ProbeResult, Progress
 
 if TYPE_CHECKING:

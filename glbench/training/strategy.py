@@ -20,24 +20,15 @@ HANSEN = "Hansen (2016). The CMA evolution strategy: a tutorial. arXiv:1604.0077
 Floats = NDArray[np.float64]
 
 
-class Strategy:
-    """Generations of a search.
+class Search(Session):
+    """A search under way: generations of candidates, each rewarded with seasons of the tasks. ``begin`` makes its strategy."""
 
-    Parameters
-    ----------
-    mean
-        Middle of the first generation, ``(numbers,)``.
-    sigma
-        Standard deviation of the first generation.
-    population, seed
-        Candidates a generation; seed of all that is drawn.
-    bounds
-        Lowest and highest value of each number, ``(numbers, 2)``.
-    """
+    what, state = "search", SEARCH
 
-    def __init__(self, mean: Floats, sigma: float, *, population: int, seed: int, bounds: NDArray[np.float64] | None = None) -> None:
-        self.population = population
-        self._cma = CMA(mean=mean, sigma=sigma, population_size=population, seed=seed, bounds=bounds)
+    def begin(self, mean: Floats, bounds: Floats | None = None) -> None:
+        """Take ``mean`` ``(numbers,)`` for the middle of the first generation; ``bounds`` ``(numbers, 2)`` are the lowest and highest."""
+        s = self.settings
+        self._cma = CMA(mean=mean, sigma=s.sigma, population_size=s.population, seed=self.seed, bounds=bounds)
         self.rewards: list[Floats] = []
         """Of each generation so far, ``(population,)``."""
 
@@ -47,26 +38,10 @@ class Strategy:
         mean: Floats = self._cma.mean
         return mean
 
-    def ask(self) -> list[Floats]:
-        """The candidates of the next generation."""
-        return [self._cma.ask() for _ in range(self.population)]
-
-    def tell(self, candidates: Sequence[Floats], rewards: Floats) -> None:
-        """The rewards ``(population,)`` of the candidates that were asked."""
-        self._cma.tell([(numbers, -float(reward)) for numbers, reward in zip(candidates, rewards, strict=True)])
-        self.rewards.append(rewards)
-
-
-class Search(Session):
-    """A search under way: generations of a strategy, each rewarded with seasons of the tasks."""
-
-    what, state = "search", SEARCH
-    strategy: Strategy
-
     @property
     def generations(self) -> int:
         """Generations so far."""
-        return len(self.strategy.rewards)
+        return len(self.rewards)
 
     @property
     def steps_a_generation(self) -> int:
@@ -78,14 +53,23 @@ class Search(Session):
         """Environment steps so far."""
         return self.generations * self.steps_a_generation
 
+    def ask(self) -> list[Floats]:
+        """The candidates of the next generation."""
+        return [self._cma.ask() for _ in range(self.settings.population)]
+
+    def tell(self, candidates: Sequence[Floats], rewards: Floats) -> None:
+        """The rewards ``(population,)`` of the candidates that were asked."""
+        self._cma.tell([(numbers, -float(reward)) for numbers, reward in zip(candidates, rewards, strict=True)])
+        self.rewards.append(rewards)
+
     def arrays(self) -> Arrays:
         """The rewards so far, ``(generations, population)``."""
-        return {"rewards": np.array(self.strategy.rewards).reshape(self.generations, self.strategy.population)}
+        return {"rewards": np.array(self.rewards).reshape(self.generations, self.settings.population)}
 
     def restore(self, arrays: Arrays, facts: Mapping[str, Any]) -> None:
         """Ask again from the beginning, and tell the rewards."""
         for rewards in arrays["rewards"]:
-            self.strategy.tell(self.strategy.ask(), rewards)
+            self.tell(self.ask(), rewards)
 
     def table(self, algorithm: str = "CMA-ES") -> dict[str, Any]:
         """With the generations and their size."""

@@ -47,38 +47,28 @@ class WandbListener(Listener):
         folder.mkdir(parents=True, exist_ok=True)
         fixed: dict[str, Any] = {} if name is None else {"name": name, "id": _NOT_IN_AN_ID.sub("-", name), "resume": "allow"}
         try:
-            self._run = wandb.init(project=project, dir=str(folder), config=config, **fixed)
+            self.run = wandb.init(project=project, dir=str(folder), config=config, **fixed)
         except (wandb.errors.Error, OSError) as error:
             msg = f"Weights & Biases cannot start a run: {error} Log in with `wandb login`, or set WANDB_MODE=offline."
             raise TrainingError(msg) from error
-
-    @property
-    def identifier(self) -> str:
-        """Identifier of the run."""
-        return str(self._run.id)
-
-    @property
-    def choices(self) -> dict[str, Any]:
-        """What a sweep chose for this run."""
-        return dict(self._run.config)
 
     def on_progress(self, progress: Progress) -> None:
         """Speed and the reward of the last seasons."""
         values: dict[str, float] = {"steps": progress.steps, "steps_per_second": progress.steps_per_second}
         if progress.season_reward is not None:
             values["season_reward"] = progress.season_reward
-        self._run.log(values)
+        self.run.log(values)
 
     def on_evaluation(self, point: CurvePoint) -> None:
         """What an evaluation gave."""
         sums = {f"evaluation/{name}": value for name, value in point.result.sums.items()}
-        self._run.log({"steps": point.steps, **sums})
+        self.run.log({"steps": point.steps, **sums})
         if point.is_best:
-            self._run.summary["best_reward"] = point.result.reward
+            self.run.summary["best_reward"] = point.result.reward
 
     def close(self) -> None:
         """End the run."""
-        self._run.finish()
+        self.run.finish()
 
 
 def wandb_sweep(search: Search, folder: Path) -> None:
@@ -99,11 +89,11 @@ def wandb_sweep(search: Search, folder: Path) -> None:
     def trial() -> None:
         listener = WandbListener(None, {}, folder)
         try:
-            trial_settings = with_choices(settings, dict(listener.choices), search.steps)
+            trial_settings = with_choices(settings, dict(listener.run.config), search.steps)
             train(
                 task,
                 trial_settings,
-                folder / listener.identifier,
+                folder / str(listener.run.id),
                 seed=search.seed,
                 resume=True,
                 tensorboard=False,

@@ -32,8 +32,8 @@ def test_a_training_leaves_a_run_that_can_be_synced_later(day: TaskSpec, tiny: T
     listener = WandbListener("my run, seed 0", {"gamma": 0.96}, tmp_path / "run")
     try:
         trained = train(day, tiny, tmp_path / "run", tensorboard=False, listeners=[listener])
-        assert listener.identifier == "my-run--seed-0"
-        assert listener.choices["gamma"] == 0.96
+        assert listener.run.id == "my-run--seed-0"
+        assert listener.run.config["gamma"] == 0.96
         assert wandb.run.summary["best_reward"] == trained.best_reward
     finally:
         listener.close()
