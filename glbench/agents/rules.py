@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field
 
 from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
 from glbench.agents.daylight import Daylight, DaylightEstimator
@@ -43,17 +43,15 @@ _Radiation = Annotated[float, Field(ge=0.0)]
 _Heating = Annotated[float, set_points.set_point_field(set_points.HEATING)]
 _Outdoors = Annotated[float, set_points.set_point_field(set_points.SCREEN_OUTDOOR)]
 
-_BANDS = (
-    "lamp_heat_band",
-    "heating_band",
-    "co2_band",
-    "vent_heat_band",
-    "vent_humidity_band",
-    "vent_cold_band",
-    "screen_cold_band",
-    "screen_humidity_band",
-    "blackout_humidity_band",
-)
+
+def _with_width(band: float) -> float:
+    if band == 0.0:
+        msg = "a proportional band of width 0 would be a division by zero; a narrow one such as 0.1 acts like a switch"
+        raise ValueError(msg)
+    return band
+
+
+_Band = Annotated[float, AfterValidator(_with_width)]
 
 
 class RuleSettings(Table):
@@ -70,40 +68,32 @@ class RuleSettings(Table):
     lamps_off_radiation: _Radiation
     lamps_off_day_sum: _Radiation
     lamp_extra_heat: float
-    lamp_heat_band: float
+    lamp_heat_band: _Band
     heating_day: _Heating
     heating_night: _Heating
     heating_lamp_shift: float
     heating_dead_zone: float
-    heating_band: float
+    heating_band: _Band
     co2_day: Annotated[float, set_points.set_point_field(set_points.CO2)]
-    co2_band: float
+    co2_band: _Band
     humidity_limit: float = Field(ge=0.0, le=100.0, json_schema_extra={"unit": "%"})
-    vent_heat_band: float
-    vent_humidity_band: float
+    vent_heat_band: _Band
+    vent_humidity_band: _Band
     vent_cold_offset: float
-    vent_cold_band: float
+    vent_cold_band: _Band
     screen_day: _Outdoors
     screen_night: _Outdoors
-    screen_cold_band: float
+    screen_cold_band: _Band
     screen_dead_zone: float
     screen_humidity_offset: float
-    screen_humidity_band: float
+    screen_humidity_band: _Band
     blackout_screen: bool
     blackout_extra_humidity: float
-    blackout_humidity_band: float
+    blackout_humidity_band: _Band
     thermal_screen_rule: Literal["code", "author"]
     """When the thermal screen opens: "code", when heat and humidity both ask for it; "author", when either does."""
     lamp_rule: Literal["code", "author"]
     """When humidity may switch lamps off: "code", at any hour; "author", only while the blackout screen is closed."""
-
-    @field_validator(*_BANDS)
-    @classmethod
-    def _has_width(cls, band: float) -> float:
-        if band == 0.0:
-            msg = "a proportional band of width 0 would be a division by zero; a narrow one such as 0.1 acts like a switch"
-            raise ValueError(msg)
-        return band
 
 
 def read_rule_settings(path: Path) -> RuleSettings:

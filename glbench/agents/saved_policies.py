@@ -193,11 +193,6 @@ class PolicyAgent:
         self._low: NDArray[np.float64] = np.zeros(0)
         self._high: NDArray[np.float64] = np.zeros(0)
 
-    @property
-    def rows_at_once(self) -> int:
-        """Rows that the policy is asked for at once; 1 where more would change bits."""
-        return self._ask.block
-
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """All runs begin with a state of zeros."""
         self._state = np.zeros((n_runs, self._state_width), dtype=np.float32)

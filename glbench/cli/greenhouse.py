@@ -170,10 +170,7 @@ def _document(house: Greenhouse) -> dict[str, object]:
 
     return {
         "verdict": house.verdict,
-        "refusals": list(house.refusals),
-        "doubts": list(house.doubts),
+        **{name: list(getattr(house, name)) for name in ("refusals", "doubts", "assumptions", "controls")},
         "parameters": [entry._asdict() for entry in house.entries],
-        "assumptions": list(house.assumptions),
-        "controls": list(house.controls),
         "capability": None if house.capability is None else dataclasses.asdict(house.capability),
     }

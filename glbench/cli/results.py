@@ -505,26 +505,17 @@ def _counts(tests: Sequence[tuple[Pair, float]]) -> Markup:
 
 def _document(pair: Pair, p_value: float) -> dict[str, Any]:
     def document_of(metrics: Mapping[str, MetricPair]) -> dict[str, dict[str, float | None]]:
+        ends = {"difference": "value", "low": "low", "high": "high"}
         return {
-            name: {
-                "first": one.first,
-                "second": one.second,
-                **{
-                    key: None if one.difference is None else getattr(one.difference, attribute)
-                    for key, attribute in (("difference", "value"), ("low", "low"), ("high", "high"))
-                },
-            }
+            name: {"first": one.first, "second": one.second}
+            | {key: getattr(one.difference, attribute, None) for key, attribute in ends.items()}
             for name, one in metrics.items()
         }
 
     one = pair.improvement
     return {
         "task": pair.task_id,
-        "first": pair.first,
-        "second": pair.second,
-        "trainings": list(pair.trainings),
-        "runs": pair.runs,
-        "ranks_by": pair.ranks_by,
+        **{name: getattr(pair, name) for name in ("first", "second", "trainings", "runs", "ranks_by")},
         "by_year": {str(year): {"runs": runs, "difference": gap} for year, (runs, gap) in pair.by_year.items()},
         "p_value_corrected": p_value,
         "probability_of_improvement": [one.value, one.low, one.high],

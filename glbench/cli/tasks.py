@@ -199,13 +199,10 @@ def _check(name: str, *, published: bool = False) -> TaskSpec | str:
 
 def _summary(task: TaskSpec, digest: str | None) -> dict[str, Any]:
     return {
-        "id": task.id,
-        "title": task.title,
+        **{name: getattr(task, name) for name in ("id", "title", "step_seconds", "steps")},
         "suites": list(task.suites),
         "start": task.weather.start.isoformat(),
         "days": task.weather.days,
-        "step_seconds": task.step_seconds,
-        "steps": task.steps,
         "delta": task.uncertainty.delta,
         "half_width": task.uncertainty.half_width,
         "splits": None if task.splits is None else task.splits.model_dump(mode="json", exclude_none=True),
@@ -305,15 +302,9 @@ def definition_document(task: TaskSpec) -> dict[str, Any]:
     card["start"] = card["start"].isoformat()
     del card["definition"]  # it follows
     return {
-        "id": task.id,
-        "title": task.title,
-        "description": task.description,
+        **{name: getattr(task, name) for name in ("id", "title", "description", "source", "base", "locked", "digest")},
         "suites": list(task.suites),
-        "source": task.source,
-        "base": task.base,
         "changes": [dataclasses.asdict(change) for change in task.changes],
-        "locked": task.locked,
-        "digest": task.digest,
         "fingerprint": dataclasses.asdict(task.fingerprint()),
         "card": card,
         "uncertain_parameters": list(task.uncertain_parameters()),

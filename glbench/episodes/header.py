@@ -119,25 +119,14 @@ def provenance_of(task: TaskSpec, agent: LoadedAgent, kernel: dict[str, str | fl
         raise TaskError(msg)
     prints = task.fingerprint()
     all_controls = task.model_value.control_names
-    parts = {name: getattr(prints, name) for name in PARTS}
     return Provenance(
         task=TaskFacts(
-            id=task.id,
-            digest=task.digest,
-            title=task.title,
-            steps=task.steps,
-            step_seconds=task.step_seconds,
+            **{name: getattr(task, name) for name in ("id", "digest", "title", "steps", "step_seconds", "salt_commitment")},
             start=task.weather.start.isoformat(),
-            parts=parts,
-            salt_commitment=task.salt_commitment,
+            parts={name: getattr(prints, name) for name in PARTS},
         ),
         agent=AgentFacts(
-            name=agent.name,
-            kind=agent.kind,
-            digest=agent.digest,
-            privileged=agent.privileged,
-            information=agent.information,
-            acts=agent.acts,
+            **{name: getattr(agent, name) for name in ("name", "kind", "digest", "privileged", "information", "acts")},
             columns=all_controls if agent.acts == "controls" else tuple(action.name for action in task.actions),
         ),
         kernel=kernel,
