@@ -38,27 +38,18 @@ _PIECE, _LONGEST_VERSION, _LONGEST_SETTINGS, _LONGEST_WEIGHTS = 2**20, 2**20, 2*
 """Bytes: what is read at once, and what of an archive is read at most."""
 _VERSION = "_stable_baselines3_version"
 _SB3, _CONTRIB = "stable_baselines3", "sb3_contrib"
-# In this order: the first whose settings are all there. What distinguishes an algorithm from those below it comes first.
-_SIGNS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("TQC", ("top_quantiles_to_drop_per_net", "target_entropy")),
-    ("CrossQ", ("target_entropy", "policy_delay")),
-    ("SAC", ("target_entropy",)),
-    ("TD3", ("target_policy_noise", "policy_delay")),
-    ("QRDQN", ("exploration_initial_eps", "n_quantiles")),
-    ("DQN", ("exploration_initial_eps",)),
-    ("TRPO", ("cg_max_steps",)),
-    ("ARS", ("n_delta",)),
-    ("PPO", ("clip_range", "gae_lambda")),
-    ("A2C", ("gae_lambda", "n_steps")),
-)
 
 
 @dataclass(frozen=True)
 class Algorithm:
-    """An algorithm, its package, whether it learns from its own policy's steps only, and whether that policy remembers."""
+    """An algorithm, its package, whether it learns from its own policy's steps only, and whether that policy remembers.
+
+    ``signs`` are settings that tell it from those below it in ``ALGORITHMS``: of a saved model the first that has all of them is its own.
+    """
 
     name: str
     module: str
+    signs: tuple[str, ...] = ()
     on_policy: bool = False
     recurrent: bool = False
 
@@ -66,18 +57,18 @@ class Algorithm:
 ALGORITHMS = {
     algorithm.name: algorithm
     for algorithm in (
-        Algorithm("PPO", _SB3, on_policy=True),
-        Algorithm("A2C", _SB3, on_policy=True),
-        Algorithm("SAC", _SB3),
-        Algorithm("TD3", _SB3),
+        Algorithm("TQC", _CONTRIB, ("top_quantiles_to_drop_per_net", "target_entropy")),
+        Algorithm("CrossQ", _CONTRIB, ("target_entropy", "policy_delay")),
+        Algorithm("SAC", _SB3, ("target_entropy",)),
+        Algorithm("TD3", _SB3, ("target_policy_noise", "policy_delay")),
         Algorithm("DDPG", _SB3),
-        Algorithm("DQN", _SB3),
+        Algorithm("QRDQN", _CONTRIB, ("exploration_initial_eps", "n_quantiles")),
+        Algorithm("DQN", _SB3, ("exploration_initial_eps",)),
+        Algorithm("TRPO", _CONTRIB, ("cg_max_steps",), on_policy=True),
+        Algorithm("ARS", _CONTRIB, ("n_delta",)),
+        Algorithm("PPO", _SB3, ("clip_range", "gae_lambda"), on_policy=True),
+        Algorithm("A2C", _SB3, ("gae_lambda", "n_steps"), on_policy=True),
         Algorithm("RecurrentPPO", _CONTRIB, on_policy=True, recurrent=True),
-        Algorithm("TQC", _CONTRIB),
-        Algorithm("TRPO", _CONTRIB, on_policy=True),
-        Algorithm("CrossQ", _CONTRIB),
-        Algorithm("ARS", _CONTRIB),
-        Algorithm("QRDQN", _CONTRIB),
         Algorithm("MaskablePPO", _CONTRIB, on_policy=True),
     )
 }
@@ -184,7 +175,7 @@ def _pieces(stream: IO[bytes], most: int) -> Iterator[bytes]:
 
 
 def _algorithm(data: dict[str, Any], file: Path, *, recurrent: bool) -> Algorithm:
-    name = next((name for name, signs in _SIGNS if all(sign in data for sign in signs)), None)
+    name = next((one.name for one in ALGORITHMS.values() if one.signs and all(sign in data for sign in one.signs)), None)
     if name is None:
         msg = (
             f"{file.name} was saved by an algorithm that glbench does not know. It knows {', '.join(ALGORITHMS)}. "

@@ -58,9 +58,10 @@ def leaderboard(
     Results are read from OUT/results and from the released results that come with glbench. Trainings of one recipe, as stated in their
     cards, are one entry with its range.
     """
-    from glbench.leaderboard import rank, write_leaderboard
+    from glbench.leaderboard import rank, to_frame, write_leaderboard
     from glbench.leaderboard.collect import own_and_released_results, published_expectations
     from glbench.leaderboard.suites import suite_tables
+    from glbench.leaderboard.tables import suite_frame
     from glbench.tasks import list_suites
 
     options.check_folder(out)
@@ -89,7 +90,10 @@ def leaderboard(
     aggregated = suite_tables(stored, expected, tables) if write or suite or show_all else ()
     of_suites = [table for table in aggregated if show_all or table.suite in suite]
     paths = write_leaderboard(tables, suites, out, aggregated) if write else ()
-    view = leaderboard_view(selection, of_suites, members=members)
+
+    def document() -> Any:
+        frame = to_frame(selection) if selection else suite_frame(of_suites)
+        return json.loads(frame.to_json(orient="records", double_precision=15))
 
     def more() -> Iterator[console.Line]:
         boards = {table.task_id for table in selection}
@@ -108,7 +112,9 @@ def leaderboard(
     missing = [name for name in suite if name not in {table.suite for table in aggregated}]
     notes = [f"No task of the suite '{name}' has both results and a best known one yet." for name in missing]
     console.show(
-        replace(view, parts=chain(view.parts, more()), notes=notes, code=int(strict and bool(problems))),
+        console.View(
+            chain(_parts(selection, of_suites, members=members), more()), document, notes=notes, code=int(strict and bool(problems))
+        ),
         as_json=as_json,
     )
 
@@ -170,19 +176,6 @@ def _by_names(tables: Sequence[TaskTable], names: Sequence[str]) -> list[TaskTab
             msg = f"There are no results of a task '{name}'.{did_you_mean(name, [table.task_id for table in tables])}"
             raise ResultError(msg)
     return list({by_name[name].task_id: by_name[name] for name in names}.values())
-
-
-def leaderboard_view(tables: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members: bool) -> console.View:
-    """Tables of tasks and suites with their notes; as a document the tasks, or else the suites."""
-
-    def document() -> Any:
-        from glbench.leaderboard import to_frame
-        from glbench.leaderboard.tables import suite_frame
-
-        frame = to_frame(tables) if tables else suite_frame(suites)
-        return json.loads(frame.to_json(orient="records", double_precision=15))
-
-    return console.View(_parts(tables, suites, members=members), document)
 
 
 def _parts(tables: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members: bool) -> Iterator[console.Part]:

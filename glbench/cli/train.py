@@ -159,11 +159,12 @@ def sb3_plan(task: TaskSpec, algorithm: str, config: Path | None, steps: int | N
         settings = settings.model_copy(update={"n_timesteps": steps})
     a.check_settings(settings)
     total, rollout = a.steps_to_make(settings, task.steps), a.rollout_steps(settings, task.steps)
+    short = algorithm.rpartition(".")[2]
     rounded = "" if total == settings.n_timesteps else f" ({settings.n_timesteps:,} in whole rollouts of {rollout:,})"
     return Plan(
         training,
         settings,
-        f"{a.short_name(algorithm)}-{task.short_id}",
+        f"{short.lower() if short.lower() in a.SHORT else short}-{task.short_id}",
         total,
         f"{total:,} steps{rounded}",
         lambda folder: find_checkpoint(folder / CHECKPOINT) is not None,

@@ -39,8 +39,6 @@ from glbench.tasks.record import FIRST_TRAINING_SEED
 if TYPE_CHECKING:
     from minari.dataset.minari_storage import MinariStorage
 
-    from glbench.tasks import TaskSpec
-
 
 FIRST_SEED = 40_000_000_000
 """Default seed of the first run; trainings, their evaluations and searches use smaller seeds."""
@@ -145,9 +143,7 @@ def _runner(agent: Protected, task: TaskSpec, seeds: Sequence[int]) -> AgentRunn
     limits = TimeLimits.of_table(task.evaluation.time_limits)
     if agent.submission is None:
         return make_runner(agent.agent, task, task_card(task), seeds, limits)
-    return sandboxed_runner(
-        SandboxedAgent.of(agent.submission, task, len(seeds), limits, SandboxLimits(), Prints()),
-    )
+    return sandboxed_runner(SandboxedAgent.of(agent.submission, task, len(seeds), limits, SandboxLimits(), Prints()))
 
 
 def _seasons(

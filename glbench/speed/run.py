@@ -200,7 +200,7 @@ def measure(
         rounds=rounds,
         measurements=tuple(measurements),
         first_use=measure_first_use() if processes else None,
-        memory=measure_memory() if processes else None,
+        memory=Memory(environments=MANY, megabytes=_run(_MEMORY, str(MANY)), megabytes_of_one=_run(_MEMORY, "1")) if processes else None,
     )
 
 
@@ -214,25 +214,18 @@ print(peak / 1024)
 """
 
 # On Linux ru_maxrss also counts the memory that the parent held when it started this process; VmHWM is the process's own.
-_PEAK = """
-def peak():
-    import pathlib, resource
-    status = pathlib.Path("/proc/self/status")
-    lines = status.read_text().splitlines() if status.exists() else []
-    own = [float(line.split()[1]) for line in lines if line.startswith("VmHWM:")]
-    return (own or [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss])[0] / 1024
-"""
-
-_MEMORY = f"""
-import sys
-{_PEAK}
+_MEMORY = """
+import pathlib, resource, sys
 import numpy as np
 from glbench.env import GreenhouseVectorEnv
 envs = GreenhouseVectorEnv("glbench/Schiphol2010-Delta10-v1", int(sys.argv[1]))
 envs.reset(seed=0)
 for _ in range(4):
     envs.step(np.zeros(envs.action_space.shape, dtype=np.float32))
-print(peak())
+status = pathlib.Path("/proc/self/status")
+lines = status.read_text().splitlines() if status.exists() else []
+own = [float(line.split()[1]) for line in lines if line.startswith("VmHWM:")]
+print((own or [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss])[0] / 1024)
 """
 
 
@@ -242,11 +235,6 @@ def measure_first_use() -> FirstUse:
         started = time.perf_counter()
         megabytes = _run(_FIRST_USE, GLBENCH_CACHE=cache)
         return FirstUse(seconds=time.perf_counter() - started, megabytes=megabytes)
-
-
-def measure_memory() -> Memory:
-    """Peak memory of a process that steps many environments, and of one that steps a single one."""
-    return Memory(environments=MANY, megabytes=_run(_MEMORY, str(MANY)), megabytes_of_one=_run(_MEMORY, "1"))
 
 
 def _run(code: str, *arguments: str, **environment: str) -> float:

@@ -72,12 +72,6 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
     return kind
 
 
-def short_name(algorithm: str) -> str:
-    """``ppo`` for ``PPO`` and ``stable_baselines3.PPO``, ``RecurrentPPO`` for ``sb3_contrib.RecurrentPPO``."""
-    name = algorithm.rpartition(".")[2]
-    return name.lower() if name.lower() in SHORT else name
-
-
 def make_model(settings: TrainingSettings, env: VecEnv, seed: int, tensorboard: str | None) -> BaseAlgorithm:
     """An untrained model of the settings, on the processor, seeded.
 

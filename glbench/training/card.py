@@ -19,7 +19,7 @@ from glbench import __version__
 from glbench.errors import TrainingError
 from glbench.evaluation.records import git_state, this_machine
 from glbench.resources import write_atomically
-from glbench.training.periodic_evaluation import History
+from glbench.training.periodic_evaluation import CURVE, History
 from glbench.untrusted import reason_of
 
 if TYPE_CHECKING:
@@ -75,6 +75,12 @@ def note_session(history: History, task: TaskSpec, steps: int) -> None:
         history.sessions.append(f"from step {steps}: {words}")
 
 
+def training_table(algorithm: str, settings: Any, digest: str, seed: int, steps: int) -> dict[str, Any]:
+    """What the cards of all kinds have in their table of the training; ``digest`` is the settings'."""
+    about = {"algorithm": algorithm, "seed": seed, "steps": steps, "kernel_preset": settings.kernel_preset}
+    return {**about, "settings": "settings.yml", "settings_digest": digest, "learning_curve": CURVE}
+
+
 def facts_of_training(task: TaskSpec, settings: TrainingSettings, digest: str, seed: int, steps: int, ends: Sequence[int]) -> TrainingFacts:
     """What the card of a training with Stable-Baselines3 says; ``digest`` is the settings', ``ends`` where it ended before it went on."""
     name = settings.algorithm.rpartition(".")[2]
@@ -85,15 +91,9 @@ def facts_of_training(task: TaskSpec, settings: TrainingSettings, digest: str, s
         command="glbench train, with the settings in settings.yml; the tables below tell the rest.",
         sources=("Stable-Baselines3 (Raffin et al., 2021)",),
         training={
-            "algorithm": settings.algorithm,
-            "seed": seed,
+            **training_table(settings.algorithm, settings, digest, seed, steps),
             "first_env_seed": settings.first_env_seed,
             "n_envs": settings.n_envs,
-            "steps": steps,
-            "kernel_preset": settings.kernel_preset,
-            "settings": "settings.yml",
-            "settings_digest": digest,
-            "learning_curve": "learning_curve.csv",
             **({"ended_before_at": list(ends)} if ends else {}),
         },
     )

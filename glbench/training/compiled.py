@@ -16,7 +16,7 @@ from glbench.agents.network_policy import FAST, Actor, ActorAgent, Gru, NetworkP
 from glbench.errors import ShapeError, TrainingError
 from glbench.resources import write_atomically
 from glbench.tasks import task_card
-from glbench.training.card import POLICY, TrainingFacts
+from glbench.training.card import POLICY, TrainingFacts, training_table
 from glbench.training.compiled_settings import NAME
 from glbench.training.constant_columns import without_constant_columns
 from glbench.training.folder import LEARNER, Trained
@@ -177,7 +177,7 @@ class _Training(Session):
             sources=("Schulman et al. (2017). Proximal policy optimization algorithms. arXiv:1707.06347",),
             controller="actor",
             training={
-                **self.table(NAME),
+                **training_table(NAME, settings, self.identity["settings_digest"], self.seed, self.steps),
                 "first_env_seed": settings.first_env_seed,
                 "scenarios": settings.scenarios,
                 "n_envs": settings.n_envs,

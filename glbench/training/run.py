@@ -207,7 +207,21 @@ def train(
             accrual=settings.accrual,
         )
         try:
-            model, normalization, history = _begin_or_continue(env, task, settings, state, seed, identity)
+            if state is not None:
+                model, normalization, history = load_checkpoint(state, settings.algorithm, env, identity)
+            else:
+                norm, history = settings.normalize, History()
+                normalization = Normalizer(
+                    env,
+                    norm_obs=norm.observations,
+                    norm_reward=norm.rewards,
+                    clip_obs=norm.clip_observations,
+                    clip_reward=norm.clip_rewards,
+                    gamma=settings.gamma,
+                )
+                model = make_model(settings, normalization, seed, None)
+                if settings.start_from is not None:
+                    begin_with(settings.start_from, model, normalization, task)
             content = settings.model_dump(mode="json", exclude={"algorithm", "hyperparameters"}, exclude_none=True)
             open_folder(folder, {**content, **settings.hyperparameters})
             note_session(history, task, model.num_timesteps)
@@ -280,28 +294,3 @@ def _learn(model: BaseAlgorithm, settings: TrainingSettings, callback: TrainingC
         msg = f"{name} failed at step {model.num_timesteps:,}: {error}. Check the values of its settings (a learning rate too high?)."
         raise TrainingError(msg) from error
     callback.finish()
-
-
-def _begin_or_continue(
-    env: TrainingVecEnv,
-    task: TaskSpec,
-    settings: TrainingSettings,
-    checkpoint: Path | None,
-    seed: int,
-    identity: dict[str, Any],
-) -> tuple[BaseAlgorithm, Normalizer, History]:
-    if checkpoint is not None:
-        return load_checkpoint(checkpoint, settings.algorithm, env, identity)
-    norm = settings.normalize
-    normalization = Normalizer(
-        env,
-        norm_obs=norm.observations,
-        norm_reward=norm.rewards,
-        clip_obs=norm.clip_observations,
-        clip_reward=norm.clip_rewards,
-        gamma=settings.gamma,
-    )
-    model = make_model(settings, normalization, seed, None)
-    if settings.start_from is not None:
-        begin_with(settings.start_from, model, normalization, task)
-    return model, normalization, History()

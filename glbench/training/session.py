@@ -18,8 +18,8 @@ from glbench.agents.saved_policies import DAMAGED
 from glbench.errors import TrainingError
 from glbench.resources import write_atomically
 from glbench.training.card import TrainingFacts, digest_of_tasks, note_session, write_card
-from glbench.training.folder import SETTINGS, Trained, altered, claim, folder_lock, open_folder
-from glbench.training.periodic_evaluation import CURVE, History, Listener, Pace, ProbeResult, Progress
+from glbench.training.folder import Trained, altered, claim, folder_lock, open_folder
+from glbench.training.periodic_evaluation import History, Listener, Pace, ProbeResult, Progress
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -47,7 +47,7 @@ class Session(ABC):
 
     def __init__(self, tasks: Sequence[TaskSpec], settings: Any, settings_digest: str, seed: int, folder: Path) -> None:
         self.tasks, self.settings, self.folder, self.seed = tasks, settings, folder, seed
-        self.identity = {"task_digest": digest_of_tasks(tasks), "settings_digest": settings_digest, "seed": seed}
+        self.identity: dict[str, Any] = {"task_digest": digest_of_tasks(tasks), "settings_digest": settings_digest, "seed": seed}
         self.history = History()
 
     @property
@@ -86,18 +86,6 @@ class Session(ABC):
     @abstractmethod
     def facts(self) -> TrainingFacts:
         """What its card says."""
-
-    def table(self, algorithm: str) -> dict[str, Any]:
-        """What the cards of all kinds have in their table of the training."""
-        return {
-            "algorithm": algorithm,
-            "seed": self.seed,
-            "steps": self.steps,
-            "kernel_preset": self.settings.kernel_preset,
-            "settings": SETTINGS,
-            "settings_digest": self.identity["settings_digest"],
-            "learning_curve": CURVE,
-        }
 
     def carry_out(
         self,
@@ -165,8 +153,8 @@ class Session(ABC):
 
     def _go_on(self, file: Path) -> None:
         try:
-            with np.load(file, allow_pickle=False) as kept:
-                facts, arrays = json.loads(kept["facts"].tobytes()), {name: kept[name] for name in kept.files if name != "facts"}
+            with np.load(file, allow_pickle=False) as stored:
+                facts, arrays = json.loads(stored["facts"].tobytes()), {name: stored[name] for name in stored.files if name != "facts"}
             if facts["identity"] != self.identity:
                 msg = f"{self.folder} holds another {self.what}: task, settings, start or seed differ. Choose another folder with --out."
                 raise TrainingError(msg)

@@ -230,9 +230,17 @@ def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
 
 def section(file: Path, task_id: str) -> dict[str, Any]:
     """Entries for a task: ``default:``, overlaid with those under the task's id. Errors as for ``read_settings``."""
-    sections = _sections(file)
+    content = read_yaml(file, "the settings", TrainingError)
+    if not all(isinstance(part, dict) or part is None for part in content.values()):
+        msg = f"{file} is not a settings file: it needs a section 'default:' and may have sections named by task ids."
+        raise TrainingError(msg)
+    if "default" not in content:
+        names = ", ".join(f"'{name}'" for name in content)
+        msg = f"{file} has no section 'default:' (only {names}). Put the settings that hold for every task there."
+        raise TrainingError(msg)
+    sections = {name: part or {} for name, part in content.items()}
     own = sections.get(task_id, sections.get(task_id.rpartition("/")[2], {}))
-    merged: dict[str, Any] = numbers(_overlaid(sections.get("default", {}), own))
+    merged: dict[str, Any] = numbers(_overlaid(sections["default"], own))
     return merged
 
 
@@ -259,15 +267,3 @@ def _overlaid(under: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
         key: _overlaid(under[key], value) for key, value in over.items() if isinstance(value, dict) and isinstance(under.get(key), dict)
     }
     return {**under, **over, **both}
-
-
-def _sections(file: Path) -> dict[str, dict[str, Any]]:
-    content = read_yaml(file, "the settings", TrainingError)
-    if not all(isinstance(part, dict) or part is None for part in content.values()):
-        msg = f"{file} is not a settings file: it needs a section 'default:' and may have sections named by task ids."
-        raise TrainingError(msg)
-    if "default" not in content:
-        names = ", ".join(f"'{name}'" for name in content)
-        msg = f"{file} has no section 'default:' (only {names}). Put the settings that hold for every task there."
-        raise TrainingError(msg)
-    return {name: part or {} for name, part in content.items()}

@@ -13,6 +13,7 @@ import numpy as np
 from cmaes import CMA
 from numpy.typing import NDArray
 
+from glbench.training.card import training_table
 from glbench.training.folder import SEARCH
 from glbench.training.session import Arrays, Session
 
@@ -71,6 +72,7 @@ class Search(Session):
         for rewards in arrays["rewards"]:
             self.tell(self.ask(), rewards)
 
-    def table(self, algorithm: str = "CMA-ES") -> dict[str, Any]:
-        """With the generations and their size."""
-        return {**super().table(algorithm), "generations": self.generations, "population": self.settings.population}
+    def table(self) -> dict[str, Any]:
+        """The card's table of the training."""
+        table = training_table("CMA-ES", self.settings, self.identity["settings_digest"], self.seed, self.steps)
+        return {**table, "generations": self.generations, "population": self.settings.population}

@@ -11,7 +11,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import optuna
@@ -38,10 +38,6 @@ from glbench.training.settings import (
 )
 from glbench.untrusted import real_path
 from glbench.yaml_reader import read_yaml
-
-if TYPE_CHECKING:
-    import optuna
-
 
 Choice = bool | int | float | str
 STUDY = "study.db"
@@ -141,13 +137,8 @@ class Search(FrozenSettings):
     def wandb_config(self) -> dict[str, Any]:
         """The search as Weights & Biases' own configuration."""
         parameters = {name: p.model_dump(mode="json", exclude_none=True) for name, p in self.parameters.items()}
-        metric = {"name": "best_reward", "goal": "maximize"}
-        return {
-            "name": f"{self.algorithm} {self.task}",
-            "method": self.method,
-            "metric": metric,
-            "parameters": parameters,
-        }
+        about = {"name": f"{self.algorithm} {self.task}", "method": self.method}
+        return {**about, "metric": {"name": "best_reward", "goal": "maximize"}, "parameters": parameters}
 
 
 def read_search(file: Path) -> Search:
