@@ -160,13 +160,10 @@ def python_maker(submission: identity.Identity) -> Callable[[TaskCard], Agent]:
             msg = f"make_agent in {file.name} fails: {describe_error(error, folder or file)}."
             raise SubmissionError(msg) from error
 
-    def make_single(task: TaskCard) -> SingleRunAgent:
-        return _as_single(call(task), file)
-
     def make(task: TaskCard) -> Agent:
         agent = call(task)
         if getattr(agent, "single_run", False):
-            return PerRunAgent(make_single, first=_as_single(agent, file))
+            return PerRunAgent(lambda task: _as_single(call(task), file), first=_as_single(agent, file))
         _check_agent(agent, file, 2, "reset(task, n_runs)", "act(observations)")
         if not isinstance(agent, Agent):
             raise SubmissionError(_lacks(agent, file, "reset(task, n_runs) and act(observations)"))

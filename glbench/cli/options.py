@@ -6,6 +6,7 @@ The choices are repeated here so that ``--help`` need not load the evaluation.
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from glbench.tasks import Round, TaskSpec
 
 REPORTS = Path("reports")
+_MOST_NUMBERS = 1000
 
 
 class Sandbox(StrEnum):
@@ -82,6 +84,27 @@ def check_engine(engine: EngineName, address: str | None) -> None:
         require("--engine ray", "ray", "ray")
     elif address is not None:
         msg = "--address is for a Ray cluster: add --engine ray."
+        raise GlbenchError(msg)
+
+
+def numbers_of(text: str, what: str, example: str) -> list[int]:
+    """The seeds or years (``what``) that ``0-4`` or ``0,1,7-9`` names, each once; a ``GlbenchError`` for a part with none, or too many."""
+    numbers = dict[int, None]()
+    for part in text.split(","):
+        matched = re.fullmatch(r"(\d{1,18})(?:-(\d{1,18}))?", part.strip())
+        first, last = (int(matched[1]), int(matched[2] or matched[1])) if matched else (1, 0)
+        if not 0 <= last - first < _MOST_NUMBERS:
+            count = "no" if last < first else f"more than {_MOST_NUMBERS:,}"
+            msg = f"--{what} {text}: '{part.strip()}' names {count} {what}. Write {example}."
+            raise GlbenchError(msg)
+        numbers |= dict.fromkeys(range(first, last + 1))
+    return list(numbers)
+
+
+def check_new(file: Path, *, replace: bool) -> None:
+    """Refuse a file that exists, unless it is to be replaced, with a ``GlbenchError``."""
+    if file.exists() and not replace:
+        msg = f"{file} exists already. Choose another name with --out, or replace it with --replace."
         raise GlbenchError(msg)
 
 

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from glbench.cli import console
-from glbench.cli.options import AsJson
+from glbench.cli.options import AsJson, check_new
 
 app = typer.Typer(help="Read files of prices: exports of exchanges, contracts, meters.", no_args_is_help=True)
 
@@ -31,16 +31,13 @@ def import_file(
     as_json: AsJson = False,
 ) -> None:
     """Check a file of prices, write it as a plain file in UTC, and print the lines of a task that use it."""
-    from glbench.errors import TaskError
     from glbench.outside_tables import Check
     from glbench.resources import write_atomically
     from glbench.tasks import get_task
     from glbench.tasks.price_files import doubts_of_prices, read_prices
     from glbench.tasks.prices import PriceTable
 
-    if out.exists() and not replace:
-        msg = f"{out} exists already. Choose another name, or replace it with --replace."
-        raise TaskError(msg)
+    check_new(out, replace=replace)
     task = None if base is None else get_task(base)
     prices = read_prices(file, unit, clock=clock, column=column, file_unit=file_unit)
     moments = [dt.datetime.fromtimestamp(second, tz=dt.UTC) for second in prices.seconds.tolist()]

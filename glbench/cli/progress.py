@@ -31,11 +31,6 @@ _PATIENCE_SECONDS = 10.0
 """A longer wait is reported; without a bar, again after three times as long, and so on."""
 
 
-def wait_words(what: str, seconds: float, limit: float) -> str:
-    """``waiting for reset, 120 of 300 s``."""
-    return f"waiting for {what}, {seconds:.0f}{f' of {limit:.0f}' if limit else ''} s"
-
-
 class Wait:
     """Context manager that reports a wait, from its own thread, because the calling thread may be blocked.
 
@@ -68,11 +63,12 @@ class Wait:
             seconds = time.monotonic() - since
             if not what or seconds < (_PATIENCE_SECONDS if self._show else due):
                 continue
+            words = f"waiting for {what}, {seconds:.0f}{f' of {limit:.0f}' if limit else ''} s"
             if self._show is None:
-                tell(wait_words(what, seconds, limit))
+                tell(words)
                 due = 3.0 * due
             else:
-                self._show(wait_words(what, seconds, limit))
+                self._show(words)
 
 
 class Bar:

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from glbench.training.sweep import TrialReport
 
 _MOST_TRIALS = 20
-_MOST_SEEDS = 1000
 
 
 def train(
@@ -79,7 +78,11 @@ def train(
     from glbench.training.compiled_settings import is_compiled
 
     spec = options.task_or_default(task)
-    several = None if seeds is None else (seeds_of(seeds), Where(engine is options.EngineName.RAY, address, workers))
+    several = (
+        None
+        if seeds is None
+        else (options.numbers_of(seeds, "seeds", "0-4, or 0,1,7-9"), Where(engine is options.EngineName.RAY, address, workers))
+    )
     if algorithm == "ppo" and is_compiled(config, spec):
         plan = compiled_plan(spec, config, steps)
     else:
@@ -375,21 +378,6 @@ class Where:
     on_ray: bool
     address: str | None
     workers: int | None
-
-
-def seeds_of(text: str) -> list[int]:
-    """The seeds that ``0-4`` or ``0,1,7-9`` names, each once. Raises ``GlbenchError`` when it names none, or too many."""
-    seeds = dict[int, None]()
-    for part in text.split(","):
-        first, dash, last = part.strip().partition("-")
-        if not first.isdecimal() or (dash and not last.isdecimal()) or (dash and int(last) < int(first)):
-            msg = f"--seeds {text}: '{part.strip()}' names no seeds. Write 0-4, or 0,1,7-9."
-            raise GlbenchError(msg)
-        if int(last or first) - int(first) >= _MOST_SEEDS:
-            msg = f"--seeds {text} names more than {_MOST_SEEDS:,} seeds."
-            raise GlbenchError(msg)
-        seeds |= dict.fromkeys(range(int(first), int(last or first) + 1))
-    return list(seeds)
 
 
 @contextlib.contextmanager

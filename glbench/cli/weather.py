@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import datetime as dt
 import json
-import re
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -15,7 +14,7 @@ import typer
 
 from glbench.cli import console
 from glbench.cli.console import Markup, styled
-from glbench.cli.options import AsJson
+from glbench.cli.options import AsJson, check_new, numbers_of
 from glbench.cli.progress import status_bar
 from glbench.extras import require
 
@@ -34,6 +33,7 @@ _MONTHLY = (
 )
 """Columns of the months: heading with unit, field, decimals."""
 _OF_INFO = ("hours", "source", "licence", "digest", "origin", "typical_year")
+_EXAMPLE = "a range such as 2008-2010, or a list such as 2008,2010"
 _OF_RECORD = ("source", "licence", "digest", "typical_year")
 
 app = typer.Typer(help="List, show, import, fetch and generate weather records.", no_args_is_help=True)
@@ -165,13 +165,10 @@ def columns_of(
     as_json: AsJson = False,
 ) -> None:
     """Propose which column of a table is what, and write it as a column map for you to check."""
-    from glbench.errors import WeatherError
     from glbench.weather import guess_column_map, write_column_map
 
     path = out or file.with_suffix(".columns.toml")
-    if path.exists() and not replace:
-        msg = f"{path} exists already. Choose another name with --out, or replace it with --replace."
-        raise WeatherError(msg)
+    check_new(path, replace=replace)
     columns, checks, unused = guess_column_map(file)
     write_column_map(columns, checks, unused, file, path)
     view = console.table(f"Columns of {file.name}", "quantity", "column", "unit", "check", fold=("column", "check"))
@@ -194,14 +191,11 @@ def export(
     replace: Annotated[bool, typer.Option("--replace", help="Replace a file that exists.")] = False,
 ) -> None:
     """Write a record as a CSV with units in its titles and the place in its comments."""
-    from glbench.errors import WeatherError
     from glbench.weather import load_weather
     from glbench.weather.store import write_csv
 
     record = load_weather(name)
-    if out.exists() and not replace:
-        msg = f"{out} exists already. Choose another name, or replace it with --replace."
-        raise WeatherError(msg)
+    check_new(out, replace=replace)
     write_csv(record, out)
     console.write(f"Weather '{name}': {record.period}, {record.hours:,} h, SHA-256 {record.digest[:12]}, in {out}")
 
@@ -266,10 +260,9 @@ def generate(
         if path is not None and path.suffix != suffix:
             msg = f"{path} should end with {suffix}."
             raise WeatherError(msg)
-        if path is not None and path.exists() and not replace:
-            msg = f"{path} exists already. Choose another name, or replace it with --replace."
-            raise WeatherError(msg)
-    generator = SeasonGenerator(load_weather(source), _years(years))
+        if path is not None:
+            check_new(path, replace=replace)
+    generator = SeasonGenerator(load_weather(source), numbers_of(years, "years", _EXAMPLE))
     season = generator.season(_date(start), days, np.random.default_rng(seed).random(generator.numbers(days)))
     record = dataclasses.replace(season.record, notes=(*season.record.notes, f"seed {seed}, {days} days from {start}"))
     write_record(record, out)
@@ -305,7 +298,7 @@ def statistics(
 
     options: dict[str, Any] = {"shortest": shortest, "longest": longest, "window": window, "nearest": nearest}
     blocks = dataclasses.replace(Blocks(), **{key: value for key, value in options.items() if value is not None})
-    generator = SeasonGenerator(load_weather(source), _years(years), blocks)
+    generator = SeasonGenerator(load_weather(source), numbers_of(years, "years", _EXAMPLE), blocks)
     outcome = resemblance(generator, start=_date(start), within_days=within_days, days=days, seasons=seasons, seed=seed)
     document = {**asdict(outcome), "accepted": outcome.accepted}
     if out is not None:
@@ -318,21 +311,6 @@ def statistics(
         view.add(figure.name, figure.text, figure.limits, mark, figure.worst)
     last = console.Line("Every limit is kept." if outcome.accepted else "A limit is missed.")
     console.show(console.View([view, last], document), as_json=as_json)
-
-
-def _years(text: str) -> list[int]:
-    """Years of a list such as ``2008-2010`` or ``2008,2010``."""
-    from glbench.errors import WeatherError
-
-    years: list[int] = []
-    for part in text.replace(",", " ").split():
-        matched = re.fullmatch(r"(\d{1,4})(?:-(\d{1,4}))?", part)
-        first, last = (int(matched[1]), int(matched[2] or matched[1])) if matched else (1, 0)
-        if last < first or last - first > 1000:
-            msg = f"'{part}' names no years. Write a range such as 2008-2010, or a list such as 2008,2010."
-            raise WeatherError(msg)
-        years.extend(range(first, last + 1))
-    return years
 
 
 def _date(text: str) -> dt.date:

@@ -391,7 +391,7 @@ def save_recording(runs: RunSet, path: Path, properties: Mapping[str, str] | Non
     send_trajectories(stream, runs)
     send_text(stream, "weeks", weeks_card(runs))
     send_limits(stream, runs, [0, runs.task.steps])
-    send_layout(stream, runs, plain=plain)
+    stream.send_blueprint(blueprint(runs, plain=plain), make_active=True, make_default=True)
     write_atomically(path, memory.drain_as_bytes())
 
 
@@ -482,11 +482,6 @@ def _send_style(stream: rr.RecordingStream, curve: Curve, label: str | None, col
         aggregation_policy=rerun.components.AggregationPolicy.MinMaxAverage,
     )
     stream.log(_entity(curve, label), style, static=True)
-
-
-def send_layout(stream: rr.RecordingStream, runs: RunSet, *, live: bool = False, plain: bool = False) -> None:
-    """Send the blueprint; see ``blueprint``."""
-    stream.send_blueprint(blueprint(runs, live=live, plain=plain), make_active=True, make_default=True)
 
 
 def blueprint(runs: RunSet, *, live: bool = False, plain: bool = False) -> rrb.Blueprint:

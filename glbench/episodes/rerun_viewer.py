@@ -282,7 +282,7 @@ class LiveView:
         self._stream.connect_grpc(address)
         runs = self._run_set(0)
         rerun_recording.send_frame(self._stream, runs)
-        rerun_recording.send_layout(self._stream, runs, live=True)
+        self._stream.send_blueprint(rerun_recording.blueprint(runs, live=True), make_active=True, make_default=True)
 
     def add(self, simulation: Simulation, outcome: StepResult) -> None:
         """Keep the step that was just simulated, and send the new steps several times a second."""

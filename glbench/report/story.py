@@ -29,7 +29,7 @@ from glbench.kernel import make_kernel
 from glbench.leaderboard.catalogue import catalogue
 from glbench.leaderboard.pairs import failures
 from glbench.leaderboard.statistics import estimate_difference
-from glbench.quantities import in_sentence, plain_unit, pretty_unit, sentence
+from glbench.quantities import capitalised, in_sentence, plain_unit, pretty_unit, sentence
 from glbench.report.task_words import clock_of
 
 if TYPE_CHECKING:
@@ -389,19 +389,16 @@ def paragraphs(story: Story) -> list[str]:
             if line.kind in (_EARNED, _PAID) and abs(worth) >= _CENT
         ]
         of_which = f" ({', '.join(money)})" if money else ""
+        when, what = capitalised(_when(period)), "; ".join(levels) or "climate and controls hardly differ"
         parts = [
-            f"{_sentence(_when(period))} ({story.times[period]:.0f} h a run): {'; '.join(levels) or 'climate and controls hardly differ'}.",
-            f"{_sentence(', '.join(amounts))}." if amounts else "",
+            f"{when} ({story.times[period]:.0f} h a run): {what}.",
+            f"{capitalised(', '.join(amounts))}." if amounts else "",
             f"Profit {_amount(gaps[profit], 'EUR m-2', 2, signed=True)}{of_which}; "
             f"{in_sentence(_penalty(penalty, gaps[violations]))}; "
             f"{in_sentence(reward.title)} {_amount(gaps[score], reward.unit, decimals_of(reward), signed=True)}.",
         ]
         texts.append(" ".join(part for part in parts if part))
     return texts
-
-
-def _sentence(words: str) -> str:
-    return words[:1].upper() + words[1:]
 
 
 def _worth(line: Line, gap: float) -> float:
@@ -471,7 +468,7 @@ def ledger_table(story: Story) -> TableOf:
     one, other = story.agents
     return TableOf(
         f"{one} minus {other}: what each line adds to profit or score, EUR/m² where no unit stands, mean over {len(story.seeds)} runs",
-        ("", *map(_sentence, PERIODS), "Whole run"),
+        ("", *map(capitalised, PERIODS), "Whole run"),
         tuple(rows),
         strong,
     )
@@ -520,7 +517,7 @@ def page_of(story: Story) -> str:
             charts=charts,
             meanings=[
                 *((one.label, one.explanation) for one in catalogue(story.task).of_kind("score", "profit", "penalty")),
-                *zip(map(_sentence, PERIODS), MEANINGS, strict=True),
+                *zip(map(capitalised, PERIODS), MEANINGS, strict=True),
             ],
             gas=f"{3.6 * KWH_A_CUBIC_METRE:.2f}",
             style=asset("style.css"),

@@ -72,7 +72,7 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
     return kind
 
 
-def make_model(settings: TrainingSettings, env: VecEnv, seed: int, tensorboard: str | None) -> BaseAlgorithm:
+def make_model(settings: TrainingSettings, env: VecEnv, seed: int) -> BaseAlgorithm:
     """An untrained model of the settings, on the processor, seeded.
 
     Raises ``TrainingError`` when an argument is unknown to the algorithm, or refused by it.
@@ -90,7 +90,6 @@ def make_model(settings: TrainingSettings, env: VecEnv, seed: int, tensorboard: 
             seed=seed,
             device="cpu",
             verbose=0,
-            tensorboard_log=tensorboard,
             policy_kwargs=policy_arguments(settings.policy_kwargs),
             **noise,
             **_arguments(settings),

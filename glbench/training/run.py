@@ -219,7 +219,7 @@ def train(
                     clip_reward=norm.clip_rewards,
                     gamma=settings.gamma,
                 )
-                model = make_model(settings, normalization, seed, None)
+                model = make_model(settings, normalization, seed)
                 if settings.start_from is not None:
                     begin_with(settings.start_from, model, normalization, task)
             content = settings.model_dump(mode="json", exclude={"algorithm", "hyperparameters"}, exclude_none=True)

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from glbench.training.settings import Accrual
 
 
-_SCALAR_ATTRIBUTES = {"render_mode": None}
 _SEEDS, _SEEDS_APART = 10_000, 1_000_000
 """Upper limit of ``seed`` in ``make_vec_env``, below the seeds of evaluations during a training, and the distance of first episodes."""
 
@@ -158,9 +157,7 @@ class TrainingVecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """An attribute, once for each row asked for."""
-        if attr_name in _SCALAR_ATTRIBUTES:
-            return [_SCALAR_ATTRIBUTES[attr_name]] * self._count(indices)
-        return [getattr(self.environment, attr_name)] * self._count(indices)
+        return [None if attr_name == "render_mode" else getattr(self.environment, attr_name)] * self._count(indices)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Not possible: rows are no environments of their own."""

@@ -38,7 +38,7 @@ def model_of(algorithm: str, day: TaskSpec, activation: str = "SiLU") -> tuple[o
     normalization.reset()
     for chosen in np.random.default_rng(0).uniform(-1, 1, (60, 8, 6)).astype(np.float32):
         normalization.step(chosen)
-    model = make_model(settings, normalization, 0, None)
+    model = make_model(settings, normalization, 0)
     return model, normalization
 
 
@@ -78,7 +78,7 @@ def test_a_policy_with_a_memory_is_refused(day: TaskSpec, tmp_path: Path) -> Non
     file = tmp_path / "recurrent.yml"
     file.write_text("default: {policy: MlpLstmPolicy, n_steps: 8, batch_size: 8, n_envs: 2}", encoding="utf-8")
     settings = read_settings(file, "sb3_contrib.RecurrentPPO", day.id)
-    model = make_model(settings, TrainingVecEnv(day, 2), 0, None)
+    model = make_model(settings, TrainingVecEnv(day, 2), 0)
     with pytest.raises(TrainingError, match="memory"):
         export_policy(model, None, day, {})
 
@@ -94,7 +94,7 @@ def test_a_features_extractor_that_numpy_does_not_know_is_refused(day: TaskSpec)
     settings = read_settings(shipped_settings("ppo"), "ppo", day.id).model_copy(
         update={"policy_kwargs": {"net_arch": [8], "activation_fn": "SiLU", "features_extractor_class": Doubled}}
     )
-    model = make_model(settings, TrainingVecEnv(day, 8), 0, None)
+    model = make_model(settings, TrainingVecEnv(day, 8), 0)
     with pytest.raises(TrainingError, match="looks at its observations with Doubled"):
         export_policy(model, None, day, {})
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from glbench.cli.train import seeds_of
+from glbench.cli.options import numbers_of
 from glbench.errors import GlbenchError, TrainingError
 from glbench.execution import ProcessExecutor, read_files
 from glbench.tasks import TaskSpec
@@ -17,13 +17,13 @@ from tests.training.watching import Watching
 
 @pytest.mark.parametrize(("text", "seeds"), [("0-3", [0, 1, 2, 3]), ("7", [7]), ("4, 1,2-3,1", [4, 1, 2, 3]), ("5-5", [5])])
 def test_seeds_are_named_in_words(text: str, seeds: list[int]) -> None:
-    assert seeds_of(text) == seeds
+    assert numbers_of(text, "seeds", "0-4") == seeds
 
 
 @pytest.mark.parametrize("text", ["", "a", "3-1", "-1", "1-", "0-1000", "0,,1"])
 def test_what_names_no_seeds_is_refused(text: str) -> None:
     with pytest.raises(GlbenchError, match="--seeds"):
-        seeds_of(text)
+        numbers_of(text, "seeds", "0-4")
 
 
 @pytest.mark.train

@@ -126,7 +126,7 @@ def test_a_released_policy_that_is_started_from_acts_as_it_did_in_its_weather(
     task = get_task("Schiphol2010-Delta10-v1")
     settings = tiny.model_copy(update={"policy_kwargs": {"net_arch": [256] * 3, "activation_fn": "SiLU"}})
     normalization = Normalizer(TrainingVecEnv(task, 2))
-    model = make_model(settings, normalization, 0, None)
+    model = make_model(settings, normalization, 0)
     begin_with(file, model, normalization, task)
     seen = normalization.venv.reset()
     released, begun = read_policy(file), export_policy(model, normalization, task, {})

@@ -60,7 +60,7 @@ def test_the_shipped_settings_are_the_table_of_the_paper(algorithm: str, table: 
 
 def test_the_networks_built_from_the_shipped_settings_are_the_papers(day: TaskSpec) -> None:
     settings = read_settings(shipped_settings("ppo"), "ppo", TASK)
-    model = make_model(settings, TrainingVecEnv(day, 8), 0, None)
+    model = make_model(settings, TrainingVecEnv(day, 8), 0)
     layers = [tuple(value.shape) for name, value in model.policy.state_dict().items() if name.endswith("weight")]
     assert layers == [(256, 22), (256, 256), (256, 256), (512, 22), (512, 512), (512, 512), (6, 256), (1, 512)]
     assert model.policy.optimizer.param_groups[0]["amsgrad"] is True
@@ -218,7 +218,7 @@ def test_settings_are_checked_without_an_environment(tmp_path: Path, text: str, 
 
 def test_an_update_every_episode_reaches_the_algorithm(tmp_path: Path, day: TaskSpec) -> None:
     settings = read_settings(write(tmp_path, "default: {train_freq: [1, episode], buffer_size: 10}"), "sac", TASK)
-    model = make_model(settings, TrainingVecEnv(day, 1), 0, None)
+    model = make_model(settings, TrainingVecEnv(day, 1), 0)
     assert isinstance(model, SAC)
     assert str(model.train_freq) == str(TrainFreq(1, TrainFrequencyUnit.EPISODE))
 
@@ -237,7 +237,7 @@ def test_an_update_every_episode_reaches_the_algorithm(tmp_path: Path, day: Task
 def test_a_setting_that_the_algorithm_does_not_take_is_named(tmp_path: Path, day: TaskSpec, text: str, said: str) -> None:
     settings = read_settings(write(tmp_path, text), "ppo", TASK)
     with pytest.raises(GlbenchError, match=said):
-        make_model(settings, TrainingVecEnv(day, 2), 0, None)
+        make_model(settings, TrainingVecEnv(day, 2), 0)
 
 
 def test_algorithms_are_found_by_name_and_by_class_path() -> None:

@@ -41,7 +41,7 @@ def test_it_acts_at_once_as_the_policy_did(day: TaskSpec, tiny: TrainingSettings
     file = tmp_path / "first" / "policy.npz"
     env = TrainingVecEnv(day, 2)
     normalization = Normalizer(env)
-    model = make_model(tiny, normalization, 7, None)
+    model = make_model(tiny, normalization, 7)
     observations = np.array([env.observation_space.sample() for _ in range(50)])
 
     assert np.abs(torch_action(model, normalization, observations) - read_policy(file).act(observations)).max() > 0.01
@@ -98,7 +98,7 @@ def test_what_the_start_started_from_counts_as_well(day: TaskSpec, first: Path, 
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
 def test_statistics_weigh_the_same_whenever_the_policy_was_kept(day: TaskSpec, first: Path, tiny: TrainingSettings) -> None:
     normalization = Normalizer(TrainingVecEnv(day, 2))
-    begin_with(first / "policy.npz", make_model(tiny, normalization, 7, None), normalization, day)
+    begin_with(first / "policy.npz", make_model(tiny, normalization, 7), normalization, day)
     mean = normalization.obs_rms.mean.copy()
     normalization.reset()
     np.testing.assert_allclose(normalization.obs_rms.mean, mean, rtol=1e-4, atol=1e-2)
