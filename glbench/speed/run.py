@@ -214,18 +214,25 @@ print(peak / 1024)
 """
 
 # On Linux ru_maxrss also counts the memory that the parent held when it started this process; VmHWM is the process's own.
-_MEMORY = """
-import pathlib, resource, sys
+_PEAK = """
+def peak():
+    import pathlib, resource
+    status = pathlib.Path("/proc/self/status")
+    lines = status.read_text().splitlines() if status.exists() else []
+    own = [float(line.split()[1]) for line in lines if line.startswith("VmHWM:")]
+    return (own or [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss])[0] / 1024
+"""
+
+_MEMORY = f"""
+import sys
+{_PEAK}
 import numpy as np
 from glbench.env import GreenhouseVectorEnv
 envs = GreenhouseVectorEnv("glbench/Schiphol2010-Delta10-v1", int(sys.argv[1]))
 envs.reset(seed=0)
 for _ in range(4):
     envs.step(np.zeros(envs.action_space.shape, dtype=np.float32))
-status = pathlib.Path("/proc/self/status")
-lines = status.read_text().splitlines() if status.exists() else []
-own = [float(line.split()[1]) for line in lines if line.startswith("VmHWM:")]
-print((own or [resource.getrusage(resource.RUSAGE_SELF).ru_maxrss])[0] / 1024)
+print(peak())
 """
 
 
