@@ -17,7 +17,7 @@ import re
 import shutil
 import tempfile
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -242,7 +242,8 @@ def grown(season: str, house: str, growing: Growing, *, balanced: bool = False) 
         states = np.concatenate([given.x0[None], [rows[place] for rows in record.states]])
         controls = np.array([rows[place] for rows in record.controls])
         runs.append(_sums(given, states, controls) | (_fluxes(given, states, controls) if balanced else {}))
-    return _mean(runs) | {"gas_of_runs": [round(run["gas"], 2) for run in runs]}
+    found: dict[str, Any] = _mean(runs) | {"gas_of_runs": [round(run["gas"], 2) for run in runs]}
+    return found
 
 
 class _Record:
@@ -492,7 +493,7 @@ def changes_table(sums: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-TABLES: Final = {
+TABLES: Final[Mapping[str, Callable[[Mapping[str, Any]], str]]] = {
     "practice-seasons": seasons_table,
     "practice-balance": balance_table,
     "practice-habits": habits_table,
