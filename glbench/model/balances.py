@@ -140,4 +140,5 @@ def without(rates: ClimateState, p: ClimateParameters, f: ClimateFluxes, extract
     return rates._replace(
         t_air=rates.t_air - extraction.heat / p.cap_air,
         vp_air=rates.vp_air - extraction.vapour / f.capacities.cap_vp_air,
+        co2_air=rates.co2_air - extraction.co2 / p.cap_co2_air,
     )

@@ -3,7 +3,7 @@
 ``greenlight-tomato-1.0.0`` is the GreenLight greenhouse with its tomato crop: 28 states, 6 controls, 10 disturbances, 208
 parameters. ``greenlight-tomato-harvest-1.0.0`` also has a meter on the harvest, ``greenlight-tomato-harvest-energy-1.0.0`` an
 engine and a hot-water buffer besides, ``greenlight-tomato-harvest-heat-pump-1.0.0`` a cooler, a heat pump and two buffers instead;
-``greenlight-lettuce-1.0.0`` has lettuce as its crop.
+``greenlight-lettuce-1.0.0`` has lettuce as its crop, and ``greenlight-tomato-compartment-1.0.0`` is a compartment as it was measured.
 ``STATES``, ``rhs`` and the other names and functions here are those of the first; code that serves any model asks the model.
 """
 
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.errors import UnknownNameError, did_you_mean
+from glbench.model.compartment import Beside, RisingVents, ToppedTomato
 from glbench.model.crop.lettuce import VanHentenLettuce
 from glbench.model.crop.tomato import VanthoorTomato
 from glbench.model.energy import DUMPED, PIPE_HEAT, ChpBoilerBuffer
@@ -99,6 +100,9 @@ TOMATO_HEAT_PUMP = compose(
     name="greenlight-tomato-harvest-heat-pump",
 )
 """The tomato greenhouse with boiler, cooler, heat pump, cold and hot buffer, and meters on harvest, heat pump and harvested heat."""
+
+COMPARTMENT = compose(RisingVents(), ToppedTomato(), Beside(), meters=(HARVEST, CO2_DOSED), name="greenlight-tomato-compartment")
+"""The tomato greenhouse as a compartment was measured: with stored heat, neighbours, vents that open higher and a crop that is topped."""
 
 STATES, CONTROLS, DISTURBANCES, PARAMETERS = TOMATO.states, TOMATO.controls, TOMATO.disturbances, TOMATO.table
 STATE_NAMES, CONTROL_NAMES = TOMATO.state_names, TOMATO.control_names
@@ -252,4 +256,5 @@ register_model(LETTUCE)
 register_model(TOMATO_ENERGY)
 register_model(TOMATO_SEASON)
 register_model(TOMATO_HEAT_PUMP)
+register_model(COMPARTMENT)
 _SHIPPED = frozenset(_MODELS)

@@ -172,7 +172,7 @@ class Around(NamedTuple):
 class Addition(Submodel):
     """Another part: an energy system, an irrigation, a pest.
 
-    It reads everything, may change what the actuators bring in, and may take heat and vapour from the main air.
+    It reads everything, may change what the actuators bring in, and may take heat, vapour and CO2 from the main air.
     """
 
     def supply(self, act: Actuators, x: Record, u: Record, p: Record) -> Actuators:

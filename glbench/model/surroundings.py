@@ -34,3 +34,5 @@ class AirExchange(NamedTuple):
     """Sensible heat [W m-2]."""
     vapour: Expr
     """Water vapour [kg m-2 s-1]. Its latent heat goes with it."""
+    co2: Expr = 0.0
+    """CO2 [mg m-2 s-1]."""
