@@ -31,6 +31,7 @@ from glbench.model.heat_harvesting import HARVEST_METERS, HeatHarvesting
 from glbench.model.model import Capacity, Evaluation, Flow, Model, ObservedColumn, Signal, Step, Stock
 from glbench.model.paper import (
     AUXILIARIES,
+    COMPARTMENT,
     CONTROL_NAMES,
     CONTROLS,
     DISTURBANCE_NAMES,
@@ -77,6 +78,7 @@ from glbench.model.violation_meters import (
 
 __all__ = [
     "AUXILIARIES",
+    "COMPARTMENT",
     "CONTROLS",
     "CONTROL_NAMES",
     "DISTURBANCES",

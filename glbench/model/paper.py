@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.errors import UnknownNameError, did_you_mean
-from glbench.model.compartment import Beside, RisingVents, ToppedTomato
+from glbench.model.compartment import MassAndNeighbours, RisingVents, ToppedTomato
 from glbench.model.crop.lettuce import VanHentenLettuce
 from glbench.model.crop.tomato import VanthoorTomato
 from glbench.model.energy import DUMPED, PIPE_HEAT, ChpBoilerBuffer
@@ -101,8 +101,8 @@ TOMATO_HEAT_PUMP = compose(
 )
 """The tomato greenhouse with boiler, cooler, heat pump, cold and hot buffer, and meters on harvest, heat pump and harvested heat."""
 
-COMPARTMENT = compose(RisingVents(), ToppedTomato(), Beside(), meters=(HARVEST, CO2_DOSED), name="greenlight-tomato-compartment")
-"""The tomato greenhouse as a compartment was measured: with stored heat, neighbours, vents that open higher and a crop that is topped."""
+COMPARTMENT = compose(RisingVents(), ToppedTomato(), MassAndNeighbours(), meters=(HARVEST, CO2_DOSED), name="greenlight-tomato-compartment")
+"""A compartment as it was measured: with a mass that stores heat, neighbours, vents that open higher and a crop that is topped."""
 
 STATES, CONTROLS, DISTURBANCES, PARAMETERS = TOMATO.states, TOMATO.controls, TOMATO.disturbances, TOMATO.table
 STATE_NAMES, CONTROL_NAMES = TOMATO.state_names, TOMATO.control_names

@@ -119,7 +119,7 @@ class Climate(Submodel):
             When the climate does not say how.
         """
         msg = (
-            f"{self.name} has no method `without`, so no addition can take heat or vapour from its air. "
+            f"{self.name} has no method `without`, so no addition can take heat, vapour or CO2 from its air. "
             "Write one that returns its rates less what is taken, as GreenLightClimate does."
         )
         raise GlbenchError(msg)
