@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from glbench.model import CONTROL_NAMES, DISTURBANCE_NAMES, STATE_NAMES, default_parameters
+from glbench.model import COMPARTMENT, CONTROL_NAMES, DISTURBANCE_NAMES, PARAMETER_NAMES, STATE_NAMES, default_parameters
 
 Array = NDArray[np.float64]
 
@@ -56,6 +57,36 @@ def reference_points() -> Points:
 def a_day() -> Inputs:
     """One stored point in daylight, with the benchmark's parameters."""
     return Inputs(*(rows[0].copy() for rows in reference_points().of("day")))
+
+
+COMPARTMENT_RANGES = MappingProxyType(
+    {
+        "tMass": (0.0, 60.0),
+        "capMass": (5e3, 5e5),
+        "hecAirMass": (0.0, 20.0),
+        "etaGlobMass": (0.0, 1.0),
+        "hecWall": (0.0, 3.0),
+        "fWall": (0.0, 5e-3),
+        "tWall": (5.0, 35.0),
+        "rhWall": (20.0, 100.0),
+        "co2Wall": (350.0, 1500.0),
+        "tSumTop": (500.0, 4000.0),
+        "tSumTopWidth": (50.0, 500.0),
+        "laiTop": (0.0, 1.0),
+    }
+)
+"""State and parameters that a compartment has besides the tomato greenhouse."""
+
+
+def in_compartment(inputs: Inputs, more: Mapping[str, Any]) -> Inputs:
+    """The same conditions in a compartment: rows of inputs, or one, with numbers or columns of ``COMPARTMENT_RANGES``; the meters at 0."""
+    states = dict(zip(STATE_NAMES, inputs.x.T, strict=True)) | {"sumMcFruitHar": 0.0, "sumMcExtAir": 0.0, **more}
+    values = dict(zip(PARAMETER_NAMES, inputs.p.T, strict=True)) | {**more}
+    x, p = (
+        np.stack([np.broadcast_to(columns[name], inputs.x.shape[:-1]) for name in names], axis=-1)
+        for columns, names in ((states, COMPARTMENT.state_names), (values, COMPARTMENT.parameter_names))
+    )
+    return Inputs(x, inputs.u, inputs.d, p)
 
 
 def with_entry(vector: Array, names: tuple[str, ...], **entries: float) -> Array:
@@ -109,3 +140,6 @@ parameters = st.sampled_from(("benchmark", "hps_2020", "led_2020", "hps_2021", "
 """Named houses: other lamps, roof, crop limits, radiating grow pipes, convective interlights."""
 
 conditions = st.builds(Inputs, states, controls, disturbances, parameters)
+
+compartments = st.fixed_dictionaries({name: st.floats(*limits) for name, limits in COMPARTMENT_RANGES.items()})
+"""Heat stored, neighbours and topping."""

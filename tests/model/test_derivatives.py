@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from glbench.model import (
+    COMPARTMENT,
     CONTROL_NAMES,
     PARAMETER_NAMES,
     STATE_NAMES,
@@ -14,12 +15,24 @@ from glbench.model import (
     initial_state,
     jacobian,
     rhs,
+    tomato,
 )
-from glbench.model.paper import Controls, Disturbances, Parameters, State, greenlight
-from glbench.model.variants import get_variant
-from tests.model.conditions import Array, Inputs, reference_points, with_entry
+from glbench.model.model import Model
+from glbench.model.paper import Disturbances
+from tests.model.conditions import COMPARTMENT_RANGES, Array, Inputs, in_compartment, reference_points, with_entry
 
 POINTS = reference_points()
+MODELS = (*map(tomato, VARIANTS), COMPARTMENT)
+
+
+def points_of(model: Model) -> Inputs:
+    """The reference points as inputs of a model; compartments of all kinds, their crops on the way from untopped to topped."""
+    if model is not COMPARTMENT:
+        return POINTS.inputs
+    generator = np.random.default_rng(6)
+    more = {name: generator.uniform(*limits, len(POINTS.inputs.x)) for name, limits in COMPARTMENT_RANGES.items()}
+    more["tSumTop"] = POINTS.inputs.x[:, STATE_NAMES.index("tCanSum")] + generator.uniform(-200.0, 200.0, len(POINTS.inputs.x))
+    return in_compartment(POINTS.inputs, more)
 
 
 def the_start() -> Inputs:
@@ -29,10 +42,10 @@ def the_start() -> Inputs:
     return Inputs(initial_state(calm), np.zeros(6), calm, p)
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("model", MODELS, ids=str)
 @pytest.mark.parametrize("wrt", ["x", "u", "d", "p"])
-def test_derivatives_are_finite_at_all_reference_points(wrt: str, variant: str) -> None:
-    assert np.isfinite(jacobian(*POINTS.inputs, wrt=wrt, variant=variant)).all()
+def test_derivatives_are_finite_at_all_reference_points(wrt: str, model: Model) -> None:
+    assert np.isfinite(model.jacobian(*points_of(model), wrt=wrt)).all()
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -64,25 +77,25 @@ def test_derivatives_are_finite_for_unusual_houses(entries: dict[str, float]) ->
         assert np.isfinite(jacobian(x, u, d, p, wrt=wrt)).all()
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("model", MODELS, ids=str)
 @pytest.mark.parametrize("wrt", ["x", "u", "d", "p"])
-def test_derivatives_equal_those_by_a_complex_step(wrt: str, variant: str) -> None:
+def test_derivatives_equal_those_by_a_complex_step(wrt: str, model: Model) -> None:
     # f(z + ih) = f(z) + ih f'(z) for a real function: exact to rounding, unlike differences of real numbers.
     step = 1e-30
     # Where a derivative has two sides (equal flows through both screens, a closed screen, a floor as warm as the air), the
     # two methods may choose different ones.
-    x, u, _, _ = POINTS.inputs
+    x, u, _, _ = points_of(model)
     screens = u[:, [CONTROL_NAMES.index("uThScr"), CONTROL_NAMES.index("uBlScr")]]
     floor_and_air = x[:, [STATE_NAMES.index("tFlr"), STATE_NAMES.index("tAir")]]
     one_sided = (np.diff(screens)[:, 0] == 0) | (screens == 1).any(axis=1) | (np.diff(floor_and_air)[:, 0] == 0)
-    inputs = Inputs(*(values[~one_sided][::2] for values in POINTS.inputs))
+    inputs = Inputs(*(values[~one_sided][::2] for values in points_of(model)))
     assert len(inputs.x) > 50
-    computed = jacobian(*inputs, wrt=wrt, variant=variant)
+    computed = model.jacobian(*inputs, wrt=wrt)
 
     for column in range(computed.shape[-1]):
         shifted = {name: values.astype(complex) for name, values in zip("xudp", inputs, strict=True)}
         shifted[wrt][:, column] += 1j * step
-        reference = _derivative(**shifted, variant=variant).imag / step
+        reference = _derivative(**shifted, model=model).imag / step
         size = np.abs(computed[:, :, column]) + np.abs(computed).max(axis=(0, 2)) * 1e-9
         assert (np.abs(computed[:, :, column] - reference) / (size + 1e-300)).max() < 1e-6
 
@@ -103,6 +116,6 @@ def test_nothing_depends_on_the_clock() -> None:
     assert not jacobian(*POINTS.inputs)[:, :, STATE_NAMES.index("time")].any()
 
 
-def _derivative(x: Array, u: Array, d: Array, p: Array, variant: str) -> Array:
-    model = greenlight(State(*x.T), Controls(*u.T), Disturbances(*d.T), Parameters(*p.T), get_variant(variant))
-    return np.array([np.broadcast_to(row, len(x)) for row in model.derivative]).T
+def _derivative(x: Array, u: Array, d: Array, p: Array, model: Model) -> Array:
+    evaluation = model.equations(model.State(*x.T), model.Controls(*u.T), model.Disturbances(*d.T), model.Parameters(*p.T))
+    return np.array([np.broadcast_to(row, len(x)) for row in evaluation.derivative]).T
