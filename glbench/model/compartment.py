@@ -69,14 +69,14 @@ def _number(
 class CompartmentParameters(NamedTuple):
     """Parameters of the mass that stores heat, and of the walls to the compartments next to this one."""
 
-    cap_mass: Annotated[Expr, _number("J K-1 m-2", "heat capacity of gutters, slabs and steel", 50000.0, 50000.0, "positive")]
-    hec_air_mass: Annotated[Expr, _number("W m-2 K-1", "heat exchange of the air with gutters, slabs and steel", 0.0, 5.0)]
-    eta_glob_mass: Annotated[Expr, _number("-", "share that the construction keeps of the sun it absorbs", 0.0, 0.35, "fraction")]
-    hec_wall: Annotated[Expr, _number("W m-2 K-1", "heat exchange with the neighbours through walls", 0.0, 0.3)]
-    f_wall: Annotated[Expr, _number("m3 m-2 s-1", "air exchange with the neighbours", 0.0, 4.3e-4)]
-    t_wall: Annotated[Expr, _number("°C", "air temperature of the neighbours", 18.0, 18.0, "any")]
+    cap_mass: Annotated[Expr, _number("J K-1 m-2", "heat capacity of gutters, slabs and steel", 50000.0, 57920.0, "positive")]
+    hec_air_mass: Annotated[Expr, _number("W m-2 K-1", "heat exchange of the air with gutters, slabs and steel", 0.0, 7.443)]
+    eta_glob_mass: Annotated[Expr, _number("-", "share that the construction keeps of the sun it absorbs", 0.0, 0.3938, "fraction")]
+    hec_wall: Annotated[Expr, _number("W m-2 K-1", "heat exchange with the neighbours through walls", 0.0, 0.3201)]
+    f_wall: Annotated[Expr, _number("m3 m-2 s-1", "air exchange with the neighbours", 0.0, 0.001795)]
+    t_wall: Annotated[Expr, _number("°C", "air temperature of the neighbours", 18.0, 20.19, "any")]
     rh_wall: Annotated[Expr, _number("%", "relative humidity of the neighbours", 80.0, 80.0, source="chosen")]
-    co2_wall: Annotated[Expr, _number("ppm", "CO2 of the neighbours", 600.0, 624.0)]
+    co2_wall: Annotated[Expr, _number("ppm", "CO2 of the neighbours", 600.0, 636.5)]
 
 
 class CompartmentFluxes(NamedTuple):
@@ -131,12 +131,12 @@ ToppedParameters = typed_record(
     {
         **TomatoParameters.__annotations__,
         "t_sum_top": Annotated[
-            Expr, _number("°C day", "temperature sum at which half of the leaf area that topping costs is lost", 1e5, 2793.0, "positive")
+            Expr, _number("°C day", "temperature sum at which half of the leaf area that topping costs is lost", 1e5, 2764.0, "positive")
         ],
         "t_sum_top_width": Annotated[
             Expr, _number("°C day", "temperature sum over which a topped crop loses its leaf area", 300.0, 300.0, "positive")
         ],
-        "lai_top": Annotated[Expr, _number("-", "share of the largest leaf area that a topped crop keeps", 1.0, 0.53, "fraction")],
+        "lai_top": Annotated[Expr, _number("-", "share of the largest leaf area that a topped crop keeps", 1.0, 0.5254, "fraction")],
     },
 )
 """Parameters of the crop, with a temperature sum in place of the date of its topping."""

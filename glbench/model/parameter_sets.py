@@ -46,6 +46,7 @@ PARAMETER_SETS: Mapping[str, ParameterSet] = MappingProxyType(
             ParameterSet("led_2020", "The same compartment with LED lamps, Katzin et al. (2020)."),
             ParameterSet("hps_2021", "Modern 4 ha greenhouse with high-pressure sodium lamps, Katzin (2021)."),
             ParameterSet("led_2021", "Modern 4 ha greenhouse with LED lamps, Katzin (2021)."),
+            ParameterSet("bleiswijk_2020", "Compartment with both lamps, fitted to a measured season in Bleiswijk (docs/realism.md)."),
         )
     }
 )

@@ -136,7 +136,7 @@ states = _vectors(STATE_NAMES, {name: _RANGES.get(name, _AIR) for name in STATE_
 controls = _vectors(CONTROL_NAMES, dict.fromkeys(CONTROL_NAMES, (0.0, 1.0)))
 disturbances = _vectors(DISTURBANCE_NAMES, dict(_RANGES))
 
-parameters = st.sampled_from(("benchmark", "hps_2020", "led_2020", "hps_2021", "led_2021")).map(default_parameters)
+parameters = st.sampled_from(("benchmark", "hps_2020", "led_2020", "hps_2021", "led_2021", "bleiswijk_2020")).map(default_parameters)
 """Named houses: other lamps, roof, crop limits, radiating grow pipes, convective interlights."""
 
 conditions = st.builds(Inputs, states, controls, disturbances, parameters)
