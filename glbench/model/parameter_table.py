@@ -39,8 +39,8 @@ class ParameterInfo:
     formula
         How a derived entry follows from others; empty for a base entry.
     used
-        ``yes``: the equations read it; ``derived``: only through derived entries; ``inactive``: multiplied by a control
-        that this model keeps at 0; ``no``: not read.
+        ``yes``: the equations read it; ``always``: so does the compiled kernel, also where it is 0 in the benchmark's set;
+        ``derived``: only through derived entries; ``inactive``: multiplied by a control that this model keeps at 0; ``no``: not read.
     drawn_in
         Named sets of uncertain parameters that it belongs to: ``crop28``, ``crop34``.
     values
@@ -55,7 +55,7 @@ class ParameterInfo:
     group: str
     check: Check
     formula: str
-    used: Literal["yes", "derived", "inactive", "no"]
+    used: Literal["yes", "always", "derived", "inactive", "no"]
     drawn_in: frozenset[str]
     values: MappingProxyType[str, float] = field(repr=False)
 
@@ -124,7 +124,7 @@ def declared_table(record: type[Any]) -> tuple[ParameterInfo, ...]:
             group=note.group,
             check=note.check,
             formula="",
-            used="yes",
+            used="always",
             drawn_in=frozenset(),
             values=MappingProxyType({BENCHMARK: note.value, **dict(note.sets)}),
         )

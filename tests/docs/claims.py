@@ -1236,6 +1236,14 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("matches the author's within 1 %", "tests/model/test_heat_harvesting.py holds it"),
         ("with a little over 1 kWh m-2", "tests/docs/test_energy.py runs the example above it"),
     ],
+    "docs/compartment.md": [
+        ("(vpAir / (tAir + 273.15) -", "definition: 0 °C in kelvins"),
+        ("(tWall + 273.15)", "definition: 0 °C in kelvins"),
+        ("with `uVent` to the power 1.5 and", "tests/model/test_compartment.py holds it"),
+        ("eq. 6.10, has flow", "source: number of an equation"),
+        ("opening's height to the power 1.5. Ours", "source: de Jong (1990), eq. 6.10"),
+        ("Ours is 6 % more than his", "tests/model/test_compartment.py holds it"),
+    ],
     "docs/process-computer.md": [
         *(
             (f"| `{name}` | {value:g} |", "tests/env/test_process_computer_page.py holds it")

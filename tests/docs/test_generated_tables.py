@@ -9,6 +9,7 @@ import pytest
 
 from docs import (
     accuracy_table,
+    compartment_table,
     estimator_table,
     fresh_draws_table,
     measured_columns,
@@ -69,6 +70,11 @@ def test_the_table_of_trajectories_holds_the_measurements() -> None:
 def test_the_table_of_accuracy_holds_the_measurement() -> None:
     page = (DOCS / "kernel-compiled.md").read_text(encoding="utf-8")
     assert accuracy_table.filled(page, (MEASUREMENTS / "accuracy.txt").read_text(encoding="utf-8")) == page
+
+
+def test_the_table_of_the_compartment_holds_its_parameters() -> None:
+    page = (DOCS / "compartment.md").read_text(encoding="utf-8")
+    assert compartment_table.filled(page) == page
 
 
 def test_the_table_of_generated_seasons_holds_the_measurements() -> None:

@@ -11,7 +11,8 @@ import pytest
 
 from docs.accuracy_table import errors, make_inputs
 from glbench.kernel import Kernel, Rows, available, state_scale, why_not_compiled
-from glbench.model import COMPARTMENT, Meter, Model, compose, get_model
+from glbench.kernel.compiled import absent_equipment
+from glbench.model import COMPARTMENT, TOMATO, Meter, Model, compose, get_model
 from glbench.model.compartment import MassAndNeighbours, RisingVents, ToppedTomato
 from tests.kernel.known_steps import Array, KnownSteps
 
@@ -131,6 +132,12 @@ def test_a_row_has_the_same_bits_alone_and_in_a_batch(steps_900: KnownSteps, bac
     alone = [kernel_of(backend, preset).step(*one) for one in zip(*rows, strict=True)]
     assert np.stack(alone).tobytes() == whole.tobytes()
     assert kernel_of(backend, preset, threads=2).step(*rows).tobytes() == whole.tobytes()
+
+
+def test_the_compiled_kernel_leaves_out_no_part_of_a_compartment_but_the_equipment_that_the_tomato_greenhouse_lacks() -> None:
+    absent, plain = ({model.parameter_names[k] for k in absent_equipment(model)} for model in (MODEL, TOMATO))
+    assert absent == plain
+    assert "aIntLamp" in absent
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ import pytest
 from glbench.errors import ShapeError, UnknownNameError
 from glbench.model import (
     AUXILIARIES,
+    COMPARTMENT,
     CONTROL_NAMES,
     CONTROLS,
     DISTURBANCE_NAMES,
@@ -57,7 +58,7 @@ def test_every_name_is_explained_in_the_nomenclature() -> None:
     pages = ("nomenclature.md", "model-symbols.md", "crop-symbols.md")
     page = "".join((docs / name).read_text(encoding="utf-8") for name in pages)
 
-    models = (LETTUCE, TOMATO_ENERGY, TOMATO_HEAT_PUMP)
+    models = (LETTUCE, TOMATO_ENERGY, TOMATO_HEAT_PUMP, COMPARTMENT)
     others = (entry for model in models for entry in (*model.states, *model.controls, *model.auxiliaries))
     for entry in (*STATES, *CONTROLS, *DISTURBANCES, *AUXILIARIES, *others):
         row = next((line for line in page.splitlines() if line.startswith(f"| `{entry.name}` |")), "")

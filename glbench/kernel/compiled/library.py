@@ -345,9 +345,11 @@ def traits_of(model: Model, zeros: tuple[int, ...]) -> Traits:
 def absent_equipment(model: Model) -> tuple[int, ...]:
     """Parameters that are zero in the model's benchmark set; the usual library leaves out what they multiply.
 
-    Interlights, for example: their area is zero. Rows with other parameters are stepped by a library of the full model.
+    Interlights, for example: their area is zero. Rows with other parameters are stepped by a library of the full model. Parameters that a
+    part declares beside its equations stay: a model that has such a part is there for it.
     """
-    return tuple(int(i) for i in np.flatnonzero(model.parameters.default() == 0.0))
+    zero = model.parameters.default() == 0.0
+    return tuple(int(i) for i in np.flatnonzero(zero) if model.table[i].used != "always")
 
 
 def _file_name(model: Model) -> str:
