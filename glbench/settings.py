@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.fields import FieldInfo
 
 from glbench.errors import GlbenchError, SubmissionError, did_you_mean
 from glbench.untrusted import decimal_point, place_of, quoted, read_regular, reason_of, toml_fault
@@ -140,7 +141,7 @@ def table_at(model: type[BaseModel], place: Sequence[str | int]) -> type[BaseMod
     table: type[BaseModel] | None = model
     keys = iter(place)
     for key in keys:
-        annotation = None if table is None else field_annotation(table, key)
+        annotation = getattr(field_of(table, key), "annotation", None)
         candidates = (candidate for candidate in (annotation, *get_args(annotation)))
         table = next((one for one in candidates if isinstance(one, type) and issubclass(one, BaseModel)), None)
         if get_origin(annotation) in (dict, list, tuple):  # the next key is a name or an index
@@ -148,13 +149,8 @@ def table_at(model: type[BaseModel], place: Sequence[str | int]) -> type[BaseMod
     return table
 
 
-def field_annotation(table: type[BaseModel], key: str | int) -> Any:
-    """Annotation of the field with this name or alias; ``None`` if there is none."""
-    field = _field(table, key)
-    return None if field is None else field.annotation
-
-
-def _field(table: type[BaseModel] | None, key: str | int) -> Any:
+def field_of(table: type[BaseModel] | None, key: str | int) -> FieldInfo | None:
+    """The field with this name or alias; ``None`` if there is none."""
     fields = {} if table is None else table.model_fields
     return next((field for name, field in fields.items() if key in (name, field.alias)), None)
 
@@ -175,7 +171,7 @@ def _in_words(problem: Problem, model: type[BaseModel]) -> str:
     if kind in ("float_parsing", "float_type"):
         advice = decimal_point(value) if isinstance(value, str) else ""
         return f"{name} is {quoted(value)}, which is not a number{advice and f': {advice}'}"
-    if kind in ("greater_than_equal", "less_than_equal") and (field := _field(table, place[-1])) is not None:
+    if kind in ("greater_than_equal", "less_than_equal") and (field := field_of(table, place[-1])) is not None:
         low = next((float(limit.ge) for limit in field.metadata if hasattr(limit, "ge")), None)
         high = next((float(limit.le) for limit in field.metadata if hasattr(limit, "le")), None)
         about = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}

@@ -20,6 +20,8 @@ from pathlib import Path
 from typing import IO, Any, Final
 from zipfile import ZipFile
 
+from glbench.errors import refuse
+
 MIB: Final = 2**20
 MOST_MARKS: Final = 500_000
 """Objects, lists and keys of a JSON text: each costs up to a kilobyte to read or to refuse. A result of 10,000 runs has 260,000."""
@@ -120,8 +122,7 @@ class _InPieces(io.FileIO):
             size = self.seek(0, io.SEEK_END) - here
             self.seek(here)
         if size > _LONGEST_READ:
-            msg = f"its table of contents is longer than {_LONGEST_READ // MIB} MiB"
-            raise ValueError(msg)
+            refuse(f"its table of contents is longer than {_LONGEST_READ // MIB} MiB")
         return super().read(size) or b""
 
 
@@ -138,8 +139,7 @@ def gunzip(data: bytes, largest: int) -> bytes:
     with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
         content = read_pieces(file.read, largest + 1)
     if len(content) > largest:
-        msg = f"it expands to more than {_size(largest)}"
-        raise ValueError(msg)
+        refuse(f"it expands to more than {_size(largest)}")
     return content
 
 
@@ -163,8 +163,7 @@ def parse_json(text: bytes | str) -> Any:
     """
     refuse_crowd(text)
     if text[:3] == b"\xef\xbb\xbf" or text[:1] == "\ufeff":
-        msg = "it begins with a byte order mark: save it as UTF-8 without one"
-        raise ValueError(msg)
+        refuse("it begins with a byte order mark: save it as UTF-8 without one")
     try:
         return json.loads(text)
     except json.JSONDecodeError:
@@ -204,8 +203,7 @@ def refuse_crowd(text: bytes | str) -> None:
     """
     marks = sum(map(text.count, "{[:")) if isinstance(text, str) else sum(map(text.count, (b"{", b"[", b":")))
     if marks > MOST_MARKS:
-        msg = f"it has more than {MOST_MARKS:,} objects, lists and keys"
-        raise ValueError(msg)
+        refuse(f"it has more than {MOST_MARKS:,} objects, lists and keys")
 
 
 def quoted(value: object) -> str:
@@ -280,8 +278,7 @@ def one_line(text: str) -> str:
         return text
     strange = next((letter for letter in text if steers(letter)), None)
     if strange is not None:
-        msg = f"the character U+{ord(strange):04X} cannot be shown"
-        raise ValueError(msg)
+        refuse(f"the character U+{ord(strange):04X} cannot be shown")
     return text
 
 

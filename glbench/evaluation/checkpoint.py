@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.resources import write_atomically
 
 logger = logging.getLogger(__name__)
@@ -170,7 +170,6 @@ def _unpacked(path: Path) -> dict[str, NDArray[Any]]:
     data = path.read_bytes()
     digest, content = data[:_DIGEST_BYTES], data[_DIGEST_BYTES:]
     if hashlib.sha256(content).digest() != digest:
-        msg = f"{path.name} is not as it was written: its content does not match its digest"
-        raise ValueError(msg)
+        refuse(f"{path.name} is not as it was written: its content does not match its digest")
     with np.load(io.BytesIO(content), allow_pickle=False) as file:
         return {name: file[name] for name in file.files}

@@ -12,15 +12,14 @@ import copy
 import datetime as dt
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from glbench.errors import TaskError, did_you_mean
 from glbench.registration import task_ids
-from glbench.settings import Problem, problems_of
-from glbench.tasks.fields import Table
+from glbench.settings import Problem, field_of, problems_of, table_at
 from glbench.tasks.inheritance import WITHOUT, TaskTables, as_written, check_plain, inherit, take_over_prices
 from glbench.tasks.schema1 import PaperTaskFile, TaskFile1, tables_of_attachment
 from glbench.tasks.tables import TaskFile2
@@ -84,39 +83,33 @@ def _explain(root: type[BaseModel], problem: Problem) -> str:
     """One mistake in words."""
     *tables, key = [str(part) for part in problem.place] or ["the file"]
     place = f"[{'.'.join(tables)}] " if tables else ""
-    owner, kind = _table_at(root, tables), problem.kind
-    allowed = _description(owner, key)
+    path, kind = [*tables, key], problem.kind
+    allowed, is_table = _description(root, path), table_at(root, path) is not None
     if kind == "missing":
-        if _record_class(owner, key) is not None:
-            return f"the table [{'.'.join([*tables, key])}] is missing."
+        if is_table:
+            return f"the table [{'.'.join(path)}] is missing."
         return f"{place}lacks the key '{key}': {allowed or 'it is required'}."
     if kind == "extra_forbidden":
-        keys = _keys(owner)
+        owner = table_at(root, tables) or root
+        keys = [field.alias or name for name, field in owner.model_fields.items()]
         near = did_you_mean(key, keys) or f" Known: {', '.join(keys)}."
         return f"'{key}' is not a key {f'of {place}'.rstrip() if tables else 'or table of a task'}.{near}"
     if kind == "model_type":
-        return f"[{'.'.join([*tables, key])}] must be a table, not {as_written(problem.value)}."
+        return f"[{'.'.join(path)}] must be a table, not {as_written(problem.value)}."
     if kind == "value_error":
-        parent = _table_at(root, tables[:-1])
-        if _record_class(owner, key) is not None or (
-            tables and _record_class(parent, tables[-1]) is not None and _has_entries(parent, tables[-1])
-        ):  # a table, or one of several
-            return f"[{'.'.join([*tables, key])}] {problem.reason}"
+        if is_table:  # or one of several
+            return f"[{'.'.join(path)}] {problem.reason}"
         if not problem.place:  # about more than one table: it names them
             return problem.reason
         return f"{place}{key} = {as_written(problem.value)}: {problem.reason}"
     if not allowed:
-        return _explain_inside(root, [*tables, key], problem)
+        return _explain_inside(root, path, problem)
     return f"{place}{key} = {as_written(problem.value)} is not allowed. It must be {allowed}."
 
 
 def _explain_inside(root: type[BaseModel], parts: list[str], problem: Problem) -> str:
     """A mistake inside the value of a key: which key, where in its list, and what must be there."""
-    described = (
-        (place, allowed)
-        for place in range(len(parts) - 1, -1, -1)
-        if (allowed := _description(_table_at(root, parts[:place]), parts[place]))
-    )
+    described = ((place, allowed) for place in range(len(parts) - 1, -1, -1) if (allowed := _description(root, parts[: place + 1])))
     place, allowed = next(described, (0, "what the pages about tasks say"))
     key, inner = parts[place], [one for one in parts[place + 1 :] if one not in ("float", "str")]
     if inner and key == "hourly":
@@ -129,45 +122,9 @@ def _explain_inside(root: type[BaseModel], parts: list[str], problem: Problem) -
     return f"{table}{', '.join([key, *inner])} = {as_written(problem.value)} is not allowed. {rule}"
 
 
-def _table_at(root: type[BaseModel], tables: list[str]) -> type[BaseModel]:
-    """The class that describes the table with these names."""
-    owner, names = root, iter(tables)
-    for name in names:
-        inner = _record_class(owner, name)
-        if inner is None:
-            break
-        if _has_entries(owner, name):
-            next(names, None)
-        owner = inner
-    return owner
-
-
-def _field(owner: type[BaseModel], key: str) -> Any:
-    for name, field in owner.model_fields.items():
-        if key in (name, field.alias) and key in _keys(owner):
-            return field
-    return None
-
-
-def _record_class(owner: type[BaseModel], key: str) -> type[BaseModel] | None:
-    """The class of the table ``key``, or of its entries; ``None`` where the key is no table."""
-    field = _field(owner, key)
-    candidates = () if field is None else (field.annotation, *get_args(field.annotation))
-    return next((one for one in candidates if isinstance(one, type) and issubclass(one, Table)), None)
-
-
-def _has_entries(owner: type[BaseModel], key: str) -> bool:
-    """Whether the key has several tables, by name or one after the other."""
-    return get_origin(_field(owner, key).annotation) in (dict, tuple)
-
-
-def _keys(owner: type[BaseModel]) -> list[str]:
-    """Keys of a table as a file writes them."""
-    return [field.alias or name for name, field in owner.model_fields.items()]
-
-
-def _description(owner: type[BaseModel], key: str) -> str:
-    field = _field(owner, key)
+def _description(root: type[BaseModel], path: list[str]) -> str:
+    """What is allowed for the key at ``path``; empty where there is no such key."""
+    field = field_of(table_at(root, path[:-1]), path[-1])
     return (field.description or "") if field is not None else ""
 
 

@@ -784,8 +784,7 @@ class TaskFile2(TaskFile):
                     f"[constraints.{name}] needs the violation that costs 1 a step: add {scale} to [reward.penalty_scale]; "
                     f"or what it costs in money: {price} in [reward.violation_price]"
                 )
-            msg += "."
-            raise ValueError(msg)
+            refuse(f"{msg}.")
         return self
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.tasks import quantities as tables
@@ -20,19 +20,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-class Named(Protocol):
-    """Anything a registry can hold: it has a name and a sentence that explains it."""
+@dataclass(frozen=True)
+class Word:
+    """A word of task files and what it means: reward modules, distributions, preprocessings, model variants, metrics."""
 
-    @property
-    def name(self) -> str:
-        """The word used in task files."""
-
-    @property
-    def meaning(self) -> str:
-        """What it is, in one sentence."""
+    name: str
+    meaning: str
 
 
-Entry = TypeVar("Entry", bound=Named)
+Entry = TypeVar("Entry", bound=Word)
 
 
 class Registry(Generic[Entry]):
@@ -79,24 +75,14 @@ class Registry(Generic[Entry]):
 
 
 @dataclass(frozen=True)
-class ObservationModule:
+class ObservationModule(Word):
     """A group of observed quantities that a task grants together, in a fixed order."""
 
-    name: str
-    meaning: str
     quantities: QuantityTable
     """Names, units and bounds of the columns, given what they may depend on (horizon, installed capacities)."""
 
     is_forecast: bool = False
     """Whether it shows coming weather: such a module needs ``[observation.forecast]`` in the task file."""
-
-
-@dataclass(frozen=True)
-class Word:
-    """A word without further data: reward modules, distributions, preprocessings, model variants, metrics."""
-
-    name: str
-    meaning: str
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ class Reading:
         Values in canonical units. The slots' ends are seconds since 1970-01-01 on the file's clock; any regular step from 5 to 60 minutes.
     station, source, licence
         As in ``record.Origin``.
-    latitude, longitude, altitude
+    coordinates
         Degrees north and east, metres above sea level; ``None`` where the file does not say.
     utc_offset
         By how many hours the file's clock is ahead of UTC.
@@ -72,9 +72,7 @@ class Reading:
     rows: record.Rows
     station: str
     source: str
-    latitude: float | None = None
-    longitude: float | None = None
-    altitude: float | None = None
+    coordinates: tuple[float | None, float | None, float | None]
     utc_offset: float = 0.0
     zone: str | None = None
     licence: str = UNKNOWN_LICENCE
@@ -114,7 +112,7 @@ def record_of(
         When the place is unknown, an option does not fit, or the rows have gaps or impossible values; names file, row and value.
     """
     rows, notes, file = reading.rows, list(reading.notes), reading.rows.file
-    latitude, longitude, altitude = (reading.latitude, reading.longitude, reading.altitude) if coordinates is None else coordinates
+    latitude, longitude, altitude = coordinates or reading.coordinates
     if latitude is None or longitude is None:
         msg = f"{file} does not say where it was measured. Give it with --place LATITUDE,LONGITUDE,ALTITUDE [deg north, deg east, m]."
         raise WeatherError(msg)
@@ -139,14 +137,9 @@ def record_of(
     else:
         rows = replace(rows, slot_ends=rows.slot_ends - shift)
     zone = timezone or reading.zone or _zone_of(reading, file, longitude, notes)
-
-    return hourly_record(
-        rows,
-        record.Origin(
-            name, record.Place(reading.station, latitude, longitude, altitude, zone), reading.source, reading.licence, typical, tuple(notes)
-        ),
-        fill_gaps=fill_gaps,
-    )
+    place = record.Place(reading.station, latitude, longitude, altitude, zone)
+    origin = record.Origin(name, place, reading.source, reading.licence, typical, tuple(notes))
+    return hourly_record(rows, origin, fill_gaps=fill_gaps)
 
 
 def _joins_years(dates: np.ndarray, step: int) -> bool:

@@ -72,11 +72,10 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Rea
     reflects = "Gr(i)" in table.titles and table.numbers("Gr(i)").any()
     is_horizontal = slope == 0.0 if isinstance(slope, float) else slope is None and "Gr(i)" in table.titles and not reflects
     if not typical and not is_horizontal:
-        msg = (
-            f"{file}: its radiation is that on a tilted plane (slope {facts.get('slope', 'not stated')}). The greenhouse needs "
+        table.refuse(
+            f"its radiation is that on a tilted plane (slope {facts.get('slope', 'not stated')}). The greenhouse needs "
             "global horizontal radiation: export it again with slope 0, or take the typical year of PVGIS."
         )
-        raise WeatherError(msg)
     parts = ["G(h)"] if typical else ["G(i)"] if "G(i)" in tilted else tilted
     columns = {
         "air_temperature": table.numbers(needed_title(table, "T2m")),
@@ -113,9 +112,7 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Rea
         rows,
         f"PVGIS {facts.get('latitude', '?')}, {facts.get('longitude', '?')}",
         f"PVGIS (European Commission, Joint Research Centre), {'typical year' if typical else 'hourly series'}, {file_name(file)}",
-        _fact(facts, "latitude"),
-        _fact(facts, "longitude"),
-        _fact(facts, "elevation"),
+        (_fact(facts, "latitude"), _fact(facts, "longitude"), _fact(facts, "elevation")),
         licence=_PVGIS_LICENCE,
         typical=typical,
         notes=tuple(notes),
@@ -211,9 +208,7 @@ def parse_nsrdb(text: str, file: str) -> Reading:
         record.Rows(file, ends, columns, MEANS, lines),
         state or f"NSRDB {facts.get('location id', '')}".strip(),
         f"NREL {facts.get('source', 'NSRDB')}, location {facts.get('location id', 'not stated')}, {file_name(file)}",
-        latitude,
-        longitude,
-        altitude,
+        (latitude, longitude, altitude),
         offset,
         zone,
         notes=(*notes, f"stamps are the middles of intervals of {step // 60} min"),
@@ -276,9 +271,7 @@ def parse_open_meteo(text: str, file: str) -> Reading:
         record.Rows(file, seconds, columns, TIMING, np.array(table.lines, dtype=np.int64)),
         f"Open-Meteo {facts.get('latitude', '?')}, {facts.get('longitude', '?')}",
         f"Open-Meteo.com, {file_name(file)}",
-        latitude,
-        longitude,
-        altitude,
+        (latitude, longitude, altitude),
         zone=zone,
         licence=_OPEN_METEO_LICENCE,
         notes=tuple(notes),
@@ -375,9 +368,7 @@ def parse_solar_anywhere(text: str, file: str) -> Reading:
         record.Rows(file, stamps.seconds, columns, MEANS, np.array(table.lines, dtype=np.int64)),
         " ".join(above[1].split()),
         f"SolarAnywhere {file_name(file)}",
-        latitude,
-        longitude,
-        altitude,
+        (latitude, longitude, altitude),
         offset,
         typical="typical" in about.lower(),
     )

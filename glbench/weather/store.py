@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from glbench.errors import UnknownNameError, WeatherError, did_you_mean
+from glbench.errors import UnknownNameError, WeatherError, did_you_mean, refuse
 from glbench.resources import data_folder, user_data_folder, write_atomically
 from glbench.weather.knmi import native_rows
 from glbench.weather.record import (
@@ -245,8 +245,7 @@ def _integers(table: Any, name: str) -> IntArray:
     """Column of whole numbers. By way of DLPack: Arrow's ``to_numpy`` would load pandas, which takes half a second."""
     column = table.column(name).combine_chunks()
     if column.null_count:
-        msg = f"column {name} has {column.null_count} missing values"
-        raise ValueError(msg)
+        refuse(f"column {name} has {column.null_count} missing values")
     return np.from_dlpack(column).astype(np.int64)
 
 

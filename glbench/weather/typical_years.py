@@ -122,9 +122,7 @@ def parse_epw(text: str, file: str) -> Reading:
         record.Rows(file, ends, columns, TIMING, np.array(table.lines, dtype=np.int64)),
         station,
         source,
-        latitude,
-        longitude,
-        altitude,
+        (latitude, longitude, altitude),
         offset,
         notes=tuple(notes),
     )
@@ -170,8 +168,7 @@ def parse_tmy(text: str, file: str) -> Reading:
     )
     stamps = read_stamps(table, (table.titles[0], needed_title(table, "Time (HH:MM)")), order="month first")
     if np.any(stamps.seconds % HOUR):
-        msg = f"{file}: its stamps are not whole hours, so it is unclear which hour a value belongs to. Use hour-ending TMY3."
-        raise WeatherError(msg)
+        table.refuse("its stamps are not whole hours, so it is unclear which hour a value belongs to. Use hour-ending TMY3.")
     notes: list[str] = []
     columns = {
         "air_temperature": table.numbers(needed_title(table, "Dry-bulb (C)"), _TMY3_MISSING),
@@ -189,9 +186,7 @@ def parse_tmy(text: str, file: str) -> Reading:
         ),
         " ".join(heading[1].strip('" ').split()),
         f"NREL TMY3 {file_name(file)}, station {heading[0].strip()}",
-        latitude,
-        longitude,
-        altitude,
+        (latitude, longitude, altitude),
         offset,
         typical="timeseries" not in above[0].lower(),
         notes=tuple(notes),
@@ -238,9 +233,7 @@ def parse_tmy2(text: str, file: str) -> Reading:
         ),
         heading["city"].replace("_", " ").title(),
         f"NREL TMY2 {file_name(file)}, station {heading['number']}",
-        latitude,
-        longitude,
-        float(heading["altitude"]),
+        (latitude, longitude, float(heading["altitude"])),
         float(heading["zone"]),
         typical=True,
     )

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
+from glbench.errors import refuse
+
 if TYPE_CHECKING:
     from glbench.evaluation.limits import TimeLimits
     from glbench.tasks import TaskCard
@@ -103,13 +105,11 @@ def unpacked_problems(body: bytes) -> Iterator[tuple[int, bytes]]:
     at = 0
     while at < len(body):
         if len(body) - at < ROW.size:
-            msg = "cut off"
-            raise ValueError(msg)
+            refuse("cut off")
         row, length = ROW.unpack_from(body, at)
         at += ROW.size
         if length > min(LONGEST_TEXT, len(body) - at):
-            msg = "too long"
-            raise ValueError(msg)
+            refuse("too long")
         yield row, body[at : at + length]
         at += length
 
