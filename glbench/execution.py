@@ -159,12 +159,6 @@ class Future:
         """Whether the job should go on."""
         return self._error is None
 
-    def count_loss(self, reason: str) -> None:
-        """Count a lost worker; after too many, the outcome is an error."""
-        self.losses += 1
-        if self.losses > RETRIES or not self.is_wanted:
-            self.finish(error=WorkerLostError(f"The worker was lost {self.losses} times ({reason})."))
-
 
 class Executor(ABC):
     """Runs jobs; a context manager.
@@ -343,8 +337,11 @@ class ProcessExecutor(Executor):
 
     def _lose(self, one: _Process) -> None:
         one.process.join(_END_SECONDS)
-        if one.future is not None:
-            one.future.count_loss(f"exit code {one.process.exitcode}")
+        if (future := one.future) is not None:
+            future.losses += 1
+            if future.losses > RETRIES or not future.is_wanted:
+                reason = f"The worker was lost {future.losses} times (exit code {one.process.exitcode})."
+                future.finish(error=WorkerLostError(reason))
         self._end(one)
 
     def _end(self, one: _Process) -> None:

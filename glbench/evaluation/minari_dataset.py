@@ -320,7 +320,7 @@ def _new_storage(
     from minari.dataset.minari_storage import MinariStorage
 
     storage: MinariStorage = MinariStorage.new(data, observation_space(task), action_space(task), env_spec=_spec(task), data_format=FORMAT)
-    evaluated = _spec(task.chosen_on)
+    evaluated, git = _spec(task.chosen_on), git_state()
     storage.update_metadata(
         {
             "dataset_id": dataset_id,
@@ -330,7 +330,14 @@ def _new_storage(
             "requirements": [f"glbench=={__version__}"],
             "minari_version": minari.__version__,
             **({} if evaluated is None else {"eval_env_spec": evaluated.to_json()}),
-            "glbench": _provenance(task, agents, noise),
+            "glbench": {
+                "version": __version__,
+                "commit": None if git is None else git.commit + (", changed" if git.dirty else ""),
+                "task": {"id": task.id, "digest": task.digest, "split": task.split},
+                "agents": {agent.agent.name: agent.agent.digest for agent in agents},
+                "noise": noise,
+                "kernel": shared_kernel(task.model_value, task.step_seconds).describe(),
+            },
             **{key: {value} if key in ("author", "author_email") else value for key, value in about.items()},
         }
     )
@@ -378,15 +385,3 @@ def _licence(task: TaskSpec) -> str:
     record = task.record()
     weather = f"{record.licence.rstrip('.')} ({record.source})"
     return f"Simulated with glbench {__version__}, which has the licence BSD-3-Clause. Weather: {weather}."
-
-
-def _provenance(task: TaskSpec, agents: Sequence[Protected], noise: float) -> dict[str, Any]:
-    git = git_state()
-    return {
-        "version": __version__,
-        "commit": None if git is None else git.commit + (", changed" if git.dirty else ""),
-        "task": {"id": task.id, "digest": task.digest, "split": task.split},
-        "agents": {agent.agent.name: agent.agent.digest for agent in agents},
-        "noise": noise,
-        "kernel": shared_kernel(task.model_value, task.step_seconds).describe(),
-    }

@@ -87,8 +87,13 @@ def save(computed: Computed, out: Path, task: TaskSpec, selection: Sequence[str]
         waiting.replace(actions)
         lacking = "The result and its recorded actions are saved, and not all of profile and full episodes"
         write_atomically(profile_path(path), profile.to_bytes())
-        forget_episodes(path)
-        write_episodes(selection, result, path, task, log, computed.trace)
+        for file in episodes_folder(path).glob("seed-*.mcap"):  # of an earlier result: they would be taken for those of the new one
+            file.unlink()
+        rows, trace = chosen_rows(selection, log.seeds, result.values(task.evaluation.metric)), computed.trace
+        if trace is not None:
+            _write((trace.episode(task, row, log.provenance, log.runs[row], log.actions[:, row]) for row in rows), episodes_folder(path))
+        elif rows:  # by replaying the actions, with the same bytes
+            _write(replayed_episodes(task, log, rows), episodes_folder(path))
     except (GlbenchError, OSError) as error:
         if actions.is_file() and result.record is not None:
             again = "makes what is missing"
@@ -203,22 +208,6 @@ def run_facts(runs: Iterable[RunResult]) -> tuple[RunFacts, ...]:
     )
 
 
-def write_episodes(
-    selection: Sequence[str], result: Result, path: Path, task: TaskSpec, log: ActionLog, trace: Trace | None
-) -> tuple[Path, ...]:
-    """Write the chosen runs of ``result``, which is at ``path``, as full episodes, and return the files.
-
-    Without a trace of the evaluation they are made by replaying the actions, with the same bytes.
-    """
-    rows = chosen_rows(selection, log.seeds, result.values(task.evaluation.metric))
-    episodes: Iterable[Episode]
-    if trace is not None:
-        episodes = (trace.episode(task, row, log.provenance, log.runs[row], log.actions[:, row]) for row in rows)
-    else:
-        episodes = replayed_episodes(task, log, rows) if rows else ()
-    return _write(episodes, episodes_folder(path))
-
-
 def make_episodes(selection: Sequence[str], result: Result, path: Path, task: TaskSpec, folder: Path | None = None) -> tuple[Path, ...]:
     """Make the chosen full episodes of a stored result by replaying; those that are there already stay as they are.
 
@@ -280,19 +269,9 @@ def recorded_actions(result: Result, path: Path) -> ActionLog:
     return log
 
 
-def forget_episodes(path: Path) -> None:
-    """Remove full episodes of an earlier result at ``path``; they would be taken for those of the new one."""
-    for file in episodes_folder(path).glob("seed-*.mcap"):
-        file.unlink()
-
-
-def _write(episodes: Iterable[Episode], folder: Path) -> tuple[Path, ...]:
-    paths = []
+def _write(episodes: Iterable[Episode], folder: Path) -> None:
     for episode in episodes:
-        path = episode_path(folder, episode.run.seed)
-        write_episode(path, episode)
-        paths.append(path)
-    return tuple(paths)
+        write_episode(episode_path(folder, episode.run.seed), episode)
 
 
 ACTIONS_FILE = "actions.npz"

@@ -200,7 +200,7 @@ def lock_path() -> Path:
     return data_folder("tasks") / LOCK_NAME
 
 
-def read_lock(path: Path | None = None) -> Mapping[str, LockEntry]:
+def read_lock() -> Mapping[str, LockEntry]:
     """Entries of the lock by task id; empty if there is no lock yet.
 
     Raises
@@ -208,7 +208,7 @@ def read_lock(path: Path | None = None) -> Mapping[str, LockEntry]:
     TaskError
         When the file is damaged.
     """
-    path = lock_path() if path is None else path
+    path = lock_path()
     try:
         state = path.stat()
     except FileNotFoundError:

@@ -10,11 +10,11 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -212,11 +212,8 @@ class Action:
         return (self.highest - self.lowest) / (self.high - self.low)
 
 
-class QuantityTable(Protocol):
-    """The columns of an observation module in a given task."""
-
-    def __call__(self, context: ObservationContext) -> tuple[Quantity, ...]:
-        """Columns in the order observed."""
+QuantityTable = Callable[[ObservationContext], tuple[Quantity, ...]]
+"""The columns of an observation module in a given task, in the order observed."""
 
 
 def of_model(module: str) -> QuantityTable:

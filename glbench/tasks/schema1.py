@@ -30,7 +30,6 @@ from glbench.tasks.ledger import LIMITED, Ledger, LedgerItem
 from glbench.tasks.quantities import PAPER_MODEL
 from glbench.tasks.tables import (
     PROCESS_COMPUTER,
-    ControlNames,
     Conventions,
     ModelTable,
     ParameterGroupTable,
@@ -89,14 +88,6 @@ class PaperObservationTable(Table):
         return self
 
 
-class PaperActuationTable(Table):
-    """``[actuation]``: how an action becomes a control. Controls that are not listed stay at 0."""
-
-    kind: Annotated[str, one_of(words.ACTUATION_KINDS)] = Field(description="a kind of actuation")
-    max_change: float = Field(gt=0.0, le=1.0, description="the largest change of a control in a step, above 0, up to 1")
-    controls: ControlNames = Field(description="a list of controls")
-
-
 class PaperConstraintsTable(ClimateQuantityTable):
     """``[constraints]``: the climate to stay within, checked after every step."""
 
@@ -126,7 +117,6 @@ class TaskFile1(TaskFile):
     """Schema 1: the tomato greenhouse of the paper, one season, prices of four things."""
 
     schema_version: Literal[1] = Field(alias="schema", description="1 or 2")
-    actuation: PaperActuationTable  # type: ignore[assignment]
     model: PaperModelTable
     initial: PaperInitialStateTable = Field(alias="initial_state")
     uncertainty: UncertaintyTable
@@ -236,7 +226,7 @@ def _as_field(owner: type[Table], name: str, value: Any) -> Any:
     annotation = owner.model_fields[name].annotation if name in owner.model_fields else None
     for kind in (annotation, *get_args(annotation)):
         if isinstance(kind, type) and issubclass(kind, Table) and isinstance(value, Table):
-            return value if isinstance(value, kind) else _as(kind, value)
+            return value if type(value) is kind else _as(kind, value)
     return value
 
 

@@ -46,8 +46,6 @@ MOST_SEASONS = 10000
 """Generated seasons that a split may have."""
 PERFECT = "perfect"
 
-ControlNames = Annotated[tuple[str, ...], list_of("control", "uVent")]
-
 
 class WeatherTable(Table):
     """``[weather]``: the record, how it is prepared, and the period that is simulated."""
@@ -312,15 +310,17 @@ class OnOffTable(Table):
     hold_minutes: float = Field(default=0.0, ge=0.0, le=1440.0, description="a number of minutes, 0 to 1440")
 
 
-class ActuationTable(Table):
-    """``[actuation]``: how an action becomes a control. Controls that are not listed stay at 0.
-
-    ``process_computer`` has the settings of a process computer, ``on_off`` the machines that are switched.
-    """
+class PaperActuationTable(Table):
+    """``[actuation]``: how an action becomes a control. Controls that are not listed stay at 0."""
 
     kind: Annotated[str, one_of(words.ACTUATION_KINDS)] = Field(description="a kind of actuation")
     max_change: float = Field(gt=0.0, le=1.0, description="the largest change of a control in a step, above 0, up to 1")
-    controls: ControlNames = Field(description="a list of controls")
+    controls: Annotated[tuple[str, ...], list_of("control", "uVent")] = Field(description="a list of controls")
+
+
+class ActuationTable(PaperActuationTable):
+    """``[actuation]`` of schema 2, with settings of a process computer, and machines that are switched on and off."""
+
     process_computer: ProcessComputerTable = ProcessComputerTable()
     on_off: dict[str, OnOffTable] = Field(default={}, description="tables [actuation.on_off.<control>]")
 
@@ -602,7 +602,7 @@ class TaskFile(Table):
     description: Annotated[str, BeforeValidator(printable)] = Field(default="", description="text in quotes")
     suites: Annotated[tuple[str, ...], BeforeValidator(suite_names)] = Field(default=(), description="a list of names")
     weather: WeatherTable
-    actuation: ActuationTable
+    actuation: PaperActuationTable
     evaluation: EvaluationTable
 
 

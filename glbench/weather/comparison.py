@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from glbench.errors import WeatherError
 from glbench.resources import write_atomically
-from glbench.weather.generator import DAY_HOURS, MARGIN_DAYS, GeneratedSeason, SeasonGenerator, calendar_days
+from glbench.weather.generator import DAY_HOURS, MARGIN_DAYS, MATCHED, GeneratedSeason, SeasonGenerator, calendar_days
 from glbench.weather.record import SKY, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 LAGS = 5
 BASE_TEMPERATURE = 18.0  # degC
-FOLLOWED = ("air_temperature", "relative_humidity", "wind_speed")
 MOST_AT_JOINTS = 0.10
 """Largest accepted Kolmogorov-Smirnov distance of changes at joints."""
 SPLIT_KEY = 0x6A6F696E
@@ -161,7 +160,7 @@ def resemblance(
 
 def _names(generator: SeasonGenerator) -> tuple[str, ...]:
     sky = next(name for name in SKY if name in generator.record.counts)
-    return (*FOLLOWED, "global_radiation", sky)
+    return (*MATCHED, "global_radiation", sky)
 
 
 def generated_seasons(generator: SeasonGenerator, start: dt.date, within_days: int, days: int, seasons: int, seed: int) -> Seasons:

@@ -144,30 +144,6 @@ class RunSeries:
     energy: Mapping[str, Floats] = field(default_factory=dict)
 
 
-def series_of(task: TaskSpec, log: ActionLog, trace: Trace | None, kernel: Stepper | None = None) -> RunSeries:
-    """The course of the runs of ``log``: from the ``trace`` of all of them, or by replaying, with the same bits.
-
-    Raises
-    ------
-    ActionError
-        When a recorded action is none of the task's.
-    """
-    lengths = np.array([run.steps for run in log.runs])
-    traced: Iterable[_Part] = [(trace, range(len(lengths)))] if trace is not None else _replayed(task, log, kernel)
-    seasons = _Seasons(task, log.seeds)
-    parts = [_read(task, part, lengths[list(rows)], seasons.values(rows)) for part, rows in traced]
-    weather, starts = seasons.weather(), seasons.starts
-    joined = {name: np.concatenate([part[name] for part in parts], axis=1) for name in parts[0]}
-    return RunSeries(
-        columns={column.name: joined[column.name] for column in columns_of(task).all},
-        outside={limit: joined[limit] > 0 for limit in columns_of(task).limits},
-        weather=weather,
-        lengths=lengths,
-        starts=starts,
-        energy={name: joined[_ENERGY + name] for name in energy_columns(task)},
-    )
-
-
 def _replayed(task: TaskSpec, log: ActionLog, kernel: Stepper | None) -> Iterator[_Part]:
     """All runs again, as many at a time as fit into memory."""
     together = max(1, LARGEST_TRACE // (task.steps * bytes_a_step(task)))
@@ -295,8 +271,27 @@ def make_profile(
     trace: Trace | None,
     kernel: Stepper | None = None,
 ) -> Profile:
-    """The profile of ``result``, from the ``trace`` of its evaluation or by replaying its recorded actions, with the same bytes."""
-    builder = _Builder(task, series_of(task, log, trace, kernel))
+    """The profile of ``result``, from the ``trace`` of its evaluation or by replaying its recorded actions, with the same bytes.
+
+    Raises
+    ------
+    ActionError
+        When a recorded action is none of the task's.
+    """
+    lengths = np.array([run.steps for run in log.runs])
+    traced: Iterable[_Part] = [(trace, range(len(lengths)))] if trace is not None else _replayed(task, log, kernel)
+    seasons = _Seasons(task, log.seeds)
+    parts = [_read(task, part, lengths[list(rows)], seasons.values(rows)) for part, rows in traced]
+    joined = {name: np.concatenate([part[name] for part in parts], axis=1) for name in parts[0]}
+    course = RunSeries(
+        columns={column.name: joined[column.name] for column in columns_of(task).all},
+        outside={limit: joined[limit] > 0 for limit in columns_of(task).limits},
+        weather=seasons.weather(),
+        lengths=lengths,
+        starts=seasons.starts,
+        energy={name: joined[_ENERGY + name] for name in energy_columns(task)},
+    )
+    builder = _Builder(task, course)
     values = result.values(task.evaluation.metric)
     (best,), (worst,) = (chosen_rows((word,), log.seeds, values) for word in ("best", "worst"))
     seeds = {"all": list(log.seeds), "best": log.seeds[best], "worst": log.seeds[worst]}
@@ -320,11 +315,9 @@ def make_profile(
     )
 
 
-def profiled(
-    task: TaskSpec, result: Result, path: Path, log: ActionLog, trace: Trace | None, kernel: Stepper | None = None
-) -> tuple[Result, Profile]:
+def profiled(task: TaskSpec, result: Result, path: Path, log: ActionLog, trace: Trace | None) -> tuple[Result, Profile]:
     """The profile of ``result``, and the result that names it; ``path`` is where the result will lie."""
-    profile = make_profile(task, result, log, trace, kernel)
+    profile = make_profile(task, result, log, trace)
     reference = RecordReference(file=profile_path(path).name, digest=profile.digest)
     return result.model_copy(update={"profile": reference}), profile
 

@@ -117,7 +117,12 @@ class Host:
     def do(self, kind: int, body: memoryview) -> None:
         """Answer a question."""
         if kind == frames.Kind.REHEARSE:
-            self._rehearse(bytes(body).decode())
+            # packages whose time is not the agent's are imported first, then it listens
+            for package in filter(None, bytes(body).decode().split("\0")):
+                with contextlib.suppress(ImportError):  # told when the agent itself imports it
+                    importlib.import_module(package)
+            self._listener = Listener()
+            self._line.answer(frames.Kind.DONE)
         elif self._listener is None:
             self._ask_agent(kind, body)
         elif kind == frames.Kind.HEARD:
@@ -127,14 +132,6 @@ class Host:
         else:
             with self._listener.listening():
                 self._ask_agent(kind, body)
-
-    def _rehearse(self, packages: str) -> None:
-        """Import packages whose time is not the agent's, and begin to listen."""
-        for package in filter(None, packages.split("\0")):
-            with contextlib.suppress(ImportError):  # told when the agent itself imports it
-                importlib.import_module(package)
-        self._listener = Listener()
-        self._line.answer(frames.Kind.DONE)
 
     def _ask_agent(self, kind: int, body: memoryview) -> None:
         if kind == frames.Kind.LOAD:
