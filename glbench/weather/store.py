@@ -61,10 +61,10 @@ def load_weather(name: str) -> WeatherRecord:
     shipped = _manifest(data_folder("weather"))
     if name in shipped:
         return _load_shipped(name, data_folder("weather"))
-    path = user_folder() / f"{name}.parquet"
-    if NAME.fullmatch(name) and path.is_file():
-        return read_stored(path)
-    near = did_you_mean(name, [*shipped, *_user_names()])
+    own = _user_files()
+    if name in own and own[name].is_file():
+        return read_stored(own[name])
+    near = did_you_mean(name, [*shipped, *own])
     msg = f"There is no weather record '{name}'.{near} Add one with `glbench weather import` or `glbench weather fetch`."
     raise UnknownNameError(msg)
 
@@ -80,8 +80,7 @@ def find_weather(digest: str) -> str:
     for name, entry in sorted(_manifest(data_folder("weather")).items()):
         if entry["digest"] == digest:
             return name
-    for name in _user_names():
-        path = user_folder() / f"{name}.parquet"
+    for name, path in _user_files().items():
         with contextlib.suppress(WeatherError):  # one that is damaged is not asked for
             if _metadata(path)["digest"] == digest:
                 return name
@@ -98,10 +97,7 @@ def list_weather() -> list[WeatherInfo]:
     infos = [
         _info(name, _described(load_weather(name)), "shipped", folder / entry["file"]) for name, entry in sorted(_manifest(folder).items())
     ]
-    for name in _user_names():
-        path = user_folder() / f"{name}.parquet"
-        infos.append(_info(name, _metadata(path), "yours", path))
-    return infos
+    return infos + [_info(name, _metadata(path), "yours", path) for name, path in _user_files().items()]
 
 
 def user_folder() -> Path:
@@ -208,8 +204,9 @@ def _origin(name: str, described: Mapping[str, Any]) -> dict[str, Any]:
     return {**texts, "name": name, "place": Place(**described["place"]), "notes": tuple(described["notes"])}
 
 
-def _user_names() -> list[str]:
-    return sorted(path.stem for path in user_folder().glob("*.parquet") if NAME.fullmatch(path.stem))
+def _user_files() -> dict[str, Path]:
+    files = sorted(user_folder().glob("*.parquet"), key=lambda path: path.stem)
+    return {path.stem: path for path in files if NAME.fullmatch(path.stem)}
 
 
 def _manifest(folder: Path) -> Mapping[str, dict[str, Any]]:

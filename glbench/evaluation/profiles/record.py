@@ -251,16 +251,7 @@ def pack(values: Floats, digits: int) -> Packed:
     largest = float(np.abs(values[finite]).max(initial=0.0))
     power = math.floor(math.log10(largest)) - digits if largest > 0 else 0
     whole = np.rint(np.where(finite, values, 0.0).astype(np.float64) * 10.0**-power).astype(np.int64)
-    return {"resolution": 10.0**power, "values": _cells(whole, finite)}
-
-
-def _cells(whole: NDArray[np.int64], finite: NDArray[np.bool_]) -> Cells:
-    if finite.all():
-        cells: Cells = whole.tolist()
-        return cells
-    if whole.ndim == 1:
-        return [value if there else None for value, there in zip(whole.tolist(), finite.tolist(), strict=True)]
-    return [_cells(row, there) for row, there in zip(whole, finite, strict=True)]
+    return {"resolution": 10.0**power, "values": np.where(finite, whole.astype(object), None).tolist()}
 
 
 def unpack(packed: Packed) -> NDArray[np.float64]:
