@@ -250,8 +250,9 @@ def pack(values: Floats, digits: int) -> Packed:
     finite = np.isfinite(values)
     largest = float(np.abs(values[finite]).max(initial=0.0))
     power = math.floor(math.log10(largest)) - digits if largest > 0 else 0
-    whole = np.rint(np.where(finite, values, 0.0).astype(np.float64) * 10.0**-power).astype(np.int64)
-    return {"resolution": 10.0**power, "values": np.where(finite, whole.astype(object), None).tolist()}
+    cells = np.rint(np.where(finite, values, 0.0).astype(np.float64) * 10.0**-power).astype(np.int64).astype(object)
+    cells[~finite] = None
+    return {"resolution": 10.0**power, "values": cells.tolist()}
 
 
 def unpack(packed: Packed) -> NDArray[np.float64]:
