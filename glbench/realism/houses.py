@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from glbench import settings
 from glbench.agents.grower import Heating, HumidityDeficit, Screen, Ventilation
 from glbench.errors import ArchiveError, UnknownNameError, did_you_mean
-from glbench.model import Model, get_model
+from glbench.model import COMPARTMENT, Model, get_model
 from glbench.model.parameter_sets import Override
 from glbench.tasks.fields import sorted_overrides
 from glbench.weather.record import FloatArray
@@ -153,10 +153,11 @@ HOUSES: Mapping[str, House] = MappingProxyType(
             House("hps_2021", "modern 4 ha greenhouse, HPS lamps", "hps_2021"),
             House("led_2021", "modern 4 ha greenhouse, LEDs", "led_2021"),
             House("mixed_2021", "modern 4 ha greenhouse, HPS lamps and LEDs", "led_2021", mixed=("hps_2021", "led_2021")),
+            House("bleiswijk_2020", "the growers' compartment, fitted to its season", "bleiswijk_2020", model=COMPARTMENT.id),
         )
     }
 )
-"""Those that are compared. No parameter is fitted."""
+"""Those that are compared. The parameters of the last are fitted to one of the compartments; those of the others are published."""
 
 
 class _ModelTable(settings.Table):
