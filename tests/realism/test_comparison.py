@@ -32,7 +32,7 @@ SETTINGS = read_settings()
 
 
 def value(house: str, name: str) -> float:
-    values = model().parameters
+    values = model(HOUSES[house].model).parameters
     return float(parameters(HOUSES[house], SETTINGS)[values.names.index(name)])
 
 
