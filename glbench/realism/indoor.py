@@ -9,9 +9,8 @@ same for hours.
 from __future__ import annotations
 
 import datetime as dt
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
@@ -221,18 +220,16 @@ def indoor_of(name: str, times: IntArray, numbers: IntArray, columns: Mapping[st
         gaps = np.flatnonzero(np.isnan(values))
         if gaps.size:
             missing.setdefault((gaps.size, int(gaps[0])), []).append(column)
-        checks: dict[str, Callable[[FloatArray], NDArray[np.bool_]]] = {
-            f"outside {quantity.low:g} to {quantity.high:g} {quantity.unit}": partial(_outside, quantity),
-        }
+        wrong = (values < quantity.low) | (values > quantity.high)
+        reasons = [f"{wrong.sum():,} outside {quantity.low:g} to {quantity.high:g} {quantity.unit}"] if wrong.any() else []
         if quantity.leap is not None:
-            checks["impossible beside the readings around"] = partial(_leaps, quantity.leap)
-            checks[f"the same for {LONGEST_SAME * ROW_SECONDS // 3600} h or longer"] = _stuck
-        wrong = np.zeros(values.size, dtype=bool)
-        reasons = []
-        for reason, check in checks.items():
-            bad = check(np.where(wrong, np.nan, values))
-            reasons += [f"{bad.sum():,} {reason}"] if bad.any() else []
-            wrong |= bad
+            far = _leaps(quantity.leap, np.where(wrong, np.nan, values))
+            reasons += [f"{far.sum():,} impossible beside the readings around"] if far.any() else []
+            wrong |= far
+            lengths = np.diff(np.flatnonzero(np.concatenate(([True], values[1:] != values[:-1], [True]))))
+            stuck = np.repeat(lengths >= LONGEST_SAME, lengths) & ~wrong
+            reasons += [f"{stuck.sum():,} the same for {LONGEST_SAME * ROW_SECONDS // 3600} h or longer"] if stuck.any() else []
+            wrong |= stuck
         if wrong.any():
             place = int(np.flatnonzero(wrong)[0])
             notes.append(
@@ -253,10 +250,6 @@ def indoor_of(name: str, times: IntArray, numbers: IntArray, columns: Mapping[st
     return Indoor(name, times, MappingProxyType(clean), lamp_power, tuple(notes))
 
 
-def _outside(quantity: Quantity, values: FloatArray) -> NDArray[np.bool_]:
-    return (values < quantity.low) | (values > quantity.high)
-
-
 def _leaps(leap: float, values: FloatArray) -> NDArray[np.bool_]:
     """Which readings of a sensor are farther than ``leap`` from the median around them, or on either side of such a jump."""
     from scipy.ndimage import median_filter
@@ -269,9 +262,3 @@ def _leaps(leap: float, values: FloatArray) -> NDArray[np.bool_]:
     jump = (np.abs(np.diff(values[present])) > leap) & (np.diff(present) == 1)
     wrong[present[:-1][jump]] = wrong[present[1:][jump]] = True
     return wrong
-
-
-def _stuck(values: FloatArray) -> NDArray[np.bool_]:
-    """Which readings of a sensor belong to ``LONGEST_SAME`` or more that are the same."""
-    lengths = np.diff(np.flatnonzero(np.concatenate(([True], values[1:] != values[:-1], [True]))))
-    return np.repeat(lengths >= LONGEST_SAME, lengths)

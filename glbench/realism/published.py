@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import ArchiveError, did_you_mean
+from glbench.outside_tables import read_text
 from glbench.realism.export import EXPORT, EXPORT_WEATHER, WEATHER_UNITS, read_export
 from glbench.weather import preprocessing
 from glbench.weather.hourly import SKY_ESTIMATED, sky_infrared
@@ -335,10 +336,10 @@ def _table(path: Path) -> pd.DataFrame:
         if path.suffix == ".parquet":
             table = pd.read_parquet(path)
         else:
-            text = re.sub(r"[ \t]*[,\t][ \t]*", ",", path.read_text(encoding="utf-8-sig"))
+            text = re.sub(r"[ \t]*[,\t][ \t]*", ",", read_text(path, ArchiveError))
             table = pd.read_csv(io.StringIO(text), skipinitialspace=True, index_col=False)
     except (OSError, ValueError, pd.errors.ParserError) as error:
-        msg = f"Cannot read {path}: {error}. Is the file whole?"
+        msg = f"Cannot read {path} as a table. Is the file whole?"
         raise ArchiveError(msg) from error
     table.columns = [str(name).strip().lstrip("%").strip() for name in table.columns]
     table = table.reset_index(drop=isinstance(table.index, pd.RangeIndex))
