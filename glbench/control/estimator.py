@@ -315,9 +315,14 @@ class _UncertainParameters:
         uncertain = [(name, group) for group in groups for name in group.parameters]
         self._places = [model.parameter_names.index(name) for name, _ in uncertain]
         self._derived = DerivedParameters(model, self._nominal, tuple(self._places))
-        spreads = {group.name: DISTRIBUTIONS[group.distribution](_GRID, group.half_width) for group in groups}
-        self.spread = np.array([np.std(spreads[group.name]) for _, group in uncertain])
-        self.most = np.array([np.max(np.abs(spreads[group.name])) for _, group in uncertain])
+        sizes: list[tuple[float, float]] = []
+        for group in groups:
+            if group.spread is None:
+                grid = DISTRIBUTIONS[group.distribution](_GRID, group.half_width)
+                sizes += [(float(np.std(grid)), float(np.max(np.abs(grid))))] * len(group.parameters)
+            else:
+                sizes += [(group.spread.factor * row.log_sd, 1.0 - group.spread.limits(row)[0]) for row in group.spread.rows]
+        self.spread, self.most = np.array(sizes).reshape(-1, 2).T
         self.hours = [_EVER if group.redraw == "episode" else _A_DAY for _, group in uncertain]
         changed = sorted({*self._places, *self._derived.followers})
         self.names = tuple(model.parameter_names[place] for place in changed)

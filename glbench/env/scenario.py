@@ -19,7 +19,7 @@ from glbench.env.daily_sums import DAILY_SUMS, initial_memory
 from glbench.env.generated import SeasonMaker
 from glbench.env.memory_layout import allocate
 from glbench.env.random import uniforms
-from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters, stream_key
+from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters, spread_multipliers, stream_key
 from glbench.env.weather_pool import CLOCK, WeatherPool
 
 if TYPE_CHECKING:
@@ -130,8 +130,11 @@ class RunScenarios:
             return None
         parameters = np.tile(self.nominal, (len(seeds), 1))
         for group in self.in_episode:
-            places = list(self.places((group,)))
-            numbers = _episode_numbers(self.scenario, seeds, parameter_stream(group), len(places))
+            places, stream = list(self.places((group,))), parameter_stream(group)
+            if group.spread is not None:
+                parameters[:, places] *= spread_multipliers(group.spread, _episode_keys(self.scenario, seeds, stream))
+                continue
+            numbers = _episode_numbers(self.scenario, seeds, stream, len(places))
             parameters[:, places] = self.nominal[places] * (1.0 + DISTRIBUTIONS[group.distribution](numbers, group.half_width))
         self._derived.complete(parameters)
         return parameters
@@ -141,8 +144,12 @@ def _episode_numbers(scenario: Scenario, seeds: Sequence[int], stream: str, coun
     """The numbers of a stream that is drawn once an episode, ``(n, count)``."""
     if count == 0:
         return np.zeros((len(seeds), 0))
-    keys = np.array([stream_key(scenario, seed, stream) for seed in seeds], np.uint64).reshape(-1, 2)
-    return uniforms(keys, np.zeros((len(seeds), 1), np.int64), count)[:, 0]
+    return uniforms(_episode_keys(scenario, seeds, stream), np.zeros((len(seeds), 1), np.int64), count)[:, 0]
+
+
+def _episode_keys(scenario: Scenario, seeds: Sequence[int], stream: str) -> NDArray[np.uint64]:
+    """Keys of a stream ``(n, 2)``."""
+    return np.array([stream_key(scenario, seed, stream) for seed in seeds], np.uint64).reshape(-1, 2)
 
 
 def _season_numbers(scenario: Scenario, seeds: Sequence[int]) -> NDArray[np.int64]:

@@ -13,11 +13,12 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env.random import key_of
+from glbench.env.random import UNIFORMS_PER_NORMAL, approx_normal, key_of, uniforms
 from glbench.env.registries import PartRegistry
 from glbench.kernel.tape import EMPTY, Recorder, Tape
 from glbench.model import Model
 from glbench.tasks.resolver import Scenario
+from glbench.tasks.spreads import ATTEMPTS, HEAT, Spread
 from glbench.tasks.vocabulary import DISTRIBUTIONS as DISTRIBUTION_WORDS
 
 Floats = NDArray[np.float64]
@@ -63,6 +64,38 @@ def stream_key(scenario: Scenario, seed: int, stream: str) -> tuple[int, int]:
 def season_key(scenario: Scenario, stream: str, season: str) -> NDArray[np.uint64]:
     """Key of a stream of random numbers of a generated season ``(1, 2)``: all runs in it share it."""
     return np.array([key_of(f"glbench\n{scenario.family}\n{scenario.salt}\n{season}\n{stream}")], np.uint64)
+
+
+def log_heat(spread: Spread, logs: Floats) -> Floats:
+    """Logarithm of a season's heat relative to the nominal house's ``(n,)``, as predicted from those of the multipliers ``(n, rows)``."""
+    heat = np.zeros(len(logs))
+    for place, row in enumerate(spread.rows):  # one after the other: the same bits for any number of runs
+        heat += row.heat_elasticity * logs[:, place]
+    return heat
+
+
+def spread_multipliers(spread: Spread, keys: NDArray[np.uint64]) -> Floats:
+    """By what the parameters of the runs with ``keys`` ``(n, 2)`` are multiplied, ``(n, rows of the spread)``.
+
+    Attempt k draws the numbers (k, j) of the run's stream, while the house before needed too much or too little heat.
+    """
+    draws = list(dict.fromkeys(row.draw for row in spread.rows))
+    places = [draws.index(row.draw) for row in spread.rows]
+    sizes = spread.factor * np.array([row.log_sd for row in spread.rows])
+    low, high = np.array([(row.low, row.high) for row in spread.rows]).T
+    least, most = np.log(HEAT)
+    logs, heat = np.zeros((len(keys), len(spread.rows))), np.full(len(keys), np.inf)
+    for attempt in range(ATTEMPTS):
+        again = np.flatnonzero((heat < least) | (heat > most))
+        if not again.size:
+            break
+        numbers = uniforms(keys[again], np.full((len(again), 1), attempt), UNIFORMS_PER_NORMAL * len(draws))
+        z = approx_normal(*numbers.reshape(len(again), len(draws), UNIFORMS_PER_NORMAL).transpose(2, 0, 1))
+        logs[again] = np.clip(sizes * z[:, places], np.log(low), np.log(high))
+        heat[again] = log_heat(spread, logs[again])
+    within = np.clip(heat, least, most)
+    logs *= np.divide(within, heat, out=np.ones(len(keys)), where=within != heat)[:, None]
+    return np.clip(np.exp(logs), low, high)
 
 
 class DerivedParameters:

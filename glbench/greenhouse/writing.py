@@ -81,6 +81,10 @@ def task_text(page: Page, house: Greenhouse, task_id: str, source: str) -> str:
     own = {entry.name: entry.value for entry in house.entries}
     values = dict(zip(TOMATO.parameter_names, TOMATO.parameters.default(house.book, own).tolist(), strict=True))
     for group in base.scenario.groups:
+        if group.spread is not None:
+            lines += ["", "[[scenario.parameters]]", f'name = "{group.name}"', f'spread = "{group.spread.name}"']
+            lines += [f"factor = {group.spread.factor!r}", f'redraw = "{group.redraw}"']
+            continue
         variable = []
         for name in group.parameters:  # a layer cannot let through and reflect more than all the light
             with suppress(ParameterError):

@@ -117,7 +117,8 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
         moment = _WHEN["step" if task.uncertainty.redraw == "step" else "episode"]
         groups = [("crop", tuple(task.uncertain_parameters()), task.uncertainty.half_width, moment)]
     meanings = {one.name: one.meaning for one in model.table} | {one.name: one.meaning for one in model.states}
-    properties = [(meanings[name], f"±{100 * half:g} %", moment) for _, names, half, moment in groups for name in names]
+    reach = {name: words for group in scenario.groups if group.spread for name, words in group.spread.reach().items()}
+    properties = [(meanings[one], reach.get(one, f"±{100 * half:g} %"), moment) for _, names, half, moment in groups for one in names]
     properties += [(meanings[name], f"±{100 * one.half_width:g} %", "at the start") for one in scenario.start_groups for name in one.states]
     lines = [
         start,
@@ -368,6 +369,8 @@ def _greenhouse(task: tasks.TaskSpec) -> Iterator[Section]:
         lines += [
             f"Uncertain, drawn {_WHEN[group.redraw]}, '{group.name}' ({group.distribution}, ±{100 * group.half_width:g} %): "
             f"{', '.join(group.parameters)}."
+            if group.spread is None
+            else f"Uncertain, drawn {_WHEN[group.redraw]}, '{group.name}': {group.spread.in_words}"
             for group in scenario.groups
         ]
         lines += [

@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, astuple, dataclass, fields
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -28,6 +28,7 @@ from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
 from glbench.resources import data_folder, write_atomically
 from glbench.tasks.record import TaskRecord
 from glbench.tasks.resolver import ResolvedTask, Season
+from glbench.tasks.spreads import ATTEMPTS, HEAT
 from glbench.tasks.tables import PROCESS_COMPUTER
 
 PROSE = frozenset({"title", "description", "suites"})
@@ -153,6 +154,9 @@ def _parts(task: ResolvedTask) -> dict[str, Any]:
         for item in task.ledger.items
     ]  # fmt: skip
     parts["draws"] = [[group.name, list(group.parameters)] for group in task.scenario.groups]
+    for draw, spread in zip(parts["draws"], (group.spread for group in task.scenario.groups), strict=True):
+        if spread is not None:
+            draw.append([spread.factor, list(HEAT), ATTEMPTS, [list(astuple(row)) for row in spread.rows]])
     if task.actuation.kind == PROCESS_COMPUTER:
         parts["actuation"] = {
             "settings": task.actuation.process_computer.model_dump(),

@@ -30,6 +30,7 @@ from glbench.tasks.vocabulary import ACTUATION_KINDS, INITIAL_STATES, OBSERVATIO
 if TYPE_CHECKING:
     from glbench.model import Model
     from glbench.tasks.quantities import Action
+    from glbench.tasks.spreads import Spread
     from glbench.weather import Disturbances, WeatherRecord
 
 FloatArray = npt.NDArray[np.float64]
@@ -50,6 +51,8 @@ class ParameterGroup:
         Of e.
     redraw
         How often: at every step, at the start of every day, or once per episode.
+    spread
+        How the parameters are drawn instead, with a width for each; ``half_width`` is then their largest deviation.
     """
 
     name: str
@@ -57,6 +60,7 @@ class ParameterGroup:
     distribution: str
     half_width: float
     redraw: Redraw
+    spread: Spread | None = None
 
 
 @dataclass(frozen=True)
@@ -204,6 +208,19 @@ class ResolvedTask(TaskRecord):
                     msg = f"'{name}' follows from other parameters ({name} = {info.formula}): list those instead."
                     raise ParameterError(msg)
         return names
+
+    def _check_houses(self, spread: Spread) -> None:
+        """Refuse a spread that reaches values which the task's greenhouse cannot have."""
+        values, nominal = self.model_value.parameters, self.parameters_by_name()
+        base = {name: value for name, value in nominal.items() if not values.info(name).is_derived}
+        with self.errors_in("scenario.parameters"):
+            for side in (0, 1):
+                farthest = {row.parameter: nominal[row.parameter] * spread.limits(row)[side] for row in spread.rows}
+                try:
+                    values.default(self.model.parameters, base | farthest)
+                except ParameterError as error:
+                    msg = f'spread = "{spread.name}" with factor = {spread.factor:g} reaches an impossible house. {error}'
+                    raise ParameterError(msg) from error
 
     def initial_state(self) -> FloatArray:
         """Nominal state at the start, read-only, in the model's units."""
@@ -478,7 +495,9 @@ class ResolvedTask(TaskRecord):
         for place, group in enumerate(scenario.parameters):
             names = self._drawable_parameters(group.parameters, self.conventions.draws_table)
             name = group.name or f"parameters {place}"
-            groups.append(ParameterGroup(name, names, group.distribution, group.half_width, group.redraw))
+            if group.measured is not None:
+                self._check_houses(group.measured)
+            groups.append(ParameterGroup(name, names, group.distribution, group.width, group.redraw, group.measured))
         with self.errors_in("scenario.start"):
             for place, start in enumerate(scenario.start):
                 for name in start.states:

@@ -38,6 +38,7 @@ from glbench.tasks.fields import (
 from glbench.tasks.inheritance import as_written
 from glbench.tasks.ledger import LIMITED, TRAVEL, VIOLATION_PRICES, Ledger
 from glbench.tasks.prices import HOURS_A_DAY, PriceTableTable
+from glbench.tasks.spreads import LARGEST_FACTOR, Spread, read_spread
 
 SECONDS_A_DAY = 86400
 LONGEST_FORECAST = 72
@@ -470,6 +471,35 @@ class ParameterGroupTable(DrawTable):
         description="a parameter set or a list of parameters"
     )
     redraw: Literal["step", "day", "episode"] = Field(description='"step", "day" or "episode"')
+    spread: str | None = Field(default=None, min_length=1, description='the name of a spread in quotes, such as "measured"')
+    factor: float = Field(default=1.0, gt=0.0, le=LARGEST_FACTOR, description=f"a factor above 0, up to {LARGEST_FACTOR:g}")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _parameters_of_spread(cls, table: object) -> object:
+        if not isinstance(table, Mapping):
+            return table
+        name = table.get("spread")
+        if not isinstance(name, str):
+            if name is None and "factor" in table:
+                refuse('factor scales a spread: add spread = "measured", or leave factor out.')
+            return table
+        own = [key for key in ("parameters", "half_width", "distribution") if key in table]
+        if own:
+            refuse(f'spread = "{name}" says which parameters are drawn and how widely: leave {" and ".join(own)} out, or spread.')
+        if table.get("redraw", "episode") != "episode":
+            refuse(f'spread = "{name}" is about houses, which do not change during a run: write redraw = "episode".')
+        return {**table, "half_width": 0.0, "parameters": [row.parameter for row in read_spread(name).rows]}
+
+    @property
+    def measured(self) -> Spread | None:
+        """The spread that the group names, with its factor."""
+        return None if self.spread is None else read_spread(self.spread, self.factor)
+
+    @property
+    def width(self) -> float:
+        """Largest relative deviation of a parameter from its nominal value."""
+        return self.half_width if self.measured is None else self.measured.width
 
 
 class StartGroupTable(DrawTable):
@@ -717,10 +747,10 @@ class TaskFile2(TaskFile):
     @property
     def uncertainty(self) -> UncertaintyTable:
         """Which parameters are redrawn: the widest group of the scenario, or the table of schema 1."""
-        widest = sorted(self.scenario.parameters, key=lambda group: group.half_width)[-1:]
+        widest = sorted(self.scenario.parameters, key=lambda group: group.width)[-1:]
         facts: dict[str, Any] = {"distribution": "uniform", "delta": 0.0, "parameters": (), "redraw": "episode"}
         for group in widest:
-            facts = {"distribution": group.distribution, "delta": group.half_width, "parameters": group.parameters, "redraw": group.redraw}
+            facts = {"distribution": group.distribution, "delta": group.width, "parameters": group.parameters, "redraw": group.redraw}
         return UncertaintyTable.model_construct(half_width_factor=1.0, **facts)
 
     @model_validator(mode="after")
