@@ -236,7 +236,7 @@ def filled(page: str) -> str:
 def main() -> None:
     """Simulate, keep, write."""
     if "--only-page" not in sys.argv[1:]:
-        write_atomically(FIGURES, json.dumps(measure(), indent=1) + "\n")
+        write_atomically(FIGURES, json.dumps(measure()) + "\n")
         write_atomically(SPREADS_FILE, file_text(rows_of(read()["elasticities"])))
         read_spread.cache_clear()
     write_atomically(PAGE, filled(PAGE.read_text(encoding="utf-8")))

@@ -321,7 +321,8 @@ class _UncertainParameters:
                 grid = DISTRIBUTIONS[group.distribution](_GRID, group.half_width)
                 sizes += [(float(np.std(grid)), float(np.max(np.abs(grid))))] * len(group.parameters)
             else:
-                sizes += [(group.spread.factor * row.log_sd, 1.0 - group.spread.limits(row)[0]) for row in group.spread.rows]
+                limits = group.spread.limits()
+                sizes += [(group.spread.factor * row.log_sd, 1.0 - limits[row.parameter][0]) for row in group.spread.rows]
         self.spread, self.most = np.array(sizes).reshape(-1, 2).T
         self.hours = [_EVER if group.redraw == "episode" else _A_DAY for _, group in uncertain]
         changed = sorted({*self._places, *self._derived.followers})

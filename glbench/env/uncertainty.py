@@ -68,10 +68,8 @@ def season_key(scenario: Scenario, stream: str, season: str) -> NDArray[np.uint6
 
 def log_heat(spread: Spread, logs: Floats) -> Floats:
     """Logarithm of a season's heat relative to the nominal house's ``(n,)``, as predicted from those of the multipliers ``(n, rows)``."""
-    heat = np.zeros(len(logs))
-    for place, row in enumerate(spread.rows):  # one after the other: the same bits for any number of runs
-        heat += row.heat_elasticity * logs[:, place]
-    return heat
+    # One after the other: the same bits for any number of runs.
+    return sum((row.heat_elasticity * logs[:, place] for place, row in enumerate(spread.rows)), np.zeros(len(logs)))
 
 
 def spread_multipliers(spread: Spread, keys: NDArray[np.uint64]) -> Floats:
@@ -81,8 +79,7 @@ def spread_multipliers(spread: Spread, keys: NDArray[np.uint64]) -> Floats:
     """
     draws = list(dict.fromkeys(row.draw for row in spread.rows))
     places = [draws.index(row.draw) for row in spread.rows]
-    sizes = spread.factor * np.array([row.log_sd for row in spread.rows])
-    low, high = np.array([(row.low, row.high) for row in spread.rows]).T
+    sizes, low, high = np.array([(spread.factor * row.log_sd, row.low, row.high) for row in spread.rows]).T
     least, most = np.log(HEAT)
     logs, heat = np.zeros((len(keys), len(spread.rows))), np.full(len(keys), np.inf)
     for attempt in range(ATTEMPTS):

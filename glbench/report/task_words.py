@@ -22,6 +22,7 @@ from glbench.errors import GlbenchError
 from glbench.leaderboard.catalogue import catalogue, charts_of
 from glbench.quantities import in_sentence, pretty_unit, sentence, unit_sold
 from glbench.tasks.ledger import FLOW, LIMITED, VIOLATION_PRICES
+from glbench.tasks.spreads import HEAT
 from glbench.tasks.tables import ForecastTable, SplitsTable, SplitTable
 from glbench.tasks.vocabulary import FORECAST_ERRORS, OBSERVATION_MODULES
 
@@ -370,7 +371,9 @@ def _greenhouse(task: tasks.TaskSpec) -> Iterator[Section]:
             f"Uncertain, drawn {_WHEN[group.redraw]}, '{group.name}' ({group.distribution}, ±{100 * group.half_width:g} %): "
             f"{', '.join(group.parameters)}."
             if group.spread is None
-            else f"Uncertain, drawn {_WHEN[group.redraw]}, '{group.name}': {group.spread.in_words}"
+            else f"Uncertain, drawn {_WHEN[group.redraw]}, '{group.name}' (log-normal, spread '{group.spread.name}' with factor "
+            f"{group.spread.factor:g}, a season's heat within {HEAT[0]:g} to {HEAT[1]:g} times that of the nominal house): "
+            f"{', '.join(f'{name} {words}' for name, words in group.spread.reach().items())}."
             for group in scenario.groups
         ]
         lines += [

@@ -15,7 +15,7 @@ from __future__ import annotations
 import hashlib
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -154,9 +154,9 @@ def _parts(task: ResolvedTask) -> dict[str, Any]:
         for item in task.ledger.items
     ]  # fmt: skip
     parts["draws"] = [[group.name, list(group.parameters)] for group in task.scenario.groups]
-    for draw, spread in zip(parts["draws"], (group.spread for group in task.scenario.groups), strict=True):
-        if spread is not None:
-            draw.append([spread.factor, list(HEAT), ATTEMPTS, [list(astuple(row)) for row in spread.rows]])
+    for draw, group in zip(parts["draws"], task.scenario.groups, strict=True):
+        if group.spread is not None:
+            draw.append([group.spread.factor, list(HEAT), ATTEMPTS, [list(row) for row in group.spread.rows]])
     if task.actuation.kind == PROCESS_COMPUTER:
         parts["actuation"] = {
             "settings": task.actuation.process_computer.model_dump(),

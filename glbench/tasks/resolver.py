@@ -209,19 +209,6 @@ class ResolvedTask(TaskRecord):
                     raise ParameterError(msg)
         return names
 
-    def _check_houses(self, spread: Spread) -> None:
-        """Refuse a spread that reaches values which the task's greenhouse cannot have."""
-        values, nominal = self.model_value.parameters, self.parameters_by_name()
-        base = {name: value for name, value in nominal.items() if not values.info(name).is_derived}
-        with self.errors_in("scenario.parameters"):
-            for side in (0, 1):
-                farthest = {row.parameter: nominal[row.parameter] * spread.limits(row)[side] for row in spread.rows}
-                try:
-                    values.default(self.model.parameters, base | farthest)
-                except ParameterError as error:
-                    msg = f'spread = "{spread.name}" with factor = {spread.factor:g} reaches an impossible house. {error}'
-                    raise ParameterError(msg) from error
-
     def initial_state(self) -> FloatArray:
         """Nominal state at the start, read-only, in the model's units."""
         return self._initial_state
@@ -495,8 +482,12 @@ class ResolvedTask(TaskRecord):
         for place, group in enumerate(scenario.parameters):
             names = self._drawable_parameters(group.parameters, self.conventions.draws_table)
             name = group.name or f"parameters {place}"
-            if group.measured is not None:
-                self._check_houses(group.measured)
+            for side in (0, 1) if group.measured is not None else ():  # the farthest houses must be possible ones
+                values, nominal = self.model_value.parameters, self.parameters_by_name()
+                base = {one: value for one, value in nominal.items() if not values.info(one).is_derived}
+                farthest = {one: nominal[one] * limits[side] for one, limits in group.measured.limits().items()}
+                with self.errors_in(self.conventions.draws_table):
+                    values.default(self.model.parameters, base | farthest)
             groups.append(ParameterGroup(name, names, group.distribution, group.width, group.redraw, group.measured))
         with self.errors_in("scenario.start"):
             for place, start in enumerate(scenario.start):

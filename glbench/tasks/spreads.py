@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 from glbench.errors import did_you_mean, refuse
 
@@ -25,9 +26,8 @@ LARGEST_FACTOR = 2.0
 _FARTHEST = 3.0  # |z| of a bell-shaped number (glbench.env.random)
 
 
-@dataclass(frozen=True)
-class SpreadRow:
-    """A line of the file: ``log_sd`` of the logarithm, ``low`` and ``high`` relative to the nominal value, at the factor 1."""
+class SpreadRow(NamedTuple):
+    """A line of the file: ``log_sd`` of the logarithm at the factor 1, ``low`` and ``high`` relative to the nominal value."""
 
     parameter: str
     draw: str
@@ -45,48 +45,28 @@ class Spread:
     factor: float
     rows: tuple[SpreadRow, ...]
 
-    def limits(self, row: SpreadRow) -> tuple[float, float]:
-        """Smallest and largest multiplier that a parameter can have."""
-        farthest = math.exp(_FARTHEST * self.factor * row.log_sd)
-        return max(row.low, 1.0 / farthest), min(row.high, farthest)
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """Smallest and largest multiplier that each parameter can have."""
+        farthest = [math.exp(_FARTHEST * self.factor * row.log_sd) for row in self.rows]
+        return {row.parameter: (max(row.low, 1.0 / far), min(row.high, far)) for row, far in zip(self.rows, farthest, strict=True)}
 
     def reach(self) -> dict[str, str]:
-        """In words, between which multiples of its nominal value each parameter lies."""
-        return {row.parameter: "{:.2g} to {:.3g} times".format(*self.limits(row)) for row in self.rows}
-
-    @property
-    def in_words(self) -> str:
-        """What is drawn, in sentences."""
-        logs = ", ".join(f"{row.parameter} {self.factor * row.log_sd:.2g} ({self.reach()[row.parameter]})" for row in self.rows)
-        return (
-            f"spread '{self.name}' with factor {self.factor:g}. Each parameter is its nominal value times exp(s z), z with mean 0 and "
-            f"standard deviation 1, within limits; s and limits are {logs}. A house that would need less than {HEAT[0]:g} or more than "
-            f"{HEAT[1]:g} times the heat of the nominal house in a season is drawn again."
-        )
+        """The same in words."""
+        return {name: f"{low:.2g} to {high:.3g} times" for name, (low, high) in self.limits().items()}
 
     @property
     def width(self) -> float:
         """Largest relative deviation of a parameter from its nominal value."""
-        return max(self.limits(row)[1] - 1.0 for row in self.rows)
+        return max(high - 1.0 for _, high in self.limits().values())
 
 
 @cache
 def read_spread(name: str, factor: float = 1.0) -> Spread:
-    """The spread of that name.
-
-    Raises
-    ------
-    ValueError
-        When there is none.
-    """
+    """The spread of that name; ``ValueError`` when there is none."""
     with SPREADS_FILE.open(newline="", encoding="utf-8") as file:
-        lines = list(csv.DictReader(file))
-    rows = tuple(
-        SpreadRow(line["parameter"], line["draw"], *(float(line[key]) for key in ("log_sd", "low", "high", "heat_elasticity")))
-        for line in lines
-        if line["spread"] == name
-    )
+        _, *lines = csv.reader(file)
+    rows = tuple(SpreadRow(parameter, draw, *map(float, numbers)) for of, parameter, draw, *numbers in lines if of == name)
     if not rows:
-        known = dict.fromkeys(line["spread"] for line in lines)
+        known = dict.fromkeys(line[0] for line in lines)
         refuse(f"There is no spread called '{name}'.{did_you_mean(name, known)} There is: {', '.join(known)}.")
     return Spread(name, factor, rows)

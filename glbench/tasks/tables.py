@@ -480,9 +480,9 @@ class ParameterGroupTable(DrawTable):
         if not isinstance(table, Mapping):
             return table
         name = table.get("spread")
+        if name is None and "factor" in table:
+            refuse('factor scales a spread: add spread = "measured", or leave factor out.')
         if not isinstance(name, str):
-            if name is None and "factor" in table:
-                refuse('factor scales a spread: add spread = "measured", or leave factor out.')
             return table
         own = [key for key in ("parameters", "half_width", "distribution") if key in table]
         if own:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from docs import (
@@ -16,6 +17,7 @@ from docs import (
     realism_figure,
     realism_setpoints,
     speed_figure,
+    spread_measured,
     springs_table,
     study_figures,
     training_curve_table,
@@ -28,12 +30,23 @@ from glbench.realism import houses as realism
 from glbench.realism import read_settings
 from glbench.speed import read_record
 from glbench.tasks import get_task
+from glbench.tasks.spreads import SPREADS_FILE
 from glbench.weather import Blocks, load_weather
 from glbench.weather.comparison import Figure
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 MEASUREMENTS = DOCS / "measurements"
 KS = "Kolmogorov-Smirnov distance [-]"
+
+
+def test_the_spread_is_what_the_parameter_sets_and_the_simulated_seasons_say() -> None:
+    kept = spread_measured.read()
+    assert SPREADS_FILE.read_text(encoding="utf-8") == spread_measured.file_text(spread_measured.rows_of(kept["elasticities"]))
+    up, down, names = np.array(kept["up"]), np.array(kept["down"]), list(kept["elasticities"])
+    sizes = np.array([max(row.log_sd, 0.05) for row in spread_measured.rows_of({})])
+    assert np.log(up / down) / (2.0 * sizes) == pytest.approx([kept["elasticities"][name] for name in names])
+    page = (DOCS / "uncertainty.md").read_text(encoding="utf-8")
+    assert spread_measured.filled(page) == page
 
 
 def test_the_page_of_speed_holds_the_measurements() -> None:
