@@ -91,10 +91,10 @@ def widest_ratio(names: Sequence[str]) -> float:
     return max(max(one) / min(one) for one in values)
 
 
-def rows_of(elasticities: Mapping[str, float]) -> tuple[SpreadRow, ...]:
-    """The lines of the file."""
+def rows_of(ratios: Mapping[str, float], elasticities: Mapping[str, float]) -> tuple[SpreadRow, ...]:
+    """The lines of the file from the multipliers of the measured house, by draw, and the elasticities of heat, by parameter."""
     rows = []
-    for draw, measured in multipliers().items():
+    for draw, measured in ratios.items():
         names, distance = DRAWS[draw], abs(math.log(measured))
         is_share = any(TOMATO.parameters.info(name).check == "fraction" for name in names)
         cap = max(math.log(widest_ratio(names)), distance * (1.0 if is_share else BEYOND))
@@ -154,14 +154,22 @@ def season_heat(task: TaskSpec, rows: Sequence[SpreadRow], houses: Floats) -> li
 def measure() -> dict[str, Any]:
     """Simulate houses that differ in one parameter by its spread, up and down, then houses that are drawn."""
     task = get_task(TASK).in_split("training")
-    rows = rows_of({})
+    ratios = multipliers()
+    rows = rows_of(ratios, {})
     sizes = np.array([max(row.log_sd, 0.05) for row in rows])
     one_up = np.exp(np.diag(sizes))
     houses = np.concatenate([np.ones((1, len(rows))), one_up, 1.0 / one_up])
     nominal, *others = season_heat(task, rows, houses)
     up, down = np.array(others).reshape(2, -1)
     elasticities = dict(zip((row.parameter for row in rows), (np.log(up / down) / (2.0 * sizes)).tolist(), strict=True))
-    kept: dict[str, Any] = {"unit": "kWh m-2", "nominal": nominal, "up": up.tolist(), "down": down.tolist(), "elasticities": elasticities}
+    kept: dict[str, Any] = {
+        "multipliers": ratios,
+        "unit": "kWh m-2",
+        "nominal": nominal,
+        "up": up.tolist(),
+        "down": down.tolist(),
+        "elasticities": elasticities,
+    }
     for factor in FACTORS:  # without rejection: nothing is outside where no heat is predicted
         drawn = spread_multipliers(Spread(SPREAD, factor, rows), np.array([[1, number] for number in range(CHECKED)], np.uint64))
         kept[f"drawn at {factor:g}"] = {"multipliers": drawn.round(6).tolist(), "heat": season_heat(task, rows, drawn.round(6))}
@@ -199,7 +207,7 @@ def fit(rows: Sequence[SpreadRow], kept: Mapping[str, Any]) -> list[dict[str, fl
 def tables(kept: Mapping[str, Any]) -> dict[str, str]:
     """The tables of the page."""
     rows = read_spread(SPREAD).rows
-    measured = multipliers()
+    measured = kept["multipliers"]
     widths = [
         "| parameters | measured house, times the book's | sd of the logarithm | lowest | highest | heat, % for 1 % more |",
         "|---|---:|---:|---:|---:|---:|",
@@ -237,7 +245,7 @@ def main() -> None:
     """Simulate, keep, write."""
     if "--only-page" not in sys.argv[1:]:
         write_atomically(FIGURES, json.dumps(measure()) + "\n")
-        write_atomically(SPREADS_FILE, file_text(rows_of(read()["elasticities"])))
+        write_atomically(SPREADS_FILE, file_text(rows_of(read()["multipliers"], read()["elasticities"])))
         read_spread.cache_clear()
     write_atomically(PAGE, filled(PAGE.read_text(encoding="utf-8")))
 

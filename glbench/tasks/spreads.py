@@ -67,6 +67,6 @@ def read_spread(name: str, factor: float = 1.0) -> Spread:
         _, *lines = csv.reader(file)
     rows = tuple(SpreadRow(parameter, draw, *map(float, numbers)) for of, parameter, draw, *numbers in lines if of == name)
     if not rows:
-        known = dict.fromkeys(line[0] for line in lines)
-        refuse(f"There is no spread called '{name}'.{did_you_mean(name, known)} There is: {', '.join(known)}.")
+        names = dict.fromkeys(line[0] for line in lines)
+        refuse(f"There is no spread called '{name}'.{did_you_mean(name, names)} There is: {', '.join(names)}.")
     return Spread(name, factor, rows)

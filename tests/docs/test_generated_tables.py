@@ -26,6 +26,7 @@ from docs import (
     what_the_best_does,
 )
 from glbench.env.generated import CO2_PERSISTENCE, GOLDEN
+from glbench.model import PARAMETER_SETS
 from glbench.realism import houses as realism
 from glbench.realism import read_settings
 from glbench.speed import read_record
@@ -41,12 +42,19 @@ KS = "Kolmogorov-Smirnov distance [-]"
 
 def test_the_spread_is_what_the_parameter_sets_and_the_simulated_seasons_say() -> None:
     kept = spread_measured.read()
-    assert SPREADS_FILE.read_text(encoding="utf-8") == spread_measured.file_text(spread_measured.rows_of(kept["elasticities"]))
+    assert SPREADS_FILE.read_text(encoding="utf-8") == spread_measured.file_text(
+        spread_measured.rows_of(kept["multipliers"], kept["elasticities"])
+    )
     up, down, names = np.array(kept["up"]), np.array(kept["down"]), list(kept["elasticities"])
-    sizes = np.array([max(row.log_sd, 0.05) for row in spread_measured.rows_of({})])
+    sizes = np.array([max(row.log_sd, 0.05) for row in spread_measured.rows_of(kept["multipliers"], {})])
     assert np.log(up / down) / (2.0 * sizes) == pytest.approx([kept["elasticities"][name] for name in names])
     page = (DOCS / "uncertainty.md").read_text(encoding="utf-8")
     assert spread_measured.filled(page) == page
+
+
+@pytest.mark.skipif(spread_measured.HOUSE not in PARAMETER_SETS, reason="the measured house is no shipped set")
+def test_the_spread_has_the_distances_of_the_measured_house() -> None:
+    assert spread_measured.multipliers() == spread_measured.read()["multipliers"]
 
 
 def test_the_page_of_speed_holds_the_measurements() -> None:
