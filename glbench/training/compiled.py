@@ -162,11 +162,9 @@ class _Training(Session):
 
     def facts(self) -> TrainingFacts:
         settings, accrual, memory = self.settings, self.settings.accrual, self.settings.memory
-        traces = (
-            f" It keeps running means of {', '.join(memory.columns)} over {', '.join(f'{h:g} h' for h in memory.hours)}."
-            if memory.hours
-            else ""
-        )
+        traces = ""
+        if memory.hours:
+            traces += f" It keeps running means of {', '.join(memory.columns)} over {', '.join(f'{h:g} h' for h in memory.hours)}."
         if memory.gru:
             traces += f" It remembers with a gated recurrent unit of {memory.gru} units."
         paid = "" if accrual is None else f" {accrual.in_words}"
