@@ -482,10 +482,11 @@ class ResolvedTask(TaskRecord):
         for place, group in enumerate(scenario.parameters):
             names = self._drawable_parameters(group.parameters, self.conventions.draws_table)
             name = group.name or f"parameters {place}"
-            for side in (0, 1) if group.measured is not None else ():  # the farthest houses must be possible ones
+            most = {} if group.measured is None else group.measured.limits()
+            for side in (0, 1) if most else ():  # the farthest houses must be possible ones
                 values, nominal = self.model_value.parameters, self.parameters_by_name()
                 base = {one: value for one, value in nominal.items() if not values.info(one).is_derived}
-                farthest = {one: nominal[one] * limits[side] for one, limits in group.measured.limits().items()}
+                farthest = {one: nominal[one] * limits[side] for one, limits in most.items()}
                 with self.errors_in(self.conventions.draws_table):
                     values.default(self.model.parameters, base | farthest)
             groups.append(ParameterGroup(name, names, group.distribution, group.width, group.redraw, group.measured))
