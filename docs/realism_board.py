@@ -1,4 +1,4 @@
-"""The tables "The growers on the board" of docs/realism.md: ``python -m docs.realism_board [FILE]``.
+"""The tables of docs/realism-board.md: ``python -m docs.realism_board [FILE]``.
 
 ``FILE`` is the ``board.json`` of ``glbench validate FOLDER --agents NAMES --out OUT``; it is kept as docs/measurements/realism-board.json
 and holds season sums alone. Without it the tables are filled from what is kept.
@@ -16,7 +16,7 @@ from glbench.realism.money import Account
 from glbench.resources import write_atomically
 
 DOCS = Path(__file__).parent
-PAGE, FIGURES = DOCS / "realism.md", DOCS / "measurements" / "realism-board.json"
+PAGE, FIGURES = DOCS / "realism-board.md", DOCS / "measurements" / "realism-board.json"
 MEASURED, HOUSES = "board-measured", "board-houses"
 _COLUMNS = ("fruit", "electricity", "heat", "CO₂", "labour", "plants", "net profit")
 
@@ -51,6 +51,11 @@ def tables(board: Board) -> dict[str, str]:
         ),
         HOUSES: table(("house", "who", *_COLUMNS, "the same with fruit times (ratio)"), rows),
     }  # fmt: skip
+
+
+def read() -> Board:
+    """What is kept."""
+    return Board.model_validate_json(FIGURES.read_text(encoding="utf-8"))
 
 
 def main() -> None:

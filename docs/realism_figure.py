@@ -1,29 +1,41 @@
-"""Fills the tables of docs/realism.md and draws docs/images/realism-months.png: ``python -m docs.realism_figure``.
+"""Fills the tables of docs/realism-tables.md and draws docs/images/realism-months.png: ``python -m docs.realism_figure``.
 
-Everything comes from docs/measurements/realism.json, which ``glbench validate`` wrote. It holds sums of the season and statistics, no
-measured day. The picture needs matplotlib (``glbench[video]``).
+Heat and harvest come from docs/measurements/realism.json, the comparison.json of ``glbench validate FOLDER --by set-points``; the air from
+docs/measurements/realism-climate.json, the climate.json of ``glbench validate FOLDER --by actuators``. Both hold sums of the season and
+statistics, no measured day. The picture needs matplotlib (``glbench[video]``).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from docs.tables import with_tables
 from glbench.realism import Comparison, read_comparison
+from glbench.realism.climate import ClimateComparison, Errors
 
 DOCS = Path(__file__).parent
-PAGE, PICTURE = DOCS / "realism.md", DOCS / "images" / "realism-months.png"
+PAGE, PICTURE = DOCS / "realism-tables.md", DOCS / "images" / "realism-months.png"
 MEASUREMENTS = DOCS / "measurements"
 COLOURS = {
     "paper": "#c23b22", "paper_uncooled": "#e2a23b", "hps_2020": "#7a6a58", "mixed_2020": "#3a8f5c", "hps_2021": "#a44a8c",
-    "led_2021": "#1d5fa8", "mixed_2021": "#4aa3a8",
+    "led_2021": "#1d5fa8", "mixed_2021": "#4aa3a8", "bleiswijk_2020": "#111111",
 }  # fmt: skip
 INK, EDGE = "#1f2933", "#b8c2cc"
+FITTED = "bleiswijk_2020"
+"""The house whose errors are told apart by month and hour."""
+CHANNELS = {"air_temperature": ("air temperature, K", 2), "humidity": ("relative humidity, %", 1), "co2": ("CO2, ppm", 0)}
+"""Heading and digits of the errors, by channel."""
 
 
 def measured() -> Comparison:
-    """All sets under the page's set points."""
+    """All sets: a compartment with set points of its own by those, the others by the page of settings."""
     return read_comparison(MEASUREMENTS / "realism.json")
+
+
+def measured_climate() -> ClimateComparison:
+    """All sets by what the actuators did."""
+    return ClimateComparison.model_validate_json((MEASUREMENTS / "realism-climate.json").read_text(encoding="utf-8"))
 
 
 def sets(comparison: Comparison) -> str:
@@ -79,9 +91,32 @@ def months(comparison: Comparison) -> str:
     return "\n".join(lines)
 
 
-def filled(page: str, comparison: Comparison) -> str:
+def climate(comparison: ClimateComparison) -> str:
+    """Root mean square error and bias of the air: a row a set, then the fitted set by month, hours of the day and week."""
+    (compartment,) = comparison.compartments
+    heads = " | ".join(f"{words} | bias" for words, _ in CHANNELS.values())
+    lines = [f"| {compartment.name}: error of | {heads} |", f"|---|{'---:|---:|' * len(CHANNELS)}"]
+
+    def add(title: str, rows: Mapping[str, Errors]) -> None:
+        lines.append(f"| **{title}** |{' |' * 2 * len(CHANNELS)}")
+        for name, errors in rows.items():
+            cells = (
+                f"{errors[channel].rmse:,.{digits}f} | {errors[channel].bias:+,.{digits}f}" for channel, (_, digits) in CHANNELS.items()
+            )
+            lines.append(f"| {name} | {' | '.join(cells)} |")
+
+    fitted = next(house for house in compartment.houses if house.name == FITTED)
+    add("all readings", {f"`{house.name}`": house.overall for house in compartment.houses})
+    add(f"`{FITTED}`, by month", fitted.months)
+    add(f"`{FITTED}`, by hours of the day", {f"{hours} h".replace("-", " to "): errors for hours, errors in fitted.hours.items()})
+    add(f"`{FITTED}`, by week", {f"{name} weeks": errors for name, errors in fitted.weeks.items()})
+    return "\n".join(lines)
+
+
+def filled(page: str, comparison: Comparison, air: ClimateComparison) -> str:
     """The page with its tables."""
     tables = {
+        "climate": climate(air),
         "sets": sets(comparison),
         "compartments": compartments(comparison),
         "months": months(comparison),
@@ -115,5 +150,5 @@ def draw(comparison: Comparison, path: Path) -> None:
 
 if __name__ == "__main__":
     found = measured()
-    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), found), encoding="utf-8")
+    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), found, measured_climate()), encoding="utf-8")
     draw(found, PICTURE)

@@ -1,4 +1,4 @@
-"""How far docs/realism.md depends on the set points that it assumes: ``python -m docs.realism_setpoints FOLDER [--only-page]``.
+"""How far docs/realism-tables.md depends on the set points that it assumes: ``python -m docs.realism_setpoints FOLDER [--only-page]``.
 
 Simulates the measured season (``FOLDER`` as for ``glbench validate``) again under pages of settings that differ in one set point, and
 writes season sums, means over the compartments, into docs/measurements/realism-setpoints.json and the table into the page. The file
@@ -21,10 +21,10 @@ from glbench.realism import Archive, HouseComparison, Settings, choose_houses, c
 from glbench.resources import write_atomically
 
 DOCS = Path(__file__).parent
-PAGE, FIGURES = DOCS / "realism.md", DOCS / "measurements" / "realism-setpoints.json"
+PAGE, FIGURES = DOCS / "realism-tables.md", DOCS / "measurements" / "realism-setpoints.json"
 MARK = "setpoints"
 HOUSE = "mixed_2020"
-"""The set that the page calls the most reasonable."""
+"""The published set with both kinds of lamps. All compartments are driven by the page, also one that has set points of its own."""
 log = logging.getLogger("setpoints")
 
 

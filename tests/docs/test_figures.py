@@ -81,6 +81,7 @@ def test_what_counts_as_a_figure() -> None:
     page = "It takes 3 s and 0.5 of 4,096; in 2010 seven of 22 (`900.0`, [b](a1.5.md)) at 1e-9.\n\n    code 7.5\n"
     assert [one.text for one in quoted(page)] == ["3", "0.5", "4,096", "1e-9"]
     assert prose(page).count("\n") == page.count("\n")
+    assert [one.text for one in quoted("<!-- a-table -->\n| 2.5 |\n<!-- end -->\n3.5\n")] == ["3.5"]
 
 
 @pytest.mark.parametrize(

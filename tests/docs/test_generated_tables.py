@@ -14,6 +14,7 @@ from docs import (
     estimator_table,
     fresh_draws_table,
     measured_columns,
+    realism_board,
     realism_figure,
     realism_setpoints,
     speed_figure,
@@ -29,6 +30,7 @@ from glbench.env.generated import CO2_PERSISTENCE, GOLDEN
 from glbench.model import PARAMETER_SETS
 from glbench.realism import houses as realism
 from glbench.realism import read_settings
+from glbench.realism.money import read_prices
 from glbench.speed import read_record
 from glbench.tasks import get_task
 from glbench.tasks.spreads import SPREADS_FILE
@@ -122,13 +124,33 @@ def test_the_table_of_fresh_draws_holds_the_measurements() -> None:
     assert {name for name, one in measured.items() if one["marked"]} == {"carries_plans"}
 
 
-def test_the_page_of_realism_holds_what_was_compared() -> None:
-    page, comparison = (DOCS / "realism.md").read_text(encoding="utf-8"), realism_figure.measured()
-    assert realism_figure.filled(page, comparison) == page
-    assert comparison.digest == realism.model().digest, "the model has changed: compare anew"
-    assert comparison.settings == read_settings()
-    ratios = {house.name: house.pipe_heat / house.mean(lambda one: one.heat.simulated) for house in comparison.houses}
-    assert all(abs(ratio - 1.0) < 0.04 for name, ratio in ratios.items() if name != "paper"), "as the page says"
+def test_the_page_of_realism_tables_holds_what_was_compared() -> None:
+    page = (DOCS / "realism-tables.md").read_text(encoding="utf-8")
+    comparison, air = realism_figure.measured(), realism_figure.measured_climate()
+    assert realism_figure.filled(page, comparison, air) == page
+    models = list(dict.fromkeys(house.model for house in realism.HOUSES.values()))
+    assert comparison.digest == ", ".join(realism.model(name).digest for name in models), "the model has changed: compare anew"
+    assert list(air.models) == models
+    assert comparison.settings == air.settings == read_settings()
+    for houses in (comparison.houses, *(compartment.houses for compartment in air.compartments)):
+        assert [house.name for house in houses] == list(realism.HOUSES)
+    assert "Reference is driven by its own set points." in comparison.notes, "as the page says"
+    assert [one.name for one in air.compartments] == ["Reference"], "as the page says"
+
+
+def test_the_table_of_the_air_names_every_set_and_tells_errors_apart() -> None:
+    rows = realism_figure.climate(realism_figure.measured_climate()).splitlines()
+    first = [row.split(" | ")[0].lstrip("| ") for row in rows]
+    assert [name.strip("`") for name in first if name.startswith("`")] == list(realism.HOUSES)
+    assert len([name for name in first if name.endswith(" h")]) == 8
+    assert [name for name in first if name.endswith("weeks")] == ["even weeks", "odd weeks"]
+    assert len({row.count("|") for row in rows}) == 1
+
+
+def test_the_board_holds_what_was_earned() -> None:
+    page, board = (DOCS / "realism-board.md").read_text(encoding="utf-8"), realism_board.read()
+    assert with_tables(page, realism_board.tables(board)) == page
+    assert board.prices == read_prices(), "the prices have changed: play again"
 
 
 def test_the_page_of_measured_data_has_every_column() -> None:
@@ -137,13 +159,10 @@ def test_the_page_of_measured_data_has_every_column() -> None:
 
 
 def test_the_table_of_other_set_points_holds_what_was_simulated() -> None:
-    page, found = (DOCS / "realism.md").read_text(encoding="utf-8"), realism_setpoints.read()
+    page, found = (DOCS / "realism-tables.md").read_text(encoding="utf-8"), realism_setpoints.read()
     assert realism_setpoints.filled(page, found) == page
     assert found["digest"] == realism.model().digest, "the model has changed: simulate anew"
     assert found["settings"] == read_settings().model_dump()
-    sums, house = found["changes"][realism_setpoints.ASSUMED], realism_figure.measured().houses
-    same = next(one for one in house if one.name == found["house"])
-    assert sums["heat_ratio"] == round(same.heat_ratio, 4), "as glbench validate has it"
     closest = min(one["heat_rmse"] for one in found["changes"].values())
     assert closest > realism_figure.measured().heat_spread, "no row is as close to single days as growers are to each other"
 

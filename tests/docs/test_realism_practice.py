@@ -46,6 +46,11 @@ def test_each_table_has_its_rows() -> None:
     assert practice.filled(filled, FOUND) == filled
 
 
+def test_the_page_holds_what_was_grown() -> None:
+    page = practice.PAGE.read_text(encoding="utf-8")
+    assert practice.filled(page, FOUND) == page
+
+
 def test_changed_numbers_reach_the_page_of_the_agent(tmp_path: Path) -> None:
     folder = practice.write_agent(tmp_path / "page", practice.CHANGES["page_humid"])
     content = tomllib.loads((Path(folder) / "settings.toml").read_text(encoding="utf-8"))

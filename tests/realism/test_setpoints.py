@@ -1,4 +1,4 @@
-"""The table of docs/realism.md about other set points, with a made archive."""
+"""The table of docs/realism-tables.md about other set points, with a made archive."""
 
 from __future__ import annotations
 
