@@ -53,6 +53,11 @@ def tables(board: Board) -> dict[str, str]:
     }  # fmt: skip
 
 
+def filled(page: str, board: Board) -> str:
+    """The page with its tables."""
+    return with_tables(page, tables(board))
+
+
 def read() -> Board:
     """What is kept."""
     return Board.model_validate_json(FIGURES.read_text(encoding="utf-8"))
@@ -65,7 +70,7 @@ def main() -> None:
     asked = parser.parse_args()
     board = Board.model_validate_json((asked.file or FIGURES).read_text(encoding="utf-8"))
     write_atomically(FIGURES, board.model_dump_json(indent=1) + "\n")
-    write_atomically(PAGE, with_tables(PAGE.read_text(encoding="utf-8"), tables(board)))
+    write_atomically(PAGE, filled(PAGE.read_text(encoding="utf-8"), board))
 
 
 if __name__ == "__main__":

@@ -577,6 +577,13 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: max(abs(other_set_points(name, "fruit")) for name in realism_setpoints.CHANGES),
         ),
     ],
+    "docs/realism-board.md": [
+        (
+            "electricity at {} EUR kWh⁻¹ from 7 to 23 h and {} EUR kWh⁻¹ otherwise",
+            lambda: (read_prices().electricity_high, read_prices().electricity_low),
+        ),
+        ("is interpolated between {} and {} degrees", lambda: (read_prices().plain, read_prices().sweet)),
+    ],
     "docs/realism-practice.md": [
         ("divided by {} MJ m⁻³", lambda: 3.6 * KWH_A_CUBIC_METRE),
         (
@@ -1127,6 +1134,10 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("with 6.24 g of dry mass", "definition: glbench/realism/settings.toml"),
         ("62.5 are grown", "source: the archive"),
         ("a change of 0.5 g m⁻³", "definition: docs/realism_setpoints.py"),
+    ],
+    "docs/realism-board.md": [
+        ("*Sensors* 20, 6430", "the name of a publication"),
+        ("from 7 to 23 h", "definition: glbench/realism/settings.toml"),
     ],
     "docs/realism-practice.md": [
         *(

@@ -149,7 +149,7 @@ def test_the_table_of_the_air_names_every_set_and_tells_errors_apart() -> None:
 
 def test_the_board_holds_what_was_earned() -> None:
     page, board = (DOCS / "realism-board.md").read_text(encoding="utf-8"), realism_board.read()
-    assert with_tables(page, realism_board.tables(board)) == page
+    assert realism_board.filled(page, board) == page
     assert board.prices == read_prices(), "the prices have changed: play again"
 
 
