@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from glbench.errors import ArchiveError
 from glbench.realism.export import EXPORT, read_export
-from glbench.realism.published import DAY_ZERO, ROW_SECONDS, ROWS_A_DAY, day_of, five_minutes, moment, numbers_of, on_rows, read_rows
+from glbench.realism.published import DAY_ZERO, ROW_SECONDS, ROWS_A_DAY, day_of, five_minutes, moment, on_rows, read_rows
 from glbench.weather.record import FloatArray, IntArray
 
 AROUND = 12
@@ -42,16 +42,8 @@ LED_POWER: Mapping[str, float] = MappingProxyType({"blue": 7.27, "red": 25.3, "f
 class Quantity:
     """What a column of the indoor climate holds.
 
-    Attributes
-    ----------
-    unit, meaning
-        Its unit, and what it is.
-    low, high
-        Least and most that it can be.
-    archive
-        Columns of the archive: of each row the first that has a value.
-    leap
-        Of a sensor: how far a reading can be from the median of two hours around it, and from the one five minutes before.
+    It can be from ``low`` to ``high``; of each row counts the first of the columns ``archive`` that has a value. ``leap`` is how far a
+    sensor's reading can be from the median of two hours around it, and from the one five minutes before.
     """
 
     unit: str
@@ -95,28 +87,17 @@ INDOOR: Mapping[str, Quantity] = MappingProxyType(
 """The columns by name."""
 REQUIRED = ("air_temperature", "humidity", "vents_lee", "vents_wind", "rail_pipe")
 REQUIRED_OF_EXPORT = tuple(name for name in REQUIRED if name != "vents_wind")
-PIPES = ("rail_pipe", "grow_pipe")
+PIPES, SENSORS = ("rail_pipe", "grow_pipe"), ("air_temperature", "humidity", "co2")
 
 
 @dataclass(frozen=True, eq=False)
 class Indoor:
     """Indoor climate of a compartment.
 
-    Attributes
-    ----------
-    name
-        As its files are called.
-    times
-        Seconds since 1970 UTC (rows,): every five minutes from the midnight before the first day to the one after the last. What was
-        read at a time holds for the five minutes after it.
-    columns
-        All columns of ``INDOOR`` (rows,): NaN where nothing was measured, or the reading cannot be true; of pipes, where they are off.
-    lamp_power
-        Installed electric power of the lamps [W m-2].
-    notes
-        What was taken out or filled, a line a column, in words.
-    doubts
-        What needs a person's eye before the climate is used.
+    ``times`` are seconds since 1970 UTC (rows,), every five minutes from the midnight before the first day to the one after the last: what
+    was read then holds for five minutes. ``columns`` are all of ``INDOOR`` (rows,), NaN where nothing was measured, the reading cannot be
+    true, or a pipe is off. ``lamp_power`` is what is installed [W m-2], ``notes`` say what was taken out or filled, ``doubts`` what needs a
+    person's eye before the climate is used.
     """
 
     name: str
@@ -151,12 +132,12 @@ def read_indoor(
     """
     if path.name == EXPORT:
         return _indoor_of_export(path, clock, first, days, lamp_power)
-    table, rows = read_rows(path)
+    sheet, rows = read_rows(path)
 
     def first_of(names: Sequence[str]) -> FloatArray:
         values = np.full(rows.size, np.nan)
-        for name in (name for name in names if name in table):
-            values = np.where(np.isnan(values), numbers_of(table, name, path), values)
+        for name in (name for name in names if name in sheet.table):
+            values = np.where(np.isnan(values), sheet.numbers(name), values)
         return values
 
     columns = {name: first_of(quantity.archive) for name, quantity in INDOOR.items()}
@@ -165,12 +146,11 @@ def read_indoor(
             quantity = INDOOR[name]
             msg = f"{path} has no values in a column '{quantity.archive[0]}' ({quantity.meaning}, {quantity.unit}), which is needed."
             raise ArchiveError(msg)
-    hps, power = columns["lamps"], HPS_POWER / 100.0 * columns["lamps"]
+    burning, columns["lamps"] = columns["lamps"] > 0.0, HPS_POWER / 100.0 * columns["lamps"]
     for channel, most in LED_POWER.items():
         share = np.clip(np.nan_to_num(first_of((f"int_{channel}_vip", f"int_{channel}_sp"))), 0.0, 1000.0) / 1000.0
-        power += np.where(hps > 0.0, most * share, 0.0)
-    columns["lamps"] = power
-    first = first or day_of(int(rows[0]) // ROWS_A_DAY)
+        columns["lamps"] += np.where(burning, most * share, 0.0)
+    first = first or day_of(rows[0] // ROWS_A_DAY)
     days = days or int(rows[-1] - 1) // ROWS_A_DAY + 1 - (first - DAY_ZERO).days
     times, numbers = five_minutes(first, days, clock)
     name = path.parent.name if path.stem.lower() == "greenhouseclimate" else path.stem[: path.stem.lower().rindex("_greenhouse")]
@@ -186,23 +166,19 @@ def _indoor_of_export(path: Path, clock: str, first: dt.date | None, days: int |
     if first is None or days is None:
         first, days = export.whole_days(clock)
     times, numbers = five_minutes(first, days, clock)
-    columns = {name: export.on(times, name) for name in INDOOR}
-    notes = export.notes
+    columns, notes = {name: export.on(times, name) for name in INDOOR}, export.notes
     if "vents_wind" not in export.columns:
-        columns["vents_wind"] = columns["vents_lee"].copy()
+        columns["vents_wind"] = columns["vents_lee"]
         notes = (*notes, f"{path.name}: there is no vents_wind; vents_lee counts for both sides.")
-    lamps = columns["lamps"]
-    most = float(np.nanmax(lamps)) if np.any(np.isfinite(lamps)) else 0.0
+    most = float(np.max(columns["lamps"], initial=0.0, where=np.isfinite(columns["lamps"])))
     power = most if lamp_power is None else lamp_power
     if most > power:
         msg = f"{path}: the lamps take up to {most:g} W/m2, the settings have {power:g} W/m2. Correct [lamps] there, or the file."
         raise ArchiveError(msg)
     indoor = indoor_of(path.resolve().parent.name, times, numbers, columns, power)
-    doubts = []
-    for name in ("air_temperature", "humidity", "co2"):
-        lost = float(np.mean(np.isnan(indoor.columns[name]) & ~np.isnan(columns[name])))
-        if lost > MOST_LOST:
-            doubts.append(f"{lost:.0%} of the readings of {name} were taken out: check the sensor")
+    lost = {name: float(np.mean(np.isnan(indoor.columns[name]) & ~np.isnan(columns[name]))) for name in SENSORS}
+    bad = [name for name in SENSORS if lost[name] > MOST_LOST]
+    doubts = [f"{lost[name]:.0%} of the readings of {name} were taken out: check the sensor" for name in bad]
     if np.all(np.isnan(indoor.columns["co2"])):
         doubts.append("co2 was not measured: photosynthesis and vents are compared by temperature and humidity alone")
     if days < FEW_DAYS:
@@ -212,40 +188,36 @@ def _indoor_of_export(path: Path, clock: str, first: dt.date | None, days: int |
 
 def indoor_of(name: str, times: IntArray, numbers: IntArray, columns: Mapping[str, FloatArray], lamp_power: float) -> Indoor:
     """An indoor climate without the readings that cannot be true; ``numbers`` are those of the five minutes on the local clock (rows,)."""
-    notes: list[str] = []
-    missing: dict[tuple[int, int], list[str]] = {}
-    clean = {}
+    import pandas as pd
+
+    notes, missing, clean = list[str](), dict[tuple[int, int], list[str]](), dict[str, FloatArray]()
     for column, quantity in INDOOR.items():
         values = columns[column].copy()
         gaps = np.flatnonzero(np.isnan(values))
         if gaps.size:
             missing.setdefault((gaps.size, int(gaps[0])), []).append(column)
         wrong = (values < quantity.low) | (values > quantity.high)
-        reasons = [f"{wrong.sum():,} outside {quantity.low:g} to {quantity.high:g} {quantity.unit}"] if wrong.any() else []
+        bad = {f"outside {quantity.low:g} to {quantity.high:g} {quantity.unit}": wrong}
         if quantity.leap is not None:
-            far = _leaps(quantity.leap, np.where(wrong, np.nan, values))
-            reasons += [f"{far.sum():,} impossible beside the readings around"] if far.any() else []
-            wrong |= far
-            lengths = np.diff(np.flatnonzero(np.concatenate(([True], values[1:] != values[:-1], [True]))))
-            stuck = np.repeat(lengths >= LONGEST_SAME, lengths) & ~wrong
-            reasons += [f"{stuck.sum():,} the same for {LONGEST_SAME * ROW_SECONDS // 3600} h or longer"] if stuck.any() else []
-            wrong |= stuck
-        if wrong.any():
-            place = int(np.flatnonzero(wrong)[0])
+            leaps = _leaps(quantity.leap, np.where(wrong, np.nan, values))
+            rest = np.where(wrong | leaps, np.nan, values)
+            lengths = np.diff(np.flatnonzero(np.concatenate(([True], rest[1:] != rest[:-1], [True]))))
+            stuck = np.repeat(lengths >= LONGEST_SAME, lengths)
+            bad["impossible beside the readings around"] = leaps
+            bad[f"the same for {LONGEST_SAME * ROW_SECONDS // 3600} h or longer"] = stuck
+            wrong = wrong | leaps | stuck
+        for place in np.flatnonzero(wrong)[:1]:
+            reasons = ", ".join(f"{one.sum():,} {reason}" for reason, one in bad.items() if one.any())
             notes.append(
-                f"{name}, {column}: {wrong.sum():,} readings taken out ({', '.join(reasons)}), the first {values[place]:g} "
-                f"{quantity.unit} at {moment(int(numbers[place]))}."
+                f"{name}, {column}: {wrong.sum():,} readings taken out ({reasons}), the first {values[place]:g} {quantity.unit} at "
+                f"{moment(numbers[place])}."
             )
         values[wrong] = np.nan
         if column in PIPES:
-            present = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(values.size)))
-            recent = (present >= 0) & (np.arange(values.size) - present <= LONGEST_HELD)
-            values = np.where(recent, values[present], np.nan)
-            values[values <= 0.0] = np.nan
+            values = np.array(pd.Series(values).ffill(limit=LONGEST_HELD).where(lambda held: held > 0.0), dtype=np.float64)
         clean[column] = values
     for (count, place), names in missing.items():
-        since = moment(int(numbers[place]))
-        what = "there is no" if count == times.size else f"{count:,} of {times.size:,} rows, the first at {since}, have no"
+        what = "there is no" if count == times.size else f"{count:,} of {times.size:,} rows, the first at {moment(numbers[place])}, have no"
         notes.append(f"{name}: {what} {', '.join(names)}.")
     return Indoor(name, times, MappingProxyType(clean), lamp_power, tuple(notes))
 

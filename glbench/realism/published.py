@@ -53,16 +53,9 @@ _LIMITS: Mapping[str, tuple[float, float]] = {
 
 @dataclass(frozen=True, eq=False)
 class Weather:
-    """Measured weather.
+    """Measured weather: the columns ``WEATHER`` (rows,), NaN where nothing was measured, and the file they come from.
 
-    Attributes
-    ----------
-    rows
-        Numbers of the five minutes, counted on the local clock from 30 December 1899, rising (rows,).
-    columns
-        The columns ``WEATHER`` (rows,), NaN where nothing was measured.
-    source
-        The file.
+    ``rows`` are numbers of five minutes, counted on the local clock from 30 December 1899, rising (rows,).
     """
 
     rows: IntArray
@@ -72,28 +65,12 @@ class Weather:
 
 @dataclass(frozen=True, eq=False)
 class Compartment:
-    """What a compartment used and gave, day by day.
+    """What a compartment, named as its files are, used and gave; every array is (days,).
 
-    Attributes
-    ----------
-    name
-        As its files are called.
-    heat
-        [MJ m-2] (days,).
-    high, low
-        Electricity of the lamps at the two tariffs [kWh m-2] (days,).
-    co2
-        [kg m-2] (days,).
-    harvest
-        Fruit of class A and B, fresh [kg m-2] (days,).
-    dry_matter
-        Mean dry matter content of the fruit [kg kg-1]; ``None`` where it was not measured.
-    indoor
-        File of its indoor climate every five minutes, for ``read_indoor``; ``None`` where there is none.
-    class_b, brix
-        The part of ``harvest`` that is of class B [kg m-2], and the fruit's soluble solids [degrees Brix] (days,).
-    stems, plants
-        Densities [m-2] as counted last (days,). They and ``brix`` are ``None`` where nothing was measured.
+    ``heat`` [MJ m-2], the lamps' electricity at the ``high`` and ``low`` tariff [kWh m-2], ``co2`` [kg m-2], ``harvest`` of class A and B,
+    fresh [kg m-2], of which ``class_b`` is class B; mean ``dry_matter`` of the fruit [kg kg-1], its soluble solids ``brix`` [degrees Brix],
+    and densities of ``stems`` and ``plants`` as counted last [m-2]: these are ``None`` where nothing was measured, as is the file
+    ``indoor`` of its climate every five minutes, for ``read_indoor``.
     """
 
     name: str
@@ -112,20 +89,10 @@ class Compartment:
 
 @dataclass(frozen=True, eq=False)
 class Archive:
-    """Weather and compartments over the same days.
+    """Weather and compartments, in alphabetical order, over the same ``days`` from ``first`` on.
 
-    Attributes
-    ----------
-    first
-        First day.
-    days
-        Their number.
-    weather, compartments
-        What was measured; compartments in alphabetical order.
-    notes
-        What was filled, moved or left out, in words.
-    own
-        Whether it is a greenhouse's own export, of which no heat, harvest and supplies of a day are known.
+    ``notes`` say what was filled, moved or left out. ``own`` is a greenhouse's own export, of which no heat, harvest and supplies of a day
+    are known.
     """
 
     first: dt.date
@@ -141,6 +108,83 @@ class Archive:
         return np.datetime64(self.first, "D") + np.arange(self.days)
 
 
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """A file of the archive; column names are without blanks and ``%``, and the index counts its rows from 0."""
+
+    path: Path
+    table: pd.DataFrame
+
+    @classmethod
+    def read(cls, path: Path) -> Sheet:
+        """A CSV or Parquet file; an ``ArchiveError`` says why it cannot be read."""
+        import pandas as pd
+
+        try:
+            if path.suffix == ".parquet":
+                table = pd.read_parquet(path)
+            else:
+                text = re.sub(r"[ \t]*[,\t][ \t]*", ",", read_text(path, ArchiveError))
+                table = pd.read_csv(io.StringIO(text), skipinitialspace=True, index_col=False)
+        except (OSError, ValueError) as error:
+            msg = f"Cannot read {path}: it is no table with one line of titles. Is the file whole?"
+            raise ArchiveError(msg) from error
+        table = table.reset_index(drop=isinstance(table.index, pd.RangeIndex))
+        table.columns = [str(name).strip().lstrip("%").strip() for name in table.columns]
+        if table.empty:
+            msg = f"{path} has no rows. Is the file whole?"
+            raise ArchiveError(msg)
+        return cls(path, table.rename(columns={name: "time" for name in table.columns if name.lower() == "time"}))
+
+    def numbers(self, name: str) -> FloatArray:
+        """Numbers of a column (rows,), NaN where it has none.
+
+        An ``ArchiveError`` names file and row of a text that is no number and of an impossible value, and the file that lacks the column.
+        """
+        import pandas as pd
+
+        if name not in self.table:
+            meaning = " (days since 30 December 1899)" if name == "time" else ""
+            near, names = did_you_mean(name, self.table.columns), ", ".join(self.table.columns[:8])
+            msg = f"{self.path} has no column '{name}'{meaning}.{near} It has {names}. docs/realism.md lists the columns that are read."
+            raise ArchiveError(msg)
+        column = self.table[name]
+        numbers = pd.to_numeric(column, errors="coerce")
+        values = np.asarray(numbers, dtype=np.float64)
+        low, high = _LIMITS.get(name, (-np.inf, np.inf))
+        words = numbers.isna() & column.notna() & ~column.astype(str).str.strip().str.lower().isin(["nan", ""])
+        for wrong, problem in (
+            (words, "which is not a number. Correct or empty it"),
+            ((values < low) | (values > high), f"outside {low:g} to {high:g}. Correct or empty it"),
+            (~np.isfinite(values) & (name == "time"), "but each row needs one. Add it, or take the row out"),
+        ):
+            if np.any(wrong):
+                place = int(np.argmax(wrong))
+                value = f"'{column.iloc[place]}'" if wrong is words else f"{values[place]:g}"
+                msg = f"{self.path}, row {self.table.index[place] + 2}: {name} is {value}, {problem}."
+                raise ArchiveError(msg)
+        return values
+
+    def days(self) -> IntArray:
+        """Numbers of the days since 30 December 1899 (rows,)."""
+        return np.floor(self.numbers("time") + 1e-6).astype(np.int64)
+
+
+def read_rows(path: Path) -> tuple[Sheet, IntArray]:
+    """A file with a row in five minutes, oldest first, and the numbers of its five minutes (rows,), as in ``Weather``.
+
+    An ``ArchiveError`` names the file that cannot be read or lacks a time, and the five minutes that it has twice.
+    """
+    sheet = Sheet.read(path)
+    numbers = np.rint(sheet.numbers("time") * ROWS_A_DAY).astype(np.int64)
+    order = np.argsort(numbers, kind="stable")
+    numbers = numbers[order]
+    if (twice := numbers[1:][np.diff(numbers) == 0]).size:
+        msg = f"{path} has two rows for the five minutes at {moment(twice[0])}. Keep one."
+        raise ArchiveError(msg)
+    return Sheet(path, sheet.table.iloc[order]), numbers
+
+
 def read_archive(folder: Path, clock: str = "Europe/Amsterdam") -> Archive:
     """Read the archive in ``folder``, or a greenhouse's own export with stamps on ``clock`` (docs/measured-data.md).
 
@@ -149,6 +193,8 @@ def read_archive(folder: Path, clock: str = "Europe/Amsterdam") -> Archive:
     ArchiveError
         When files or columns are missing, a value is none or impossible, or too much is missing; it names file, column and day.
     """
+    import pandas as pd
+
     if not folder.is_dir():
         msg = f"There is no folder {folder}. Unpack the archive (docs/realism.md says which) and name the folder."
         raise ArchiveError(msg)
@@ -162,19 +208,91 @@ def read_archive(folder: Path, clock: str = "Europe/Amsterdam") -> Archive:
             f"A greenhouse's own export has {EXPORT} and {EXPORT_WEATHER} (docs/measured-data.md)."
         )
         raise ArchiveError(msg)
-    table, rows = read_rows(path)
-    weather = Weather(rows, {name: _values(table, name, path) for name in WEATHER}, path)
-    notes: list[str] = []
-    used = {name: _Resources.read(name, path, notes) for name, path in _compartments(folder).items()}
-    first, last = max(one.first for one in used.values()), min(one.last for one in used.values())
+    sheet, rows = read_rows(path)
+    weather, files = Weather(rows, {name: sheet.numbers(name) for name in WEATHER}, path), dict[str, Path]()
+    for path in sorted((*folder.glob("*.csv"), *folder.glob("*/*.csv"))):
+        match = re.fullmatch(r"(?i)(?:(.+?)_)?resources\.csv", path.name)
+        if match and (match[1] or path.parent != folder):
+            name = match[1] or path.parent.name
+            if name in files:
+                msg = f"Compartment '{name}' has two files: {files[name]} and {path}. Keep one."
+                raise ArchiveError(msg)
+            files[name] = path
+    if not files:
+        msg = f"{folder} has no compartment: no NAME/Resources.csv and no NAME_Resources.csv. Name the folder that the archive is in."
+        raise ArchiveError(msg)
+    notes, used = list[str](), dict[str, pd.DataFrame]()
+    for name, path in sorted(files.items()):
+        sheet = Sheet.read(path)
+        table = pd.DataFrame({column: sheet.numbers(column) for column in RESOURCES}, sheet.days()).sort_index()
+        if table.index.has_duplicates:
+            twice = table.index[table.index.duplicated()][0]
+            msg = f"{path} has {day_of(twice)} (day {twice}) twice. Keep one row a day."
+            raise ArchiveError(msg)
+        used[name] = table = table.reindex(range(table.index[0], table.index[-1] + 1))
+        for column, missing in table.isna().items():
+            begin, length = longest(missing.to_numpy())
+            if length > MOST_DAYS_FILLED or missing.iloc[0] or missing.iloc[-1]:
+                msg = (
+                    f"{path}: {column} is missing on {length} days in a row from {day_of(table.index[begin])}. "
+                    f"At most {MOST_DAYS_FILLED} between two known days are filled; complete the file, or take out its first or last rows."
+                )
+                raise ArchiveError(msg)
+            if length:
+                notes.append(f"{path.name}: {column} of {missing.sum()} of {missing.size} days filled linearly.")
+        used[name] = table.interpolate()
+    first, last = (int(chosen(one.index[end] for one in used.values())) for chosen, end in ((max, 0), (min, -1)))
     if first > last:
-        spans = "; ".join(f"{name}: {day_of(one.first)} to {day_of(one.last)}" for name, one in used.items())
+        spans = "; ".join(f"{name}: {day_of(one.index[0])} to {day_of(one.index[-1])}" for name, one in used.items())
         msg = f"The compartments in {folder} have no day in common ({spans}). Leave one of them out."
         raise ArchiveError(msg)
-    if any((one.first, one.last) != (first, last) for one in used.values()):
+    if any((one.index[0], one.index[-1]) != (first, last) for one in used.values()):
         notes.append(f"The compartments cover different days; compared are those of all, {day_of(first)} to {day_of(last)}.")
-    compartments = tuple(one.compartment(first, last, notes) for one in used.values())
+    compartments = tuple(_compartment(name, files[name], one.loc[first:last], notes) for name, one in used.items())
     return Archive(day_of(first), last - first + 1, weather, compartments, tuple(notes))
+
+
+def _compartment(name: str, path: Path, used: pd.DataFrame, notes: list[str]) -> Compartment:
+    """A compartment of which ``path`` is the file of what it ``used`` on the days of the archive.
+
+    A harvest dated before the one above it, or before the season, is a typo (the published file of the reference has one): the fruit
+    counts on the date of the next row.
+    """
+    at = path.name.lower().rindex("resources")
+    kinds = ("Production.csv", "TomQuality.csv", "CropParameters.csv", "GreenhouseClimate.parquet", "GreenhouseClimate.csv")
+    production, *others = (path.with_name(path.name[:at] + kind) for kind in kinds)
+    if not production.is_file():
+        msg = f"There is no {production.name} beside {path}. The archive has one for each compartment; add it."
+        raise ArchiveError(msg)
+    quality, counts, *climate = (other if other.is_file() else None for other in others)
+    numbers, sheet = used.index.to_numpy(), Sheet.read(production)
+    first, last, days = int(numbers[0]), int(numbers[-1]), sheet.days().tolist()
+    harvest = np.zeros((numbers.size, 2))
+    for place, weight in enumerate(np.nan_to_num([[a, b] for a, b in zip(*map(sheet.numbers, ("ProdA", "ProdB")), strict=True)])):
+        counted = day = days[place]
+        if day < first:
+            counted = next((later for later in days[place + 1 :] if later >= first), first)
+            notes.append(f"{production.name}: a harvest is dated {day_of(day)}, before the season; it is counted on {day_of(counted)}.")
+        if counted > last:
+            notes.append(f"{production.name}: the harvest of {day_of(day)}, after the last day, is left out.")
+        else:
+            harvest[counted - first] += weight
+    known, dry_matter = dict[str, tuple[IntArray, FloatArray]](), None
+    for file, column in ((quality, "DMC_fruit"), (quality, "TSS"), (counts, "stem_dens"), (counts, "plant_dens")):
+        if file is not None and column in (sheet := Sheet.read(file)).table:
+            present = np.isfinite(values := sheet.numbers(column))
+            known |= {column: (sheet.days()[present], values[present])} if present.any() else {}
+            if column == "DMC_fruit" and present.any():
+                dry_matter = float(np.nanmean(values)) / 100.0
+    if dry_matter is None:
+        notes.append(f"{name}: no dry matter content was measured; the settings' value is used.")
+    heat, high, low, co2 = (used[column].to_numpy() for column in RESOURCES)
+    densities = (known.get(column) for column in ("stem_dens", "plant_dens"))
+    stems, plants = (one and one[1][np.maximum(np.searchsorted(one[0], numbers, side="right") - 1, 0)] for one in densities)
+    return Compartment(
+        name, heat, high, low, co2, harvest.sum(axis=1), dry_matter, next(filter(None, climate), None), harvest[:, 1],
+        np.interp(numbers, *known["TSS"]) if "TSS" in known else None, stems, plants,
+    )  # fmt: skip
 
 
 def _read_own(folder: Path, clock: str) -> Archive:
@@ -183,47 +301,44 @@ def _read_own(folder: Path, clock: str) -> Archive:
     Where the sky's temperature was not measured, its infrared radiation is estimated hour by hour from clearness and humidity.
     """
     table = read_export(folder / EXPORT, WEATHER_UNITS, clock)
-    days_inside = table.whole_days(clock)
+    spans = [table.whole_days(clock)]
     if not set(WEATHER_UNITS) & set(table.columns):
         if not (folder / EXPORT_WEATHER).is_file():
             msg = f"{folder} has no {EXPORT_WEATHER}, and {EXPORT} no columns of the weather: {', '.join(WEATHER_UNITS)}. Add one of them."
             raise ArchiveError(msg)
         table = read_export(folder / EXPORT_WEATHER, WEATHER_UNITS, clock)
-    for name, unit in WEATHER_UNITS.items():
-        if name != "sky_temperature":
-            table.need(name, unit, "weather")
-    spans = (days_inside, table.whole_days(clock))
+    measured = dict(zip(WEATHER_UNITS, WEATHER[:4], strict=False))
+    for name in measured:
+        table.need(name, WEATHER_UNITS[name], "weather")
+    spans.append(table.whole_days(clock))
     first = max(day for day, _ in spans)
     days = (min(day + dt.timedelta(days=count) for day, count in spans) - first).days
     if days < 1:
         msg = f"{folder}: climate and weather have no whole day in common. Export both for the same days."
         raise ArchiveError(msg)
-    for name, column in zip(WEATHER_UNITS, WEATHER[:4], strict=False):
-        low, high = _LIMITS[column]
-        wrong = np.flatnonzero((table.columns[name] < low) | (table.columns[name] > high))
-        if wrong.size:
-            value, unit = table.columns[name][wrong[0]], WEATHER_UNITS[name]
-            msg = (
-                f"{table.file}, row {table.lines[wrong[0]]}: {name} is {value:g} {unit}, outside {low:g} to {high:g}. Correct or empty it."
-            )
-            raise ArchiveError(msg)
     times, numbers = five_minutes(first, days, clock)
-    columns = {column: table.on(times, name) for name, column in zip(WEATHER_UNITS, WEATHER[:4], strict=False)}
-    sky, outside, notes = table.on(times, "sky_temperature"), columns["Tout"], list(table.notes)
+    columns, notes = dict[str, FloatArray](), list(table.notes)
+    for name, column in measured.items():
+        values, unit, (low, high) = table.columns[name], WEATHER_UNITS[name], _LIMITS[column]
+        if (wrong := np.flatnonzero((values < low) | (values > high))).size:
+            where, value = f"{table.file}, row {table.lines[wrong[0]]}", f"{values[wrong[0]]:g} {unit}"
+            msg = f"{where}: {name} is {value}, outside {low:g} to {high:g}. Correct or empty it."
+            raise ArchiveError(msg)
+        columns[column] = table.on(times, name)
+    sky, outside = table.on(times, "sky_temperature"), columns["Tout"]
     if np.all(np.isnan(sky)):
         if not {"latitude", "longitude"} <= set(table.place):
             msg = f"{table.file} has no sky_temperature [degC]; to estimate it, add '# latitude: 52.0' and '# longitude: 4.5' on top."
             raise ArchiveError(msg)
         place = Place(folder.name, table.place["latitude"], table.place["longitude"], 0.0, clock)
-        present = ~np.isnan(columns["Tout"] + columns["Rhout"] + columns["Iglob"])
+        present = ~np.isnan(outside + columns["Rhout"] + columns["Iglob"])
         temperature, humidity, radiation = (
             np.interp(times, times[present], columns[name][present]).reshape(-1, 12).mean(axis=1) for name in ("Tout", "Rhout", "Iglob")
         )
         infrared = sky_infrared(temperature, humidity, radiation, int(times[0]), place)
         sky = np.interp(times, times[0] + 1800.0 + 3600.0 * np.arange(infrared.size), preprocessing.sky_temperature_from_infrared(infrared))
         notes.append(f"{table.file.name}: {SKY_ESTIMATED}.")
-    kelvin = (sky + preprocessing.KELVIN, outside + preprocessing.KELVIN)
-    columns["Pyrgeo"] = preprocessing.STEFAN_BOLTZMANN * (kelvin[0] ** 4 - kelvin[1] ** 4)
+    columns["Pyrgeo"] = preprocessing.STEFAN_BOLTZMANN * ((sky + preprocessing.KELVIN) ** 4 - (outside + preprocessing.KELVIN) ** 4)
     rows, once = np.unique(numbers, return_index=True)
     weather = Weather(rows, {name: columns[name][once] for name in WEATHER}, table.file)
     none = np.full(days, np.nan)
@@ -231,141 +346,14 @@ def _read_own(folder: Path, clock: str) -> Archive:
     return Archive(first, days, weather, (own,), tuple(notes), own=True)
 
 
-@dataclass(frozen=True, eq=False)
-class _Resources:
-    """What a compartment used, and where its other files are."""
-
-    name: str
-    path: Path
-    first: int
-    columns: Mapping[str, FloatArray]
-
-    @property
-    def last(self) -> int:
-        return self.first + self.columns[RESOURCES[0]].size - 1
-
-    @classmethod
-    def read(cls, name: str, path: Path, notes: list[str]) -> _Resources:
-        table = _table(path)
-        days = _days(table, path)
-        order = np.argsort(days, kind="stable")
-        days = days[order]
-        if np.any(np.diff(days) == 0):
-            twice = int(days[np.flatnonzero(np.diff(days) == 0)[0]])
-            msg = f"{path} has {day_of(twice)} (day {twice}) twice. Keep one row a day."
-            raise ArchiveError(msg)
-        first, count = int(days[0]), int(days[-1] - days[0]) + 1
-        columns = {}
-        for column in RESOURCES:
-            values = np.full(count, np.nan)
-            values[days - first] = _values(table, column, path)[order]
-            columns[column] = _filled(values, column, path, first, notes)
-        return cls(name, path, first, columns)
-
-    def compartment(self, first: int, last: int, notes: list[str]) -> Compartment:
-        """With harvest and quality, of the days from ``first`` to ``last``."""
-        days = slice(first - self.first, last - self.first + 1)
-        heat, high, low, co2 = (self.columns[name][days] for name in RESOURCES)
-        production, quality = self._beside("Production"), self._beside("TomQuality")
-        if not production.is_file():
-            msg = f"There is no {production.name} beside {self.path}. The archive has one for each compartment; add it."
-            raise ArchiveError(msg)
-        harvest = _harvest(production, first, last, notes)
-        contents = np.array([np.nan])
-        if quality.is_file():
-            table = _table(quality)
-            contents = _values(table, "DMC_fruit", quality) if "DMC_fruit" in table else contents
-        dry_matter = None
-        if np.any(np.isfinite(contents)):
-            dry_matter = float(np.nanmean(contents)) / 100.0
-        else:
-            notes.append(f"{self.name}: no dry matter content was measured; the settings' value is used.")
-        climate = (self._beside("GreenhouseClimate").with_suffix(suffix) for suffix in (".parquet", ".csv"))
-        indoor = next((path for path in climate if path.is_file()), None)
-        counts = self._beside("CropParameters")
-        brix, stems, plants = (
-            _by_day(path, name, first, last) for path, name in ((quality, "TSS"), (counts, "stem_dens"), (counts, "plant_dens"))
-        )
-        return Compartment(
-            self.name, heat, high, low, co2, harvest.sum(axis=1), dry_matter, indoor, harvest[:, 1], brix, stems, plants
-        )  # fmt: skip
-
-    def _beside(self, what: str) -> Path:
-        name = self.path.name
-        at = name.lower().rindex("resources")
-        return self.path.with_name(name[:at] + what + name[at + len("resources") :])
-
-
-def _compartments(folder: Path) -> dict[str, Path]:
-    """Files ``Resources.csv`` by the name of their compartment."""
-    files: dict[str, Path] = {}
-    for path in sorted((*folder.glob("*.csv"), *folder.glob("*/*.csv"))):
-        match = re.fullmatch(r"(?i)(?:(.+?)_)?resources\.csv", path.name)
-        if match is None or (match[1] is None and path.parent == folder):
-            continue
-        name = match[1] or path.parent.name
-        if name in files:
-            msg = f"Compartment '{name}' has two files: {files[name]} and {path}. Keep one."
-            raise ArchiveError(msg)
-        files[name] = path
-    if not files:
-        msg = (
-            f"{folder} has no compartment: no NAME/Resources.csv and no NAME_Resources.csv. "
-            "Name the folder that the archive was unpacked to."
-        )
-        raise ArchiveError(msg)
-    return dict(sorted(files.items()))
-
-
 def moment(row: int) -> str:
     """``2020-03-29 01:50`` for the number of five minutes."""
-    day, part = divmod(row, ROWS_A_DAY)
-    return f"{day_of(day)} {part // 12:02d}:{part % 12 * 5:02d}"
+    return f"{day_of(row // ROWS_A_DAY)} {row % ROWS_A_DAY // 12:02d}:{row % 12 * 5:02d}"
 
 
 def day_of(day: int) -> dt.date:
     """Date of a day's number."""
     return DAY_ZERO + dt.timedelta(days=int(day))
-
-
-def _table(path: Path) -> pd.DataFrame:
-    """A file as text or numbers, column names without blanks and ``%``."""
-    import pandas as pd
-
-    try:
-        if path.suffix == ".parquet":
-            table = pd.read_parquet(path)
-        else:
-            text = re.sub(r"[ \t]*[,\t][ \t]*", ",", read_text(path, ArchiveError))
-            table = pd.read_csv(io.StringIO(text), skipinitialspace=True, index_col=False)
-    except (OSError, ValueError, pd.errors.ParserError) as error:
-        msg = f"Cannot read {path} as a table. Is the file whole?"
-        raise ArchiveError(msg) from error
-    table.columns = [str(name).strip().lstrip("%").strip() for name in table.columns]
-    table = table.reset_index(drop=isinstance(table.index, pd.RangeIndex))
-    if table.empty:
-        msg = f"{path} has no rows. Is the file whole?"
-        raise ArchiveError(msg)
-    return table
-
-
-def read_rows(path: Path) -> tuple[pd.DataFrame, IntArray]:
-    """A file with a row in five minutes, oldest first, and the numbers of its five minutes (rows,), as in ``Weather``.
-
-    Raises
-    ------
-    ArchiveError
-        When it cannot be read, lacks a time, or has two rows for one; names file and row.
-    """
-    table = _table(path)
-    numbers = np.rint(_moments(table, path) * ROWS_A_DAY).astype(np.int64)
-    order = np.argsort(numbers, kind="stable")
-    numbers = numbers[order]
-    if np.any(np.diff(numbers) == 0):
-        twice = int(numbers[np.flatnonzero(np.diff(numbers) == 0)[0]])
-        msg = f"{path} has two rows for the five minutes at {moment(twice)}. Keep one."
-        raise ArchiveError(msg)
-    return table.iloc[order], numbers
 
 
 def five_minutes(first: dt.date, days: int, clock: str) -> tuple[IntArray, IntArray]:
@@ -384,119 +372,8 @@ def on_rows(values: FloatArray, rows: IntArray, numbers: IntArray) -> FloatArray
     return np.where(rows[places] == numbers, values[places], np.nan)
 
 
-def _moments(table: pd.DataFrame, path: Path) -> FloatArray:
-    """Dates and times [d] since 30 December 1899."""
-    name = next((name for name in table.columns if name.lower() == "time"), None)
-    if name is None:
-        msg = f"{path} has no column 'time' (days since 30 December 1899). It has {', '.join(table.columns[:8])}."
-        raise ArchiveError(msg)
-    moments = numbers_of(table, name, path)
-    if not np.all(np.isfinite(moments)):
-        msg = (
-            f"{path}, row {table.index[np.flatnonzero(~np.isfinite(moments))[0]] + 2}: there is no time. Give each row one, or take it out."
-        )
-        raise ArchiveError(msg)
-    return moments
-
-
-def _days(table: pd.DataFrame, path: Path) -> IntArray:
-    return np.floor(_moments(table, path) + 1e-6).astype(np.int64)
-
-
-def _values(table: pd.DataFrame, name: str, path: Path) -> FloatArray:
-    """A column, NaN where it has no value."""
-    if name not in table:
-        near = did_you_mean(name, table.columns)
-        msg = f"{path} has no column '{name}'.{near} The archive's files have it; docs/realism.md lists the columns that are read."
-        raise ArchiveError(msg)
-    values = numbers_of(table, name, path)
-    low, high = _LIMITS[name]
-    wrong = np.flatnonzero((values < low) | (values > high))
-    if wrong.size:
-        msg = f"{path}, row {table.index[wrong[0]] + 2}: {name} is {values[wrong[0]]:g}, outside {low:g} to {high:g}. Correct or empty it."
-        raise ArchiveError(msg)
-    return values
-
-
-def numbers_of(table: pd.DataFrame, name: str, path: Path) -> FloatArray:
-    """Numbers of a column (rows,), NaN where it has none.
-
-    Raises
-    ------
-    ArchiveError
-        For a text that is not a number; names file and row.
-    """
-    import pandas as pd
-
-    column = table[name]
-    numbers = pd.to_numeric(column, errors="coerce")
-    empty = column.isna() | column.astype(str).str.strip().str.lower().isin(["nan", ""])
-    wrong = np.flatnonzero(numbers.isna() & ~empty)
-    if wrong.size:
-        msg = f"{path}, row {table.index[wrong[0]] + 2}: {name} is '{column.iloc[wrong[0]]}', which is not a number."
-        raise ArchiveError(msg)
-    return np.asarray(numbers, dtype=np.float64)
-
-
-def _filled(values: FloatArray, name: str, path: Path, first: int, notes: list[str]) -> FloatArray:
-    """A column of days with its gaps filled linearly."""
-    missing = ~np.isfinite(values)
-    if not missing.any():
-        return values
-    begin, length = longest(missing)
-    if length > MOST_DAYS_FILLED or missing[0] or missing[-1]:
-        msg = (
-            f"{path}: {name} is missing on {length} days in a row from {day_of(first + begin)}. "
-            f"At most {MOST_DAYS_FILLED} between two known days are filled; complete the file, or take out its first or last rows."
-        )
-        raise ArchiveError(msg)
-    notes.append(f"{path.name}: {name} of {missing.sum()} of {values.size} days filled linearly.")
-    present = np.flatnonzero(~missing)
-    return np.interp(np.arange(values.size), present, values[present])
-
-
 def longest(missing: NDArray[np.bool_]) -> tuple[int, int]:
     """Begin and length of the longest run of what is missing; 0 and 0 where nothing is."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], missing, [False])).astype(np.int8)))
-    begins, ends = edges[::2], edges[1::2]
-    if not begins.size:
-        return 0, 0
-    place = int(np.argmax(ends - begins))
-    return int(begins[place]), int(ends[place] - begins[place])
-
-
-def _by_day(path: Path, name: str, first: int, last: int) -> FloatArray | None:
-    """A column measured now and then (days,): straight between measurements, densities as counted last; ``None`` without measurements."""
-    table = _table(path) if path.is_file() else None
-    if table is None or name not in table:
-        return None
-    days, values, numbers = _days(table, path), _values(table, name, path), np.arange(first, last + 1)
-    present = np.isfinite(values)
-    if not present.any():
-        return None
-    days, values = days[present], values[present]
-    if name == "TSS":
-        return np.interp(numbers, days, values)
-    return np.asarray(values[np.maximum(np.searchsorted(days, numbers, side="right") - 1, 0)])
-
-
-def _harvest(path: Path, first: int, last: int, notes: list[str]) -> FloatArray:
-    """Fresh fruit [kg m-2] on each day, a column a class (days, 2).
-
-    A date before the one above it, or before the season, is a typo (the published file of the reference has one): the fruit
-    counts on the date of the next row.
-    """
-    table = _table(path)
-    days = _days(table, path)
-    fruit = np.column_stack([np.nan_to_num(_values(table, name, path)) for name in ("ProdA", "ProdB")])
-    harvest = np.zeros((last - first + 1, 2))
-    for place, (day, weight) in enumerate(zip(days.tolist(), fruit, strict=True)):
-        counted = day
-        if day < first:
-            counted = next((later for later in days[place + 1 :].tolist() if later >= first), first)
-            notes.append(f"{path.name}: a harvest is dated {day_of(day)}, before the season; it is counted on {day_of(counted)}.")
-        if counted > last:
-            notes.append(f"{path.name}: the harvest of {day_of(day)}, after the last day, is left out.")
-        else:
-            harvest[counted - first] += weight
-    return harvest
+    runs = np.flatnonzero(np.diff(np.pad(missing.astype(np.int8), 1))).reshape(-1, 2).tolist()
+    begin, end = max(runs, key=lambda run: run[1] - run[0], default=(0, 0))
+    return begin, end - begin
