@@ -215,7 +215,7 @@ def validate(
         answers["set_points"] = comparison.model_dump(mode="json")
         if out is not None:
             files += [out / _FIGURES, out / _PICTURE]
-            realism.save_comparison(comparison, files[-2])
+            write_atomically(files[-2], comparison.model_dump_json(indent=1) + "\n")
             realism.write_picture(archive, seasons, page, files[-1])
     view = console.View(chain(*parts), lambda: answers if len(answers) > 1 else next(iter(answers.values())))
     console.show(view, as_json=as_json)
@@ -404,7 +404,7 @@ def identify(
             "correlations": fit.correlations,
             **{
                 when: {
-                    part: {channel: error._asdict() if error.readings else None for channel, error in errors.items()}
+                    part: {channel: error.model_dump() if error.readings else None for channel, error in errors.items()}
                     for part, errors in parts.items()
                 }
                 for when, parts in (("before", fit.before), ("after", fit.after))

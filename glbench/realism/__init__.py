@@ -13,7 +13,6 @@ from glbench.realism.comparison import (
     check_pictures,
     compare,
     read_comparison,
-    save_comparison,
     write_picture,
 )
 from glbench.realism.houses import HOUSES, SHIPPED, House, Settings, choose_houses, read_settings
@@ -22,32 +21,8 @@ from glbench.realism.published import Archive, Compartment, Weather, read_archiv
 from glbench.realism.season import Season, simulate
 
 __all__ = [
-    "HOUSES",
-    "INDOOR",
-    "SHIPPED",
-    "Archive",
-    "ClimateComparison",
-    "ClimateRun",
-    "Comparison",
-    "Compartment",
-    "CompartmentClimate",
-    "House",
-    "HouseComparison",
-    "Indoor",
-    "Season",
-    "Settings",
-    "Weather",
-    "check_pictures",
-    "choose_houses",
-    "compare",
-    "compare_climate",
-    "draw_errors",
-    "draw_mean_days",
-    "read_archive",
-    "read_comparison",
-    "read_indoor",
-    "read_settings",
-    "save_comparison",
-    "simulate",
+    "HOUSES", "INDOOR", "SHIPPED", "Archive", "ClimateComparison", "ClimateRun", "Comparison", "Compartment", "CompartmentClimate",
+    "House", "HouseComparison", "Indoor", "Season", "Settings", "Weather", "check_pictures", "choose_houses", "compare",
+    "compare_climate", "draw_errors", "draw_mean_days", "read_archive", "read_comparison", "read_indoor", "read_settings", "simulate",
     "write_picture",
-]
+]  # fmt: skip

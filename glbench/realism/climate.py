@@ -9,34 +9,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from glbench.realism.comparison import COLOURS, INK, Frozen, saved_figure, tidy
-from glbench.realism.free_run import CHANNELS, Drive, FreeRun, drive, free_run
+from glbench.realism.comparison import COLOURS, INK, saved_figure, tidy
+from glbench.realism.free_run import CHANNELS, Drive, Error, drive, free_run
 from glbench.realism.houses import House, Settings, model, parameters
 from glbench.realism.indoor import read_indoor
 from glbench.realism.inputs import outdoors
 from glbench.realism.published import ROW_SECONDS, Archive
+from glbench.settings import Table
 from glbench.weather.record import FloatArray
 
-HOURS = 3
-"""Length of the parts of a day whose errors are told apart [h]."""
 LABELS: Mapping[str, str] = {"air_temperature": "air temperature\n[°C]", "humidity": "relative humidity\n[%]", "co2": "CO2\n[ppm]"}
 
 
-class ClimateError(Frozen):
-    """Simulated minus measured: root mean square and mean [K, %, ppm] of so many readings."""
-
-    rmse: float
-    bias: float
-    readings: int
-
-
-Errors = dict[str, ClimateError]
+Errors = dict[str, Error]
 """By channel: ``air_temperature``, ``humidity``, ``co2``; those without a reading are left out."""
 
 
-class HouseClimate(Frozen):
+class HouseClimate(Table):
     """Errors of a house: in all, by month (``2020-03``), by hours of the day (``0-3``), in even and odd weeks."""
 
     name: str
@@ -47,7 +37,7 @@ class HouseClimate(Frozen):
     weeks: dict[str, Errors]
 
 
-class CompartmentClimate(Frozen):
+class CompartmentClimate(Table):
     """A compartment that has a measured climate: all houses, what was filled or taken out, and what a person should look at."""
 
     name: str
@@ -56,7 +46,7 @@ class CompartmentClimate(Frozen):
     doubts: tuple[str, ...]
 
 
-class ClimateComparison(Frozen):
+class ClimateComparison(Table):
     """Free runs by the actuators against the measured climate, from the first to the last day."""
 
     first: dt.date
@@ -113,37 +103,17 @@ def compare_climate(
             rows = np.stack([parameters(house, settings) for house in lanes])
             run = free_run(model(name), rows, season, settings.plants, progress=move)
             for lane, house in enumerate(lanes):
-                by_house[house.name] = _errors_of(run, lane, house)
+                overall = {channel: one for channel, one in run.errors(lane).items() if one.readings}
+                by_house[house.name] = HouseClimate(name=house.name, description=house.description, overall=overall, **run.table(lane))
                 simulated[house.name] = {channel: values[:, lane] for channel, values in run.climate.items()}
         ordered = tuple(by_house[house.name] for house in houses)
         compartments.append(CompartmentClimate(name=compartment, houses=ordered, notes=indoor.notes, doubts=indoor.doubts))
         runs.append(ClimateRun(compartment, season, {house.name: simulated[house.name] for house in houses}))
-    last = archive.first + dt.timedelta(days=archive.days - 1)
-    notes = (*archive.notes, *outside.notes)
     comparison = ClimateComparison(
-        first=archive.first, last=last, models=models, settings=settings, notes=notes, compartments=tuple(compartments)
-    )
+        first=archive.first, last=archive.dates[-1].item(), models=models, settings=settings, notes=(*archive.notes, *outside.notes),
+        compartments=tuple(compartments),
+    )  # fmt: skip
     return comparison, tuple(runs)
-
-
-def _errors_of(run: FreeRun, lane: int, house: House) -> HouseClimate:
-    def errors(steps: NDArray[np.bool_] | None = None) -> Errors:
-        return {
-            channel: ClimateError(rmse=one.rmse, bias=one.bias, readings=one.readings)
-            for channel, one in run.errors(lane, steps).items()
-            if one.readings
-        }
-
-    season = run.drive
-    months, part, odd = season.date.astype("datetime64[M]"), season.hour // HOURS, season.week % 2 == 1
-    return HouseClimate(
-        name=house.name,
-        description=house.description,
-        overall=errors(),
-        months={str(month): errors(months == month) for month in np.unique(months)},
-        hours={f"{HOURS * number}-{HOURS * number + HOURS}": errors(part == number) for number in range(24 // HOURS)},
-        weeks={"even": errors(~odd), "odd": errors(odd)},
-    )
 
 
 def draw_mean_days(run: ClimateRun, path: Path) -> None:
@@ -151,6 +121,7 @@ def draw_mean_days(run: ClimateRun, path: Path) -> None:
 
     Hours without a measured reading count for neither. It shows measured values: mind the licence of the data before you pass it on.
     """
+    import pandas as pd
     from matplotlib.figure import Figure
 
     season = run.season
@@ -161,12 +132,10 @@ def draw_mean_days(run: ClimateRun, path: Path) -> None:
     for number_of_row, (row, channel) in enumerate(zip(axes, CHANNELS, strict=True)):
         for place, (box, month) in enumerate(zip(row, every, strict=True)):
             steps = (months == month) & np.isfinite(season.measured[channel])
-            counts = np.bincount(season.hour[steps], minlength=24)
             lines = [(name, COLOURS[number % len(COLOURS)], 1.2, one[channel]) for number, (name, one) in enumerate(run.simulated.items())]
             for name, colour, width, values in (*lines, ("measured", INK, 2.2, season.measured[channel])):
-                sums = np.bincount(season.hour[steps], weights=values[steps], minlength=24)
-                mean = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
-                box.plot(np.arange(24) + 0.5, mean, color=colour, lw=width, label=name)
+                mean = pd.Series(values[steps]).groupby(season.hour[steps]).mean().reindex(range(24))
+                box.plot(mean.index + 0.5, mean, color=colour, lw=width, label=name)
             if number_of_row == 0:
                 box.set_title(f"{month.item():%B %Y}", fontsize=10, color=INK)
             if not place:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from glbench.errors import ArchiveError, ResultError
 from glbench.realism.houses import House, Settings, model
@@ -21,6 +21,7 @@ from glbench.realism.inputs import outdoors
 from glbench.realism.published import Archive, Compartment
 from glbench.realism.season import NEEDED, Season, simulate
 from glbench.resources import write_atomically
+from glbench.settings import Table
 from glbench.untrusted import MIB, read_regular, reason_of
 from glbench.weather.record import FloatArray
 
@@ -31,27 +32,12 @@ FIRST_FRUIT = 0.05
 """Fresh fruit after which the harvest counts as begun [kg m-2]."""
 
 
-class Frozen(BaseModel):
-    """Figures of a file that never change."""
+class Heat(Table):
+    """Heat of a compartment [MJ m-2].
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Heat(Frozen):
-    """Heat of a compartment.
-
-    Attributes
-    ----------
-    measured, simulated
-        Sums of the season [MJ m-2]: measured as the organisers compute it from pipe temperatures, simulated as the boiler's.
-    by_pipes
-        Simulated sum, computed from pipe temperatures as the measured one [MJ m-2]; ``None`` in files of earlier versions.
-    bias, rmse
-        Mean, and root mean square, of simulated minus measured days [MJ m-2 d-1].
-    correlation
-        Between simulated and measured days; ``None`` where one of them does not vary.
-    bias_by_month
-        Mean of the days of a month, such as ``2020-03`` [MJ m-2 d-1].
+    ``measured`` and ``simulated`` are sums of the season: measured as the organisers compute it from pipe temperatures, simulated as the
+    boiler's, and ``by_pipes`` as the measured one (``None`` in files of earlier versions). ``bias`` and ``rmse`` are of simulated minus
+    measured days [MJ m-2 d-1], also by month (``2020-03``); ``correlation`` is ``None`` where measured or simulated days do not vary.
     """
 
     measured: float
@@ -63,19 +49,11 @@ class Heat(Frozen):
     bias_by_month: dict[str, float]
 
 
-class Harvest(Frozen):
-    """Fresh fruit of a compartment, both classes.
+class Harvest(Table):
+    """Fresh fruit of a compartment, both classes: sums of the season [kg m-2], and simulated minus measured of a month [kg m-2].
 
-    Attributes
-    ----------
-    measured, simulated
-        Sums of the season [kg m-2].
-    dry_matter
-        Dry matter content that turns simulated dry into fresh mass [kg kg-1].
-    measured_from, simulated_from
-        When so much as ``FIRST_FRUIT`` was harvested; ``None`` if it never was.
-    bias_by_month
-        Simulated minus measured [kg m-2 a month].
+    ``dry_matter`` turns simulated dry into fresh mass [kg kg-1]; ``measured_from`` and ``simulated_from`` are when as much as
+    ``FIRST_FRUIT`` was harvested, ``None`` if it never was.
     """
 
     measured: float
@@ -86,22 +64,17 @@ class Harvest(Frozen):
     bias_by_month: dict[str, float]
 
 
-class Supply(Frozen):
+class Supply(Table):
     """Light or CO2 of the season: measured, and used in the simulation."""
 
     measured: float
     simulated: float
 
 
-class CompartmentComparison(Frozen):
-    """A compartment in a house.
+class CompartmentComparison(Table):
+    """A compartment in a house, with means of the simulated air of the season [degC, %, ppm].
 
-    Attributes
-    ----------
-    lamps, co2
-        Electricity of the lamps [kWh m-2] and CO2 [kg m-2]: what the simulation used is what was measured, or all that is installed.
-    air_temperature, humidity, co2_air
-        Means of the simulated season [degC, %, ppm].
+    Of electricity of the ``lamps`` [kWh m-2] and ``co2`` [kg m-2] the simulation used what was measured, or all that is installed.
     """
 
     name: str
@@ -114,16 +87,8 @@ class CompartmentComparison(Frozen):
     co2_air: float
 
 
-class HouseComparison(Frozen):
-    """All compartments in a house.
-
-    Attributes
-    ----------
-    heat_rmse
-        Of all days of all compartments [MJ m-2 d-1].
-    heat_rmse_of_mean
-        Of the days, means over the compartments [MJ m-2 d-1].
-    """
+class HouseComparison(Table):
+    """All compartments in a house; root mean squares of all days of all, and of the days as means over all [MJ m-2 d-1]."""
 
     name: str
     description: str
@@ -159,24 +124,12 @@ class HouseComparison(Frozen):
         return self.mean(lambda one: one.harvest.bias_by_month[month])
 
 
-class Comparison(Frozen):
-    """Houses against the measured season.
+class Comparison(Table):
+    """Houses against the measured season: model and digest of what was simulated, with temperatures ``warmer`` [K] than the settings say.
 
-    Attributes
-    ----------
-    first, last
-        First and last day.
-    model, digest
-        What was simulated.
-    warmer
-        What was added to the settings' temperatures [K].
-    settings
-        The page that was assumed.
-    notes
-        What was filled, moved or left out of what was read.
-    heat_spread
-        Root mean square of how far a compartment's measured day is from the mean of all compartments on that day [MJ m-2 d-1]: what growers
-        differ by in one weather. A simulation that is given nothing of them cannot come closer.
+    ``notes`` say what was filled, moved or left out of what was read. ``heat_spread`` is the root mean square of how far a compartment's
+    measured day is from the mean of all compartments on that day [MJ m-2 d-1]: what growers differ by in one weather. A simulation that is
+    given nothing of them cannot come closer.
     """
 
     first: dt.date
@@ -226,23 +179,16 @@ def compare(
         if indoor and not any(np.isnan(indoor.columns[name]).all() for name in NEEDED):
             indoors[one.name] = indoor
     driven = tuple(f"{name} is driven by its own set points." for name in indoors)
+    moves = (None if progress is None else partial(progress, house) for house in houses)
     seasons = tuple(
-        simulate(
-            archive,
-            outside,
-            house,
-            settings,
-            indoors=indoors,
-            warmer=warmer,
-            progress=None if progress is None else partial(progress, house),
-        )
-        for house in houses
+        simulate(archive, outside, house, settings, indoors=indoors, warmer=warmer, progress=move)
+        for house, move in zip(houses, moves, strict=True)
     )
     heat = np.column_stack([one.heat for one in archive.compartments])
     models = tuple(dict.fromkeys(house.model for house in houses))
     comparison = Comparison(
         first=archive.first,
-        last=archive.first + dt.timedelta(days=archive.days - 1),
+        last=archive.dates[-1].item(),
         model=", ".join(models),
         digest=", ".join(model(name).digest for name in models),
         warmer=warmer,
@@ -304,8 +250,8 @@ def fresh(season: Season, place: int, measured: Compartment, settings: Settings)
 
 
 def _harvest_start(archive: Archive, fruit: FloatArray) -> dt.date | None:
-    enough = np.flatnonzero(np.cumsum(fruit) >= FIRST_FRUIT)
-    return archive.first + dt.timedelta(days=int(enough[0])) if enough.size else None
+    late = archive.dates[np.cumsum(fruit) >= FIRST_FRUIT]
+    return late[0].item() if late.size else None
 
 
 def _rms(values: FloatArray) -> float:
@@ -316,25 +262,8 @@ def _ratio(simulated: float, measured: float) -> float:
     return simulated / measured if measured else math.nan
 
 
-def save_comparison(comparison: Comparison, path: Path) -> None:
-    """Write it as JSON.
-
-    Raises
-    ------
-    GlbenchError
-        When the file cannot be written.
-    """
-    write_atomically(path, comparison.model_dump_json(indent=1) + "\n")
-
-
 def read_comparison(path: Path) -> Comparison:
-    """Read what ``save_comparison`` wrote.
-
-    Raises
-    ------
-    ResultError
-        When it cannot be read.
-    """
+    """Read one that was written as JSON; a ``ResultError`` says why it cannot be."""
     try:
         return Comparison.model_validate_json(read_regular(path, 16 * MIB))
     except (OSError, ValidationError) as error:
@@ -344,13 +273,7 @@ def read_comparison(path: Path) -> Comparison:
 
 
 def check_pictures() -> None:
-    """Refuse to go on where no picture can be drawn.
-
-    Raises
-    ------
-    ArchiveError
-        When matplotlib is not installed.
-    """
+    """Refuse to go on, with an ``ArchiveError``, where matplotlib is not installed."""
     if importlib.util.find_spec("matplotlib") is None:
         msg = "The picture needs matplotlib, which is not installed: pip install 'glbench[video]'. Or leave out --out."
         raise ArchiveError(msg)
@@ -359,12 +282,7 @@ def check_pictures() -> None:
 def write_picture(archive: Archive, seasons: Sequence[Season], settings: Settings, path: Path) -> None:
     """Write a PNG to ``path``: a row a compartment, daily heat at the left, accumulated harvest at the right.
 
-    It shows measured days: mind the archive's licence before you pass it on.
-
-    Raises
-    ------
-    GlbenchError
-        When the file cannot be written.
+    It shows measured days: mind the archive's licence before you pass it on. A ``GlbenchError`` says why it cannot be written.
     """
     from matplotlib.figure import Figure
 
@@ -397,13 +315,7 @@ def tidy(axes: Any) -> None:
 
 
 def saved_figure(figure: Any, labelled: Any, path: Path) -> None:
-    """Write a figure to ``path`` as PNG, on top the legend of the axes ``labelled``.
-
-    Raises
-    ------
-    GlbenchError
-        When the file cannot be written.
-    """
+    """Write a figure to ``path`` as PNG, on top the legend of the axes ``labelled``; a ``GlbenchError`` says why it cannot be."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     handles, labels = labelled.get_legend_handles_labels()

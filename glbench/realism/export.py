@@ -46,20 +46,9 @@ UNIT_FACTORS: Mapping[str, Mapping[str, tuple[float, float]]] = {
 class Export:
     """A table of an export.
 
-    Attributes
-    ----------
-    seconds
-        Beginning of what each row covers, since 1970 UTC, rising (rows,).
-    step
-        Its length [s].
-    columns
-        By canonical name, in the canonical unit (rows,); NaN where a value is missing.
-    lines
-        Each row's line in the file, from 1.
-    place
-        What comment lines (``# latitude: 52.0``) say in numbers.
-    notes
-        What was left out, in words.
+    ``seconds`` are the beginning of what each row covers, since 1970 UTC, rising (rows,), ``step`` is its length [s], ``lines`` are its
+    lines in the file, from 1. ``columns`` have the canonical name and unit (rows,), NaN where a value is missing; ``place`` is what comment
+    lines (``# latitude: 52.0``) say in numbers, ``notes`` what was left out.
     """
 
     file: Path
@@ -71,26 +60,14 @@ class Export:
     notes: tuple[str, ...]
 
     def need(self, name: str, unit: str, meaning: str) -> None:
-        """Refuse where there is no value of a column.
-
-        Raises
-        ------
-        ArchiveError
-            When there is none.
-        """
+        """Refuse with an ``ArchiveError`` where there is no value of a column."""
         if name not in self.columns or np.all(np.isnan(self.columns[name])):
             others = ", ".join(self.columns) or "none that is known"
             msg = f"{self.file} has no values of {name} [{unit}] ({meaning}), which is needed. Its columns: {others}."
             raise ArchiveError(msg)
 
     def whole_days(self, clock: str) -> tuple[dt.date, int]:
-        """The first day on ``clock`` that begins with the table, and the number of those that end with it.
-
-        Raises
-        ------
-        ArchiveError
-            When there is none.
-        """
+        """The first day on ``clock`` that begins with the table, and the number up to its end; an ``ArchiveError`` where there is none."""
         ends = np.array([self.seconds[0], self.seconds[-1] + self.step])
         local = ends + preprocessing.utc_offsets(ends, clock)
         begin, end = -(-local[0] // 86400), local[1] // 86400

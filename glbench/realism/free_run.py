@@ -9,7 +9,7 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from glbench.model import Model, co2_ppm, relative_humidity
 from glbench.realism.houses import Plants
 from glbench.realism.inputs import Outdoors
 from glbench.realism.season import AIR_AT_START, young_crop
+from glbench.settings import Table
 from glbench.tasks import set_points as names
 from glbench.weather.record import FloatArray, IntArray
 
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 CHANNELS: Mapping[str, str] = {"air_temperature": "K", "humidity": "%", "co2": "ppm"}
 """What is compared, with the unit of its errors."""
+HOURS = 3
+"""Length of the parts of a day whose errors are told apart [h]."""
 PRESET, THREADS = "fast", 2
 """Of the kernel; the number of threads changes no bit."""
 _AIR, _PIPES = ("tAir", "vpAir", "co2Air"), {"rail_pipe": "tPipe", "grow_pipe": "tGroPipe"}
@@ -59,15 +62,13 @@ class Drive:
     pipes: Mapping[str, FloatArray]
     measured: Mapping[str, FloatArray]
 
-    def groups(self, split: dt.date) -> dict[str, dict[str, Flags]]:
-        """Steps by what errors are told apart: ``all``, ``month``, ``hour``, ``weeks`` (even, odd) and ``split`` at a date."""
-        late, odd, months = self.date >= np.datetime64(split, "D"), self.week % 2 == 1, self.date.astype("datetime64[M]")
+    def groups(self) -> dict[str, dict[str, Flags]]:
+        """Steps by what errors are told apart: ``months`` (``2020-03``), ``hours`` of the day (``0-3``), ``weeks`` (even, odd)."""
+        odd, months = self.week % 2 == 1, self.date.astype("datetime64[M]")
         return {
-            "all": {"all": late | ~late},
-            "month": {str(one): months == one for one in np.unique(months)},
-            "hour": {str(one): self.hour == one for one in range(24)},
+            "months": {str(one): months == one for one in np.unique(months)},
+            "hours": {f"{one}-{one + HOURS}": self.hour // HOURS * HOURS == one for one in range(0, 24, HOURS)},
             "weeks": {"even": ~odd, "odd": odd},
-            "split": {f"before {split}": ~late, f"from {split}": late},
         }
 
 
@@ -110,11 +111,12 @@ def drive(indoor: Indoor, outside: Outdoors, first: dt.date) -> Drive:
 
 def _hold(values: FloatArray) -> FloatArray:
     """Values, and where there is none the last before it; 0 before the first."""
-    last = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(values.size)))
-    return np.where(last < 0, 0.0, values[np.maximum(last, 0)])
+    import pandas as pd
+
+    return np.array(pd.Series(values).ffill().fillna(0.0), dtype=np.float64)
 
 
-class Error(NamedTuple):
+class Error(Table, allow_inf_nan=True):
     """Simulated minus measured, in the channel's unit: root mean square and mean of so many readings; NaN of none."""
 
     rmse: float
@@ -146,13 +148,15 @@ class FreeRun:
             values = values if steps is None else values[steps[: values.size]]
             values = values[np.isfinite(values)]
             mean, square = (float(np.mean(one)) if values.size else float("nan") for one in (values, values**2))
-            result[channel] = Error(square**0.5, mean, values.size)
+            result[channel] = Error(rmse=square**0.5, bias=mean, readings=values.size)
         return result
 
-    def table(self, split: dt.date, lane: int = 0) -> dict[str, dict[str, dict[str, Error]]]:
-        """Errors by group and label of ``Drive.groups`` and by channel."""
-        groups = self.drive.groups(split)
-        return {group: {label: self.errors(lane, steps) for label, steps in labels.items()} for group, labels in groups.items()}
+    def table(self, lane: int = 0) -> dict[str, dict[str, dict[str, Error]]]:
+        """Errors by group and label of ``Drive.groups`` and by channel; those without a reading are left out."""
+        return {
+            group: {label: {name: one for name, one in self.errors(lane, steps).items() if one.readings} for label, steps in labels.items()}
+            for group, labels in self.drive.groups().items()
+        }
 
 
 def free_run(

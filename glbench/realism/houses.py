@@ -110,22 +110,10 @@ def read_settings(path: Path = SHIPPED) -> Settings:
 
 @dataclass(frozen=True)
 class House:
-    """A parameter set and what is changed in it.
+    """A parameter set of the model ``model`` and what is changed in it; name and description are as tables and pages call it.
 
-    Attributes
-    ----------
-    name, description
-        As tables and pages call it.
-    parameters
-        Named set of the model.
-    model
-        Id of the model.
-    overrides
-        Values by parameter name in place of the set's, in the units of the model's table.
-    uncooled
-        Whether the active cooling of its lamps is switched off.
-    mixed
-        Sets whose HPS and LED lamps take the place of the set's own, mixed by installed power; ``None`` for its own lamps.
+    ``uncooled`` switches off the active cooling of its lamps. HPS and LED lamps of the sets ``mixed`` take the place of the set's own, by
+    installed power. ``overrides`` are values by parameter name, in the units of the model's table.
     """
 
     name: str

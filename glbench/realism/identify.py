@@ -109,7 +109,8 @@ def make_split(season: Drive, text: str) -> Split:
     if kind not in ("weeks", "date") or (kind == "weeks" and day):
         msg = f"There is no split '{text}'. Write weeks, date, or date:2020-03-01 with the first day that is held out."
         raise ArchiveError(msg)
-    group, word = (season.groups(date)["weeks"], " weeks") if kind == "weeks" else (season.groups(date)["split"], "")
+    late, word = season.date >= np.datetime64(date, "D"), " weeks" * (kind == "weeks")
+    group = season.groups()["weeks"] if word else {f"before {date}": ~late, f"from {date}": late}
     fitted, test = group
     weeks, others = (np.unique(season.week[flags]).size for flags in group.values())
     if weeks < 2 or others < 1:

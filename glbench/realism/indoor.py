@@ -214,7 +214,7 @@ def indoor_of(name: str, times: IntArray, numbers: IntArray, columns: Mapping[st
             )
         values[wrong] = np.nan
         if column in PIPES:
-            values = np.array(pd.Series(values).ffill(limit=LONGEST_HELD).where(lambda held: held > 0.0), dtype=np.float64)
+            values = np.array(pd.Series(values).ffill(limit=LONGEST_HELD).where(lambda pipe: pipe > 0.0), dtype=np.float64)
         clean[column] = values
     for (count, place), names in missing.items():
         what = "there is no" if count == times.size else f"{count:,} of {times.size:,} rows, the first at {moment(numbers[place])}, have no"

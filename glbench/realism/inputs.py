@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from glbench.errors import ArchiveError
 from glbench.realism.houses import Lamps, Settings
-from glbench.realism.published import ROW_SECONDS, WEATHER, Archive, Compartment, Weather, five_minutes, longest, moment, on_rows
+from glbench.realism.published import ROW_SECONDS, WEATHER, Archive, Compartment, five_minutes, longest, moment, on_rows
 from glbench.weather import preprocessing
 from glbench.weather.record import FloatArray, IntArray
 
@@ -30,18 +30,10 @@ DAY, PRE_NIGHT, NIGHT = 0, 1, 2
 
 @dataclass(frozen=True, eq=False)
 class Outdoors:
-    """What acts in each step from outside.
+    """What acts in each step from outside: disturbances ``values`` in the model's order (steps, 10).
 
-    Attributes
-    ----------
-    values
-        Disturbances in the model's order (steps, 10).
-    day
-        Number of the step's day, from 0 at the first (steps,).
-    hour
-        Hour on the local clock at its start [h] (steps,).
-    notes
-        What was filled.
+    Beside them are the number of the step's ``day``, from 0 at the first (steps,), the ``hour`` on the local clock at its start [h]
+    (steps,), and what was filled.
     """
 
     values: FloatArray
@@ -78,8 +70,18 @@ def outdoors(archive: Archive, clock: str, co2_ppm: float, step_seconds: int = S
         on_rows(archive.weather.columns[name], archive.weather.rows, numbers) for name in WEATHER
     )
     missing = np.isnan(radiation + temperature + humidity + wind + net)
-    notes = _check(archive.weather, missing, numbers)
-    present = np.flatnonzero(~missing)
+    notes, present, source = tuple[str, ...](), np.flatnonzero(~missing), archive.weather.source
+    if missing.any():
+        begin, length = longest(missing)
+        hours, when = length * ROW_SECONDS / 3600.0, moment(numbers[begin])
+        if hours > LONGEST_GAP_HOURS:
+            msg = (
+                f"{source}: the weather of {hours:.1f} h is missing from {when}; at most {LONGEST_GAP_HOURS} h are filled. Complete "
+                f"{', '.join(WEATHER)} there, or cut the compartments' days."
+            )
+            raise ArchiveError(msg)
+        rows = f"{missing.sum():,} of {missing.size:,} rows"
+        notes = (f"{source.name}: {rows} filled linearly; the longest gap, {length * 5} min, begins {when}.",)
     radiation, temperature, humidity, wind, net = (
         np.interp(np.arange(values.size), present, values[present]) for values in (radiation, temperature, humidity, wind, net)
     )
@@ -111,39 +113,12 @@ def outdoors(archive: Archive, clock: str, co2_ppm: float, step_seconds: int = S
     return Outdoors(values, day, (local % _DAY_SECONDS) / 3600.0, notes)
 
 
-def _check(weather: Weather, missing: np.ndarray[tuple[int], np.dtype[np.bool_]], numbers: IntArray) -> tuple[str, ...]:
-    """What is filled, in words; refuses what is too much."""
-    if not missing.any():
-        return ()
-    begin, length = longest(missing)
-    hours = length * ROW_SECONDS / 3600.0
-    if hours > LONGEST_GAP_HOURS:
-        msg = (
-            f"{weather.source}: the weather of {hours:.1f} h is missing from {moment(int(numbers[begin]))}; at most "
-            f"{LONGEST_GAP_HOURS} h are filled. Complete {', '.join(WEATHER)} there, or cut the compartments' days."
-        )
-        raise ArchiveError(msg)
-    return (
-        f"{weather.source.name}: {missing.sum():,} of {missing.size:,} rows filled linearly; the longest gap, {length * 5} min, "
-        f"begins {moment(int(numbers[begin]))}.",
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """Supplies and set points of every step, a column a compartment.
+    """Supplies and set points of every step, all (steps, compartments).
 
-    Attributes
-    ----------
-    lamps
-        Share of the installed power (steps, compartments).
-    dose
-        CO2 [mg m-2 s-1] (steps, compartments).
-    period
-        ``DAY``, ``PRE_NIGHT`` or ``NIGHT`` (steps, compartments).
-    heating, ventilation, humidity_deficit, outdoor
-        Set points: temperatures [degC], humidity deficit [g m-3], and outdoor temperature [degC] below which the screen closes
-        (steps, compartments).
+    ``lamps`` are shares of the installed power, ``dose`` is CO2 [mg m-2 s-1], ``period`` is ``DAY``, ``PRE_NIGHT`` or ``NIGHT``. Set points
+    are temperatures [degC], the humidity deficit [g m-3], and the outdoor temperature below which the screen closes [degC].
     """
 
     lamps: FloatArray
@@ -156,21 +131,11 @@ class Schedule:
 
 
 def schedule(
-    compartments: tuple[Compartment, ...],
-    outside: Outdoors,
-    settings: Settings,
-    *,
-    most_co2: float,
-    warmer: float = 0.0,
+    compartments: tuple[Compartment, ...], outside: Outdoors, settings: Settings, *, most_co2: float, warmer: float = 0.0
 ) -> Schedule:
-    """The schedule of these compartments.
+    """The schedule of these compartments, with ``warmer`` [K] added to all temperatures of heating and ventilation.
 
-    Parameters
-    ----------
-    most_co2
-        Installed dosing [mg m-2 s-1]: a day that asks for more gets so much.
-    warmer
-        Added to all temperatures of heating and ventilation [K].
+    A day that asks for more CO2 than the installed ``most_co2`` [mg m-2 s-1] gets so much.
     """
     radiation = outside.of("iGlob")
     sunlit = radiation >= settings.periods.dark_below

@@ -241,7 +241,7 @@ def read_archive(folder: Path, clock: str = "Europe/Amsterdam") -> Archive:
             if length:
                 notes.append(f"{path.name}: {column} of {missing.sum()} of {missing.size} days filled linearly.")
         used[name] = table.interpolate()
-    first, last = (int(chosen(one.index[end] for one in used.values())) for chosen, end in ((max, 0), (min, -1)))
+    first, last = (int(extreme(one.index[end] for one in used.values())) for extreme, end in ((max, 0), (min, -1)))
     if first > last:
         spans = "; ".join(f"{name}: {day_of(one.index[0])} to {day_of(one.index[-1])}" for name, one in used.items())
         msg = f"The compartments in {folder} have no day in common ({spans}). Leave one of them out."
@@ -277,21 +277,21 @@ def _compartment(name: str, path: Path, used: pd.DataFrame, notes: list[str]) ->
             notes.append(f"{production.name}: the harvest of {day_of(day)}, after the last day, is left out.")
         else:
             harvest[counted - first] += weight
-    known, dry_matter = dict[str, tuple[IntArray, FloatArray]](), None
+    series, dry_matter = dict[str, tuple[IntArray, FloatArray]](), None
     for file, column in ((quality, "DMC_fruit"), (quality, "TSS"), (counts, "stem_dens"), (counts, "plant_dens")):
         if file is not None and column in (sheet := Sheet.read(file)).table:
             present = np.isfinite(values := sheet.numbers(column))
-            known |= {column: (sheet.days()[present], values[present])} if present.any() else {}
+            series |= {column: (sheet.days()[present], values[present])} if present.any() else {}
             if column == "DMC_fruit" and present.any():
                 dry_matter = float(np.nanmean(values)) / 100.0
     if dry_matter is None:
         notes.append(f"{name}: no dry matter content was measured; the settings' value is used.")
     heat, high, low, co2 = (used[column].to_numpy() for column in RESOURCES)
-    densities = (known.get(column) for column in ("stem_dens", "plant_dens"))
+    densities = (series.get(column) for column in ("stem_dens", "plant_dens"))
     stems, plants = (one and one[1][np.maximum(np.searchsorted(one[0], numbers, side="right") - 1, 0)] for one in densities)
     return Compartment(
         name, heat, high, low, co2, harvest.sum(axis=1), dry_matter, next(filter(None, climate), None), harvest[:, 1],
-        np.interp(numbers, *known["TSS"]) if "TSS" in known else None, stems, plants,
+        np.interp(numbers, *series["TSS"]) if "TSS" in series else None, stems, plants,
     )  # fmt: skip
 
 

@@ -51,20 +51,9 @@ Progress = Callable[[int, int], None]
 class Season:
     """A simulated season, day by day; every array is (days, compartments).
 
-    Attributes
-    ----------
-    heat
-        Into the pipes from the boiler [MJ m-2].
-    pipe_heat
-        From the pipes, as the archive's heat is computed: ``RAIL_PIPE`` and ``GROW_PIPE`` times pipe above air temperature [MJ m-2].
-    lamps
-        Electricity of the lamps [kWh m-2].
-    co2
-        Dosed [kg m-2].
-    harvest
-        Dry mass of the fruit harvested [kg m-2].
-    air_temperature, humidity, co2_air
-        Means of the day [degC, %, ppm].
+    ``heat`` is what the boiler gave the pipes [MJ m-2], ``pipe_heat`` what they gave off as the archive's heat is computed, ``RAIL_PIPE``
+    and ``GROW_PIPE`` times pipe above air temperature [MJ m-2]; then the lamps' electricity [kWh m-2], ``co2`` dosed [kg m-2], dry mass of
+    the ``harvest`` [kg m-2], and means of the day of the air [degC, %, ppm].
     """
 
     house: House
@@ -200,31 +189,24 @@ def simulate(
 
 def _realise(realised: Mapping[str, FloatArray], place: int, indoor: Indoor) -> None:
     """Write the means of the steps into column ``place``; a gap holds the reading before it."""
+    import pandas as pd
+
     for name, table in realised.items():
         values, rows = indoor.columns[name], len(table) * STEP_SECONDS // ROW_SECONDS
-        present = np.flatnonzero(~np.isnan(values))
-        if values.size != rows or (name in NEEDED and not present.size):
+        present = np.count_nonzero(~np.isnan(values))
+        if values.size != rows or (name in NEEDED and not present):
             msg = (
-                f"{indoor.name} cannot be driven by its own set points: it has {present.size:,} of {rows:,} readings of {name}. Read its "
+                f"{indoor.name} cannot be driven by its own set points: it has {present:,} of {rows:,} readings of {name}. Read its "
                 "indoor climate over the days of the archive, or simulate it by the settings."
             )
             raise ArchiveError(msg)
-        if present.size:
-            before = np.maximum(np.searchsorted(present, np.arange(rows), side="right") - 1, 0)
-            table[:, place] = values[present[before]].reshape(len(table), -1).mean(axis=1)
+        table[:, place] = pd.Series(values).ffill().bfill().to_numpy().reshape(len(table), -1).mean(axis=1)
 
 
 def young_crop(greenhouse: Model, first: FloatArray, p: FloatArray, plants: Plants, air_temperature: float = AIR_AT_START) -> FloatArray:
-    """State when the young plants have been planted (states,); the rest is that of any start.
+    """State when the young plants have been planted (states,), with air, surfaces and plants at ``air_temperature`` [degC].
 
-    Parameters
-    ----------
-    first
-        The first row of the weather (disturbances,).
-    p
-        Parameters (parameters,).
-    air_temperature
-        Of air, surfaces and plants [degC].
+    ``first`` is the first row of the weather (disturbances,), ``p`` the parameters (parameters,); the rest is that of any start.
     """
     x = np.array(greenhouse.start("mature_crop", first, air_temperature, p))
     mass = 1e3 * plants.dry_mass  # mg m-2

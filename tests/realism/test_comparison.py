@@ -21,7 +21,6 @@ from glbench.realism import (
     read_archive,
     read_comparison,
     read_settings,
-    save_comparison,
     simulate,
 )
 from glbench.realism.houses import model, parameters
@@ -135,7 +134,7 @@ def test_sums_days_and_months(archive: Archive, compared: tuple[Comparison, tupl
 
 def test_what_is_stored_comes_back_and_holds_no_day(tmp_path: Path, compared: tuple[Comparison, tuple[Season, ...]]) -> None:
     path = tmp_path / "comparison.json"
-    save_comparison(compared[0], path)
+    path.write_text(compared[0].model_dump_json(indent=1) + "\n", encoding="utf-8")
     assert read_comparison(path) == compared[0]
     lists = [len(one.model_dump()["heat"]) for one in compared[0].houses[0].compartments]
     assert lists == [7, 7]

@@ -13,11 +13,12 @@ from glbench.kernel import Kernel
 from glbench.model import relative_humidity
 from glbench.realism.free_run import CHANNELS, drive, free_run
 from glbench.realism.houses import model
+from glbench.realism.identify import make_split
 from glbench.realism.season import young_crop
 from tests.realism.measured import BASE, FIRST, HOUSE, NOISE, SETTINGS, changed, indoor, outside, season
 
 GREENLIGHT = model(HOUSE.model)
-SPLIT = dt.date(2020, 1, 10)
+SPLIT = dt.date(2020, 1, 15)
 
 
 def with_columns(days: int, **columns: object) -> object:
@@ -78,17 +79,18 @@ def test_a_set_has_the_same_bits_alone_and_beside_others() -> None:
 
 def test_errors_are_told_apart_by_week_month_hour_and_date() -> None:
     true = season(16, BASE)
-    table = free_run(GREENLIGHT, np.stack([BASE, changed(cLeakage=10.0)]), true, SETTINGS.plants).table(SPLIT)
-    whole = table["all"]["all"]
+    run = free_run(GREENLIGHT, np.stack([BASE, changed(cLeakage=10.0)]), true, SETTINGS.plants)
+    table, whole, split = run.table(), run.errors(), make_split(true, f"date:{SPLIT}")
     for channel, noise in NOISE.items():
         assert whole[channel].rmse == pytest.approx(noise, rel=0.1), "what is left is the sensors' noise"
         assert abs(whole[channel].bias) < 0.2 * noise
     assert whole["humidity"].readings == whole["co2"].readings - 40
-    assert list(table["month"]) == ["2020-01"]
-    assert list(table["split"]) == ["before 2020-01-10", "from 2020-01-10"]
-    assert [one["co2"].readings for one in table["split"].values()] == [4 * 48, 12 * 48]
+    assert table["months"] == {"2020-01": whole}
+    assert (split.fitted, split.test) == ("before 2020-01-15", "from 2020-01-15")
+    assert [run.errors(0, steps)["co2"].readings for steps in (split.steps, ~split.steps)] == [9 * 48, 7 * 48]
     assert [one["co2"].readings for one in table["weeks"].values()] == [9 * 48, 7 * 48]
-    assert {one["co2"].readings for one in table["hour"].values()} == {32}
+    assert list(table["hours"])[:2] == ["0-3", "3-6"]
+    assert [one["co2"].readings for one in table["hours"].values()] == [3 * 32] * 8
     leaky = free_run(GREENLIGHT, changed(cLeakage=10.0), true, SETTINGS.plants).errors()
     assert leaky["air_temperature"].bias < -0.5
     assert leaky["air_temperature"].rmse > 2.0 * whole["air_temperature"].rmse
