@@ -28,11 +28,7 @@ _ROWS = {
     "without_engine": "Least cost without the engine",
     "boiler_alone": "Least cost with the boiler alone",
 }
-_EARNS = {
-    "buffer_earns": "the buffer",
-    "engine_earns": "the engine",
-    "looking_earns": "knowing how prices vary",
-}
+_EARNS = {"buffer_earns": "the buffer", "engine_earns": "the engine", "looking_earns": "knowing how prices vary"}
 
 
 def bound(
@@ -47,12 +43,10 @@ def bound(
         ),
     ] = None,
     iterations: Annotated[
-        int,
-        typer.Option("--iterations", "-n", min=1, help="Iterations per plan; one takes about 3 s of one core for 5,760 steps."),
+        int, typer.Option("--iterations", "-n", min=1, help="Iterations per plan; one takes about 3 s of one core for 5,760 steps.")
     ] = 35,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Folder for the plans. Default: runs/bound/TASK. Finished plans are skipped."),
+        Path | None, typer.Option("--out", "-o", help="Folder for the plans. Default: runs/bound/TASK. Finished plans are skipped.")
     ] = None,
     submit: Annotated[
         list[Path] | None,
@@ -132,14 +126,7 @@ def make_search(
         is_complete = book is not None and book.why_not(spec) is None and set(seeds) <= set(book.runs)
         start = "best_known" if is_complete else str(data_folder("submissions") / _EXAMPLE)
     name = spec.short_id + (f"-{split}" if split != "test" else "")
-    return Search(
-        spec,
-        seeds,
-        protect(start, sandbox.value),
-        out or Path("runs") / "bound" / name,
-        iterations,
-        workers or usable_cores(),
-    )
+    return Search(spec, seeds, protect(start, sandbox.value), out or Path("runs") / "bound" / name, iterations, workers or usable_cores())
 
 
 def _plans(search: Search, engine: options.EngineName, remaining: int) -> Iterator[PlanOutcome]:
@@ -223,15 +210,11 @@ def submission_parts(plans: Sequence[PlanComparison]) -> Iterator[console.Part]:
 def dispatch(
     result: Annotated[
         Path,
-        typer.Argument(
-            metavar="RESULT",
-            help="Result file (.json) of a task with an energy system; its recorded actions are beside it.",
-        ),
+        typer.Argument(metavar="RESULT", help="Result file (.json) of a task with an energy system; its recorded actions are beside it."),
     ],
     run: Annotated[list[int] | None, typer.Option("--run", help="Seed of a run to compare; repeatable. Default: all runs.")] = None,
     buffer: Annotated[
-        float | None,
-        typer.Option("--buffer", min=0, help="Try a buffer of this size [MJ m-2]. Default: the task's."),
+        float | None, typer.Option("--buffer", min=0, help="Try a buffer of this size [MJ m-2]. Default: the task's.")
     ] = None,
     round_file: options.RoundFile = None,
     as_json: options.AsJson = False,

@@ -25,9 +25,7 @@ ResultFile = Annotated[Path, typer.Argument(metavar="RESULT", help="A result fil
 
 
 @app.command()
-def info(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="An episode, or the recorded actions of a result (.mcap).")],
-) -> None:
+def info(file: Annotated[Path, typer.Argument(metavar="FILE", help="An episode, or the recorded actions of a result (.mcap).")]) -> None:
     """Show what a record holds: where it comes from, how the run ended, columns with units."""
     from glbench.episodes import is_action_log, read_episode, read_log
 
@@ -48,10 +46,7 @@ def info(
 def export(
     what: Annotated[
         list[str],
-        typer.Argument(
-            metavar="FILE | AGENT...",
-            help="An episode record (.mcap) or, with --minari, agents as for glbench evaluate.",
-        ),
+        typer.Argument(metavar="FILE | AGENT...", help="An episode record (.mcap) or, with --minari, agents as for glbench evaluate."),
     ],
     to: Annotated[Path | None, typer.Option("--to", help="Table to write from an episode: .parquet or .csv.")] = None,
     minari: Annotated[
@@ -63,15 +58,11 @@ def export(
     noise: Annotated[
         float,
         typer.Option(
-            "--noise",
-            min=0.0,
-            max=2.0,
-            help="Standard deviation of the noise on the agents' actions, relative to half their range.",
+            "--noise", min=0.0, max=2.0, help="Standard deviation of the noise on the agents' actions, relative to half their range."
         ),
     ] = 0.0,
     seed: Annotated[
-        int | None,
-        typer.Option("--seed", help="Seed of the first run, 10,000,000,000 or more. Default: 40,000,000,000."),
+        int | None, typer.Option("--seed", help="Seed of the first run, 10,000,000,000 or more. Default: 40,000,000,000.")
     ] = None,
     author: Annotated[str | None, typer.Option("--author", help="Author of the dataset, for its metadata.")] = None,
     email: Annotated[str | None, typer.Option("--author-email", help="Address of the author, for its metadata.")] = None,

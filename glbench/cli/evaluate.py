@@ -36,21 +36,15 @@ _SIDE_BY_SIDE = 4
 _MOST_REASONS, _MOST_LINES = 2, 3
 _MOST_PRINTS, _LONGEST_LINE = 20, 300
 _CAPTION = "* some runs failed; their missing steps count at the task's price"
-_PROTECTIONS = {
-    "bubblewrap": "in a sandbox (bubblewrap)",
-    "unsandboxed": "[yellow]unsandboxed[/yellow]",
-    "built-in": "a built-in agent",
-}
+_PROTECTIONS = {"bubblewrap": "in a sandbox (bubblewrap)", "unsandboxed": "[yellow]unsandboxed[/yellow]", "built-in": "a built-in agent"}
 
 
 def evaluate(
     agents: Annotated[
-        list[str],
-        typer.Argument(metavar="AGENT", help="Submissions (.py, .zip, .pt, .ts, .onnx, or a folder) or names of baselines."),
+        list[str], typer.Argument(metavar="AGENT", help="Submissions (.py, .zip, .pt, .ts, .onnx, or a folder) or names of baselines.")
     ],
     task: Annotated[
-        list[str] | None,
-        typer.Option("--task", "-t", help="Task id or task file (.toml); repeatable. Default: the benchmark's."),
+        list[str] | None, typer.Option("--task", "-t", help="Task id or task file (.toml); repeatable. Default: the benchmark's.")
     ] = None,
     suite: Annotated[list[str] | None, typer.Option("--suite", help="All tasks of a suite, such as paper; repeatable.")] = None,
     runs: Annotated[int | None, typer.Option("--runs", "-n", min=1, help="Number of runs. Default: what the task says.")] = None,
@@ -60,8 +54,7 @@ def evaluate(
     episodes: options.Episodes = "best,worst,median",
     as_json: options.AsJson = False,
     live: Annotated[
-        bool,
-        typer.Option("--live", help="Watch the first run in the viewer while it is simulated (needs glbench[view])."),
+        bool, typer.Option("--live", help="Watch the first run in the viewer while it is simulated (needs glbench[view]).")
     ] = False,
     sandbox: options.SandboxChoice = options.Sandbox.AUTO,
     show_prints: Annotated[bool, typer.Option("--show-prints", help="Show what sandboxed agents print, also when nothing fails.")] = False,
@@ -71,21 +64,15 @@ def evaluate(
     fresh_draws: Annotated[
         bool,
         typer.Option(
-            "--fresh-draws",
-            help="Evaluate again with draws from a new secret salt, and save both in the result (docs/statistics.md).",
+            "--fresh-draws", help="Evaluate again with draws from a new secret salt, and save both in the result (docs/statistics.md)."
         ),
     ] = False,
     round_file: options.RoundFile = None,
     split: Annotated[
-        str,
-        typer.Option("--split", help="Scenarios: test, which scores, or validation, to choose between agents (a trial)."),
+        str, typer.Option("--split", help="Scenarios: test, which scores, or validation, to choose between agents (a trial).")
     ] = "test",
     late: Annotated[
-        bool,
-        typer.Option(
-            "--late",
-            help="Evaluate although the round (--round) has closed; its leaderboard reports the result as late.",
-        ),
+        bool, typer.Option("--late", help="Evaluate although the round (--round) has closed; its leaderboard reports the result as late.")
     ] = False,
 ) -> None:
     """Evaluate agents on tasks: seeded runs in lockstep, a table with intervals, and a result file each.

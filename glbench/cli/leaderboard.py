@@ -33,24 +33,20 @@ def leaderboard(
         typer.Option("--task", "-t", help="Show this task: id or file (.toml); repeatable. Default: the one evaluated last."),
     ] = None,
     suite: Annotated[
-        list[str] | None,
-        typer.Option("--suite", "-s", help="Show agents over all tasks of this suite: normalised scores (repeatable)."),
+        list[str] | None, typer.Option("--suite", "-s", help="Show agents over all tasks of this suite: normalised scores (repeatable).")
     ] = None,
     members: Annotated[
-        bool,
-        typer.Option("--members", "--trainings", help="Show each training below the entry that it belongs to."),
+        bool, typer.Option("--members", "--trainings", help="Show each training below the entry that it belongs to.")
     ] = False,
     show_all: Annotated[bool, typer.Option("--all", help="Show every task and suite that has results.")] = False,
     out: options.Out = REPORTS,
     write: Annotated[
-        bool,
-        typer.Option("--write", help="Write leaderboard.md, .csv, .parquet, .json and .tex into that folder, too."),
+        bool, typer.Option("--write", help="Write leaderboard.md, .csv, .parquet, .json and .tex into that folder, too.")
     ] = False,
     as_json: options.AsJson = False,
     strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 when a result file cannot be used.")] = False,
     round_file: Annotated[
-        Path | None,
-        typer.Option("--round", help="The file of a sealed round (docs/maintain.md): name entries made after it closed."),
+        Path | None, typer.Option("--round", help="The file of a sealed round (docs/maintain.md): name entries made after it closed.")
     ] = None,
 ) -> None:
     """Rank all results, with 95 % intervals. Nothing is written unless you ask for it (--write).
@@ -122,8 +118,7 @@ def leaderboard(
 def badge(
     agent: Annotated[str, typer.Argument(help="Name of an agent that has a result.")],
     task: Annotated[
-        str | None,
-        typer.Option("--task", "-t", help="Of this task: id or file (.toml). Default: the default task, if it has results."),
+        str | None, typer.Option("--task", "-t", help="Of this task: id or file (.toml). Default: the default task, if it has results.")
     ] = None,
     out: options.Out = REPORTS,
     file: Annotated[Path, typer.Option("--file", "-f", help="Where the picture goes.")] = Path("badge.svg"),
@@ -266,10 +261,7 @@ def _task_tables(table: TaskTable, *, members: bool) -> Iterator[console.Table]:
         title += f"\n{styled(table.draws, 'yellow')}"
     columns = [ranks, t.TableColumn(_AGENT, agent), *scores]
     yield _table(title, columns, rows, lambda row: row.rank is None or row.training_seed is not None)
-    columns = [
-        t.TableColumn(_AGENT, agent_and_origin),
-        *_resources(t.resources(table.words, without_intervals=True), before=0),
-    ]
+    columns = [t.TableColumn(_AGENT, agent_and_origin), *_resources(t.resources(table.words, without_intervals=True), before=0)]
     yield _table("Harvest, resources, climate", columns, rows, lambda row: row.training_seed is not None)
 
 

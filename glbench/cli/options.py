@@ -47,8 +47,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON and nothing els
 Workers = Annotated[int | None, typer.Option("--workers", "-w", min=1, help="Cores to work with; changes no number. Default: all.")]
 Engine = Annotated[EngineName, typer.Option("--engine", help="Where to work: local, or ray (a Ray cluster; needs glbench[ray]).")]
 Address = Annotated[
-    str | None,
-    typer.Option("--address", help="Address of a Ray cluster, such as auto. Default: start one on this machine."),
+    str | None, typer.Option("--address", help="Address of a Ray cluster, such as auto. Default: start one on this machine.")
 ]
 Episodes = Annotated[
     str,

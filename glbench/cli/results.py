@@ -293,8 +293,7 @@ def compare(
     first: Annotated[str, typer.Argument(metavar="A", help="A result file, or the name of an agent.")],
     second: Annotated[str, typer.Argument(metavar="B", help="The same of the other one.")],
     task: Annotated[
-        list[str] | None,
-        typer.Option("--task", "-t", help="This task: id or file (.toml); repeatable. Default: all that both have."),
+        list[str] | None, typer.Option("--task", "-t", help="This task: id or file (.toml); repeatable. Default: all that both have.")
     ] = None,
     out: options.Out = REPORTS,
     as_json: options.AsJson = False,

@@ -125,12 +125,10 @@ def validate(
         typer.Option("--set", "-s", help="Parameter set, such as paper, or a page that glbench identify wrote; repeatable. Default: all."),
     ] = None,
     settings: Annotated[
-        Path | None,
-        typer.Option("--settings", help="Page of assumptions (TOML): lamps, plants, set points. Default: that of glbench."),
+        Path | None, typer.Option("--settings", help="Page of assumptions (TOML): lamps, plants, set points. Default: that of glbench.")
     ] = None,
     warmer: Annotated[
-        float,
-        typer.Option("--warmer", min=-10.0, max=10.0, help="Heat and ventilate at so much more than the page says [K]."),
+        float, typer.Option("--warmer", min=-10.0, max=10.0, help="Heat and ventilate at so much more than the page says [K].")
     ] = 0.0,
     agents: Annotated[
         str | None,

@@ -28,8 +28,7 @@ round_app = typer.Typer(help="Make and check the secret of a sealed round (docs/
 
 @app.command("list")
 def list_command(
-    suite: Annotated[str | None, typer.Option("--suite", "-s", help="Only the tasks of this suite.")] = None,
-    as_json: AsJson = False,
+    suite: Annotated[str | None, typer.Option("--suite", "-s", help="Only the tasks of this suite.")] = None, as_json: AsJson = False
 ) -> None:
     """List the tasks that come with glbench, suite by suite, the default task first: what each is, how long, under which weather."""
     from glbench.tasks import DEFAULT_TASK, list_drafts, list_tasks, read_lock
@@ -66,8 +65,7 @@ def list_command(
 
 @app.command("show")
 def show_command(
-    task: Annotated[str, typer.Argument(help="Id of a task, its short form, or a .toml file.", metavar="ID|FILE")],
-    as_json: AsJson = False,
+    task: Annotated[str, typer.Argument(help="Id of a task, its short form, or a .toml file.", metavar="ID|FILE")], as_json: AsJson = False
 ) -> None:
     """Explain a task in words: goal, period, what is seen and done, limits, prices, reward, evaluation."""
     from glbench.tasks import get_task
@@ -349,13 +347,11 @@ RoundPath = Annotated[Path, typer.Argument(metavar="FILE", help="The round's fil
 def new_round(
     file: RoundPath,
     weather: Annotated[
-        str | None,
-        typer.Option("--weather", help="Weather record of the round's own, in place of the task's (glbench weather list)."),
+        str | None, typer.Option("--weather", help="Weather record of the round's own, in place of the task's (glbench weather list).")
     ] = None,
     year: Annotated[list[int] | None, typer.Option("--year", help="A whole year of that record to draw from; repeatable.")] = None,
     closes: Annotated[
-        str | None,
-        typer.Option("--closes", help="Closing time, such as 2027-03-01T18:00+01:00. Results made after it count as late."),
+        str | None, typer.Option("--closes", help="Closing time, such as 2027-03-01T18:00+01:00. Results made after it count as late.")
     ] = None,
 ) -> None:
     """Make the secret of a round, write it to FILE, and print the commitment, which is to be published with the closing time."""

@@ -49,14 +49,12 @@ def train(
     wandb: Annotated[bool, typer.Option("--wandb", help="Log to Weights & Biases too (WANDB_MODE=offline needs no account).")] = False,
     tensorboard: Annotated[bool, typer.Option(help="Write files for TensorBoard.")] = True,
     seeds: Annotated[
-        str | None,
-        typer.Option("--seeds", help="Train with each of these seeds: 0-4, or 0,1,7-9. Resumes interrupted ones."),
+        str | None, typer.Option("--seeds", help="Train with each of these seeds: 0-4, or 0,1,7-9. Resumes interrupted ones.")
     ] = None,
     engine: options.Engine = options.EngineName.LOCAL,
     address: options.Address = None,
     workers: Annotated[
-        int | None,
-        typer.Option("--workers", "-w", min=1, help="With --seeds: trainings at a time. Default: all cores."),
+        int | None, typer.Option("--workers", "-w", min=1, help="With --seeds: trainings at a time. Default: all cores.")
     ] = None,
 ) -> None:
     """Train an agent on a task, keep its best policy, and tell how it was made.
@@ -203,13 +201,11 @@ def tune_rules(
     config: Annotated[Path | None, typer.Option("--config", "-c", help="Rules to begin with (YAML). Default: the shipped ones.")] = None,
     seed: options.Seed = 0,
     seasons: Annotated[
-        int | None,
-        typer.Option("--seasons", "-n", min=1, help="Simulated runs in all, rounded up to whole generations. Default: 6,400."),
+        int | None, typer.Option("--seasons", "-n", min=1, help="Simulated runs in all, rounded up to whole generations. Default: 6,400.")
     ] = None,
     population: Annotated[int | None, typer.Option("--population", "-p", min=4, help="Candidates a generation. Default: 64.")] = None,
     sigma: Annotated[
-        float | None,
-        typer.Option("--sigma", min=1e-6, max=1.0, help="First spread, in widths of the numbers' bounds. Default: 0.1."),
+        float | None, typer.Option("--sigma", min=1e-6, max=1.0, help="First spread, in widths of the numbers' bounds. Default: 0.1.")
     ] = None,
     out: options.TrainingFolder = None,
 ) -> None:
@@ -324,8 +320,7 @@ def sweep(
     config: Annotated[Path, typer.Option("--config", "-c", help="What is searched (YAML; docs/training.md).")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of study and trials. Default: sweeps/NAME.")] = None,
     workers: Annotated[
-        int | None,
-        typer.Option("--workers", "-w", min=1, help="Trials at a time, a core each. Default: 1; on Ray all cores."),
+        int | None, typer.Option("--workers", "-w", min=1, help="Trials at a time, a core each. Default: 1; on Ray all cores.")
     ] = None,
     engine: options.Engine = options.EngineName.LOCAL,
     address: options.Address = None,
@@ -400,13 +395,7 @@ def executor_of(where: Where, task: TaskSpec) -> Iterator[Executor]:
 
 
 def train_with_seeds(
-    training: Training,
-    task: TaskSpec,
-    settings: Any,
-    out: Path | None,
-    name: str,
-    several: tuple[list[int], Where],
-    **extras: Any,
+    training: Training, task: TaskSpec, settings: Any, out: Path | None, name: str, several: tuple[list[int], Where], **extras: Any
 ) -> None:
     """Train with ``several`` seeds, each in ``out/NAME-seedSEED``, and print the outcome; ``training`` is what ``glbench train`` calls.
 
@@ -461,12 +450,7 @@ def _reward_and_choices(trial: TrialReport, score: Metric) -> tuple[str, str]:
 
 
 def _put_outcome(
-    trained: Trained,
-    spec: TaskSpec,
-    evaluation: EvaluationPlan,
-    task: str | None,
-    what: str = "policy",
-    how: str = "--resume",
+    trained: Trained, spec: TaskSpec, evaluation: EvaluationPlan, task: str | None, what: str = "policy", how: str = "--resume"
 ) -> None:
     """Print the best policy or rules (``what``) of a training and what to do with it; ``how`` to train for more steps.
 

@@ -32,14 +32,10 @@ def verify(
     ],
     episodes: Annotated[
         Path | None,
-        typer.Option(
-            "--episodes",
-            help="Folder with full episodes to compare. Default: where evaluate puts them, if there are any.",
-        ),
+        typer.Option("--episodes", help="Folder with full episodes to compare. Default: where evaluate puts them, if there are any."),
     ] = None,
     task: Annotated[
-        Path | None,
-        typer.Option("--task", "-t", help="Task file of a task that is not published. Default: the copy in the record."),
+        Path | None, typer.Option("--task", "-t", help="Task file of a task that is not published. Default: the copy in the record.")
     ] = None,
     round_file: RoundFile = None,
     workers: Workers = None,

@@ -29,8 +29,7 @@ def view(
     files: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RESULT_OR_FILE",
-            help="Results (.json), of which one run each is shown, or episodes (.mcap); up to six, of one task.",
+            metavar="RESULT_OR_FILE", help="Results (.json), of which one run each is shown, or episodes (.mcap); up to six, of one task."
         ),
     ],
     run: Annotated[str, typer.Option("--run", "-r", help="Which run of each result: best, worst, median, or a seed.")] = "median",
@@ -43,8 +42,7 @@ def view(
     picture: Annotated[Path | None, typer.Option("--picture", help="Save a picture (.png) of the overview and open nothing.")] = None,
     web: Annotated[bool, typer.Option("--web", help="Show it in the browser instead of a window.")] = False,
     port: Annotated[
-        int | None,
-        typer.Option("--port", min=1, max=65534, help="Port of the page (its data come from the next). Default: any free."),
+        int | None, typer.Option("--port", min=1, max=65534, help="Port of the page (its data come from the next). Default: any free.")
     ] = None,
 ) -> None:
     """Show what happened in recorded runs: climate within its limits, crop, controls, weather, money and violations.

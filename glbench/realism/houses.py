@@ -132,12 +132,7 @@ HOUSES: Mapping[str, House] = MappingProxyType(
             House("paper", "the benchmark's compartment, LEDs with water cooling", "benchmark"),
             House("paper_uncooled", "the same without lamp cooling", "benchmark", uncooled=True),
             House("hps_2020", "the same compartment with HPS lamps", "hps_2020"),
-            House(
-                "mixed_2020",
-                "the same compartment with HPS lamps and uncooled LEDs",
-                "led_2020",
-                mixed=("hps_2020", "led_2020"),
-            ),
+            House("mixed_2020", "the same compartment with HPS lamps and uncooled LEDs", "led_2020", mixed=("hps_2020", "led_2020")),
             House("hps_2021", "modern 4 ha greenhouse, HPS lamps", "hps_2021"),
             House("led_2021", "modern 4 ha greenhouse, LEDs", "led_2021"),
             House("mixed_2021", "modern 4 ha greenhouse, HPS lamps and LEDs", "led_2021", mixed=("hps_2021", "led_2021")),

@@ -175,10 +175,7 @@ def lamp_shares(one: Compartment, outside: Outdoors, lamps: Lamps) -> FloatArray
     a_step = lamps.power * STEP_SECONDS / _KWH
     for number, (high, low) in enumerate(zip(one.high.tolist(), one.low.tolist(), strict=True)):
         today = outside.day == number
-        for energy, window, ranks in (
-            (high, today & at_high, (hour, bright)),
-            (low, today & ~at_high, (from_the_beginning_back,)),
-        ):
+        for energy, window, ranks in ((high, today & at_high, (hour, bright)), (low, today & ~at_high, (from_the_beginning_back,))):
             steps = np.flatnonzero(window)
             order = steps[np.lexsort(tuple(rank[steps] for rank in ranks))]
             shares[order] = np.clip(energy / a_step - np.arange(order.size), 0.0, 1.0)

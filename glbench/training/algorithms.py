@@ -188,12 +188,7 @@ _ARRAYS = "state.npz"
 
 
 def save_checkpoint(
-    folder: Path,
-    model: BaseAlgorithm,
-    env: TrainingVecEnv,
-    normalization: Normalizer,
-    history: History,
-    identity: dict[str, Any],
+    folder: Path, model: BaseAlgorithm, env: TrainingVecEnv, normalization: Normalizer, history: History, identity: dict[str, Any]
 ) -> None:
     """Replace the checkpoint in ``folder`` by one of this moment, which must be the start of a rollout."""
     with replaced(folder) as new:

@@ -34,13 +34,7 @@ _CONSTANT = 1e-4
 
 
 def train_compiled(
-    task: TaskSpec,
-    settings: CompiledSettings,
-    folder: Path,
-    *,
-    seed: int = 0,
-    resume: bool = False,
-    listeners: Sequence[Listener] = (),
+    task: TaskSpec, settings: CompiledSettings, folder: Path, *, seed: int = 0, resume: bool = False, listeners: Sequence[Listener] = ()
 ) -> Trained:
     """Train one agent in ``folder``; the same task, settings and seed give the same policy on the same machine.
 
@@ -124,12 +118,7 @@ class _Training(Session):
                 biases=tuple(np.asarray(bias) for _, bias in layers),
                 activation="Tanh",
                 output="clip",
-                about={
-                    "algorithm": NAME,
-                    "seed": self.seed,
-                    "steps": self.steps,
-                    "task_digest": self.task.digest,
-                },
+                about={"algorithm": NAME, "seed": self.seed, "steps": self.steps, "task_digest": self.task.digest},
             )
             gru = None
             if units:

@@ -53,13 +53,7 @@ def _take(lock: int, folder: Path) -> None:
 
 
 def claim(
-    folder: Path,
-    identity: Mapping[str, Any],
-    state: Path | None,
-    *,
-    start: Path | None,
-    target: Mapping[str, int],
-    resume: bool,
+    folder: Path, identity: Mapping[str, Any], state: Path | None, *, start: Path | None, target: Mapping[str, int], resume: bool
 ) -> dict[str, Any] | None:
     """The card of this very training if ``folder`` holds it, finished as far as ``target``; ``None`` when there is work to do.
 

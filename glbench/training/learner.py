@@ -155,11 +155,7 @@ class Learner:
         privileged = settings.critic_sees if accrual is None else (accrual.state, *settings.critic_sees)
         try:
             environment = Environment(
-                task,
-                settings.kernel_preset,
-                seeds=settings.seeds,
-                places=settings.places,
-                info=tuple(dict.fromkeys(privileged)),
+                task, settings.kernel_preset, seeds=settings.seeds, places=settings.places, info=tuple(dict.fromkeys(privileged))
             )
         except UnknownNameError as error:
             msg = f"'accrual' or 'critic_sees': {error}"

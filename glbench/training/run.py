@@ -18,17 +18,7 @@ from glbench.training.algorithms import NORMALIZATION, load_checkpoint, make_mod
 from glbench.training.card import CARD, POLICY, facts_of_training, note_session, read_card, settings_digest, write_card
 from glbench.training.compiled_settings import NAME as COMPILED_PPO
 from glbench.training.export import begin_with, export_policy, load_model, start_of
-from glbench.training.folder import (
-    BEST,
-    CHECKPOINT,
-    MODEL,
-    Trained,
-    claim,
-    find_checkpoint,
-    folder_lock,
-    open_folder,
-    replaced,
-)
+from glbench.training.folder import BEST, CHECKPOINT, MODEL, Trained, claim, find_checkpoint, folder_lock, open_folder, replaced
 from glbench.training.periodic_evaluation import History, Listener, Pace, Probe, Progress
 from glbench.training.vec_env import Normalizer, TrainingVecEnv
 
@@ -186,25 +176,14 @@ def train(
         words = {"task": task.id, "task_digest": task.digest, "algorithm": settings.algorithm}
         identity: dict[str, Any] = {**words, "settings_digest": settings_digest(settings), "seed": seed}
         state = find_checkpoint(folder / CHECKPOINT)
-        card = claim(
-            folder,
-            identity,
-            state,
-            start=settings.start_from,
-            target={"steps": settings.n_timesteps},
-            resume=resume,
-        )
+        card = claim(folder, identity, state, start=settings.start_from, target={"steps": settings.n_timesteps}, resume=resume)
         if card is not None:  # its policy is exported if a kill came before that
             reason = None if (folder / POLICY).is_file() else export_best(folder, task)
             return Trained.of(folder, card, already_done=True, not_exported=reason)
         start = start_of(settings.start_from) if settings.start_from is not None else None
         prepare_torch()
         env = TrainingVecEnv(
-            task,
-            settings.n_envs,
-            first_seed=settings.first_env_seed,
-            kernel_preset=settings.kernel_preset,
-            accrual=settings.accrual,
+            task, settings.n_envs, first_seed=settings.first_env_seed, kernel_preset=settings.kernel_preset, accrual=settings.accrual
         )
         try:
             if state is not None:

@@ -230,13 +230,7 @@ class _SeasonSearch(Search):
 
 
 def search(
-    task: TaskSpec,
-    settings: SearchSettings,
-    folder: Path,
-    *,
-    seed: int = 0,
-    resume: bool = False,
-    listeners: Sequence[Listener] = (),
+    task: TaskSpec, settings: SearchSettings, folder: Path, *, seed: int = 0, resume: bool = False, listeners: Sequence[Listener] = ()
 ) -> Trained:
     """Adapt a policy in ``folder``; the same task, settings and seed give the same policy on the same machine.
 

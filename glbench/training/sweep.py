@@ -29,13 +29,7 @@ from glbench.training.folder import CHECKPOINT
 from glbench.training.multi_seed import outcome_of, submit_training
 from glbench.training.periodic_evaluation import CurvePoint, Listener
 from glbench.training.run import train
-from glbench.training.settings import (
-    FrozenSettings,
-    TrainingSettings,
-    numbers,
-    read_settings,
-    shipped_settings,
-)
+from glbench.training.settings import FrozenSettings, TrainingSettings, numbers, read_settings, shipped_settings
 from glbench.untrusted import real_path
 from glbench.yaml_reader import read_yaml
 

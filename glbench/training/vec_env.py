@@ -116,11 +116,7 @@ class TrainingVecEnv(VecEnv):
             for row in np.flatnonzero(terminated).tolist():
                 reward, epi, penalty = self._sums[:, row].tolist()
                 episode = {"r": reward, "l": int(self._lengths[row]), "epi": epi, "penalty": penalty}
-                infos[row] = {
-                    "terminal_observation": observations[row].copy(),
-                    "TimeLimit.truncated": False,
-                    "episode": episode,
-                }
+                infos[row] = {"terminal_observation": observations[row].copy(), "TimeLimit.truncated": False, "episode": episode}
             observations = self._begin(terminated)
         return observations, paid.astype(np.float32), terminated, infos
 

@@ -91,24 +91,13 @@ def wandb_sweep(search: Search, folder: Path) -> None:
         try:
             trial_settings = with_choices(settings, dict(listener.run.config), search.steps)
             train(
-                task,
-                trial_settings,
-                folder / str(listener.run.id),
-                seed=search.seed,
-                resume=True,
-                tensorboard=False,
-                listeners=[listener],
+                task, trial_settings, folder / str(listener.run.id), seed=search.seed, resume=True, tensorboard=False, listeners=[listener]
             )
         finally:
             listener.close()
 
     try:
-        wandb.agent(
-            wandb.sweep(search.wandb_config(), project="glbench"),
-            function=trial,
-            count=search.total,
-            project="glbench",
-        )
+        wandb.agent(wandb.sweep(search.wandb_config(), project="glbench"), function=trial, count=search.total, project="glbench")
     except (wandb.errors.Error, OSError) as error:
         msg = f"Weights & Biases cannot run the sweep: {error} Log in with `wandb login`, or run it here without --wandb."
         raise TrainingError(msg) from error

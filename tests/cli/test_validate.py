@@ -125,9 +125,9 @@ def test_what_agents_would_have_earned(glbench: Command, tmp_path: Path, monkeyp
     out = tmp_path / "out"
     answer = glbench("validate", made.write(tmp_path / "archive"), "--agents", "rule_based_tuned, nobody", "--out", out)
     assert answer.code == 0, answer.err
-    for words in ("Measured, 2020-02-10 to 2020-02-10", "Simulated in mixed_2020", "rule_based_tuned", "0.8 kg", "2 kWh"):
+    for words in ("Measured, 2020-02-10 to 2020-02-10", "Simulated in bleiswijk_2020", "rule_based_tuned", "0.8 kg", "2 kWh"):
         assert words in answer.out, words
     assert "…" not in answer.out, "a table is too wide for 80 columns"
-    assert "nobody has no row in mixed_2020" in " ".join(answer.err.split())
+    assert "nobody has no row in bleiswijk_2020" in " ".join(answer.err.split())
     stored = json.loads((out / "board.json").read_text())
-    assert [one["house"] for one in stored["accounts"]] == [None, None, "mixed_2020", "mixed_2020"]
+    assert [one["house"] for one in stored["accounts"]] == [None, None, "bleiswijk_2020", "bleiswijk_2020"]

@@ -1027,6 +1027,8 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
     ],
     "docs/uncertainty.md": [
+        ("at `factor` 0.5, 1 and 2", "definition: the factors that belong together"),
+        ("less than 0.5 or more than 1.5 times", "definition: glbench/tasks/spreads.py"),
         ("forecasts are {} W/m2 too low by day,\n{} % of the radiation that came", radiation_bias),
         (
             "by hours ahead, over {} seasons of the [training split](glossary.md#split)",
@@ -1134,6 +1136,14 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     },
     "docs/realism.md": [
         ("as a mean of 24 h", "definition: a state of the model"),
+        ("doi 10.4121/uuid", "the name of a publication"),
+        ("that store 25 times the heat", "a fit of the published model that is not shipped: docs/adr/0031-a-compartment-as-measured.md"),
+        ("A vent that is 10 % open", "an example: tests/model/test_compartment.py has the power of 1.5"),
+        ("in 90 % of fits", "definition: glbench.realism.identify.INTERVAL"),
+        ("errors of 1.6 K, 6 % and 110 ppm", "definition: glbench/realism/compartment.toml"),
+        ("humidity is 80 %", "definition: glbench/model/compartment.py"),
+        ("282 kWh/m² of light", "the archive, read by glbench validate --by set-points"),
+        ("above 85 % relative humidity", "definition: FullSeason-v1"),
     ],
     "docs/realism-tables.md": [
         ("doi 10.4121/uuid", "the name of a publication"),
