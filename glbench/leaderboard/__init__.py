@@ -9,14 +9,7 @@ from glbench.extras import lazy_names
 if TYPE_CHECKING:
     from glbench.leaderboard.collect import Expectation, StoredResult, collect_readable, collect_results
     from glbench.leaderboard.ranking import Row, TaskTable, rank
-    from glbench.leaderboard.statistics import (
-        Estimate,
-        bootstrap_interval,
-        estimate,
-        estimates_of,
-        interquartile_mean,
-        mean,
-    )
+    from glbench.leaderboard.statistics import Estimate, bootstrap_interval, estimate, estimates_of, interquartile_mean, mean
     from glbench.leaderboard.tables import to_frame, to_markdown, write_leaderboard
 else:
     __getattr__ = lazy_names(__name__)

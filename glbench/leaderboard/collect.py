@@ -278,9 +278,7 @@ def _one_version_each(stored: list[StoredResult]) -> tuple[tuple[StoredResult, .
     best: dict[str, list[StoredResult]] = {}
     for (task_id, _), items in by_digest.items():
         best[task_id] = max(
-            best.get(task_id, []),
-            items,
-            key=lambda some: (len(some), max((item.result.created for item in some), default="")),
+            best.get(task_id, []), items, key=lambda some: (len(some), max((item.result.created for item in some), default=""))
         )
     current, problems = [], []
     for item in stored:

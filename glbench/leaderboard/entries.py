@@ -152,11 +152,7 @@ def _joined(items: Iterable[StoredResult], seeds: tuple[int, ...]) -> dict[tuple
         if recipe is not None:
             key, agent = (recipe, item.result.evaluation.seeds), item.result.agent
             weights = None if agent.kind == "baseline" or agent.training is None else agent.training.policy
-            same = {
-                (key, agent.digest),
-                (key, weights or agent.digest),
-                (key, tuple(item.result.values(RANKING_METRIC))),
-            }
+            same = {(key, agent.digest), (key, weights or agent.digest), (key, tuple(item.result.values(RANKING_METRIC)))}
             if not same & policies:
                 groups.setdefault(key, []).append(item)
             policies |= same

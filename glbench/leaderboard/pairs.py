@@ -14,14 +14,7 @@ from glbench.evaluation.records import RunResult
 from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.entries import Entry, metric_of, resolution_of
 from glbench.leaderboard.regret import METRICS, PARTS, best_known_of, regrets_of
-from glbench.leaderboard.statistics import (
-    SIGNIFICANCE,
-    Array,
-    Interval,
-    estimate_difference,
-    paired_test,
-    probability_of_improvement,
-)
+from glbench.leaderboard.statistics import SIGNIFICANCE, Array, Interval, estimate_difference, paired_test, probability_of_improvement
 from glbench.leaderboard.training_data import years_of_runs
 
 

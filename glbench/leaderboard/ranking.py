@@ -16,13 +16,7 @@ from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResu
 from glbench.leaderboard.entries import Entry, entries_by_task, expected_seeds, metric_of, resolution_of
 from glbench.leaderboard.fresh_draws import FreshScore, fresh_score, fresh_score_over
 from glbench.leaderboard.regret import BestKnownMeans, Regret, best_known_means, can_be_best_known, regret_of
-from glbench.leaderboard.training_data import (
-    TrainingData,
-    budget_of,
-    contamination_warning,
-    training_data_of,
-    years_of_runs,
-)
+from glbench.leaderboard.training_data import TrainingData, budget_of, contamination_warning, training_data_of, years_of_runs
 from glbench.tasks import Round
 from glbench.untrusted import html_of
 
@@ -53,20 +47,15 @@ class Row(statistics.FrozenModel):
     origin: Origin = Field(description="released with glbench, the user's own, or a trial with other seeds than the task's")
     reproduced: bool = Field(description="whether glbench verify simulated all runs again and got the same numbers")
     decision_milliseconds: float = Field(
-        serialization_alias="decision_ms",
-        description="time of one decision for one run [ms]; stated by the file, not checked",
+        serialization_alias="decision_ms", description="time of one decision for one run [ms]; stated by the file, not checked"
     )
     training_steps: int | None = Field(
-        default=None,
-        description="control steps that it was trained for; 0 when not trained, null when not stated; not checked",
+        default=None, description="control steps that it was trained for; 0 when not trained, null when not stated; not checked"
     )
     training_hours: float | None = Field(default=None, description="hours that the training took [h]; not checked")
     sandbox: Sandbox | None = Field(default=None, description="how it ran; null in results of glbench without sandboxes; not checked")
     kernel: str = Field(description="backend and preset of the kernel that stepped the model")
-    build: str = Field(
-        serialization_alias="kernel_build",
-        description="short digests of the kernel's library and of all its settings",
-    )
+    build: str = Field(serialization_alias="kernel_build", description="short digests of the kernel's library and of all its settings")
     remark: str
     worst_tenth: statistics.Interval | None = Field(
         default=None,
@@ -130,8 +119,7 @@ class TaskTable(statistics.FrozenModel):
         default=None, description="SHA-256 of the secret salt that entered the draws; null where all draws are public"
     )
     best_known: BestKnownMeans | None = Field(
-        default=None,
-        description="means over the best known runs, which regrets are measured by; null where none are known",
+        default=None, description="means over the best known runs, which regrets are measured by; null where none are known"
     )
     task: Any = Field(default=None, exclude=True)
     """The task's definition, where a result has it."""
@@ -183,10 +171,7 @@ def with_late_entries(tables: Sequence[TaskTable], stored: Sequence[StoredResult
     """The tables, with the late results of the round ``sealed`` named: those that state a time after it closed."""
     closed = f"the round closed at {sealed.closing_words}"
     late = [
-        (
-            item.board,
-            f"{item.result.agent.name} is late: its result states that it was made at {item.result.created}, and {closed}.",
-        )
+        (item.board, f"{item.result.agent.name} is late: its result states that it was made at {item.result.created}, and {closed}.")
         for item in stored
         if item.result.task.salt_commitment == sealed.commitment and sealed.is_late(item.result.created)
     ]

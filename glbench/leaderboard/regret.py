@@ -146,10 +146,7 @@ def best_runs(stored: Iterable[StoredResult], expected: Mapping[str, Expectation
     by_task: dict[str, list[Result]] = {}
     for item in stored:
         result, expectation = item.result, expected.get(item.board)
-        if expectation is None or (result.task.digest, result.evaluation.seeds) != (
-            expectation.digest,
-            expectation.seeds,
-        ):
+        if expectation is None or (result.task.digest, result.evaluation.seeds) != (expectation.digest, expectation.seeds):
             continue
         if can_be_best_known(result.agent) and all(expectation.metric in run.metrics for run in result.runs):
             by_task.setdefault(item.board, []).append(result)

@@ -129,12 +129,7 @@ def resampled(strata: Sequence[Array], resamples: int = RESAMPLES, seed: int = 0
 
 
 def bootstrap_interval(
-    values: Values,
-    statistic: Statistic = mean,
-    *,
-    confidence: float = CONFIDENCE,
-    resamples: int = RESAMPLES,
-    seed: int = 0,
+    values: Values, statistic: Statistic = mean, *, confidence: float = CONFIDENCE, resamples: int = RESAMPLES, seed: int = 0
 ) -> tuple[float, float]:
     """Percentile bootstrap interval of ``statistic`` over runs.
 
@@ -499,9 +494,7 @@ def performance_profile(agent: str, tasks: Sequence[Array], thresholds: Array, *
 
 
 def probability_of_improvement(
-    ours: Mapping[str, Array],
-    theirs: Mapping[str, Array],
-    scenarios: Mapping[str, Sequence[Hashable]] | None = None,
+    ours: Mapping[str, Array], theirs: Mapping[str, Array], scenarios: Mapping[str, Sequence[Hashable]] | None = None
 ) -> Interval:
     """Probability that one agent scores above another in the same run, averaged over their common tasks.
 

@@ -197,13 +197,7 @@ def suite_table(
         back = statistics.Interval(value=1.0 - p.value, low=1.0 - p.high, high=1.0 - p.low)
         improvements.append(Improvement(first=one, second=other, probability=p))
         improvements.append(Improvement(first=other, second=one, probability=back))
-    return SuiteTable(
-        suite=suite,
-        tasks=usable,
-        rows=tuple(rows),
-        improvements=tuple(improvements),
-        profiles=_profiles(whole, usable),
-    )
+    return SuiteTable(suite=suite, tasks=usable, rows=tuple(rows), improvements=tuple(improvements), profiles=_profiles(whole, usable))
 
 
 def suite_tables(

@@ -77,10 +77,7 @@ RESOLUTION_NOTE = (
 )
 RESOLUTION_PLACE = 4
 """Where it stands among the footnotes of tasks that have such a resolution."""
-_UNITS = (
-    ("Reward and penalty have no unit.", False),
-    ("A score in EUR/m² is the profit minus what violations of the limits cost.", True),
-)
+_UNITS = (("Reward and penalty have no unit.", False), ("A score in EUR/m² is the profit minus what violations of the limits cost.", True))
 _PROFIT = "what is earned minus what is paid"
 
 
@@ -383,9 +380,7 @@ def latex(columns: Sequence[TableColumn], rows: Iterable[Any]) -> list[str]:
 
 
 def to_markdown(
-    tables: Sequence[TaskTable],
-    suites: Mapping[str, Sequence[str]],
-    of_suites: Mapping[str, Sequence[str]] | None = None,
+    tables: Sequence[TaskTable], suites: Mapping[str, Sequence[str]], of_suites: Mapping[str, Sequence[str]] | None = None
 ) -> str:
     """The whole leaderboard: an overview of every suite that has results, then one table a task.
 
@@ -496,14 +491,7 @@ def to_latex(table: TaskTable) -> str:
         *(regret_columns(table)[:1] if has_regret(table) else []),
         TableColumn("Runs", runs_label),
     ]
-    used = [
-        TableColumn("Agent", entry_label, words=True),
-        *map(of_metric, columns[3:]),
-        DECISION,
-        TRAINING,
-        *WORDS,
-        _CHECKED_IN_WORDS,
-    ]
+    used = [TableColumn("Agent", entry_label, words=True), *map(of_metric, columns[3:]), DECISION, TRAINING, *WORDS, _CHECKED_IN_WORDS]
     draws = f" ({table.draws})" if table.draws else ""
     comment = f"% {visible(table.task_id)}{draws}, digest {table.digest[:12]}; needs \\usepackage{{booktabs}}"
     return "\n".join([comment, *latex(scores, table.rows), "", *latex(used, table.rows)]) + "\n"
@@ -677,10 +665,7 @@ def json_schema() -> str:
 
 
 def write_leaderboard(
-    tables: Sequence[TaskTable],
-    suites: Mapping[str, Sequence[str]],
-    out: Path,
-    aggregated: Sequence[SuiteTable] = (),
+    tables: Sequence[TaskTable], suites: Mapping[str, Sequence[str]], out: Path, aggregated: Sequence[SuiteTable] = ()
 ) -> tuple[Path, ...]:
     """Write ``leaderboard.md``, ``.csv``, ``.parquet``, ``.json`` and ``.tex`` into ``out``, each whole or not at all; the paths.
 

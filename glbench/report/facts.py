@@ -233,13 +233,7 @@ def entry_facts(entry: Row, entries: Mapping[tuple[str, str], ReportEntry], bloc
         },
     }
     members = [
-        {
-            **one,
-            "agent": training_name(entry, row),
-            "member_of": entry.agent,
-            "training_seed": row.training_seed,
-            "trainings": 0,
-        }
+        {**one, "agent": training_name(entry, row), "member_of": entry.agent, "training_seed": row.training_seed, "trainings": 0}
         for one, row in zip(results, entry.trainings, strict=True)
     ]
     return [together, *members]

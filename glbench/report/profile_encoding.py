@@ -24,15 +24,7 @@ from glbench.leaderboard.catalogue import catalogue, charts_of
 from glbench.report.facts import ReportEntry
 from glbench.tasks import TaskSpec
 
-LEVELS: Mapping[str, int] = {
-    "day": 400,
-    "season": 1000,
-    "worst": 160,
-    "hours": 3000,
-    "calendar": 120,
-    "weather": 400,
-    "energy": 4000,
-}
+LEVELS: Mapping[str, int] = {"day": 400, "season": 1000, "worst": 160, "hours": 3000, "calendar": 120, "weather": 400, "energy": 4000}
 """Steps between 0 and the largest value of a column: charts of a day are 140 pixels high, sums by hour of the day are money."""
 
 
@@ -107,10 +99,7 @@ def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
     return {
         **({"energy": energy} if energy else {}),
         "seeds": document["seeds"],
-        "day": {
-            "slot_seconds": document["day"]["slot_seconds"],
-            "columns": _columns("day", drawn_of, document["day"]["columns"]),
-        },
+        "day": {"slot_seconds": document["day"]["slot_seconds"], "columns": _columns("day", drawn_of, document["day"]["columns"])},
         "season": {"columns": _columns("season", drawn_of, document["season"]["columns"])},
         "calendar": {name: _coarse(one, LEVELS["calendar"]) for name, one in document["calendar"].items()},
         "worst": _columns("worst", drawn_of, document["worst"]),
@@ -126,10 +115,7 @@ def _coarse(packed: Mapping[str, Any], levels: int) -> dict[str, Any]:
     """Whole numbers times a coarser ``resolution``, each as the difference from the known one before it in its row."""
     cells = np.array(packed["values"], dtype=np.float64)  # NaN where nothing is known; the rest are whole numbers below 2**53
     factor = max(1, int(np.fmax.reduce(np.abs(cells), axis=None, initial=0.0)) // levels)
-    return {
-        "resolution": packed["resolution"] * factor,
-        "differences": _differences((2.0 * cells + factor) // (2.0 * factor)),
-    }
+    return {"resolution": packed["resolution"] * factor, "differences": _differences((2.0 * cells + factor) // (2.0 * factor))}
 
 
 def _differences(cells: NDArray[np.float64]) -> list[Any]:

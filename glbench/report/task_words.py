@@ -152,12 +152,7 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
         return f"{capacity.at_one * fraction:.3g} {pretty_unit(capacity.unit)}{dose}"
 
     actions = [
-        (
-            series.get(one.name, {}).get("label", capacity.meaning),
-            capacity.meaning,
-            full(capacity, 1.0),
-            full(capacity, card.max_change),
-        )
+        (series.get(one.name, {}).get("label", capacity.meaning), capacity.meaning, full(capacity, 1.0), full(capacity, card.max_change))
         if (capacity := by_name.get(one.name)) is not None
         else (one.meaning, "set point", f"{one.lowest:g} to {one.highest:g} {one.unit}", "")
         for one in card.actions
