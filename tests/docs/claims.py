@@ -587,7 +587,6 @@ CLAIMS: dict[str, list[Claim]] = {
             "electricity at {} EUR kWh⁻¹ from 7 to 23 h and {} EUR kWh⁻¹ otherwise",
             lambda: (read_prices().electricity_high, read_prices().electricity_low),
         ),
-        ("gives {} of the measured fruit under", lambda: reference_in("bleiswijk_2020")[0]),
         ("is interpolated between {} and {} degrees", lambda: (read_prices().plain, read_prices().sweet)),
     ],
     "docs/realism-practice.md": [
