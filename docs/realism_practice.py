@@ -81,6 +81,7 @@ HOUSES: Final[Mapping[str, House]] = {
     "led_2021": House("modern 4 ha greenhouse, LEDs (the task's)", "led_2021"),
     "hps_2021": House("modern 4 ha greenhouse, HPS lamps", "hps_2021"),
     "mixed_2020": House("the compartment of 2020, HPS lamps and uncooled LEDs", "led_2020", _mixed("hps_2020", "led_2020", 81.0, 62.0)),
+    "bleiswijk_2020": House("a compartment fitted to its measured season", "bleiswijk_2020", model="greenlight-tomato-compartment-1.0.0"),
 }
 """By name."""
 
@@ -121,7 +122,9 @@ SEASONS: Final[Mapping[str, Mapping[str, Any]]] = {
 GROWN: Final = (
     *(("season", "led_2021", growing) for growing in GROWINGS),
     ("season", "mixed_2020", "grower_unlit"),
+    ("season", "bleiswijk_2020", "grower_unlit"),
     ("season", "hps_2021", "grower_lit"),
+    ("season", "bleiswijk_2020", "grower_lit"),
     ("unlit_year", "led_2021", "grower_unlit"),
     ("lit_year", "led_2021", "published_lit"),
 )

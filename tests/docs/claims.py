@@ -458,16 +458,6 @@ def compared() -> dict[str, HouseComparison]:
     return {house.name: house for house in realism_figure.measured().houses}
 
 
-def heat_ratios(*names: str) -> tuple[float, ...]:
-    """Simulated over measured heat of the season."""
-    return tuple(compared()[name].heat_ratio for name in names)
-
-
-def by_pipes(name: str) -> float:
-    """Simulated heat of a house by the organisers' formula over that of its boiler."""
-    return compared()[name].pipe_heat / compared()[name].mean(lambda one: one.heat.simulated)
-
-
 def other_set_points(change: str, what: str = "heat") -> float:
     """By how much other set points change heat or fruit [%], of docs/measurements/realism-setpoints.json."""
     return realism_setpoints.change(realism_setpoints.read(), change, what)
