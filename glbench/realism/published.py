@@ -139,7 +139,7 @@ class Sheet:
     def numbers(self, name: str) -> FloatArray:
         """Numbers of a column (rows,), NaN where it has none.
 
-        An ``ArchiveError`` names file and row of a text that is not a number and of an impossible value, and the file that lacks the column.
+        An ``ArchiveError`` names file and row of a text that is not a number or of an impossible value, and the file without the column.
         """
         import pandas as pd
 
