@@ -8,9 +8,8 @@ neighbours, no topping) only vents that are partly open differ from the publishe
 Sources. Vents: de Jong (1990), Natural ventilation of large multi-span greenhouses, eq. 6.10: flow by buoyancy grows with the height of the
 opening to the power 1.5. We had this equation from two programs that quote it (Universal Simulator, and the Modelica library Greenhouses),
 not the thesis. Mass: Vanthoor (2011) section 8.4 lets the construction absorb a share of the sun and release all of it to the air at once;
-here it keeps a part. That a construction has a temperature of its own is Bot (1983), Greenhouse climate: from physical processes to a
-dynamic model, which was not at hand. Neighbours and topping: chosen, as the simplest forms. docs/realism.md tells how the values of
-``bleiswijk_2020`` were found, docs/compartment.md has the equations.
+here it keeps a part, at a temperature of its own: chosen. Neighbours and topping: chosen, as the simplest forms. docs/realism.md tells how
+the values of ``bleiswijk_2020`` came about, docs/compartment.md has the equations.
 """
 
 from __future__ import annotations
