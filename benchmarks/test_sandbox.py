@@ -17,10 +17,11 @@ import pytest
 
 from glbench.agents import identify
 from glbench.evaluation import TimeLimits, prepare
-from glbench.evaluation.runners import AgentRunner, SandboxedAgent, sandboxed_runner
+from glbench.evaluation.runners import AgentRunner
 from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
 from glbench.evaluation.sandbox.frames import SandboxLimits
 from glbench.evaluation.sandbox.process import Prints
+from glbench.evaluation.sandbox.runners import SandboxedAgent, sandboxed_runner
 from glbench.resources import data_folder
 from glbench.tasks import DEFAULT_TASK, TaskCard, get_task, task_card
 
