@@ -20,15 +20,7 @@ from glbench.untrusted import MIB, parse_json, quoted, read_pieces, read_regular
 
 _MOST_ENTRIES: Final = 1000
 _KINDS: Final = {"<f4", "<f8", "<u2", "<i8", "<u8", "|u1"}
-_NUMPY_ERRORS: Final = (
-    ValueError,
-    SyntaxError,
-    TypeError,
-    RecursionError,
-    MemoryError,
-    OverflowError,
-    tokenize.TokenError,
-)
+_NUMPY_ERRORS: Final = (ValueError, SyntaxError, TypeError, RecursionError, MemoryError, OverflowError, tokenize.TokenError)
 """What numpy raises for a damaged header."""
 
 
@@ -102,14 +94,7 @@ class ArrayFile:
                 if any(entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for entry in entries):
                     refuse("it is packed in another way than numpy packs. Save it again with numpy.savez_compressed")
                 return cls({entry.filename.removesuffix(".npy"): _array(archive, entry) for entry in entries})
-        except (
-            zipfile.BadZipFile,
-            zipfile.LargeZipFile,
-            zlib.error,
-            EOFError,
-            NotImplementedError,
-            RuntimeError,
-        ) as error:
+        except (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
             msg = "it is not an .npz archive, or is damaged"
             raise ValueError(msg) from error
 

@@ -90,13 +90,7 @@ def run(command: Sequence[str], *, timeout: float, **options: Any) -> subprocess
         When it takes longer than ``timeout`` seconds; it is ended first.
     """
     with Child(
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        errors="replace",
-        **options,
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace", **options
     ) as child:
         try:
             out, err = child.communicate(timeout=timeout)

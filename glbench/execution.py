@@ -390,10 +390,7 @@ def _serve(connection: Connection) -> None:
 
 
 def _run(
-    function: Callable[..., Any],
-    arguments: Sequence[Any],
-    context: JobContext,
-    initializer: Callable[[], object] | None = None,
+    function: Callable[..., Any], arguments: Sequence[Any], context: JobContext, initializer: Callable[[], object] | None = None
 ) -> tuple[Any, GlbenchError | None]:
     """Value and error of a job."""
     try:
@@ -440,12 +437,7 @@ class RayExecutor(Executor):
 
     is_remote = True
 
-    def __init__(
-        self,
-        address: str | None = None,
-        workers: int | None = None,
-        initializer: Callable[[], object] | None = None,
-    ) -> None:
+    def __init__(self, address: str | None = None, workers: int | None = None, initializer: Callable[[], object] | None = None) -> None:
         super().__init__()
         # Below `uv run`, Ray would start its workers through uv, too, which not every cluster can.
         os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
@@ -675,10 +667,7 @@ class _RayContext(JobContext):
 
 
 def _run_on_ray(
-    call: tuple[Callable[..., Any], tuple[Any, ...], bool],
-    key: str,
-    initializer: Callable[[], object] | None,
-    store: Any,
+    call: tuple[Callable[..., Any], tuple[Any, ...], bool], key: str, initializer: Callable[[], object] | None, store: Any
 ) -> tuple[Any, GlbenchError | None, Files | None]:
     """A remote task: runs a job in a folder of the worker and returns its value, error and files."""
     os.environ.update(_ONE_THREAD)

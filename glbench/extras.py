@@ -12,13 +12,7 @@ from typing import Any
 
 from glbench.errors import GlbenchError, SubmissionError
 
-EXTRAS = {
-    "torch": "submit",
-    "stable_baselines3": "submit",
-    "sb3_contrib": "submit",
-    "onnxruntime": "onnx",
-    "ray": "ray",
-}
+EXTRAS = {"torch": "submit", "stable_baselines3": "submit", "sb3_contrib": "submit", "onnxruntime": "onnx", "ray": "ray"}
 """Extra of glbench that installs a package."""
 _INSTALL_NAMES = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-contrib"}
 

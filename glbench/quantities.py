@@ -115,11 +115,7 @@ def unit_sold(amount_unit: str) -> str:
 
 def pretty_unit(unit: str) -> str:
     """A unit as people write it: ``EUR/m²`` for ``EUR m-2``; empty for none."""
-    text = re.sub(
-        r"(?:^| )(\w+?)-(\d)",
-        lambda match: f"/{match[1]}{'' if match[2] == '1' else '²' if match[2] == '2' else '³'}",
-        unit,
-    )
+    text = re.sub(r"(?:^| )(\w+?)-(\d)", lambda match: f"/{match[1]}{'' if match[2] == '1' else '²' if match[2] == '2' else '³'}", unit)
     return {"-": "", "degC": "°C"}.get(text, text)
 
 

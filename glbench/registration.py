@@ -61,9 +61,5 @@ def register_tasks() -> None:
     for task_id in task_ids():
         if task_id not in gymnasium.registry:
             gymnasium.register(
-                id=task_id,
-                entry_point=ENTRY_POINT,
-                vector_entry_point=VECTOR_ENTRY_POINT,
-                max_episode_steps=None,
-                kwargs={"task": task_id},
+                id=task_id, entry_point=ENTRY_POINT, vector_entry_point=VECTOR_ENTRY_POINT, max_episode_steps=None, kwargs={"task": task_id}
             )

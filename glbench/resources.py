@@ -36,10 +36,7 @@ _ABANDONED_SECONDS: Final = 60.0
 
 TEXT_SUFFIXES = frozenset(
     f".{suffix}"
-    for words in (
-        "c cc cfg cpp css csv h hpp html in ini ipynb j2 js json jsonl",
-        "md py pyi rst sh toml txt xml yaml yml",
-    )
+    for words in ("c cc cfg cpp css csv h hpp html in ini ipynb j2 js json jsonl", "md py pyi rst sh toml txt xml yaml yml")
     for suffix in words.split()
 )
 TEXT_NAMES = frozenset({"COPYING", "LICENCE", "LICENSE", "NOTICE", "README"})

@@ -66,13 +66,7 @@ def readable_errors(error: ValidationError, model: type[BaseModel], inline: str 
 
 
 def read_settings(
-    model: type[Model],
-    file: Path,
-    what: str,
-    error_type: type[GlbenchError] = SubmissionError,
-    *,
-    toml: bool = False,
-    advice: str = "",
+    model: type[Model], file: Path, what: str, error_type: type[GlbenchError] = SubmissionError, *, toml: bool = False, advice: str = ""
 ) -> Model:
     """The settings in a YAML file, or with ``toml`` in a TOML file.
 

@@ -221,12 +221,7 @@ def visible(text: str, keep: str = "") -> str:
     return "".join(letter if letter.isprintable() or letter in f"\u00a0{keep}" else "?" for letter in text)
 
 
-def html_of(
-    heading: str,
-    facts: Iterable[tuple[str, object]],
-    columns: Sequence[str] = (),
-    rows: Iterable[Sequence[object]] = (),
-) -> str:
+def html_of(heading: str, facts: Iterable[tuple[str, object]], columns: Sequence[str] = (), rows: Iterable[Sequence[object]] = ()) -> str:
     """HTML for notebooks (``_repr_html_``): a heading, a table of facts, and below it a table with ``columns``.
 
     Texts are escaped; numbers are aligned to the right.

@@ -70,8 +70,7 @@ def _content(text: str) -> dict[str, Any]:
     except yaml.MarkedYAMLError as error:
         tab = "\\t" in (error.problem or "")
         raise _RefusedError(
-            "it begins with a tab. Use spaces." if tab else f"it is not valid YAML. {_RULE}",
-            error.problem_mark or error.context_mark,
+            "it begins with a tab. Use spaces." if tab else f"it is not valid YAML. {_RULE}", error.problem_mark or error.context_mark
         ) from error
     except (ValueError, OverflowError) as error:  # such as "\\UFFFFFFFF", or a version of 5,000 digits
         msg = f"it is not valid YAML. {_RULE}"

@@ -15,22 +15,8 @@ if TYPE_CHECKING:
     from glbench.agents.card import SubmissionCard, read_card
     from glbench.agents.identity import Identity, baseline_names, identify
     from glbench.agents.loading import LoadedAgent, load_agent
-    from glbench.agents.protocol import (
-        Agent,
-        PerRunAgent,
-        PrivilegedController,
-        ScenarioController,
-        SingleRunAgent,
-        action_problems,
-    )
-    from glbench.agents.rules import (
-        FairRuleBasedAgent,
-        RuleBasedController,
-        RuleInputs,
-        RuleSettings,
-        read_rule_settings,
-        rule_controls,
-    )
+    from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, ScenarioController, SingleRunAgent, action_problems
+    from glbench.agents.rules import FairRuleBasedAgent, RuleBasedController, RuleInputs, RuleSettings, read_rule_settings, rule_controls
     from glbench.agents.tuned_rules import TunedRulesAgent
 else:
     __getattr__ = lazy_names(__name__)

@@ -59,12 +59,7 @@ CONTROLLERS: dict[str, Controller] = {}
 
 
 def controller(
-    name: str,
-    *,
-    read: Callable[[Path], Any],
-    version: str,
-    sees: Sight = "observations",
-    information: str = OBSERVATIONS_ONLY,
+    name: str, *, read: Callable[[Path], Any], version: str, sees: Sight = "observations", information: str = OBSERVATIONS_ONLY
 ) -> Callable[[Maker], Maker]:
     """Declare the class below as the controller called ``name``; the class is called with what ``read`` returns.
 
@@ -148,12 +143,7 @@ class ObservedController(ABC):
         return self.decide(dict(zip(self._names, rows, strict=False)), dict(zip(self._position_names, positions, strict=True)))
 
     def begin(
-        self,
-        task: TaskCard,
-        n_runs: int,
-        needed: Sequence[str],
-        optional: Iterable[str] = (),
-        positions: Iterable[str] = (),
+        self, task: TaskCard, n_runs: int, needed: Sequence[str], optional: Iterable[str] = (), positions: Iterable[str] = ()
     ) -> None:
         """Find the columns of a task.
 

@@ -67,12 +67,7 @@ class EnergyRuleSettings(TunedRuleSettings):
     co2_bought: float = number(0.0, 1.0, "share", "of the supply at most is bought, besides what is in the flue gas")
 
     boiler_flue: float = number(
-        0.1,
-        20.0,
-        "-",
-        "CO2 in the flue gas of the boiler at full load, in full supplies",
-        section="Machines (not tuned)",
-        tuned=False,
+        0.1, 20.0, "-", "CO2 in the flue gas of the boiler at full load, in full supplies", section="Machines (not tuned)", tuned=False
     )
     engine_flue: float = number(0.1, 20.0, "-", "the same of the engine", tuned=False)
     engine_heat: float = number(0.0, 5.0, "-", "heat of the engine at full load, in full loads of the boiler", tuned=False)
@@ -143,10 +138,7 @@ class EnergyRulesAgent(TunedRulesAgent):
         controls[BLACKOUT] = self._calm  # closed above lamps it would keep the vapour in
         if self._stored:
             controls |= self._energy(readings, positions, controls)
-        return self.towards(
-            {name: controls[name] if name in self._installed else self._calm for name in self.task.action_names},
-            positions,
-        )
+        return self.towards({name: controls[name] if name in self._installed else self._calm for name in self.task.action_names}, positions)
 
     def _energy(self, readings: dict[str, Array], positions: dict[str, Array], controls: dict[str, Array]) -> dict[str, Array]:
         """Engine, boiler, pipes and CO2, from the heat and the CO2 that the climate asks for."""

@@ -153,11 +153,7 @@ def read_grower_settings(path: Path) -> GrowerSettings:
     return read_settings(GrowerSettings, path, "the grower's settings", toml=True)
 
 
-@controller(
-    "grower",
-    read=read_grower_settings,
-    version="b39f2da424cbd9fc5f64fc9e0ab4be3edb32723be330b22a89cc3c66c9d2233e",
-)
+@controller("grower", read=read_grower_settings, version="b39f2da424cbd9fc5f64fc9e0ab4be3edb32723be330b22a89cc3c66c9d2233e")
 class GrowerAgent(ObservedController):
     """Enters set points at the process computer; an ``Agent``. Its memory is the mean radiation of the last hour."""
 

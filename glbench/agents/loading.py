@@ -280,14 +280,7 @@ def load_agent(ref: str | Path) -> LoadedAgent:
             return makers[submission.form](submission, task)
 
     return LoadedAgent(
-        submission.name,
-        "submission",
-        submission.digest,
-        "observations",
-        identity.OBSERVATIONS_ONLY,
-        make,
-        submission,
-        submission.training,
+        submission.name, "submission", submission.digest, "observations", identity.OBSERVATIONS_ONLY, make, submission, submission.training
     )
 
 

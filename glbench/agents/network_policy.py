@@ -82,12 +82,7 @@ EXACT = Arithmetic(
     deterministic_math.sigmoid,
 )
 """Gives each row the same bits in any batch and on any processor. Agents act by it."""
-FAST = Arithmetic(
-    np,
-    affine,
-    {"SiLU": _silu, "Tanh": np.tanh, "ReLU": deterministic_math.relu},
-    lambda x: 0.5 + 0.5 * np.tanh(0.5 * x),
-)
+FAST = Arithmetic(np, affine, {"SiLU": _silu, "Tanh": np.tanh, "ReLU": deterministic_math.relu}, lambda x: 0.5 + 0.5 * np.tanh(0.5 * x))
 """Equals ``EXACT`` up to rounding and takes a fraction of the time. Trainings use it."""
 ACTIVATIONS = EXACT.activations
 

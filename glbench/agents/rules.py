@@ -346,11 +346,7 @@ def privileged_inputs(x: Array, d: Array, hour_of_day: float | Array, day_of_yea
 _MEASURED = ("air_temperature", "relative_humidity", "co2", "global_radiation", "outdoor_temperature")
 
 
-@controller(
-    "rule_based_fair",
-    read=read_rule_settings,
-    version="422c7198decf7d13b7615521fba8f7915ad3235b7cb7256e2355ceb9327db821",
-)
+@controller("rule_based_fair", read=read_rule_settings, version="422c7198decf7d13b7615521fba8f7915ad3235b7cb7256e2355ceb9327db821")
 class FairRuleBasedAgent(ObservedController):
     """Rules under the conditions of every agent: observations only, and the task's actuation. Its memory is the radiation so far.
 

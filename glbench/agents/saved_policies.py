@@ -207,10 +207,7 @@ class PolicyAgent:
         check_runs(observations, len(self._state))
         rows = np.ascontiguousarray(self._normalise(observations), dtype=np.float32)
         answer = self._ask(np.concatenate([rows, self._state], axis=1) if self._state_width else rows)
-        actions, self._state = (
-            answer[:, : self._actions].astype(np.float64),
-            answer[:, self._actions :].astype(np.float32),
-        )
+        actions, self._state = answer[:, : self._actions].astype(np.float64), answer[:, self._actions :].astype(np.float32)
         return np.clip(actions, self._low, self._high) if self._clip else actions
 
 

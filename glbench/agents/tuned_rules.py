@@ -248,11 +248,7 @@ def rounded(value: float) -> float:
     return float(f"{value:.{_SIGNIFICANT}g}")
 
 
-@controller(
-    "rule_based_tuned",
-    read=read_rule_pages,
-    version="bd6432cc9ef75f1b05f527db61c1468c3eb7cff93e20f92856e42130415ea65c",
-)
+@controller("rule_based_tuned", read=read_rule_pages, version="bd6432cc9ef75f1b05f527db61c1468c3eb7cff93e20f92856e42130415ea65c")
 class TunedRulesAgent(ObservedController):
     """Rules with tuned numbers; an ``Agent``. It remembers the smoothed temperature and humidity of every run.
 

@@ -115,10 +115,7 @@ def log_bytes(log: ActionLog) -> bytes:
     writer.attachment(_RUNS, canonical(RunTable(runs=log.runs)))
     writer.attachment(TASK, log.definition)
     schema = writer.schema(_TYPE, _fields(number).SerializeToString(deterministic=True))
-    columns = {
-        "columns": " ".join(log.provenance.agent.columns),
-        "order": "column by column, each over the steps of the part",
-    }
+    columns = {"columns": " ".join(log.provenance.agent.columns), "order": "column by column, each over the steps of the part"}
     channels = [writer.channel(f"/runs/{run.seed}", schema, columns) for run in log.runs]
     start = int(np.datetime64(log.provenance.task.start, "ns").astype(np.int64))
     step_ns = int(log.provenance.task.step_seconds * 1e9)

@@ -145,10 +145,7 @@ def typical_day(*episodes: Episode) -> Drawing:
 
 
 def _over_time(
-    episodes: Sequence[Episode],
-    curves: Sequence[Curve],
-    days: Days | None,
-    mark: Callable[[Axes, Curve], None] = lambda axes, curve: None,
+    episodes: Sequence[Episode], curves: Sequence[Curve], days: Days | None, mark: Callable[[Axes, Curve], None] = lambda axes, curve: None
 ) -> Drawing:
     """A panel for each curve, one below the other; ``mark`` draws behind it."""
     first, last = days or (0.0, np.inf)

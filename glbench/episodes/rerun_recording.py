@@ -503,12 +503,7 @@ def blueprint(runs: RunSet, *, live: bool = False, plain: bool = False) -> rrb.B
         views.TopPanel(state="hidden" if plain else "expanded"),
         views.BlueprintPanel(state="hidden"),
         views.SelectionPanel(state="hidden"),
-        views.TimePanel(
-            state="collapsed",
-            timeline=TIME,
-            playback_speed=_PLAYBACK_SPEED,
-            play_state="following" if live else "paused",
-        ),
+        views.TimePanel(state="collapsed", timeline=TIME, playback_speed=_PLAYBACK_SPEED, play_state="following" if live else "paused"),
         auto_views=False,
         auto_layout=False,
     )
@@ -528,8 +523,7 @@ class _Layout:
         if live:
             boundary = self._rr.TimeRangeBoundary
             self._days = self._rr.TimeRange(
-                start=boundary.cursor_relative(seconds=-SHOWN_DAYS * HOURS_PER_DAY * 3600.0),
-                end=boundary.cursor_relative(),
+                start=boundary.cursor_relative(seconds=-SHOWN_DAYS * HOURS_PER_DAY * 3600.0), end=boundary.cursor_relative()
             )
         else:
             self._days = self._absolute(*runs.closeup())

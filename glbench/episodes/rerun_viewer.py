@@ -149,14 +149,7 @@ def take_picture(recording: Path, picture: Path, size: tuple[int, int] = PICTURE
     """
     program = viewer_program()
     port = free_port()
-    arguments = [
-        str(recording),
-        *_listening(port),
-        "--headless",
-        "--hide-welcome-screen",
-        "--window-size",
-        f"{size[0]}x{size[1]}",
-    ]
+    arguments = [str(recording), *_listening(port), "--headless", "--hide-welcome-screen", "--window-size", f"{size[0]}x{size[1]}"]
     with Viewer(program, arguments) as viewer:
         viewer.await_port(port)
         client = importlib.import_module("rerun.experimental").ViewerClient(stream_address(port))

@@ -423,13 +423,7 @@ _AIR = ("air_temperature", "relative_humidity", "co2")
 _DEFICITS = {"vapour_pressure_deficit": vapour_pressure_deficit, "humidity_deficit": humidity_deficit}
 """What follows from temperature and humidity of the main air."""
 _HOUR = CLOCK[0]
-_TITLES = {
-    "climate": "Climate",
-    "crop": "Crop and harvest",
-    "controls": "Controls",
-    "weather": "Weather",
-    "energy": "Energy and CO₂",
-}
+_TITLES = {"climate": "Climate", "crop": "Crop and harvest", "controls": "Controls", "weather": "Weather", "energy": "Energy and CO₂"}
 """Pages that a model's signals may be on, in their order; other groups of signals follow, each with a page."""
 _KWH = "kWh m-2"
 _TOTALS: Mapping[str, LineKind] = {"epi": "profit", "penalty": "violations", "reward": "score"}

@@ -391,11 +391,7 @@ class Evaluation:
             make_episodes(self.episodes, result, self.path, self.task)
 
     def _rolled_out(
-        self,
-        simulation: Simulation,
-        saved: Saved | None,
-        progress: ProgressCallback | None,
-        callback: StepCallback | None,
+        self, simulation: Simulation, saved: Saved | None, progress: ProgressCallback | None, callback: StepCallback | None
     ) -> tuple[records.Result, Recorder] | None:
         """Result and record of a fresh agent, from the start or on from ``saved``; ``None`` when it cannot be brought back there."""
         totals, n = RunTotals(self.task, self.seeds), len(self.seeds)
@@ -451,13 +447,7 @@ class Evaluation:
         return runner
 
     def result(
-        self,
-        runs: tuple[records.RunResult, ...],
-        *,
-        workers: int,
-        wall_seconds: float,
-        decision_seconds: float,
-        resumed_at: int | None,
+        self, runs: tuple[records.RunResult, ...], *, workers: int, wall_seconds: float, decision_seconds: float, resumed_at: int | None
     ) -> records.Result:
         """The result of ``runs`` that were made by so many ``workers``, with the versions and the machine of this process."""
         task, agent = self.task, agent_record(self.agent)

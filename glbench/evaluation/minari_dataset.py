@@ -112,12 +112,7 @@ def check_agent(task: TaskSpec, agent: Protected, seed: int) -> None:
 
 
 def trajectories(
-    task: TaskSpec,
-    agent: Protected,
-    seeds: Sequence[int],
-    *,
-    noise: float = 0.0,
-    progress: Callable[[int], None] | None = None,
+    task: TaskSpec, agent: Protected, seeds: Sequence[int], *, noise: float = 0.0, progress: Callable[[int], None] | None = None
 ) -> Iterator[Trajectory]:
     """Seasons of ``agent`` on ``task``, one for each of ``seeds``, in their order; the bits do not depend on the other seeds.
 
@@ -179,13 +174,7 @@ def _seasons(
     for row, seed in enumerate(seeds):
         until = int(lengths[row])  # fewer than all where a step could not be simulated, which ends a season
         yield Trajectory(
-            name,
-            seed,
-            observations[row, : until + 1],
-            actions[row, :until],
-            rewards[row, :until],
-            ends[row, :until],
-            float(profits[row]),
+            name, seed, observations[row, : until + 1], actions[row, :until], rewards[row, :until], ends[row, :until], float(profits[row])
         )
 
 

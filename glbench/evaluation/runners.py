@@ -158,11 +158,7 @@ class BatchRunner(AgentRunner):
         deciding = int(np.count_nonzero(alive))
         # A copy: an agent that works in its observations must not change what is recorded or what the simulation holds.
         own = inputs.copy()
-        answer = guarded(
-            lambda: read_actions(self._returned(step, own), self.card, self.n),
-            self.limits.step * deciding,
-            self._call,
-        )
+        answer = guarded(lambda: read_actions(self._returned(step, own), self.card, self.n), self.limits.step * deciding, self._call)
         seconds: Array = np.where(alive, answer.seconds / deciding, 0.0)
         if answer.value is None:
             return Decision(np.zeros(self.shape), (answer.failure,) if answer.failure else (), seconds)

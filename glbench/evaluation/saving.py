@@ -110,10 +110,7 @@ def settle(out: Path, task_id: str, agent_name: str) -> None:
     waiting = _waiting(path)
     if not waiting.exists():
         return
-    with (
-        contextlib.suppress(GlbenchError),
-        result_lock(out, task_id, agent_name),
-    ):  # who holds the lock is saving just now
+    with contextlib.suppress(GlbenchError), result_lock(out, task_id, agent_name):  # who holds the lock is saving just now
         try:
             stored = load_result(path)
             belongs = stored.record is not None and read_log(waiting).digest == stored.record.digest
@@ -129,10 +126,7 @@ def tidy(out: Path, task_id: str, agent_name: str, checkpoint: Path) -> None:
     """Remove what a kill at the very end of ``save`` left beside a finished result: its ``checkpoint`` and files half written."""
     folder = agent_folder(out, task_id, agent_name)
     if checkpoint.exists() or any(_leftovers(result_path(out, task_id, agent_name), folder)):
-        with (
-            contextlib.suppress(GlbenchError),
-            result_lock(out, task_id, agent_name),
-        ):  # who holds the lock is at work just now
+        with contextlib.suppress(GlbenchError), result_lock(out, task_id, agent_name):  # who holds the lock is at work just now
             discard(checkpoint)
             with contextlib.suppress(OSError):  # unfinished work with other seeds stays
                 folder.rmdir()
@@ -310,13 +304,7 @@ def write_recording(result: Path, seed: int, folder: Path) -> Recording:
         low=tuple(action.low for action in card.actions),
         high=tuple(action.high for action in card.actions),
         actuation=card.actuation,
-        about={
-            "agent": agent.name,
-            "agent_digest": agent.digest,
-            "task": loaded.task.id,
-            "task_digest": loaded.task.digest,
-            "seed": seed,
-        },
+        about={"agent": agent.name, "agent_digest": agent.digest, "task": loaded.task.id, "task_digest": loaded.task.digest, "seed": seed},
     )
     write_atomically(folder / ACTIONS_FILE, recording.to_bytes())
     text = {

@@ -263,12 +263,7 @@ class Environment:
 
     def _begin(self, scenario: jax.Array, place: jax.Array) -> tuple[jax.Array, State]:
         door = self._door
-        kinds = (
-            _of((), jnp.int32),
-            _of((), jnp.bool_),
-            _of((door.words,), jnp.uint32),
-            _of((door.columns,), jnp.float32),
-        )
+        kinds = (_of((), jnp.int32), _of((), jnp.bool_), _of((door.words,), jnp.uint32), _of((door.columns,), jnp.float32))
         call = jax.ffi.ffi_call(RESET, kinds, vmap_method="broadcast_all")
         step, ended, numbers, observation = call(scenario, jnp.asarray(place, jnp.int32), name=door.name)
         return self._normalise(observation), State(step, scenario, ended, numbers)

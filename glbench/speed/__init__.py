@@ -12,13 +12,4 @@ from glbench.speed.record import Measurement, SpeedRecord, read_record, save_rec
 from glbench.speed.run import measure
 from glbench.speed.subjects import SUBJECTS, Subject, choose_subjects
 
-__all__ = [
-    "SUBJECTS",
-    "Measurement",
-    "SpeedRecord",
-    "Subject",
-    "choose_subjects",
-    "measure",
-    "read_record",
-    "save_record",
-]
+__all__ = ["SUBJECTS", "Measurement", "SpeedRecord", "Subject", "choose_subjects", "measure", "read_record", "save_record"]

@@ -162,11 +162,7 @@ class Comparisons:
 
 
 def measure(
-    subjects: Sequence[Subject],
-    *,
-    rounds: int = ROUNDS,
-    processes: bool = True,
-    progress: ProgressCallback | None = None,
+    subjects: Sequence[Subject], *, rounds: int = ROUNDS, processes: bool = True, progress: ProgressCallback | None = None
 ) -> SpeedRecord:
     """Measure subjects against the reference.
 

@@ -152,11 +152,7 @@ class Subject:
 
 def _alone(preset: str, controls: Controls) -> Work:
     """One greenhouse, one call a step."""
-    kernel, start, p = (
-        Kernel(TOMATO, STEP_SECONDS, preset=preset),
-        points(controls, STEP_SECONDS),
-        default_parameters(),
-    )
+    kernel, start, p = Kernel(TOMATO, STEP_SECONDS, preset=preset), points(controls, STEP_SECONDS), default_parameters()
     steps = [kernel.bind(start.x[i], start.u[i], start.d[i], p, np.empty_like(start.x[i])) for i in range(256)]
 
     def work() -> int:

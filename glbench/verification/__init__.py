@@ -5,28 +5,7 @@
 
 from __future__ import annotations
 
-from glbench.verification.proof import (
-    SUFFIX,
-    TOLERANCE,
-    Proof,
-    Verdict,
-    proof_path,
-    read_proof,
-    save_proof,
-    stated_words,
-    was_reproduced,
-)
+from glbench.verification.proof import SUFFIX, TOLERANCE, Proof, Verdict, proof_path, read_proof, save_proof, stated_words, was_reproduced
 from glbench.verification.proving import verify
 
-__all__ = [
-    "SUFFIX",
-    "TOLERANCE",
-    "Proof",
-    "Verdict",
-    "proof_path",
-    "read_proof",
-    "save_proof",
-    "stated_words",
-    "verify",
-    "was_reproduced",
-]
+__all__ = ["SUFFIX", "TOLERANCE", "Proof", "Verdict", "proof_path", "read_proof", "save_proof", "stated_words", "verify", "was_reproduced"]

@@ -293,11 +293,7 @@ def compare_episode(agreement: Agreement, episode: Episode, replayed: Episode) -
         for_start = f"{where} at the start"
         if group.name in episode.start:
             agreement = agreement.add(
-                "episode",
-                episode.start[group.name][np.newaxis],
-                replayed.start[group.name][np.newaxis],
-                group.names,
-                for_start,
+                "episode", episode.start[group.name][np.newaxis], replayed.start[group.name][np.newaxis], group.names, for_start
             )
         agreement = agreement.add(
             "episode", episode.tables[group.name], np.ascontiguousarray(replayed.tables[group.name]), group.names, where

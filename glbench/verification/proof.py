@@ -216,11 +216,7 @@ class Agreement:
             text = f"{where}, {place}: recorded {recorded[step, column]!s}, found {simulated[step, column]!s}"
             return Difference(cause, text)
 
-        return Agreement(
-            max(self.largest, float(apart.max())),
-            self.first or first(differs),
-            self.first_large or first(apart > TOLERANCE),
-        )
+        return Agreement(max(self.largest, float(apart.max())), self.first or first(differs), self.first_large or first(apart > TOLERANCE))
 
     def verdict(self, *, same_arithmetic: bool, origin: str) -> Refused | None:
         """Why this is not reproduced; ``None`` when it is. ``origin`` says what the result states of its machine."""

@@ -186,13 +186,7 @@ def _reproduced(
 
 
 def _with_fresh_draws(
-    path: Path,
-    result: Result,
-    fresh: FreshDraws,
-    file: Path | None,
-    runs: _Reproduced,
-    workers: int | None,
-    progress: Progress | None,
+    path: Path, result: Result, fresh: FreshDraws, file: Path | None, runs: _Reproduced, workers: int | None, progress: Progress | None
 ) -> _Reproduced:
     """Simulate the runs with fresh draws again, evaluate the reference agents with both sets of draws, and add both to ``runs``."""
     try:

@@ -139,12 +139,7 @@ def resemblance(
         raise WeatherError(msg)
     generated = generated_seasons(generator, start, within_days, days, seasons, seed)
     real = real_seasons(generator, start, within_days, days)
-    figures = (
-        *_daily(generated, real),
-        *_midnights(generated, real),
-        *_sums(generated, real),
-        *_repeats(generated, seed),
-    )
+    figures = (*_daily(generated, real), *_midnights(generated, real), *_sums(generated, real), *_repeats(generated, seed))
     return Resemblance(
         source=generator.record.name,
         digest=generator.record.digest,

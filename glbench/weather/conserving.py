@@ -23,16 +23,7 @@ import numpy as np
 
 from glbench.errors import WeatherError
 from glbench.weather import preprocessing
-from glbench.weather.record import (
-    RAW_SECONDS,
-    SLOT_SECONDS,
-    FloatArray,
-    IntArray,
-    Place,
-    WeatherRecord,
-    time_zone,
-    utc_text,
-)
+from glbench.weather.record import RAW_SECONDS, SLOT_SECONDS, FloatArray, IntArray, Place, WeatherRecord, time_zone, utc_text
 
 DELTA_T = 67.0  # s, terrestrial minus universal time; 65.5 to 69.4 s from 2008 to 2024, 1 s moves the sun by 0.004 deg
 STANDARD_PRESSURE_HPA = 1013.25
@@ -53,15 +44,7 @@ def sine_of_elevation(times: FloatArray, place: Place) -> FloatArray:
 
     flat = np.ascontiguousarray(times, dtype=np.float64).ravel()
     position = spa.solar_position_numpy(
-        flat,
-        place.latitude,
-        place.longitude,
-        place.altitude,
-        STANDARD_PRESSURE_HPA,
-        MEAN_TEMPERATURE,
-        DELTA_T,
-        REFRACTION_AT_SUNRISE,
-        1,
+        flat, place.latitude, place.longitude, place.altitude, STANDARD_PRESSURE_HPA, MEAN_TEMPERATURE, DELTA_T, REFRACTION_AT_SUNRISE, 1
     )
     geometric_elevation = np.asarray(position[3], dtype=np.float64)
     return np.sin(np.radians(geometric_elevation)).reshape(np.shape(times))
@@ -256,8 +239,7 @@ class _Slots:
         timing = self.record.timing["air_temperature" if name == "vapour_pressure" else name]
         if name == "vapour_pressure":
             values = preprocessing.vapour_pressure(
-                self.record.values("air_temperature", before, self.last),
-                self.record.values("relative_humidity", before, self.last),
+                self.record.values("air_temperature", before, self.last), self.record.values("relative_humidity", before, self.last)
             )
         else:
             values = self.record.values(name, before, self.last)

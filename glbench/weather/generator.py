@@ -20,16 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from glbench.errors import WeatherError
-from glbench.weather.record import (
-    QUANTITIES,
-    RAW_SECONDS,
-    SKY,
-    SLOT_SECONDS,
-    FloatArray,
-    IntArray,
-    Place,
-    WeatherRecord,
-)
+from glbench.weather.record import QUANTITIES, RAW_SECONDS, SKY, SLOT_SECONDS, FloatArray, IntArray, Place, WeatherRecord
 
 DAY_SECONDS = 86400
 DAY_HOURS = 24
@@ -344,10 +335,7 @@ class _Days:
         season[..., radiation] = np.where(high, moved, np.where(here > LOW_SUN, risen, twilight))
         begins = np.flatnonzero(joints)
         if begins.size:
-            before, own = (
-                chain[begins - 1],
-                chain[begins] - 1,
-            )  # the day before the joint, and the day that truly came before the block
+            before, own = (chain[begins - 1], chain[begins] - 1)  # the day before the joint, and the day that truly came before the block
             gap = self.counts[before, -1] - self.counts[own, -1]
             warmth = self.warmth[:, -1]
             gap[:, warm] += (warmth[self.calendar[own]] - warmth[self.calendar[before]])[:, None]

@@ -247,13 +247,7 @@ def fetch_knmi(
         msg = f"KNMI's hourly observations begin in {FIRST_YEAR}: the year {year} cannot be fetched. Choose a later year."
         raise WeatherError(msg)
     address = url or os.environ.get(URL_VARIABLE) or KNMI_URL
-    form = {
-        "start": f"{year}010101",
-        "end": f"{year}123124",
-        "stns": str(station),
-        "vars": "Q:T:U:FH:N",
-        "fmt": "csv",
-    }
+    form = {"start": f"{year}010101", "end": f"{year}123124", "stns": str(station), "vars": "Q:T:U:FH:N", "fmt": "csv"}
     key = hashlib.sha256(f"{address}?{urllib.parse.urlencode(sorted(form.items()))}".encode()).hexdigest()[:12]
     cache = cache_folder() / "weather" / f"knmi_{station}_{year}_{key}.txt"
     content = None

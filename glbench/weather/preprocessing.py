@@ -15,18 +15,7 @@ import numpy as np
 from glbench.errors import WeatherError
 from glbench.weather.record import FloatArray, IntArray, WeatherRecord, time_zone
 
-COLUMNS = (
-    "iGlob",
-    "tOut",
-    "vpOut",
-    "co2Out",
-    "wind",
-    "tSky",
-    "tSoOut",
-    "dayRadSum",
-    "isDay",
-    "isDaySmooth",
-)
+COLUMNS = ("iGlob", "tOut", "vpOut", "co2Out", "wind", "tSky", "tSoOut", "dayRadSum", "isDay", "isDaySmooth")
 SLOPE = 10.0
 """Steepness of the sigmoid that rounds the day flag's ramps."""
 EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)

@@ -44,8 +44,7 @@ _SIGNS: Mapping[Format, re.Pattern[str]] = {
     "solaranywhere": re.compile(r"(?s)[^\n]*\n[^\n]*ObservationTime\(LST\)"),
     "tmy": re.compile(rf"(?s)[^\n]*\n\W?Date\s*\(MM/DD/YYYY\)|{TMY2_HEADER.pattern}\n", re.IGNORECASE),
     "pvgis": re.compile(
-        r'(?s).*?(^"?time\(UTC\)|^"?time"?[,;\t].*?(G\([hi]\)|G[bd]\(i\))|"(tmy_hourly|G\(i\)|time\(UTC\))")',
-        re.MULTILINE,
+        r'(?s).*?(^"?time\(UTC\)|^"?time"?[,;\t].*?(G\([hi]\)|G[bd]\(i\))|"(tmy_hourly|G\(i\)|time\(UTC\))")', re.MULTILINE
     ),
 }
 """How the formats are recognised, in this order."""
@@ -123,14 +122,7 @@ def read_weather(
         return read_stored(path, name)
     text, file = read_text(path, WeatherError), str(path)
     reading = parse_pvgis(text, file, estimate_humidity=True) if estimate_humidity else _PARSERS[kind](text, file)
-    return record_of(
-        reading,
-        name=name or path.stem.lower(),
-        timezone=timezone,
-        year=year,
-        coordinates=coordinates,
-        fill_gaps=fill_gaps,
-    )
+    return record_of(reading, name=name or path.stem.lower(), timezone=timezone, year=year, coordinates=coordinates, fill_gaps=fill_gaps)
 
 
 def detect_format(path: Path) -> Format:

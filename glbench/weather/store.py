@@ -25,17 +25,7 @@ import numpy as np
 from glbench.errors import UnknownNameError, WeatherError, did_you_mean, refuse
 from glbench.resources import data_folder, user_data_folder, write_atomically
 from glbench.weather.knmi import native_rows
-from glbench.weather.record import (
-    QUANTITIES,
-    SCHEMA,
-    SLOT_SECONDS,
-    IntArray,
-    Origin,
-    Place,
-    WeatherInfo,
-    WeatherRecord,
-    assemble,
-)
+from glbench.weather.record import QUANTITIES, SCHEMA, SLOT_SECONDS, IntArray, Origin, Place, WeatherInfo, WeatherRecord, assemble
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -166,10 +166,7 @@ def _doubts_of_values(record: WeatherRecord) -> list[str]:
         signs.append(f"the highest humidity is {humidity.max():g} %. Is it a fraction (0 to 1) instead of %?")
     if wind.mean() > WINDIEST_MEAN:
         signs.append(f"the mean wind is {wind.mean():.1f} m/s. Is it in km/h or knots?")
-    for name, values in (
-        ("air_temperature", temperature),
-        ("relative_humidity", np.where(humidity >= 100.0, np.nan, humidity)),
-    ):
+    for name, values in (("air_temperature", temperature), ("relative_humidity", np.where(humidity >= 100.0, np.nan, humidity))):
         changes = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0, [True]]))
         longest = int(np.diff(changes).max())
         if longest >= STUCK_HOURS:

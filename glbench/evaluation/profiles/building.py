@@ -264,13 +264,7 @@ class _Seasons:
 _DAY_DIGITS, _SEASON_DIGITS, _HOUR_DIGITS, _COURSE_DIGITS = 3, 3, 4, 2
 
 
-def make_profile(
-    task: TaskSpec,
-    result: Result,
-    log: ActionLog,
-    trace: Trace | None,
-    kernel: Stepper | None = None,
-) -> Profile:
+def make_profile(task: TaskSpec, result: Result, log: ActionLog, trace: Trace | None, kernel: Stepper | None = None) -> Profile:
     """The profile of ``result``, from the ``trace`` of its evaluation or by replaying its recorded actions, with the same bytes.
 
     Raises
@@ -374,11 +368,7 @@ def _misfit(result: Result, profile: Profile) -> str:
     parts = {
         "day": (day["columns"], every, (len(record.QUANTILES), slots)),
         "season": (season["columns"], every, (3, days)),
-        "calendar": (
-            document["calendar"],
-            {limit.removeprefix(quantities.OUTSIDE) for limit in columns.limits},
-            (days, of_day),
-        ),
+        "calendar": (document["calendar"], {limit.removeprefix(quantities.OUTSIDE) for limit in columns.limits}, (days, of_day)),
         "worst": (document["worst"], {c.name for c in columns.worst}, (hours,)),
         "hours": (document["hours"], set(columns.by_hour), (of_day, len(result.runs))),
         "weather of the day": (outside["day"], weather, (len(record.QUANTILES), slots)),
@@ -412,11 +402,7 @@ class _Builder:
             c.name: record.pack(self._typical(self._course.columns[c.name], self._lengths) * scale[c.kind], _DAY_DIGITS)
             for c in self.columns.all
         }
-        return {
-            "slot_seconds": self._a_slot * self._seconds,
-            "quantiles": list(record.QUANTILES),
-            "columns": columns,
-        }
+        return {"slot_seconds": self._a_slot * self._seconds, "quantiles": list(record.QUANTILES), "columns": columns}
 
     def season(self, best: int, worst: int) -> dict[str, Any]:
         """By day: means of levels, totals of amounts; the median over the runs, the best and the worst run."""

@@ -57,14 +57,7 @@ def protect(agent: LoadedAgent | str | Path, choice: SandboxChoice) -> Protected
     if submission is None or protection_of(submission, choice) != "bubblewrap":
         return _loaded(load_agent(agent), "none")
     outside = LoadedAgent(
-        submission.name,
-        "submission",
-        submission.digest,
-        "observations",
-        submission.information,
-        _not_here,
-        submission,
-        submission.training,
+        submission.name, "submission", submission.digest, "observations", submission.information, _not_here, submission, submission.training
     )
     return Protected(outside, "bubblewrap", submission)
 

@@ -284,20 +284,13 @@ class AgentProcess:
             self._facts, facts_writing = os.pipe()
             undo.callback(os.close, self._facts)
             stack.callback(os.close, facts_writing)
-            inherited, environment = (
-                [theirs.fileno()],
-                {**os.environ, **dict.fromkeys(bubblewrap.THREAD_VARIABLES, "1")},
-            )
+            inherited, environment = [theirs.fileno()], {**os.environ, **dict.fromkeys(bubblewrap.THREAD_VARIABLES, "1")}
             line = [sys.executable, "-m", "glbench.evaluation.sandbox.worker", str(theirs.fileno())]
             if self._walls:
                 call_filter, environment = bubblewrap.system_call_filter(), bubblewrap.ENVIRONMENT_OF_BUBBLEWRAP
                 filter_file = _readable(call_filter, stack) if call_filter is not None else None
                 inside, arguments = bubblewrap.command(
-                    submission,
-                    self._staging.folder,
-                    sizes,
-                    (theirs.fileno(), filter_file, facts_writing),
-                    self._libraries,
+                    submission, self._staging.folder, sizes, (theirs.fileno(), filter_file, facts_writing), self._libraries
                 )
                 words = _readable("\0".join(arguments).encode() + b"\0", stack)
                 inherited += [facts_writing, words, *([filter_file] if filter_file is not None else [])]

@@ -284,13 +284,7 @@ class SandboxedRuns(AgentRunner):
         return Decision(actions, (*lost_rows.values(), *failures.values()), seconds)
 
     def _exchange(
-        self,
-        kind: frames.Kind,
-        inputs: Inputs | None,
-        rows_asked: Mask,
-        actions: Array,
-        seconds: Array,
-        failures: dict[int, Failure],
+        self, kind: frames.Kind, inputs: Inputs | None, rows_asked: Mask, actions: Array, seconds: Array, failures: dict[int, Failure]
     ) -> tuple[int, LostError] | None:
         """Ask the rows in ``asked`` and fill in what they say; the row at which the process was lost, and why, if it was."""
         self._number += 1

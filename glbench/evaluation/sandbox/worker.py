@@ -201,11 +201,7 @@ class Host:
                 line.answer(frames.Kind.ROW, frames.ROW.pack(row, frames.STATUSES.index(failure.status)), frames.encoded(reason))
             elif observations is not None and action.shape != (len(card.actions),):
                 reason = action_problems([action], card, 1)[0]
-                line.answer(
-                    frames.Kind.ROW,
-                    frames.ROW.pack(row, frames.STATUSES.index("invalid_action")),
-                    frames.encoded(reason),
-                )
+                line.answer(frames.Kind.ROW, frames.ROW.pack(row, frames.STATUSES.index("invalid_action")), frames.encoded(reason))
             else:
                 line.answer(frames.Kind.ROW, frames.ROW.pack(row, 0), action.tobytes())
 

@@ -48,18 +48,11 @@ time says nothing about the agent, and a busy machine starts a good one ten time
 _SIZES = SandboxLimits()
 _SIZES_OF_THE_MACHINE = SandboxLimits(scratch=_ANY, shared=_ANY, tasks=_ANY, files=_ANY, open_files=_ANY, made=_ANY)
 """Without a sandbox only memory has a limit."""
-_WHERE: dict[Protection, str] = {
-    "bubblewrap": "in a sandbox (bubblewrap)",
-    "unsandboxed": "unsandboxed, with your rights",
-}
+_WHERE: dict[Protection, str] = {"bubblewrap": "in a sandbox (bubblewrap)", "unsandboxed": "unsandboxed, with your rights"}
 
 
 def check_submission(
-    ref: str | Path,
-    task: str | Path | TaskSpec = DEFAULT_TASK,
-    *,
-    seconds: float = SECONDS,
-    sandbox: SandboxChoice = "auto",
+    ref: str | Path, task: str | Path | TaskSpec = DEFAULT_TASK, *, seconds: float = SECONDS, sandbox: SandboxChoice = "auto"
 ) -> Report:
     """Find out what will be wrong with a submission in an evaluation on ``task``.
 
@@ -405,8 +398,7 @@ class _DryRun:
 def _worst(decision: Decision) -> Failure | None:
     """The failure that says most: one of a call before one of an action."""
     return next(
-        (one for one in decision.failures if one.row is None or one.status != "invalid_action"),
-        next(iter(decision.failures), None),
+        (one for one in decision.failures if one.row is None or one.status != "invalid_action"), next(iter(decision.failures), None)
     )
 
 

@@ -22,19 +22,7 @@ if TYPE_CHECKING:
 
 
 Level = Literal["problem", "note"]
-Subject = Literal[
-    "card",
-    "files",
-    "packages",
-    "loading",
-    "decisions",
-    "repeatable",
-    "rows",
-    "time",
-    "memory",
-    "surroundings",
-    "printing",
-]
+Subject = Literal["card", "files", "packages", "loading", "decisions", "repeatable", "rows", "time", "memory", "surroundings", "printing"]
 
 CHECKS: dict[Subject, str] = {
     "card": "The card is there and makes sense",
@@ -140,10 +128,7 @@ def card_notes(identity: Identity) -> list[Finding]:
     results = []
     if identity.form != "python" and card.training is None:
         results.append(
-            note(
-                "card",
-                "The card of a trained policy has no table [training] (steps, wall_hours): others cannot tell what it cost.",
-            )
+            note("card", "The card of a trained policy has no table [training] (steps, wall_hours): others cannot tell what it cost.")
         )
     if "privileged" in card.information:
         text = (
@@ -173,10 +158,7 @@ def size_in_words(identity: Identity) -> str:
 def package_findings(identity: Identity) -> list[Finding]:
     """Whether what the submission imports is installed, and declared where there is a card."""
     results = [
-        problem(
-            "packages",
-            f"A {FORM_WORDS[identity.form]} needs {module}, which is not installed here. {how_to_install(module)}",
-        )
+        problem("packages", f"A {FORM_WORDS[identity.form]} needs {module}, which is not installed here. {how_to_install(module)}")
         for module in missing(*_NEEDS[identity.form])
     ]
     declared = {name.lower().replace("_", "-") for name in identity.card.requires} if identity.card is not None else set()
