@@ -83,15 +83,15 @@ def whole_number(value: object, what: str) -> int:
     return operator.index(value)  # type: ignore[arg-type]
 
 
-def refuse(reason: str) -> NoReturn:
-    """Refuse a value, in a validator of pydantic or a reader of untrusted data.
+def refuse(reason: str, error: type[Exception] = ValueError) -> NoReturn:
+    """Raise ``error`` with ``reason``; a validator of pydantic or a reader of untrusted data refuses a value by ``ValueError``.
 
     Raises
     ------
-    ValueError
+    error
         Always.
     """
-    raise ValueError(reason)
+    raise error(reason)
 
 
 def did_you_mean(name: str, choices: Iterable[str], *, list_few: bool = True) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from typing import Any
 
-from glbench.errors import GlbenchError, SubmissionError
+from glbench.errors import GlbenchError, SubmissionError, refuse
 
 EXTRAS = {"torch": "submit", "stable_baselines3": "submit", "sb3_contrib": "submit", "onnxruntime": "onnx", "ray": "ray"}
 """Extra of glbench that installs a package."""
@@ -83,8 +83,7 @@ def lazy_names(package: str, places: Mapping[str, tuple[str, ...]] | None = None
 
     def get(name: str) -> object:
         if name not in homes:
-            msg = f"module {package!r} has no attribute {name!r}"
-            raise AttributeError(msg)
+            refuse(f"module {package!r} has no attribute {name!r}", AttributeError)
         value: object = getattr(importlib.import_module(homes[name]), name)
         setattr(sys.modules[package], name, value)  # found without this function from now on
         return value

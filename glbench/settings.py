@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 
-from glbench.errors import GlbenchError, SubmissionError, did_you_mean
+from glbench.errors import GlbenchError, SubmissionError, did_you_mean, refuse
 from glbench.untrusted import decimal_point, place_of, quoted, read_regular, reason_of, toml_fault
 from glbench.yaml_reader import read_yaml
 
@@ -116,8 +116,7 @@ def read_toml(file: Path) -> dict[str, Any]:
     try:
         text = read_regular(file, _LARGEST_TOML).decode("utf-8-sig").replace("\r\n", "\n")
         if any(line.count(".") > _MOST_DOTS for line in text.splitlines()):
-            msg = f"it has a line with more than {_MOST_DOTS} dots, and no key of a card has two"
-            raise SubmissionError(msg)
+            refuse(f"it has a line with more than {_MOST_DOTS} dots, and no key of a card has two", SubmissionError)
         return tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as error:
         msg = f"it cannot be read ({reason_of(error)})"

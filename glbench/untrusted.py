@@ -49,8 +49,7 @@ def read_regular(path: Path, largest: int) -> bytes:
     with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
         if size > largest:
-            msg = f"it is larger than {_size(largest)}"
-            raise OSError(msg)
+            refuse(f"it is larger than {_size(largest)}", OSError)
         return read_pieces(file.read, size)
 
 
@@ -70,8 +69,7 @@ def open_regular(path: Path) -> Iterator[IO[bytes]]:
         raise OSError(str(error)) from error
     try:
         if not stat.S_ISREG(os.fstat(handle).st_mode):
-            msg = "it is a folder, a pipe or a device, and not a regular file"
-            raise OSError(msg)
+            refuse("it is a folder, a pipe or a device, and not a regular file", OSError)
         with os.fdopen(handle, "rb", buffering=0, closefd=False) as file:
             yield file
     finally:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import yaml
 
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.untrusted import decimal_point, quoted, read_regular
 
 _LARGEST_FILE: Final = 64 * 1024
@@ -131,8 +131,7 @@ class _Loader(yaml.SafeLoader):
                 msg = f"the name {quoted(name)} is not text. Put it in quotes."
                 raise _RefusedError(msg, line)
             if name in table:
-                msg = f"it has {quoted(name)} twice, in lines {lines[name] + 1} and {line + 1}. Keep one of them."
-                raise _RefusedError(msg)
+                refuse(f"it has {quoted(name)} twice, in lines {lines[name] + 1} and {line + 1}. Keep one of them.", _RefusedError)
             table[name], lines[name] = self.value(item), line
         merged = table.pop("<<", {})
         for more in merged if isinstance(merged, list) else [merged]:

@@ -21,7 +21,7 @@ from glbench.agents.card import RecipeId
 from glbench.agents.controllers import CONTROLLERS, MODULES, find_controller
 from glbench.agents.identity import Training, baseline_names, check_file, check_sizes, files_of_folder, policy_digest
 from glbench.agents.protocol import Agent, PrivilegedController, ScenarioController, Sight
-from glbench.errors import GlbenchError, SubmissionError, did_you_mean
+from glbench.errors import GlbenchError, SubmissionError, did_you_mean, refuse
 from glbench.fields import Count
 from glbench.model import get_model
 from glbench.resources import data_folder, how_to_get_data, left_out, sha256_of_files, with_unix_line_ends
@@ -53,8 +53,7 @@ def _damage_in_words() -> Iterator[None]:
 def _that_exists(name: str) -> str:
     names = sorted({*MODULES, *CONTROLLERS})
     if name not in names:
-        msg = f"there is no controller {quoted(name)}.{did_you_mean(name, names)}".rstrip(".")
-        raise ValueError(msg)
+        refuse(f"there is no controller {quoted(name)}.{did_you_mean(name, names)}".rstrip("."))
     return name
 
 
@@ -137,12 +136,10 @@ def read_baseline(ref: str | Path) -> Baseline:
         When there is none of that name, or card or settings cannot be used.
     """
     if not isinstance(ref, Path | str):
-        msg = f"A baseline is named by its name or its folder; got {ref!r}. Baselines: {', '.join(baseline_names())}."
-        raise SubmissionError(msg)
+        refuse(f"A baseline is named by its name or its folder; got {ref!r}. Baselines: {', '.join(baseline_names())}.", SubmissionError)
     folder = data_folder("baselines") / ref if isinstance(ref, str) else ref
     if not (folder / "card.toml").is_file():
-        msg = f"There is no baseline '{ref}'.{did_you_mean(str(ref), baseline_names())}"
-        raise SubmissionError(msg)
+        refuse(f"There is no baseline '{ref}'.{did_you_mean(str(ref), baseline_names())}", SubmissionError)
     if not isinstance(ref, str):  # somebody's folder, read outside of any sandbox
         check_file(folder / "card.toml", folder)
     card = _read_card(folder / "card.toml")
@@ -195,8 +192,7 @@ def _check_place(place: Path, folder: Path) -> None:
     Raises ``SubmissionError`` when they do.
     """
     if not place.is_relative_to(folder.resolve()):
-        msg = f"The card in {folder} names settings that lie elsewhere: {place}. Copy them into the folder."
-        raise SubmissionError(msg)
+        refuse(f"The card in {folder} names settings that lie elsewhere: {place}. Copy them into the folder.", SubmissionError)
     files = files_of_folder(place) if place.is_dir() else (place,)
     for file in files:
         check_file(file, folder)
@@ -211,8 +207,7 @@ def _check_place(place: Path, folder: Path) -> None:
         except (OSError, NotImplementedError, zipfile.BadZipFile):
             continue  # it is not an archive; who reads it says what is wrong
         if size > LARGEST_ARCHIVE:
-            msg = f"{file} expands to more than {LARGEST_ARCHIVE // MIB} MiB, which no policy and no recording has."
-            raise SubmissionError(msg)
+            refuse(f"{file} expands to more than {LARGEST_ARCHIVE // MIB} MiB, which no policy and no recording has.", SubmissionError)
 
 
 def _digest(controller: str, place: Path, settings: Any) -> str:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 
 import pydantic
 
-from glbench.errors import SubmissionError, did_you_mean
+from glbench.errors import SubmissionError, did_you_mean, refuse
 from glbench.fields import Count
 from glbench.settings import Problem, Table, problems_of, read_toml
 from glbench.untrusted import quoted
@@ -40,8 +40,7 @@ def _shown_as_written(text: str) -> str:
     """Names are shown in terminals and on pages: none may hold control characters."""
     strange = next((letter for letter in text if not (letter.isprintable() or letter in _HARMLESS)), None)
     if strange is not None:
-        msg = f"the character U+{ord(strange):04X} cannot be shown"
-        raise ValueError(msg)
+        refuse(f"the character U+{ord(strange):04X} cannot be shown")
     return text
 
 
@@ -87,8 +86,7 @@ class Training(_Table):
     @pydantic.model_validator(mode="after")
     def _seeds_are_a_range(self) -> Self:
         if self.seeds and (len(self.seeds) != 2 or self.seeds[0] > self.seeds[1]):
-            msg = "seeds are the first and the last of a range, such as seeds = [0, 255]"
-            raise ValueError(msg)
+            refuse("seeds are the first and the last of a range, such as seeds = [0, 255]")
         return self
 
 
@@ -102,16 +100,13 @@ class Normalisation(_Table):
     @pydantic.model_validator(mode="after")
     def _fits(self) -> Self:
         if len(self.mean) != len(self.std):
-            msg = f"mean has {len(self.mean)} values and std {len(self.std)}: one each for every observed column"
-            raise ValueError(msg)
+            refuse(f"mean has {len(self.mean)} values and std {len(self.std)}: one each for every observed column")
         if any(value <= 0 for value in self.std):
-            msg = "every std must be above 0"
-            raise ValueError(msg)
+            refuse("every std must be above 0")
         for what, values, lowest in (("mean", self.mean, -LARGEST), ("std", self.std, SMALLEST_SCALE)):
             wrong = next((i for i, value in enumerate(values) if not lowest <= value <= LARGEST), None)
             if wrong is not None:
-                msg = f"{what} of column {wrong} is {values[wrong]:g}, expected {lowest:g} to {LARGEST:g}"
-                raise ValueError(msg)
+                refuse(f"{what} of column {wrong} is {values[wrong]:g}, expected {lowest:g} to {LARGEST:g}")
         return self
 
 
@@ -145,14 +140,11 @@ class SubmissionCard(_Table):
     @pydantic.model_validator(mode="after")
     def _is_one_thing(self) -> Self:
         if self.agent is not None and self.model is not None:
-            msg = "give 'agent' (a Python file) or 'model' (a saved policy), not both"
-            raise ValueError(msg)
+            refuse("give 'agent' (a Python file) or 'model' (a saved policy), not both")
         if self.agent is not None and (self.normalisation is not None or self.clip_actions):
-            msg = "'normalisation' and 'clip_actions' are for saved policies ('model'); a Python agent does both itself"
-            raise ValueError(msg)
+            refuse("'normalisation' and 'clip_actions' are for saved policies ('model'); a Python agent does both itself")
         if self.recipe is not None and self.seed is None:
-            msg = "a 'recipe' needs a 'seed', because trainings of one recipe differ in their seed: add, for example, seed = 1"
-            raise ValueError(msg)
+            refuse("a 'recipe' needs a 'seed', because trainings of one recipe differ in their seed: add, for example, seed = 1")
         return self
 
     @pydantic.model_serializer(mode="wrap")
@@ -177,8 +169,7 @@ def read_card(file: Path) -> SubmissionCard:
     """
     card, problems = check_card(file)
     if card is None:
-        msg = f"The card {file} cannot be used: {'; '.join(problems)}. docs/submit.md explains every key."
-        raise SubmissionError(msg)
+        refuse(f"The card {file} cannot be used: {'; '.join(problems)}. docs/submit.md explains every key.", SubmissionError)
     return card
 
 

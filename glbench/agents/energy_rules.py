@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from glbench.agents.controllers import clock_from, controller
 from glbench.agents.tuned_rules import NEEDED, TunedRulesAgent, TunedRuleSettings, number, read_rule_pages
-from glbench.errors import SubmissionError
+from glbench.errors import SubmissionError, refuse
 from glbench.tasks.set_points import BLACKOUT, BOILER, DOSING, LAMPS, VENTS, WORKED
 
 if TYPE_CHECKING:
@@ -115,8 +115,7 @@ class EnergyRulesAgent(TunedRulesAgent):
         if unknown or missing or VENTS not in controls:
             what = f"has the control {', '.join(unknown)}, which they do not know" if unknown else f"lacks {VENTS}"
             what = f"does not show {', '.join(missing)}" if missing else what
-            msg = f"The energy rules work lamps, engine and buffer at an hourly price of power, and {task.id} {what}."
-            raise SubmissionError(msg)
+            refuse(f"The energy rules work lamps, engine and buffer at an hourly price of power, and {task.id} {what}.", SubmissionError)
         self._installed = [one.name for one in task.controls if one.at_one > 0.0 and one.quantity in columns]
         self.begin(task, n_runs, (*NEEDED, *required), optional=columns, positions=(VENTS, *self._installed))
 

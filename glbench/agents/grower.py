@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 
 from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
 from glbench.agents.daylight import Sun
-from glbench.errors import SubmissionError, did_you_mean
+from glbench.errors import SubmissionError, did_you_mean, refuse
 from glbench.settings import Table, read_settings
 from glbench.tasks import set_points as names
 
@@ -169,15 +169,13 @@ class GrowerAgent(ObservedController):
         Raises ``SubmissionError`` when the task has no process computer, or does not show clock and radiation.
         """
         if task.actuation not in self.actuations:
-            msg = f"The grower works at a process computer, and {task.id} has the actuation '{task.actuation}'."
-            raise SubmissionError(msg)
+            refuse(f"The grower works at a process computer, and {task.id} has the actuation '{task.actuation}'.", SubmissionError)
         self.begin(task, n_runs, (*CLOCK, _RADIATION), optional=(_VENTS,))
         rules = self._set_points(*np.zeros((3, n_runs)))
         for action in task.actions:
             if action.name not in rules:
                 near = did_you_mean(action.name, rules)
-                msg = f"The grower's settings page has no '{action.name}', a set point of {task.id}.{near}"
-                raise SubmissionError(msg)
+                refuse(f"The grower's settings page has no '{action.name}', a set point of {task.id}.{near}", SubmissionError)
         self._sun, self._shut = Sun(task), np.zeros(n_runs)
         self._mean: Array | None = None
         self._weight = 1.0 - math.exp(-task.step_seconds / 3600.0 / _MEAN_HOURS)
@@ -228,5 +226,4 @@ def _share(value: Array, start: float, full: float) -> Array:
 
 def _check_order(first: str, low: float, second: str, high: float) -> None:
     if low >= high:
-        msg = f"{first} = {low:g} must be below {second} = {high:g}"
-        raise ValueError(msg)
+        refuse(f"{first} = {low:g} must be below {second} = {high:g}")

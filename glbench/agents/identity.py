@@ -31,7 +31,7 @@ from typing import IO, TYPE_CHECKING, Literal
 
 from glbench import untrusted
 from glbench.agents.naming import skeleton, skeletons
-from glbench.errors import SubmissionError
+from glbench.errors import SubmissionError, refuse
 from glbench.resources import LARGEST_TEXT, data_folder, is_text, with_unix_line_ends
 
 if TYPE_CHECKING:
@@ -112,8 +112,7 @@ def check_file(file: Path, root: Path) -> None:
             msg = f"{file} is a link to a folder or to nothing, so the digest would not cover what it holds. Copy the files."
             raise SubmissionError(msg)
         if file.readlink().is_absolute() or not untrusted.real_path(file).is_relative_to(untrusted.real_path(root)):
-            msg = f"{file} is a link that leads out of the submission's folder, and out of its sandbox. Copy the file."
-            raise SubmissionError(msg)
+            refuse(f"{file} is a link that leads out of the submission's folder, and out of its sandbox. Copy the file.", SubmissionError)
     elif not file.is_file():
         msg = f"{file} is neither file nor folder, but a pipe, a socket or a device, which may lead out of the sandbox. Remove it."
         raise SubmissionError(msg)
@@ -287,8 +286,7 @@ def identify(ref: str | Path) -> Identity | None:
 def path_of(ref: str | Path) -> Path:
     """The path that names an agent. Raises ``SubmissionError`` when it is neither text nor a path."""
     if not isinstance(ref, Path | str):
-        msg = f"An agent is named by a baseline's name or a path; got {ref!r}. {EXPECTED}."
-        raise SubmissionError(msg)
+        refuse(f"An agent is named by a baseline's name or a path; got {ref!r}. {EXPECTED}.", SubmissionError)
     return Path(ref).expanduser()
 
 
@@ -308,8 +306,7 @@ def read_identity(path: Path) -> Identity:
     """
     settings = next((one for one in list(path.parents)[:2] if is_built_in(one)), None)
     if path.suffix in _PAGES and settings is not None:
-        msg = f"{path} is a page of settings. Name the folder with its card.toml, such as: glbench evaluate {settings}"
-        raise SubmissionError(msg)
+        refuse(f"{path} is a page of settings. Name the folder with its card.toml, such as: glbench evaluate {settings}", SubmissionError)
     name = name_of(path)
     place, folder = path.resolve(), path.resolve() if path.is_dir() else None
     root = folder or place.parent
@@ -323,8 +320,7 @@ def read_identity(path: Path) -> Identity:
         entry = _entry(folder, card) if folder is not None else place
         form = FORMS.get(entry.suffix)
         if form is None:
-            msg = f"{entry} is no Python file and no saved policy. {EXPECTED}."
-            raise SubmissionError(msg)
+            refuse(f"{entry} is no Python file and no saved policy. {EXPECTED}.", SubmissionError)
         _check_card_fits(card, entry, form)
         files = files_of_folder(folder) if folder is not None else ()
         statistics = _statistics(entry, form, root, files, card)
@@ -375,8 +371,7 @@ def name_of(place: Path) -> str:
     baseline = baseline_like(name)
     if baseline is not None:
         same = "is" if name == baseline else f"looks like '{baseline}',"
-        msg = f"'{name}' {same} the name of a baseline. Rename {place}, or run the baseline by its name."
-        raise SubmissionError(msg)
+        refuse(f"'{name}' {same} the name of a baseline. Rename {place}, or run the baseline by its name.", SubmissionError)
     return name
 
 
@@ -426,11 +421,9 @@ def _check_card_fits(card: SubmissionCard | None, entry: Path, form: Form) -> No
             continue
         if not fits:
             other = "model" if key == "agent" else "agent"
-            msg = f"The card calls {named} '{key}', and it is a {FORM_WORDS[form]}: write {other} = \"{named}\"."
-            raise SubmissionError(msg)
+            refuse(f"The card calls {named} '{key}', and it is a {FORM_WORDS[form]}: write {other} = \"{named}\".", SubmissionError)
         if Path(named).name != entry.name:
-            msg = f'The card beside {entry.name} says {key} = "{named}". Name {entry.name} there, or remove the key.'
-            raise SubmissionError(msg)
+            refuse(f'The card beside {entry.name} says {key} = "{named}". Name {entry.name} there, or remove the key.', SubmissionError)
     if form == "python" and (card.normalisation is not None or card.clip_actions):
         msg = (
             f"The card of {entry.name} has 'normalisation' or 'clip_actions', which are for saved policies; "
@@ -454,8 +447,7 @@ def _statistics(entry: Path, form: Form, root: Path, files: tuple[Path, ...], ca
             msg = f"The statistics of {entry.name} must be beside it; the card names '{card.normalisation}'. Or submit a folder."
             raise SubmissionError(msg)
         if not _belongs(file, root):
-            msg = f"The card names the statistics '{card.normalisation}', and there is no such file in {root}."
-            raise SubmissionError(msg)
+            refuse(f"The card names the statistics '{card.normalisation}', and there is no such file in {root}.", SubmissionError)
         return file
     if form != "sb3":
         return None

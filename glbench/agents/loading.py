@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from glbench.agents import identity
 from glbench.agents.protocol import Agent, PerRunAgent, PrivilegedController, ScenarioController, Sight, SingleRunAgent
-from glbench.errors import GlbenchError, SubmissionError, did_you_mean, last_line
+from glbench.errors import GlbenchError, SubmissionError, did_you_mean, last_line, refuse
 from glbench.resources import data_folder, with_unix_line_ends, write_atomically
 
 if TYPE_CHECKING:
@@ -144,8 +144,7 @@ def python_maker(submission: identity.Identity) -> Callable[[TaskCard], Agent]:
     if make_agent is None:
         functions = [name for name, item in vars(module).items() if callable(item) and not name.startswith("_")]
         near = did_you_mean("make_agent", functions) if functions else ""
-        msg = f"{file.name} has no function make_agent(task).{near} Add one that returns your agent."
-        raise SubmissionError(msg)
+        refuse(f"{file.name} has no function make_agent(task).{near} Add one that returns your agent.", SubmissionError)
     if not callable(make_agent):
         msg = f"make_agent in {file.name} is {_a(make_agent)}, expected a function make_agent(task) that returns your agent."
         raise SubmissionError(msg)
@@ -338,8 +337,7 @@ def new_submission(folder: Path, kind: Kind) -> tuple[Path, ...]:
     be written.
     """
     if folder.exists():
-        msg = f"{folder} is there already, and nothing is overwritten. Choose another name, or move it away."
-        raise SubmissionError(msg)
+        refuse(f"{folder} is there already, and nothing is overwritten. Choose another name, or move it away.", SubmissionError)
     name = identity.name_of(folder)
     source = data_folder("submissions") / "templates" / kind
     files = []
@@ -366,8 +364,7 @@ def copy_examples(folder: Path) -> tuple[Path, ...]:
     targets = tuple(folder / source.name for source in sources)
     for source, target in zip(sources, targets, strict=True):
         if target.exists() and not (target.is_file() and _text(target) == _text(source)):
-            msg = f"{target} is there already, and nothing is overwritten. Choose another folder, or move it away."
-            raise SubmissionError(msg)
+            refuse(f"{target} is there already, and nothing is overwritten. Choose another folder, or move it away.", SubmissionError)
     for source, target in zip(sources, targets, strict=True):
         write_atomically(target, _text(source))
     return targets

@@ -24,7 +24,7 @@ from glbench.agents.card import LARGEST, SMALLEST_CLIP, SMALLEST_SCALE
 from glbench.agents.controllers import controller
 from glbench.agents.protocol import check_runs
 from glbench.arrays import ArrayFile, checked_facts, packed
-from glbench.errors import ShapeError, SubmissionError
+from glbench.errors import ShapeError, SubmissionError, refuse
 from glbench.untrusted import MIB, quoted, read_regular, reason_of
 
 if TYPE_CHECKING:
@@ -137,17 +137,14 @@ class NetworkPolicy:
             raise ShapeError(msg)
         sides = {name: getattr(self, name).shape for name in ("mean", "scale", "low", "high")}
         if list(sides.values()) != [(sizes[0],)] * 2 + [(sizes[-1],)] * 2:
-            msg = f"A policy of {sizes[0]} observations and {sizes[-1]} actions cannot have the shapes {sides}."
-            raise ShapeError(msg)
+            refuse(f"A policy of {sizes[0]} observations and {sizes[-1]} actions cannot have the shapes {sides}.", ShapeError)
         if self.activation not in ACTIVATIONS or self.output not in ("clip", "tanh"):
             names = f"{', '.join(ACTIVATIONS)}; clip, tanh"
-            msg = f"Unknown activation {quoted(self.activation)} or output {quoted(self.output)}. Known: {names}."
-            raise ShapeError(msg)
+            refuse(f"Unknown activation {quoted(self.activation)} or output {quoted(self.output)}. Known: {names}.", ShapeError)
         for kind, columns in (("observation", self.observation_names), ("action", self.action_names)):
             if len(set(columns)) < len(columns):
                 twice = next(name for name in columns if columns.count(name) > 1)
-                msg = f"A policy has the {kind} {quoted(twice)} {columns.count(twice)} times; each has a name of its own."
-                raise ShapeError(msg)
+                refuse(f"A policy has the {kind} {quoted(twice)} {columns.count(twice)} times; each has a name of its own.", ShapeError)
         for what, values, columns, lowest in (
             ("mean", self.mean, self.observation_names, -LARGEST),
             ("scale", self.scale, self.observation_names, SMALLEST_SCALE),
@@ -242,8 +239,7 @@ class Gru:
             msg = f"A memory cannot have weights of shapes {self.weights.shape}, {self.bias.shape} and {self.recurrent.shape}."
             raise ShapeError(msg)
         if not all(np.isfinite(array).all() for array in (self.weights, self.bias, self.recurrent)):
-            msg = "A memory has weights that are not finite."
-            raise ShapeError(msg)
+            refuse("A memory has weights that are not finite.", ShapeError)
         maps = self.arithmetic.affine(self.weights, self.bias), self.arithmetic.affine(self.recurrent, np.zeros(wide))
         object.__setattr__(self, "_maps", maps)
 
@@ -319,8 +315,7 @@ class Actor:
         if not well or not np.isfinite([self.low, self.high]).all():
             traces = f"traces of the columns {quoted(self.traced.tolist())} with shares {quoted(self.shares.tolist())}"
             changes = f"changes of {quoted(self.max_change.tolist())} a step, such bounds, or a recurrent unit of other sizes"
-            msg = f"A policy of {columns} columns and {actions} actions cannot have {traces}, {changes}."
-            raise ShapeError(msg)
+            refuse(f"A policy of {columns} columns and {actions} actions cannot have {traces}, {changes}.", ShapeError)
 
     @property
     def columns(self) -> tuple[str, ...]:

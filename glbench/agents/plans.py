@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from glbench.agents.controllers import controller
 from glbench.agents.protocol import check_runs
 from glbench.arrays import ArrayFile, checked_facts, packed
-from glbench.errors import ShapeError, SubmissionError
+from glbench.errors import ShapeError, SubmissionError, refuse
 from glbench.resources import write_atomically
 from glbench.untrusted import reason_of
 
@@ -71,15 +71,12 @@ class PlanBook:
 
     def __post_init__(self) -> None:
         if self.actions.ndim != 3 or self.actions.shape[:2] != (len(self.about), len(self.names)):
-            msg = f"{len(self.about)} plans of {len(self.names)} actions cannot have the shape {self.actions.shape}"
-            raise ShapeError(msg)
+            refuse(f"{len(self.about)} plans of {len(self.names)} actions cannot have the shape {self.actions.shape}", ShapeError)
         _check_bounds(self.names, self.low, self.high)
         if self.actions.size and self.actions.max() > 2 * HALF_SCALE:
-            msg = f"it has a number above {2 * HALF_SCALE}"
-            raise ShapeError(msg)
+            refuse(f"it has a number above {2 * HALF_SCALE}", ShapeError)
         if set(self.runs.values()) != set(range(len(self.about))):
-            msg = "its runs and its plans do not belong together"
-            raise ShapeError(msg)
+            refuse("its runs and its plans do not belong together", ShapeError)
 
     @classmethod
     def of(cls, task: TaskSpec, seeds: Sequence[int], actions: ArrayLike, about: Mapping[str, str | int | float]) -> PlanBook:
@@ -90,8 +87,7 @@ class PlanBook:
         low, high = (np.array([getattr(action, side) for action in task.actions]) for side in ("low", "high"))
         plan = np.asarray(actions, dtype=np.float64)
         if plan.shape != (task.steps, len(low)) or not np.isfinite(plan).all():
-            msg = f"A plan for {task.id} has finite actions of the shape ({task.steps}, {len(low)}); got {plan.shape}."
-            raise ShapeError(msg)
+            refuse(f"A plan for {task.id} has finite actions of the shape ({task.steps}, {len(low)}); got {plan.shape}.", ShapeError)
         numbers = _rounded(2.0 * (plan - low) / (high - low) - 1.0, carry=task.actuation.kind == "rate")
         return cls(
             task.id,
@@ -278,8 +274,7 @@ class PlanController:
         reason = f"there are none for its digest {task.digest[:12]}" if book is None else book.why_not(task)
         search = f"glbench bound {task.short_id if task.locked else task.source}"
         if book is None or reason is not None:
-            msg = f"There are no plans for {task.id}: {reason}. `{search}` searches for some."
-            raise SubmissionError(msg)
+            refuse(f"There are no plans for {task.id}: {reason}. `{search}` searches for some.", SubmissionError)
         missing = [seed for seed in seeds if seed not in book.runs]
         if missing:
             msg = (
@@ -340,12 +335,10 @@ class Recording:
 
     def __post_init__(self) -> None:
         if self.actions.ndim != 2 or not len(self.actions) or self.actions.shape[1] != len(self.names):
-            msg = f"a recording of {len(self.names)} actions cannot have the shape {self.actions.shape}"
-            raise ShapeError(msg)
+            refuse(f"a recording of {len(self.names)} actions cannot have the shape {self.actions.shape}", ShapeError)
         _check_bounds(self.names, self.low, self.high)
         if not np.isfinite(self.actions).all():
-            msg = "it has actions that are not finite"
-            raise ShapeError(msg)
+            refuse("it has actions that are not finite", ShapeError)
 
     def why_not(self, task: TaskCard) -> str | None:
         """Why it cannot be replayed in ``task``, in words; ``None`` when it can."""
@@ -407,8 +400,7 @@ class RecordingAgent:
         """Begin again with the first action. Raises ``SubmissionError`` when ``task`` takes other actions than the recorded ones."""
         reason = self._recording.why_not(task)
         if reason is not None:
-            msg = f"The recording does not fit this task: {reason}. Record an agent on a task with the same actions."
-            raise SubmissionError(msg)
+            refuse(f"The recording does not fit this task: {reason}. Record an agent on a task with the same actions.", SubmissionError)
         self._runs, self._step = n_runs, 0
 
     def act(self, observations: NDArray[np.float32], /) -> NDArray[np.float64]:
@@ -426,8 +418,7 @@ class RecordingAgent:
 def _check_bounds(names: Sequence[str], low: Sequence[float], high: Sequence[float]) -> None:
     sides = list(zip(low, high, strict=False))
     if not len(low) == len(high) == len(names) or not all(lower < upper for lower, upper in sides):
-        msg = "an action lacks a lower or an upper bound, or its lower bound is not below its upper bound"
-        raise ShapeError(msg)
+        refuse("an action lacks a lower or an upper bound, or its lower bound is not below its upper bound", ShapeError)
 
 
 def _words(names: tuple[str, ...], actuation: str) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.arrays import real_numbers, unknown_type
-from glbench.errors import ActionError, ShapeError
+from glbench.errors import ActionError, ShapeError, refuse
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
@@ -47,8 +47,7 @@ class Agent(Protocol):
 def check_runs(rows: NDArray[Any], n_runs: int, what: str = "observations") -> None:
     """Refuse ``rows`` of another number of runs than an agent was reset for. Raises ``ShapeError`` when it is another."""
     if len(rows) != n_runs:
-        msg = f"act got {what} of {len(rows)} runs, reset was called with {n_runs}. Call reset first."
-        raise ShapeError(msg)
+        refuse(f"act got {what} of {len(rows)} runs, reset was called with {n_runs}. Call reset first.", ShapeError)
 
 
 @runtime_checkable
@@ -148,8 +147,7 @@ class PerRunAgent:
             if row is None:
                 what = f"an array of {answer.dtype}" if type(answer) is np.ndarray else type(answer).__name__
                 expected = unknown_type(answer) or "Expected a row of real numbers, one for each action."
-                msg = f"act returned {what} in run {run}. {expected}"
-                raise ActionError(msg)
+                refuse(f"act returned {what} in run {run}. {expected}", ActionError)
             if row.ndim != 1:
                 msg = f"act returned an array of shape {row.shape} in run {run}, expected one row of numbers, one for each action."
                 raise ActionError(msg)
@@ -157,8 +155,7 @@ class PerRunAgent:
                 rows.append(row.astype(np.float64))
         lengths = {row.shape[0] for row in rows}
         if len(lengths) > 1:
-            msg = f"The agents of different runs returned actions of different lengths: {sorted(lengths)}."
-            raise ActionError(msg)
+            refuse(f"The agents of different runs returned actions of different lengths: {sorted(lengths)}.", ActionError)
         return np.stack(rows)
 
 

@@ -24,7 +24,7 @@ from pydantic import AfterValidator, Field
 
 from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
 from glbench.agents.daylight import Daylight, DaylightEstimator
-from glbench.errors import ShapeError, SubmissionError
+from glbench.errors import ShapeError, SubmissionError, refuse
 from glbench.model import TOMATO, co2_ppm, relative_humidity
 from glbench.settings import Table, read_settings
 from glbench.tasks import set_points
@@ -46,8 +46,7 @@ _Outdoors = Annotated[float, set_points.set_point_field(set_points.SCREEN_OUTDOO
 
 def _with_width(band: float) -> float:
     if band == 0.0:
-        msg = "a proportional band of width 0 would be a division by zero; a narrow one such as 0.1 acts like a switch"
-        raise ValueError(msg)
+        refuse("a proportional band of width 0 would be a division by zero; a narrow one such as 0.1 acts like a switch")
     return band
 
 

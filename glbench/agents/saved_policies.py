@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents.protocol import check_runs
-from glbench.errors import SubmissionError, last_line
+from glbench.errors import SubmissionError, last_line, refuse
 from glbench.extras import need
 from glbench.untrusted import opened_archive
 
@@ -96,8 +96,7 @@ def _statistics_from(file: Path, columns: int) -> Normalise:
         return lambda observations: observations
     shape = np.shape(getattr(statistics.obs_rms, "mean", ()))
     if len(shape) != 1:
-        msg = f"{file.name} holds statistics of observations of shape {shape}, expected a row of {columns} columns."
-        raise SubmissionError(msg)
+        refuse(f"{file.name} holds statistics of observations of shape {shape}, expected a row of {columns} columns.", SubmissionError)
     _check_columns(f"The statistics in {file.name} are", shape[0], columns)
 
     def normalise(observations: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -109,8 +108,7 @@ def _statistics_from(file: Path, columns: int) -> Normalise:
 
 def _check_columns(what: str, count: int, columns: int) -> None:
     if count != columns:
-        msg = f"{what} of {count} columns, the task shows {columns}: they belong to another task or other observations."
-        raise SubmissionError(msg)
+        refuse(f"{what} of {count} columns, the task shows {columns}: they belong to another task or other observations.", SubmissionError)
 
 
 class EvenRows:
@@ -255,8 +253,7 @@ def _input(session: Any, columns: int, file: str) -> tuple[int, type[np.floating
         raise SubmissionError(msg)
     (only,) = inputs
     if only.type not in _KINDS:
-        msg = f"{file} takes {only.type}, expected tensor(float) of shape (rows, {columns})."
-        raise SubmissionError(msg)
+        refuse(f"{file} takes {only.type}, expected tensor(float) of shape (rows, {columns}).", SubmissionError)
     shape = list(only.shape)
     if len(shape) != 2 or (isinstance(shape[1], int) and shape[1] != columns):
         sizes = f"({', '.join(str(size) for size in shape)})"
@@ -291,8 +288,7 @@ def torchscript_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
         with torch.inference_mode(), torch.jit.optimized_execution(False):
             answer = module(torch.from_numpy(rows))
         if not isinstance(answer, torch.Tensor):
-            msg = f"the policy answers with a {type(answer).__name__}, expected one tensor of actions"
-            raise SubmissionError(msg)
+            refuse(f"the policy answers with a {type(answer).__name__}, expected one tensor of actions", SubmissionError)
         array: NDArray[np.floating] = answer.detach().cpu().numpy()
         return array
 
@@ -312,8 +308,7 @@ def _agent(submission: Identity, task: TaskCard, function: Function, block: int 
         msg = f"{file} fails on observations of {columns} columns, which the task shows: {last_line(error)}."
         raise SubmissionError(msg) from error
     if shape != (1, actions):
-        msg = f"{file} answers a row of {columns} observations with {shape[1]} numbers, the task has {actions} actions."
-        raise SubmissionError(msg)
+        refuse(f"{file} answers a row of {columns} observations with {shape[1]} numbers, the task has {actions} actions.", SubmissionError)
     return PolicyAgent(ask, normalise, actions, clip=submission.card is not None and submission.card.clip_actions)
 
 

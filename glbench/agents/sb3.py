@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents.saved_policies import DAMAGED, EvenRows, PolicyAgent, Rows, normaliser, without_warnings
-from glbench.errors import SubmissionError, last_line
+from glbench.errors import SubmissionError, last_line, refuse
 from glbench.extras import need
 from glbench.untrusted import opened_archive
 
@@ -136,12 +136,10 @@ def archive_data(file: Path) -> dict[str, Any]:
         lacking = {"data", "policy.pth"} - set(archive.namelist())
         if lacking:
             what = "is an archive, but no model of Stable-Baselines3: it lacks"
-            msg = f"{file.name} {what} {' and '.join(sorted(lacking))}. {_HOW}"
-            raise SubmissionError(msg)
+            refuse(f"{file.name} {what} {' and '.join(sorted(lacking))}. {_HOW}", SubmissionError)
         data = json.loads(_content(archive, "data", _LONGEST_SETTINGS))
     if not isinstance(data, dict):
-        msg = f"{file.name} cannot be read as a model of Stable-Baselines3 (its settings are no table). {_HOW}"
-        raise SubmissionError(msg)
+        refuse(f"{file.name} cannot be read as a model of Stable-Baselines3 (its settings are no table). {_HOW}", SubmissionError)
     return data
 
 
@@ -163,8 +161,7 @@ def _content(archive: zipfile.ZipFile, name: str, longest: int) -> bytes:
     with archive.open(name) as stream:
         content = b"".join(_pieces(stream, longest + 1))
     if len(content) > longest:
-        msg = f"'{name}' in it is longer than {longest / 2**20:,.0f} MiB"
-        raise ValueError(msg)
+        refuse(f"'{name}' in it is longer than {longest / 2**20:,.0f} MiB")
     return content
 
 

@@ -23,7 +23,7 @@ from pydantic import BeforeValidator, Field, create_model
 
 from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
 from glbench.agents.daylight import Sun
-from glbench.errors import ShapeError, SubmissionError
+from glbench.errors import ShapeError, SubmissionError, refuse
 from glbench.settings import Table, read_settings
 from glbench.tasks.set_points import BLACKOUT, BOILER, DOSING, LAMPS, SCREEN, VENTS, WORKED
 
@@ -202,8 +202,7 @@ def read_rule_pages(place: Path, kind: type[TunedRuleSettings] = TunedRuleSettin
     """
     files = sorted(place.glob("*.yml")) if place.is_dir() else [place]
     if not files:
-        msg = f"There is no page of {kind.title} (*.yml) in {place}."
-        raise SubmissionError(msg)
+        refuse(f"There is no page of {kind.title} (*.yml) in {place}.", SubmissionError)
     pages = {file: read_rule_page(file, kind) for file in files}
     scopes = [page.scope for page in pages.values()]
     claims: list[tuple[str, ...]] = scopes if kind is TunedRuleSettings else [(name,) for scope in scopes for name in scope]
@@ -224,8 +223,7 @@ def read_rule_page(file: Path, kind: type[TunedRuleSettings] = TunedRuleSettings
 
 def _names(content: Any) -> Any:
     if not content or not (isinstance(content, list) and all(isinstance(name, str) for name in content)):
-        msg = "it is a list of names, such as [epi, scaled_penalty] for 'reward' or [mylab/Spring-v1] for 'tasks'"
-        raise ValueError(msg)
+        refuse("it is a list of names, such as [epi, scaled_penalty] for 'reward' or [mylab/Spring-v1] for 'tasks'")
     return content
 
 
@@ -275,8 +273,7 @@ class TunedRulesAgent(ObservedController):
         if isinstance(settings, RulePages):
             settings = [settings.numbers_for(task.reward_modules, task.id)] * n_runs
         if len(settings) != n_runs:
-            msg = f"The rules have numbers for {len(settings)} runs, and {n_runs} begin."
-            raise ShapeError(msg)
+            refuse(f"The rules have numbers for {len(settings)} runs, and {n_runs} begin.", ShapeError)
         columns = {name: np.array([getattr(one, name) for one in settings]) for name in self.kind.model_fields}
         self._find_columns(task, n_runs)
         self._numbers: Any = SimpleNamespace(**columns)

@@ -12,7 +12,7 @@ import typer
 from glbench.cli import console, options
 from glbench.cli.console import Markup, styled
 from glbench.cli.progress import Bar
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 
 if TYPE_CHECKING:
     from glbench.bounds import PlanComparison, PlanOutcome, Search
@@ -67,8 +67,7 @@ def bound(
     again to continue with the remaining runs.
     """
     if (task is None) == (not submit):
-        msg = "Name the task to plan for (glbench bound Spring-v1), or plans to hand in (glbench bound --submit FILE)."
-        raise GlbenchError(msg)
+        refuse("Name the task to plan for (glbench bound Spring-v1), or plans to hand in (glbench bound --submit FILE).", GlbenchError)
     if task is None:
         from glbench.bounds import submit as submit_plans
 
@@ -118,8 +117,7 @@ def make_search(
     if spec.splits is not None:
         spec = spec.in_split(split)
     elif split != "test":
-        msg = f"{spec.id} has no splits: all its runs share their seasons. Leave --split out."
-        raise GlbenchError(msg)
+        refuse(f"{spec.id} has no splits: all its runs share their seasons. Leave --split out.", GlbenchError)
     seeds = tuple(dict.fromkeys(scenario or spec.evaluation.seeds))
     if start is None:
         book = best_known().book(spec)

@@ -13,7 +13,7 @@ from glbench.cli import console, options
 from glbench.cli.bound import dispatch
 from glbench.cli.console import Markup, styled
 from glbench.cli.progress import Bar
-from glbench.errors import EpisodeError
+from glbench.errors import EpisodeError, refuse
 
 if TYPE_CHECKING:
     from glbench.episodes import ActionLog, Episode
@@ -83,8 +83,7 @@ def export(
         raise EpisodeError(msg)
     if to is not None:
         if len(what) != 1:
-            msg = f"--to takes one episode; {len(what)} are named. Export them one by one."
-            raise EpisodeError(msg)
+            refuse(f"--to takes one episode; {len(what)} are named. Export them one by one.", EpisodeError)
         write_table(Path(what[0]), to)
         return
     assert minari is not None
@@ -99,8 +98,7 @@ def write_table(file: Path, to: Path) -> None:
     from glbench.resources import write_atomically
 
     if to.suffix not in (".parquet", ".csv"):
-        msg = f"Cannot tell the format of {to}. Give it the ending .parquet or .csv."
-        raise EpisodeError(msg)
+        refuse(f"Cannot tell the format of {to}. Give it the ending .parquet or .csv.", EpisodeError)
     frame = read(file)
     if to.suffix == ".csv":
         write_atomically(to, frame.to_csv(lineterminator="\n"))
@@ -162,8 +160,7 @@ def recover(
 
     to = to or file.with_name(file.name.removesuffix(".mcap") + ".recovered.mcap")
     if os.path.realpath(to) == os.path.realpath(file):  # unlike Path.resolve, also for links in a circle
-        msg = f"{to} is the file to recover. Write to another one with --to."
-        raise EpisodeError(msg)
+        refuse(f"{to} is the file to recover. Write to another one with --to.", EpisodeError)
     episode = recover_file(file, to)
     lost = episode.run.steps - episode.steps
     problem = f" ({episode.problem})" if episode.problem else ""

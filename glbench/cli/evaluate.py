@@ -20,7 +20,7 @@ from glbench.cli.options import REPORTS
 from glbench.cli.progress import EvaluationBar, JobsBar, Wait
 from glbench.cli.results import failure_lines, reason_lines, summary_table
 from glbench.cli.view import live_view, live_viewer
-from glbench.errors import GlbenchError, SubmissionError, TaskError
+from glbench.errors import GlbenchError, SubmissionError, TaskError, refuse
 from glbench.extras import require
 
 if TYPE_CHECKING:
@@ -133,8 +133,7 @@ def evaluate(
             console.put_parts(print_lines(single.agent.name, single.prints.text(), everything=show_prints))
     else:
         if live:
-            msg = "--live shows one evaluation on this machine: name one agent and one task, without --engine."
-            raise GlbenchError(msg)
+            refuse("--live shows one evaluation on this machine: name one agent and one task, without --engine.", GlbenchError)
         from glbench.evaluation.jobs import LocalEngine, RayEngine
 
         place: Engine = LocalEngine() if engine is options.EngineName.LOCAL else RayEngine(address, workers)
@@ -174,8 +173,7 @@ def select_tasks(names: Sequence[str], suites: Sequence[str], sealed: Round | No
     tasks = list(by_folder.values())
     if split != "test":
         if sealed is not None or split == "training":
-            msg = f"--split {split} is not evaluated: a round has a test alone, and training seasons are to learn from."
-            raise TaskError(msg)
+            refuse(f"--split {split} is not evaluated: a round has a test alone, and training seasons are to learn from.", TaskError)
         return [task.in_split(split) for task in tasks]
     return tasks if sealed is None else [task.in_split("test", sealed.secret) for task in tasks]
 
@@ -202,8 +200,7 @@ def load_agents(refs: Sequence[str], sandbox: SandboxName) -> tuple[dict[str, Pr
         agent = protected.agent
         other = by_name.setdefault(agent.name, protected)
         if other.agent.digest != agent.digest:
-            msg = f"Two different agents are called '{agent.name}' and would share one result file. Rename one of them."
-            raise SubmissionError(msg)
+            refuse(f"Two different agents are called '{agent.name}' and would share one result file. Rename one of them.", SubmissionError)
         if other is not protected:
             continue
         usable[ref] = protected

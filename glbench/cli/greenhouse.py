@@ -12,7 +12,7 @@ import typer
 from glbench.cli import console
 from glbench.cli.console import Markup, plain, styled
 from glbench.cli.options import AsJson
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 
 if TYPE_CHECKING:
     from glbench.greenhouse import Greenhouse
@@ -32,8 +32,7 @@ def new_command(page: PageFile = Path("greenhouse.toml")) -> None:
     from glbench.resources import write_atomically
 
     if page.exists():
-        msg = f"{page} is there already. Edit it, or give another name; nothing is overwritten."
-        raise TaskError(msg)
+        refuse(f"{page} is there already. Edit it, or give another name; nothing is overwritten.", TaskError)
     write_atomically(page, EMPTY_PAGE.read_text(encoding="utf-8"))
     console.tell(f"Wrote {page}")
     console.tell(f"Fill in what you know, then: glbench greenhouse check {page}")
@@ -72,13 +71,11 @@ def task_command(
     from glbench.tasks import get_task
 
     if task.suffix != ".toml" or task.resolve() == page.resolve():
-        msg = f"A task is written to a .toml file other than the page; got {task}."
-        raise TaskError(msg)
+        refuse(f"A task is written to a .toml file other than the page; got {task}.", TaskError)
     rules = task.with_name(f"{task.stem}_rules")
     present = [str(file) for file in (task, rules) if file.exists()]
     if present and not replace:
-        msg = f"{' and '.join(present)} is there already. Give another name, or --replace."
-        raise TaskError(msg)
+        refuse(f"{' and '.join(present)} is there already. Give another name, or --replace.", TaskError)
     settings = read_page(page)
     by_computer = base_task(settings).actuation.kind == "process_computer"
     house = design(settings)

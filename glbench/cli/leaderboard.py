@@ -15,7 +15,7 @@ from rich.cells import cell_len
 from glbench.cli import console, options
 from glbench.cli.console import Markup, plain, styled
 from glbench.cli.options import REPORTS
-from glbench.errors import ResultError, did_you_mean
+from glbench.errors import ResultError, did_you_mean, refuse
 from glbench.untrusted import visible
 
 if TYPE_CHECKING:
@@ -65,13 +65,11 @@ def leaderboard(
     stored, problems = own_and_released_results(out)
     options.warn_of(problems)
     if not stored:
-        msg = f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."
-        raise ResultError(msg)
+        refuse(f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`.", ResultError)
     expected, suites = published_expectations(), list_suites()
     for name in suite:
         if name not in suites:
-            msg = f"There is no suite '{name}'.{did_you_mean(name, suites)} There are: {', '.join(suites)}."
-            raise ResultError(msg)
+            refuse(f"There is no suite '{name}'.{did_you_mean(name, suites)} There are: {', '.join(suites)}.", ResultError)
     tables = rank(stored if write or show_all or suite else _of_boards(stored, names), expected)
     if sealed is not None:
         from glbench.leaderboard.ranking import with_late_entries
@@ -166,10 +164,8 @@ def _by_names(tables: Sequence[TaskTable], names: Sequence[str]) -> list[TaskTab
         if name not in by_name:
             boards = [board for board in by_name if board.startswith(f"{name}@")]
             if boards:
-                msg = f"'{name}' has several boards here, of sealed rounds or other splits. Name one: {', '.join(boards)}."
-                raise ResultError(msg)
-            msg = f"There are no results of a task '{name}'.{did_you_mean(name, [table.task_id for table in tables])}"
-            raise ResultError(msg)
+                refuse(f"'{name}' has several boards here, of sealed rounds or other splits. Name one: {', '.join(boards)}.", ResultError)
+            refuse(f"There are no results of a task '{name}'.{did_you_mean(name, [table.task_id for table in tables])}", ResultError)
     return list({by_name[name].task_id: by_name[name] for name in names}.values())
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import print_warning
-from glbench.errors import GlbenchError, ResultError, TrainingError, did_you_mean
+from glbench.errors import GlbenchError, ResultError, TrainingError, did_you_mean, refuse
 from glbench.extras import require
 
 if TYPE_CHECKING:
@@ -82,8 +82,7 @@ def check_engine(engine: EngineName, address: str | None) -> None:
     if engine is EngineName.RAY:
         require("--engine ray", "ray", "ray")
     elif address is not None:
-        msg = "--address is for a Ray cluster: add --engine ray."
-        raise GlbenchError(msg)
+        refuse("--address is for a Ray cluster: add --engine ray.", GlbenchError)
 
 
 def numbers_of(text: str, what: str, example: str) -> list[int]:
@@ -94,8 +93,7 @@ def numbers_of(text: str, what: str, example: str) -> list[int]:
         first, last = (int(matched[1]), int(matched[2] or matched[1])) if matched else (1, 0)
         if not 0 <= last - first < _MOST_NUMBERS:
             count = "no" if last < first else f"more than {_MOST_NUMBERS:,}"
-            msg = f"--{what} {text}: '{part.strip()}' names {count} {what}. Write {example}."
-            raise GlbenchError(msg)
+            refuse(f"--{what} {text}: '{part.strip()}' names {count} {what}. Write {example}.", GlbenchError)
         numbers |= dict.fromkeys(range(first, last + 1))
     return list(numbers)
 
@@ -103,8 +101,7 @@ def numbers_of(text: str, what: str, example: str) -> list[int]:
 def check_new(file: Path, *, replace: bool) -> None:
     """Refuse a file that exists, unless it is to be replaced, with a ``GlbenchError``."""
     if file.exists() and not replace:
-        msg = f"{file} exists already. Choose another name with --out, or replace it with --replace."
-        raise GlbenchError(msg)
+        refuse(f"{file} exists already. Choose another name with --out, or replace it with --replace.", GlbenchError)
 
 
 def round_of(file: Path | None) -> Round | None:
@@ -170,8 +167,7 @@ def find_results(name: str, tasks: Sequence[str], reports: Path) -> list[StoredR
     if not selection:
         others = [item.result.task.id.rpartition("/")[2] for item in results]
         near = did_you_mean(tasks[0].rpartition("/")[2], others)
-        msg = f"'{name}' has no result on {', '.join(tasks)}.{near} It has: {', '.join(others)}."
-        raise ResultError(msg)
+        refuse(f"'{name}' has no result on {', '.join(tasks)}.{near} It has: {', '.join(others)}.", ResultError)
     return selection
 
 
@@ -202,8 +198,7 @@ def check_folder(out: Path) -> None:
         return
     around = out.absolute().parent
     near = did_you_mean(out.name, [path.name for path in around.iterdir() if path.is_dir()] if around.is_dir() else [])
-    msg = f"There is no folder {out}.{near} `glbench evaluate ... --out FOLDER` makes one."
-    raise ResultError(msg)
+    refuse(f"There is no folder {out}.{near} `glbench evaluate ... --out FOLDER` makes one.", ResultError)
 
 
 def warn_of(problems: Sequence[ResultError]) -> None:

@@ -14,7 +14,7 @@ import typer
 from glbench.cli import console
 from glbench.cli.console import show as show_view
 from glbench.cli.options import REPORTS, AsJson, Out, Workers, is_file, warn_of
-from glbench.errors import ResultError
+from glbench.errors import ResultError, refuse
 from glbench.extras import require
 from glbench.resources import data_package, how_to_get_data, is_released
 
@@ -129,8 +129,7 @@ def story(
     from glbench.resources import write_atomically
 
     if show and page is None:
-        msg = "--open opens the page that --page FILE.html writes: give it, too."
-        raise ResultError(msg)
+        refuse("--open opens the page that --page FILE.html writes: give it, too.", ResultError)
     if page is not None:
         require("--page", "report", "jinja2")
     other = _other(result, load_result(result), against)

@@ -14,7 +14,7 @@ from glbench.cli import console, options
 from glbench.cli.console import Markup, count, plain, styled
 from glbench.cli.console import show as show_view
 from glbench.cli.options import REPORTS
-from glbench.errors import ResultError
+from glbench.errors import ResultError, refuse
 
 if TYPE_CHECKING:
     from glbench.evaluation import Result, RunResult
@@ -321,8 +321,7 @@ def compare(
         return [item.result.results_digest for item in entry.trainings]
 
     if all(digests(ours[task_id]) == digests(theirs[task_id]) for task_id in common):
-        msg = f"'{first}' and '{second}' are one and the same result. Give two agents, or two result files."
-        raise ResultError(msg)
+        refuse(f"'{first}' and '{second}' are one and the same result. Give two agents, or two result files.", ResultError)
     entries = [(ours[task_id], theirs[task_id]) for task_id in common]
     pairs = [compare_entries(one, other) for one, other in entries]
     tests = list(zip(pairs, corrected([pair.p_value for pair in pairs]), strict=True))

@@ -14,7 +14,7 @@ import typer
 from glbench.cli import console
 from glbench.cli.console import Markup, count, plain, styled
 from glbench.cli.options import AsJson, Out
-from glbench.errors import GlbenchError, TaskError, UnknownNameError, did_you_mean
+from glbench.errors import GlbenchError, TaskError, UnknownNameError, did_you_mean, refuse
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -45,8 +45,7 @@ def list_command(
     if suite is not None:
         suites = dict.fromkeys(name for task in tasks for name in task.suites)
         if suite not in suites:
-            msg = f"There is no suite '{suite}'.{did_you_mean(suite, suites)}"
-            raise UnknownNameError(msg)
+            refuse(f"There is no suite '{suite}'.{did_you_mean(suite, suites)}", UnknownNameError)
         tasks = [task for task in tasks if suite in task.suites]
     lock = read_lock()
     digests = {task.id: lock[task.id].digest if task.id in lock else None for task in published}
@@ -182,8 +181,7 @@ def _check(name: str, *, published: bool = False) -> TaskSpec | str:
         if published:
             check_file_name(task, Path(name))
             if not task.locked:
-                msg = f"{task.source} is not locked yet. Publish it with `glbench tasks lock`."
-                raise TaskError(msg)
+                refuse(f"{task.source} is not locked yet. Publish it with `glbench tasks lock`.", TaskError)
         task.check_start()
         make_reward(task, make_accounts(task))
         if task.locked:
@@ -359,8 +357,7 @@ def new_round(
     from glbench.weather import list_weather
 
     if (weather is None) != (not year):
-        msg = "Weather of the round's own has a record and years: give --weather NAME and --year YEAR, or neither."
-        raise GlbenchError(msg)
+        refuse("Weather of the round's own has a record and years: give --weather NAME and --year YEAR, or neither.", GlbenchError)
     closing = None if closes is None else closing_time(closes)
     sealed = Round.new(None if weather is None else round_weather(weather, year or ()), closing)
     write_round(sealed, file)
@@ -390,8 +387,7 @@ def check_round(
 
     sealed = read_round(file)
     if commitment is not None and commitment.strip().lower() != sealed.commitment:
-        msg = f"{file} opens the commitment {sealed.commitment}, and not {commitment}. It is not the secret of that round."
-        raise GlbenchError(msg)
+        refuse(f"{file} opens the commitment {sealed.commitment}, and not {commitment}. It is not the secret of that round.", GlbenchError)
     console.write(sealed.commitment)
     weather = sealed.weather
     own = "" if weather is None else f" Weather {weather.digest}, years {', '.join(map(str, weather.years))}."

@@ -16,7 +16,7 @@ from glbench.cli import console, options
 from glbench.cli.console import Markup, plain, styled
 from glbench.cli.fmu import fmu
 from glbench.cli.progress import TrainingBar, TrainingLines, seasons_in_words
-from glbench.errors import GlbenchError, TrainingError
+from glbench.errors import GlbenchError, TrainingError, refuse
 from glbench.extras import require
 from glbench.untrusted import real_path
 
@@ -63,11 +63,9 @@ def train(
     and is an agent itself: glbench evaluate FOLDER. Exit code 3: the training finished, but never beat the policy it began with.
     """
     if seeds is None and (engine is options.EngineName.RAY or workers is not None):
-        msg = "--engine ray and --workers are for trainings of several seeds: add --seeds 0-4."
-        raise TrainingError(msg)
+        refuse("--engine ray and --workers are for trainings of several seeds: add --seeds 0-4.", TrainingError)
     if seeds is not None and wandb:
-        msg = "--wandb logs one training: give --seed instead of --seeds."
-        raise TrainingError(msg)
+        refuse("--wandb logs one training: give --seed instead of --seeds.", TrainingError)
     options.check_engine(engine, address)
     if wandb:
         require("--wandb", "wandb", "wandb")
@@ -328,8 +326,7 @@ def sweep(
 ) -> None:
     """Search hyperparameters: an Optuna study in a local file. The same command resumes an interrupted search."""
     if wandb and engine is options.EngineName.RAY:
-        msg = "--wandb trains on this machine: leave out --engine."
-        raise TrainingError(msg)
+        refuse("--wandb trains on this machine: leave out --engine.", TrainingError)
     options.check_engine(engine, address)
     if wandb:
         require("--wandb", "wandb", "wandb")

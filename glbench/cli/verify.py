@@ -11,7 +11,7 @@ import typer
 from glbench.cli import console
 from glbench.cli.console import Markup, plain
 from glbench.cli.options import AsJson, RoundFile, Workers, round_of
-from glbench.errors import GlbenchError, ResultError
+from glbench.errors import GlbenchError, ResultError, refuse
 
 if TYPE_CHECKING:
     from glbench.verification import Verdict
@@ -79,8 +79,7 @@ def result_files(paths: list[Path]) -> list[Path]:
     for path in paths:
         trials = path.parent / "trials" / path.name
         if not path.exists() and trials.is_dir():
-            msg = f"There is no folder {path}, but there are results of trials (--runs): glbench verify {trials}"
-            raise ResultError(msg)
+            refuse(f"There is no folder {path}, but there are results of trials (--runs): glbench verify {trials}", ResultError)
     files = [
         file
         for path in paths

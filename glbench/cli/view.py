@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import messages, print_warning, tell
-from glbench.errors import EpisodeError
+from glbench.errors import EpisodeError, refuse
 
 if TYPE_CHECKING:
     from glbench.episodes import Episode
@@ -57,8 +57,7 @@ def view(
         rerun_viewer.require_screen()
     if run not in {"best", "worst", "median"} and not run.isdecimal():
         parse_selection(run)  # has messages of its own for what is no choice at all
-        msg = f"--run {run} does not choose one run of a result. It is best, worst, median, or a seed."
-        raise EpisodeError(msg)
+        refuse(f"--run {run} does not choose one run of a result. It is best, worst, median, or a seed.", EpisodeError)
     with messages().status("reading the runs"):
         episodes = [_episode(path, run) for path in files]
         first = None if first_day is None else first_day.date()
@@ -126,8 +125,7 @@ def _episode(path: Path, run: str) -> Episode:
 
     if path.name.endswith(ACTIONS_SUFFIX):
         owner = path.with_name(path.name.removesuffix(ACTIONS_SUFFIX) + ".json")
-        msg = f"{path} holds the actions of many runs. Give the result that it belongs to: glbench view {owner}"
-        raise EpisodeError(msg)
+        refuse(f"{path} holds the actions of many runs. Give the result that it belongs to: glbench view {owner}", EpisodeError)
     if path.suffix == EPISODE_SUFFIX:
         episode = read_episode(path, partial=True)
         if episode.problem is not None:

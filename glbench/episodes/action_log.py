@@ -26,7 +26,7 @@ from pydantic import FailFast, Field, ValidationError
 from glbench.episodes.episode import PROVENANCE, TASK
 from glbench.episodes.header import Facts, Provenance, RunFacts, as_words, canonical, task_of
 from glbench.episodes.mcap_file import FRAME, McapWriter, Scan, scan
-from glbench.errors import EpisodeError
+from glbench.errors import EpisodeError, refuse
 from glbench.untrusted import refuse_crowd, visible
 
 if TYPE_CHECKING:
@@ -166,8 +166,7 @@ def read_log(path: Path | str) -> ActionLog:
         msg = f"{path} is not a file of recorded actions of this glbench{f' ({content.problem})' if content.problem else ''}."
         raise EpisodeError(msg)
     if content.problem is not None:
-        msg = f"{path}: {content.problem}. Evaluate again with `glbench evaluate ... --fresh`."
-        raise EpisodeError(msg)
+        refuse(f"{path}: {content.problem}. Evaluate again with `glbench evaluate ... --fresh`.", EpisodeError)
     try:
         for name in (PROVENANCE, _RUNS):
             refuse_crowd(content.attachments[name])
@@ -182,12 +181,10 @@ def read_log(path: Path | str) -> ActionLog:
 def _log(content: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], number: str) -> ActionLog:
     steps, width = provenance.task.steps, len(provenance.agent.columns)
     if number not in _NUMBERS:
-        msg = f"actions are kept as {' or '.join(_NUMBERS)}"
-        raise ValueError(msg)
+        refuse(f"actions are kept as {' or '.join(_NUMBERS)}")
     kind = np.dtype(number)
     if steps * len(runs) * (width * kind.itemsize + 8) > content.largest_content:
-        msg = f"it announces {len(runs)} runs of {steps} steps, far more than it can hold"
-        raise ValueError(msg)
+        refuse(f"it announces {len(runs)} runs of {steps} steps, far more than it can hold")
     actions = np.zeros((steps, len(runs), width), kind)
     rewards = np.zeros((steps, len(runs)))
     final = np.zeros((len(runs), len(task_of(content.attachments[TASK]).model_value.states)))
@@ -205,8 +202,7 @@ def _log(content: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], numb
             gained = np.frombuffer(message.rewards, np.float64)
             follows = first == counted[0, row] and (first == counted[1, row] or not len(gained))
             if not follows or (not len(table) and row in started):
-                msg = f"the parts of the run with seed {runs[row].seed} do not follow each other"
-                raise ValueError(msg)
+                refuse(f"the parts of the run with seed {runs[row].seed} do not follow each other")
             started.add(row)
             actions[first : first + len(table), row] = table
             rewards[first : first + len(gained), row] = gained
@@ -214,14 +210,12 @@ def _log(content: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], numb
             if message.final_state:
                 state = np.frombuffer(message.final_state, np.float64)
                 if len(state) != final.shape[1]:
-                    msg = f"a final state has {len(state)} values, not {final.shape[1]}"
-                    raise ValueError(msg)
+                    refuse(f"a final state has {len(state)} values, not {final.shape[1]}")
                 final[row] = state
                 ended.add(row)
     for row, run in enumerate(runs):
         if row not in ended:
-            msg = f"the run with seed {run.seed} has no final state"
-            raise ValueError(msg)
+            refuse(f"the run with seed {run.seed} has no final state")
         if tuple(counted[:, row]) != (run.actions, run.steps):
             msg = (
                 f"the run with seed {run.seed} has {counted[0, row]} of {run.actions} actions and {counted[1, row]} of {run.steps} rewards"
@@ -240,8 +234,7 @@ def _unframed(chunk: bytes) -> Iterator[tuple[int, bytes]]:
         opcode, length, channel, *_ = _MESSAGE.unpack_from(chunk, position)
         begin, position = position + _MESSAGE.size, position + FRAME.size + length
         if opcode != Opcode.MESSAGE or position < begin:
-            msg = "its chunks hold something else than messages"
-            raise ValueError(msg)
+            refuse("its chunks hold something else than messages")
         yield channel, chunk[begin:position]
 
 

@@ -22,7 +22,7 @@ from glbench.env.weather_pool import CLOCK
 from glbench.episodes.header import Provenance, RunFacts, as_words, canonical
 from glbench.episodes.mcap_file import PACKAGE, Layout, McapWriter, Part, Scan, layout_from, scan
 from glbench.episodes.signals import ACTION, MESSAGES, TOPICS, Column, Floats, Group, Line, Moment, Signals, Source, signals_of
-from glbench.errors import EpisodeError, did_you_mean
+from glbench.errors import EpisodeError, did_you_mean, refuse
 from glbench.resources import write_atomically
 from glbench.settings import first_problems
 from glbench.tasks.prices import local_times
@@ -165,8 +165,7 @@ class Episode:
         import pandas as pd
 
         if by not in ("step", "time"):
-            msg = f"The rows of an episode are indexed by 'step' or by 'time'; got {by!r}."
-            raise EpisodeError(msg)
+            refuse(f"The rows of an episode are indexed by 'step' or by 'time'; got {by!r}.", EpisodeError)
 
         columns: dict[str, Any] = {"utc_start": self.times[:-1], "utc_end": self.times[1:]}
         for group in self.groups:
@@ -357,8 +356,7 @@ def read_episode(path: Path | str, *, partial: bool = False) -> Episode:
     path = Path(path)
     content = scan(path)
     if content.problem is not None and not partial:
-        msg = f"{path}: {content.problem}. `glbench episodes recover {path}` makes a file of what is left."
-        raise EpisodeError(msg)
+        refuse(f"{path}: {content.problem}. `glbench episodes recover {path}` makes a file of what is left.", EpisodeError)
     words = content.metadata.get(_WORDS)
     if words is None or words.get("format") != FORMAT:
         kind = (
@@ -367,8 +365,7 @@ def read_episode(path: Path | str, *, partial: bool = False) -> Episode:
             else f"has the episode format {words.get('format')!r}, not {FORMAT!r}. Make it again from the recorded actions "
             "(`glbench episodes make RESULT`), or read it with the glbench that wrote it"
         )
-        msg = f"{path} {kind}{f' ({content.problem})' if content.problem else ''}."
-        raise EpisodeError(msg)
+        refuse(f"{path} {kind}{f' ({content.problem})' if content.problem else ''}.", EpisodeError)
     provenance = _attached(path, content, PROVENANCE, Provenance)
     run = _attached(path, content, RUN, RunFacts)
     if TASK not in content.attachments:
@@ -403,24 +400,20 @@ def _episode(path: Path, content: Scan, provenance: Provenance, run: RunFacts) -
     topics = [(channel, _layout(path, content, channel)) for channel in content.channels.values()]
     groups = {group.name: (channel, layout, group) for channel, layout in topics for group in _groups(channel, layout)}
     if ACTION not in groups:
-        msg = f"{path} holds no actions. It was not written by glbench."
-        raise EpisodeError(msg)
+        refuse(f"{path} holds no actions. It was not written by glbench.", EpisodeError)
     starting = {name: row for name, row in groups.items() if row[2].at_start}
     if not content.chunks or not starting:
-        msg = f"{path} holds no steps{f': {content.problem}' if content.problem else ''}."
-        raise EpisodeError(msg)
+        refuse(f"{path} holds no steps{f': {content.problem}' if content.problem else ''}.", EpisodeError)
     channel, layout, _ = next(iter(starting.values()))
     first_layout = layout.some([group.field for _, _, group in starting.values()])
     first = _rows(path, content.chunks[:1], [(channel, first_layout)])[channel.id]
     if not len(first):
-        msg = f"{path} holds no steps: {content.problem}."
-        raise EpisodeError(msg)
+        refuse(f"{path} holds no steps: {content.problem}.", EpisodeError)
     rows = _rows(path, content.chunks[1:], topics)
     steps = len(rows[channel.id])
     tops = {channel.id: layout.table(rows[channel.id]) for channel, layout in topics}
     if any((messages["sequence"] != np.arange(1, steps + 1)).any() for messages in tops.values()):
-        msg = f"{path}: the steps are not numbered 1, 2, 3 ...: steps are missing or in another order."
-        raise EpisodeError(msg)
+        refuse(f"{path}: the steps are not numbered 1, 2, 3 ...: steps are missing or in another order.", EpisodeError)
     tables: dict[str, Table] = {name: layout.values(rows[channel.id], group.field) for name, (channel, layout, group) in groups.items()}
     start = {name: first_layout.values(first, group.field)[0] for name, (_, _, group) in starting.items()}
     utc = np.concatenate([first_layout.table(first)["log_time"], tops[channel.id]["log_time"]]).astype("datetime64[ns]")
@@ -431,8 +424,7 @@ def _episode(path: Path, content: Scan, provenance: Provenance, run: RunFacts) -
 def _layout(path: Path, content: Scan, channel: Channel) -> Layout:
     schema = content.schemas.get(channel.schema_id)
     if schema is None or schema.encoding != "protobuf":
-        msg = f"{path}: the topic {channel.topic} is not described as protobuf. It was not written by glbench."
-        raise EpisodeError(msg)
+        refuse(f"{path}: the topic {channel.topic} is not described as protobuf. It was not written by glbench.", EpisodeError)
     return layout_from(schema.data, schema.name)
 
 
@@ -447,8 +439,7 @@ def _groups(channel: Channel, layout: Layout) -> list[Group]:
         for column in columns:
             one_line(column.name + column.unit + column.meaning)
             if not column.name.isidentifier():  # in a spreadsheet it could be a formula
-                msg = f"a column is called {quoted(column.name)}"
-                raise ValueError(msg)
+                refuse(f"a column is called {quoted(column.name)}")
         groups.append(Group(about.get(f"group.{part.field}", part.field), part.field, part.message, moment, at_start, columns))
     return groups
 
@@ -463,8 +454,7 @@ def _rows(path: Path, chunks: list[bytes], topics: list[tuple[Channel, Layout]])
         rows[channel.id] = np.ascontiguousarray(table[:, place : place + layout.size])
         place += layout.size
         if not layout.fits(rows[channel.id], channel.id):
-            msg = f"{path}: the messages do not lie as glbench writes them. Was it written, or changed, by another program?"
-            raise EpisodeError(msg)
+            refuse(f"{path}: the messages do not lie as glbench writes them. Was it written, or changed, by another program?", EpisodeError)
     return rows
 
 

@@ -14,7 +14,7 @@ import pydantic
 
 from glbench import __version__
 from glbench.canonical import canonical_json
-from glbench.errors import EpisodeError, TaskError
+from glbench.errors import EpisodeError, TaskError, refuse
 from glbench.fields import MOST_ENTRIES, Count, Text, Word, only_if_sealed
 from glbench.untrusted import is_agent_name, parse_json, steers, visible
 
@@ -64,8 +64,7 @@ class AgentFacts(Facts):
     @pydantic.model_validator(mode="after")
     def _has_a_name(self) -> Self:
         if not is_agent_name(self.name):
-            msg = f"{self.name!r} cannot be the name of an agent"
-            raise ValueError(msg)
+            refuse(f"{self.name!r} cannot be the name of an agent")
         return self
 
 
@@ -85,8 +84,7 @@ class RunFacts(Facts):
     def _counts_fit(self) -> Self:
         expected = self.steps + (1 if self.status == "simulation_failed" else 0)
         if self.actions not in (expected, self.steps) or (self.status == "ok") != (self.reason is None):
-            msg = f"the run with seed {self.seed} is '{self.status}' after {self.steps} steps with {self.actions} actions"
-            raise ValueError(msg)
+            refuse(f"the run with seed {self.seed} is '{self.status}' after {self.steps} steps with {self.actions} actions")
         return self
 
 
@@ -101,8 +99,7 @@ class Provenance(Facts):
     @pydantic.model_validator(mode="after")
     def _says_what_computed(self) -> Self:
         if "backend" not in self.kernel or "glbench" not in self.versions:
-            msg = "the kernel's backend or the version of glbench is missing"
-            raise ValueError(msg)
+            refuse("the kernel's backend or the version of glbench is missing")
         return self
 
 
@@ -115,8 +112,7 @@ def provenance_of(task: TaskSpec, agent: LoadedAgent, kernel: dict[str, str | fl
         When the task's title cannot be shown on one line.
     """
     if any(steers(letter) for letter in task.title):
-        msg = f"The title of the task {task.id} is {task.title!r}: it must stand on one line, without control characters."
-        raise TaskError(msg)
+        refuse(f"The title of the task {task.id} is {task.title!r}: it must stand on one line, without control characters.", TaskError)
     prints = task.fingerprint()
     all_controls = task.model_value.control_names
     return Provenance(

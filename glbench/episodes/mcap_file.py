@@ -47,7 +47,7 @@ from mcap.records import (
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
-from glbench.errors import EpisodeError
+from glbench.errors import EpisodeError, refuse
 from glbench.untrusted import MIB, read_pieces, read_regular
 
 PACKAGE = "glbench"
@@ -383,8 +383,7 @@ def scan(path: Path) -> Scan:
         msg = f"Cannot read the record {path}: {error.strerror or error}."
         raise EpisodeError(msg) from error
     if not data.startswith(MCAP0_MAGIC):
-        msg = f"{path} is no MCAP file: it does not begin with MCAP's magic bytes."
-        raise EpisodeError(msg)
+        refuse(f"{path} is no MCAP file: it does not begin with MCAP's magic bytes.", EpisodeError)
     return scan_bytes(data)
 
 

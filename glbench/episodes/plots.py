@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from glbench.episodes.episode import Episode
 from glbench.episodes.signals import Curve, Signals, signals_of
-from glbench.errors import EpisodeError, GlbenchError
+from glbench.errors import EpisodeError, GlbenchError, refuse
 
 try:
     from matplotlib.axes import Axes
@@ -179,12 +179,10 @@ def _over_time(
 def _of_one_task(episodes: Sequence[Episode]) -> Signals:
     """What to draw of these episodes: everything that all of them have."""
     if not episodes:
-        msg = "There is no episode to draw. Read some with glbench.episodes.read_episode."
-        raise EpisodeError(msg)
+        refuse("There is no episode to draw. Read some with glbench.episodes.read_episode.", EpisodeError)
     tasks = sorted({one.provenance.task.id for one in episodes})
     if len(tasks) > 1:
-        msg = f"Only runs of the same task can be drawn together; these are of {', '.join(tasks)}."
-        raise EpisodeError(msg)
+        refuse(f"Only runs of the same task can be drawn together; these are of {', '.join(tasks)}.", EpisodeError)
     signals = signals_of(episodes[0].task())
     return signals.lacking(name for name in signals.needed if any(name not in one.names for one in episodes))
 

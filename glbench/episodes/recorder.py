@@ -14,7 +14,7 @@ from glbench.episodes.action_log import ActionLog, exactly
 from glbench.episodes.episode import Episode
 from glbench.episodes.header import Provenance, RunFacts, definition_json
 from glbench.episodes.signals import ACTION, Source, signals_of
-from glbench.errors import EpisodeError, did_you_mean
+from glbench.errors import EpisodeError, did_you_mean, refuse
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
@@ -215,16 +215,13 @@ def parse_selection(text: str) -> tuple[str, ...]:
         For what is no text, for another word, and for ``all`` or ``none`` in a list.
     """
     if not isinstance(text, str):
-        msg = f"Episodes are chosen by a text such as '{DEFAULT}'; got {text!r}."
-        raise EpisodeError(msg)
+        refuse(f"Episodes are chosen by a text such as '{DEFAULT}'; got {text!r}.", EpisodeError)
     words = tuple(dict.fromkeys(word.strip() for word in text.split(",")))
     for word in words:
         if word not in WORDS and not word.isdecimal():
-            msg = f"'{word}' chooses no episode.{did_you_mean(word, WORDS)} A run's seed does, too."
-            raise EpisodeError(msg)
+            refuse(f"'{word}' chooses no episode.{did_you_mean(word, WORDS)} A run's seed does, too.", EpisodeError)
     if len(words) > 1 and {"all", "none"} & set(words):
-        msg = f"'{text}': all and none stand alone."
-        raise EpisodeError(msg)
+        refuse(f"'{text}': all and none stand alone.", EpisodeError)
     return words
 
 
@@ -248,8 +245,7 @@ def chosen_rows(words: Sequence[str], seeds: Sequence[int], values: Sequence[flo
             rows.add(named[word])
         elif word != "none":
             if int(word) not in seeds:
-                msg = f"No run has the seed {word}; they have {min(seeds)} to {max(seeds)}."
-                raise EpisodeError(msg)
+                refuse(f"No run has the seed {word}; they have {min(seeds)} to {max(seeds)}.", EpisodeError)
             rows.add(list(seeds).index(int(word)))
     return tuple(sorted(rows))
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from glbench.episodes.episode import ACTING, Episode, weeks_of
 from glbench.episodes.signals import Curve, Floats, Page, Signals, signals_of
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.quantities import pretty_unit, raised_unit
 from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec, task_card
@@ -133,8 +133,7 @@ class RunSet:
         for trajectory in self.trajectories:
             missing = [name for name in self.signals.needed if name not in trajectory.columns]
             if missing:
-                msg = f"The record of '{trajectory.controller}' lacks {', '.join(missing)}, which the viewer shows."
-                raise GlbenchError(msg)
+                refuse(f"The record of '{trajectory.controller}' lacks {', '.join(missing)}, which the viewer shows.", GlbenchError)
 
     @property
     def longest(self) -> Trajectory:
@@ -195,8 +194,7 @@ def shown_of(episodes: Sequence[Episode]) -> RunSet:
     for other in facts[1:]:
         if other.digest != facts[0].digest:
             what = "another version of it" if other.id == facts[0].id else other.id
-            msg = f"Only runs of one task can be shown together: the first is of {facts[0].id}, another of {what}."
-            raise GlbenchError(msg)
+            refuse(f"Only runs of one task can be shown together: the first is of {facts[0].id}, another of {what}.", GlbenchError)
     return show_together(episodes[0].task(), [trajectory_of(episode) for episode in episodes])
 
 
@@ -222,16 +220,14 @@ def show_together(task: TaskSpec, trajectories: Sequence[Trajectory]) -> RunSet:
         raise GlbenchError(msg)
     for trajectory in trajectories:
         if trajectory.steps == 0:
-            msg = f"The run of '{trajectory.controller}' with seed {trajectory.seed} has no steps to show."
-            raise GlbenchError(msg)
+            refuse(f"The run of '{trajectory.controller}' with seed {trajectory.seed} has no steps to show.", GlbenchError)
     names = [trajectory.controller for trajectory in trajectories]
     labels = tuple(
         name if names.count(name) == 1 else f"{name} (seed {trajectory.seed})" for name, trajectory in zip(names, trajectories, strict=True)
     )
     for label in labels:
         if labels.count(label) > 1:
-            msg = f"{label} is there twice. Give each run once, or rename one of the agents."
-            raise GlbenchError(msg)
+            refuse(f"{label} is there twice. Give each run once, or rename one of the agents.", GlbenchError)
     signals = signals_of(task)
     derived = {one.name for one in signals.vector("derived")}  # records of earlier versions have fewer of them
     missing = {name for trajectory in trajectories for name in derived.difference(trajectory.columns)}

@@ -16,7 +16,7 @@ from glbench.env import Simulation
 from glbench.env.kernels import shared_kernel
 from glbench.episodes import Recorder, chosen_rows, parse_selection, provenance_of
 from glbench.episodes.header import versions as recorded_versions
-from glbench.errors import GlbenchError, ResultError, SandboxError, SubmissionError, whole_number
+from glbench.errors import GlbenchError, ResultError, SandboxError, SubmissionError, refuse, whole_number
 from glbench.evaluation import records
 from glbench.evaluation.checkpoint import Checkpoint, Saved, discard, holds_checkpoint, read_checkpoint
 from glbench.evaluation.files import ensure_writable, load_result, result_path
@@ -83,8 +83,7 @@ def prepare(
     chosen_rows(selection, seeds, [0.0] * len(seeds))  # a seed that no run has is reported now, not after the evaluation
     workers = None if workers is None else whole_number(workers, "The number of workers")
     if workers is not None and workers < 1:
-        msg = f"An evaluation needs at least one worker; got {workers}."
-        raise GlbenchError(msg)
+        refuse(f"An evaluation needs at least one worker; got {workers}.", GlbenchError)
     # Absolute at once: an agent may change the working directory.
     folder = None if out is None else results_folder(real_path(Path(out).expanduser()), task)
     kernel = shared_kernel(task.model_value, task.step_seconds).describe()
@@ -207,14 +206,12 @@ def _seeds(task: TaskSpec, runs: int | None, first_seed: int | None) -> tuple[in
     runs = task.evaluation.runs if runs is None else whole_number(runs, "The number of runs")
     first = task.evaluation.first_seed if first_seed is None else whole_number(first_seed, "The seed of the first run")
     if runs < 1:
-        msg = f"An evaluation needs at least one run; got {runs}."
-        raise GlbenchError(msg)
+        refuse(f"An evaluation needs at least one run; got {runs}.", GlbenchError)
     if runs > _MOST_RUNS:
         msg = f"An evaluation has at most {_MOST_RUNS:,} runs; got {runs:,}. Divide them: the seed of the first run is yours to choose."
         raise GlbenchError(msg)
     if first < 0 or first + runs - 1 > _LARGEST_SEED:
-        msg = f"Seeds lie between 0 and 2^53 - 1; got {runs} runs from seed {first}."
-        raise GlbenchError(msg)
+        refuse(f"Seeds lie between 0 and 2^53 - 1; got {runs} runs from seed {first}.", GlbenchError)
     return tuple(range(first, first + runs))
 
 
@@ -258,8 +255,7 @@ def _finished(
         )
         raise ResultError(msg)
     if stored.task.salt_commitment != task.salt_commitment:
-        msg = f"{path} holds a result with other draws than these. Choose another folder with --out."
-        raise ResultError(msg)
+        refuse(f"{path} holds a result with other draws than these. Choose another folder with --out.", ResultError)
     made_by = (stored.task.digest, stored.agent.digest, stored.evaluation.kernel, stored.versions.glbench)
     if made_by != (task.digest, agent.digest, kernel, __version__) or stored.agent.training != agent_record(agent).training:
         return None
@@ -442,8 +438,7 @@ class Evaluation:
             runner = sandboxed_runner(SandboxedAgent.of(self.submission, self.task, n, self.limits, self.sizes, self.prints))
         if self.is_part and not runner.one_by_one:
             runner.close()
-            msg = f"'{self.agent.name}' decides for all runs at once: they cannot be computed apart."
-            raise JointAgentError(msg)
+            refuse(f"'{self.agent.name}' decides for all runs at once: they cannot be computed apart.", JointAgentError)
         return runner
 
     def result(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from glbench.errors import GlbenchError, ResultError
+from glbench.errors import GlbenchError, ResultError, refuse
 from glbench.evaluation.records import SCHEMA_NAME, SCHEMA_VERSION, Result
 from glbench.resources import write_atomically
 from glbench.settings import first_problems
@@ -59,8 +59,7 @@ def load_result(path: Path | str) -> Result:
         When the file is missing, is no JSON, has another schema, lacks runs, or does not match its own digest.
     """
     if not isinstance(path, Path | str):
-        msg = f"A result is read from its file (a path); got {path!r}."
-        raise ResultError(msg)
+        refuse(f"A result is read from its file (a path); got {path!r}.", ResultError)
     path = Path(path)
     try:
         text = read_regular(path, LARGEST_RESULT).decode()
@@ -105,8 +104,7 @@ def _check_schema(path: Path, text: str) -> None:
         raise ResultError(msg) from error
     name = document.get("schema") if isinstance(document, dict) else None
     if name != SCHEMA_NAME:
-        msg = f"{path} is not a result of glbench: its 'schema' is {quoted(name)} and should be '{SCHEMA_NAME}'."
-        raise ResultError(msg)
+        refuse(f"{path} is not a result of glbench: its 'schema' is {quoted(name)} and should be '{SCHEMA_NAME}'.", ResultError)
     number = document.get("schema_version", 1)
     if number != SCHEMA_VERSION:
         msg = (

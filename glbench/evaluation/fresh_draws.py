@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from glbench.episodes import actions_path
-from glbench.errors import ResultError, SandboxError, SubmissionError, TaskError
+from glbench.errors import ResultError, SandboxError, SubmissionError, TaskError, refuse
 from glbench.evaluation.evaluation import results_folder
 from glbench.evaluation.files import result_path, save_result
 from glbench.evaluation.jobs import Job, Options
@@ -55,8 +55,7 @@ def check_fresh_draws(job: Job) -> None:
         raise TaskError(msg)
     if task.split == "validation" or task.sealed:
         other = "the validation split" if task.split == "validation" else "a sealed round"
-        msg = f"Fresh draws are for the public test split, and this is {other}. Evaluate it without --fresh-draws."
-        raise TaskError(msg)
+        refuse(f"Fresh draws are for the public test split, and this is {other}. Evaluate it without --fresh-draws.", TaskError)
     if job.agent.protection == "unsandboxed":
         msg = (
             f"Without a sandbox '{job.agent_name}' could read the salt of the fresh draws. "
@@ -91,8 +90,7 @@ def add_fresh_draws(job: Job, run: Run) -> Result:
     evaluation = replace(job, options=replace(job.options, fresh=False)).prepare()
     result = evaluation.stored
     if result is None or evaluation.out is None:
-        msg = f"'{job.agent_name}' has no result on {job.task.id} to which fresh draws can be added. Evaluate it first."
-        raise ResultError(msg)
+        refuse(f"'{job.agent_name}' has no result on {job.task.id} to which fresh draws can be added. Evaluate it first.", ResultError)
     if result.fresh_draws is not None:
         return result
     place = job.options.out.expanduser().resolve() / FOLDER
@@ -107,8 +105,7 @@ def add_fresh_draws(job: Job, run: Run) -> Result:
     fresh = run(again)
     actions = again.prepare().path
     if actions is None or fresh.record is None:
-        msg = f"The evaluation of '{job.agent_name}' with fresh draws has no recorded actions, so it cannot be verified."
-        raise ResultError(msg)
+        refuse(f"The evaluation of '{job.agent_name}' with fresh draws has no recorded actions, so it cannot be verified.", ResultError)
     target = fresh_actions_path(result_path(evaluation.out, task.id, job.agent_name))
     fresh_draws = FreshDraws(
         salt=salt.salt,

@@ -28,7 +28,7 @@ from glbench.agents.identity import baseline_names, files_of_folder, identify
 from glbench.env.kernels import shared_kernel
 from glbench.episodes.action_log import exactly
 from glbench.episodes.header import definition_json, task_of
-from glbench.errors import GlbenchError, SubmissionError
+from glbench.errors import GlbenchError, SubmissionError, refuse
 from glbench.evaluation.checkpoint import take_over
 from glbench.evaluation.evaluation import Evaluation, JointAgentError, prepare
 from glbench.evaluation.records import Result
@@ -84,8 +84,7 @@ class PackedTask:
         kernel = shared_kernel(task.model_value, task.step_seconds).describe()
         if dict(self.kernel) != kernel:
             reason = why_not_compiled(task.model_value) or f"It has {kernel}."
-            msg = f"The worker's kernel differs from this machine's, which would change the numbers. {reason}"
-            raise GlbenchError(msg)
+            refuse(f"The worker's kernel differs from this machine's, which would change the numbers. {reason}", GlbenchError)
         return task
 
 

@@ -25,7 +25,7 @@ from glbench import __version__
 from glbench.env import Simulation
 from glbench.env.kernels import shared_kernel
 from glbench.env.spaces import action_space, observation_space
-from glbench.errors import EpisodeError, GlbenchError, SubmissionError, TaskError
+from glbench.errors import EpisodeError, GlbenchError, SubmissionError, TaskError, refuse
 from glbench.evaluation.limits import Failure, TimeLimits
 from glbench.evaluation.records import git_state
 from glbench.evaluation.runners import AgentRunner, make_runner
@@ -86,8 +86,7 @@ def check_learnable(task: TaskSpec, first_seed: int, seasons: int) -> None:
     """
     task.check_training()
     if task.split not in (None, "training"):
-        msg = f"{task.id} is in its {task.split} split, which is held out: datasets for learning come from the training split."
-        raise TaskError(msg)
+        refuse(f"{task.id} is in its {task.split} split, which is held out: datasets for learning come from the training split.", TaskError)
     if not FIRST_TRAINING_SEED <= first_seed <= first_seed + seasons <= _LAST_SEED:
         msg = (
             f"Seeds {first_seed:,} to {first_seed + seasons - 1:,} are not for learning: tasks are scored with smaller seeds. "
@@ -181,8 +180,7 @@ def _seasons(
 def _refuse(failures: Sequence[Failure], name: str, seeds: Sequence[int]) -> None:
     for failure in failures:
         where = "all seasons" if failure.row is None else f"the season of seed {seeds[failure.row]}"
-        msg = f"'{name}' failed in {where}: {failure.reason}. Nothing was written."
-        raise SubmissionError(msg)
+        refuse(f"'{name}' failed in {where}: {failure.reason}. Nothing was written.", SubmissionError)
 
 
 FORMAT = "parquet"
@@ -251,8 +249,7 @@ def write_dataset(
     names = [agent.agent.name for agent in agents]
     for name in names:
         if names.count(name) > 1:
-            msg = f"The agent '{name}' is named twice. Give each file or folder its own name, or use more runs."
-            raise SubmissionError(msg)
+            refuse(f"The agent '{name}' is named twice. Give each file or folder its own name, or use more runs.", SubmissionError)
     for agent in agents:
         check_agent(task, agent, first_seed)
     folder = _folder_of(dataset_id)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from glbench.agents import Agent, LoadedAgent, PerRunAgent, PrivilegedController, ScenarioController
 from glbench.agents.protocol import ROUNDING, read_actions, value_problems
 from glbench.env import Simulation, StepResult
-from glbench.errors import SubmissionError
+from glbench.errors import SubmissionError, refuse
 from glbench.evaluation.limits import Failure, TimeLimits, guarded
 from glbench.model import get_model
 from glbench.tasks import Action, TaskCard, TaskSpec
@@ -123,8 +123,7 @@ def _make_agent(agent: LoadedAgent, card: TaskCard, limits: TimeLimits) -> Agent
     answer = guarded(lambda: agent.make(card), limits.start, "make_agent", through=(KeyboardInterrupt, SubmissionError))
     if answer.value is None:
         reason = answer.failure.reason if answer.failure else "make_agent returned nothing"
-        msg = f"The agent '{agent.name}' cannot be made: {reason}."
-        raise SubmissionError(msg)
+        refuse(f"The agent '{agent.name}' cannot be made: {reason}.", SubmissionError)
     return answer.value
 
 

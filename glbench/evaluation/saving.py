@@ -32,7 +32,7 @@ from glbench.episodes import (
     replayed_episodes,
     write_episode,
 )
-from glbench.errors import EpisodeError, GlbenchError, ResultError
+from glbench.errors import EpisodeError, GlbenchError, ResultError, refuse
 from glbench.evaluation.checkpoint import discard
 from glbench.evaluation.files import SavingError, ensure_writable, load_result, result_path, save_result, short_task_id
 from glbench.evaluation.profiles import profile_path, profiled
@@ -251,8 +251,7 @@ def recorded_actions(result: Result, path: Path) -> ActionLog:
         When they are missing, damaged, or of another result.
     """
     if result.record is None:
-        msg = f"{path} has no recorded actions: it was made by an earlier glbench. Evaluate again with --fresh."
-        raise EpisodeError(msg)
+        refuse(f"{path} has no recorded actions: it was made by an earlier glbench. Evaluate again with --fresh.", EpisodeError)
     log = read_log(path.with_name(result.record.file))
     if log.digest != result.record.digest:
         msg = (
@@ -288,16 +287,13 @@ def write_recording(result: Path, seed: int, folder: Path) -> Recording:
         msg = f"{agent.name} sets controls directly and takes no actions that another agent could replay. Record an agent that acts."
         raise EpisodeError(msg)
     if seed not in log.seeds:
-        msg = f"{result} has no run with seed {seed}. Its seeds: {', '.join(str(one) for one in log.seeds)}."
-        raise EpisodeError(msg)
+        refuse(f"{result} has no run with seed {seed}. Its seeds: {', '.join(str(one) for one in log.seeds)}.", EpisodeError)
     row = log.seeds.index(seed)
     run = log.runs[row]
     if run.status != "ok":
-        msg = f"The run with seed {seed} of {result} failed ({run.reason}). Record one that did not."
-        raise EpisodeError(msg)
+        refuse(f"The run with seed {seed} of {result} failed ({run.reason}). Record one that did not.", EpisodeError)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        msg = f"{folder} is there already. Choose another folder with --out."
-        raise EpisodeError(msg)
+        refuse(f"{folder} is there already. Choose another folder with --out.", EpisodeError)
     recording = Recording(
         actions=log.actions[: run.actions, row].astype(np.float32),
         names=card.action_names,

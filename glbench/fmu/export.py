@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from glbench import __version__
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.extras import require
 from glbench.fmu.scenario import FmuSetup, splits_of, task_in_season
 from glbench.registration import task_ids
@@ -73,11 +73,9 @@ def export_fmu(task: TaskSpec, file: Path, *, seed: int = 1, split: str | None =
     """
     require("An FMU", "fmu", "pythonfmu")
     if file.suffix != ".fmu":
-        msg = f"{file} should end with .fmu."
-        raise TaskError(msg)
+        refuse(f"{file} should end with .fmu.", TaskError)
     if file.exists() and not replace:
-        msg = f"{file} exists already. Choose another name, or replace it with --replace."
-        raise TaskError(msg)
+        refuse(f"{file} exists already. Choose another name, or replace it with --replace.", TaskError)
     splits = splits_of(task)
     split = ("validation" if "validation" in splits else splits[0]) if split is None else split
     task_in_season(task, split, seed)

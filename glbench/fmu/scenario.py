@@ -7,7 +7,7 @@ import json
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from glbench.errors import TaskError, did_you_mean
+from glbench.errors import TaskError, did_you_mean, refuse
 from glbench.tasks import get_task
 
 if TYPE_CHECKING:
@@ -95,8 +95,7 @@ def task_in_season(task: TaskSpec, split: str, seed: float) -> TaskSpec:
     """
     names = splits_of(task)
     if not (0 <= seed <= LARGEST_SEED and seed == int(seed)):
-        msg = f"The seed {seed!r} is not a whole number from 0 to {LARGEST_SEED:,}."
-        raise TaskError(msg)
+        refuse(f"The seed {seed!r} is not a whole number from 0 to {LARGEST_SEED:,}.", TaskError)
     if split not in names:
         if names == ("",):
             msg = f"{task.id} has no splits, so there is no split '{split}': leave it empty."

@@ -24,7 +24,7 @@ from glbench.env.program import info_columns, make_program
 from glbench.env.rewards import REWARDS
 from glbench.env.scenario import RunScenarios
 from glbench.env.uncertainty import UNIFORM
-from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
 from glbench.jax.library import DoorPointers, library
 from glbench.kernel import make_kernel, why_not_compiled
 from glbench.kernel.compiled.environment import CompiledEnvironments, Entry, entry_of
@@ -86,8 +86,7 @@ def open_door(task: TaskSpec, seeds: Sequence[int], places: int, preset: str, wo
     choices = (*table_names(task), *task.model_value.state_names)
     for quantity in info:
         if quantity not in choices:
-            msg = f"{task.id} has no quantity or state '{quantity}' for info.{did_you_mean(quantity, choices)}"
-            raise UnknownNameError(msg)
+            refuse(f"{task.id} has no quantity or state '{quantity}' for info.{did_you_mean(quantity, choices)}", UnknownNameError)
     program, parts = make_program(task)
     if parts is not NO_PARTS:
         of_python = [f"the actuation '{task.actuation.kind}'"] if recorded_actuation(task) is None else []

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from glbench.env.kernels import check_kernel
 from glbench.env.spaces import action_space, checked_seed, observation_space, task_of_environment
-from glbench.errors import ActionError, ShapeError, whole_number
+from glbench.errors import ActionError, ShapeError, refuse, whole_number
 from glbench.jax.door import open_door
 from glbench.jax.library import RESET, STEP
 from glbench.tasks import Normalisation, TaskSpec
@@ -154,11 +154,9 @@ class Environment:
         check_kernel(preset, self.task)
         self.seeds = tuple(checked_seed(seed) for seed in seeds)
         if not self.seeds:
-            msg = "An environment has at least one scenario: give it a seed or more."
-            raise ShapeError(msg)
+            refuse("An environment has at least one scenario: give it a seed or more.", ShapeError)
         if whole_number(places, "The number of places") < 1:
-            msg = f"An episode begins at one place of its season or more, not at {places}."
-            raise ShapeError(msg)
+            refuse(f"An episode begins at one place of its season or more, not at {places}.", ShapeError)
         self.info = tuple(info)
         self._door = open_door(self.task, self.seeds, places, preset, workers, self.info)
         spaces = observation_space(self.task, self._normalisation), action_space(self.task)
@@ -278,8 +276,7 @@ class Environment:
             msg = f"An action of {self.task.id} is an array of real numbers, and this {type(action).__name__} is not."
             raise ActionError(msg) from error
         if not jnp.issubdtype(action.dtype, jnp.floating) and not jnp.issubdtype(action.dtype, jnp.integer):
-            msg = f"An action of {self.task.id} is an array of real numbers, not of {action.dtype}."
-            raise ActionError(msg)
+            refuse(f"An action of {self.task.id} is an array of real numbers, not of {action.dtype}.", ActionError)
         action = action.astype(real)
         if action.shape != (door.actions,):
             msg = f"An action of {self.task.id} has the shape ({door.actions},), not {action.shape}. Map over rows with jax.vmap."

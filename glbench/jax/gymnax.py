@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.jax.environment import Environment, Params, State
 
 _NEEDS = (
@@ -138,8 +138,7 @@ class GymnaxEnvironment(gymnax_environment.Environment):  # type: ignore[misc]
         GlbenchError
             Always.
         """
-        msg = "glbench computes observations in the compiled step. Use those that reset and step return."
-        raise GlbenchError(msg)
+        refuse("glbench computes observations in the compiled step. Use those that reset and step return.", GlbenchError)
 
     @staticmethod
     def _scenarios(params: GymnaxParams | None) -> Params | None:

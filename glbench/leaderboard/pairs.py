@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from glbench.errors import ResultError
+from glbench.errors import ResultError, refuse
 from glbench.evaluation.records import RunResult
 from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.entries import Entry, metric_of, resolution_of
@@ -108,8 +108,7 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
     ranks_by = metric_of(first.task.id, {}, task)
     for entry in (one, other):
         if not entry.states(ranks_by):
-            msg = f"'{entry.name}' does not state its {ranks_by} on {first.task.id}, which is what agents are compared by."
-            raise ResultError(msg)
+            refuse(f"'{entry.name}' does not state its {ranks_by} on {first.task.id}, which is what agents are compared by.", ResultError)
     words = catalogue(task)
     places = [[entry.seeds.index(seed) for seed in seeds] for entry in (one, other)]
     units = {**second.units, **first.units}

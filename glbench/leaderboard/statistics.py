@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.special import stdtr, stdtridf, stdtrit
 
-from glbench.errors import ResultError
+from glbench.errors import ResultError, refuse
 from glbench.evaluation import Result
 
 Array: TypeAlias = NDArray[np.float64]
@@ -239,12 +239,10 @@ def estimate_difference(
     """
     sides = _matrices(first), _matrices(second)
     if len(sides[0]) != len(sides[1]):
-        msg = f"A paired difference needs the same tasks of both agents; got {len(sides[0])} and {len(sides[1])}."
-        raise ResultError(msg)
+        refuse(f"A paired difference needs the same tasks of both agents; got {len(sides[0])} and {len(sides[1])}.", ResultError)
     for ours, theirs in zip(*sides, strict=True):
         if ours.shape[1] != theirs.shape[1]:
-            msg = f"A paired difference needs the same runs of both agents; got {ours.shape[1]} and {theirs.shape[1]}."
-            raise ResultError(msg)
+            refuse(f"A paired difference needs the same runs of both agents; got {ours.shape[1]} and {theirs.shape[1]}.", ResultError)
     return _estimate(sides, [x.mean(axis=0) - y.mean(axis=0) for x, y in zip(*sides, strict=True)], scenarios, fixed)
 
 
@@ -257,12 +255,10 @@ def _matrices(tasks: Sequence[Array]) -> list[Array]:
     """Values ``(trainings, n)`` of each task."""
     matrices = [np.atleast_2d(np.asarray(one, dtype=np.float64)) for one in tasks]
     if not matrices:
-        msg = "A mean over tasks needs at least one task."
-        raise ResultError(msg)
+        refuse("A mean over tasks needs at least one task.", ResultError)
     for one in matrices:
         if one.ndim != 2:
-            msg = f"Values of a task are (runs,) or (trainings, runs); got shape {one.shape}."
-            raise ResultError(msg)
+            refuse(f"Values of a task are (runs,) or (trainings, runs); got shape {one.shape}.", ResultError)
         _checked(one.ravel())
     return matrices
 
@@ -310,8 +306,7 @@ def _variance_over_runs(runs: Sequence[Array], random: Sequence[bool], scenarios
             continue
         names = scenarios[task]
         if len(names) != one.size or len(set(names)) != one.size:
-            msg = f"Every run of a task needs its own name; got {len(set(names))} names for {one.size} runs."
-            raise ResultError(msg)
+            refuse(f"Every run of a task needs its own name; got {len(set(names))} names for {one.size} runs.", ResultError)
         weight = 1.0 / (len(runs) * math.sqrt(one.size * (one.size - 1.0)))
         for name, deviation in zip(names, ((one - one.mean()) * weight).tolist(), strict=True):
             by_name[name] = by_name.get(name, 0.0) + deviation
@@ -364,12 +359,10 @@ def _over_trainings(tasks: Sequence[Array]) -> _OverTrainings | None:
 def _checked(values: Values) -> Array:
     sample = np.asarray(values, dtype=np.float64)
     if sample.ndim != 1 or sample.size == 0:
-        msg = f"Statistics need a one-dimensional, non-empty list of values; got shape {sample.shape}."
-        raise ResultError(msg)
+        refuse(f"Statistics need a one-dimensional, non-empty list of values; got shape {sample.shape}.", ResultError)
     if not np.isfinite(sample).all():
         first = int(np.flatnonzero(~np.isfinite(sample))[0])
-        msg = f"Statistics need finite values; value {first} is {sample[first]}."
-        raise ResultError(msg)
+        refuse(f"Statistics need finite values; value {first} is {sample[first]}.", ResultError)
     return sample
 
 
@@ -386,8 +379,7 @@ def stratified_interval(
     Raises ``ResultError`` when there is no task, a task has no runs, or ``confidence`` is not between 0 and 1.
     """
     if not strata or any(stratum.size == 0 for stratum in strata):
-        msg = "An interval over tasks needs at least one task, and runs in each of them."
-        raise ResultError(msg)
+        refuse("An interval over tasks needs at least one task, and runs in each of them.", ResultError)
     _check_settings(confidence, resamples)
     low, high = _ends(statistic(resampled(strata, resamples, seed)), confidence)
     return float(low), float(high)
@@ -395,11 +387,9 @@ def stratified_interval(
 
 def _check_settings(confidence: float, resamples: int = 1) -> None:
     if not 0.0 < confidence < 1.0:
-        msg = f"The confidence of an interval lies between 0 and 1; got {confidence}."
-        raise ResultError(msg)
+        refuse(f"The confidence of an interval lies between 0 and 1; got {confidence}.", ResultError)
     if resamples < 1:
-        msg = f"A bootstrap needs at least one resample; got {resamples}."
-        raise ResultError(msg)
+        refuse(f"A bootstrap needs at least one resample; got {resamples}.", ResultError)
 
 
 def _ends(values: Array, confidence: float = CONFIDENCE) -> Array:
@@ -477,8 +467,7 @@ def performance_profile(agent: str, tasks: Sequence[Array], thresholds: Array, *
     Raises ``ResultError`` when there is no task, or a task without runs.
     """
     if not tasks or any(runs.size == 0 for runs in tasks):
-        msg = "A performance profile needs at least one task, and runs in each of them."
-        raise ResultError(msg)
+        refuse("A performance profile needs at least one task, and runs in each of them.", ResultError)
     above = [(runs[:, None] > thresholds).astype(np.float64) for runs in tasks]
     again = []
     for i, one in enumerate(above):
@@ -506,14 +495,12 @@ def probability_of_improvement(
     """
     common = sorted(set(ours) & set(theirs))
     if not common:
-        msg = "The two agents have no task in common, so neither can be said to improve on the other."
-        raise ResultError(msg)
+        refuse("The two agents have no task in common, so neither can be said to improve on the other.", ResultError)
     sides: tuple[list[Array], list[Array]] = ([], [])
     pairs = []
     for x, y in zip(_matrices([ours[task] for task in common]), _matrices([theirs[task] for task in common]), strict=True):
         if x.shape[1] != y.shape[1]:
-            msg = f"A paired probability needs the same runs of both agents; got {x.shape[1]} and {y.shape[1]}."
-            raise ResultError(msg)
+            refuse(f"A paired probability needs the same runs of both agents; got {x.shape[1]} and {y.shape[1]}.", ResultError)
         difference = x[:, None] - y[None, :]
         above = (difference > 0.0) + 0.5 * (difference == 0.0)
         sides[0].append(above.mean(axis=1))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from glbench.errors import ArchiveError, ResultError
+from glbench.errors import ArchiveError, ResultError, refuse
 from glbench.realism.houses import House, Settings, model
 from glbench.realism.indoor import Indoor, read_indoor
 from glbench.realism.inputs import outdoors
@@ -275,8 +275,7 @@ def read_comparison(path: Path) -> Comparison:
 def check_pictures() -> None:
     """Refuse to go on, with an ``ArchiveError``, where matplotlib is not installed."""
     if importlib.util.find_spec("matplotlib") is None:
-        msg = "The picture needs matplotlib, which is not installed: pip install 'glbench[video]'. Or leave out --out."
-        raise ArchiveError(msg)
+        refuse("The picture needs matplotlib, which is not installed: pip install 'glbench[video]'. Or leave out --out.", ArchiveError)
 
 
 def write_picture(archive: Archive, seasons: Sequence[Season], settings: Settings, path: Path) -> None:

@@ -14,7 +14,7 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
-from glbench.errors import ArchiveError, did_you_mean
+from glbench.errors import ArchiveError, did_you_mean, refuse
 from glbench.outside_tables import oldest_first, parse_number, read_stamps, read_text, split_table, step_of, time_titles, utc_of_local
 from glbench.untrusted import visible
 from glbench.weather import preprocessing
@@ -63,8 +63,7 @@ class Export:
         """Refuse with an ``ArchiveError`` where there is no value of a column."""
         if name not in self.columns or np.all(np.isnan(self.columns[name])):
             others = ", ".join(self.columns) or "none that is known"
-            msg = f"{self.file} has no values of {name} [{unit}] ({meaning}), which is needed. Its columns: {others}."
-            raise ArchiveError(msg)
+            refuse(f"{self.file} has no values of {name} [{unit}] ({meaning}), which is needed. Its columns: {others}.", ArchiveError)
 
     def whole_days(self, clock: str) -> tuple[dt.date, int]:
         """The first day on ``clock`` that begins with the table, and the number up to its end; an ``ArchiveError`` where there is none."""
@@ -72,8 +71,7 @@ class Export:
         local = ends + preprocessing.utc_offsets(ends, clock)
         begin, end = -(-local[0] // 86400), local[1] // 86400
         if begin >= end:
-            msg = f"{self.file} covers no whole day from midnight to midnight. Export more days."
-            raise ArchiveError(msg)
+            refuse(f"{self.file} covers no whole day from midnight to midnight. Export more days.", ArchiveError)
         return dt.date(1970, 1, 1) + dt.timedelta(days=int(begin)), int(end - begin)
 
     def on(self, times: IntArray, name: str) -> FloatArray:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.errors import ArchiveError, StepError
+from glbench.errors import ArchiveError, StepError, refuse
 from glbench.kernel import Kernel, Rows
 from glbench.model import Model, co2_ppm, relative_humidity
 from glbench.realism.houses import Plants
@@ -210,8 +210,7 @@ def free_run(
             rest = np.setdiff1d(np.arange(alive.size), [one.row for one in failed])
             x, p, alive = x[rest], p[rest], alive[rest]
             if not alive.size:
-                msg = f"No parameter set could be integrated; the last failed in {next(reversed(failures.values()))}"
-                raise StepError(msg)
+                refuse(f"No parameter set could be integrated; the last failed in {next(reversed(failures.values()))}", StepError)
         if progress is not None and (step + 1 == total or season.date[step + 1] != season.date[step]):
             progress(step + 1, total)
     temperature, vapour, carbon = np.moveaxis(air_values, 2, 0)

@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from glbench import settings
 from glbench.agents.grower import Heating, HumidityDeficit, Screen, Ventilation
-from glbench.errors import ArchiveError, UnknownNameError, did_you_mean
+from glbench.errors import ArchiveError, UnknownNameError, did_you_mean, refuse
 from glbench.model import COMPARTMENT, Model, get_model
 from glbench.model.parameter_sets import Override
 from glbench.tasks.fields import sorted_overrides
@@ -52,11 +52,9 @@ class Lamps(settings.Table):
     @model_validator(mode="after")
     def _can_burn(self) -> Lamps:
         if self.power <= 0.0:
-            msg = "hps and led cannot both be 0"
-            raise ValueError(msg)
+            refuse("hps and led cannot both be 0")
         if self.high_from >= self.high_until:
-            msg = f"high_from = {self.high_from:g} must be below high_until = {self.high_until:g}"
-            raise ValueError(msg)
+            refuse(f"high_from = {self.high_from:g} must be below high_until = {self.high_until:g}")
         return self
 
     @property
@@ -180,8 +178,7 @@ def choose_houses(names: tuple[str, ...]) -> tuple[House, ...]:
     """
     for name in names:
         if name not in HOUSES and not name.endswith(".toml"):
-            msg = f"There is no parameter set '{name}' to compare.{did_you_mean(name, HOUSES)}"
-            raise UnknownNameError(msg)
+            refuse(f"There is no parameter set '{name}' to compare.{did_you_mean(name, HOUSES)}", UnknownNameError)
     return tuple(HOUSES.get(name) or read_house(Path(name)) for name in dict.fromkeys(names)) or tuple(HOUSES.values())
 
 

@@ -24,7 +24,7 @@ from pydantic import BeforeValidator, Field
 
 from glbench import __version__, settings
 from glbench.canonical import canonical_sha256
-from glbench.errors import ArchiveError, ParameterError, StepError
+from glbench.errors import ArchiveError, ParameterError, StepError, refuse
 from glbench.realism.free_run import Drive, Error, Flags, drive, free_run
 from glbench.realism.houses import LAMP_POWER, House, Plants, Settings, choose_houses, model, parameters
 from glbench.realism.indoor import read_indoor
@@ -107,15 +107,13 @@ def make_split(season: Drive, text: str) -> Split:
     except ValueError:
         kind = ""
     if kind not in ("weeks", "date") or (kind == "weeks" and day):
-        msg = f"There is no split '{text}'. Write weeks, date, or date:2020-03-01 with the first day that is held out."
-        raise ArchiveError(msg)
+        refuse(f"There is no split '{text}'. Write weeks, date, or date:2020-03-01 with the first day that is held out.", ArchiveError)
     late, word = season.date >= np.datetime64(date, "D"), " weeks" * (kind == "weeks")
     group = season.groups()["weeks"] if word else {f"before {date}": ~late, f"from {date}": late}
     fitted, test = group
     weeks, others = (np.unique(season.week[flags]).size for flags in group.values())
     if weeks < 2 or others < 1:
-        msg = f"'{text}' leaves {weeks} weeks to fit and {others} to test of {first} to {last}; it needs at least 2 and 1."
-        raise ArchiveError(msg)
+        refuse(f"'{text}' leaves {weeks} weeks to fit and {others} to test of {first} to {last}; it needs at least 2 and 1.", ArchiveError)
     return Split(kind if word else f"date:{date}", fitted + word, test + word, group[fitted])
 
 
@@ -135,21 +133,18 @@ class Problem:
         table, self.names, self.places, begin = self.greenhouse.parameters, list(page.parameters), list[list[int]](), list[float]()
         for entry, one in page.parameters.items():
             if bool(one.multiplies) == bool(one.sets):
-                msg = f"'{entry}' needs names of parameters either in multiplies or in sets."
-                raise ArchiveError(msg)
+                refuse(f"'{entry}' needs names of parameters either in multiplies or in sets.", ArchiveError)
             self.places.append([])
             for name in one.multiplies or one.sets:
                 formula, place = table.info(name).formula, table.names.index(name)
                 why = f"it follows from others, {formula}" if formula else "it is fitted twice" if place in {*chain(*self.places)} else ""
                 if why or (one.multiplies and base[place] == 0.0):
-                    msg = f"'{entry}' cannot fit {name}: {why or 'it is 0; use sets instead of multiplies'}."
-                    raise ArchiveError(msg)
+                    refuse(f"'{entry}' cannot fit {name}: {why or 'it is 0; use sets instead of multiplies'}.", ArchiveError)
                 self.places[-1].append(place)
             begin.append(base[self.places[-1][0]] if one.start is None and one.sets else 1.0 if one.start is None else one.start)
             if not one.lowest < begin[-1] < one.highest or (one.multiplies and (one.lowest <= 0.0 or begin[-1] != 1.0)):
                 words = f"its lowest {one.lowest:g} must be below and its highest {one.highest:g} above"
-                msg = f"'{entry}' begins at {begin[-1]:g}, so {words}. A factor begins at 1, and its lowest is above 0."
-                raise ArchiveError(msg)
+                refuse(f"'{entry}' begins at {begin[-1]:g}, so {words}. A factor begins at 1, and its lowest is above 0.", ArchiveError)
         self.is_factor, self.prior = np.array([bool(one.multiplies) for one in entries]), np.array([one.prior for one in entries])
         rows = np.array([begin, [one.lowest for one in entries], [one.highest for one in entries]])
         self.start, low, high = np.where(self.is_factor, np.log(np.where(self.is_factor, rows, 1.0)), rows)
@@ -215,8 +210,7 @@ class Problem:
                 if lane
                 else "The start cannot be integrated"
             )
-            msg = f"{msg}: {reason}"
-            raise StepError(msg)
+            refuse(f"{msg}: {reason}", StepError)
         if run.failures:
             return normal + np.inf
         for channel, weight in self.page.weights.items():

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.errors import ArchiveError, did_you_mean
+from glbench.errors import ArchiveError, did_you_mean, refuse
 from glbench.outside_tables import read_text
 from glbench.realism.export import EXPORT, EXPORT_WEATHER, WEATHER_UNITS, read_export
 from glbench.weather import preprocessing
@@ -132,8 +132,7 @@ class Sheet:
         table = table.reset_index(drop=isinstance(table.index, pd.RangeIndex))
         table.columns = [str(name).strip().lstrip("%").strip() for name in table.columns]
         if table.empty:
-            msg = f"{path} has no rows. Is the file whole?"
-            raise ArchiveError(msg)
+            refuse(f"{path} has no rows. Is the file whole?", ArchiveError)
         return cls(path, table.rename(columns={name: "time" for name in table.columns if name.lower() == "time"}))
 
     def numbers(self, name: str) -> FloatArray:
@@ -161,8 +160,7 @@ class Sheet:
             if np.any(wrong):
                 place = int(np.argmax(wrong))
                 value = f"'{column.iloc[place]}'" if wrong is words else f"{values[place]:g}"
-                msg = f"{self.path}, row {self.table.index[place] + 2}: {name} is {value}, {problem}."
-                raise ArchiveError(msg)
+                refuse(f"{self.path}, row {self.table.index[place] + 2}: {name} is {value}, {problem}.", ArchiveError)
         return values
 
     def days(self) -> IntArray:
@@ -180,8 +178,7 @@ def read_rows(path: Path) -> tuple[Sheet, IntArray]:
     order = np.argsort(numbers, kind="stable")
     numbers = numbers[order]
     if (twice := numbers[1:][np.diff(numbers) == 0]).size:
-        msg = f"{path} has two rows for the five minutes at {moment(twice[0])}. Keep one."
-        raise ArchiveError(msg)
+        refuse(f"{path} has two rows for the five minutes at {moment(twice[0])}. Keep one.", ArchiveError)
     return Sheet(path, sheet.table.iloc[order]), numbers
 
 
@@ -196,8 +193,7 @@ def read_archive(folder: Path, clock: str = "Europe/Amsterdam") -> Archive:
     import pandas as pd
 
     if not folder.is_dir():
-        msg = f"There is no folder {folder}. Unpack the archive (docs/realism.md says which) and name the folder."
-        raise ArchiveError(msg)
+        refuse(f"There is no folder {folder}. Unpack the archive (docs/realism.md says which) and name the folder.", ArchiveError)
     if (folder / EXPORT).is_file():
         return _read_own(folder, clock)
     places = [folder / part / f"Weather.{suffix}" for part in ("", "Weather") for suffix in ("parquet", "csv")]
@@ -215,8 +211,7 @@ def read_archive(folder: Path, clock: str = "Europe/Amsterdam") -> Archive:
         if match and (match[1] or path.parent != folder):
             name = match[1] or path.parent.name
             if name in files:
-                msg = f"Compartment '{name}' has two files: {files[name]} and {path}. Keep one."
-                raise ArchiveError(msg)
+                refuse(f"Compartment '{name}' has two files: {files[name]} and {path}. Keep one.", ArchiveError)
             files[name] = path
     if not files:
         msg = f"{folder} has no compartment: no NAME/Resources.csv and no NAME_Resources.csv. Name the folder that the archive is in."
@@ -227,8 +222,7 @@ def read_archive(folder: Path, clock: str = "Europe/Amsterdam") -> Archive:
         table = pd.DataFrame({column: sheet.numbers(column) for column in RESOURCES}, sheet.days()).sort_index()
         if table.index.has_duplicates:
             twice = table.index[table.index.duplicated()][0]
-            msg = f"{path} has {day_of(twice)} (day {twice}) twice. Keep one row a day."
-            raise ArchiveError(msg)
+            refuse(f"{path} has {day_of(twice)} (day {twice}) twice. Keep one row a day.", ArchiveError)
         used[name] = table = table.reindex(range(table.index[0], table.index[-1] + 1))
         for column, missing in table.isna().items():
             begin, length = longest(missing.to_numpy())
@@ -244,8 +238,7 @@ def read_archive(folder: Path, clock: str = "Europe/Amsterdam") -> Archive:
     first, last = (int(extreme(one.index[end] for one in used.values())) for extreme, end in ((max, 0), (min, -1)))
     if first > last:
         spans = "; ".join(f"{name}: {day_of(one.index[0])} to {day_of(one.index[-1])}" for name, one in used.items())
-        msg = f"The compartments in {folder} have no day in common ({spans}). Leave one of them out."
-        raise ArchiveError(msg)
+        refuse(f"The compartments in {folder} have no day in common ({spans}). Leave one of them out.", ArchiveError)
     if any((one.index[0], one.index[-1]) != (first, last) for one in used.values()):
         notes.append(f"The compartments cover different days; compared are those of all, {day_of(first)} to {day_of(last)}.")
     compartments = tuple(_compartment(name, files[name], one.loc[first:last], notes) for name, one in used.items())
@@ -262,8 +255,7 @@ def _compartment(name: str, path: Path, used: pd.DataFrame, notes: list[str]) ->
     kinds = ("Production.csv", "TomQuality.csv", "CropParameters.csv", "GreenhouseClimate.parquet", "GreenhouseClimate.csv")
     production, *others = (path.with_name(path.name[:at] + kind) for kind in kinds)
     if not production.is_file():
-        msg = f"There is no {production.name} beside {path}. The archive has one for each compartment; add it."
-        raise ArchiveError(msg)
+        refuse(f"There is no {production.name} beside {path}. The archive has one for each compartment; add it.", ArchiveError)
     quality, counts, *climate = (other if other.is_file() else None for other in others)
     numbers, sheet = used.index.to_numpy(), Sheet.read(production)
     first, last, days = int(numbers[0]), int(numbers[-1]), sheet.days().tolist()
@@ -314,16 +306,14 @@ def _read_own(folder: Path, clock: str) -> Archive:
     first = max(day for day, _ in spans)
     days = (min(day + dt.timedelta(days=count) for day, count in spans) - first).days
     if days < 1:
-        msg = f"{folder}: climate and weather have no whole day in common. Export both for the same days."
-        raise ArchiveError(msg)
+        refuse(f"{folder}: climate and weather have no whole day in common. Export both for the same days.", ArchiveError)
     times, numbers = five_minutes(first, days, clock)
     columns, notes = dict[str, FloatArray](), list(table.notes)
     for name, column in measured.items():
         values, unit, (low, high) = table.columns[name], WEATHER_UNITS[name], _LIMITS[column]
         if (wrong := np.flatnonzero((values < low) | (values > high))).size:
             where, value = f"{table.file}, row {table.lines[wrong[0]]}", f"{values[wrong[0]]:g} {unit}"
-            msg = f"{where}: {name} is {value}, outside {low:g} to {high:g}. Correct or empty it."
-            raise ArchiveError(msg)
+            refuse(f"{where}: {name} is {value}, outside {low:g} to {high:g}. Correct or empty it.", ArchiveError)
         columns[column] = table.on(times, name)
     sky, outside = table.on(times, "sky_temperature"), columns["Tout"]
     if np.all(np.isnan(sky)):

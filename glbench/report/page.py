@@ -16,7 +16,7 @@ from typing import Any
 from glbench import __version__
 from glbench.episodes.recorder import check_round
 from glbench.episodes.signals import KWH_A_CUBIC_METRE
-from glbench.errors import EpisodeError, ResultError
+from glbench.errors import EpisodeError, ResultError, refuse
 from glbench.evaluation.files import ensure_writable
 from glbench.evaluation.profiles import Profile, load_profile, make_profile, profile_path
 from glbench.evaluation.saving import recorded_actions, task_of_result
@@ -61,8 +61,7 @@ def write_report(out: Path) -> tuple[Path, Report]:
     require("The report", "report", "jinja2", "plotly")
     stored, problems = own_and_released_results(out)
     if not stored:
-        msg = f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`."
-        raise ResultError(msg)
+        refuse(f"There are no results in {out / 'results'} yet. Make one with `glbench evaluate submissions/my_agent.py`.", ResultError)
     ensure_writable(out)
     report = replace(build_report(stored), left_out=problems)
     write_atomically(out / PAGE, report.html)

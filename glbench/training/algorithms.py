@@ -24,7 +24,7 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.utils import LinearSchedule
 
 from glbench.agents.saved_policies import DAMAGED
-from glbench.errors import TrainingError, UnknownNameError, did_you_mean
+from glbench.errors import TrainingError, UnknownNameError, did_you_mean, refuse
 from glbench.training.folder import MODEL, STATE, altered, replaced
 from glbench.training.periodic_evaluation import History
 from glbench.training.settings import LINEAR, OWN
@@ -67,8 +67,7 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
         msg = f"The algorithm '{name}' cannot be imported: {error}. Is its package installed, and the path written as package.Class?"
         raise UnknownNameError(msg) from error
     if not (isinstance(kind, type) and issubclass(kind, BaseAlgorithm)):
-        msg = f"'{name}' is not an algorithm of Stable-Baselines3's kind (a subclass of BaseAlgorithm)."
-        raise TrainingError(msg)
+        refuse(f"'{name}' is not an algorithm of Stable-Baselines3's kind (a subclass of BaseAlgorithm).", TrainingError)
     return kind
 
 
@@ -110,8 +109,7 @@ def policy_arguments(settings: dict[str, Any]) -> dict[str, Any]:
         if isinstance(name, str):
             if not hasattr(home, name):
                 near = did_you_mean(name, [item for item in vars(home) if item[0].isupper()])
-                msg = f"'{key}: {name}': {home.__name__} has no {name}.{near}"
-                raise UnknownNameError(msg)
+                refuse(f"'{key}: {name}': {home.__name__} has no {name}.{near}", UnknownNameError)
             arguments[key] = getattr(home, name)
     return arguments
 
@@ -126,14 +124,11 @@ def check_settings(settings: TrainingSettings) -> None:
     names = [name for name in inspect.signature(kind.__init__).parameters if name not in _NO_SETTINGS]
     for name in settings.hyperparameters:
         if name in _SET_BY_GLBENCH:
-            msg = f"glbench sets '{name}' of {kind.__name__}: {_SET_BY_GLBENCH[name]}. Remove it from the settings."
-            raise TrainingError(msg)
+            refuse(f"glbench sets '{name}' of {kind.__name__}: {_SET_BY_GLBENCH[name]}. Remove it from the settings.", TrainingError)
         if name not in names:
-            msg = f"{kind.__name__} has no setting '{name}'.{did_you_mean(name, [*names, *sorted(OWN)])}"
-            raise TrainingError(msg)
+            refuse(f"{kind.__name__} has no setting '{name}'.{did_you_mean(name, [*names, *sorted(OWN)])}", TrainingError)
     if settings.action_noise_std is not None and not issubclass(kind, OffPolicyAlgorithm):
-        msg = f"{kind.__name__} takes no action noise; remove 'action_noise_std'."
-        raise TrainingError(msg)
+        refuse(f"{kind.__name__} takes no action noise; remove 'action_noise_std'.", TrainingError)
     policy_arguments(settings.policy_kwargs)
     _arguments(settings)
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from glbench import __version__
-from glbench.errors import TrainingError
+from glbench.errors import TrainingError, refuse
 from glbench.evaluation.records import git_state, this_machine
 from glbench.resources import write_atomically
 from glbench.training.periodic_evaluation import CURVE, History
@@ -177,8 +177,7 @@ def read_card(file: Path) -> dict[str, Any] | None:
         msg = f"Cannot read the card {file}: {reason_of(error)}. Remove it to train again."
         raise TrainingError(msg) from error
     if not {"task", "training", "best"} <= card.keys():
-        msg = f"{file} is not a card of a training. Choose another folder with --out."
-        raise TrainingError(msg)
+        refuse(f"{file} is not a card of a training. Choose another folder with --out.", TrainingError)
     return card
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from glbench.errors import TrainingError
+from glbench.errors import TrainingError, refuse
 from glbench.resources import data_folder
 from glbench.settings import validated
 from glbench.tasks.record import FIRST_TRAINING_SEED
@@ -38,8 +38,7 @@ class Memory(settings.FrozenSettings):
     @classmethod
     def _positive(cls, hours: tuple[float, ...]) -> tuple[float, ...]:
         if not all(0 < hour < math.inf for hour in hours):
-            msg = f"time constants are positive numbers of hours, not {', '.join(f'{hour:g}' for hour in hours)}"
-            raise ValueError(msg)
+            refuse(f"time constants are positive numbers of hours, not {', '.join(f'{hour:g}' for hour in hours)}")
         return hours
 
 
@@ -109,14 +108,11 @@ class CompiledSettings(settings.FrozenSettings):
     @model_validator(mode="after")
     def _whole_batches(self) -> Self:
         if self.rollout % self.batch_size:
-            msg = f"'batch_size: {self.batch_size}' does not divide the {self.rollout} steps of a rollout (n_envs times n_steps)"
-            raise ValueError(msg)
+            refuse(f"'batch_size: {self.batch_size}' does not divide the {self.rollout} steps of a rollout (n_envs times n_steps)")
         if self.memory.gru and self.batch_size % self.n_steps:
-            msg = f"with 'memory.gru', a batch has whole sequences: 'n_steps: {self.n_steps}' must divide 'batch_size: {self.batch_size}'"
-            raise ValueError(msg)
+            refuse(f"with 'memory.gru', a batch has whole sequences: 'n_steps: {self.n_steps}' must divide 'batch_size: {self.batch_size}'")
         if not (self.normalize.observations and self.normalize.rewards):
-            msg = "the compiled PPO always normalises observations and rewards; leave out the keys that switch this off"
-            raise ValueError(msg)
+            refuse("the compiled PPO always normalises observations and rewards; leave out the keys that switch this off")
         return self
 
     @property

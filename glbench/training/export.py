@@ -19,7 +19,7 @@ from torch import nn
 
 from glbench.agents.network_policy import ACTIVATIONS, NetworkPolicy, read_policy
 from glbench.agents.saved_policies import DAMAGED
-from glbench.errors import TrainingError
+from glbench.errors import TrainingError, refuse
 from glbench.resources import write_atomically
 from glbench.tasks import task_card
 from glbench.training.algorithms import algorithm_class
@@ -56,8 +56,7 @@ def load_model(file: Path, algorithm: str, normalization: Path | None) -> tuple[
         msg = f"Cannot read the model {file} ({algorithm}) and its normalisation {normalization}: {reason_of(error)}."
         raise TrainingError(msg) from error
     if not isinstance(content, VecNormalize):
-        msg = f"{normalization} holds {type(content).__name__}, expected the VecNormalize that was saved with the model."
-        raise TrainingError(msg)
+        refuse(f"{normalization} holds {type(content).__name__}, expected the VecNormalize that was saved with the model.", TrainingError)
     return model, content
 
 
@@ -106,8 +105,7 @@ def export_model(file: Path, algorithm: str, normalization: Path | None, task: T
     Raises ``TrainingError`` when the model cannot be read or exported, or the folder holds another agent's card.
     """
     if (folder / CARD).exists():
-        msg = f"{folder} has a {CARD} already. Choose another folder with --out."
-        raise TrainingError(msg)
+        refuse(f"{folder} has a {CARD} already. Choose another folder with --out.", TrainingError)
     model, statistics = load_model(file, algorithm, normalization)
     policy = export_policy(model, statistics, task, {"algorithm": algorithm, "steps": model.num_timesteps})
     write_atomically(folder / POLICY, policy.to_bytes())
@@ -129,13 +127,11 @@ def actor_of(model: BaseAlgorithm) -> tuple[list[nn.Linear], str, Output]:
     """
     policy = model.policy
     if type(policy).__name__.startswith("Recurrent"):
-        msg = f"{type(model).__name__} has a memory; only policies without one can be exported."
-        raise TrainingError(msg)
+        refuse(f"{type(model).__name__} has a memory; only policies without one can be exported.", TrainingError)
     extractors = [module for module in policy.modules() if isinstance(module, BaseFeaturesExtractor)]
     if any(type(extractor) is not FlattenExtractor for extractor in extractors):
         names = ", ".join(sorted({type(extractor).__name__ for extractor in extractors}))
-        msg = f"The policy of {type(model).__name__} looks at its observations with {names}, which cannot be exported."
-        raise TrainingError(msg)
+        refuse(f"The policy of {type(model).__name__} looks at its observations with {names}, which cannot be exported.", TrainingError)
     if isinstance(policy, ActorCriticPolicy) and not policy.use_sde:
         parts: list[nn.Module] = [*policy.mlp_extractor.policy_net, policy.action_net]
         return (*_layers(parts), "clip")
@@ -160,8 +156,7 @@ def _normalization(normalization: VecNormalize | None, columns: int) -> tuple[np
         return np.zeros(columns), np.ones(columns), 1e30
     statistics = normalization.obs_rms
     if not isinstance(statistics, RunningMeanStd):
-        msg = "The normalisation is for several kinds of observations; the tasks of glbench have one."
-        raise TrainingError(msg)
+        refuse("The normalisation is for several kinds of observations; the tasks of glbench have one.", TrainingError)
     return statistics.mean, np.sqrt(statistics.var + normalization.epsilon), float(normalization.clip_obs)
 
 
@@ -194,8 +189,7 @@ def policy_in(file: Path, task: TaskSpec) -> NetworkPolicy:
     policy = read_policy(file)
     reason = policy.why_not(task_card(task))
     if reason is not None:
-        msg = f"There is no starting from {file}: {reason}."
-        raise TrainingError(msg)
+        refuse(f"There is no starting from {file}: {reason}.", TrainingError)
     return policy
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from glbench.errors import TrainingError
+from glbench.errors import TrainingError, refuse
 from glbench.resources import write_atomically
 from glbench.training.card import CARD, POLICY, read_card
 
@@ -74,8 +74,7 @@ def claim(
         Whether it may resume from ``state``.
     """
     if start is not None and start.resolve() == (folder / POLICY).resolve():
-        msg = f"{folder} holds the policy to start from, which would be overwritten. Choose another folder with --out."
-        raise TrainingError(msg)
+        refuse(f"{folder} holds the policy to start from, which would be overwritten. Choose another folder with --out.", TrainingError)
     card = read_card(folder / CARD)
     others = {folder / SEARCH, folder / LEARNER, find_checkpoint(folder / CHECKPOINT)} - {state, None}
     ours = (
@@ -88,13 +87,11 @@ def claim(
         <= identity.items()
     )
     if any(other is not None and other.exists() for other in others) or (card is not None and not ours and state is None):
-        msg = f"{folder} holds another training. Choose another folder with --out."
-        raise TrainingError(msg)
+        refuse(f"{folder} holds another training. Choose another folder with --out.", TrainingError)
     if card is not None and ours and all(card["training"][name] >= count for name, count in target.items()):
         return card
     if state is not None and not resume:
-        msg = f"{folder} holds an unfinished training. Continue with --resume, or choose another folder with --out."
-        raise TrainingError(msg)
+        refuse(f"{folder} holds an unfinished training. Continue with --resume, or choose another folder with --out.", TrainingError)
     if card is not None and state is None:
         msg = (
             f"{folder} holds this training with {card['training']['steps']:,} steps, but not its last state, so that it cannot continue. "

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents.network_policy import Arithmetic, affine, gru_step, hidden
-from glbench.errors import TaskError, TrainingError, UnknownNameError, did_you_mean
+from glbench.errors import TaskError, TrainingError, UnknownNameError, did_you_mean, refuse
 from glbench.jax import Environment, State
 
 if TYPE_CHECKING:
@@ -147,8 +147,7 @@ class Learner:
         hours, columns = settings.memory.hours, settings.memory.columns if settings.memory.hours else ()
         for name in columns:
             if name not in names:
-                msg = f"'memory.columns': {task.id} shows no column '{name}'.{did_you_mean(name, names)}"
-                raise TrainingError(msg)
+                refuse(f"'memory.columns': {task.id} shows no column '{name}'.{did_you_mean(name, names)}", TrainingError)
         traced = np.array([names.index(name) for name in columns], np.int64)
         shares = -np.expm1(-task.step_seconds / (3600.0 * np.array(hours, np.float64)))
         accrual = settings.accrual

@@ -22,7 +22,7 @@ from pydantic import Field
 from glbench.agents import tuned_rules
 from glbench.agents.energy_rules import POWER, EnergyRulesAgent, EnergyRuleSettings
 from glbench.env import Simulation
-from glbench.errors import TrainingError
+from glbench.errors import TrainingError, refuse
 from glbench.kernel import make_kernel
 from glbench.resources import data_folder, write_atomically
 from glbench.tasks import task_card
@@ -112,16 +112,13 @@ def reward_of(tasks: Sequence[TaskSpec]) -> tuple[str, ...]:
     Raises ``TrainingError`` when there is no task, one is named twice, or they have several rewards, whose sums say nothing.
     """
     if not tasks:
-        msg = "Rules are tuned for a task: name one with --task."
-        raise TrainingError(msg)
+        refuse("Rules are tuned for a task: name one with --task.", TrainingError)
     rewards = {task.id: tuple(task.reward.modules) for task in tasks}
     if len(rewards) < len(tasks):
-        msg = f"A task is named twice: {', '.join(task.id for task in tasks)}. Name each once."
-        raise TrainingError(msg)
+        refuse(f"A task is named twice: {', '.join(task.id for task in tasks)}. Name each once.", TrainingError)
     if len(set(rewards.values())) > 1:
         listed = "; ".join(f"{name}: {', '.join(modules)}" for name, modules in rewards.items())
-        msg = f"Tasks with different rewards cannot be added up ({listed}). Tune rules for each kind of reward."
-        raise TrainingError(msg)
+        refuse(f"Tasks with different rewards cannot be added up ({listed}). Tune rules for each kind of reward.", TrainingError)
     return next(iter(rewards.values()))
 
 
@@ -266,8 +263,7 @@ def tune_rules(
     for task in tasks:
         task.check_training()
         if task.splits is not None and task.split != "training":
-            msg = f"Rules are tuned in the training split, and {task.id} was given in its split '{task.split}'."
-            raise TrainingError(msg)
+            refuse(f"Rules are tuned in the training split, and {task.id} was given in its split '{task.split}'.", TrainingError)
     reward, energy = reward_of(tasks), about_energy(tasks)
     scope = tuple(task.id for task in tasks) if energy else reward
     page = tuned_rules.RulePage(scope, tuned_rules.read_rule_page(start, kind_for(tasks)).numbers)

@@ -11,7 +11,7 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
-from glbench.errors import TrainingError
+from glbench.errors import TrainingError, refuse
 from glbench.resources import write_atomically
 from glbench.tasks import get_task
 from glbench.training.algorithms import NORMALIZATION, load_checkpoint, make_model, save_checkpoint, steps_to_make
@@ -233,8 +233,7 @@ def export_best(folder: Path, task: TaskSpec | None = None) -> str | None:
     """
     card = read_card(folder / CARD)
     if card is None:
-        msg = f"{folder} holds no finished training: there is no {CARD}. Finish it with glbench train --resume."
-        raise TrainingError(msg)
+        refuse(f"{folder} holds no finished training: there is no {CARD}. Finish it with glbench train --resume.", TrainingError)
     task = task or get_task(card["task"]["id"])
     if task.digest != card["task"]["digest"]:
         msg = f"{folder} was trained on another version of {task.id}: digest {card['task']['digest'][:12]}, now {task.digest[:12]}."

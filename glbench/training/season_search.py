@@ -25,7 +25,7 @@ from pydantic import Field
 
 from glbench.agents.network_policy import FAST, NetworkPolicy
 from glbench.env import Simulation
-from glbench.errors import TrainingError, did_you_mean
+from glbench.errors import TrainingError, did_you_mean, refuse
 from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
 from glbench.settings import validated
@@ -264,8 +264,7 @@ def _begun_anew(settings: SearchSettings, task: TaskSpec) -> NetworkPolicy:
             raise TrainingError(msg)
         column = policy.action_names.index(name)
         if policy.output == "tanh" and not -1.0 < value < 1.0:
-            msg = f"'begin_anew: {name}: {value}': the output of this policy lies between -1 and 1."
-            raise TrainingError(msg)
+            refuse(f"'begin_anew: {name}: {value}': the output of this policy lies between -1 and 1.", TrainingError)
         weights[:, column], biases[column] = 0.0, value if policy.output == "clip" else np.arctanh(value)
     start = replace(policy, weights=(*policy.weights[:-1], weights), biases=(*policy.biases[:-1], biases))
     return without_constant_columns(start, varies(policy.mean - policy.scale, policy.mean + policy.scale))

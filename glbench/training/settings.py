@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from glbench.errors import TrainingError
+from glbench.errors import TrainingError, refuse
 from glbench.resources import data_folder
 from glbench.settings import validated
 from glbench.tasks.record import FIRST_TRAINING_SEED
@@ -25,8 +25,7 @@ PAPER = {"ppo": "ppo/paper.yml", "sac": "sac/sac.yml"}
 
 def _that_is_there(file: Path) -> Path:
     if not file.is_file():
-        msg = f"there is no policy file {file}"
-        raise ValueError(msg)
+        refuse(f"there is no policy file {file}")
     return file
 
 
@@ -69,8 +68,7 @@ _ALLOWED = {
 def _allowed(arguments: dict[str, Any]) -> dict[str, Any]:
     for name, words in _ALLOWED.items():
         if name in arguments and not _is_allowed(name, arguments[name]):
-            msg = f"'{name}: {arguments[name]}' cannot be: it is {words}"
-            raise ValueError(msg)
+            refuse(f"'{name}: {arguments[name]}' cannot be: it is {words}")
     return arguments
 
 
@@ -222,8 +220,7 @@ def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
     rest = {key: value for key, value in merged.items() if key not in OWN}
     for key, value in rest.items():
         if isinstance(value, str) and _LIKE_A_NUMBER.match(value):
-            msg = f"'{key}: {value}' in {file} is not a number."
-            raise TrainingError(msg)
+            refuse(f"'{key}: {value}' in {file} is not a number.", TrainingError)
     content = {**own, "algorithm": algorithm, "hyperparameters": rest}
     return validated(TrainingSettings, content, "the settings", file, TrainingError, inline="hyperparameters")
 
@@ -232,12 +229,10 @@ def section(file: Path, task_id: str) -> dict[str, Any]:
     """Entries for a task: ``default:``, overlaid with those under the task's id. Errors as for ``read_settings``."""
     content = read_yaml(file, "the settings", TrainingError)
     if not all(isinstance(part, dict) or part is None for part in content.values()):
-        msg = f"{file} is not a settings file: it needs a section 'default:' and may have sections named by task ids."
-        raise TrainingError(msg)
+        refuse(f"{file} is not a settings file: it needs a section 'default:' and may have sections named by task ids.", TrainingError)
     if "default" not in content:
         names = ", ".join(f"'{name}'" for name in content)
-        msg = f"{file} has no section 'default:' (only {names}). Put the settings that hold for every task there."
-        raise TrainingError(msg)
+        refuse(f"{file} has no section 'default:' (only {names}). Put the settings that hold for every task there.", TrainingError)
     sections = {name: part or {} for name, part in content.items()}
     own = sections.get(task_id, sections.get(task_id.rpartition("/")[2], {}))
     merged: dict[str, Any] = numbers(_overlaid(sections["default"], own))

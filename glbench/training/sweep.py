@@ -19,7 +19,7 @@ from optuna.storages import RDBStorage
 from optuna.trial import FrozenTrial, TrialState
 from pydantic import Field, ValidationError, model_validator
 
-from glbench.errors import GlbenchError, TrainingError, did_you_mean
+from glbench.errors import GlbenchError, TrainingError, did_you_mean, refuse
 from glbench.execution import Executor, Future, InlineExecutor
 from glbench.settings import readable_errors, validated
 from glbench.tasks import get_task
@@ -53,14 +53,11 @@ class Parameter(FrozenSettings):
     def _one_way(self) -> Parameter:
         ranged = self.min is not None and self.max is not None
         if (self.value is not None) + bool(self.values) + ranged != 1 or (self.min is None) != (self.max is None):
-            msg = "give 'value', 'values', or both 'min' and 'max'"
-            raise ValueError(msg)
+            refuse("give 'value', 'values', or both 'min' and 'max'")
         if ranged and not self.min < self.max:  # type: ignore[operator]
-            msg = "'min' must be below 'max'"
-            raise ValueError(msg)
+            refuse("'min' must be below 'max'")
         if self.distribution == "log_uniform_values" and (self.min is None or self.min <= 0):
-            msg = "a logarithmic range needs a 'min' above 0"
-            raise ValueError(msg)
+            refuse("a logarithmic range needs a 'min' above 0")
         return self
 
     @property
@@ -117,8 +114,7 @@ class Search(FrozenSettings):
     def _grid_of_values(self) -> Search:
         ranges = [name for name, parameter in self.parameters.items() if parameter.min is not None]
         if self.method == "grid" and ranges:
-            msg = f"a grid needs 'values', not ranges: {', '.join(ranges)}"
-            raise ValueError(msg)
+            refuse(f"a grid needs 'values', not ranges: {', '.join(ranges)}")
         return self
 
     @property
@@ -171,8 +167,7 @@ def _set_choice(content: dict[str, Any], name: str, value: Any) -> None:
         part = part.setdefault(key, {}) if isinstance(part, dict) else None
     if not isinstance(part, dict):
         names = [key for key, item in content.items() if isinstance(item, dict)]
-        msg = f"The search names '{name}', but '{first}' has no parts.{did_you_mean(first, names)}"
-        raise TrainingError(msg)
+        refuse(f"The search names '{name}', but '{first}' has no parts.{did_you_mean(first, names)}", TrainingError)
     part[rest[-1]] = value
 
 
@@ -263,8 +258,7 @@ def sweep(search: Search, folder: Path, *, executor: Executor | None = None, rep
                         report(_report_of(ended))
     reports = [_report_of(trial) for trial in study.get_trials(states=_ENDED)]
     if reports and all(trial.state == "fail" for trial in reports):
-        msg = f"All {len(reports)} trials of the search in {folder} failed, the last one so: {reports[-1].reason}"
-        raise TrainingError(msg)
+        refuse(f"All {len(reports)} trials of the search in {folder} failed, the last one so: {reports[-1].reason}", TrainingError)
     return sorted(reports, key=lambda trial: -float("inf") if trial.reward is None else trial.reward, reverse=True)
 
 
@@ -343,8 +337,7 @@ def _claim(study: optuna.Study, search: Search, settings: TrainingSettings, fold
     differences = [name for name, value in identity.items() if before.get(name) != value]
     if differences:
         differs = f"{folder} holds another search, which differs in {', '.join(differences)}."
-        msg = f"{differs} Choose another folder with --out, or what it was begun with (only 'trials' may grow)."
-        raise TrainingError(msg)
+        refuse(f"{differs} Choose another folder with --out, or what it was begun with (only 'trials' may grow).", TrainingError)
     study.set_user_attr("search", json.dumps(identity))
 
 

@@ -20,7 +20,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from glbench.env import GreenhouseVectorEnv, Snapshot
 from glbench.env.kernels import check_kernel
 from glbench.env.spaces import task_of_environment
-from glbench.errors import GlbenchError, TrainingError, did_you_mean, whole_number
+from glbench.errors import GlbenchError, TrainingError, did_you_mean, refuse, whole_number
 from glbench.kernel import make_kernel
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training.constant_columns import Floats, Mask, varies
@@ -79,8 +79,7 @@ class TrainingVecEnv(VecEnv):
             names = task.model_value.state_names
             if accrual.state not in names:
                 hint = did_you_mean(accrual.state, names)
-                msg = f"'accrual': the model of {task.id} has no state '{accrual.state}'.{hint}"
-                raise TrainingError(msg)
+                refuse(f"'accrual': the model of {task.id} has no state '{accrual.state}'.{hint}", TrainingError)
             self._price, self._stored = accrual.price, names.index(accrual.state)
         kernel = make_kernel(task.model_value, task.step_seconds, preset=kernel_preset, workers=workers)
         self.environment = GreenhouseVectorEnv(task, n_envs, kernel=kernel, autoreset_mode="Disabled")
@@ -210,8 +209,7 @@ def make_vec_env(
         For an unknown task, split or preset, for impossible numbers, and for a task without a training split where none is named.
     """
     if not 0 <= whole_number(seed, "The seed") < _SEEDS:
-        msg = f"The seed must be a whole number from 0 to {_SEEDS - 1:,}; got {seed}."
-        raise GlbenchError(msg)
+        refuse(f"The seed must be a whole number from 0 to {_SEEDS - 1:,}; got {seed}.", GlbenchError)
     named = task.removeprefix("glbench:") if isinstance(task, str) else task
     spec = task_of_environment(named, split, overrides)
     if split is None:

@@ -19,7 +19,7 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import WeatherError
+from glbench.errors import WeatherError, refuse
 from glbench.weather.record import QUANTITIES, RAW_SECONDS, SKY, SLOT_SECONDS, FloatArray, IntArray, Place, WeatherRecord
 
 DAY_SECONDS = 86400
@@ -109,8 +109,7 @@ class SeasonGenerator:
 
     def __init__(self, record: WeatherRecord, years: Sequence[int], blocks: Blocks = Blocks()) -> None:
         if not years:
-            msg = f"A season of weather '{record.name}' was asked for without years to draw from. Name at least one year."
-            raise WeatherError(msg)
+            refuse(f"A season of weather '{record.name}' was asked for without years to draw from. Name at least one year.", WeatherError)
         self.record = record
         self.years = tuple(sorted({int(year) for year in years}))
         self.blocks = blocks
@@ -177,8 +176,7 @@ class SeasonGenerator:
             )
             raise WeatherError(msg)
         if isinstance(start, dt.datetime) or not isinstance(start, dt.date):
-            msg = f"A season starts on a datetime.date; got {start!r}."
-            raise WeatherError(msg)
+            refuse(f"A season starts on a datetime.date; got {start!r}.", WeatherError)
         first = (start - dt.date(1970, 1, 1)).days - MARGIN_DAYS
         calendar = calendar_days(first + np.arange(_length(days)))
         chain = np.empty(calendar.size, dtype=np.int64)
@@ -237,8 +235,7 @@ def calendar_days(numbers: IntArray) -> IntArray:
 
 def _length(days: int) -> int:
     if days < 1 or days != int(days):
-        msg = f"A season was asked for of {days!r} days; ask for a whole number, at least 1."
-        raise WeatherError(msg)
+        refuse(f"A season was asked for of {days!r} days; ask for a whole number, at least 1.", WeatherError)
     return int(days) + 2 * MARGIN_DAYS
 
 

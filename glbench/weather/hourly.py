@@ -21,7 +21,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from glbench.errors import WeatherError
+from glbench.errors import WeatherError, refuse
 from glbench.outside_tables import step_of
 from glbench.weather.conserving import sine_of_elevation
 from glbench.weather.preprocessing import KELVIN, STEFAN_BOLTZMANN_ENERGYPLUS, vapour_pressure
@@ -175,8 +175,7 @@ def _averaged(rows: Rows, step: int) -> tuple[Rows, tuple[str, ...]]:
             complete &= coverage >= SLOT_SECONDS - 1
     complete_hours = np.flatnonzero(complete)
     if not complete_hours.size:
-        msg = f"{rows.file} covers no whole hour with all of {', '.join(REQUIRED)}. Export a longer period."
-        raise WeatherError(msg)
+        refuse(f"{rows.file} covers no whole hour with all of {', '.join(REQUIRED)}. Export a longer period.", WeatherError)
     inside = slice(int(complete_hours[0]), int(complete_hours[-1]) + 1)  # a beginning or end of which a part is missing is left out
     ends = (first_hour + np.arange(hours, dtype=np.int64) + 1)[inside] * SLOT_SECONDS
     numbers = rows.row_numbers[np.minimum(np.searchsorted(rows.slot_ends, ends), rows.slot_ends.size - 1)]

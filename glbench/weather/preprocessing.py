@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from glbench.errors import WeatherError
+from glbench.errors import WeatherError, refuse
 from glbench.weather.record import FloatArray, IntArray, WeatherRecord, time_zone
 
 COLUMNS = ("iGlob", "tOut", "vpOut", "co2Out", "wind", "tSky", "tSoOut", "dayRadSum", "isDay", "isDaySmooth")
@@ -75,8 +75,7 @@ def to_utc_seconds(start: dt.datetime | dt.date, clock: str) -> int:
     """
     moment = start if isinstance(start, dt.datetime) else dt.datetime.combine(start, dt.time())
     if moment.microsecond:
-        msg = f"The start must be a whole second, not {moment.isoformat()}."
-        raise WeatherError(msg)
+        refuse(f"The start must be a whole second, not {moment.isoformat()}.", WeatherError)
     if moment.tzinfo is None:
         zone = time_zone(clock)
         early, late = (moment.replace(tzinfo=zone, fold=fold) for fold in (0, 1))

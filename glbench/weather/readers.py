@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from glbench.errors import UnknownNameError, WeatherError, did_you_mean
+from glbench.errors import UnknownNameError, WeatherError, did_you_mean, refuse
 from glbench.outside_tables import read_text
 from glbench.untrusted import open_regular, read_pieces, reason_of
 from glbench.weather import record
@@ -99,8 +99,7 @@ def read_weather(
     if columns is not None:
         return read_columns(path, columns, name=name, timezone=timezone, coordinates=coordinates, fill_gaps=fill_gaps)
     if file_format not in ("auto", *FORMATS):
-        msg = f"There is no weather format '{file_format}'.{did_you_mean(file_format, ('auto', *FORMATS))}"
-        raise UnknownNameError(msg)
+        refuse(f"There is no weather format '{file_format}'.{did_you_mean(file_format, ('auto', *FORMATS))}", UnknownNameError)
     kind = detect_format(path) if file_format == "auto" else file_format
     for option, value, fits in (
         ("--timezone", timezone, kind != "parquet"),
@@ -110,8 +109,7 @@ def read_weather(
         ("--estimate-humidity", estimate_humidity or None, kind == "pvgis"),
     ):
         if value is not None and not fits:
-            msg = f"{path} is read as {kind}, which takes no {option}. Leave it out, or choose the --format."
-            raise WeatherError(msg)
+            refuse(f"{path} is read as {kind}, which takes no {option}. Leave it out, or choose the --format.", WeatherError)
     if kind == "knmi":
         table, places = parse_knmi(read_text(path, WeatherError), str(path))
         options: dict[str, Any] = {"station": station, "timezone": timezone, "coordinates": coordinates, "fill_gaps": fill_gaps}

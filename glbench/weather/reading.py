@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from glbench.errors import WeatherError
+from glbench.errors import WeatherError, refuse
 from glbench.outside_tables import DAY, HOUR, TextTable, parse_number, step_of
 from glbench.untrusted import visible
 from glbench.weather import record
@@ -125,8 +125,7 @@ def record_of(
     if year is not None and not typical:
         years = sorted({int(number) + 1970 for number in dates.astype("datetime64[Y]").astype(np.int64)})
         what = f"one real year ({years[0]})" if len(years) == 1 else f"the real years {years[0]} to {years[-1]}"
-        msg = f"{file} holds the weather of {what}: --year is only for typical years. Leave it out."
-        raise WeatherError(msg)
+        refuse(f"{file} holds the weather of {what}: --year is only for typical years. Leave it out.", WeatherError)
     if not -14 <= reading.utc_offset <= 14:
         msg = f"{file}: a clock that is {reading.utc_offset:g} h from UTC does not exist. Correct the time zone in the file's heading."
         raise WeatherError(msg)
@@ -164,8 +163,7 @@ def _leap_days(dates: np.ndarray) -> np.ndarray:
 def _nominal_year(rows: record.Rows, dates: np.ndarray, step: int, year: int, shift: int, fill_gaps: int) -> tuple[record.Rows, list[str]]:
     """The rows in the nominal ``year``, in UTC, turned so that they begin with the year; and notes."""
     if calendar.isleap(year):
-        msg = f"{year} is a leap year and a typical year has no 29 February. Choose a common year with --year."
-        raise WeatherError(msg)
+        refuse(f"{year} is a leap year and a typical year has no 29 February. Choose a common year with --year.", WeatherError)
     notes = [f"typical year, its months from different years; all named {year}"]
     leap = _leap_days(dates)
     if leap.any():
@@ -182,8 +180,7 @@ def _nominal_year(rows: record.Rows, dates: np.ndarray, step: int, year: int, sh
         i = int(wrong[0])
         here, before = (record.utc_text(int(moment) + shift)[5:] for moment in (ends[i + 1], ends[i]))
         problem = f"{here} appears twice" if here == before else f"{here} follows {before}; rows must be in order of time"
-        msg = f"{rows.file}, row {numbers[i + 1]}: {problem}. Correct the file or fetch it again."
-        raise WeatherError(msg)
+        refuse(f"{rows.file}, row {numbers[i + 1]}: {problem}. Correct the file or fetch it again.", WeatherError)
     if ends.size * step != YEAR_DAYS * DAY and fill_gaps == 0:
         count, whole = ("hours", YEAR_DAYS * 24) if step == HOUR else ("rows", YEAR_DAYS * DAY // step)
         msg = (
@@ -215,8 +212,7 @@ def _zone_of(reading: Reading, file: str, longitude: float, notes: list[str]) ->
     if offset in _FIXED_ZONES:
         return _FIXED_ZONES[offset]
     if offset != int(offset) or not -12 <= offset <= 14:
-        msg = f"{file}: its clock is {offset:+g} h from UTC, which has no fixed IANA zone. Give one with --timezone."
-        raise WeatherError(msg)
+        refuse(f"{file}: its clock is {offset:+g} h from UTC, which has no fixed IANA zone. Give one with --timezone.", WeatherError)
     # In the names of fixed zones east of Greenwich is minus.
     return f"Etc/GMT{-int(offset):+d}" if offset else "Etc/GMT"
 
@@ -294,6 +290,5 @@ def number_of(file: str, row: int, what: str, field: str) -> float:
     """Number of a field of the heading. Raises ``WeatherError`` that names row and value."""
     value = parse_number(field, "," if "," in field else ".")
     if value is None or not math.isfinite(value):
-        msg = f"{file}, row {row}: '{visible(field[:40])}' for the {what} is not a number. Correct the file."
-        raise WeatherError(msg)
+        refuse(f"{file}, row {row}: '{visible(field[:40])}' for the {what} is not a number. Correct the file.", WeatherError)
     return value

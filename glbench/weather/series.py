@@ -16,7 +16,7 @@ from types import ModuleType
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import UnknownNameError, WeatherError, did_you_mean
+from glbench.errors import UnknownNameError, WeatherError, did_you_mean, refuse
 from glbench.weather.preprocessing import Prepared, Window, clock_time, to_utc_seconds
 from glbench.weather.record import SCHEMA, FloatArray, WeatherRecord, canonical_digest, utc_text
 
@@ -88,24 +88,18 @@ def disturbances(
         When the window is not inside the record's period, or an argument is impossible.
     """
     if preprocessing not in PREPROCESSINGS:
-        msg = f"There is no weather preprocessing '{preprocessing}'.{did_you_mean(preprocessing, PREPROCESSINGS)}"
-        raise UnknownNameError(msg)
+        refuse(f"There is no weather preprocessing '{preprocessing}'.{did_you_mean(preprocessing, PREPROCESSINGS)}", UnknownNameError)
     if not isinstance(record, WeatherRecord):
-        msg = f"Disturbances are made of a weather record; got {record!r}. `load_weather` takes one by its name."
-        raise WeatherError(msg)
+        refuse(f"Disturbances are made of a weather record; got {record!r}. `load_weather` takes one by its name.", WeatherError)
     if not isinstance(start, dt.date):
-        msg = f"The start is a datetime.date or datetime.datetime; got {start!r}."
-        raise WeatherError(msg)
+        refuse(f"The start is a datetime.date or datetime.datetime; got {start!r}.", WeatherError)
     clock = "UTC" if preprocessing == "paper" else record.timezone
     if not 1 <= step_seconds <= 86400 or step_seconds != int(step_seconds):
-        msg = f"The control step must be a whole number of seconds from 1 to 86400, not {step_seconds!r} s."
-        raise WeatherError(msg)
+        refuse(f"The control step must be a whole number of seconds from 1 to 86400, not {step_seconds!r} s.", WeatherError)
     if steps < 1 or steps != int(steps):
-        msg = f"Weather was asked for {steps!r} steps; ask for a whole number, at least 1."
-        raise WeatherError(msg)
+        refuse(f"Weather was asked for {steps!r} steps; ask for a whole number, at least 1.", WeatherError)
     if not (math.isfinite(co2_ppm) and 0.0 <= co2_ppm <= 5000.0):
-        msg = f"CO2 outside must lie between 0 and 5000 ppm, not {co2_ppm!r} ppm."
-        raise WeatherError(msg)
+        refuse(f"CO2 outside must lie between 0 and 5000 ppm, not {co2_ppm!r} ppm.", WeatherError)
     window = Window(to_utc_seconds(start, clock), int(steps), int(step_seconds), float(co2_ppm))
     _check_period(record, window)
     prepared: Prepared = _pipeline(preprocessing).prepare(record, window)

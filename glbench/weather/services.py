@@ -15,7 +15,7 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
-from glbench.errors import WeatherError
+from glbench.errors import WeatherError, refuse
 from glbench.outside_tables import HOUR, Stamps, TextTable, read_stamps, split_table, step_of, utc_of_local
 from glbench.untrusted import parse_json, reason_of
 from glbench.weather import record
@@ -134,8 +134,7 @@ def _pvgis_table(text: str, file: str) -> tuple[TextTable, dict[str, float | str
             outputs = document.get("outputs", {}) if isinstance(document, dict) else document
             series = outputs if isinstance(outputs, list) else outputs.get("tmy_hourly") or outputs.get("hourly")
             if not isinstance(series, list):
-                msg = f"{file} holds no hourly values of PVGIS. Export it again, as CSV or JSON."
-                raise WeatherError(msg)
+                refuse(f"{file} holds no hourly values of PVGIS. Export it again, as CSV or JSON.", WeatherError)
             titles = tuple(series[0])
             rows = [[str(row[title]) for title in titles] for row in series]
             facts = {key.replace("_", " "): float(value) for key, value in inputs.get("location", {}).items() if value is not None}
@@ -197,8 +196,7 @@ def parse_nsrdb(text: str, file: str) -> Reading:
     place = {name: facts.get(name) for name in ("latitude", "longitude", "elevation", "time zone")}
     latitude, longitude, altitude, offset = (None if field is None else number_of(file, 2, name, field) for name, field in place.items())
     if offset is None:
-        msg = f"{file}, row 1: the heading has no 'Time Zone', so it is unclear when the rows are. Download the file again."
-        raise WeatherError(msg)
+        refuse(f"{file}, row 1: the heading has no 'Time Zone', so it is unclear when the rows are. Download the file again.", WeatherError)
     local = facts.get("local time zone")
     shift = number_of(file, 2, "local time zone", local) if local else offset
     # Typical years are turned in the clock of their rows; the local clock is another one where the rows are in UTC.
@@ -240,8 +238,7 @@ def parse_open_meteo(text: str, file: str) -> Reading:
             blocks.append([])
     facts = _heading([lines[i] for i in blocks[0][:2]])
     if len(blocks[0]) > 2 and not re.match(r"\W?(location_id[,;])?time\b", lines[blocks[0][2]]):
-        msg = f"{file} holds {len(blocks[0]) - 1} places. Download one place a file."
-        raise WeatherError(msg)
+        refuse(f"{file} holds {len(blocks[0]) - 1} places. Download one place a file.", WeatherError)
     if len(blocks[0]) > 2:  # no blank line between the heading and the table
         blocks.insert(1, blocks[0][2:])
     tables = []
@@ -255,8 +252,7 @@ def parse_open_meteo(text: str, file: str) -> Reading:
             if len(table.rows) > 1 and step_of(stamps.seconds) <= HOUR:
                 tables.append((table, stamps))
     if not tables:
-        msg = f"{file} holds no hourly values. Choose hourly variables in Open-Meteo's export; daily ones are too coarse."
-        raise WeatherError(msg)
+        refuse(f"{file} holds no hourly values. Choose hourly variables in Open-Meteo's export; daily ones are too coarse.", WeatherError)
     # The hourly rows where they have all that is needed, else the finer ones.
     tables.sort(key=lambda pair: (_open_meteo_column(pair[0], "temperature_2m", "air_temperature") is None, -step_of(pair[1].seconds)))
     table, stamps = tables[0]

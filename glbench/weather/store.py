@@ -46,8 +46,7 @@ def load_weather(name: str) -> WeatherRecord:
         When the record's file is damaged or was changed.
     """
     if not isinstance(name, str):
-        msg = f"A weather record is asked for by its name, such as 'schiphol'; got {name!r}."
-        raise UnknownNameError(msg)
+        refuse(f"A weather record is asked for by its name, such as 'schiphol'; got {name!r}.", UnknownNameError)
     shipped = _manifest(data_folder("weather"))
     if name in shipped:
         return _load_shipped(name, data_folder("weather"))
@@ -155,12 +154,10 @@ def check_new_name(name: str, *, overwrite: bool = False) -> Path:
         msg = f"'{name}' cannot name a weather record: use up to 64 lower-case letters, digits, and . _ - (the first a letter or digit)."
         raise WeatherError(msg)
     if name in _manifest(data_folder("weather")):
-        msg = f"'{name}' is the name of a shipped weather record, which never changes. Choose another name."
-        raise WeatherError(msg)
+        refuse(f"'{name}' is the name of a shipped weather record, which never changes. Choose another name.", WeatherError)
     path = user_folder() / f"{name}.parquet"
     if path.exists() and not overwrite:
-        msg = f"There is a weather record '{name}' already ({path}). Choose another name, or replace it with --replace."
-        raise WeatherError(msg)
+        refuse(f"There is a weather record '{name}' already ({path}). Choose another name, or replace it with --replace.", WeatherError)
     return path
 
 

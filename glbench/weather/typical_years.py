@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from glbench.errors import WeatherError
+from glbench.errors import WeatherError, refuse
 from glbench.outside_tables import HOUR, TextTable, read_stamps, split_table
 from glbench.untrusted import visible
 from glbench.weather import record
@@ -98,13 +98,11 @@ def parse_epw(text: str, file: str) -> Reading:
     )
     for i, (number, fields) in enumerate(rows):
         if i and (stray := next(between, number)) != number:
-            msg = f"{file}, row {stray}: '{visible(lines[stray - 1][:60])}' is no row of an EPW. Correct the file."
-            raise WeatherError(msg)
+            refuse(f"{file}, row {stray}: '{visible(lines[stray - 1][:60])}' is no row of an EPW. Correct the file.", WeatherError)
         if len(fields) < len(_EPW_FIELDS):
             table.refuse(f"{len(fields)} fields instead of at least {len(_EPW_FIELDS)}. Is the file whole?", i)
     if not rows:
-        msg = f"{file} holds no hourly values. Is it the right file, and whole?"
-        raise WeatherError(msg)
+        refuse(f"{file} holds no hourly values. Is it the right file, and whole?", WeatherError)
     notes: list[str] = []
     ends = _epw_ends(table, notes)
     columns = {quantity: table.numbers(*field) for quantity, field in _EPW_COLUMNS.items()}

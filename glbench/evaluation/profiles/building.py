@@ -24,7 +24,7 @@ from glbench.env.scenario import RunScenarios
 from glbench.episodes import ActionLog, Replay, Trace, chosen_rows
 from glbench.episodes.header import definition_json, task_of
 from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
-from glbench.errors import GlbenchError, ResultError
+from glbench.errors import GlbenchError, ResultError, refuse
 from glbench.evaluation.profiles import record
 from glbench.evaluation.profiles.record import SCHEMA, VERSION, Profile, profile_path, read_profile
 from glbench.evaluation.records import RecordReference, Result
@@ -338,8 +338,7 @@ def load_profile(result: Result, path: Path) -> Profile | None:
         raise ResultError(msg)
     misfit = _misfit(result, profile)
     if misfit:
-        msg = f"{file} does not fit {path.name}: {misfit}. Delete it and run `glbench report --complete`."
-        raise ResultError(msg)
+        refuse(f"{file} does not fit {path.name}: {misfit}. Delete it and run `glbench report --complete`.", ResultError)
     return profile
 
 

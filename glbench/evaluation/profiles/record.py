@@ -166,8 +166,7 @@ def read_profile(path: Path) -> Profile:
         raise ResultError(msg) from error
     kind = (document.get("schema"), document.get("schema_version")) if isinstance(document, dict) else None
     if kind != (SCHEMA, VERSION):
-        msg = f"{path} is no profile that this glbench reads (schema {quoted(kind)}, expected {(SCHEMA, VERSION)})."
-        raise ResultError(msg)
+        refuse(f"{path} is no profile that this glbench reads (schema {quoted(kind)}, expected {(SCHEMA, VERSION)}).", ResultError)
     try:
         _Document.model_validate(document)
     except ValidationError as error:

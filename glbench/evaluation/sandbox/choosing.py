@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final, Literal, NoReturn
 
 from glbench.agents import Identity, LoadedAgent, identify, load_agent
-from glbench.errors import GlbenchError, SandboxError, SubmissionError, did_you_mean
+from glbench.errors import GlbenchError, SandboxError, SubmissionError, did_you_mean, refuse
 from glbench.tasks import TaskCard
 
 SandboxChoice = Literal["auto", "bubblewrap", "none"]
@@ -103,8 +103,7 @@ def keep_out_of_sight(round_file: Path, agents: Iterable[Protected]) -> None:
 
 def _check_choice(choice: str) -> None:
     if choice not in CHOICES:
-        msg = f"There is no sandbox '{choice}'.{did_you_mean(choice, CHOICES)}"
-        raise GlbenchError(msg)
+        refuse(f"There is no sandbox '{choice}'.{did_you_mean(choice, CHOICES)}", GlbenchError)
 
 
 def _loaded(agent: LoadedAgent, choice: SandboxChoice) -> Protected:
@@ -123,5 +122,4 @@ def _loaded(agent: LoadedAgent, choice: SandboxChoice) -> Protected:
 
 
 def _not_here(task: TaskCard) -> NoReturn:
-    msg = f"The agent for {task.id} lives in a sandbox and cannot be made in this process."
-    raise SubmissionError(msg)
+    refuse(f"The agent for {task.id} lives in a sandbox and cannot be made in this process.", SubmissionError)

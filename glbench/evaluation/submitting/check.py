@@ -19,7 +19,7 @@ from glbench.agents.identity import FORM_WORDS, Identity, baseline_names, is_bui
 from glbench.agents.loading import find_submission
 from glbench.agents.protocol import Agent
 from glbench.env import Simulation
-from glbench.errors import GlbenchError, SandboxError, SubmissionError
+from glbench.errors import GlbenchError, SandboxError, SubmissionError, refuse
 from glbench.evaluation.limits import Failure, TimeLimits
 from glbench.evaluation.runners import AgentRunner, Decision
 from glbench.evaluation.sandbox.choosing import Protection, SandboxChoice, protection_of
@@ -76,8 +76,7 @@ def check_submission(
     began = time.monotonic()
     spec = task if isinstance(task, TaskSpec) else get_task(task)
     if str(ref) in baseline_names() and not Path(ref).exists():
-        msg = f"'{ref}' is a baseline of glbench and no submission: there is nothing to check. Evaluate it."
-        raise SubmissionError(msg)
+        refuse(f"'{ref}' is a baseline of glbench and no submission: there is nothing to check. Evaluate it.", SubmissionError)
     path = find_submission(ref)
     if is_built_in(path):
         return _look_at_settings(path, spec, began)
