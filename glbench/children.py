@@ -41,8 +41,7 @@ def end_with_parent() -> None:
 def worker(target: Callable[..., object], *arguments: Any, connections: Sequence[Any] = ()) -> SpawnProcess:
     """A process, not yet started, that calls ``target(*connections, *arguments)`` and ends with its parent.
 
-    Slow imports, such as PyTorch, happen after the process is tied to its parent: all arguments except ``connections``
-    is unpickled then.
+    Slow imports, such as PyTorch, happen after the process is tied to its parent: all arguments except ``connections`` are unpickled then.
     """
     call = pickle.dumps((target, arguments))
     return multiprocessing.get_context("spawn").Process(target=_call, args=(call, *connections))

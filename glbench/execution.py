@@ -1,7 +1,6 @@
 """Executors run jobs in this process, in processes of this machine, or on a Ray cluster, with the interface of ``concurrent.futures``.
 
-``submit`` takes a function and its arguments, and ``as_completed`` yields jobs in the order in which they end. In
-addition:
+``submit`` takes a function and its arguments, and ``as_completed`` yields jobs in the order in which they end. In addition:
 
 - A job sends progress and events to its listener, which ``as_completed`` calls in the thread that waits. If the listener raises, the job
   stops.
@@ -76,8 +75,7 @@ class JobContext:
     Attributes
     ----------
     folder
-        The job's working folder, with the files of an earlier try; ``None`` for a job that was submitted without a
-        folder.
+        The job's working folder, with the files of an earlier try; ``None`` for a job that was submitted without a folder.
     """
 
     def __init__(self, folder: Path | None, listener: Callable[[Any], object]) -> None:
@@ -131,8 +129,7 @@ class Future:
         Raises
         ------
         Exception
-            What the job or its listener raised. Errors of glbench from another process are unchanged; all others become
-            ``JobError``.
+            What the job or its listener raised. Errors of glbench from another process are unchanged; all others become ``JobError``.
         WorkerLostError
             When its workers were lost.
         """

@@ -70,10 +70,9 @@ def controller(
     read
         Reads what a card calls the settings (a file or folder): rules, a grower's page, trained policies, recorded actions.
     version
-        Part of the digest of every agent of this controller. The source may change as long as the actions stay the
-        same; ``baselines/lock.toml`` records the actions of the shipped baselines, and a test compares them. If the
-        actions change, the version must change. The first version of older controllers is the SHA-256 of their source
-        when their first results were released.
+        Part of the digest of every agent of this controller. The source may change as long as the actions stay the same;
+        ``baselines/lock.toml`` records the actions of the shipped baselines, and a test compares them. If the actions change, the version
+        must change. The first version of older controllers is the SHA-256 of their source when their first results were released.
     sees
         What the controller is shown.
     information

@@ -3,12 +3,11 @@
 Each form has a function ``*_agent(submission, task)``. torch, Stable-Baselines3 and onnxruntime are imported when such an agent is made,
 and never before.
 
-A run has the same bits alone and among others, from libraries whose matrix products round by the size of the batch. A library picks
-another order of summation for one row than for thirty, and sometimes another for odd widths, depending on where a row is in memory.
-So a policy is always asked with the same number of rows, filled up with zeros. Whether a row's place in that block matters is
-tried out once, with the policy itself: rows are moved through all places. Where it does matter, the policy is asked row by row,
-from one and the same piece of memory; that is slower and cannot depend on anything else. Observations are normalised element by
-element.
+A run has the same bits alone and among others, from libraries whose matrix products round by the size of the batch. A library picks another
+order of summation for one row than for thirty, and sometimes another for odd widths, depending on where a row is in memory. So a policy is
+always asked with the same number of rows, filled up with zeros. Whether a row's place in that block matters is tried out once, with the
+policy itself: rows are moved through all places. Where it does matter, the policy is asked row by row, from one and the same piece of
+memory; that is slower and cannot depend on anything else. Observations are normalised element by element.
 """
 
 from __future__ import annotations

@@ -39,8 +39,7 @@ def report(
 ) -> None:
     """Make a page of all results: leaderboard, agents, comparisons, tasks. It works offline and on a phone.
 
-    Results are read from OUT/results and from the released results that come with glbench.
-    Nothing is simulated, but for --complete.
+    Results are read from OUT/results and from the released results that come with glbench. Nothing is simulated, but for --complete.
     """
     require("The report", "report", "jinja2", "plotly")
     from glbench.report import write_report

@@ -483,8 +483,7 @@ def _send_style(stream: rr.RecordingStream, curve: Curve, label: str | None, col
 def blueprint(runs: RunSet, *, live: bool = False, plain: bool = False) -> rrb.Blueprint:
     """The layout for ``runs``: an overview that a grower reads at a glance, a page a group, and the panels for experts folded away.
 
-    A ``live`` one follows the newest values and keeps the last days before them in view. A ``plain`` one, for pictures, has no
-    menu either.
+    A ``live`` one follows the newest values and keeps the last days before them in view. A ``plain`` one, for pictures, has no menu either.
     """
     layout = _Layout(runs, live=live)
     views = layout.views

@@ -199,9 +199,8 @@ def training_name(entry: Row, training: Row) -> str:
 def entry_facts(entry: Row, entries: Mapping[tuple[str, str], ReportEntry], blocks: Mapping[tuple[str, str], str]) -> list[dict[str, Any]]:
     """What the page shows of one row of a leaderboard: a result, or several trainings as one and then one by one.
 
-    ``entries`` are by task id and ``results_digest``, ``blocks`` are the names of their profiles. Of several
-    trainings the values are means over them, run by run, so that all that is linear in amounts can be computed again; days and seasons are
-    those of the first.
+    ``entries`` are by task id and ``results_digest``, ``blocks`` are the names of their profiles. Of several trainings the values are means
+    over them, run by run, so that all that is linear in amounts can be computed again; days and seasons are those of the first.
     """
     items = [entries[row.task_id, row.results_digest] for row in entry.results]
     results = [

@@ -194,8 +194,7 @@ def read_csv(
     Raises
     ------
     WeatherError
-        When a column, unit or comment is missing or unknown, a value is not a number, or the hours have gaps; names file, row
-        and value.
+        When a column, unit or comment is missing or unknown, a value is not a number, or the hours have gaps; names file, row and value.
     """
     path = Path(path)
     text = read_text(path, WeatherError)

@@ -39,9 +39,8 @@ class Protected:
 def protect(agent: LoadedAgent | str | Path, choice: SandboxChoice) -> Protected:
     """Decide how ``agent`` runs, and load it in this process only if it is to run in it.
 
-    ``"bubblewrap"`` puts every submission into a sandbox, and ``"none"`` none. ``"auto"`` does what ``"bubblewrap"`` does, but where
-    there can be no sandbox it lets examples of glbench run that nobody changed. Built-in controllers are glbench's own code and never
-    sandboxed.
+    ``"bubblewrap"`` puts every submission into a sandbox, and ``"none"`` none. ``"auto"`` does what ``"bubblewrap"`` does, but where there
+    can be no sandbox it lets examples of glbench run that nobody changed. Built-in controllers are glbench's own code and never sandboxed.
 
     Raises
     ------
