@@ -74,10 +74,8 @@ class ArrayFile:
     def at(cls, file: Path, largest: int = 64 * MIB) -> ArrayFile:
         """The arrays in ``file``, which takes at most ``largest`` bytes, packed and unpacked.
 
-        Raises
-        ------
-        OSError, ValueError
-            When the file cannot be read, is larger, or holds anything else. The message completes a sentence that begins with "it".
+        Raises ``OSError``, ``ValueError`` when the file cannot be read, is larger, or holds anything else. The message completes a sentence
+        that begins with "it".
         """
         return cls.of(read_regular(file, largest), largest)
 
@@ -172,13 +170,7 @@ class ArrayFile:
 
 
 def checked_facts(facts: object) -> dict[str, str | int | float]:
-    """A table of texts and finite numbers.
-
-    Raises
-    ------
-    ValueError
-        When it is none.
-    """
+    """A table of texts and finite numbers. Raises ``ValueError`` when it is none."""
     if not isinstance(facts, dict):
         refuse(f"{quoted(facts)} is not a table")
     for name, value in facts.items():

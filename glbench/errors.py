@@ -70,13 +70,7 @@ class ArchiveError(GlbenchError):
 
 
 def whole_number(value: object, what: str) -> int:
-    """``value`` as an int.
-
-    Raises
-    ------
-    GlbenchError
-        When it is none, with ``what`` it is of: ``"The number of runs"``.
-    """
+    """``value`` as an int. Raises ``GlbenchError`` when it is none, with ``what`` it is of: ``"The number of runs"``."""
     if isinstance(value, bool) or not hasattr(type(value), "__index__"):
         msg = f"{what} is a whole number; got {value!r}."
         raise GlbenchError(msg)
@@ -84,13 +78,7 @@ def whole_number(value: object, what: str) -> int:
 
 
 def refuse(reason: str, error: type[Exception] = ValueError) -> NoReturn:
-    """Raise ``error`` with ``reason``; a validator of pydantic or a reader of untrusted data refuses a value by ``ValueError``.
-
-    Raises
-    ------
-    error
-        Always.
-    """
+    """Raise ``error`` with ``reason``; a validator of pydantic or a reader of untrusted data refuses a value by ``ValueError``."""
     raise error(reason)
 
 

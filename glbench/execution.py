@@ -93,10 +93,7 @@ class JobContext:
     def ask(self, event: Any) -> None:
         """Send an event, and wait until the listener has returned.
 
-        Raises
-        ------
-        Exception
-            When the listener raised: its own exception if the job runs in this process, else ``StopJob``.
+        Raises ``Exception`` when the listener raised: its own exception if the job runs in this process, else ``StopJob``.
         """
         self._listener(event)
 
@@ -444,13 +441,7 @@ class RayExecutor(Executor):
         self._running = dict[Any, Future]()
 
     def __enter__(self) -> Self:
-        """Connect to the cluster, or start it.
-
-        Raises
-        ------
-        GlbenchError
-            When it cannot be reached or started.
-        """
+        """Connect to the cluster, or start it. Raises ``GlbenchError`` when it cannot be reached or started."""
         with _keep_signal_handlers():
             self._connect()
         try:

@@ -20,10 +20,7 @@ _INSTALL_NAMES = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-
 def require(what: str, extra: str, *modules: str) -> None:
     """Check, without importing them, that the packages of an optional part of glbench are installed.
 
-    Raises
-    ------
-    GlbenchError
-        When one of them is missing; the message says how to install it.
+    Raises ``GlbenchError`` when one of them is missing; the message says how to install it.
     """
     absent = missing(*modules)
     if absent:
@@ -37,10 +34,7 @@ def require(what: str, extra: str, *modules: str) -> None:
 def need(module: str, what: str) -> Any:
     """Import ``module``, which ``what`` ("a TorchScript policy") cannot do without.
 
-    Raises
-    ------
-    SubmissionError
-        When it is not installed, with the command that installs it; or when it is broken.
+    Raises ``SubmissionError`` when it is not installed, with the command that installs it; or when it is broken.
     """
     top = module.partition(".")[0]
     try:

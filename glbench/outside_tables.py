@@ -103,12 +103,8 @@ class Check:
 def read_text(path: Path, refusal: type[GlbenchError]) -> str:
     """Text of a file, in any of the encodings that programs for tables write, with the line ends of Unix.
 
-    A zip or gzip archive with one file inside is opened.
-
-    Raises
-    ------
-    refusal
-        When the file cannot be read, is larger than 256 MiB, or is no text (a workbook, a PDF document, a web page).
+    A zip or gzip archive with one file inside is opened. Raises ``refusal`` when the file cannot be read, is larger than 256 MiB, or is no
+    text (a workbook, a PDF document, a web page).
     """
     try:
         with open_regular(path) as file:
@@ -213,26 +209,14 @@ class TextTable:
     notes: tuple[str, ...] = ()
 
     def refuse(self, problem: str, row: int | None = None, title: str | None = None) -> NoReturn:
-        """Raise the error for ``problem``, with the row (from 0, by its line in the file) and the column.
-
-        Raises
-        ------
-        refusal
-            Always.
-        """
+        """Raise the error for ``problem``, with the row (from 0, by its line in the file) and the column. Always raises ``refusal``."""
         where = "" if row is None else f", row {self.lines[row]}"
         column = "" if title is None else f", column '{visible(title)}'"
         msg = f"{self.file}{where}{column}: {problem}"
         raise self.refusal(msg)
 
     def texts(self, title: str) -> list[str]:
-        """Texts of the column ``title``, a row each.
-
-        Raises
-        ------
-        refusal
-            When there is no such column; names the nearest.
-        """
+        """Texts of the column ``title``, a row each. Raises ``refusal`` when there is no such column; names the nearest."""
         if title not in self.titles:
             self.refuse(f"there is no column '{visible(title)}'.{did_you_mean(title, self.titles)}")
         position = self.titles.index(title)
@@ -241,10 +225,7 @@ class TextTable:
     def numbers(self, title: str, sentinels: Iterable[float] = ()) -> FloatArray:
         """Numbers of the column ``title`` ``(rows,)``; NaN where the value is missing, as ``MISSING`` or one of ``sentinels``.
 
-        Raises
-        ------
-        refusal
-            For a text that is no finite number; names row, column and value.
+        Raises ``refusal`` for a text that is no finite number; names row, column and value.
         """
         values = np.empty(len(self.rows))
         for i, text in enumerate(self.texts(title)):
@@ -293,6 +274,9 @@ def split_table(
 ) -> TextTable:
     """The table in ``text``: delimiter, titles and decimal sign are recognised.
 
+    Raises ``refusal`` when there are no titles or no rows, a row has too few or too many fields, or the decimal sign is unclear; names the
+    row.
+
     Parameters
     ----------
     text, file, refusal
@@ -302,11 +286,6 @@ def split_table(
         as most lines; a line of units below it is joined to it.
     decimal
         The decimal sign, where the caller knows it.
-
-    Raises
-    ------
-    refusal
-        When there are no titles or no rows, a row has too few or too many fields, or the decimal sign is unclear; names the row.
     """
     if re.match(r"\s*(\{|\[\s*\{)", text):
         text = _of_json(text, file, refusal)
@@ -437,12 +416,8 @@ def _are_units(fields: Sequence[str], width: int) -> bool:
 def _decimal(table: TextTable, delimiter: str) -> str:
     """The decimal sign of a table's numbers.
 
-    Where all commas could set thousands apart, semicolons between the columns tell: programs write them where numbers have commas.
-
-    Raises
-    ------
-    refusal
-        When some have a point and some a comma, or all commas could set thousands apart.
+    Where all commas could set thousands apart, semicolons between the columns tell: programs write them where numbers have commas. Raises
+    ``refusal`` when some have a point and some a comma, or all commas could set thousands apart.
     """
     comma = point = thousands = None
     for i, row in enumerate(table.rows):
@@ -543,7 +518,8 @@ def read_stamps(table: TextTable, titles: Sequence[str], order: DateOrder | None
 
     Dates may be ``2024-02-13``, ``2024/02/13``, ``20240213``, ``13-02-2024``, ``13.02.2024``, ``13/02/24`` or ``02/13/2024``, times
     ``23:00``, ``23:00:00``, ``2300`` or ``11:00 PM``, with or without an offset (``Z``, ``+01:00``); an interval as ENTSO-E writes it
-    (``01.01.2024 00:00 - 01.01.2024 01:00``), Excel's days and Unix seconds are read, too.
+    (``01.01.2024 00:00 - 01.01.2024 01:00``), Excel's days and Unix seconds are read, too. Raises ``refusal`` for a stamp that does not
+    exist or cannot be read, and where day and month cannot be told apart; names the row.
 
     Parameters
     ----------
@@ -551,11 +527,6 @@ def read_stamps(table: TextTable, titles: Sequence[str], order: DateOrder | None
         The table, and one or two of its columns.
     order
         Whether day or month comes first, where the caller knows it. By default it is recognised from all dates.
-
-    Raises
-    ------
-    refusal
-        For a stamp that does not exist or cannot be read, and where day and month cannot be told apart; names the row.
     """
     columns = [table.texts(title) for title in titles]
     texts = columns[0] if len(columns) == 1 else [" ".join(parts) for parts in zip(*columns, strict=True)]
@@ -689,7 +660,8 @@ def utc_of_local(table: TextTable, seconds: IntArray, zone: ZoneInfo, name: str,
     """Seconds since 1970-01-01 UTC of stamps on the clock of ``zone``, in the order of the rows.
 
     The hour that an autumn clock shows twice is told apart by the order: the first time in summer time, then in standard time. An hour
-    that it shows only once there (as a computer writes that overwrites the first) is summer time.
+    that it shows only once there (as a computer writes that overwrites the first) is summer time. Raises ``refusal`` for a stamp that a
+    spring clock skips; names the row.
 
     Parameters
     ----------
@@ -701,11 +673,6 @@ def utc_of_local(table: TextTable, seconds: IntArray, zone: ZoneInfo, name: str,
         Zone of the clock.
     step
         Usual distance of stamps [s].
-
-    Raises
-    ------
-    refusal
-        For a stamp that a spring clock skips; names the row.
     """
 
     @functools.lru_cache(maxsize=65536)

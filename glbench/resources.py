@@ -124,10 +124,7 @@ def is_released(path: Path) -> bool:
 def user_data_folder() -> Path:
     """Folder for data the user adds (imported weather); ``GLBENCH_DATA`` overrides the platform's default.
 
-    Raises
-    ------
-    GlbenchError
-        When it is not set and the user has no home folder.
+    Raises ``GlbenchError`` when it is not set and the user has no home folder.
     """
     return _user_folder("GLBENCH_DATA", "XDG_DATA_HOME", ".local/share")
 
@@ -153,10 +150,7 @@ def _user_folder(variable: str, of_platform: str, usual: str) -> Path:
 def write_atomically(path: Path, data: bytes | str) -> None:
     """Write ``data`` to ``path`` so that a reader sees the old file or the new one, never a part.
 
-    Raises
-    ------
-    GlbenchError
-        When the folder cannot be made or written to (missing permission, full disk, a file in the way).
+    Raises ``GlbenchError`` when the folder cannot be made or written to (missing permission, full disk, a file in the way).
     """
     import tempfile  # not at the top: sandboxed agents, who write nothing, would wait for it
 

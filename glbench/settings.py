@@ -107,10 +107,7 @@ def validated(
 def read_toml(file: Path) -> dict[str, Any]:
     """The content of a small TOML file from an untrusted source.
 
-    Raises
-    ------
-    SubmissionError
-        When it is not TOML; the message continues a sentence that begins with "it", and has no full stop.
+    Raises ``SubmissionError`` when it is not TOML; the message continues a sentence that begins with "it", and has no full stop.
     """
     text = ""
     try:

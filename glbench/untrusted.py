@@ -41,10 +41,7 @@ _STEERING = frozenset("\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2
 def read_regular(path: Path, largest: int) -> bytes:
     """Content of the regular file ``path``, which has at most ``largest`` bytes.
 
-    Raises
-    ------
-    OSError
-        When it is missing, cannot be read, is larger, or is a folder, a pipe or a device. A pipe is not waited for.
+    Raises ``OSError`` when it is missing, cannot be read, is larger, or is a folder, a pipe or a device. A pipe is not waited for.
     """
     with open_regular(path) as file:
         size = os.fstat(file.fileno()).st_size
@@ -57,10 +54,7 @@ def read_regular(path: Path, largest: int) -> bytes:
 def open_regular(path: Path) -> Iterator[IO[bytes]]:
     """The regular file ``path``, open for reading without a buffer.
 
-    Raises
-    ------
-    OSError
-        When it is missing, cannot be read, or is a folder, a pipe or a device. A pipe is not waited for.
+    Raises ``OSError`` when it is missing, cannot be read, or is a folder, a pipe or a device. A pipe is not waited for.
     """
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
     try:
@@ -99,12 +93,8 @@ def real_path(path: Path) -> Path:
 def opened_archive(file: Path) -> Iterator[ZipFile]:
     """The archive in ``file``.
 
-    Raises
-    ------
-    ValueError
-        When its table of contents is too long.
-    OSError, zipfile.BadZipFile, NotImplementedError
-        As ``ZipFile`` does.
+    Raises ``ValueError`` when its table of contents is too long, and ``OSError``, ``zipfile.BadZipFile``, ``NotImplementedError`` as
+    ``ZipFile`` does.
     """
     with _InPieces(file) as stream, ZipFile(stream) as archive:
         yield archive
@@ -127,12 +117,8 @@ class _InPieces(io.FileIO):
 def gunzip(data: bytes, largest: int) -> bytes:
     """The content of a gzip file.
 
-    Raises
-    ------
-    OSError, EOFError, zlib.error
-        When it is damaged.
-    ValueError
-        When it expands to more than ``largest`` bytes; no more than that is ever held.
+    Raises ``OSError``, ``EOFError``, ``zlib.error`` when it is damaged, and ``ValueError`` when it expands to more than ``largest`` bytes;
+    no more than that is ever held.
     """
     with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
         content = read_pieces(file.read, largest + 1)
@@ -153,11 +139,8 @@ def read_pieces(read: Callable[[int], bytes], most: int) -> bytes:
 def parse_json(text: bytes | str) -> Any:
     """The value of a JSON text.
 
-    Raises
-    ------
-    ValueError
-        When it is no JSON, holds an integer of thousands of digits, is nested too deeply, or is too crowded. ``json.JSONDecodeError``
-        is one.
+    Raises ``ValueError`` when it is no JSON, holds an integer of thousands of digits, is nested too deeply, or is too crowded.
+    ``json.JSONDecodeError`` is one.
     """
     refuse_crowd(text)
     if text[:3] == b"\xef\xbb\xbf" or text[:1] == "\ufeff":
@@ -194,10 +177,7 @@ def place_of(parts: Iterable[object]) -> str:
 def refuse_crowd(text: bytes | str) -> None:
     """Refuse a JSON text of so many small parts that they would fill the memory.
 
-    Raises
-    ------
-    ValueError
-        When it has more than ``MOST_MARKS`` objects, lists and keys.
+    Raises ``ValueError`` when it has more than ``MOST_MARKS`` objects, lists and keys.
     """
     marks = sum(map(text.count, "{[:")) if isinstance(text, str) else sum(map(text.count, (b"{", b"[", b":")))
     if marks > MOST_MARKS:
@@ -260,13 +240,7 @@ def steers(letter: str) -> bool:
 
 
 def one_line(text: str) -> str:
-    """``text``, if it can be shown on one line.
-
-    Raises
-    ------
-    ValueError
-        When it holds a character that steers a terminal or ends the line.
-    """
+    """``text``, if it can be shown on one line. Raises ``ValueError`` when it holds a character that steers a terminal or ends the line."""
     if text.isascii() and text.isprintable():  # as nearly all
         return text
     strange = next((letter for letter in text if steers(letter)), None)

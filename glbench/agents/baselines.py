@@ -112,10 +112,7 @@ class Baseline:
     def make(self, task: TaskCard) -> Agent | PrivilegedController | ScenarioController:
         """A new controller; what else there is to know of its task it learns on reset.
 
-        Raises
-        ------
-        SubmissionError
-            When it reads the state of another model, or cannot be made with its settings.
+        Raises ``SubmissionError`` when it reads the state of another model, or cannot be made with its settings.
         """
         if self.sees == "state" and not set(get_model(PAPER_MODEL).state_names) <= set(get_model(task.model).state_names):
             msg = (
@@ -130,10 +127,7 @@ class Baseline:
 def read_baseline(ref: str | Path) -> Baseline:
     """Baseline of a shipped name (str), or from a folder (Path) with ``card.toml`` and custom settings.
 
-    Raises
-    ------
-    SubmissionError
-        When there is none of that name, or card or settings cannot be used.
+    Raises ``SubmissionError`` when there is none of that name, or card or settings cannot be used.
     """
     if not isinstance(ref, Path | str):
         refuse(f"A baseline is named by its name or its folder; got {ref!r}. Baselines: {', '.join(baseline_names())}.", SubmissionError)

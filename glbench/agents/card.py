@@ -160,13 +160,7 @@ class SubmissionCard(_Table):
 
 
 def read_card(file: Path) -> SubmissionCard:
-    """Read a card.
-
-    Raises
-    ------
-    SubmissionError
-        When it cannot be read, or with everything that is wrong in it.
-    """
+    """Read a card. Raises ``SubmissionError`` when it cannot be read, or with everything that is wrong in it."""
     card, problems = check_card(file)
     if card is None:
         refuse(f"The card {file} cannot be used: {'; '.join(problems)}. docs/submit.md explains every key.", SubmissionError)

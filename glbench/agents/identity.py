@@ -269,12 +269,8 @@ class Identity:
 def identify(ref: str | Path) -> Identity | None:
     """The submission at ``ref``, or ``None`` where ``ref`` names no code but glbench's own: a baseline, or settings for one.
 
-    Also ``None`` where there is nothing at all; ``load_agent`` says what is missing.
-
-    Raises
-    ------
-    SubmissionError
-        When a submission is there that cannot have a result: a name that cannot be a file's, files that cannot be read, a wrong card.
+    Also ``None`` where there is nothing at all; ``load_agent`` says what is missing. Raises ``SubmissionError`` when a submission is there
+    that cannot have a result: a name that cannot be a file's, files that cannot be read, a wrong card.
     """
     if isinstance(ref, str) and ref in baseline_names():
         return None

@@ -38,12 +38,8 @@ def import_file(file: Path, name: str, folder: Path | None) -> ModuleType:
     """Execute ``file`` as a new module called ``name`` and return it.
 
     ``folder`` is the submission's folder when it is one; its other modules can then be imported, by ``from . import helper`` at
-    any time and by ``import helper`` while the submission is being loaded.
-
-    Raises
-    ------
-    SubmissionError
-        When the file is no valid Python, or raises. The message holds the last line of the traceback and the place.
+    any time and by ``import helper`` while the submission is being loaded. Raises ``SubmissionError`` when the file is no valid Python, or
+    raises. The message holds the last line of the traceback and the place.
     """
     try:
         code = compile(file.read_bytes(), str(file), "exec", dont_inherit=True)
@@ -249,16 +245,13 @@ class LoadedAgent:
 def load_agent(ref: str | Path) -> LoadedAgent:
     """Load the agent that ``ref`` names. Of a Python submission the file is run; a saved policy is opened when the agent is made.
 
+    Raises ``SubmissionError`` when there is no such thing, or it cannot be loaded; the message says what to do.
+
     Parameters
     ----------
     ref : str or Path
         Name of a baseline, or path of a submission: a Python file, a saved policy, or a folder with ``agent.py``, with a saved policy,
         or with ``card.toml`` (custom settings for a built-in controller).
-
-    Raises
-    ------
-    SubmissionError
-        When there is no such thing, or it cannot be loaded; the message says what to do.
     """
     if isinstance(ref, str) and ref in identity.baseline_names():
         return _baseline(ref, ref, "baseline")

@@ -131,12 +131,8 @@ class PerRunAgent:
     def act(self, observations: Observations, /) -> Actions:
         """Ask every agent for its row.
 
-        Raises
-        ------
-        ActionError
-            When an agent returns something other than one row of numbers, as long as the other agents' rows.
-        ShapeError
-            When there are not as many rows as runs were announced to ``reset``.
+        Raises ``ActionError`` when an agent returns something other than one row of numbers, as long as the other agents' rows, and
+        ``ShapeError`` when there are not as many rows as runs were announced to ``reset``.
         """
         check_runs(observations, len(self.agents))
         # Own copies: an agent that changes its observation in place must not change what others see or what is recorded.

@@ -98,10 +98,7 @@ class RuleSettings(Table):
 def read_rule_settings(path: Path) -> RuleSettings:
     """Read settings from the YAML file ``path``.
 
-    Raises
-    ------
-    SubmissionError
-        When the file is missing, is no YAML mapping, lacks a setting, or has an unknown or impossible one.
+    Raises ``SubmissionError`` when the file is missing, is no YAML mapping, lacks a setting, or has an unknown or impossible one.
     """
     return read_settings(RuleSettings, path, "the rule settings")
 
@@ -295,6 +292,8 @@ class RuleBasedController:
     def controls(self, x: Array, d: Array, hour_of_day: float | Array, day_of_year: float | Array, /) -> Array:
         """Controls (n, 6) for the step that begins now, fractions of capacity.
 
+        Raises ``ShapeError`` when x or d has another shape.
+
         Parameters
         ----------
         x : ndarray (n, states)
@@ -303,11 +302,6 @@ class RuleBasedController:
             Disturbance acting in the step.
         hour_of_day, day_of_year : float or ndarray (n,)
             Clock at the start of the step [h], [day], one number or one a run.
-
-        Raises
-        ------
-        ShapeError
-            When x or d has another shape.
         """
         return self._rules.controls(privileged_inputs(x, d, hour_of_day, day_of_year))
 
@@ -361,10 +355,8 @@ class FairRuleBasedAgent(ObservedController):
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """Forget the weather; ``n_runs`` runs of ``task`` begin.
 
-        Raises
-        ------
-        SubmissionError
-            When the task does not show a quantity that the rules need, or has another kind of actuation or of greenhouse.
+        Raises ``SubmissionError`` when the task does not show a quantity that the rules need, or has another kind of actuation or of
+        greenhouse.
         """
         self.check_actuation(task)
         self._controls = [control.name for control in task.controls][:6]

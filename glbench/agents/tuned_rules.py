@@ -262,12 +262,8 @@ class TunedRulesAgent(ObservedController):
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """Forget what was measured; ``n_runs`` runs of ``task`` begin.
 
-        Raises
-        ------
-        SubmissionError
-            When the task does not show a quantity that the rules need, has another kind of actuation, or no page is for it.
-        ShapeError
-            When there are numbers for another count of runs.
+        Raises ``SubmissionError`` when the task does not show a quantity that the rules need, has another kind of actuation, or no page is
+        for it, and ``ShapeError`` when there are numbers for another count of runs.
         """
         settings = self.settings
         if isinstance(settings, RulePages):

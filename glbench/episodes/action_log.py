@@ -143,22 +143,13 @@ def log_bytes(log: ActionLog) -> bytes:
 def is_action_log(path: Path | str) -> bool:
     """Whether ``path`` holds the actions of an evaluation, rather than one episode.
 
-    Raises
-    ------
-    EpisodeError
-        When there is no such file, or it is no MCAP file.
+    Raises ``EpisodeError`` when there is no such file, or it is no MCAP file.
     """
     return _TITLE in scan(Path(path)).metadata
 
 
 def read_log(path: Path | str) -> ActionLog:
-    """Read the actions of an evaluation.
-
-    Raises
-    ------
-    EpisodeError
-        When the file is missing, cut, damaged, or of another kind.
-    """
+    """Read the actions of an evaluation. Raises ``EpisodeError`` when the file is missing, cut, damaged, or of another kind."""
     path = Path(path)
     content = scan(path)
     words = content.metadata.get(_TITLE)

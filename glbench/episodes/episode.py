@@ -86,13 +86,7 @@ class Episode:
         return self.problem is None and self.steps == self.run.steps
 
     def __getitem__(self, name: str) -> Table:
-        """One column, ``(steps,)``.
-
-        Raises
-        ------
-        EpisodeError
-            When there is no such column, with the nearest known one.
-        """
+        """One column, ``(steps,)``. Raises ``EpisodeError`` when there is no such column, with the nearest known one."""
         for group in self.groups:
             if name in group.names:
                 return self.tables[group.name][:, group.names.index(name)]
@@ -109,10 +103,7 @@ class Episode:
     def local_times(self) -> NDArray[np.datetime64]:
         """The same moments as ``times`` on the clock of the greenhouse, ``(steps + 1,)`` datetime64[s]; summer time as the task has it.
 
-        Raises
-        ------
-        EpisodeError
-            When the record has no clock.
+        Raises ``EpisodeError`` when the record has no clock.
         """
         hours = np.concatenate([[self._start_value(CLOCK[0])], self[CLOCK[0]]])
         return local_times(self.times, hours)
@@ -149,18 +140,14 @@ class Episode:
     def to_frame(self, by: Literal["step", "time"] = "step") -> pd.DataFrame:
         """One row a step: ``utc_start`` and ``utc_end``, then every column.
 
-        ``frame.attrs`` holds units and meanings by column, the values at step 0 under ``"start"``, and task, agent and seed.
+        ``frame.attrs`` holds units and meanings by column, the values at step 0 under ``"start"``, and task, agent and seed. Raises
+        ``EpisodeError`` when ``by`` is neither.
 
         Parameters
         ----------
         by
             The index: the number of the ``"step"``, from 1, or the ``"time"`` in UTC at its end, when the climate was as the row says.
             Controls and weather of the row act until then, from ``utc_start`` on.
-
-        Raises
-        ------
-        EpisodeError
-            When ``by`` is neither.
         """
         import pandas as pd
 
@@ -317,12 +304,8 @@ def write_into(file: IO[bytes], episode: Episode, remarks: Mapping[str, Mapping[
 def write_episode(path: Path, episode: Episode) -> None:
     """Write ``episode`` to ``path``, whole or not at all.
 
-    Raises
-    ------
-    EpisodeError
-        When it is not whole itself: recovered episodes are written with ``recover``.
-    GlbenchError
-        When the file cannot be written.
+    Raises ``EpisodeError`` when it is not whole itself: recovered episodes are written with ``recover``, and ``GlbenchError`` when the file
+    cannot be written.
     """
     if episode.steps != episode.run.steps:
         msg = f"The episode has {episode.steps} steps, and its run {episode.run.steps}. Write it with `recover`, which says so in the file."
@@ -337,10 +320,7 @@ def _nanoseconds(times: NDArray[np.datetime64]) -> NDArray[np.uint64]:
 def read(path: Path | str, by: Literal["step", "time"] = "step") -> pd.DataFrame:
     """One episode as a table: one row a step, columns with units in ``frame.attrs["units"]``; see ``Episode.to_frame``.
 
-    Raises
-    ------
-    EpisodeError
-        When the file is missing, cut, damaged, or no episode, or when ``by`` is neither ``"step"`` nor ``"time"``.
+    Raises ``EpisodeError`` when the file is missing, cut, damaged, or no episode, or when ``by`` is neither ``"step"`` nor ``"time"``.
     """
     return read_episode(path).to_frame(by)
 
@@ -348,10 +328,7 @@ def read(path: Path | str, by: Literal["step", "time"] = "step") -> pd.DataFrame
 def read_episode(path: Path | str, *, partial: bool = False) -> Episode:
     """Read the episode in ``path``. With ``partial``, also what is left of a file that is cut; ``episode.problem`` says so.
 
-    Raises
-    ------
-    EpisodeError
-        When the file is missing or no episode; without ``partial`` also when it is cut or damaged.
+    Raises ``EpisodeError`` when the file is missing or no episode; without ``partial`` also when it is cut or damaged.
     """
     path = Path(path)
     content = scan(path)
@@ -461,12 +438,7 @@ def _rows(path: Path, chunks: list[bytes], topics: list[tuple[Channel, Layout]])
 def recover(path: Path | str, out: Path | str) -> Episode:
     """Write what can be read of ``path`` to ``out`` and return it. The new file says how many steps it lacks.
 
-    Raises
-    ------
-    EpisodeError
-        When nothing can be read.
-    GlbenchError
-        When ``out`` cannot be written.
+    Raises ``EpisodeError`` when nothing can be read, and ``GlbenchError`` when ``out`` cannot be written.
     """
     episode = read_episode(path, partial=True)
     buffer = io.BytesIO()
@@ -549,17 +521,14 @@ def weeks_of(run: Recorded, signals: Signals, local: NDArray[np.datetime64]) -> 
 def by_week(episode: Episode) -> pd.DataFrame:
     """The accounts of a run, one row a week, indexed by its first day on the clock of the greenhouse.
 
+    Raises ``EpisodeError`` when the record lacks a column that it needs.
+
     Returns
     -------
     pandas.DataFrame
         ``days`` that the week has, and a column for each line of the accounts: light is the mean of a day [mol m-2 d-1], all else the sum
         of the week, which for a last week of fewer days is not scaled up. ``frame.attrs`` holds ``units`` and ``titles`` by column. Heat is
         also given as natural gas: 31.65 MJ m-3, its lower heating value.
-
-    Raises
-    ------
-    EpisodeError
-        When the record lacks a column that it needs.
     """
     import pandas as pd
 

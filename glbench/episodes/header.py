@@ -106,10 +106,7 @@ class Provenance(Facts):
 def provenance_of(task: TaskSpec, agent: LoadedAgent, kernel: dict[str, str | float]) -> Provenance:
     """Provenance of an evaluation of ``agent`` on ``task`` with a kernel of that description.
 
-    Raises
-    ------
-    TaskError
-        When the task's title cannot be shown on one line.
+    Raises ``TaskError`` when the task's title cannot be shown on one line.
     """
     if any(steers(letter) for letter in task.title):
         refuse(f"The title of the task {task.id} is {task.title!r}: it must stand on one line, without control characters.", TaskError)

@@ -54,17 +54,14 @@ class Drawing(Figure):
 def climate(*episodes: Episode, days: Days | None = None) -> Drawing:
     """Temperature, humidity and CO2 of the air, with the band between the task's limits.
 
+    Raises ``EpisodeError`` without an episode, with episodes of several tasks, or when there is nothing between ``days``.
+
     Parameters
     ----------
     episodes
         Runs of one task.
     days
         First and last moment to show [days from the start of the run]; by default the whole run.
-
-    Raises
-    ------
-    EpisodeError
-        Without an episode, with episodes of several tasks, or when there is nothing between ``days``.
     """
     signals = _of_one_task(episodes)
     limits = dict(episodes[0].task().constraints.items())
@@ -85,10 +82,7 @@ def controls(*episodes: Episode, days: Days | None = None) -> Drawing:
 def money(*episodes: Episode) -> Drawing:
     """Profit, revenues, costs and, where they have prices, score and violations [EUR m-2], summed; a panel for each episode.
 
-    Raises
-    ------
-    EpisodeError
-        Without an episode, or with episodes of several tasks.
+    Raises ``EpisodeError`` without an episode, or with episodes of several tasks.
     """
     signals = _of_one_task(episodes)
     pages = (*_page(signals, "Money"), *_page(signals, "Violations"))
@@ -113,10 +107,7 @@ def money(*episodes: Episode) -> Drawing:
 def typical_day(*episodes: Episode) -> Drawing:
     """Climate and controls over the hours of the greenhouse's clock: the mean of all days, and the range that holds four of five days.
 
-    Raises
-    ------
-    EpisodeError
-        Without an episode, or with episodes of several tasks.
+    Raises ``EpisodeError`` without an episode, or with episodes of several tasks.
     """
     signals = _of_one_task(episodes)
     curves = [*(one for one in _page(signals, "Climate") if one.limits), *_controls(signals)]

@@ -153,12 +153,8 @@ def check_round(task: TaskSpec, provenance: Provenance) -> None:
 class Replay:
     """The runs ``rows`` of ``log`` (by default all), taken again step by step.
 
-    The simulation is that of the evaluation: the same code, the same seeds, the same actions.
-
-    Raises
-    ------
-    EpisodeError
-        When the draws of ``task`` are not those of ``log``: one of them is of a sealed round, or they are of two.
+    The simulation is that of the evaluation: the same code, the same seeds, the same actions. Raises ``EpisodeError`` when the draws of
+    ``task`` are not those of ``log``: one of them is of a sealed round, or they are of two.
     """
 
     def __init__(self, task: TaskSpec, log: ActionLog, rows: Sequence[int] | None = None, kernel: Stepper | None = None) -> None:
@@ -187,10 +183,7 @@ class Replay:
 def replayed_episodes(task: TaskSpec, log: ActionLog, rows: Sequence[int], kernel: Stepper | None = None) -> Iterator[Episode]:
     """Full episodes of the runs ``rows`` of ``log``, by simulating them again.
 
-    Raises
-    ------
-    ActionError
-        When a recorded action is none of the task's.
+    Raises ``ActionError`` when a recorded action is none of the task's.
     """
     replay = Replay(task, log, rows, kernel)
     trace = Trace(replay.simulation)
@@ -209,10 +202,7 @@ ACTIONS_SUFFIX = ".actions.mcap"
 def parse_selection(text: str) -> tuple[str, ...]:
     """The words of ``all``, ``none``, or a list such as ``best,worst,median`` or ``best,670`` (a seed).
 
-    Raises
-    ------
-    EpisodeError
-        For what is no text, for another word, and for ``all`` or ``none`` in a list.
+    Raises ``EpisodeError`` for what is no text, for another word, and for ``all`` or ``none`` in a list.
     """
     if not isinstance(text, str):
         refuse(f"Episodes are chosen by a text such as '{DEFAULT}'; got {text!r}.", EpisodeError)
@@ -228,12 +218,8 @@ def parse_selection(text: str) -> tuple[str, ...]:
 def chosen_rows(words: Sequence[str], seeds: Sequence[int], values: Sequence[float]) -> tuple[int, ...]:
     """Places of the chosen runs, in the order of the runs, by their ``values`` (higher is better; of equals the smaller seed).
 
-    Of an even number of runs the median is the lower of the two in the middle.
-
-    Raises
-    ------
-    EpisodeError
-        For a seed that is none of the runs'.
+    Of an even number of runs the median is the lower of the two in the middle. Raises ``EpisodeError`` for a seed that is none of the
+    runs'.
     """
     ranked = sorted(range(len(seeds)), key=lambda row: (values[row], -seeds[row]))
     named = {"best": ranked[-1], "worst": ranked[0], "median": ranked[(len(ranked) - 1) // 2]}

@@ -141,6 +141,8 @@ def evaluate(
 ) -> records.Result:
     """Evaluate an agent on a task over seeded runs.
 
+    Raises ``GlbenchError`` for an unknown task, an agent that cannot be loaded, a folder that cannot be written, impossible numbers.
+
     Parameters
     ----------
     task
@@ -178,11 +180,6 @@ def evaluate(
     Result
         Also when runs failed: look at ``result.failed``. For pandas: ``result.to_frame()`` has one row a run and units in
         ``frame.attrs["units"]``.
-
-    Raises
-    ------
-    GlbenchError
-        For an unknown task, an agent that cannot be loaded, a folder that cannot be written, impossible numbers.
     """
     evaluation = prepare(
         task,
@@ -227,12 +224,8 @@ def _finished(
 ) -> records.Result | None:
     """The stored result of this very evaluation; one from a sandbox does where none is wanted, and not the other way round.
 
-    A ``fresh`` evaluation gets ``None``: it may replace a result of the same task, but not one of another task.
-
-    Raises
-    ------
-    ResultError
-        When the result of another task stands there: of another namespace, or of the same id with another definition.
+    A ``fresh`` evaluation gets ``None``: it may replace a result of the same task, but not one of another task. Raises ``ResultError`` when
+    the result of another task stands there: of another namespace, or of the same id with another definition.
     """
     path = result_path(out, task.id, agent.name)
     if not path.exists():
@@ -318,16 +311,9 @@ class Evaluation:
     def run(self, progress: ProgressCallback | None = None, callback: StepCallback | None = None) -> records.Result:
         """Run it, from its checkpoint if there is one, and save the result; ``callback`` looks on.
 
-        Raises
-        ------
-        SubmissionError
-            When the agent cannot be made.
-        SandboxError
-            When its sandbox cannot be built.
-        SavingError
-            When the runs are over and the result, its record or its episodes cannot be written; it has the result.
-        GlbenchError
-            When another process works on the same result.
+        Raises ``SubmissionError`` when the agent cannot be made. Raises ``SandboxError`` when its sandbox cannot be built. Raises
+        ``SavingError`` when the runs are over and the result, its record or its episodes cannot be written; it has the result. Raises
+        ``GlbenchError`` when another process works on the same result.
         """
         with self.result_lock():
             computed = self.compute(progress, callback)
@@ -354,10 +340,7 @@ class Evaluation:
     def save(self, computed: Computed) -> records.Result:
         """Save what was computed, if there is a folder for it, and remove the checkpoint.
 
-        Raises
-        ------
-        GlbenchError
-            When it cannot be written.
+        Raises ``GlbenchError`` when it cannot be written.
         """
         if self.out is None:
             return computed.result
@@ -368,20 +351,14 @@ class Evaluation:
     def result_lock(self) -> AbstractContextManager[None]:
         """Hold the lock of this result, if it is to be saved.
 
-        Raises
-        ------
-        GlbenchError
-            When another process holds it, or the folder cannot be written.
+        Raises ``GlbenchError`` when another process holds it, or the folder cannot be written.
         """
         return nullcontext() if self.out is None else result_lock(self.out, self.task.id, self.agent.name)
 
     def complete_episodes(self, result: records.Result) -> None:
         """Make the full episodes that are wanted and not there yet, by replaying the recorded actions of ``result``.
 
-        Raises
-        ------
-        EpisodeError
-            When the recorded actions are missing, damaged, or of another result.
+        Raises ``EpisodeError`` when the recorded actions are missing, damaged, or of another result.
         """
         if self.path is not None and self.episodes != ("none",):
             make_episodes(self.episodes, result, self.path, self.task)

@@ -40,10 +40,7 @@ def result_path(out: Path, task_id: str, agent_name: str) -> Path:
 def save_result(result: Result, out: Path) -> Path:
     """Write ``result`` atomically to its place below ``out`` and return the path.
 
-    Raises
-    ------
-    GlbenchError
-        When the folder cannot be written.
+    Raises ``GlbenchError`` when the folder cannot be written.
     """
     path = result_path(out, result.task.id, result.agent.name)
     write_atomically(path, result.to_json())
@@ -53,10 +50,7 @@ def save_result(result: Result, out: Path) -> Path:
 def load_result(path: Path | str) -> Result:
     """Read a result file and check that it is whole and consistent.
 
-    Raises
-    ------
-    ResultError
-        When the file is missing, is no JSON, has another schema, lacks runs, or does not match its own digest.
+    Raises ``ResultError`` when the file is missing, is no JSON, has another schema, lacks runs, or does not match its own digest.
     """
     if not isinstance(path, Path | str):
         refuse(f"A result is read from its file (a path); got {path!r}.", ResultError)
@@ -80,10 +74,7 @@ def load_result(path: Path | str) -> Result:
 def ensure_writable(folder: Path) -> None:
     """Make ``folder`` and write a file of no length there: found out before the long run, not after it.
 
-    Raises
-    ------
-    GlbenchError
-        When the folder cannot be made or written to.
+    Raises ``GlbenchError`` when the folder cannot be made or written to.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -39,12 +39,8 @@ Run = Callable[[Job], Result]
 def check_fresh_draws(job: Job) -> None:
     """Refuse a job that cannot be evaluated with fresh draws, before any evaluation.
 
-    Raises
-    ------
-    TaskError
-        When the task has no test split, or the job is of another split or of a sealed round.
-    SandboxError
-        When the agent would run without a sandbox.
+    Raises ``TaskError`` when the task has no test split, or the job is of another split or of a sealed round, and ``SandboxError`` when the
+    agent would run without a sandbox.
     """
     task = job.task
     if task.splits is None or "test" not in task.splits.names:
@@ -67,7 +63,8 @@ def check_fresh_draws(job: Job) -> None:
 def add_fresh_draws(job: Job, run: Run) -> Result:
     """Evaluate the agent of the finished ``job`` again with fresh draws, and save them in its result.
 
-    Calling it again continues an interrupted evaluation. A result that already has fresh draws is returned unchanged.
+    Calling it again continues an interrupted evaluation. A result that already has fresh draws is returned unchanged. Raises
+    ``GlbenchError`` when an evaluation or a file fails, or no reference agent fits the task. Other errors as for ``check_fresh_draws``.
 
     Parameters
     ----------
@@ -80,11 +77,6 @@ def add_fresh_draws(job: Job, run: Run) -> Result:
     -------
     Result
         With ``fresh_draws``.
-
-    Raises
-    ------
-    GlbenchError
-        When an evaluation or a file fails, or no reference agent fits the task. Other errors as for ``check_fresh_draws``.
     """
     check_fresh_draws(job)
     evaluation = replace(job, options=replace(job.options, fresh=False)).prepare()

@@ -66,13 +66,7 @@ class PackedTask:
         return cls(definition_json(task), task.split or "", task.digest, kernel, sealed=task.sealed)
 
     def unpack(self) -> TaskSpec:
-        """The task.
-
-        Raises
-        ------
-        GlbenchError
-            When this machine's numbers would differ from those of the machine that packed it.
-        """
+        """The task. Raises ``GlbenchError`` when this machine's numbers would differ from those of the machine that packed it."""
         if self.version != __version__:
             msg = f"The worker has glbench {__version__}, this machine {self.version}. Install the same version on all machines."
             raise GlbenchError(msg)
@@ -98,13 +92,7 @@ class PackedAgent:
 
     @classmethod
     def of(cls, ref: str) -> PackedAgent:
-        """Pack the agent ``ref``.
-
-        Raises
-        ------
-        SubmissionError
-            When its files cannot be read.
-        """
+        """Pack the agent ``ref``. Raises ``SubmissionError`` when its files cannot be read."""
         if ref in baseline_names():
             return cls(ref)
         path = Path(ref).expanduser().resolve()
@@ -153,10 +141,7 @@ class Payload:
     def of(cls, tasks: Iterable[TaskSpec], *, for_plans: bool = False) -> Payload:
         """What ``tasks`` need; ``for_plans`` kernels are built first, derivatives included.
 
-        Raises
-        ------
-        GlbenchError
-            When a file cannot be read, or a task's weather is not there.
+        Raises ``GlbenchError`` when a file cannot be read, or a task's weather is not there.
         """
         from glbench.control.stage import judged_at_the_end  # not at the top: it brings the optimisers
 
@@ -371,12 +356,8 @@ class RunsJob:
 def compute_runs(context: JobContext, job: RunsJob) -> Computed:
     """Compute runs on a worker, from the checkpoint in the folder of ``context`` if there is one.
 
-    Raises
-    ------
-    JointAgentError
-        When the agent decides for all runs at once, and these are only a part.
-    GlbenchError
-        When the runs cannot be computed, or this machine's numbers would differ.
+    Raises ``JointAgentError`` when the agent decides for all runs at once, and these are only a part, and ``GlbenchError`` when the runs
+    cannot be computed, or this machine's numbers would differ.
     """
     with job.packed_agent.unpack() as ref:
         evaluation = prepare(
@@ -440,10 +421,7 @@ class RayEngine:
     def run(self, jobs: Sequence[Job], report: Report) -> Iterator[Outcome]:
         """Do the jobs; outcomes come in the order in which jobs end.
 
-        Raises
-        ------
-        GlbenchError
-            When the cluster cannot be reached or started.
+        Raises ``GlbenchError`` when the cluster cannot be reached or started.
         """
         payload = Payload.of({job.task.digest: job.task for job in jobs}.values())
         cores = None if self._address is not None else self._cores

@@ -333,10 +333,7 @@ class Result(Sparse):
     def values(self, metric: str) -> tuple[float, ...]:
         """One metric of all runs, in the order of the seeds, in the unit of ``units[metric]``.
 
-        Raises
-        ------
-        ResultError
-            When the result does not have the metric: an earlier or a later glbench may have measured others.
+        Raises ``ResultError`` when the result does not have the metric: an earlier or a later glbench may have measured others.
         """
         if metric not in self.units:
             msg = f"The result of {self.agent.name} on {self.task.id} has no metric '{metric}'. It has {', '.join(self.units)}."

@@ -97,10 +97,7 @@ class AgentRunner(ABC):
 def make_runner(agent: LoadedAgent, task: TaskSpec, card: TaskCard, seeds: Sequence[int], limits: TimeLimits) -> AgentRunner:
     """A fresh agent for the runs of ``task`` with ``seeds``, in this process, in the harness that fits it.
 
-    Raises
-    ------
-    SubmissionError
-        When the agent cannot be made.
+    Raises ``SubmissionError`` when the agent cannot be made.
     """
     first, n = _make_agent(agent, card, limits), len(seeds)
     if isinstance(first, PerRunAgent):
@@ -142,10 +139,8 @@ class BatchRunner(AgentRunner):
     def start(self) -> tuple[Failure, ...]:
         """Reset the agent.
 
-        Raises
-        ------
-        SubmissionError
-            When it is a controller of glbench that does not fit the task: such an evaluation is refused, and no run fails.
+        Raises ``SubmissionError`` when it is a controller of glbench that does not fit the task: such an evaluation is refused, and no run
+        fails.
         """
         answer = guarded(self._reset, self.limits.start, "reset", through=self.through)
         return (answer.failure,) if answer.failure else ()

@@ -61,13 +61,8 @@ class Computed:
 def save(computed: Computed, out: Path, task: TaskSpec, selection: Sequence[str], *, checkpointed: bool) -> Result:
     """Write result, profile, record and the episodes wanted below ``out``; the result as it is saved. Needs the lock of ``alone``.
 
-    ``checkpointed`` says whether there is a checkpoint to go on from.
-
-    Raises
-    ------
-    SavingError
-        When something cannot be written; it has the result and says what is lacking. Where there was no result yet, the result is
-        there nevertheless if it fits.
+    ``checkpointed`` says whether there is a checkpoint to go on from. Raises ``SavingError`` when something cannot be written; it has the
+    result and says what is lacking. Where there was no result yet, the result is there nevertheless if it fits.
     """
     log = computed.log
     path = result_path(out, task.id, computed.result.agent.name)
@@ -136,10 +131,7 @@ def tidy(out: Path, task_id: str, agent_name: str, checkpoint: Path) -> None:
 def result_lock(out: Path, task_id: str, agent_name: str) -> Iterator[None]:
     """Hold the lock of a result: two processes would write each other's checkpoints. Leftovers of killed processes are removed.
 
-    Raises
-    ------
-    GlbenchError
-        When another process holds it, or the folders cannot be written.
+    Raises ``GlbenchError`` when another process holds it, or the folders cannot be written.
     """
     folder = agent_folder(out, task_id, agent_name)
     path = result_path(out, task_id, agent_name)
@@ -205,10 +197,7 @@ def run_facts(runs: Iterable[RunResult]) -> tuple[RunFacts, ...]:
 def make_episodes(selection: Sequence[str], result: Result, path: Path, task: TaskSpec, folder: Path | None = None) -> tuple[Path, ...]:
     """Make the chosen full episodes of a stored result by replaying; those that are there already stay as they are.
 
-    Raises
-    ------
-    EpisodeError
-        When the recorded actions are missing, damaged, or of another result.
+    Raises ``EpisodeError`` when the recorded actions are missing, damaged, or of another result.
     """
     rows = chosen_rows(selection, [run.seed for run in result.runs], result.values(task.evaluation.metric))
     folder = folder or episodes_folder(path)
@@ -223,12 +212,8 @@ def task_of_result(result: Result, path: Path, sealed: Round | None = None) -> T
     """The task of ``result``: the published one, or a user's own as the record holds it.
 
     With the secret of a ``sealed`` round it has the draws of that round; without one, the public draws, with which the runs of a sealed
-    round cannot be simulated again.
-
-    Raises
-    ------
-    EpisodeError
-        When the result is of another version of the task, or its recorded actions cannot be used.
+    round cannot be simulated again. Raises ``EpisodeError`` when the result is of another version of the task, or its recorded actions
+    cannot be used.
     """
     task = (get_task(result.task.id) if result.task.id in task_ids() else recorded_actions(result, path).task()).scored_in(
         result.task.split
@@ -245,10 +230,7 @@ def task_of_result(result: Result, path: Path, sealed: Round | None = None) -> T
 def recorded_actions(result: Result, path: Path) -> ActionLog:
     """The recorded actions that belong to ``result``, which is at ``path``.
 
-    Raises
-    ------
-    EpisodeError
-        When they are missing, damaged, or of another result.
+    Raises ``EpisodeError`` when they are missing, damaged, or of another result.
     """
     if result.record is None:
         refuse(f"{path} has no recorded actions: it was made by an earlier glbench. Evaluate again with --fresh.", EpisodeError)
@@ -273,10 +255,8 @@ ACTIONS_FILE = "actions.npz"
 def write_recording(result: Path, seed: int, folder: Path) -> Recording:
     """Write the actions of the run with ``seed`` of the stored ``result`` as an agent into the new folder ``folder``.
 
-    Raises
-    ------
-    EpisodeError
-        When there is no such run, it failed, its record is missing or damaged, the agent set controls directly, or the folder is not empty.
+    Raises ``EpisodeError`` when there is no such run, it failed, its record is missing or damaged, the agent set controls directly, or the
+    folder is not empty.
     """
     from glbench.agents.plans import Recording
 

@@ -48,10 +48,7 @@ class FmuSetup:
     def find_task(self) -> TaskSpec:
         """The task.
 
-        Raises
-        ------
-        TaskError
-            When the task of this name is another one here than where the FMU was exported. Errors as for ``get_task``.
+        Raises ``TaskError`` when the task of this name is another one here than where the FMU was exported. Errors as for ``get_task``.
         """
         from glbench.tasks import TaskSpec
 
@@ -68,10 +65,7 @@ class FmuSetup:
 def splits_of(task: TaskSpec) -> tuple[str, ...]:
     """The splits whose seasons an FMU may show; ``("",)`` for a task without splits.
 
-    Raises
-    ------
-    TaskError
-        When the task has only a test split.
+    Raises ``TaskError`` when the task has only a test split.
     """
     if task.splits is None:
         return ("",)
@@ -88,10 +82,7 @@ def splits_of(task: TaskSpec) -> tuple[str, ...]:
 def task_in_season(task: TaskSpec, split: str, seed: float) -> TaskSpec:
     """``task`` with the scenarios of ``split``, when an FMU may show the season of ``seed`` there.
 
-    Raises
-    ------
-    TaskError
-        For a test season, an unknown split, or a seed that is not a whole number from 0 to 2**53.
+    Raises ``TaskError`` for a test season, an unknown split, or a seed that is not a whole number from 0 to 2**53.
     """
     names = splits_of(task)
     if not (0 <= seed <= LARGEST_SEED and seed == int(seed)):

@@ -26,10 +26,7 @@ _SEASONS = 30
 def base_task(page: Page) -> TaskSpec:
     """The task that the page is based on.
 
-    Raises
-    ------
-    TaskError
-        When its greenhouse is not GreenLight's, or its weather is a real one and the page asks for another.
+    Raises ``TaskError`` when its greenhouse is not GreenLight's, or its weather is a real one and the page asks for another.
     """
     base = get_task(page.base)
     names = base.model_value.parameter_names
@@ -49,12 +46,7 @@ def base_task(page: Page) -> TaskSpec:
 def task_text(page: Page, house: Greenhouse, task_id: str, source: str) -> str:
     """The task file: the base, what differs, and as comments how each parameter follows and what was assumed.
 
-    ``source`` names the page.
-
-    Raises
-    ------
-    TaskError
-        As for ``base_task``, or when the weather's years do not fit.
+    ``source`` names the page. Raises ``TaskError`` as for ``base_task``, or when the weather's years do not fit.
     """
     base = base_task(page)
     lines = [
@@ -132,12 +124,7 @@ def rules_text(page: Page, task: TaskSpec) -> dict[str, str]:
     """A folder of rules for ``task``, the greenhouse of ``page``: the texts of ``card.toml`` and ``rules.yml``.
 
     They are the shipped rules of the base. Numbers that are shares of boiler or CO2 supply are scaled, so that they ask for the same heat
-    and CO2 by the square metre; lamps burn in the page's hours.
-
-    Raises
-    ------
-    SubmissionError
-        When no rules are shipped for the base.
+    and CO2 by the square metre; lamps burn in the page's hours. Raises ``SubmissionError`` when no rules are shipped for the base.
     """
     base, folder = base_task(page), data_folder("baselines")
     energy = read_rule_pages(folder / "rule_based_energy" / "rules", EnergyRuleSettings)

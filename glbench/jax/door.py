@@ -74,14 +74,8 @@ class Door:
 def open_door(task: TaskSpec, seeds: Sequence[int], places: int, preset: str, workers: int, info: Sequence[str]) -> Door:
     """Open the door of ``task`` with the scenarios of ``seeds``; one that is open already is used again.
 
-    Raises
-    ------
-    TaskError
-        For a task that the compiled step cannot serve, with the parts that it cannot.
-    UnknownNameError
-        For a name in ``info`` that nothing has.
-    CompiledUnavailable
-        When the library for JAX cannot be built.
+    Raises ``TaskError`` for a task that the compiled step cannot serve, with the parts that it cannot, ``UnknownNameError`` for a name in
+    ``info`` that nothing has, and ``CompiledUnavailable`` when the library for JAX cannot be built.
     """
     choices = (*table_names(task), *task.model_value.state_names)
     for quantity in info:

@@ -100,7 +100,9 @@ class Environment:
     PureJaxRL and rejax 0.1.3 unpack its five values. For gymnax 1.x there is ``GymnaxEnvironment``.
 
     ``vmap`` over n rows makes one call of the compiled kernel with n rows. Observations, rewards, ends and states have the bits of
-    ``glbench.env.GreenhouseVectorEnv`` with the same kernel. The calls run on the CPU and cannot be differentiated.
+    ``glbench.env.GreenhouseVectorEnv`` with the same kernel. The calls run on the CPU and cannot be differentiated. Raises ``TaskError``
+    for a task with parts that the compiled kernel does not know, with their names, and ``GlbenchError`` for unknown names, seeds that are
+    none, and where there is no compiler.
 
     Parameters
     ----------
@@ -127,13 +129,6 @@ class Environment:
         The task.
     seeds, info
         As given.
-
-    Raises
-    ------
-    TaskError
-        For a task with parts that the compiled kernel does not know, with their names.
-    GlbenchError
-        For unknown names, seeds that are none, and where there is no compiler.
     """
 
     def __init__(
@@ -212,17 +207,15 @@ class Environment:
     ) -> tuple[jax.Array, State, jax.Array, jax.Array, dict[str, jax.Array]]:
         """Take one step with an action ``(m,)``; when the episode ends, also by ``params.max_steps_in_episode``, begin the next.
 
+        Raises ``jax.errors.JaxRuntimeError`` for an action that is not finite. Under ``jit`` it may be raised when a later result is waited
+        for.
+
         Returns
         -------
         observation, state, reward, done, info
             Observation and state are those of the new episode where one has begun; reward, ``done`` and ``info`` are those of the step.
             Reward and ``info`` are float32, or float64 where JAX has 64 bits switched on. ``info["failed"]`` says that the step could
             not be integrated, which ends the episode, ``info["discount"]`` is 0 where the season or a failure ended it, else 1.
-
-        Raises
-        ------
-        jax.errors.JaxRuntimeError
-            For an action that is not finite. Under ``jit`` it may be raised when a later result is waited for.
         """
         key_cut, key_end = jax.random.split(key)
         observation, state, reward, done, info = self._step(state, action, self._scenario(key_end, params), autoreset=True)

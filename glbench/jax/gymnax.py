@@ -131,13 +131,7 @@ class GymnaxEnvironment(gymnax_environment.Environment):  # type: ignore[misc]
         return state.greenhouse.ended
 
     def observe(self, key: jax.Array, state: GymnaxState, action: jax.Array | None, params: GymnaxParams | None = None) -> jax.Array:
-        """Not available: the compiled step gives the observation.
-
-        Raises
-        ------
-        GlbenchError
-            Always.
-        """
+        """Not available: the compiled step gives the observation. Always raises ``GlbenchError``."""
         refuse("glbench computes observations in the compiled step. Use those that reset and step return.", GlbenchError)
 
     @staticmethod

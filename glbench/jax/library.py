@@ -39,10 +39,7 @@ class DoorPointers(ctypes.Structure):
 def library() -> ctypes.CDLL:
     """The library, built if need be, with its calls known to XLA.
 
-    Raises
-    ------
-    CompiledUnavailable
-        When it can be neither loaded nor built: no compiler, a failing one, a cache that cannot be written.
+    Raises ``CompiledUnavailable`` when it can be neither loaded nor built: no compiler, a failing one, a cache that cannot be written.
     """
     path = _build()
     handle = binding.open_library(str(path), "glb_door_reset", "glb_door_step", "glb_door_open", "glb_door_layout")

@@ -101,10 +101,7 @@ class Expectation:
 def collect_results(folders: Iterable[Path]) -> tuple[StoredResult, ...]:
     """Read every ``*.json`` below ``folders``, sorted by task id and agent name; of two results the earlier folder's counts.
 
-    Raises
-    ------
-    ResultError
-        When a file is no valid result, or when one folder holds two results of one agent and task.
+    Raises ``ResultError`` when a file is no valid result, or when one folder holds two results of one agent and task.
     """
     results, problems = collect_readable(folders)
     if problems:

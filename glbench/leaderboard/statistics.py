@@ -133,6 +133,8 @@ def bootstrap_interval(
 ) -> tuple[float, float]:
     """Percentile bootstrap interval of ``statistic`` over runs.
 
+    Raises ``ResultError`` when there are no values, a value is not finite, or ``confidence`` is not between 0 and 1.
+
     Parameters
     ----------
     values
@@ -146,11 +148,6 @@ def bootstrap_interval(
     -------
     tuple of float
         Lower and upper end, in the unit of ``values``. With one run, or with equal values, both ends are that value.
-
-    Raises
-    ------
-    ResultError
-        When there are no values, a value is not finite, or ``confidence`` is not between 0 and 1.
     """
     return stratified_interval(
         [_checked(values)], lambda samples: statistic(samples[0]), confidence=confidence, resamples=resamples, seed=seed

@@ -670,12 +670,7 @@ def write_leaderboard(
     """Write ``leaderboard.md``, ``.csv``, ``.parquet``, ``.json`` and ``.tex`` into ``out``, each whole or not at all; the paths.
 
     ``suites`` are task ids by suite, for the overviews. With normalised scores over suites (``aggregated``), ``leaderboard.suites.csv`` and
-    ``.parquet`` hold one row an entry and suite.
-
-    Raises
-    ------
-    GlbenchError
-        When the folder cannot be written.
+    ``.parquet`` hold one row an entry and suite. Raises ``GlbenchError`` when the folder cannot be written.
     """
     contents: dict[str, bytes | str] = {
         "leaderboard.md": to_markdown(tables, suites, {table.suite: suite_markdown(table) for table in aggregated}),

@@ -92,12 +92,9 @@ class Export:
 def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: float | None = None) -> Export:
     """Read the columns that ``units`` names, with their canonical unit. None of them has to be there.
 
-    Stamps without an offset from UTC are of ``clock``; ``lamp_power`` [W m-2] is that of 100 % in the column ``lamps``.
-
-    Raises
-    ------
-    ArchiveError
-        When the table or its times cannot be read, a title has no unit or a wrong one, or a value is not a number; names row and column.
+    Stamps without an offset from UTC are of ``clock``; ``lamp_power`` [W m-2] is that of 100 % in the column ``lamps``. Raises
+    ``ArchiveError`` when the table or its times cannot be read, a title has no unit or a wrong one, or a value is not a number; names row
+    and column.
     """
     text = read_text(path, ArchiveError)
     table = split_table(text, str(path), ArchiveError)

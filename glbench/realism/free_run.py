@@ -76,12 +76,8 @@ def drive(indoor: Indoor, outside: Outdoors, first: dt.date) -> Drive:
     """Put measured climate and weather together.
 
     Both have the same steps, of which the first is at midnight of the day ``first``. An actuator without a reading keeps its last one;
-    one that was never read is closed or off. Two vents count as their mean.
-
-    Raises
-    ------
-    ArchiveError
-        When climate and weather differ in their steps, or temperature or humidity of the air was never measured.
+    one that was never read is closed or off. Two vents count as their mean. Raises ``ArchiveError`` when climate and weather differ in
+    their steps, or temperature or humidity of the air was never measured.
     """
     steps = outside.steps
     if indoor.times.size != steps:
@@ -164,14 +160,8 @@ def free_run(
 ) -> FreeRun:
     """Run ``parameters`` (lanes, parameters) side by side through a measured season, or its first ``steps``.
 
-    The young crop is planted in the air as first measured.
-
-    Raises
-    ------
-    ArchiveError
-        When lamps or CO2 supply gave more than is installed in a set.
-    StepError
-        When no lane can be integrated.
+    The young crop is planted in the air as first measured. Raises ``ArchiveError`` when lamps or CO2 supply gave more than is installed in
+    a set, and ``StepError`` when no lane can be integrated.
     """
     p = np.ascontiguousarray(np.atleast_2d(parameters))
     count, total = len(p), season.hour.size if steps is None else min(steps, season.hour.size)

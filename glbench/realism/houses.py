@@ -97,10 +97,7 @@ class Settings(settings.Table):
 def read_settings(path: Path = SHIPPED) -> Settings:
     """Read the page from a TOML file.
 
-    Raises
-    ------
-    ArchiveError
-        When the file cannot be read, lacks an entry, or has an unknown or impossible one.
+    Raises ``ArchiveError`` when the file cannot be read, lacks an entry, or has an unknown or impossible one.
     """
     advice = f"{SHIPPED} explains each entry. Copy it and change it."
     return settings.read_settings(Settings, path, "the settings", ArchiveError, toml=True, advice=advice)
@@ -157,10 +154,7 @@ class _HousePage(settings.Table):
 def read_house(path: Path) -> House:
     """A house from a page in TOML: ``name``, ``description``, and ``[model]`` as in a task file. ``glbench identify`` writes such pages.
 
-    Raises
-    ------
-    GlbenchError
-        When the page cannot be read, or names a model, set, parameter or value that cannot be.
+    Raises ``GlbenchError`` when the page cannot be read, or names a model, set, parameter or value that cannot be.
     """
     page = settings.read_settings(_HousePage, path, "the page of the house", ArchiveError, toml=True)
     overrides = {name: (value, unit) for name, value, unit in page.model.overrides}
@@ -171,10 +165,7 @@ def read_house(path: Path) -> House:
 def choose_houses(names: tuple[str, ...]) -> tuple[House, ...]:
     """Houses of these names, in their order, or of pages (``read_house``) where a name ends in ``.toml``; all named ones for none.
 
-    Raises
-    ------
-    UnknownNameError
-        When there is no such house; the message names the nearest.
+    Raises ``UnknownNameError`` when there is no such house; the message names the nearest.
     """
     for name in names:
         if name not in HOUSES and not name.endswith(".toml"):

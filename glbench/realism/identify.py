@@ -73,10 +73,7 @@ class FitPage(settings.Table):
 def read_page(file: Path, only: Sequence[str] = (), **changes: str | None) -> FitPage:
     """The page in a file, with ``changes`` of ``model`` and ``set``; with ``only`` these of its numbers, or factors on these parameters.
 
-    Raises
-    ------
-    ArchiveError
-        When the page cannot be read, or has an unknown or impossible entry.
+    Raises ``ArchiveError`` when the page cannot be read, or has an unknown or impossible entry.
     """
     page = settings.read_settings(FitPage, file, "the page", ArchiveError, toml=True, advice=f"{SHIPPED_PAGE} explains each entry.")
     numbers = {name: page.parameters.get(name) or FitNumber(multiplies=(name,)) for name in only}
@@ -95,10 +92,7 @@ class Split(NamedTuple):
 def make_split(season: Drive, text: str) -> Split:
     """``weeks`` fits even weeks, ``date:2020-03-01`` the days before, ``date`` those before the first of the month nearest the middle.
 
-    Raises
-    ------
-    ArchiveError
-        When there is no such split, or it leaves too few weeks.
+    Raises ``ArchiveError`` when there is no such split, or it leaves too few weeks.
     """
     kind, _, day = text.partition(":")
     first, last = season.date[0], season.date[-1]
@@ -120,11 +114,8 @@ def make_split(season: Drive, text: str) -> Split:
 class Problem:
     """What is fitted, where, and to what: a house with its parameters ``base`` (parameters,), a page, and a season.
 
-    Raises
-    ------
-    GlbenchError
-        When a number is not one of one kind, or starts outside its bounds; when a parameter does not exist, follows from others, is fitted
-        twice, is 0 and multiplied, or is impossible at a bound.
+    Raises ``GlbenchError`` when a number is not one of one kind, or starts outside its bounds; when a parameter does not exist, follows
+    from others, is fitted twice, is 0 and multiplied, or is impossible at a bound.
     """
 
     def __init__(self, house: House, base: FloatArray, plants: Plants, page: FitPage, season: Drive) -> None:
@@ -226,10 +217,7 @@ class Problem:
 def read_problem(folder: Path, page: FitPage, assumptions: Settings, compartment: str | None) -> tuple[Problem, str, tuple[str, ...]]:
     """What is fitted to a compartment of an archive, the compartment's name, and what was filled or left out.
 
-    Raises
-    ------
-    ArchiveError
-        When it is not clear which compartment is meant, and as for ``read_archive``, ``read_indoor`` and ``outdoors``.
+    Raises ``ArchiveError`` when it is not clear which compartment is meant, and as for ``read_archive``, ``read_indoor`` and ``outdoors``.
     """
     (house,) = choose_houses((page.set,))
     place = assumptions.place
@@ -275,12 +263,8 @@ class Fit(NamedTuple):
 def identify(problem: Problem, splits: Sequence[Split], state: Path, progress: Callable[[int, float], None]) -> tuple[Fit, ...]:
     """Fit each split from the same start; ``progress`` is called with the split's number and its points, also in part.
 
-    The file ``state`` keeps the points: a fit that was interrupted continues from it, with the same bits.
-
-    Raises
-    ------
-    ArchiveError
-        When the file cannot be read or belongs to another fit.
+    The file ``state`` keeps the points: a fit that was interrupted continues from it, with the same bits. Raises ``ArchiveError`` when the
+    file cannot be read or belongs to another fit.
     """
     page, plants = problem.page.model_dump(mode="json"), problem.plants.model_dump(mode="json")
     identity = canonical_sha256([problem.data_digest, page, problem.base.tolist(), problem.greenhouse.digest, plants])

@@ -113,6 +113,9 @@ def read_indoor(
 ) -> Indoor:
     """Read the indoor climate of a compartment.
 
+    Raises ``ArchiveError`` when the file cannot be read, lacks a column of ``REQUIRED``, or has a text for a number; names file, row and
+    column.
+
     Parameters
     ----------
     path
@@ -124,11 +127,6 @@ def read_indoor(
         First day and number of days, such as those of the archive; by default all that the file has.
     lamp_power
         Installed electric power [W m-2] of an export's lamps, where they come in per cent; by default the most that they took.
-
-    Raises
-    ------
-    ArchiveError
-        When the file cannot be read, lacks a column of ``REQUIRED``, or has a text for a number; names file, row and column.
     """
     if path.name == EXPORT:
         return _indoor_of_export(path, clock, first, days, lamp_power)

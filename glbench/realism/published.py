@@ -185,10 +185,8 @@ def read_rows(path: Path) -> tuple[Sheet, IntArray]:
 def read_archive(folder: Path, clock: str = "Europe/Amsterdam") -> Archive:
     """Read the archive in ``folder``, or a greenhouse's own export with stamps on ``clock`` (docs/measured-data.md).
 
-    Raises
-    ------
-    ArchiveError
-        When files or columns are missing, a value is none or impossible, or too much is missing; it names file, column and day.
+    Raises ``ArchiveError`` when files or columns are missing, a value is none or impossible, or too much is missing; it names file, column
+    and day.
     """
     import pandas as pd
 

@@ -79,6 +79,9 @@ def simulate(
 ) -> Season:
     """Simulate all compartments of ``archive`` in ``house``.
 
+    Raises ``ArchiveError`` when an indoor climate lacks a set point of heating or ventilation, or has other days, and ``StepError`` when a
+    step cannot be integrated.
+
     Parameters
     ----------
     outside
@@ -87,13 +90,6 @@ def simulate(
         By name of a compartment: its indoor climate over the days of the archive, whose set points drive it. All else is the page's.
     warmer
         Added to all temperatures of heating and ventilation [K].
-
-    Raises
-    ------
-    ArchiveError
-        When an indoor climate lacks a set point of heating or ventilation, or has other days.
-    StepError
-        When a step cannot be integrated.
     """
     greenhouse, p, count = model(house.model), parameters(house, settings), len(archive.compartments)
     # Of the process computer's task only its defaults and the house count.

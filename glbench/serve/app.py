@@ -319,10 +319,7 @@ def application(sessions: Sessions, hosts: Sequence[str] = ("localhost",), origi
 def bind(host: str, port: int) -> socket.socket:
     """A socket that listens at ``host`` and ``port``; 0 is any free port.
 
-    Raises
-    ------
-    GlbenchError
-        When the port is in use, or the host is not an address or a name of this machine.
+    Raises ``GlbenchError`` when the port is in use, or the host is not an address or a name of this machine.
     """
     try:
         (family, kind, protocol, _, address), *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)

@@ -84,10 +84,7 @@ class Session:
     def step(self, request: messages.StepRequest) -> messages.StepAnswer:
         """Take steps with one action.
 
-        Raises
-        ------
-        RequestError
-            When the season is over, or the action or the number of steps is impossible; nothing is simulated then.
+        Raises ``RequestError`` when the season is over, or the action or the number of steps is impossible; nothing is simulated then.
         """
         if self.ended:
             what = f"The season of this session is over after {len(self._actions)} steps."
@@ -221,10 +218,7 @@ class Session:
 def read_action(task: TaskSpec, request: messages.StepRequest) -> NDArray[np.float64]:
     """The action of a request, ``(m,)``.
 
-    Raises
-    ------
-    RequestError
-        When there is none or two, a name is unknown or missing, or an entry is not a number within its bounds.
+    Raises ``RequestError`` when there is none or two, a name is unknown or missing, or an entry is not a number within its bounds.
     """
     in_units = request.action is None
     field, entries = ("values", request.values) if in_units else ("action", request.action)
@@ -270,12 +264,8 @@ class Sessions:
     """The open sessions of ``task``: at most ``most``, each closed after ``idle_minutes`` without use.
 
     Seasons without a seed of their own get ``first_seed``, the next one, and so on. With ``folder`` the episode of every session with a
-    step is written there when the session ends. ``clock`` gives seconds. ``at_end`` is how many were open when all were closed.
-
-    Raises
-    ------
-    TaskError
-        When the task has only scored seasons.
+    step is written there when the session ends. ``clock`` gives seconds. ``at_end`` is how many were open when all were closed. Raises
+    ``TaskError`` when the task has only scored seasons.
     """
 
     def __init__(
@@ -301,10 +291,7 @@ class Sessions:
     def start(self, request: messages.SeasonRequest, name: str | None = None) -> Session:
         """Start a season, in a new session or in the session ``name`` in place of its season.
 
-        Raises
-        ------
-        RequestError
-            For a split that is not served, or when too many sessions are open.
+        Raises ``RequestError`` for a split that is not served, or when too many sessions are open.
         """
         self.close_idle()
         split = self.splits[0] if request.split is None else request.split

@@ -152,6 +152,9 @@ def train(
 ) -> Trained:
     """Train one agent in ``folder``; the same task, settings and seed give the same weights on the same machine.
 
+    Raises ``TrainingError`` when ``folder`` holds something else, or a training that was begun and is not to be resumed; when the algorithm
+    fails.
+
     Parameters
     ----------
     task, settings, seed
@@ -166,11 +169,6 @@ def train(
         Whether to write TensorBoard's files to ``folder/tensorboard``.
     listeners
         Receive progress, evaluations and saves.
-
-    Raises
-    ------
-    TrainingError
-        When ``folder`` holds something else, or a training that was begun and is not to be resumed; when the algorithm fails.
     """
     with folder_lock(folder):
         words = {"task": task.id, "task_digest": task.digest, "algorithm": settings.algorithm}

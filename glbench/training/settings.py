@@ -191,10 +191,7 @@ OWN = frozenset(TrainingSettings.model_fields) - {"algorithm", "hyperparameters"
 def shipped_settings(algorithm: str) -> Path:
     """File with the paper's settings of ``algorithm``, by its short name in any case or by its class path.
 
-    Raises
-    ------
-    TrainingError
-        When there is none, as for algorithms given by class path.
+    Raises ``TrainingError`` when there is none, as for algorithms given by class path.
     """
     name = algorithm.removeprefix("stable_baselines3.").lower()
     if name not in PAPER:
@@ -206,12 +203,8 @@ def shipped_settings(algorithm: str) -> Path:
 def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
     """Settings for a task from a YAML file: ``default:``, overlaid with the entries under the task's id.
 
-    Keys that are not settings of the training itself are arguments of the algorithm's class.
-
-    Raises
-    ------
-    TrainingError
-        When the file cannot be read, or a value is impossible.
+    Keys that are not settings of the training itself are arguments of the algorithm's class. Raises ``TrainingError`` when the file cannot
+    be read, or a value is impossible.
     """
     merged = section(file, task_id)
     own = {key: value for key, value in merged.items() if key in OWN}

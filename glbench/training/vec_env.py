@@ -41,7 +41,8 @@ class TrainingVecEnv(VecEnv):
     ``TimeLimit.truncated``, so that algorithms do not bootstrap over it. The last observation of an episode is in
     ``info["terminal_observation"]``, its sums of reward, EPI and penalty in ``info["episode"]``.
 
-    Episode j of row i has the seed ``first_seed + j n_envs + i``, both counted from 0. The algorithm's own seed has no part in it.
+    Episode j of row i has the seed ``first_seed + j n_envs + i``, both counted from 0. The algorithm's own seed has no part in it. Raises
+    ``TrainingError`` when the model has no state of the name in ``accrual``.
 
     Parameters
     ----------
@@ -57,11 +58,6 @@ class TrainingVecEnv(VecEnv):
         Cores that share the rows, to the same bits.
     accrual
         What is added to the rewards, but not to the sums of episodes; ``None`` for nothing.
-
-    Raises
-    ------
-    TrainingError
-        When the model has no state of the name in ``accrual``.
     """
 
     def __init__(
@@ -185,7 +181,8 @@ def make_vec_env(
     """``n_envs`` greenhouses of a task as one ``VecEnv``, for scripts of your own with Stable-Baselines3.
 
     It takes the place of Stable-Baselines3's own ``make_vec_env``, which steps its environments one after another; here one call of
-    the kernel steps all of them. Infos of ended episodes contain what a ``Monitor`` adds, so that none is needed.
+    the kernel steps all of them. Infos of ended episodes contain what a ``Monitor`` adds, so that none is needed. Raises ``GlbenchError``
+    for an unknown task, split or preset, for impossible numbers, and for a task without a training split where none is named.
 
     Parameters
     ----------
@@ -202,11 +199,6 @@ def make_vec_env(
         Cores that share the greenhouses, to the same bits.
     split, overrides
         As for ``glbench.env.GreenhouseEnv``; the default is the training split.
-
-    Raises
-    ------
-    GlbenchError
-        For an unknown task, split or preset, for impossible numbers, and for a task without a training split where none is named.
     """
     if not 0 <= whole_number(seed, "The seed") < _SEEDS:
         refuse(f"The seed must be a whole number from 0 to {_SEEDS - 1:,}; got {seed}.", GlbenchError)

@@ -22,6 +22,8 @@ _NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9_-]")
 class WandbListener(Listener):
     """Logs evaluations and speed to a run of Weights & Biases.
 
+    Raises ``TrainingError`` when the package is not installed, or no run can be started (not logged in, no network).
+
     Parameters
     ----------
     name
@@ -32,11 +34,6 @@ class WandbListener(Listener):
         Where its files go.
     project
         Project of Weights & Biases.
-
-    Raises
-    ------
-    TrainingError
-        When the package is not installed, or no run can be started (not logged in, no network).
     """
 
     def __init__(self, name: str | None, config: dict[str, Any], folder: Path, project: str = "glbench") -> None:

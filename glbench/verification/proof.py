@@ -289,10 +289,7 @@ def proof_path(result: Path) -> Path:
 def save_proof(verdict: Verdict) -> Path | None:
     """Write the note of a verdict beside its result, or remove one that the verdict contradicts; the path if one was written.
 
-    Raises
-    ------
-    GlbenchError
-        When the folder cannot be written.
+    Raises ``GlbenchError`` when the folder cannot be written.
     """
     path = proof_path(verdict.path)
     if verdict.exactness is None:

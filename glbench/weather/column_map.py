@@ -189,12 +189,8 @@ def read_csv(
 ) -> record.WeatherRecord:
     """Weather record of a CSV in the form documented in docs/weather.md.
 
-    ``timezone`` and ``coordinates`` go before those of the comments.
-
-    Raises
-    ------
-    WeatherError
-        When a column, unit or comment is missing or unknown, a value is not a number, or the hours have gaps; names file, row and value.
+    ``timezone`` and ``coordinates`` go before those of the comments. Raises ``WeatherError`` when a column, unit or comment is missing or
+    unknown, a value is not a number, or the hours have gaps; names file, row and value.
     """
     path = Path(path)
     text = read_text(path, WeatherError)
@@ -248,12 +244,8 @@ def read_columns(
 ) -> record.WeatherRecord:
     """Weather record of a table through a column map, as ``ColumnMap`` or as its TOML file.
 
-    ``timezone`` and ``coordinates`` go before those of the map.
-
-    Raises
-    ------
-    WeatherError
-        When map and table do not fit together, a value is not a number, or the hours have gaps; names file, row and value.
+    ``timezone`` and ``coordinates`` go before those of the map. Raises ``WeatherError`` when map and table do not fit together, a value is
+    not a number, or the hours have gaps; names file, row and value.
     """
     path = Path(path)
     if not isinstance(columns, ColumnMap):
@@ -364,10 +356,7 @@ def guess_quantity(title: str) -> str | None:
 def guess_column_map(path: Path | str) -> tuple[ColumnMap, dict[str, str], list[str]]:
     """A column map for a table, as far as titles and values tell; what to check about a column, by its quantity; the columns left out.
 
-    Raises
-    ------
-    WeatherError
-        When the file is not a table, or no column looks like the time or one of the quantities that the model needs.
+    Raises ``WeatherError`` when the file is not a table, or no column looks like the time or one of the quantities that the model needs.
     """
     table = split_table(read_text(Path(path), WeatherError), str(path), WeatherError)
     time = time_titles(table)

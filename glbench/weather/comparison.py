@@ -120,6 +120,8 @@ def resemblance(
 ) -> Resemblance:
     """Figures of ``seasons`` generated seasons against the real years.
 
+    Raises ``WeatherError`` when there are too few seasons, or no real season lies wholly inside the years.
+
     Parameters
     ----------
     generator : SeasonGenerator
@@ -128,11 +130,6 @@ def resemblance(
         First possible first day (of any year), how many later days are possible, and the length of a season.
     seasons, seed : int
         Number of generated seasons, at least 20, and the seed of their random numbers.
-
-    Raises
-    ------
-    WeatherError
-        When there are too few seasons, or no real season lies wholly inside the years.
     """
     if seasons < 20 or within_days < 0:
         msg = f"Statistics need at least 20 seasons and no negative spread of first days; got {seasons} seasons, {within_days} days."
@@ -174,10 +171,7 @@ def generated_seasons(generator: SeasonGenerator, start: dt.date, within_days: i
 def real_seasons(generator: SeasonGenerator, start: dt.date, within_days: int, days: int) -> Seasons:
     """Every season of the generator's years that begins on one of these first days.
 
-    Raises
-    ------
-    WeatherError
-        When no such season lies wholly inside the years.
+    Raises ``WeatherError`` when no such season lies wholly inside the years.
     """
     numbers, values = generator.real_days()
     first = calendar_days(np.array([(start - dt.date(1970, 1, 1)).days]))[0]
@@ -307,10 +301,7 @@ def _repeats(generated: Seasons, seed: int) -> list[Figure]:
 def write_picture(generator: SeasonGenerator, season: GeneratedSeason, path: Path) -> None:
     """Write a PNG to ``path``: daily figures of ``season`` over those of the generator's years, and where each day was taken from.
 
-    Raises
-    ------
-    WeatherError
-        When matplotlib is not installed.
+    Raises ``WeatherError`` when matplotlib is not installed.
     """
     try:
         from matplotlib import dates as matplotlib_dates

@@ -123,12 +123,8 @@ class Means:
 def prepare(record: WeatherRecord, window: preprocessing.Window) -> preprocessing.Prepared:
     """Disturbances of ``window``, each row the mean over its step.
 
-    At the record's two ends, where an instant has no neighbour, its value is held (for less than an hour).
-
-    Raises
-    ------
-    WeatherError
-        When a local calendar day of the window has daylight hours that the record does not cover.
+    At the record's two ends, where an instant has no neighbour, its value is held (for less than an hour). Raises ``WeatherError`` when a
+    local calendar day of the window has daylight hours that the record does not cover.
     """
     zone = time_zone(record.timezone)
 

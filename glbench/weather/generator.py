@@ -92,6 +92,8 @@ class GeneratedSeason:
 class SeasonGenerator:
     """Seasons from some years of a record.
 
+    Raises ``WeatherError`` when there are no years, or one of them is not wholly in the record; names it.
+
     Parameters
     ----------
     record : WeatherRecord
@@ -100,11 +102,6 @@ class SeasonGenerator:
         Years to draw from, in any order. No hour of another year is read.
     blocks : Blocks
         How blocks are cut and matched.
-
-    Raises
-    ------
-    WeatherError
-        When there are no years, or one of them is not wholly in the record; names it.
     """
 
     def __init__(self, record: WeatherRecord, years: Sequence[int], blocks: Blocks = Blocks()) -> None:
@@ -127,6 +124,8 @@ class SeasonGenerator:
     def season(self, start: dt.date, days: int, numbers: npt.NDArray[np.float64]) -> GeneratedSeason:
         """The season that ``numbers`` stand for; the same arguments give the same season, to the last bit.
 
+        Raises ``WeatherError`` when an argument is impossible.
+
         Parameters
         ----------
         start : datetime.date
@@ -135,11 +134,6 @@ class SeasonGenerator:
             Length, at least 1.
         numbers : ndarray (self.numbers(days),) of float64
             Uniform random numbers from 0 to 1, 1 excluded.
-
-        Raises
-        ------
-        WeatherError
-            When an argument is impossible.
         """
         first, calendar, chain, joints = self._chained(start, days, numbers)
         sources = self._days.numbers[chain]

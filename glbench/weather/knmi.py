@@ -79,12 +79,8 @@ def native_rows(file: str, native: Mapping[str, IntArray] | Mapping[str, FloatAr
     """Rows in canonical units from KNMI's own numbers.
 
     ``native`` holds YYYYMMDD, HH, T and FH [0.1 degC, 0.1 m/s], U [%], N [octants], Q [J/cm2]; NaN for a missing value.
-    ``numbers`` are the rows' numbers in ``file``, 1, 2, 3, ... when not given.
-
-    Raises
-    ------
-    WeatherError
-        When a column is missing, or a date or hour does not exist.
+    ``numbers`` are the rows' numbers in ``file``, 1, 2, 3, ... when not given. Raises ``WeatherError`` when a column is missing, or a date
+    or hour does not exist.
     """
     require_columns(file, list(native), NEEDED_COLUMNS[1:])
     value = {name: np.asarray(column, dtype=np.float64) for name, column in native.items()}
@@ -119,11 +115,8 @@ def record_from_knmi(
 ) -> WeatherRecord:
     """Checked record of one station of a table of ``parse_knmi``; the options are those of ``read_weather``.
 
-    Raises
-    ------
-    WeatherError
-        When the station is unknown or there are several, a field is not a number, or there are gaps or impossible values; names file, row
-        and value.
+    Raises ``WeatherError`` when the station is unknown or there are several, a field is not a number, or there are gaps or impossible
+    values; names file, row and value.
     """
     columns = {}
     for title in (title for title in (*NEEDED_COLUMNS, "N") if title in table.titles):
@@ -163,10 +156,7 @@ def record_from_knmi(
 def parse_knmi(text: str, file: str) -> tuple[TextTable, Mapping[int, Place]]:
     """KNMI's text as a table, and the places of stations by their numbers, from its comments and from KNMI's list.
 
-    Raises
-    ------
-    WeatherError
-        When there is no header line, or a line has too few or too many fields.
+    Raises ``WeatherError`` when there is no header line, or a line has too few or too many fields.
     """
     header: list[str] = []
     stations = dict(known_stations())
@@ -217,6 +207,9 @@ def fetch_knmi(
 ) -> WeatherRecord:
     """Weather record of a KNMI station and calendar year (UT), from the cache or from KNMI's service.
 
+    Raises ``WeatherError`` when the service cannot be reached, refuses, is out of order, breaks off, or lacks a part of the year. Nothing
+    of a bad answer is kept.
+
     Parameters
     ----------
     station, year : int
@@ -235,12 +228,6 @@ def fetch_knmi(
         Fill up to so many missing hours in a row linearly (recorded in the notes); 0 fills nothing.
     progress : callable, optional
         Told about the download as it goes.
-
-    Raises
-    ------
-    WeatherError
-        When the service cannot be reached, refuses, is out of order, breaks off, or lacks a part of the year. Nothing of a
-        bad answer is kept.
     """
     station, year = whole_number(station, "The number of a KNMI station"), whole_number(year, "A year")
     if year < FIRST_YEAR:

@@ -26,10 +26,7 @@ RADIATION_FLOOR = 1e-10  # W m-2; smaller values after resampling are rounding a
 def prepare(record: WeatherRecord, window: preprocessing.Window) -> preprocessing.Prepared:
     """Disturbances of ``window`` as the published pipeline makes them; row k is the value at the start of step k.
 
-    Raises
-    ------
-    WeatherError
-        When a calendar day (UTC) of the window is only partly in the record: its radiation sum would be wrong.
+    Raises ``WeatherError`` when a calendar day (UTC) of the window is only partly in the record: its radiation sum would be wrong.
     """
     first_day = window.start // DAY_SECONDS * DAY_SECONDS
     after = -(-window.end // DAY_SECONDS) * DAY_SECONDS

@@ -68,10 +68,7 @@ def sigmoid(ramp: FloatArray) -> FloatArray:
 def to_utc_seconds(start: dt.datetime | dt.date, clock: str) -> int:
     """Seconds since 1970-01-01 UTC of ``start``; without a time zone of its own it is read on ``clock`` (an IANA name).
 
-    Raises
-    ------
-    WeatherError
-        When ``start`` is not a whole second, or names an hour that the clock skips or strikes twice.
+    Raises ``WeatherError`` when ``start`` is not a whole second, or names an hour that the clock skips or strikes twice.
     """
     moment = start if isinstance(start, dt.datetime) else dt.datetime.combine(start, dt.time())
     if moment.microsecond:

@@ -65,6 +65,9 @@ def read_weather(
 ) -> record.WeatherRecord:
     """Weather record of a file.
 
+    Raises ``UnknownNameError`` when there is no such format, and ``WeatherError`` when the format cannot be told, an option does not belong
+    to it, or its reader refuses the file.
+
     Parameters
     ----------
     path
@@ -87,13 +90,6 @@ def read_weather(
         For the hourly series of PVGIS, which have none: the day's lowest temperature is taken for the dew point.
     fill_gaps
         Fill up to so many missing hours in a row linearly (recorded in the notes); 0 fills nothing.
-
-    Raises
-    ------
-    UnknownNameError
-        When there is no such format.
-    WeatherError
-        When the format cannot be told, an option does not belong to it, or its reader refuses the file.
     """
     path = Path(path)
     if columns is not None:
@@ -126,10 +122,7 @@ def read_weather(
 def detect_format(path: Path) -> Format:
     """Format of a weather file, from the beginning of its text (and its suffix for TMY2).
 
-    Raises
-    ------
-    WeatherError
-        When the file cannot be read, or is of no known format.
+    Raises ``WeatherError`` when the file cannot be read, or is of no known format.
     """
     try:
         with open_regular(path) as file:

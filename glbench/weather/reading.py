@@ -91,6 +91,9 @@ def record_of(
 ) -> record.WeatherRecord:
     """Checked hourly record of a file.
 
+    Raises ``WeatherError`` when the place is unknown, an option does not fit, or the rows have gaps or impossible values; names file, row
+    and value.
+
     Parameters
     ----------
     reading
@@ -105,11 +108,6 @@ def record_of(
         Latitude [deg north], longitude [deg east] and altitude [m], instead of what the file says.
     fill_gaps
         Fill up to so many missing hours in a row linearly (recorded in the notes); 0 fills nothing.
-
-    Raises
-    ------
-    WeatherError
-        When the place is unknown, an option does not fit, or the rows have gaps or impossible values; names file, row and value.
     """
     rows, notes, file = reading.rows, list(reading.notes), reading.rows.file
     latitude, longitude, altitude = coordinates or reading.coordinates

@@ -120,13 +120,7 @@ def ends_of_hours(
 
 
 def time_zone(name: str) -> ZoneInfo:
-    """IANA time zone ``name``.
-
-    Raises
-    ------
-    WeatherError
-        When the time-zone database has no such zone.
-    """
+    """IANA time zone ``name``. Raises ``WeatherError`` when the time-zone database has no such zone."""
     try:
         return ZoneInfo(name)
     except (ZoneInfoNotFoundError, ValueError, OSError) as error:
@@ -310,18 +304,15 @@ class Rows:
 def assemble(rows: Rows, origin: Origin, *, fill_gaps: int = 0) -> WeatherRecord:
     """Checked canonical record of ``rows``.
 
+    Raises ``WeatherError`` for an empty file, hours out of order or twice, gaps, missing or impossible values, an impossible place. The
+    message names the file, the row and the value.
+
     Parameters
     ----------
     rows, origin : Rows, Origin
         The figures, and what is known about them.
     fill_gaps : int
         Fill up to so many missing hours in a row linearly and say so in the record's notes; 0 fills nothing.
-
-    Raises
-    ------
-    WeatherError
-        For an empty file, hours out of order or twice, gaps, missing or impossible values, an impossible place. The message
-        names the file, the row and the value.
     """
     place = origin.place
     limits = (("latitude", place.latitude, 90.0, "deg"), ("longitude", place.longitude, 180.0, "deg"))

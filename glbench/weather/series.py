@@ -64,6 +64,9 @@ def disturbances(
 ) -> Disturbances:
     """Disturbances for ``steps`` control steps of ``step_seconds`` from ``start``.
 
+    Raises ``UnknownNameError`` when there is no such preprocessing, and ``WeatherError`` when the window is not inside the record's period,
+    or an argument is impossible.
+
     Parameters
     ----------
     record : WeatherRecord
@@ -79,13 +82,6 @@ def disturbances(
         One of ``PREPROCESSINGS``.
     co2_ppm : float
         CO2 outside [ppm].
-
-    Raises
-    ------
-    UnknownNameError
-        When there is no such preprocessing.
-    WeatherError
-        When the window is not inside the record's period, or an argument is impossible.
     """
     if preprocessing not in PREPROCESSINGS:
         refuse(f"There is no weather preprocessing '{preprocessing}'.{did_you_mean(preprocessing, PREPROCESSINGS)}", UnknownNameError)

@@ -51,12 +51,7 @@ def parse_pvgis(text: str, file: str, *, estimate_humidity: bool = False) -> Rea
     """A typical year or an hourly series of PVGIS, as CSV or JSON.
 
     The hourly series has no humidity. With ``estimate_humidity`` the day's lowest temperature is taken for the dew point; otherwise it is
-    refused.
-
-    Raises
-    ------
-    WeatherError
-        When columns are missing, or the plane is tilted; a row that does not fit is named.
+    refused. Raises ``WeatherError`` when columns are missing, or the plane is tilted; a row that does not fit is named.
     """
     table, facts = _pvgis_table(text, file)
     # stamps such as 20200101:0010
@@ -164,10 +159,7 @@ def _pvgis_table(text: str, file: str) -> tuple[TextTable, dict[str, float | str
 def parse_nsrdb(text: str, file: str) -> Reading:
     """A file of NREL's National Solar Radiation Database: PSM3 or PSM4, 5 to 60 minutes, real or typical years.
 
-    Raises
-    ------
-    WeatherError
-        When columns or facts of the heading are missing; a row that does not fit is named.
+    Raises ``WeatherError`` when columns or facts of the heading are missing; a row that does not fit is named.
     """
     table = split_table(
         text, file, WeatherError, is_titles=lambda fields: [field.lower() for field in fields[:4]] == ["year", "month", "day", "hour"]
@@ -224,10 +216,7 @@ def _heading(lines: Sequence[str]) -> dict[str, str]:
 def parse_open_meteo(text: str, file: str) -> Reading:
     """A CSV of Open-Meteo: its hourly rows, or those of 15 minutes.
 
-    Raises
-    ------
-    WeatherError
-        When it holds several places, only daily rows, or lacks a column; a row that does not fit is named.
+    Raises ``WeatherError`` when it holds several places, only daily rows, or lacks a column; a row that does not fit is named.
     """
     lines = text.split("\n")
     blocks: list[list[int]] = [[]]

@@ -38,12 +38,8 @@ NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,63}")
 def load_weather(name: str) -> WeatherRecord:
     """Weather record ``name``: a shipped one, such as ``"schiphol"``, or one imported or fetched by the user.
 
-    Raises
-    ------
-    UnknownNameError
-        When there is no such record; names the nearest.
-    WeatherError
-        When the record's file is damaged or was changed.
+    Raises ``UnknownNameError`` when there is no such record; names the nearest. Raises ``WeatherError`` when the record's file is damaged
+    or was changed.
     """
     if not isinstance(name, str):
         refuse(f"A weather record is asked for by its name, such as 'schiphol'; got {name!r}.", UnknownNameError)
@@ -61,10 +57,7 @@ def load_weather(name: str) -> WeatherRecord:
 def find_weather(digest: str) -> str:
     """Name of the weather record with that SHA-256, such as a host seals for a round and publishes afterwards.
 
-    Raises
-    ------
-    UnknownNameError
-        When neither glbench nor the user has it.
+    Raises ``UnknownNameError`` when neither glbench nor the user has it.
     """
     for name, entry in sorted(_manifest(data_folder("weather")).items()):
         if entry["digest"] == digest:
@@ -102,10 +95,7 @@ def user_file(name: str) -> Path | None:
 def save_weather(record: WeatherRecord, name: str, *, overwrite: bool = False) -> Path:
     """Store ``record`` under ``name`` in the user's data folder, whole or not at all; returns the file's path.
 
-    Raises
-    ------
-    WeatherError
-        When the name is not usable, is a shipped record's, or is taken and ``overwrite`` is false.
+    Raises ``WeatherError`` when the name is not usable, is a shipped record's, or is taken and ``overwrite`` is false.
     """
     path = check_new_name(name, overwrite=overwrite)
     write_record(replace(record, name=name), path)
@@ -244,10 +234,7 @@ def _changed(path: Path, folder: Path, evidence: str) -> WeatherError:
 def read_stored(path: Path, name: str | None = None) -> WeatherRecord:
     """Record of a canonical Parquet file, as ``save_weather`` and ``write_record`` write it; named after the file by default.
 
-    Raises
-    ------
-    WeatherError
-        When the file is damaged, or its values are not those that its description locks.
+    Raises ``WeatherError`` when the file is damaged, or its values are not those that its description locks.
     """
     record = _canonical(path, name or path.stem)
     described = _metadata(path)

@@ -79,12 +79,7 @@ class Month:
 def monthly(record: WeatherRecord, only: str | None = None) -> list[Month]:
     """Means and sums of every month; ``only`` keeps one (``"2010-03"``) or the same one of every year (``"3"``).
 
-    A slot belongs to the month in which it begins.
-
-    Raises
-    ------
-    WeatherError
-        When ``only`` is no month, or not in the record.
+    A slot belongs to the month in which it begins. Raises ``WeatherError`` when ``only`` is no month, or not in the record.
     """
     starts = record.begin + SLOT_SECONDS * np.arange(record.hours, dtype=np.int64)
     months = starts.astype("datetime64[s]").astype("datetime64[M]")

@@ -65,10 +65,7 @@ TMY2_HEADER = re.compile(
 def parse_epw(text: str, file: str) -> Reading:
     """An EnergyPlus weather file, hourly or finer, with any number of header lines.
 
-    Raises
-    ------
-    WeatherError
-        When it is no EPW, or a row does not fit; names file, row and value.
+    Raises ``WeatherError`` when it is no EPW, or a row does not fit; names file, row and value.
     """
     lines = text.split("\n")
     first = next((i for i, line in enumerate(lines) if line.strip()), 0)

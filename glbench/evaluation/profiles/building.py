@@ -267,10 +267,7 @@ _DAY_DIGITS, _SEASON_DIGITS, _HOUR_DIGITS, _COURSE_DIGITS = 3, 3, 4, 2
 def make_profile(task: TaskSpec, result: Result, log: ActionLog, trace: Trace | None, kernel: Stepper | None = None) -> Profile:
     """The profile of ``result``, from the ``trace`` of its evaluation or by replaying its recorded actions, with the same bytes.
 
-    Raises
-    ------
-    ActionError
-        When a recorded action is none of the task's.
+    Raises ``ActionError`` when a recorded action is none of the task's.
     """
     lengths = np.array([run.steps for run in log.runs])
     traced: Iterable[_Part] = [(trace, range(len(lengths)))] if trace is not None else _replayed(task, log, kernel)
@@ -319,10 +316,7 @@ def profiled(task: TaskSpec, result: Result, path: Path, log: ActionLog, trace: 
 def load_profile(result: Result, path: Path) -> Profile | None:
     """The profile of ``result``, which is at ``path``; ``None`` when there is none, or only one of an earlier result.
 
-    Raises
-    ------
-    ResultError
-        When the profile is damaged, is not the one that the result names, or does not fit the result.
+    Raises ``ResultError`` when the profile is damaged, is not the one that the result names, or does not fit the result.
     """
     file = profile_path(path)
     if not file.exists():

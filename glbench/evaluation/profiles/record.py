@@ -152,13 +152,7 @@ def profile_path(result: Path) -> Path:
 
 
 def read_profile(path: Path) -> Profile:
-    """Read a profile file.
-
-    Raises
-    ------
-    ResultError
-        When it is missing, damaged, or of another kind or version.
-    """
+    """Read a profile file. Raises ``ResultError`` when it is missing, damaged, or of another kind or version."""
     try:
         document = parse_json(gunzip(read_regular(path, _LARGEST_FILE), _LARGEST_CONTENT))
     except (OSError, EOFError, zlib.error, ValueError) as error:

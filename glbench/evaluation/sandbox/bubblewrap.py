@@ -92,12 +92,8 @@ def command(
     """The program to start inside, and the arguments that bubblewrap reads from the file that ``--args`` is to name.
 
     ``staging`` makes a folder for copies, where some are needed. ``descriptors`` are those of the agent's socket, of the filter of system
-    calls (``None`` without one) and of the file for facts about the sandbox. ``kernels`` are compiled kernels by their names inside.
-
-    Raises
-    ------
-    SandboxError
-        When there can be no sandbox on this machine.
+    calls (``None`` without one) and of the file for facts about the sandbox. ``kernels`` are compiled kernels by their names inside. Raises
+    ``SandboxError`` when there can be no sandbox on this machine.
     """
     mode = usable_mode()
     sock, call_filter, facts = descriptors
@@ -118,13 +114,7 @@ def command(
 
 
 def usable_mode() -> Mode:
-    """How agents become nobody on this machine.
-
-    Raises
-    ------
-    SandboxError
-        When there can be no sandbox here; it says why and what to do.
-    """
+    """How agents become nobody on this machine. Raises ``SandboxError`` when there can be no sandbox here; it says why and what to do."""
     reason, mode = _tried()
     if mode is None:
         raise SandboxError(reason)

@@ -41,13 +41,8 @@ def protect(agent: LoadedAgent | str | Path, choice: SandboxChoice) -> Protected
 
     ``"bubblewrap"`` puts every submission into a sandbox, and ``"none"`` none. ``"auto"`` does what ``"bubblewrap"`` does, but where there
     can be no sandbox it lets examples of glbench run that nobody changed. Built-in controllers are glbench's own code and never sandboxed.
-
-    Raises
-    ------
-    SandboxError
-        When there can be no sandbox and one is needed; it says why and what to do.
-    SubmissionError
-        When there is no such agent, or it was loaded into this process already.
+    Raises ``SandboxError`` when there can be no sandbox and one is needed; it says why and what to do. Raises ``SubmissionError`` when
+    there is no such agent, or it was loaded into this process already.
     """
     _check_choice(choice)
     if isinstance(agent, LoadedAgent):
@@ -64,10 +59,7 @@ def protect(agent: LoadedAgent | str | Path, choice: SandboxChoice) -> Protected
 def protection_of(submission: Identity, choice: SandboxChoice) -> Protection:
     """How ``submission`` runs by this choice on this machine; see ``protect``.
 
-    Raises
-    ------
-    SandboxError
-        When there can be no sandbox and one is needed; it says why and what to do.
+    Raises ``SandboxError`` when there can be no sandbox and one is needed; it says why and what to do.
     """
     _check_choice(choice)
     if choice == "none":
@@ -87,10 +79,7 @@ def protection_of(submission: Identity, choice: SandboxChoice) -> Protection:
 def keep_out_of_sight(round_file: Path, agents: Iterable[Protected]) -> None:
     """Refuse a round whose file an agent could find in its sandbox.
 
-    Raises
-    ------
-    SandboxError
-        When the file is in a folder that the sandbox shows.
+    Raises ``SandboxError`` when the file is in a folder that the sandbox shows.
     """
     from glbench.evaluation.sandbox.visible import is_visible
 

@@ -95,13 +95,7 @@ def packed_problems(problems: Mapping[int, str]) -> bytes:
 
 
 def unpacked_problems(body: bytes) -> Iterator[tuple[int, bytes]]:
-    """Rows and texts out of ``packed_problems``.
-
-    Raises
-    ------
-    ValueError
-        When ``body`` was not made by it.
-    """
+    """Rows and texts out of ``packed_problems``. Raises ``ValueError`` when ``body`` was not made by it."""
     at = 0
     while at < len(body):
         if len(body) - at < ROW.size:

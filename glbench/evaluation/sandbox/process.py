@@ -139,6 +139,8 @@ class LostError(Exception):
 class AgentProcess:
     """A process with the submission in it, ready to be asked.
 
+    Raises ``SandboxError`` when the sandbox cannot be built, or does not start.
+
     Parameters
     ----------
     submission : Identity
@@ -153,11 +155,6 @@ class AgentProcess:
         Whether it runs in a sandbox; without, it has all rights of this process.
     libraries : mapping
         Compiled kernels that it sees, by their names inside.
-
-    Raises
-    ------
-    SandboxError
-        When the sandbox cannot be built, or does not start.
     """
 
     def __init__(
@@ -195,10 +192,7 @@ class AgentProcess:
     def ask(self, kind: Kind, number: int, *parts: bytes | memoryview, seconds: float) -> None:
         """Ask a question, which must be taken within ``seconds``.
 
-        Raises
-        ------
-        LostError
-            When the process is gone, too large, does not listen, or has said something that nobody asked for; it is ended.
+        Raises ``LostError`` when the process is gone, too large, does not listen, or has said something that nobody asked for; it is ended.
         """
         self._still_there()
         if self._from != self._to or self._has_more():
@@ -220,6 +214,8 @@ class AgentProcess:
     def answer(self, number: int, until: float, late: str) -> tuple[int, memoryview]:
         """Kind and body of the next answer; the body is valid until the next call.
 
+        Raises ``LostError`` when there is no such answer in time; the process is ended.
+
         Parameters
         ----------
         number : int
@@ -228,11 +224,6 @@ class AgentProcess:
             ``time.monotonic()`` at which it is too late.
         late : str
             The reason when it is.
-
-        Raises
-        ------
-        LostError
-            When there is no such answer in time; the process is ended.
         """
         self._still_there()
         if self._from == self._to:
@@ -251,13 +242,7 @@ class AgentProcess:
         return self._watch.memory() if self._watch is not None and self._lost is None else 0
 
     def refuse(self, what: str) -> NoReturn:
-        """End the process, because it answered something that is no answer.
-
-        Raises
-        ------
-        LostError
-            Always.
-        """
+        """End the process, because it answered something that is no answer. Always raises ``LostError``."""
         self._end("crashed", f"the agent's process sent what is no answer: {what}")
 
     def close(self) -> None:

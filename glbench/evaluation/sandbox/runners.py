@@ -75,12 +75,7 @@ class SandboxedAgent:
     def started(self) -> tuple[AgentProcess, bool]:
         """A process with the agent made, and whether it is one agent a run.
 
-        Raises
-        ------
-        SubmissionError
-            When the agent cannot be made.
-        SandboxError
-            When the sandbox does not start.
+        Raises ``SubmissionError`` when the agent cannot be made, and ``SandboxError`` when the sandbox does not start.
         """
         process = self.process()
         try:
@@ -90,13 +85,7 @@ class SandboxedAgent:
             raise
 
     def process(self) -> AgentProcess:
-        """A process with nothing in it yet.
-
-        Raises
-        ------
-        SandboxError
-            When the sandbox does not start.
-        """
+        """A process with nothing in it yet. Raises ``SandboxError`` when the sandbox does not start."""
         n, m = self.runs, len(self.card.actions)
         longest = n * (8 * m + frames.ROW.size + frames.LONGEST_TEXT)
         return AgentProcess(self.submission, self.sizes, self.prints, longest, walls=self.walls, libraries=self.libraries)
@@ -104,10 +93,7 @@ class SandboxedAgent:
     def made_in(self, process: AgentProcess) -> bool:
         """Load the submission in ``process`` and make the agent; whether it is one agent a run.
 
-        Raises
-        ------
-        SubmissionError
-            When the agent cannot be made.
+        Raises ``SubmissionError`` when the agent cannot be made.
         """
         limit = self.time.start
         until = time.monotonic() + limit
@@ -134,12 +120,7 @@ class SandboxedAgent:
 def sandboxed_runner(agent: SandboxedAgent) -> AgentRunner:
     """The agent in its sandbox, made and ready to be reset.
 
-    Raises
-    ------
-    SubmissionError
-        When the agent cannot be made.
-    SandboxError
-        When the sandbox does not start.
+    Raises ``SubmissionError`` when the agent cannot be made, and ``SandboxError`` when the sandbox does not start.
     """
     process, single = agent.started()
     return in_process(agent, process, single=single)

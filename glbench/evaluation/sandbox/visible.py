@@ -79,6 +79,9 @@ def place_inside(submission: Identity) -> Path:
 def visible_files(submission: Identity, staging: Callable[[], Path], kernels: Mapping[str, Path] | None = None) -> list[str]:
     """Arguments for bubblewrap that make the files visible.
 
+    Raises ``SubmissionError`` when the submission contains data of glbench or of the user, or changed after its digest was computed, and
+    ``GlbenchError`` when its files cannot be copied.
+
     Parameters
     ----------
     submission : Identity
@@ -87,13 +90,6 @@ def visible_files(submission: Identity, staging: Callable[[], Path], kernels: Ma
         Called without arguments; makes a folder for copies and returns its path.
     kernels : mapping
         Compiled kernels by their names inside; the rest of the cache stays hidden.
-
-    Raises
-    ------
-    SubmissionError
-        When the submission contains data of glbench or of the user, or changed after its digest was computed.
-    GlbenchError
-        When its files cannot be copied.
     """
     covered = _covered()
     bounds = _visible_files(covered)

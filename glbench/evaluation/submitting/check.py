@@ -56,6 +56,8 @@ def check_submission(
 ) -> Report:
     """Find out what will be wrong with a submission in an evaluation on ``task``.
 
+    Raises ``SubmissionError`` when there is no such file or folder, or it is a baseline.
+
     Parameters
     ----------
     ref
@@ -67,11 +69,6 @@ def check_submission(
     sandbox
         Where the agent runs, as for ``glbench.evaluation.evaluate``. Where it wants a sandbox and there can be none, only files are
         looked at, and the report says so.
-
-    Raises
-    ------
-    SubmissionError
-        When there is no such file or folder, or it is a baseline.
     """
     began = time.monotonic()
     spec = task if isinstance(task, TaskSpec) else get_task(task)
