@@ -93,8 +93,7 @@ class ArrayFile:
                     refuse("it is packed in another way than numpy packs. Save it again with numpy.savez_compressed")
                 return cls({entry.filename.removesuffix(".npy"): _array(archive, entry) for entry in entries})
         except (zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
-            msg = "it is not an .npz archive, or is damaged"
-            raise ValueError(msg) from error
+            refuse("it is not an .npz archive, or is damaged", ValueError, error)
 
     def __contains__(self, name: str) -> bool:
         return name in self._arrays
@@ -156,8 +155,7 @@ class ArrayFile:
             "".join(array.ravel().tolist()).encode()
             return array.tolist()
         except ValueError as error:
-            msg = f"'{name}' has invalid characters"
-            raise ValueError(msg) from error
+            refuse(f"'{name}' has invalid characters", ValueError, error)
 
     def _entry(self, name: str, dimensions: int, *, text: bool = False) -> NDArray[Any]:
         array = self._arrays.get(name)
@@ -190,8 +188,7 @@ def _array(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
         rest = len(content.getbuffer()) - content.tell()
         fits = dtype.itemsize > 0 and math.prod(shape) * dtype.itemsize == rest and min(shape, default=0) >= 0
     except _NUMPY_ERRORS as error:
-        msg = f"its entry {quoted(entry.filename)} is not an array of plain numbers or text"
-        raise ValueError(msg) from error
+        refuse(f"its entry {quoted(entry.filename)} is not an array of plain numbers or text", ValueError, error)
     if not fits or (dtype.kind != "U" and dtype.str not in _KINDS):
         refuse(f"its entry {quoted(entry.filename)} is not an array of plain numbers or text, or is incomplete")
     array: NDArray[Any] = np.frombuffer(content.read(), dtype=dtype)

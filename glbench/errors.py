@@ -77,9 +77,11 @@ def whole_number(value: object, what: str) -> int:
     return operator.index(value)  # type: ignore[arg-type]
 
 
-def refuse(reason: str, error: type[Exception] = ValueError) -> NoReturn:
-    """Raise ``error`` with ``reason``; a validator of pydantic or a reader of untrusted data refuses a value by ``ValueError``."""
-    raise error(reason)
+def refuse(reason: str, error: type[Exception] = ValueError, cause: BaseException | None = None) -> NoReturn:
+    """Raise ``error`` with ``reason``, from ``cause``; a validator of pydantic or a reader of untrusted data does it by ``ValueError``."""
+    if cause is None:
+        raise error(reason)  # in an ``except`` its context stays
+    raise error(reason) from cause
 
 
 def did_you_mean(name: str, choices: Iterable[str], *, list_few: bool = True) -> str:

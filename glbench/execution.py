@@ -34,7 +34,7 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from glbench.children import worker
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.extras import require
 from glbench.resources import Scratch
 
@@ -484,8 +484,7 @@ class RayExecutor(Executor):
                     continue  # half a minute is short for Ray's processes on a busy machine
                 where = f"at {self._address}" if self._address is not None else "on this machine"
                 reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-                msg = f"There is no Ray cluster {where}: {reason} `--engine local` needs none."
-                raise GlbenchError(msg) from error
+                refuse(f"There is no Ray cluster {where}: {reason} `--engine local` needs none.", GlbenchError, error)
             return
 
     def _start(self, future: Future) -> None:

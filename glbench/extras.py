@@ -46,8 +46,7 @@ def need(module: str, what: str) -> Any:
             msg = f"{what} needs {_INSTALL_NAMES.get(top, top)}, which is not installed here. {how_to_install(top)}"
         raise SubmissionError(msg) from error
     except ImportError as error:
-        msg = f"{what} needs {module}, which is installed and cannot be imported ({error}). Install it again."
-        raise SubmissionError(msg) from error
+        refuse(f"{what} needs {module}, which is installed and cannot be imported ({error}). Install it again.", SubmissionError, error)
 
 
 def missing(*modules: str) -> list[str]:

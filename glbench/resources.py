@@ -19,7 +19,7 @@ from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Final, Literal
 
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.untrusted import real_path, reason_of
 
 if TYPE_CHECKING:
@@ -143,8 +143,7 @@ def _user_folder(variable: str, of_platform: str, usual: str) -> Path:
         return (Path(base) if base else Path.home() / usual) / "glbench"
     except RuntimeError as error:
         # A folder for all users, such as /tmp, will not do: compiled kernels are loaded from there.
-        msg = f"This user has no home folder: set HOME, or {variable}, to a folder that only this user may write to."
-        raise GlbenchError(msg) from error
+        refuse(f"This user has no home folder: set HOME, or {variable}, to a folder that only this user may write to.", GlbenchError, error)
 
 
 def write_atomically(path: Path, data: bytes | str) -> None:
@@ -170,8 +169,7 @@ def write_atomically(path: Path, data: bytes | str) -> None:
         temporary.chmod(0o666 & ~umask)
         temporary.replace(path)
     except OSError as error:
-        msg = f"Cannot write {path}: {reason_of(error)}. Choose a folder that you may write to, or free some space."
-        raise GlbenchError(msg) from error
+        refuse(f"Cannot write {path}: {reason_of(error)}. Choose a folder that you may write to, or free some space.", GlbenchError, error)
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)

@@ -116,14 +116,11 @@ def read_toml(file: Path) -> dict[str, Any]:
             refuse(f"it has a line with more than {_MOST_DOTS} dots, and no key of a card has two", SubmissionError)
         return tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as error:
-        msg = f"it cannot be read ({reason_of(error)})"
-        raise SubmissionError(msg) from error
+        refuse(f"it cannot be read ({reason_of(error)})", SubmissionError, error)
     except ValueError as error:  # tomllib's own, and Python's for an integer of thousands of digits
-        msg = f"it is no valid TOML ({toml_fault(error, text)})"
-        raise SubmissionError(msg) from error
+        refuse(f"it is no valid TOML ({toml_fault(error, text)})", SubmissionError, error)
     except RecursionError as error:
-        msg = "it is no valid TOML (its tables or lists are nested without end)"
-        raise SubmissionError(msg) from error
+        refuse("it is no valid TOML (its tables or lists are nested without end)", SubmissionError, error)
 
 
 def table_at(model: type[BaseModel], place: Sequence[str | int]) -> type[BaseModel] | None:

@@ -46,8 +46,7 @@ def _damage_in_words() -> Iterator[None]:
     except (GlbenchError, OSError):
         raise
     except Exception as error:
-        msg = f"This agent cannot be made: {quoted(error)}. Its settings or the file of a policy may be damaged."
-        raise SubmissionError(msg) from error
+        refuse(f"This agent cannot be made: {quoted(error)}. Its settings or the file of a policy may be damaged.", SubmissionError, error)
 
 
 def _that_exists(name: str) -> str:
@@ -196,8 +195,7 @@ def _check_place(place: Path, folder: Path) -> None:
             with opened_archive(file) as archive:
                 size = sum(item.file_size for item in archive.infolist())
         except ValueError as error:
-            msg = f"{file} is no archive that can be read: {error}."
-            raise SubmissionError(msg) from error
+            refuse(f"{file} is no archive that can be read: {error}.", SubmissionError, error)
         except (OSError, NotImplementedError, zipfile.BadZipFile):
             continue  # it is not an archive; who reads it says what is wrong
         if size > LARGEST_ARCHIVE:
@@ -220,6 +218,5 @@ def _read_card(file: Path) -> Card:
         if isinstance(content.get("training"), dict) and "recipe" in content["training"]:
             plain["training"] = content["training"]
     except SubmissionError as error:
-        msg = f"Cannot read the card {file}: {error}."
-        raise SubmissionError(msg) from error
+        refuse(f"Cannot read the card {file}: {error}.", SubmissionError, error)
     return validated(Card, plain, "the card", file)

@@ -44,11 +44,9 @@ def import_file(file: Path, name: str, folder: Path | None) -> ModuleType:
     try:
         code = compile(file.read_bytes(), str(file), "exec", dont_inherit=True)
     except (SyntaxError, ValueError) as error:
-        msg = f"{file.name} is no valid Python: {last_line(error)}{_place_of_syntax_error(error, file)}."
-        raise SubmissionError(msg) from error
+        refuse(f"{file.name} is no valid Python: {last_line(error)}{_place_of_syntax_error(error, file)}.", SubmissionError, error)
     except (MemoryError, RecursionError) as error:
-        msg = f"{file.name} is no valid Python: it is nested too deeply, or too large ({last_line(error)})."
-        raise SubmissionError(msg) from error
+        refuse(f"{file.name} is no valid Python: it is nested too deeply, or too large ({last_line(error)}).", SubmissionError, error)
     spec = ModuleSpec(name, loader=None, origin=str(file), is_package=folder is not None)
     if folder is not None:
         spec.submodule_search_locations = [str(folder)]
@@ -63,8 +61,7 @@ def import_file(file: Path, name: str, folder: Path | None) -> ModuleType:
         for loaded in [key for key in sys.modules if key == name or key.startswith(f"{name}.")]:
             del sys.modules[loaded]
         hint = _hint_about_neighbours(error, file, folder)
-        msg = f"{file.name} fails while it is loaded: {describe_error(error, folder or file)}.{hint}"
-        raise SubmissionError(msg) from error
+        refuse(f"{file.name} fails while it is loaded: {describe_error(error, folder or file)}.{hint}", SubmissionError, error)
     return module
 
 
@@ -152,8 +149,7 @@ def python_maker(submission: identity.Identity) -> Callable[[TaskCard], Agent]:
                 agent: object = make_agent(task)
                 return agent
         except (Exception, SystemExit) as error:
-            msg = f"make_agent in {file.name} fails: {describe_error(error, folder or file)}."
-            raise SubmissionError(msg) from error
+            refuse(f"make_agent in {file.name} fails: {describe_error(error, folder or file)}.", SubmissionError, error)
 
     def make(task: TaskCard) -> Agent:
         agent = call(task)
@@ -203,8 +199,7 @@ def _check_call(function: Callable[..., object], what: str, form: str, arguments
     try:
         signature.bind(*[None] * arguments)
     except TypeError as error:
-        msg = f"{what} has the wrong signature {signature}: it is called as {form}."
-        raise SubmissionError(msg) from error
+        refuse(f"{what} has the wrong signature {signature}: it is called as {form}.", SubmissionError, error)
 
 
 def _a(thing: object) -> str:

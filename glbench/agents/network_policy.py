@@ -357,8 +357,7 @@ def read_actor(file: Path) -> Actor:
     try:
         data = read_regular(file, 64 * MIB)
     except OSError as error:
-        msg = f"Cannot read the policy {file}: {error.strerror or error}."
-        raise SubmissionError(msg) from error
+        refuse(f"Cannot read the policy {file}: {error.strerror or error}.", SubmissionError, error)
     try:
         arrays = ArrayFile.of(data)
         if "network" not in arrays:

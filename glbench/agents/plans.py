@@ -220,8 +220,7 @@ def read_book(file: Path) -> PlanBook:
             about=tuple(checked_facts(one) for one in about),
         )
     except (ValueError, OSError, ShapeError) as error:
-        msg = f"{file} is no book of plans, or a damaged one: {reason_of(error)}. {_ADVICE}"
-        raise SubmissionError(msg) from error
+        refuse(f"{file} is no book of plans, or a damaged one: {reason_of(error)}. {_ADVICE}", SubmissionError, error)
 
 
 @dataclass(frozen=True)
@@ -378,8 +377,7 @@ def read_recording(file: Path) -> Recording:
             about=checked_facts(arrays.table("about")),  # type: ignore[arg-type]
         )
     except (ValueError, OSError, ShapeError) as error:
-        msg = f"{file} is not a recording of actions, or is damaged: {reason_of(error)}. {advice}"
-        raise SubmissionError(msg) from error
+        refuse(f"{file} is not a recording of actions, or is damaged: {reason_of(error)}. {advice}", SubmissionError, error)
 
 
 @controller(

@@ -17,7 +17,7 @@ from glbench.agents.controllers import controller
 from glbench.agents.protocol import check_runs
 from glbench.control import Climatology, EndValue, Outlook, PredictiveController, Scenario, StateEstimator, actions_of
 from glbench.env.actuation import make_actuation
-from glbench.errors import GlbenchError, SubmissionError, did_you_mean
+from glbench.errors import GlbenchError, SubmissionError, did_you_mean, refuse
 from glbench.settings import Table, read_settings
 
 if TYPE_CHECKING:
@@ -65,8 +65,7 @@ class PredictiveSettings(Table):
                 renew_every=self.renew_every,
             )
         except GlbenchError as error:
-            msg = f"{task.id} cannot be planned for: {error}"
-            raise SubmissionError(msg) from error
+            refuse(f"{task.id} cannot be planned for: {error}", SubmissionError, error)
 
 
 def read_predictive_settings(path: Path) -> PredictiveSettings:
@@ -76,8 +75,7 @@ def read_predictive_settings(path: Path) -> PredictiveSettings:
         for value in settings.end_values.values():
             EndValue.read(value)
     except GlbenchError as error:
-        msg = f"The settings of predictive control {path} cannot be used: {error}"
-        raise SubmissionError(msg) from error
+        refuse(f"The settings of predictive control {path} cannot be used: {error}", SubmissionError, error)
     return settings
 
 

@@ -228,8 +228,7 @@ def onnx_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
         options.log_severity_level = _ONLY_ERRORS
         session = runtime.InferenceSession(str(file), options, providers=["CPUExecutionProvider"])
     except Exception as error:
-        msg = f"{file.name} cannot be loaded as ONNX: {last_line(error)}."
-        raise SubmissionError(msg) from error
+        refuse(f"{file.name} cannot be loaded as ONNX: {last_line(error)}.", SubmissionError, error)
     block, kind, name = _input(session, len(task.observations), file.name)
     output = session.get_outputs()[0].name
 
@@ -279,8 +278,7 @@ def torchscript_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
         with without_warnings():
             module = torch.jit.load(str(file), map_location="cpu").eval()
     except (RuntimeError, ValueError, OSError) as error:
-        msg = f"{file.name} cannot be loaded as TorchScript: {last_line(error)}."
-        raise SubmissionError(msg) from error
+        refuse(f"{file.name} cannot be loaded as TorchScript: {last_line(error)}.", SubmissionError, error)
 
     def function(rows: Rows) -> NDArray[np.floating]:
         # The optimising executor compiles after the first calls, and may add up in another order from then on.
@@ -304,8 +302,7 @@ def _agent(submission: Identity, task: TaskCard, function: Function, block: int 
     except SubmissionError:
         raise
     except Exception as error:
-        msg = f"{file} fails on observations of {columns} columns, which the task shows: {last_line(error)}."
-        raise SubmissionError(msg) from error
+        refuse(f"{file} fails on observations of {columns} columns, which the task shows: {last_line(error)}.", SubmissionError, error)
     if shape != (1, actions):
         refuse(f"{file} answers a row of {columns} observations with {shape[1]} numbers, the task has {actions} actions.", SubmissionError)
     return PolicyAgent(ask, normalise, actions, clip=submission.card is not None and submission.card.clip_actions)

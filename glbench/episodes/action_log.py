@@ -165,8 +165,7 @@ def read_log(path: Path | str) -> ActionLog:
         runs = RunTable.model_validate_json(content.attachments[_RUNS]).runs
         return _log(content, provenance, runs, words["actions_as"])
     except (KeyError, ValueError, IndexError, OverflowError, struct.error, DecodeError, ValidationError) as error:
-        msg = f"{path} is not a whole file of recorded actions ({visible(' '.join(str(error).split())[:200])})."
-        raise EpisodeError(msg) from error
+        refuse(f"{path} is not a whole file of recorded actions ({visible(' '.join(str(error).split())[:200])}).", EpisodeError, error)
 
 
 def _log(content: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], number: str) -> ActionLog:

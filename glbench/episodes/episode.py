@@ -362,11 +362,9 @@ def _attached(path: Path, content: Scan, name: str, kind: type[Record]) -> Recor
         refuse_crowd(data)
         return kind.model_validate_json(data)
     except ValidationError as error:
-        msg = f"{path}: the attached {name} is invalid ({first_problems(error)})."
-        raise EpisodeError(msg) from error
+        refuse(f"{path}: the attached {name} is invalid ({first_problems(error)}).", EpisodeError, error)
     except ValueError as error:
-        msg = f"{path}: the attached {name} is invalid: {error}."
-        raise EpisodeError(msg) from error
+        refuse(f"{path}: the attached {name} is invalid: {error}.", EpisodeError, error)
 
 
 def _too_short(path: Path, name: str, content: Scan) -> str:

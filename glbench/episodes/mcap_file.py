@@ -380,8 +380,7 @@ def scan(path: Path) -> Scan:
         )
         raise EpisodeError(msg) from error
     except OSError as error:
-        msg = f"Cannot read the record {path}: {error.strerror or error}."
-        raise EpisodeError(msg) from error
+        refuse(f"Cannot read the record {path}: {error.strerror or error}.", EpisodeError, error)
     if not data.startswith(MCAP0_MAGIC):
         refuse(f"{path} is no MCAP file: it does not begin with MCAP's magic bytes.", EpisodeError)
     return scan_bytes(data)

@@ -28,7 +28,7 @@ from glbench.children import Child
 from glbench.env import Simulation, StepResult, run_weather
 from glbench.episodes import rerun_recording
 from glbench.episodes.signals import Floats, Source, signals_of
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec
 
@@ -75,8 +75,7 @@ def _unused(port: int) -> int:
         try:
             probe.bind((LOOPBACK, port))
         except OSError as error:
-            msg = f"The port {port} is taken. Choose another with --port, or leave it out."
-            raise GlbenchError(msg) from error
+            refuse(f"The port {port} is taken. Choose another with --port, or leave it out.", GlbenchError, error)
     return port
 
 

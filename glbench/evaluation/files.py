@@ -58,11 +58,9 @@ def load_result(path: Path | str) -> Result:
     try:
         text = read_regular(path, LARGEST_RESULT).decode()
     except FileNotFoundError as error:
-        msg = f"There is no result file {path}. Make one with `glbench evaluate`."
-        raise ResultError(msg) from error
+        refuse(f"There is no result file {path}. Make one with `glbench evaluate`.", ResultError, error)
     except (OSError, UnicodeDecodeError) as error:
-        msg = f"Cannot read the result file {path}: {reason_of(error)}."
-        raise ResultError(msg) from error
+        refuse(f"Cannot read the result file {path}: {reason_of(error)}.", ResultError, error)
     _check_schema(path, text)
     try:
         return Result.model_validate_json(text)

@@ -102,8 +102,7 @@ class PackedAgent:
         try:
             files = [(file.relative_to(root).as_posix(), file.read_bytes()) for file in own or files_of_folder(path)]
         except OSError as error:
-            msg = f"The submission {path} cannot be packed: {error}. Check that its files exist and may be read."
-            raise SubmissionError(msg) from error
+            refuse(f"The submission {path} cannot be packed: {error}. Check that its files exist and may be read.", SubmissionError, error)
         return cls(path.name, tuple(files), is_folder=not own)
 
     @contextmanager

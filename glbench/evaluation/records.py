@@ -305,8 +305,7 @@ class Result(Sparse):
         try:
             self.of_fresh_draws()
         except ValueError as error:
-            msg = f"fresh_draws: {error}"
-            raise ValueError(msg) from error
+            refuse(f"fresh_draws: {error}", ValueError, error)
 
     def of_fresh_draws(self) -> Result:
         """The evaluation with fresh draws as a separate result, like one of a round with that salt. Needs ``fresh_draws``."""

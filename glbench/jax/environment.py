@@ -266,8 +266,7 @@ class Environment:
         try:
             action = jnp.asarray(action)
         except (TypeError, ValueError, OverflowError) as error:
-            msg = f"An action of {self.task.id} is an array of real numbers, and this {type(action).__name__} is not."
-            raise ActionError(msg) from error
+            refuse(f"An action of {self.task.id} is an array of real numbers, and this {type(action).__name__} is not.", ActionError, error)
         if not jnp.issubdtype(action.dtype, jnp.floating) and not jnp.issubdtype(action.dtype, jnp.integer):
             refuse(f"An action of {self.task.id} is an array of real numbers, not of {action.dtype}.", ActionError)
         action = action.astype(real)

@@ -268,8 +268,7 @@ def read_comparison(path: Path) -> Comparison:
         return Comparison.model_validate_json(read_regular(path, 16 * MIB))
     except (OSError, ValidationError) as error:
         why = f": {reason_of(error)}" if isinstance(error, OSError) else ""
-        msg = f"{path} is no comparison with measurements{why}. `glbench validate FOLDER --out` writes one."
-        raise ResultError(msg) from error
+        refuse(f"{path} is no comparison with measurements{why}. `glbench validate FOLDER --out` writes one.", ResultError, error)
 
 
 def check_pictures() -> None:

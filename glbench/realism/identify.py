@@ -146,8 +146,7 @@ class Problem:
                 try:
                     self.overrides(np.where(np.arange(len(begin)) == i, ends, 0.0))
                 except ParameterError as error:
-                    msg = f"'{entry}' cannot go to its {word}, {getattr(one, word):g}: {error}"
-                    raise ParameterError(msg) from error
+                    refuse(f"'{entry}' cannot go to its {word}, {getattr(one, word):g}: {error}", ParameterError, error)
 
     @property
     def data_digest(self) -> str:

@@ -127,8 +127,7 @@ class Sheet:
                 text = re.sub(r"[ \t]*[,\t][ \t]*", ",", read_text(path, ArchiveError))
                 table = pd.read_csv(io.StringIO(text), skipinitialspace=True, index_col=False)
         except (OSError, ValueError) as error:
-            msg = f"Cannot read {path}: it is no table with one line of titles. Is the file whole?"
-            raise ArchiveError(msg) from error
+            refuse(f"Cannot read {path}: it is no table with one line of titles. Is the file whole?", ArchiveError, error)
         table = table.reset_index(drop=isinstance(table.index, pd.RangeIndex))
         table.columns = [str(name).strip().lstrip("%").strip() for name in table.columns]
         if table.empty:

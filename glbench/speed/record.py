@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from glbench.errors import ResultError
+from glbench.errors import ResultError, refuse
 from glbench.evaluation.records import Machine, Versions
 from glbench.resources import write_atomically
 from glbench.untrusted import MIB, parse_json, read_regular, reason_of
@@ -88,5 +88,4 @@ def read_record(path: Path) -> SpeedRecord:
     try:
         return SpeedRecord.model_validate(parse_json(read_regular(path, MIB)))
     except (OSError, ValueError, ValidationError) as error:
-        msg = f"{path} is no speed record of glbench: {reason_of(error)}. `glbench bench --out {path}` makes one."
-        raise ResultError(msg) from error
+        refuse(f"{path} is no speed record of glbench: {reason_of(error)}. `glbench bench --out {path}` makes one.", ResultError, error)

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from glbench import children
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.evaluation.records import current_versions, this_machine
 from glbench.kernel import Kernel
 from glbench.kernel.cvodes import paper_cvodes
@@ -248,9 +248,7 @@ def _run(code: str, *arguments: str, **environment: str) -> float:
         process.check_returncode()
     except subprocess.CalledProcessError as error:
         last = error.stderr.strip().splitlines()[-1:] or ["nothing"]
-        msg = f"A process that was to be measured failed; it said: {last[0]}"
-        raise GlbenchError(msg) from error
+        refuse(f"A process that was to be measured failed; it said: {last[0]}", GlbenchError, error)
     except subprocess.TimeoutExpired as error:
-        msg = f"A process that was to be measured took longer than {_TIMEOUT_SECONDS:g} s."
-        raise GlbenchError(msg) from error
+        refuse(f"A process that was to be measured took longer than {_TIMEOUT_SECONDS:g} s.", GlbenchError, error)
     return float(process.stdout)

@@ -94,8 +94,7 @@ def make_model(settings: TrainingSettings, env: VecEnv, seed: int) -> BaseAlgori
             **_arguments(settings),
         )
     except (TypeError, ValueError, AssertionError) as error:
-        msg = f"{kind.__name__} refuses its settings: {error}"
-        raise TrainingError(msg) from error
+        refuse(f"{kind.__name__} refuses its settings: {error}", TrainingError, error)
 
 
 def policy_arguments(settings: dict[str, Any]) -> dict[str, Any]:
@@ -174,8 +173,7 @@ def _schedule(value: Any) -> Any:
     try:
         return LinearSchedule(float(value.removeprefix(LINEAR)), 0.0, 1.0)
     except ValueError as error:
-        msg = f"'{value}' is no schedule: write {LINEAR}3e-4 for one from 3e-4 linearly to 0."
-        raise TrainingError(msg) from error
+        refuse(f"'{value}' is no schedule: write {LINEAR}3e-4 for one from 3e-4 linearly to 0.", TrainingError, error)
 
 
 NORMALIZATION, BUFFER = "vecnormalize.pkl", "replay_buffer.pkl"
@@ -249,8 +247,7 @@ def load_checkpoint(
         model.action_space.np_random.bit_generator.state = state["random_actions"]
         history = History.from_dict(state["history"])
     except DAMAGED as error:
-        msg = f"The checkpoint {folder} cannot be read: {error}. Remove the folder to start the training over."
-        raise TrainingError(msg) from error
+        refuse(f"The checkpoint {folder} cannot be read: {error}. Remove the folder to start the training over.", TrainingError, error)
     return model, normalization, history
 
 

@@ -174,8 +174,7 @@ def read_card(file: Path) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, RecursionError) as error:
-        msg = f"Cannot read the card {file}: {reason_of(error)}. Remove it to train again."
-        raise TrainingError(msg) from error
+        refuse(f"Cannot read the card {file}: {reason_of(error)}. Remove it to train again.", TrainingError, error)
     if not {"task", "training", "best"} <= card.keys():
         refuse(f"{file} is not a card of a training. Choose another folder with --out.", TrainingError)
     return card

@@ -48,8 +48,7 @@ def _take(lock: int, folder: Path) -> None:
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        msg = f"Another process is at work in {folder}. Wait for it to end, or choose another folder with --out."
-        raise TrainingError(msg) from error
+        refuse(f"Another process is at work in {folder}. Wait for it to end, or choose another folder with --out.", TrainingError, error)
 
 
 def claim(

@@ -157,8 +157,7 @@ class Learner:
                 task, settings.kernel_preset, seeds=settings.seeds, places=settings.places, info=tuple(dict.fromkeys(privileged))
             )
         except UnknownNameError as error:
-            msg = f"'accrual' or 'critic_sees': {error}"
-            raise TrainingError(msg) from error
+            refuse(f"'accrual' or 'critic_sees': {error}", TrainingError, error)
         except TaskError as error:
             msg = f"{error} Or train with Stable-Baselines3, which supports it: glbench train stable_baselines3.PPO --task {task.id}"
             raise TrainingError(msg) from error

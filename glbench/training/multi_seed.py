@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from glbench import execution
-from glbench.errors import GlbenchError, TrainingError
+from glbench.errors import GlbenchError, TrainingError, refuse
 from glbench.evaluation.jobs import PackedTask
 from glbench.resources import Scratch, write_atomically
 from glbench.training.card import CARD, POLICY
@@ -102,8 +102,7 @@ def outcome_of(future: execution.Future, folder: Path) -> Trained:
     try:
         trained: Trained = future.result()
     except execution.WorkerLostError as error:
-        msg = f"The training in {folder} ended unexpectedly. {error} Run the same command again to continue."
-        raise TrainingError(msg) from error
+        refuse(f"The training in {folder} ended unexpectedly. {error} Run the same command again to continue.", TrainingError, error)
     except TrainingError:
         raise
     except GlbenchError as error:
@@ -210,8 +209,7 @@ def _start_files(policy: Path | None) -> execution.Files:
         files = {name: file.read_bytes() for name, file in cards.items() if file.is_file()}
         return {f"{_START}/{policy.name}": policy.read_bytes(), **files}
     except OSError as error:
-        msg = f"The policy to start from, {policy}, cannot be read: {error}."
-        raise TrainingError(msg) from error
+        refuse(f"The policy to start from, {policy}, cannot be read: {error}.", TrainingError, error)
 
 
 def bring_home(folder: Path, files: execution.Files) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents.saved_policies import DAMAGED
-from glbench.errors import TrainingError
+from glbench.errors import TrainingError, refuse
 from glbench.resources import write_atomically
 from glbench.training.card import TrainingFacts, digest_of_tasks, note_session, write_card
 from glbench.training.folder import Trained, altered, claim, folder_lock, open_folder
@@ -162,8 +162,7 @@ class Session(ABC):
                 raise altered(file)
             self.restore(arrays, facts)
         except DAMAGED as error:
-            msg = f"The state of the {self.what} {file} cannot be read: {error}. Remove it to start over."
-            raise TrainingError(msg) from error
+            refuse(f"The state of the {self.what} {file} cannot be read: {error}. Remove it to start over.", TrainingError, error)
         self.history = History.from_dict(facts["history"])
 
     def _digest(self, facts: Mapping[str, Any], arrays: Arrays) -> str:

@@ -152,8 +152,7 @@ def with_choices(settings: TrainingSettings, choices: dict[str, Any], steps: int
         return TrainingSettings.model_validate(content)
     except ValidationError as error:
         problems = readable_errors(error, TrainingSettings, inline="hyperparameters")
-        msg = f"A trial cannot be trained: {problems}"
-        raise TrainingError(msg) from error
+        refuse(f"A trial cannot be trained: {problems}", TrainingError, error)
 
 
 def _set_choice(content: dict[str, Any], name: str, value: Any) -> None:

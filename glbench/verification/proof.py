@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from pydantic import AliasChoices, FailFast, Field, ValidationError
 
 from glbench import __version__
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.evaluation import Result, load_result
 from glbench.evaluation.files import LARGEST_RESULT
 from glbench.evaluation.records import Digest, Machine, Record, this_machine
@@ -297,8 +297,7 @@ def save_proof(verdict: Verdict) -> Path | None:
             try:
                 path.unlink(missing_ok=True)
             except OSError as error:
-                msg = f"Cannot remove {path}, which the verdict contradicts: {error.strerror or error}."
-                raise GlbenchError(msg) from error
+                refuse(f"Cannot remove {path}, which the verdict contradicts: {error.strerror or error}.", GlbenchError, error)
         return None
     result = load_result(verdict.path)
     assert result.record is not None

@@ -128,8 +128,7 @@ def detect_format(path: Path) -> Format:
         with open_regular(path) as file:
             head = read_pieces(file.read, 4)
     except OSError as error:
-        msg = f"Cannot read {path}: {reason_of(error)}. Check the path."
-        raise WeatherError(msg) from error
+        refuse(f"Cannot read {path}: {reason_of(error)}. Check the path.", WeatherError, error)
     if head == b"PAR1":
         return "parquet"
     text = read_text(path, WeatherError)[:_HEAD_CHARACTERS]

@@ -137,8 +137,7 @@ def _pvgis_table(text: str, file: str) -> tuple[TextTable, dict[str, float | str
             for slope in slopes:
                 facts["slope"] = float(slope) if re.fullmatch(r"[-\d.]+", slope) else slope.strip('"')
         except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
-            msg = f"{file} is no weather of PVGIS: {reason_of(error)}. Export it again, as CSV."
-            raise WeatherError(msg) from error
+            refuse(f"{file} is no weather of PVGIS: {reason_of(error)}. Export it again, as CSV.", WeatherError, error)
         return TextTable(file, WeatherError, (), titles, rows, range(1, len(rows) + 1)), facts
     lines = text.split("\n")
     titles_pattern = re.compile(r"\s*\"?time\s*(\(UTC\))?\"?\s*[,;\t]")

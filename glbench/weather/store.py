@@ -192,8 +192,7 @@ def _manifest(folder: Path) -> Mapping[str, dict[str, Any]]:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
         return MappingProxyType({str(name): entry for name, entry in content["record"].items()})
     except (OSError, ValueError, RecursionError, KeyError) as error:
-        msg = f"Cannot read {path}: {error}. Install glbench again, or restore the file."
-        raise WeatherError(msg) from error
+        refuse(f"Cannot read {path}: {error}. Install glbench again, or restore the file.", WeatherError, error)
 
 
 @lru_cache(maxsize=8)

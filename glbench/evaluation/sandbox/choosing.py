@@ -71,8 +71,7 @@ def protection_of(submission: Identity, choice: SandboxChoice) -> Protection:
     try:
         usable_mode()
     except SandboxError as error:
-        msg = f"'{submission.name}' was not run. {error}"
-        raise SandboxError(msg) from error
+        refuse(f"'{submission.name}' was not run. {error}", SandboxError, error)
     return "bubblewrap"
 
 

@@ -22,7 +22,7 @@ from typing import Final
 
 from glbench.agents import Identity
 from glbench.agents.identity import digest_of
-from glbench.errors import GlbenchError, SubmissionError
+from glbench.errors import GlbenchError, SubmissionError, refuse
 from glbench.resources import DataFolder, cache_folder, data_folder, user_data_folder
 
 CODE: Final = Path("/opt/glbench")
@@ -203,8 +203,7 @@ def _copies(submission: Identity, staging: Callable[[], Path]) -> Bound:
         root.mkdir(parents=True)
         digest = digest_of(files, submission.root, root)
     except OSError as error:
-        msg = f"The submission {submission.path} cannot be copied for its sandbox: {error}."
-        raise GlbenchError(msg) from error
+        refuse(f"The submission {submission.path} cannot be copied for its sandbox: {error}.", GlbenchError, error)
     if digest != submission.digest:
         msg = f"The files of {submission.path} were changed after its evaluation began. Leave them as they are until it ends."
         raise SubmissionError(msg)
