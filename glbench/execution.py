@@ -45,8 +45,7 @@ _REPORT_SECONDS = 0.5
 _ANSWER_SECONDS = 0.1
 _END_SECONDS = 5.0
 _SAVE_SECONDS = 20.0
-_LARGEST_SAVED = 256 * 2**20
-"""Bytes; a larger folder is returned only with the result."""
+_LARGEST_SAVED = 256 * 2**20  # Bytes; a larger folder is returned only with the result
 _RAY_STARTS = 3
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Several workers share a machine, and bits may depend on the number of threads."""

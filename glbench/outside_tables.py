@@ -31,7 +31,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.errors import GlbenchError, did_you_mean
+from glbench.errors import GlbenchError, did_you_mean, refuse
 from glbench.untrusted import MIB, gunzip, open_regular, opened_archive, read_pieces, read_regular, reason_of, visible
 
 FloatArray = NDArray[np.float64]
@@ -117,22 +117,17 @@ def read_text(path: Path, refusal: type[GlbenchError]) -> str:
             data = read_regular(path, LARGEST_TABLE)
     except (OSError, EOFError, ValueError, zlib.error, BadZipFile, NotImplementedError, gzip.BadGzipFile) as error:
         reason = "it is a damaged archive" if isinstance(error, BadZipFile | NotImplementedError) else reason_of(error)
-        msg = f"Cannot read {path}: {reason}. Check the path and the file."
-        raise refusal(msg) from error
+        refuse(f"Cannot read {path}: {reason}. Check the path and the file.", refusal, error)
     for beginning, kind, advice in _NOT_TABLES:
         if data.startswith(beginning):
-            msg = f"{path} is {kind}, not a text table. {advice}"
-            raise refusal(msg)
+            refuse(f"{path} is {kind}, not a text table. {advice}", refusal)
     text = decode(data)
     if "\0" in text[:65536]:
-        msg = f"{path} is not a text file. Export the table as CSV."
-        raise refusal(msg)
+        refuse(f"{path} is not a text file. Export the table as CSV.", refusal)
     if _MARKUP.match(text[:200]):
-        msg = f"{path} is a web page or an XML file, not a table. Download it again, or choose the export as CSV."
-        raise refusal(msg)
+        refuse(f"{path} is a web page or an XML file, not a table. Download it again, or choose the export as CSV.", refusal)
     if not text.strip():
-        msg = f"{path} is empty. Is it the right file, and whole?"
-        raise refusal(msg)
+        refuse(f"{path} is empty. Is it the right file, and whole?", refusal)
     return text
 
 
@@ -157,21 +152,17 @@ def _only_member(path: Path, refusal: type[GlbenchError]) -> bytes:
     with opened_archive(path) as archive:
         names = archive.namelist()
         if any(name.startswith(("xl/", "content.xml")) for name in names):
-            msg = f"{path} is a workbook (Excel or OpenDocument), not a text table. Open it and save the sheet as CSV."
-            raise refusal(msg)
+            refuse(f"{path} is a workbook (Excel or OpenDocument), not a text table. Open it and save the sheet as CSV.", refusal)
         members = [name for name in names if not name.endswith("/") and not name.startswith("__MACOSX")]
         if len(members) != 1:
-            msg = f"{path} holds {len(members)} files. Unpack it, and import the table that you need."
-            raise refusal(msg)
+            refuse(f"{path} holds {len(members)} files. Unpack it, and import the table that you need.", refusal)
         try:
             with archive.open(members[0]) as file:
                 data = read_pieces(file.read, LARGEST_TABLE + 1)
         except RuntimeError as error:  # encrypted
-            msg = f"{path} is locked with a password. Unpack it first."
-            raise refusal(msg) from error
+            refuse(f"{path} is locked with a password. Unpack it first.", refusal, error)
     if len(data) > LARGEST_TABLE:
-        msg = f"{path}: {visible(members[0])} expands to more than {LARGEST_TABLE // MIB} MiB. Split it."
-        raise refusal(msg)
+        refuse(f"{path}: {visible(members[0])} expands to more than {LARGEST_TABLE // MIB} MiB. Split it.", refusal)
     return data
 
 
@@ -323,13 +314,11 @@ def split_table(
         if len(fields) > len(titles) and not any(fields[len(titles) :]):
             fields = fields[: len(titles)]
         if len(fields) != len(titles):
-            msg = f"{file}, row {number}: {len(fields)} fields instead of {len(titles)}. Is the file whole?"
-            raise refusal(msg)
+            refuse(f"{file}, row {number}: {len(fields)} fields instead of {len(titles)}. Is the file whole?", refusal)
         rows.append(fields)
     numbers = [number for number, _ in body]
     if not rows:
-        msg = f"{file} has titles but no values. Is it the right file, and whole?"
-        raise refusal(msg)
+        refuse(f"{file} has titles but no values. Is it the right file, and whole?", refusal)
     table = TextTable(file, refusal, (*preamble, *comments), tuple(titles), rows, numbers, notes=tuple(notes))
     return replace(table, decimal=decimal or _decimal(table, delimiter))
 

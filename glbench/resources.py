@@ -31,8 +31,7 @@ _PACKAGE = Path(__file__).resolve().parent
 
 _SCRATCH: Final = "glbench-scratch-"
 _IN_USE: Final = ".in-use"
-_ABANDONED_SECONDS: Final = 60.0
-"""Younger folders may not have their lock yet."""
+_ABANDONED_SECONDS: Final = 60.0  # Younger folders may not have their lock yet
 
 TEXT_SUFFIXES = frozenset(
     f".{suffix}"

@@ -18,8 +18,7 @@ from glbench.untrusted import decimal_point, place_of, quoted, read_regular, rea
 from glbench.yaml_reader import read_yaml
 
 _LARGEST_TOML = 64 * 1024
-_MOST_DOTS = 500
-"""Most dots in a line: the time to read a key grows with the square of the number of its parts."""
+_MOST_DOTS = 500  # Most dots in a line: the time to read a key grows with the square of the number of its parts
 
 Model = TypeVar("Model", bound=BaseModel)
 

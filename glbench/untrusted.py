@@ -32,8 +32,7 @@ _AGENT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _DECIMAL_COMMA = re.compile(r"""(?<![\w.,"'\[])([+-]?\d[\d.]*),(\d+)(?![\w.]|,\d)""")
 _LINE = re.compile(r"\(at line (\d+), column \d+\)")
 _LONGEST_QUOTE = 80
-_LONGEST_READ: Final = 4 * MIB
-"""Bytes that are read at once: tens of thousands of names, where a model has hundreds."""
+_LONGEST_READ: Final = 4 * MIB  # Bytes that are read at once: tens of thousands of names, where a model has hundreds
 _STEERING = frozenset("\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 """Ends of lines and changes of direction, which Unicode does not count as control characters."""
 

@@ -13,8 +13,7 @@ from glbench.untrusted import decimal_point, quoted, read_regular
 
 _LARGEST_FILE: Final = 64 * 1024
 _DEEPEST: Final = 20
-_MOST_VALUES: Final = 10_000
-"""Largest number of values with aliases expanded: nested aliases can multiply to billions."""
+_MOST_VALUES: Final = 10_000  # Largest number of values with aliases expanded: nested aliases can multiply to billions
 _MOST_DIGITS: Final = 30
 _TAG: Final = "tag:yaml.org,2002:"
 _RULE: Final = (

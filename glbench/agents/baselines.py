@@ -34,8 +34,7 @@ if TYPE_CHECKING:
 
 LARGEST_ARCHIVE = 256 * MIB
 """Size of the unpacked arrays of a policy or a recording [bytes]. The shipped ones have less than 1 MiB."""
-_SAVED_MODEL = "best/model.zip"
-"""Where ``glbench train`` leaves its best model in a training's folder."""
+_SAVED_MODEL = "best/model.zip"  # Where ``glbench train`` leaves its best model in a training's folder
 
 
 @contextmanager

@@ -44,8 +44,7 @@ def _shown_as_written(text: str) -> str:
     return text
 
 
-_HARMLESS = "\n\t\u200c\u200d"
-"""Ends of lines and tabulators, and the joiners that some scripts are written with."""
+_HARMLESS = "\n\t\u200c\u200d"  # Ends of lines and tabulators, and the joiners that some scripts are written with
 Printable = Annotated[str, pydantic.AfterValidator(_shown_as_written)]
 Words = Annotated[Printable, pydantic.Field(min_length=1, max_length=200)]
 Names = Annotated[tuple[Words, ...], pydantic.FailFast(), pydantic.BeforeValidator(_as_tuple), pydantic.Field(max_length=100)]

@@ -33,8 +33,7 @@ RAMP_HOURS = 1.0
 """Length of dusk and dawn [h], as in the published day flags."""
 
 _SECONDS_A_DAY = 86400.0
-_HORIZON = math.radians(-0.833)
-"""Height of the middle of the sun when it rises and sets: refraction, and half its width."""
+_HORIZON = math.radians(-0.833)  # Height of the middle of the sun when it rises and sets: refraction, and half its width
 _SIGMOID_STEEPNESS = 10.0  # as in the published smooth day flag
 
 

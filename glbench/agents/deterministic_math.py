@@ -17,17 +17,14 @@ Floats = NDArray[np.float64]
 
 _WEIGHT_BITS = 25
 _SLICE_BITS = 18
-_TERMS = 2 ** (53 - _WEIGHT_BITS - _SLICE_BITS)
-"""So many products of a weight and a slice can be added exactly."""
+_TERMS = 2 ** (53 - _WEIGHT_BITS - _SLICE_BITS)  # So many products of a weight and a slice can be added exactly
 
-_UNTHREADED = 2**18
-"""OpenBLAS multiplies on one thread below so many multiplications."""
+_UNTHREADED = 2**18  # OpenBLAS multiplies on one thread below so many multiplications
 
 _LOG2_E = 1.4426950408889634
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 """The natural logarithm of 2 in two parts; whole multiples of the first are exact."""
-_LARGEST_EXPONENT = 700.0
-"""exp(700) is near the largest number: beyond, 1 / (1 + exp) is 0 or 1 to the last bit."""
+_LARGEST_EXPONENT = 700.0  # exp(700) is near the largest number: beyond, 1 / (1 + exp) is 0 or 1 to the last bit
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,12 +31,9 @@ _ENGINE, _PIPES = "engine", "pipe_heat"
 """What two controls of an energy system deliver: power, and heat for the pipes. Where they are, the boiler's heat goes into the buffer."""
 POWER, BOUGHT, FRUIT = "price_power", "price_power_bought", "price_fruit"
 _AHEAD, _NIGHT, _SHARE = f"{POWER}_in_", "outdoor_temperature_in_12h", "buffer_share"
-_WARM_NIGHT = 18.0
-"""A night that is no colder [degC] needs no heat."""
-_GROWTH = "revenue_growth"
-"""Item of the ledger that tells what fruit is worth, where its price does not change."""
-_RUNNING = 0.01
-"""The engine counts as running above this load."""
+_WARM_NIGHT = 18.0  # A night that is no colder [degC] needs no heat
+_GROWTH = "revenue_growth"  # Item of the ledger that tells what fruit is worth, where its price does not change
+_RUNNING = 0.01  # The engine counts as running above this load
 
 
 class EnergyRuleSettings(TunedRuleSettings):

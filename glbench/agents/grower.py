@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _RADIATION, _VENTS = "global_radiation", "vents"
-_MEAN_HOURS = 1.0
-"""Light is a running mean: its weight fades by 1/e within this time [h]."""
+_MEAN_HOURS = 1.0  # Light is a running mean: its weight fades by 1/e within this time [h]
 
 _Hours = Annotated[float, Field(ge=-12.0, le=12.0)]
 _Celsius = Annotated[float, names.set_point_field(names.HEATING)]

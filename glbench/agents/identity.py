@@ -291,8 +291,7 @@ def is_built_in(path: Path) -> bool:
     return path.is_dir() and (path / CARD_FILE).is_file() and not (path / AGENT_FILE).is_file()
 
 
-_PAGES = (".yml", ".toml")
-"""Of settings for a controller of glbench."""
+_PAGES = (".yml", ".toml")  # Of settings for a controller of glbench
 
 
 def read_identity(path: Path) -> Identity:

@@ -314,8 +314,7 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 EXAMPLE_KIND = "example"
 """What ``glbench submit new --kind`` calls the example submissions, each of which is a file."""
 _NAME = "template-name"
-_OWN_NAMES = ("submission.toml", "README.md")
-"""Files of a template that contain its name."""
+_OWN_NAMES = ("submission.toml", "README.md")  # Files of a template that contain its name
 
 
 def new_submission(folder: Path, kind: Kind) -> tuple[Path, ...]:

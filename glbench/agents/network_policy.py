@@ -348,8 +348,7 @@ class Actor:
 
 
 _OWN = ("traced", "shares", "max_change", "low", "high")
-_GRU = {"weights": 2, "bias": 1, "recurrent": 2}
-"""And how many dimensions they have."""
+_GRU = {"weights": 2, "bias": 1, "recurrent": 2}  # And how many dimensions they have
 
 
 def read_actor(file: Path) -> Actor:

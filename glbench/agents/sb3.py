@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
 
-_RECURRENT = b"lstm_actor"
-"""Begins the names of some weights of recurrent policies; nothing in their settings tells them apart."""
+_RECURRENT = b"lstm_actor"  # Begins the names of some weights of recurrent policies; nothing in their settings tells them apart
 _HOW = 'A model is saved with: model.save("model.zip").'
 _PIECE, _LONGEST_VERSION, _LONGEST_SETTINGS, _LONGEST_WEIGHTS = 2**20, 2**20, 2**26, 2**29
 """Bytes: what is read at once, and what of an archive is read at most."""

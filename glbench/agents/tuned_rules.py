@@ -37,16 +37,11 @@ _COMMENT_COLUMN = 32
 NEEDED = ("air_temperature", "relative_humidity", "global_radiation", "outdoor_temperature", *CLOCK)
 _WELCOME = ("co2", "wind_speed")
 """Looked at where a task shows them: without the one no CO2 is dosed, without the other the air counts as calm."""
-_SCREEN_BAND = 3.0
-"""The thermal screen goes from closed to open while it gets so much warmer outside [K]."""
-_COLD_BAND = 0.7
-"""Vents go from shut to free while it gets so much warmer inside [K]."""
-_NO_COLD, _FULL_COLD = 2.0, 18.0
-"""Vents against humidity move less from a difference to the air outside [K] to another."""
-_STRONG_WIND = 10.0
-"""Wind [m s-1] in which they move least."""
-_LOWEST_TEMPERATURE, _HIGHEST_HUMIDITY = 15.0, 85.0
-"""Limits [degC] and [%] where a task has none."""
+_SCREEN_BAND = 3.0  # The thermal screen goes from closed to open while it gets so much warmer outside [K]
+_COLD_BAND = 0.7  # Vents go from shut to free while it gets so much warmer inside [K]
+_NO_COLD, _FULL_COLD = 2.0, 18.0  # Vents against humidity move less from a difference to the air outside [K] to another
+_STRONG_WIND = 10.0  # Wind [m s-1] in which they move least
+_LOWEST_TEMPERATURE, _HIGHEST_HUMIDITY = 15.0, 85.0  # Limits [degC] and [%] where a task has none
 
 
 def number(low: float, high: float, unit: str, words: str, *, section: str | None = None, tuned: bool = True) -> Any:

@@ -335,8 +335,7 @@ def _rich(view: Table, columns: Sequence[Column], width: int | None) -> rich.tab
 # How a command ends
 
 
-_interruptions: list[str] = []
-"""What was printed about interruptions, so that none is reported twice, and none goes unreported."""
+_interruptions: list[str] = []  # What was printed about interruptions, so that none is reported twice, and none goes unreported
 
 
 def tell_interrupted(consequence: str = "") -> None:

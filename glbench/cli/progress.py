@@ -27,8 +27,7 @@ _REFRESH_SECONDS = 0.1
 _LINE_SHARE = 0.1
 _SHORTEST_LINE_SECONDS, _LONGEST_LINE_SECONDS = 2.0, 30.0
 """Where there is no bar: a line every tenth of the steps, not more often than this, and one at least so often."""
-_PATIENCE_SECONDS = 10.0
-"""A longer wait is reported; without a bar, again after three times as long, and so on."""
+_PATIENCE_SECONDS = 10.0  # A longer wait is reported; without a bar, again after three times as long, and so on
 
 
 class Wait:

@@ -29,11 +29,9 @@ _BAR_WIDTH, _MONEY_WIDTH = 40, 6
 _MOST_FAILURES = 5
 _SECTIONS = {"penalty", "amount", "outside"}
 _MAY_BE_NOTHING = {"earned", "paid", "amount"}
-_NOTHING = 1e-9
-"""Smaller values are rounding: a model's flows fade out, and are not cut."""
+_NOTHING = 1e-9  # Smaller values are rounding: a model's flows fade out, and are not cut
 _SENTENCES = 3
-_FEWEST_PAIRS = 2
-"""Pairs of runs needed for an interval: a single pair has no variance."""
+_FEWEST_PAIRS = 2  # Pairs of runs needed for an interval: a single pair has no variance
 _NONE = "–"
 
 

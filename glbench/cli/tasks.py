@@ -19,8 +19,7 @@ from glbench.errors import GlbenchError, TaskError, UnknownNameError, did_you_me
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
-_DRAFT = "draft"
-"""Shown instead of the digest of a shipped task that may still change."""
+_DRAFT = "draft"  # Shown instead of the digest of a shipped task that may still change
 
 app = typer.Typer(help="List, explain, check and lock the tasks.", no_args_is_help=True)
 round_app = typer.Typer(help="Make and check the secret of a sealed round (docs/maintain.md).", no_args_is_help=True)

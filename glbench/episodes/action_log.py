@@ -36,10 +36,8 @@ LOG_FORMAT = "1"
 _RUNS = "runs.json"
 _TITLE = "glbench actions"
 _BLOCK = 96
-_MOST_RUNS = 65_535
-"""MCAP numbers its channels with 16 bits."""
-_MESSAGE = struct.Struct("<BQHIQQ")
-"""Head of an MCAP message: opcode, length, channel, sequence, and its time [ns] twice."""
+_MOST_RUNS = 65_535  # MCAP numbers its channels with 16 bits
+_MESSAGE = struct.Struct("<BQHIQQ")  # Head of an MCAP message: opcode, length, channel, sequence, and its time [ns] twice
 _TYPE = "glbench.RunPart"
 _BYTES, _NUMBERS = (
     FieldDescriptorProto.TYPE_BYTES,

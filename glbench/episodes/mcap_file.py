@@ -62,10 +62,8 @@ _KINDS: dict[int, np.dtype[np.floating]] = {
     FieldDescriptorProto.TYPE_DOUBLE: np.dtype("<f8"),
     FieldDescriptorProto.TYPE_FLOAT: np.dtype("<f4"),
 }
-_WIRE_TYPE = {8: 1, 4: 5}
-"""Protobuf's wire type of numbers of 8 and 4 bytes."""
-_NESTED = 2
-"""Protobuf's wire type of a message within a message."""
+_WIRE_TYPE = {8: 1, 4: 5}  # Protobuf's wire type of numbers of 8 and 4 bytes
+_NESTED = 2  # Protobuf's wire type of a message within a message
 
 _QUICK = zstandard.ZstdCompressionParameters.from_level(6)
 _THOROUGH = zstandard.ZstdCompressionParameters(

@@ -35,20 +35,17 @@ LOCAL_TIME = "local_time"
 STEP = "step"
 _LINE_WIDTH = 1.6
 _MARGIN = 0.04
-_LIVE_MARGIN = 0.35
-"""Room above and below limits and curves, as a share of their range; more where the curves are still to come."""
+_LIVE_MARGIN = 0.35  # Room above and below limits and curves, as a share of their range; more where the curves are still to come
 _NOISE = 1e-9
 """Curves that nowhere get this far from 0, in their unit, are drawn as 0: what is left of rounding does not get a scale of its own."""
-_PLAYBACK_SPEED = 3600.0
-"""Played back, an hour passes in a second."""
+_PLAYBACK_SPEED = 3600.0  # Played back, an hour passes in a second
 _PLOTS_ABREAST = 2
 
 Times = NDArray[np.datetime64]
 HOURS_PER_DAY = 24
 SHOWN_DAYS = 2
 _NOTHING = "There is nothing to show: no run was chosen."
-_LEAST = 0.005
-"""What is smaller in every week is 0.00 in the table, and left out."""
+_LEAST = 0.005  # What is smaller in every week is 0.00 in the table, and left out
 
 
 @dataclass(frozen=True)

@@ -37,8 +37,7 @@ all these, or the table of a step's quantities."""
 Vectors = Mapping[Source, Floats]
 """What a simulation has, by source, ``(rows, entries)`` each."""
 Formula = Callable[[Vectors], Floats]
-_ACTS: frozenset[Source] = frozenset({"control", "disturbance"})
-"""Sources of what acts during a step; all others are measured at its end."""
+_ACTS: frozenset[Source] = frozenset({"control", "disturbance"})  # Sources of what acts during a step; all others are measured at its end
 _AT_START: frozenset[Source] = frozenset({"air", "state", "clock", "derived"})
 """Sources that also have values at step 0, before anything was done."""
 
@@ -418,8 +417,7 @@ def signals_of(task: TaskSpec) -> Signals:
     )
 
 
-_AIR = ("air_temperature", "relative_humidity", "co2")
-"""What is measured in the main air, in the order shown."""
+_AIR = ("air_temperature", "relative_humidity", "co2")  # What is measured in the main air, in the order shown
 _DEFICITS = {"vapour_pressure_deficit": vapour_pressure_deficit, "humidity_deficit": humidity_deficit}
 """What follows from temperature and humidity of the main air."""
 _HOUR = CLOCK[0]
@@ -428,8 +426,7 @@ _TITLES = {"climate": "Climate", "crop": "Crop and harvest", "controls": "Contro
 _KWH = "kWh m-2"
 _TOTALS: Mapping[str, LineKind] = {"epi": "profit", "penalty": "violations", "reward": "score"}
 _ONE, _PERCENT = "–", "%"
-_SHUT_TO_OPEN = (-5.0, 105.0)
-"""Range of the controls [%], with room for lines at its ends."""
+_SHUT_TO_OPEN = (-5.0, 105.0)  # Range of the controls [%], with room for lines at its ends
 _COLUMNS_OF_CONTROLS = 4
 
 

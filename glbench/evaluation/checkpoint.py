@@ -30,8 +30,7 @@ logger = logging.getLogger(__name__)
 _SNAPSHOT = "snapshot.npz"
 _FACTS = "facts"
 _DIGEST_BYTES = hashlib.sha256().digest_size
-_SHARE = 0.02
-"""Largest share of the time that may go into checkpoints."""
+_SHARE = 0.02  # Largest share of the time that may go into checkpoints
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,7 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-_LARGEST_SEED = 2**53 - 1
-"""Largest whole number that every reader of JSON keeps exactly."""
+_LARGEST_SEED = 2**53 - 1  # Largest whole number that every reader of JSON keeps exactly
 CHECKPOINT_SECONDS = 2.0
 """Shortest time between two checkpoints: what a kill costs at most, besides one step."""
 

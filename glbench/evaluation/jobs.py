@@ -41,10 +41,8 @@ from glbench.resources import Scratch, cache_folder, write_atomically
 from glbench.tasks import TaskSpec
 from glbench.weather import user_file
 
-_CACHE = "travelled"
-"""Cache folder for files received from another machine."""
-_FEATURES = ("flags", "Features")
-"""Linux's name for the line that lists a processor's features, on x86-64 and on AArch64."""
+_CACHE = "travelled"  # Cache folder for files received from another machine
+_FEATURES = ("flags", "Features")  # Linux's name for the line that lists a processor's features, on x86-64 and on AArch64
 
 
 @dataclass(frozen=True)

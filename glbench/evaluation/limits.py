@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from glbench.tasks.tables import TimeLimitsTable
 
 
-_AGAIN_SECONDS = 1.0
-"""Interval at which the alarm repeats, for an agent that swallows the first one in a bare ``except``."""
+_AGAIN_SECONDS = 1.0  # Interval at which the alarm repeats, for an agent that swallows the first one in a bare ``except``
 # ``signal.signal`` itself turns numbers into enumerations and back, which takes ten times as long as what it does.
 _set_handler: Callable[[int, Any], Any] = getattr(signal.signal, "__wrapped__", signal.signal)
 _ALARM = int(getattr(signal, "SIGALRM", 0))

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 ANY_LIMIT = "hours_outside_limits"
 HOURS = RUN[ANY_LIMIT].unit
 
-_PAPER_NAMES = {"fruit_fresh": "yield", "co2_dosed": "co2"}
-"""Metrics of tasks of schema 1 that have another name than their quantity."""
+_PAPER_NAMES = {"fruit_fresh": "yield", "co2_dosed": "co2"}  # Metrics of tasks of schema 1 that have another name than their quantity
 _PAPER_ORDER = (
     "reward", "epi", "revenue", "cost_heat", "cost_electricity", "cost_co2", "penalty", "yield", "heat", "electricity", "co2",
 )  # fmt: skip

@@ -42,8 +42,7 @@ Digest = Annotated[str, pydantic.Field(pattern=r"^[0-9a-f]{64}$")]
 Seconds = Annotated[float, pydantic.Field(ge=0, le=1e15)]
 MOST_STEPS = 10_000_000
 """A task has at most ten years of minutes."""
-_LARGEST_METRIC = 1e100
-"""Beyond what any run can reach; sums of larger numbers overflow."""
+_LARGEST_METRIC = 1e100  # Beyond what any run can reach; sums of larger numbers overflow
 
 
 def _agent_name(name: str) -> str:

@@ -32,14 +32,11 @@ from glbench.tasks.ledger import StepQuantity
 _LOG = logging.getLogger(__name__)
 _FAILURES: list[object] = []
 """What instances that failed consist of: PythonFMU 0.7.0 releases them once when they fail and once more when they are freed."""
-_TIME_TOLERANCE = 1e-6
-"""Largest deviation of an importer's times from those of the control steps, in steps."""
-_ROUNDING = 1e-6
-"""An input may be beyond its bounds by this share of its range, and is then taken as the bound."""
+_TIME_TOLERANCE = 1e-6  # Largest deviation of an importer's times from those of the control steps, in steps
+_ROUNDING = 1e-6  # An input may be beyond its bounds by this share of its range, and is then taken as the bound
 _SAVED = ("_parameters", "_targets", "_initialised", "_start_time", "_numbers", "_totals", "_weather")
 """What the rest of a season depends on, besides the simulation."""
-_STEPPED_CONTROLS = ("rate", "set_point")
-"""Kinds of actuation whose inputs are positions of controls."""
+_STEPPED_CONTROLS = ("rate", "set_point")  # Kinds of actuation whose inputs are positions of controls
 
 
 def fmu_inputs(task: TaskSpec) -> tuple[Action, ...]:

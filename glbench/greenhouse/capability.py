@@ -28,8 +28,7 @@ HOT_PIPES = 90.0
 """Rail pipes are seldom warmer [degC]."""
 _FREE = len(ClimateState._fields)
 _FIRST_STEP, _LAST_STEP, _SHORTEST_STEP, _GROWTH, _LARGEST_CHANGE = 60.0, 1e9, 1e-6, 1.7, 0.2
-_WIDE_BOILER = 1000.0
-"""Heat of a boiler with which every temperature is reached [W m-2]."""
+_WIDE_BOILER = 1000.0  # Heat of a boiler with which every temperature is reached [W m-2]
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,7 @@ SPAN = 4.0
 """Width of one span of a Venlo roof [m]."""
 PIPE_WALL = 0.002
 """Thickness of a pipe's wall [m]. The book's pipes of 51 mm have a bore of 47 mm."""
-_ABSORBED = 0.02
-"""Share of the light that a cover or screen absorbs at least [-]."""
+_ABSORBED = 0.02  # Share of the light that a cover or screen absorbs at least [-]
 
 
 class Entry(NamedTuple):

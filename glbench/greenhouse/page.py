@@ -22,8 +22,7 @@ from glbench.untrusted import decimal_point, quoted
 
 EMPTY_PAGE = Path(__file__).with_name("page.toml")
 _NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([A-Za-zµμ°%].*)?")
-_MG_S = 1e6 / 3600.0
-"""A kilogram an hour [mg s-1]."""
+_MG_S = 1e6 / 3600.0  # A kilogram an hour [mg s-1]
 _M2_HA = 1e4
 
 

@@ -14,8 +14,7 @@ from glbench.env import Simulation
 from glbench.tasks import TaskSpec, task_card
 from glbench.tasks.record import PREVIEW
 
-_FIRST_SEED = 0
-"""No evaluation uses these seeds."""
+_FIRST_SEED = 0  # No evaluation uses these seeds
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,8 @@ from glbench.tasks import TaskSpec, get_task
 from glbench.tasks.set_points import LAMPS, WORKED
 from glbench.untrusted import quoted
 
-_FIELDS = ("boiler_outside", "boiler_daylight", "boiler_humidity", "boiler_trend")
-"""Numbers of rules that are shares of the boiler."""
-_SEASONS = 30
-"""Seasons of validation and test in another weather than the base's."""
+_FIELDS = ("boiler_outside", "boiler_daylight", "boiler_humidity", "boiler_trend")  # Numbers of rules that are shares of the boiler
+_SEASONS = 30  # Seasons of validation and test in another weather than the base's
 
 
 def base_task(page: Page) -> TaskSpec:

@@ -25,8 +25,7 @@ RULES = "rule_based_tuned"
 """Name of the agent that suites show the difference to."""
 
 _THRESHOLDS = 101
-_LOWEST_THRESHOLD = -0.25
-"""Profiles begin here at the lowest: how far below doing nothing a failed run lies is not worth the room."""
+_LOWEST_THRESHOLD = -0.25  # Profiles begin here at the lowest: how far below doing nothing a failed run lies is not worth the room
 
 
 class SuiteFigures(statistics.FrozenModel):

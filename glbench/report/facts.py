@@ -324,8 +324,7 @@ _UNIT = re.compile(
     r"^(?P<unit>degC|K|h|ppm|%|W m-2|MJ m-2 d-1|MJ m-2|g m-3|J cm-2|share(?: h)?(?: [K%h]-1)*|-)(?=[\s,:]|$)"
     r"[,:]?\s*(?P<words>.*)$"
 )
-_DEEPEST = 2
-"""Spaces before a name; what is indented further is data."""
+_DEEPEST = 2  # Spaces before a name; what is indented further is data
 _POINTS = 60
 
 

@@ -254,15 +254,11 @@ def _side(task: TaskSpec, log: ActionLog, seeds: Sequence[int], kernel: Stepper)
 
 
 _MINUS = "\u2212"
-_MOST_LEVELS = 5
-"""Levels that a period's words name at most: those that differ most."""
-_CENT = 0.005
-"""Smallest amount of money that is reported [EUR m-2]."""
-_SHARE = 0.01
-"""An amount is reported if it differs by at least this share of the larger of the two."""
+_MOST_LEVELS = 5  # Levels that a period's words name at most: those that differ most
+_CENT = 0.005  # Smallest amount of money that is reported [EUR m-2]
+_SHARE = 0.01  # An amount is reported if it differs by at least this share of the larger of the two
 _DECIMALS = {"°C": 1, "%": 0, "ppm": 0, "kPa": 2, "g/m³": 1}
-_VISIBLE = {"°C": 0.3, "%": 2.0, "ppm": 30.0, "kPa": 0.05, "g/m³": 0.3}
-"""Smallest differences of levels that are reported, by unit."""
+_VISIBLE = {"°C": 0.3, "%": 2.0, "ppm": 30.0, "kPa": 0.05, "g/m³": 0.3}  # Smallest differences of levels that are reported, by unit
 _ALIKE = {
     "climate/canopy_temperature": "climate/air_temperature",
     "climate/vapour_pressure_deficit": "climate/relative_humidity",

@@ -495,8 +495,7 @@ def _money(task: tasks.TaskSpec, card: tasks.TaskCard | None) -> Iterator[Sectio
     yield Section("Prices", lines, ("Item", "", "Price", "Amount"), (), rows)
 
 
-_MOST_POINTS = 12
-"""Moments of a series that are listed one by one."""
+_MOST_POINTS = 12  # Moments of a series that are listed one by one
 
 
 def _entries_of_prices(table: tasks.PriceTable) -> str:

@@ -42,8 +42,7 @@ NO_SCORES = (
     "has no network. What acts over HTTP can see anything, so it gets no score."
 )
 
-_AHEAD = re.compile(r"(?P<quantity>.+)_(?:in_(?P<hours>\d+)h|ahead_(?P<steps>\d+))")
-"""Names of columns that forecast."""
+_AHEAD = re.compile(r"(?P<quantity>.+)_(?:in_(?P<hours>\d+)h|ahead_(?P<steps>\d+))")  # Names of columns that forecast
 
 
 class RequestError(GlbenchError):

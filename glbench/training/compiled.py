@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from glbench.training.compiled_settings import CompiledSettings
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_CONSTANT = 1e-4
-"""A column whose spread is less than this share of its mean counts as constant."""
+_CONSTANT = 1e-4  # A column whose spread is less than this share of its mean counts as constant
 
 
 def train_compiled(

@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 
 
 Output = Literal["clip", "tanh"]
-_WEIGHT = 1e6
-"""Observations that a policy's statistics count for: they follow what is new within a training of the usual length."""
+_WEIGHT = 1e6  # Observations that a policy's statistics count for: they follow what is new within a training of the usual length
 
 
 def load_model(file: Path, algorithm: str, normalization: Path | None) -> tuple[BaseAlgorithm, VecNormalize | None]:

@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
     from glbench.training.compiled_settings import CompiledSettings
 
-_LEAST = 1e-3
-"""Smallest scale of a column that the settings do not name."""
+_LEAST = 1e-3  # Smallest scale of a column that the settings do not name
 _TINY = 1e-8
 _JAX = Arithmetic(jnp, affine, {"Tanh": jnp.tanh}, jax.nn.sigmoid)
 

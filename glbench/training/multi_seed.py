@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 Training = Callable[..., Trained]
 """A training function: takes task, settings and folder, and by name ``seed``, ``resume``, ``listeners`` and its own options."""
-_LAST = {CHECKPOINT: 1, POLICY: 2, LEARNER: 3, CARD: 4}
-"""Files written after all others, in this order, as a training itself does."""
+_LAST = {CHECKPOINT: 1, POLICY: 2, LEARNER: 3, CARD: 4}  # Files written after all others, in this order, as a training itself does
 _START = "policy"
 
 

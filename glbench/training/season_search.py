@@ -45,8 +45,7 @@ if TYPE_CHECKING:
 
 Singles = NDArray[np.float32]
 Floats = NDArray[np.float64]
-_LOOKED_AT = 5
-"""Only every fifth step of the runs is used to compute the directions."""
+_LOOKED_AT = 5  # Only every fifth step of the runs is used to compute the directions
 
 
 class BatchedPolicy:

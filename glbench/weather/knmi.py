@@ -25,7 +25,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from glbench.errors import WeatherError, whole_number
+from glbench.errors import WeatherError, refuse, whole_number
 from glbench.outside_tables import TextTable
 from glbench.resources import cache_folder, data_folder, write_atomically
 from glbench.weather.hourly import hourly_record
@@ -87,11 +87,10 @@ def native_rows(file: str, native: Mapping[str, IntArray] | Mapping[str, FloatAr
     date, hour = value["YYYYMMDD"], value["HH"]
     row_numbers = np.arange(1, hour.size + 1, dtype=np.int64) if numbers is None else numbers
 
-    def refuse(row: int, problem: str) -> NoReturn:
-        msg = f"{file}, row {row_numbers[row]}: {problem}. Correct the file or fetch it again."
-        raise WeatherError(msg)
+    def fault(row: int, problem: str) -> NoReturn:
+        refuse(f"{file}, row {row_numbers[row]}: {problem}. Correct the file or fetch it again.", WeatherError)
 
-    slot_ends = ends_of_hours(date // 10000, date // 100 % 100, date % 100, hour, refuse)
+    slot_ends = ends_of_hours(date // 10000, date // 100 % 100, date % 100, hour, fault)
     columns: dict[str, FloatArray] = {
         "air_temperature": value["T"] / 10.0,
         "relative_humidity": value["U"],
@@ -127,15 +126,12 @@ def record_from_knmi(
             table.refuse(f"'{table.texts(title)[odd[0]]}' is not a whole number. Correct the file or fetch it again.", int(odd[0]), title)
     present = sorted({int(number) for number in columns["STN"]})
     if station is None and not present:
-        msg = f"{table.file} holds no hourly values. Is it the right file, and whole?"
-        raise WeatherError(msg)
+        refuse(f"{table.file} holds no hourly values. Is it the right file, and whole?", WeatherError)
     if station is None and len(present) > 1:
-        msg = f"{table.file} holds the stations {', '.join(map(str, present))}: choose one with --station."
-        raise WeatherError(msg)
+        refuse(f"{table.file} holds the stations {', '.join(map(str, present))}: choose one with --station.", WeatherError)
     if station is not None and station not in present:
         stations = ", ".join(map(str, present)) or "no station at all"
-        msg = f"{table.file} holds {stations}, not station {station}. Choose the right file or station."
-        raise WeatherError(msg)
+        refuse(f"{table.file} holds {stations}, not station {station}. Choose the right file or station.", WeatherError)
     number = present[0] if station is None else station
     place = places.get(number)
     if coordinates is not None:
@@ -231,8 +227,7 @@ def fetch_knmi(
     """
     station, year = whole_number(station, "The number of a KNMI station"), whole_number(year, "A year")
     if year < FIRST_YEAR:
-        msg = f"KNMI's hourly observations begin in {FIRST_YEAR}: the year {year} cannot be fetched. Choose a later year."
-        raise WeatherError(msg)
+        refuse(f"KNMI's hourly observations begin in {FIRST_YEAR}: the year {year} cannot be fetched. Choose a later year.", WeatherError)
     address = url or os.environ.get(URL_VARIABLE) or KNMI_URL
     form = {"start": f"{year}010101", "end": f"{year}123124", "stns": str(station), "vars": "Q:T:U:FH:N", "fmt": "csv"}
     key = hashlib.sha256(f"{address}?{urllib.parse.urlencode(sorted(form.items()))}".encode()).hexdigest()[:12]
@@ -250,8 +245,7 @@ def fetch_knmi(
     table, places = parse_knmi(content.decode("utf-8", errors="replace"), file)
     own = [i for i, date in enumerate(table.texts("YYYYMMDD")) if date.startswith(str(year))]
     if not own:
-        msg = f"{file}: it holds no hour of {year}. Does the station exist, and did it measure in that year?"
-        raise WeatherError(msg)
+        refuse(f"{file}: it holds no hour of {year}. Does the station exist, and did it measure in that year?", WeatherError)
     table = replace(table, rows=[table.rows[i] for i in own], lines=[table.lines[i] for i in own])
     record = record_from_knmi(table, places, name or f"knmi-{station}-{year}", station=station, fill_gaps=fill_gaps)
     expected = int((np.datetime64(f"{year + 1}-01-01") - np.datetime64(f"{year}-01-01")).astype(np.int64)) * 24
@@ -269,8 +263,7 @@ def fetch_knmi(
 def _download(address: str, form: dict[str, str], timeout_seconds: float, total_seconds: float, progress: Progress | None) -> bytes:
     """The service's whole answer to the POST of ``form``."""
     if urllib.parse.urlsplit(address).scheme not in ("http", "https"):
-        msg = f"'{address}' is no web address. Give one that begins with https://, or leave {URL_VARIABLE} and --url out."
-        raise WeatherError(msg)
+        refuse(f"'{address}' is no web address. Give one that begins with https://, or leave {URL_VARIABLE} and --url out.", WeatherError)
     request = urllib.request.Request(address, data=urllib.parse.urlencode(form).encode(), method="POST")
     received = bytearray()
     began = time.monotonic()
@@ -305,6 +298,5 @@ def _download(address: str, form: dict[str, str], timeout_seconds: float, total_
             )
         raise WeatherError(msg) from error
     if total is not None and len(received) < total:
-        msg = f"KNMI's answer broke off after {len(received)} of {total} bytes. Try again."
-        raise WeatherError(msg)
+        refuse(f"KNMI's answer broke off after {len(received)} of {total} bytes. Try again.", WeatherError)
     return bytes(received)

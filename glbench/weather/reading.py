@@ -33,8 +33,7 @@ TIMING: Mapping[str, record.Timing] = {**record.USUAL_TIMING, "wind_speed": "ins
 """Of files whose stamps are moments: all but radiation are instants at the stamp."""
 MEANS: Mapping[str, record.Timing] = dict.fromkeys(record.USUAL_TIMING, "mean")
 OCTANTS_PER_TENTH = 0.8
-_SEAM = 180 * DAY
-"""A jump of the stamps [s] that only the seam of two years makes."""
+_SEAM = 180 * DAY  # A jump of the stamps [s] that only the seam of two years makes
 _FIXED_ZONES = {
     4.5: "Asia/Kabul",
     5.5: "Asia/Kolkata",

@@ -23,7 +23,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import WeatherError
+from glbench.errors import WeatherError, refuse
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -103,19 +103,19 @@ def utc_text(seconds: float) -> str:
 
 
 def ends_of_hours(
-    year: FloatArray, month: FloatArray, day: FloatArray, hour: FloatArray, refuse: Callable[[int, str], NoReturn]
+    year: FloatArray, month: FloatArray, day: FloatArray, hour: FloatArray, fault: Callable[[int, str], NoReturn]
 ) -> IntArray:
-    """Ends of the hours 1 to 24 of calendar dates ``(rows,)`` [s since 1970-01-01]; ``refuse`` raises the error of a row and its fault."""
+    """Ends of the hours 1 to 24 of calendar dates ``(rows,)`` [s since 1970-01-01]; ``fault`` raises the error of a row and its fault."""
     years, months, days, hours = (np.nan_to_num(part, nan=-1.0).astype(np.int64) for part in (year, month, day, hour))
     calendar_months = (12 * (years - 1970) + months - 1).astype("datetime64[M]")
     dates = calendar_months.astype("datetime64[D]") + (days - 1)
     wrong = np.flatnonzero((years < 0) | (months < 1) | (months > 12) | (dates.astype("datetime64[M]") != calendar_months))
     if wrong.size:
         i = int(wrong[0])
-        refuse(i, f"the date {year[i]:04.0f}-{month[i]:02.0f}-{day[i]:02.0f} does not exist")
+        fault(i, f"the date {year[i]:04.0f}-{month[i]:02.0f}-{day[i]:02.0f} does not exist")
     wrong = np.flatnonzero(~((hour >= 1) & (hour <= 24) & (hour % 1 == 0)))
     if wrong.size:
-        refuse(int(wrong[0]), f"hour {hour[wrong[0]]:g} does not exist: hours run from 1 to 24")
+        fault(int(wrong[0]), f"hour {hour[wrong[0]]:g} does not exist: hours run from 1 to 24")
     return np.asarray(dates.astype("datetime64[s]").astype(np.int64) + SLOT_SECONDS * hours, dtype=np.int64)
 
 
@@ -124,8 +124,7 @@ def time_zone(name: str) -> ZoneInfo:
     try:
         return ZoneInfo(name)
     except (ZoneInfoNotFoundError, ValueError, OSError) as error:
-        msg = f"'{name}' is no time zone of the IANA database. Use a name such as Europe/Amsterdam or Etc/GMT-1."
-        raise WeatherError(msg) from error
+        refuse(f"'{name}' is no time zone of the IANA database. Use a name such as Europe/Amsterdam or Etc/GMT-1.", WeatherError, error)
 
 
 Coordinates = tuple[float, float, float]
@@ -318,11 +317,9 @@ def assemble(rows: Rows, origin: Origin, *, fill_gaps: int = 0) -> WeatherRecord
     limits = (("latitude", place.latitude, 90.0, "deg"), ("longitude", place.longitude, 180.0, "deg"))
     for name, value, limit, unit in limits:
         if not abs(value) <= limit:
-            msg = f"{rows.file}: the {name} {value} {unit} is impossible. Correct the station's coordinates."
-            raise WeatherError(msg)
+            refuse(f"{rows.file}: the {name} {value} {unit} is impossible. Correct the station's coordinates.", WeatherError)
     if not -500.0 <= place.altitude <= 9000.0:
-        msg = f"{rows.file}: the altitude {place.altitude} m is impossible. Correct the station's altitude."
-        raise WeatherError(msg)
+        refuse(f"{rows.file}: the altitude {place.altitude} m is impossible. Correct the station's altitude.", WeatherError)
     time_zone(place.timezone)
     check_order(rows)
     check_values(rows)  # before gaps are filled: an impossible value must not hide in the filling
@@ -362,8 +359,7 @@ def check_order(rows: Rows) -> None:
     """Raise ``WeatherError`` when there are no rows, or hours appear twice or out of order; names the row."""
     ends = rows.slot_ends
     if ends.size == 0:
-        msg = f"{rows.file} holds no hourly values. Is it the right file, and whole?"
-        raise WeatherError(msg)
+        refuse(f"{rows.file} holds no hourly values. Is it the right file, and whole?", WeatherError)
     if ends[0] % RAW_SECONDS:
         msg = f"{rows.file}, row {rows.row_numbers[0]}: the hour ends at {utc_text(int(ends[0]))} UTC, off the 5-minute grid."
         raise WeatherError(msg)
@@ -377,8 +373,7 @@ def check_order(rows: Rows) -> None:
             if spacing[i] == 0
             else f"the hour ending {here} UTC follows {before} UTC; rows must be hourly and in order of time"
         )
-        msg = f"{rows.file}, row {rows.row_numbers[i + 1]}: {what}. Correct the file or fetch it again."
-        raise WeatherError(msg)
+        refuse(f"{rows.file}, row {rows.row_numbers[i + 1]}: {what}. Correct the file or fetch it again.", WeatherError)
 
 
 def _remedy(hours: int) -> str:
@@ -405,8 +400,7 @@ def _complete_columns(rows: Rows) -> tuple[list[str], tuple[str, ...]]:
     required = [*REQUIRED, *([] if sky else partial[:1])]
     for name in required:
         if name not in missing:
-            msg = f"{rows.file} has no column for {name.replace('_', ' ')} [{QUANTITIES[name].unit}], which is needed."
-            raise WeatherError(msg)
+            refuse(f"{rows.file} has no column for {name.replace('_', ' ')} [{QUANTITIES[name].unit}], which is needed.", WeatherError)
         if missing[name].size:
             i = int(missing[name][0])
             edges = np.flatnonzero(np.concatenate([[True], ~np.isnan(rows.columns[name]), [True]]))
@@ -417,11 +411,9 @@ def _complete_columns(rows: Rows) -> tuple[list[str], tuple[str, ...]]:
             )
             raise WeatherError(msg)
     if not sky:
-        msg = f"{rows.file} says nothing about the sky: it needs cloud cover, sky infrared or sky temperature."
-        raise WeatherError(msg)
+        refuse(f"{rows.file} says nothing about the sky: it needs cloud cover, sky infrared or sky temperature.", WeatherError)
     if rows.timing["air_temperature"] != rows.timing["relative_humidity"]:
-        msg = f"{rows.file}: temperature and humidity must both be instants or both be means, to make a vapour pressure."
-        raise WeatherError(msg)
+        refuse(f"{rows.file}: temperature and humidity must both be instants or both be means, to make a vapour pressure.", WeatherError)
     notes = tuple(f"{name} left out: {missing[name].size} h without a value" for name in partial)
     return [name for name in QUANTITIES if name in REQUIRED or name in sky], notes
 

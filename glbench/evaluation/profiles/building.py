@@ -43,8 +43,7 @@ if TYPE_CHECKING:
 
 
 Floats = NDArray[np.floating]
-_Part = tuple[Trace, Sequence[int]]
-"""A trace, and the runs that it holds."""
+_Part = tuple[Trace, Sequence[int]]  # A trace, and the runs that it holds
 
 
 @dataclass(frozen=True)
@@ -117,8 +116,7 @@ def columns_of(task: TaskSpec) -> Columns:
 
 _OBSERVATIONS = ("indoor_climate", "vapour_deficit", "light_today")
 """Observation modules that profiles show, whether the task's agents observe them or not."""
-_TODAY = "_today"
-"""What the names of sums since midnight end with; a profile has the amount of each step."""
+_TODAY = "_today"  # What the names of sums since midnight end with; a profile has the amount of each step
 _AIR = {name: f"{entry.meaning} at the end of the step" for name, entry in quantities.AIR.items()}
 """What is measured in the main air, in the order of the simulation."""
 WEATHER_COLUMNS = tuple(
@@ -185,8 +183,7 @@ def _read(task: TaskSpec, trace: Trace, lengths: NDArray[np.int64], acting: Floa
     return {name: np.where(running, values, 0.0).astype(np.float32) for name, values in named.items()}
 
 
-_ENERGY = "energy/"
-"""What columns of ``RunSeries.energy`` are called before they are apart."""
+_ENERGY = "energy/"  # What columns of ``RunSeries.energy`` are called before they are apart
 _BURNT, _LOST, _LEVEL = "engine_gas", "heat_lost", "stored"
 """Gas of the engine, heat that the buffer loses, and heat in it at the end of a step."""
 _AMOUNTS = (*ENERGY_FLOWS, _BURNT, _LOST)

@@ -25,8 +25,7 @@ from glbench.untrusted import LARGEST_INTEGER, MIB, gunzip, parse_json, quoted, 
 SCHEMA: Final = "glbench/profile"
 VERSION: Final = 1
 SUFFIX: Final = ".profile.json.gz"
-_LARGEST_FILE, _LARGEST_CONTENT = 24 * MIB, 24 * MIB
-"""That of 30 runs of 60 days has 0.2 MB uncompressed."""
+_LARGEST_FILE, _LARGEST_CONTENT = 24 * MIB, 24 * MIB  # That of 30 runs of 60 days has 0.2 MB uncompressed
 _DEEPEST_TASK = 20
 _MOST_RUNS = 10_000
 

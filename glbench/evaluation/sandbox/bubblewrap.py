@@ -34,8 +34,7 @@ ENVIRONMENT_OF_BUBBLEWRAP = {"PATH": "/usr/bin:/bin"}
 """bubblewrap itself gets no more: its process is visible inside."""
 
 _NOBODY: Final = 65534
-_FIRST_USER, _USERS = 61184, 4336
-"""User ids that nobody has: those that systemd sets aside for services."""
+_FIRST_USER, _USERS = 61184, 4336  # User ids that nobody has: those that systemd sets aside for services
 _PATIENCE_SECONDS = 20.0
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 _REMEDY = "or, for code that you wrote or have read, give --sandbox none: it then runs unprotected, and the result says so"
@@ -44,10 +43,8 @@ _ALLOW: Final = 0x7FFF0000
 _KILL: Final = 0x80000000
 _ERROR: Final = 0x00050000
 _NUMBER, _ARCHITECTURE, _FIRST_ARGUMENT, _SECOND_ARGUMENT, _THIRD_ARGUMENT = 0, 4, 16, 24, 32
-_NEW_NAMESPACES: Final = 0x7E020000
-"""Flags of ``clone`` that ask for a namespace of any kind."""
-_OTHER_ABI: Final = 0x40000000
-"""System calls of x86-64 from here on are those of x32, with numbers of their own."""
+_NEW_NAMESPACES: Final = 0x7E020000  # Flags of ``clone`` that ask for a namespace of any kind
+_OTHER_ABI: Final = 0x40000000  # System calls of x86-64 from here on are those of x32, with numbers of their own
 _FAMILIES: Final = (socket.AF_UNIX,)
 """Sockets of other families reach past a network namespace (AF_VSOCK), deep into the kernel (AF_ALG, AF_PACKET), or hold memory that
 all networks of the machine share (AF_INET, AF_INET6, of which there is none inside but the sandbox's own)."""

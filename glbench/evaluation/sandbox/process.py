@@ -24,18 +24,16 @@ from typing import Final, NoReturn
 
 from glbench.agents import Identity
 from glbench.children import Child
-from glbench.errors import SandboxError
+from glbench.errors import SandboxError, refuse
 from glbench.evaluation.records import Status
 from glbench.evaluation.sandbox import bubblewrap
 from glbench.evaluation.sandbox.frames import GIB, HEADER, LONGEST_TEXT, Kind, Prints, SandboxLimits
 from glbench.resources import Scratch
 
 _LOOK_SECONDS = 0.2
-_SOME_MORE = 8
-"""Tasks that do not belong to the agent: bubblewrap's own, and those that are just coming or going."""
+_SOME_MORE = 8  # Tasks that do not belong to the agent: bubblewrap's own, and those that are just coming or going
 _KIB = 1024
-_START_SECONDS: Final = 60.0
-"""For Python and numpy to come up; the agent's own time begins afterwards."""
+_START_SECONDS: Final = 60.0  # For Python and numpy to come up; the agent's own time begins afterwards
 _END_SECONDS: Final = 5.0
 _GULP: Final = 1 << 16
 _EAGER_SECONDS: Final = 0.5e-3
@@ -295,11 +293,9 @@ class AgentProcess:
             kind, _ = self.answer(0, time.monotonic() + _START_SECONDS, "Python does not come up")
         except LostError as lost:
             output = " ".join(self._prints.last_lines(5))
-            msg = f"The {what} does not start: {lost.reason}. {output or 'It output nothing.'}"
-            raise SandboxError(msg) from lost
+            refuse(f"The {what} does not start: {lost.reason}. {output or 'It output nothing.'}", SandboxError, lost)
         if kind != Kind.HELLO:
-            msg = f"The {what} does not start: it began with a frame of kind {kind}."
-            raise SandboxError(msg)
+            refuse(f"The {what} does not start: it began with a frame of kind {kind}.", SandboxError)
         first = self._started.pid
         with os.fdopen(self._facts, "rb") as facts:
             self._facts = -1

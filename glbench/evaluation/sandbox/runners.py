@@ -29,8 +29,7 @@ _LONGEST_REASON = 640
 _ERROR: Final = re.compile(r'(File ".*", line \d+ .*)?[\w.<>]+(: .*|\Z| \([^()]*:\d+ in [^()]*\)\Z)')
 """How an error of Python begins: its name alone, with words behind a colon, or with a place; reasons of the evaluation never do."""
 _MOST_LINES = 8
-_PLANNERS: Final = b"glbench.control"
-"""What a submission imports that needs the compiled derivatives of the model."""
+_PLANNERS: Final = b"glbench.control"  # What a submission imports that needs the compiled derivatives of the model
 
 
 @dataclass(frozen=True)

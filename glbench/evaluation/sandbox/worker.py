@@ -38,17 +38,14 @@ from glbench.evaluation.limits import guarded, in_words
 from glbench.evaluation.sandbox import frames
 from glbench.tasks.card import set_task
 
-_CREATE_RULESET, _RESTRICT_SELF = 444, 446
-"""Numbers of the system calls, on all processors the same."""
-_MAKE_DEVICES: Final = 1 << 6 | 1 << 11
-"""A domain must forbid something; devices cannot be made in the sandbox anyhow."""
+_CREATE_RULESET, _RESTRICT_SELF = 444, 446  # Numbers of the system calls, on all processors the same
+_MAKE_DEVICES: Final = 1 << 6 | 1 << 11  # A domain must forbid something; devices cannot be made in the sandbox anyhow
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 _MOST_HEARD = 5
 _REMOVING = frozenset({"os.remove", "os.rename", "os.mkdir", "os.rmdir"})
 _NETWORK = (socket.AF_INET, socket.AF_INET6)
 _NOBODY_ASKS_ANY_MORE = 0
-_LETTING_GO_SECONDS = 0.25
-"""Less than the patience of who asked, on top of a call that took all of its time."""
+_LETTING_GO_SECONDS = 0.25  # Less than the patience of who asked, on top of a call that took all of its time
 
 
 class Line:

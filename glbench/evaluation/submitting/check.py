@@ -35,8 +35,7 @@ SECONDS = 15.0
 STEPS = 96
 """Steps of the short run: a day in steps of a quarter of an hour, with its night."""
 RUNS = 4
-_LEAST = 0.6
-"""Share of the time that is the agent's, however long packages took to be imported."""
+_LEAST = 0.6  # Share of the time that is the agent's, however long packages took to be imported
 _SHARE_RUN, _SHARE_REPEAT, _SHARE_ALONE = 0.5, 0.4, 0.4
 """Shares of the time that is left, for the first run, its repetition, and each row alone."""
 _PACKAGES_SECONDS = 60.0
@@ -398,8 +397,7 @@ def _worst(decision: Decision) -> Failure | None:
     )
 
 
-_SAME = 1e-4
-"""Differences of an action that rounding explains; what is larger is information from other runs."""
+_SAME = 1e-4  # Differences of an action that rounding explains; what is larger is information from other runs
 
 
 def _company(difference: float, step: int) -> Finding:
