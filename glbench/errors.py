@@ -97,9 +97,7 @@ def did_you_mean(name: str, choices: Iterable[str], *, list_few: bool = True) ->
     near = [by_lower[m] for m in difflib.get_close_matches(str(name).lower(), list(by_lower), n=3, cutoff=0.6)]
     if near:
         return " Did you mean " + " or ".join(f"'{k}'" for k in near) + "?"
-    if list_few and 0 < len(names) <= 12:
-        return " Known: " + ", ".join(names) + "."
-    return ""
+    return " Known: " + ", ".join(names) + "." if list_few and 0 < len(names) <= 12 else ""
 
 
 def last_line(error: BaseException) -> str:

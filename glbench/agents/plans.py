@@ -344,9 +344,7 @@ class Recording:
         if mine != theirs:
             return f"it holds {mine}, and {task.id} takes {theirs}"
         bounds = tuple((action.low, action.high) for action in task.actions)
-        if bounds != tuple(zip(self.low, self.high, strict=True)):
-            return f"its actions have other bounds than those of {task.id}"
-        return None
+        return f"its actions have other bounds than those of {task.id}" if bounds != tuple(zip(self.low, self.high, strict=True)) else None
 
     def to_bytes(self) -> bytes:
         """The recording as the bytes of its file; equal recordings give equal bytes."""

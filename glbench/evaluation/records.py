@@ -423,9 +423,7 @@ def this_machine() -> Machine:
 
 def usable_cores() -> int:
     """Processor cores that this process may use: fewer than the machine has inside many containers and batch systems."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def git_state() -> GitState | None:
@@ -435,9 +433,7 @@ def git_state() -> GitState | None:
         return None
     commit = _git(root, "rev-parse", "--verify", "HEAD")
     changes = _git(root, "status", "--porcelain", "--", *[name for name in _DECISIVE if (root / name).exists()])
-    if commit is None or changes is None:
-        return None
-    return GitState(commit=commit, dirty=bool(changes))
+    return None if commit is None or changes is None else GitState(commit=commit, dirty=bool(changes))
 
 
 def _git(root: Path, *arguments: str) -> str | None:

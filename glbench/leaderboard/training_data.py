@@ -149,9 +149,7 @@ def training_data_of(result: Result) -> TrainingData:
         training = card.training
         return TrainingData(tasks=training.tasks, split=training.split, years=training.years, seeds=training.seeds)
     budget = budget_of(result)
-    if budget.steps == 0:
-        return TrainingData(split="none")
-    return TrainingData(tasks=budget.tasks, split=budget.split, years=budget.years)
+    return TrainingData(split="none") if budget.steps == 0 else TrainingData(tasks=budget.tasks, split=budget.split, years=budget.years)
 
 
 def years_of_runs(item: StoredResult) -> tuple[int, ...]:
@@ -170,9 +168,7 @@ def contamination_warning(result: Result, data: TrainingData) -> str:
     shared: set[Year] = set(data.years) & set(result.task.years or ()) if split == "test" else set()
     if data.split == "test":
         return "was trained on the test split"
-    if shared:
-        return f"was trained on weather of {_years(tuple(sorted(shared)))}, which the test split is made of"
-    return ""
+    return f"was trained on weather of {_years(tuple(sorted(shared)))}, which the test split is made of" if shared else ""
 
 
 def _years(years: tuple[int, ...]) -> str:

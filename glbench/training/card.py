@@ -61,9 +61,7 @@ class TrainingFacts:
 
 def digest_of_tasks(tasks: Sequence[TaskSpec]) -> str:
     """The task's digest; of several tasks SHA-256 (hex) over theirs."""
-    if len(tasks) == 1:
-        return tasks[0].digest
-    return sha256(" ".join(task.digest for task in tasks).encode()).hexdigest()
+    return tasks[0].digest if len(tasks) == 1 else sha256(" ".join(task.digest for task in tasks).encode()).hexdigest()
 
 
 def note_session(history: History, task: TaskSpec, steps: int) -> None:

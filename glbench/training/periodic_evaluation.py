@@ -85,9 +85,7 @@ class Progress:
     @property
     def seconds_left(self) -> float | None:
         """Time left [s] at this speed, ``None`` when it is not known yet."""
-        if self.steps_per_second <= 0:
-            return None
-        return max(0, self.total_steps - self.steps) / self.steps_per_second
+        return None if self.steps_per_second <= 0 else max(0, self.total_steps - self.steps) / self.steps_per_second
 
 
 class Listener(Protocol):

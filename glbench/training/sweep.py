@@ -315,9 +315,7 @@ def _sampler(search: Search, trial: int) -> optuna.samplers.BaseSampler:
     if search.method == "grid":
         grid = {name: list(p.values or (p.first,)) for name, p in search.parameters.items()}
         return _GridSampler(grid, seed=search.seed)
-    if search.method == "random":
-        return optuna.samplers.RandomSampler(seed=seed)
-    return optuna.samplers.TPESampler(seed=seed)
+    return optuna.samplers.RandomSampler(seed=seed) if search.method == "random" else optuna.samplers.TPESampler(seed=seed)
 
 
 class _GridSampler(optuna.samplers.GridSampler):

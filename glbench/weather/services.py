@@ -207,9 +207,7 @@ def parse_nsrdb(text: str, file: str) -> Reading:
 def _heading(lines: Sequence[str]) -> dict[str, str]:
     """Names in the first line, in small letters, and the texts below them."""
     rows = [row for row in csv.reader(lines, delimiter=";" if lines and lines[0].count(";") > lines[0].count(",") else ",") if row]
-    if len(rows) < 2:
-        return {}
-    return {name.strip().lower(): text.strip() for name, text in zip(rows[0], rows[1], strict=False)}
+    return {} if len(rows) < 2 else {name.strip().lower(): text.strip() for name, text in zip(rows[0], rows[1], strict=False)}
 
 
 def parse_open_meteo(text: str, file: str) -> Reading:
