@@ -128,9 +128,8 @@ def check_sizes(files: tuple[Path, ...], root: Path) -> None:
     if total > LARGEST_SUBMISSION:
         largest = max(files, key=sizes.__getitem__)
         msg = (
-            f"The submission has {total / untrusted.MIB:,.0f} MiB, more than {LARGEST_SUBMISSION / untrusted.MIB:,.0f} MiB; "
-            f"the largest file is {largest.relative_to(root)} ({sizes[largest] / untrusted.MIB:,.0f} MiB). "
-            "Leave out what the agent does not need."
+            f"The submission has {total / untrusted.MIB:,.0f} MiB, more than {LARGEST_SUBMISSION / untrusted.MIB:,.0f} MiB; the largest "
+            f"file is {largest.relative_to(root)} ({sizes[largest] / untrusted.MIB:,.0f} MiB). Leave out what the agent does not need."
         )
         raise SubmissionError(msg)
 

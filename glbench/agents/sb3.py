@@ -223,9 +223,8 @@ def sb3_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
     low, high = (np.asarray(bound, dtype=float) for bound in (policy.action_space.low, policy.action_space.high))
     if not all(map(np.array_equal, (low, high), task.action_bounds)):
         msg = (
-            f"The actions of {file.name} lie between {low.min():g} and {high.max():g}, those of the task between "
-            f"{task.actions[0].low:g} and {task.actions[0].high:g}: it was trained with another "
-            "actuation or behind a wrapper that rescales."
+            f"The actions of {file.name} lie between {low.min():g} and {high.max():g}, those of the task between {task.actions[0].low:g} "
+            f"and {task.actions[0].high:g}: it was trained with another actuation or behind a wrapper that rescales."
         )
         raise SubmissionError(msg)
     if archive.algorithm.recurrent:

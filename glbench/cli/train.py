@@ -467,9 +467,8 @@ def _put_outcome(
         )
         raise typer.Exit(console.NOTHING_LEARNT)
     console.write(
-        f"Best {what}: {score.phrase(trained.best_reward)} after {trained.best_steps:,} of {trained.steps:,} steps; "
-        f"the last one: {score.number(trained.last_reward)}. Means of {seasons_in_words(spec, evaluation)}; "
-        "the score is that of glbench evaluate."
+        f"Best {what}: {score.phrase(trained.best_reward)} after {trained.best_steps:,} of {trained.steps:,} steps; the last one: "
+        f"{score.number(trained.last_reward)}. Means of {seasons_in_words(spec, evaluation)}; the score is that of glbench evaluate."
     )
     agent = trained.folder
     if trained.not_exported is not None:

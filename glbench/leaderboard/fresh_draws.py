@@ -120,9 +120,8 @@ def fresh_score_over(trainings: Sequence[FreshScore | None]) -> FreshScore | Non
 def fresh_note(agent: str, score: FreshScore, metric: Metric) -> str:
     """Why an agent is marked, in words."""
     return (
-        f"With fresh draws {agent} drops by {metric.number(score.drop)} more in {metric.words} than {score.reference} "
-        f"in the same seasons, by at least {metric.number(score.low or 0.0)}; the drops of reference agents differ by "
-        f"{metric.number(score.margin)}. "
+        f"With fresh draws {agent} drops by {metric.number(score.drop)} more in {metric.words} than {score.reference} in the same seasons, "
+        f"by at least {metric.number(score.low or 0.0)}; the drops of reference agents differ by {metric.number(score.margin)}. "
         + (f"{score.failed} of its runs with fresh draws failed." if score.failed else "It may know the published draws.")
     )
 

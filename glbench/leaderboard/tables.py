@@ -57,8 +57,7 @@ REGRET_NOTE = (
 )
 FOOTNOTES = (
     "Mean over the task's seeded runs, with the 95 % interval of the mean (Student's t); IQM is the mean of the middle half of the runs. "
-    "{units} {name} is {profit}. "
-    "Failed runs count at the task's stated penalty.",
+    "{units} {name} is {profit}. Failed runs count at the task's stated penalty.",
     "CVaR10 is the mean of the worst tenth of the runs in what ranks; of several trainings the mean over them.",
     f"{RANGE_MARK} is a range, not an interval: the lowest and the highest of several trainings with different seeds, around their mean. "
     "A 95 % interval covers the {draws}, and one training; {beyond} or another training can lie far outside.",

@@ -389,8 +389,7 @@ def paragraphs(story: Story) -> list[str]:
         parts = [
             f"{when} ({story.times[period]:.0f} h a run): {what}.",
             f"{capitalised(', '.join(amounts))}." if amounts else "",
-            f"Profit {_amount(gaps[profit], 'EUR m-2', 2, signed=True)}{of_which}; "
-            f"{in_sentence(_penalty(penalty, gaps[violations]))}; "
+            f"Profit {_amount(gaps[profit], 'EUR m-2', 2, signed=True)}{of_which}; {in_sentence(_penalty(penalty, gaps[violations]))}; "
             f"{in_sentence(reward.title)} {_amount(gaps[score], reward.unit, decimals_of(reward), signed=True)}.",
         ]
         texts.append(" ".join(part for part in parts if part))

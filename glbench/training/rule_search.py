@@ -214,9 +214,8 @@ class _RuleSearch(Search):
         return TrainingFacts(
             title=f"Rules tuned for {', '.join(task.id for task in tasks)} by CMA-ES, seed {self.seed}",
             description=(
-                f"The best mean of {self.generations} generations of {settings.population} candidates, {self.steps:,} steps. "
-                "Set points by the sun and by light, humidity just below its limit; it sees observations only and acts through the "
-                "task's actuation."
+                f"The best mean of {self.generations} generations of {settings.population} candidates, {self.steps:,} steps. Set points by "
+                "the sun and by light, humidity just below its limit; it sees observations only and acts through the task's actuation."
             ),
             command="glbench tune rules; the tables below tell the rest.",
             sources=(HANSEN,),

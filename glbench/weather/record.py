@@ -348,9 +348,8 @@ def check_values(rows: Rows) -> None:
             i = int(bad[0])
             msg = (
                 f"{rows.file}, row {rows.row_numbers[i]}: {name.replace('_', ' ')} of {values[i]:g} {quantity.unit} at "
-                f"{utc_text(int(rows.slot_ends[i]))} UTC is impossible (limits {quantity.low:g} to {quantity.high:g} "
-                f"{quantity.unit}; {bad.size:,} such value{'s' if bad.size > 1 else ''}). Check its unit, or correct the file; values are "
-                "never clipped."
+                f"{utc_text(int(rows.slot_ends[i]))} UTC is impossible (limits {quantity.low:g} to {quantity.high:g} {quantity.unit}; "
+                f"{bad.size:,} such value{'s' if bad.size > 1 else ''}). Check its unit, or correct the file; values are never clipped."
             )
             raise WeatherError(msg)
 
@@ -406,8 +405,7 @@ def _complete_columns(rows: Rows) -> tuple[list[str], tuple[str, ...]]:
             edges = np.flatnonzero(np.concatenate([[True], ~np.isnan(rows.columns[name]), [True]]))
             msg = (
                 f"{rows.file}, row {rows.row_numbers[i]}: no value for {name.replace('_', ' ')} in the hour ending "
-                f"{utc_text(int(rows.slot_ends[i]))} UTC ({missing[name].size} missing in all). "
-                f"{_remedy(int(np.diff(edges).max()) - 1)}"
+                f"{utc_text(int(rows.slot_ends[i]))} UTC ({missing[name].size} missing in all). {_remedy(int(np.diff(edges).max()) - 1)}"
             )
             raise WeatherError(msg)
     if not sky:
