@@ -38,8 +38,7 @@ from glbench.errors import GlbenchError, refuse
 from glbench.extras import require
 from glbench.resources import Scratch
 
-RETRIES = 3
-"""How often a job is started again after its worker was lost."""
+RETRIES = 3  # How often a job is started again after its worker was lost
 _POLL_SECONDS = 0.5
 _REPORT_SECONDS = 0.5
 _ANSWER_SECONDS = 0.1
@@ -52,8 +51,7 @@ _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 _WORKER_LOST = frozenset({"WorkerCrashedError", "OutOfMemoryError", "NodeDiedError", "ObjectLostError", "LocalRayletDiedError"})
 
 Item = TypeVar("Item")
-Files = Mapping[str, bytes]
-"""Contents of files by their paths in a folder, with forward slashes."""
+Files = Mapping[str, bytes]  # Contents of files by their paths in a folder, with forward slashes
 
 
 class JobError(GlbenchError):

@@ -8,10 +8,8 @@ from pydantic import AfterValidator, Field
 
 from glbench.untrusted import LARGEST_INTEGER, one_line
 
-LONGEST_TEXT: Final = 2000
-"""Characters of a text, such as the words that say why a run failed."""
-MOST_ENTRIES: Final = 100
-"""Entries of a table, such as the metrics of a run."""
+LONGEST_TEXT: Final = 2000  # Characters of a text, such as the words that say why a run failed
+MOST_ENTRIES: Final = 100  # Entries of a table, such as the metrics of a run
 
 Count = Annotated[int, Field(ge=0, le=LARGEST_INTEGER)]
 _Line = Annotated[str, AfterValidator(one_line)]

@@ -15,8 +15,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-Words = Mapping[str, Any]
-"""Texts for one use of a quantity, by key; ``quantities.toml`` explains the keys."""
+Words = Mapping[str, Any]  # Texts for one use of a quantity, by key; ``quantities.toml`` explains the keys
 
 
 @dataclass(frozen=True)
@@ -76,8 +75,7 @@ CLOCK, AIR, DEFICITS = GROUPS["clock"], GROUPS["air"], GROUPS["deficit"]
 INSIDE, LIGHT, OUTDOOR = GROUPS["inside"], GROUPS["light"], GROUPS["outdoor"]
 STEP, RUN, FLOWS = GROUPS["step"], GROUPS["run"], GROUPS["flow"]
 
-MONEY = STEP["epi"].unit
-"""Unit of all amounts of money."""
+MONEY = STEP["epi"].unit  # Unit of all amounts of money
 VIOLATION, OUTSIDE = "violation_", "hours_outside_"
 """Prefixes of the quantities of a step that say how far, and for how long, a quantity of the air was beyond a limit. The name of the
 limited quantity follows, then ``_low`` or ``_high``.

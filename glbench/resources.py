@@ -39,8 +39,7 @@ TEXT_SUFFIXES = frozenset(
     for suffix in words.split()
 )
 TEXT_NAMES = frozenset({"COPYING", "LICENCE", "LICENSE", "NOTICE", "README"})
-LARGEST_TEXT = 16 * 2**20
-"""Largest text file whose line endings are normalised for its digest [bytes]."""
+LARGEST_TEXT = 16 * 2**20  # Largest text file whose line endings are normalised for its digest [bytes]
 
 
 @dataclass(frozen=True)

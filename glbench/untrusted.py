@@ -25,8 +25,7 @@ from glbench.errors import refuse
 MIB: Final = 2**20
 MOST_MARKS: Final = 500_000
 """Objects, lists and keys of a JSON text: each costs up to a kilobyte to read or to refuse. A result of 10,000 runs has 260,000."""
-LARGEST_INTEGER: Final = 2**53 - 1
-"""Largest whole number in a result or a record: beyond it, JSON programs disagree about the value."""
+LARGEST_INTEGER: Final = 2**53 - 1  # Largest whole number in a result or a record: beyond it, JSON programs disagree about the value
 AGENT_NAME_RULE: Final = "1 to 100 letters, digits, '.', '_' and '-', beginning with a letter or digit, not ending in '.proof'"
 _AGENT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _DECIMAL_COMMA = re.compile(r"""(?<![\w.,"'\[])([+-]?\d[\d.]*),(\d+)(?![\w.]|,\d)""")

@@ -32,8 +32,7 @@ from glbench.untrusted import MIB, opened_archive, quoted, real_path
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
-LARGEST_ARCHIVE = 256 * MIB
-"""Size of the unpacked arrays of a policy or a recording [bytes]. The shipped ones have less than 1 MiB."""
+LARGEST_ARCHIVE = 256 * MIB  # Size of the unpacked arrays of a policy or a recording [bytes]. The shipped ones have less than 1 MiB.
 _SAVED_MODEL = "best/model.zip"  # Where ``glbench train`` leaves its best model in a training's folder
 
 

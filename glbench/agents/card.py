@@ -48,17 +48,13 @@ _HARMLESS = "\n\t\u200c\u200d"  # Ends of lines and tabulators, and the joiners 
 Printable = Annotated[str, pydantic.AfterValidator(_shown_as_written)]
 Words = Annotated[Printable, pydantic.Field(min_length=1, max_length=200)]
 Names = Annotated[tuple[Words, ...], pydantic.FailFast(), pydantic.BeforeValidator(_as_tuple), pydantic.Field(max_length=100)]
-LARGEST = 1e12
-"""No mean, standard deviation or bound of a policy is larger, in the unit of its column: nobody means such a number."""
-SMALLEST_SCALE = 1e-12
-"""The least standard deviation that observations are divided by, in the unit of their column."""
-SMALLEST_CLIP = 1e-6
-"""The least limit of normalised observations."""
+LARGEST = 1e12  # No mean, standard deviation or bound of a policy is larger, in the unit of its column: nobody means such a number
+SMALLEST_SCALE = 1e-12  # The least standard deviation that observations are divided by, in the unit of their column
+SMALLEST_CLIP = 1e-6  # The least limit of normalised observations
 Number = Annotated[float, pydantic.Field(ge=-1e30, le=1e30)]
 Numbers = Annotated[tuple[Number, ...], pydantic.FailFast(), pydantic.BeforeValidator(_as_tuple), pydantic.Field(max_length=_MOST_ITEMS)]
 Year = Annotated[int, pydantic.Field(ge=1000, le=9999)]
-RecipeId = Annotated[str, pydantic.Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]
-"""Joins the trainings of one recipe."""
+RecipeId = Annotated[str, pydantic.Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=100)]  # Joins the trainings of one recipe
 FileName = Annotated[Printable, pydantic.Field(pattern=r"^[^/\\.][^\\]*$", max_length=200)]
 
 

@@ -54,8 +54,7 @@ class Controller:
     information: str
 
 
-CONTROLLERS: dict[str, Controller] = {}
-"""The controllers declared so far; ``find_controller`` loads the others."""
+CONTROLLERS: dict[str, Controller] = {}  # The controllers declared so far; ``find_controller`` loads the others
 
 
 def controller(
@@ -96,8 +95,7 @@ def find_controller(name: str) -> Controller:
 _SECONDS_AN_HOUR = 3600.0
 _SECONDS_A_DAY = 86400.0
 _DAYS_A_YEAR = 365.0  # as the observation counts
-CLOCK = ("sin_hour_of_day", "cos_hour_of_day", "sin_day_of_year", "cos_day_of_year")
-"""Observations that tell the time."""
+CLOCK = ("sin_hour_of_day", "cos_hour_of_day", "sin_day_of_year", "cos_day_of_year")  # Observations that tell the time
 
 
 def clock_from(readings: Mapping[str, Array]) -> tuple[Array, Array]:

@@ -22,15 +22,13 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-MEMORY = 0.2
-"""Weight of the latest complete day in the mean course of the radiation [-]; earlier days fade by 0.8 a day."""
+MEMORY = 0.2  # Weight of the latest complete day in the mean course of the radiation [-]; earlier days fade by 0.8 a day
 
 PRIOR = 0.5
 """Radiation [MJ m-2] that today and the mean day are both credited with before they are compared: before so much has come in,
 today counts as an average day. ``MEMORY`` and ``PRIOR`` were chosen on the springs of 2008, 2009, 2011 and 2012 at Schiphol."""
 
-RAMP_HOURS = 1.0
-"""Length of dusk and dawn [h], as in the published day flags."""
+RAMP_HOURS = 1.0  # Length of dusk and dawn [h], as in the published day flags
 
 _SECONDS_A_DAY = 86400.0
 _HORIZON = math.radians(-0.833)  # Height of the middle of the sun when it rises and sets: refraction, and half its width

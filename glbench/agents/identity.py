@@ -38,19 +38,16 @@ if TYPE_CHECKING:
     from glbench.agents.card import SubmissionCard
 
 
-LARGEST_SUBMISSION = 512 * untrusted.MIB
-"""Size of all files of a submission together [bytes]."""
+LARGEST_SUBMISSION = 512 * untrusted.MIB  # Size of all files of a submission together [bytes]
 MOST_FILES = 10_000
-MOST_ENTRIES = 100_000
-"""Names in a submission's folder, with hidden files and folders."""
+MOST_ENTRIES = 100_000  # Names in a submission's folder, with hidden files and folders
 _PIECE = untrusted.MIB
 _CACHE = "__pycache__"
 _COPY_MODE = 0o755
 _COPY_TIME = (315_532_800, 315_532_800)
 """Of every copy, so that an agent learns nothing from times; 1980 is the first year that zip archives know."""
 SUBMISSION_CARD = "submission.toml"
-CARD_FILE = "card.toml"
-"""The card of custom settings for a built-in controller; such a folder has no code."""
+CARD_FILE = "card.toml"  # The card of custom settings for a built-in controller; such a folder has no code
 OBSERVATIONS_ONLY = "observations and the public task card"
 AGENT_FILE = "agent.py"
 STATISTICS_FILE = "vecnormalize.pkl"

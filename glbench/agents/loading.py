@@ -311,8 +311,7 @@ def _baseline(ref: str | Path, name: str, kind: Literal["submission", "baseline"
 
 Kind = Literal["rule", "sb3", "torch", "mpc"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-EXAMPLE_KIND = "example"
-"""What ``glbench submit new --kind`` calls the example submissions, each of which is a file."""
+EXAMPLE_KIND = "example"  # What ``glbench submit new --kind`` calls the example submissions, each of which is a file
 _NAME = "template-name"
 _OWN_NAMES = ("submission.toml", "README.md")  # Files of a template that contain its name
 

@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 FORMAT = 1
-HALF_SCALE = 1000
-"""Numbers from the middle of an action's bounds to either of them; the middle, which is 0 for a change, is exact."""
+HALF_SCALE = 1000  # Numbers from the middle of an action's bounds to either of them; the middle, which is 0 for a change, is exact
 _LARGEST = 256 * 2**20  # Size of the unpacked arrays [bytes]: a year of minutes with six actions has 13 MB
 _ADVICE = "`glbench bound` writes books of plans."
 

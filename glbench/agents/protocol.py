@@ -19,12 +19,9 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
 
 Floats = NDArray[np.float64]
-Observations = NDArray[np.float32]
-"""What agents see: shape (n, observations of the task), in the units of the task card."""
-Actions = Floats
-"""What agents return: shape (n, actions of the task), within the bounds of the task card."""
-ROUNDING = 1e-6
-"""How far an action may lie outside its bounds: what float32 arithmetic loses."""
+Observations = NDArray[np.float32]  # What agents see: shape (n, observations of the task), in the units of the task card
+Actions = Floats  # What agents return: shape (n, actions of the task), within the bounds of the task card
+ROUNDING = 1e-6  # How far an action may lie outside its bounds: what float32 arithmetic loses
 Sight = Literal["observations", "state", "scenario"]
 """What an agent sees: what the task shows, the true state (``PrivilegedController``), or everything (``ScenarioController``)."""
 

@@ -33,8 +33,7 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
 Array = NDArray[np.float64]
-Shared = Any
-"""An array (n,), or one ``float`` for all runs."""
+Shared = Any  # An array (n,), or one ``float`` for all runs
 
 _LOG_100 = math.log(100.0)
 

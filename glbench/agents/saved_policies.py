@@ -36,10 +36,8 @@ if TYPE_CHECKING:
 
 Normalise = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 Rows = NDArray[np.float32]
-Function = Callable[[Rows], NDArray[np.floating]]
-"""Answers ``(b, m)`` for ``b`` rows ``(b, k)``."""
-BLOCK = 32
-"""Rows in a block: the 30 runs of an evaluation fit into one."""
+Function = Callable[[Rows], NDArray[np.floating]]  # Answers ``(b, m)`` for ``b`` rows ``(b, k)``
+BLOCK = 32  # Rows in a block: the 30 runs of an evaluation fit into one
 _SIZES = (0.01, 1.0, 100.0)
 DAMAGED = (
     OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, IndexError, AssertionError, RuntimeError, ImportError,

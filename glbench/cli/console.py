@@ -32,10 +32,8 @@ from rich.text import Text
 from glbench.untrusted import visible
 
 DEBUG_VARIABLE = "GLBENCH_DEBUG"
-NOTHING_LEARNT = 3
-"""Exit code of a training that finished and never beat the policy that it began with."""
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it: 128 and the signal's number."""
+NOTHING_LEARNT = 3  # Exit code of a training that finished and never beat the policy that it began with
+INTERRUPTED = 130  # Exit code after Ctrl-C, as shells have it: 128 and the signal's number
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _PATIENCE_SECONDS = 2.0
 _COPIED = "\n\t" + "".join(map(chr, range(0xDC80, 0xDD00)))

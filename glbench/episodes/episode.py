@@ -448,8 +448,7 @@ def recover(path: Path | str, out: Path | str) -> Episode:
 
 Places = NDArray[np.integer[Any]]
 _DAYS = 7
-ACTING: tuple[Source, ...] = ("control", "disturbance")
-"""Sources of what light follows from."""
+ACTING: tuple[Source, ...] = ("control", "disturbance")  # Sources of what light follows from
 
 
 class Recorded(Protocol):

@@ -127,8 +127,7 @@ def provenance_of(task: TaskSpec, agent: LoadedAgent, kernel: dict[str, str | fl
     )
 
 
-PARTS = ("definition", "parameters", "start", "observation", "weather", "model")
-"""Parts of a task's fingerprint."""
+PARTS = ("definition", "parameters", "start", "observation", "weather", "model")  # Parts of a task's fingerprint
 
 
 def versions(task: TaskSpec) -> dict[str, str]:

@@ -50,13 +50,11 @@ from numpy.typing import NDArray
 from glbench.errors import EpisodeError, refuse
 from glbench.untrusted import MIB, read_pieces, read_regular
 
-PACKAGE = "glbench"
-"""Profile and library of the files, and package of their message types."""
+PACKAGE = "glbench"  # Profile and library of the files, and package of their message types
 MESSAGE_HEAD = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")]
 )  # fmt: skip
-FRAME = struct.Struct("<BQ")
-"""Opcode and length, with which every record begins and which its length leaves out."""
+FRAME = struct.Struct("<BQ")  # Opcode and length, with which every record begins and which its length leaves out
 
 _KINDS: dict[int, np.dtype[np.floating]] = {
     FieldDescriptorProto.TYPE_DOUBLE: np.dtype("<f8"),
@@ -76,8 +74,7 @@ stays below 3 MB whatever the agent does. Baselines are at 0.47 to 0.56, control
 _INDEX_HEAD = struct.Struct("<BQHI")
 _INDEX_ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
 
-LARGEST_FILE = 2048 * MIB
-"""Larger than any record that glbench writes."""
+LARGEST_FILE = 2048 * MIB  # Larger than any record that glbench writes
 _LARGEST_CONTENT = 128 * MIB
 _LARGEST_RATIO = 32
 """Messages of a file take at most 128 MiB, or 32 times as much as the file. Those of 30 runs of 5760 steps take 6 MiB, 1 to 4 times

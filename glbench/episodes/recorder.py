@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 
 Floats = NDArray[np.float64]
-LARGEST_TRACE = 512 * 2**20
-"""Bytes of memory above which no trace is kept: the episodes are then made by replaying."""
+LARGEST_TRACE = 512 * 2**20  # Bytes of memory above which no trace is kept: the episodes are then made by replaying
 
 
 def bytes_a_step(task: TaskSpec) -> int:

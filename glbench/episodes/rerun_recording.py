@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
 APPLICATION = "glbench"
 TIME = "time"
-LOCAL_TIME = "local_time"
-"""The greenhouse's clock, a time line of its own beside UTC."""
+LOCAL_TIME = "local_time"  # The greenhouse's clock, a time line of its own beside UTC
 STEP = "step"
 _LINE_WIDTH = 1.6
 _MARGIN = 0.04

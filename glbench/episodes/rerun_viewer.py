@@ -37,8 +37,7 @@ logger = logging.getLogger(__name__)
 _SEND_SECONDS = 0.2
 _FLUSH_SECONDS = 5.0
 
-LOOPBACK = "127.0.0.1"
-"""Without being told, the viewer's server listens on all interfaces: anybody in the network could send to it."""
+LOOPBACK = "127.0.0.1"  # Without being told, the viewer's server listens on all interfaces: anybody in the network could send to it
 PICTURE_SIZE = (1920, 1080)
 _START_SECONDS = 20.0
 _LOAD_SECONDS = 30.0

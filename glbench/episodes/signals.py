@@ -28,14 +28,12 @@ if TYPE_CHECKING:
     from glbench.tasks import Action, TaskSpec
 
 Floats = NDArray[np.float64]
-Columns = Mapping[str, Floats]
-"""Columns of an episode by name, each ``(steps,)``."""
+Columns = Mapping[str, Floats]  # Columns of an episode by name, each ``(steps,)``
 Moment = Literal["start", "end"]
 Source = Literal["control", "disturbance", "air", "state", "clock", "derived", "quantity"]
 """Where a simulation has a number: the vectors u, d and x, the climate measured in the air, the clock of the greenhouse, what follows from
 all these, or the table of a step's quantities."""
-Vectors = Mapping[Source, Floats]
-"""What a simulation has, by source, ``(rows, entries)`` each."""
+Vectors = Mapping[Source, Floats]  # What a simulation has, by source, ``(rows, entries)`` each
 Formula = Callable[[Vectors], Floats]
 _ACTS: frozenset[Source] = frozenset({"control", "disturbance"})  # Sources of what acts during a step; all others are measured at its end
 _AT_START: frozenset[Source] = frozenset({"air", "state", "clock", "derived"})
@@ -47,10 +45,8 @@ KWH_A_CUBIC_METRE = 31.65 / 3.6
 
 TOPICS: dict[Moment, str] = {"start": "/inputs", "end": "/outcome"}
 """Topics of a record: what acts during a step, and the result at its end."""
-MESSAGES = {"/inputs": "Inputs", "/outcome": "Outcome"}
-"""Message type of each topic."""
-ACTION = "action"
-"""Group of what the agent answered."""
+MESSAGES = {"/inputs": "Inputs", "/outcome": "Outcome"}  # Message type of each topic
+ACTION = "action"  # Group of what the agent answered
 _PARTS = {ACTION: ("agent_action", "AgentAction"), "state": ("model_state", "ModelState")}
 """Part and message type of the groups that are not called like them."""
 

@@ -37,15 +37,12 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 _LARGEST_SEED = 2**53 - 1  # Largest whole number that every reader of JSON keeps exactly
-CHECKPOINT_SECONDS = 2.0
-"""Shortest time between two checkpoints: what a kill costs at most, besides one step."""
+CHECKPOINT_SECONDS = 2.0  # Shortest time between two checkpoints: what a kill costs at most, besides one step
 
 
-ROUNDS = "rounds"
-"""Folder below ``out`` for sealed rounds, each in a folder that begins as its commitment does."""
+ROUNDS = "rounds"  # Folder below ``out`` for sealed rounds, each in a folder that begins as its commitment does
 _SHOWN_COMMITMENT = 16
-TRIALS, VALIDATION = "trials", "validation"
-"""Folder below ``out`` for trials, which are evaluations with other seeds than the task's."""
+TRIALS, VALIDATION = "trials", "validation"  # Folder below ``out`` for trials, which are evaluations with other seeds than the task's
 _MOST_RUNS = 10_000
 _CHECKPOINT_FORMAT = 3
 

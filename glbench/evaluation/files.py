@@ -15,8 +15,7 @@ from glbench.settings import first_problems
 from glbench.untrusted import MIB, parse_json, quoted, read_regular, reason_of
 
 _MOST_PROBLEMS = 3
-LARGEST_RESULT = 32 * MIB
-"""A run takes less than 1.5 kB, and a task has at most 10,000."""
+LARGEST_RESULT = 32 * MIB  # A run takes less than 1.5 kB, and a task has at most 10,000
 
 
 class SavingError(GlbenchError):

@@ -32,8 +32,7 @@ REFERENCES: Final = ("rule_based_tuned", "rule_based_unlit", "rule_based_energy"
 """Fast rule-based agents in the order in which they are tried: the first ``WANTED`` that fit the task are the reference agents."""
 REFERENCE_COUNT: Final = 2
 
-Run = Callable[[Job], Result]
-"""Does a job, or loads its stored result."""
+Run = Callable[[Job], Result]  # Does a job, or loads its stored result
 
 
 def check_fresh_draws(job: Job) -> None:

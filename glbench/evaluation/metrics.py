@@ -68,8 +68,7 @@ METRICS: tuple[Metric, ...] = _metrics(QUANTITIES, paper=True)
 """The metrics of every task of schema 1; ``metrics_of`` has those of any task."""
 METRIC_NAMES: tuple[str, ...] = tuple(metric.name for metric in METRICS)
 UNITS: dict[str, str] = {metric.name: metric.unit for metric in METRICS}
-PAPER_ONLY = frozenset(_PAPER_NAMES.values())
-"""Metrics by which a result of a task of schema 1 is known."""
+PAPER_ONLY = frozenset(_PAPER_NAMES.values())  # Metrics by which a result of a task of schema 1 is known
 COMMON_UNITS = {name: unit for name, unit in UNITS.items() if name in ("reward", "epi", "penalty") or unit == HOURS}
 """Units of the metrics that mean the same in every task."""
 

@@ -40,8 +40,7 @@ if TYPE_CHECKING:
     from minari.dataset.minari_storage import MinariStorage
 
 
-FIRST_SEED = 40_000_000_000
-"""Default seed of the first run; trainings, their evaluations and searches use smaller seeds."""
+FIRST_SEED = 40_000_000_000  # Default seed of the first run; trainings, their evaluations and searches use smaller seeds
 _LAST_SEED = 2**53
 _TOGETHER = 32  # Seasons that are stepped together: enough for the kernel's speed, few enough for any memory
 

@@ -32,16 +32,13 @@ if TYPE_CHECKING:
 
 
 SCHEMA_NAME: Final = "glbench/result"
-SCHEMA_VERSION: Final = 1
-"""The version that is written, and the newest that can be read; a file that states none is of version 1."""
-RANKING_METRIC: Final = "reward"
-"""Every result has it."""
+SCHEMA_VERSION: Final = 1  # The version that is written, and the newest that can be read; a file that states none is of version 1
+RANKING_METRIC: Final = "reward"  # Every result has it
 
 Status = Literal["ok", "crashed", "timed_out", "invalid_action", "simulation_failed"]
 Digest = Annotated[str, pydantic.Field(pattern=r"^[0-9a-f]{64}$")]
 Seconds = Annotated[float, pydantic.Field(ge=0, le=1e15)]
-MOST_STEPS = 10_000_000
-"""A task has at most ten years of minutes."""
+MOST_STEPS = 10_000_000  # A task has at most ten years of minutes
 _LARGEST_METRIC = 1e100  # Beyond what any run can reach; sums of larger numbers overflow
 
 

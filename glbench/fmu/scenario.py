@@ -13,8 +13,7 @@ from glbench.tasks import get_task
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
-LARGEST_SEED = 2**53
-"""FMI 2.0 has no integers of 64 bits: a seed is a real number, exact up to here."""
+LARGEST_SEED = 2**53  # FMI 2.0 has no integers of 64 bits: a seed is a real number, exact up to here
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ WIND, SKY_BELOW, HUMIDITY, SOIL = 4.0, 15.0, 0.8, 8.0
 """Wind [m s-1], how far the sky is colder than the air [K], relative humidity [-] and soil temperature [degC] outside."""
 COLD_NIGHT, SAVING_NIGHT, INSIDE = -10.0, 0.0, 18.0
 """Air outside in the night of the boiler and in that of the screens, and the air inside in the latter [degC]."""
-HOT_PIPES = 90.0
-"""Rail pipes are seldom warmer [degC]."""
+HOT_PIPES = 90.0  # Rail pipes are seldom warmer [degC]
 _FREE = len(ClimateState._fields)
 _FIRST_STEP, _LAST_STEP, _SHORTEST_STEP, _GROWTH, _LARGEST_CHANGE = 60.0, 1e9, 1e-6, 1.7, 0.2
 _WIDE_BOILER = 1000.0  # Heat of a boiler with which every temperature is reached [W m-2]

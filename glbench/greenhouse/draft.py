@@ -6,12 +6,9 @@ from typing import NamedTuple
 
 from glbench.model import TOMATO
 
-SCREEN_BELOW_GUTTER = 0.2
-"""Screens hang so far below the gutter [m]. As in the book's greenhouse of 2021, whose gutter is at 6.5 m."""
-SPAN = 4.0
-"""Width of one span of a Venlo roof [m]."""
-PIPE_WALL = 0.002
-"""Thickness of a pipe's wall [m]. The book's pipes of 51 mm have a bore of 47 mm."""
+SCREEN_BELOW_GUTTER = 0.2  # Screens hang so far below the gutter [m]. As in the book's greenhouse of 2021, whose gutter is at 6.5 m.
+SPAN = 4.0  # Width of one span of a Venlo roof [m]
+PIPE_WALL = 0.002  # Thickness of a pipe's wall [m]. The book's pipes of 51 mm have a bore of 47 mm.
 _ABSORBED = 0.02  # Share of the light that a cover or screen absorbs at least [-]
 
 

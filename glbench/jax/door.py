@@ -33,8 +33,7 @@ if TYPE_CHECKING:
     from glbench.kernel.environment import Program
     from glbench.tasks import TaskSpec
 
-GOLDEN = 0.6180339887498949
-"""Steps of this size, modulo 1, spread any number of points evenly over an interval."""
+GOLDEN = 0.6180339887498949  # Steps of this size, modulo 1, spread any number of points evenly over an interval
 
 _OPEN: dict[str, object] = {}
 """What the library holds addresses of: a program that JAX compiled may call a door as long as the process lives."""

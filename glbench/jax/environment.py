@@ -19,8 +19,7 @@ from glbench.jax.door import open_door
 from glbench.jax.library import RESET, STEP
 from glbench.tasks import Normalisation, TaskSpec
 
-SEEDS = range(64)
-"""Scenarios of an environment that was given none."""
+SEEDS = range(64)  # Scenarios of an environment that was given none
 
 
 @dataclass(frozen=True, eq=False)

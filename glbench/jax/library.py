@@ -19,8 +19,7 @@ from glbench.kernel.compiled import CompiledUnavailable, binding
 from glbench.kernel.compiled.compiler import find_compiler, machine_digest
 from glbench.resources import cache_folder
 
-RESET, STEP = "glbench_reset", "glbench_step"
-"""Names under which XLA knows the calls."""
+RESET, STEP = "glbench_reset", "glbench_step"  # Names under which XLA knows the calls
 
 _SOURCE = Path(__file__).resolve().parent / "native" / "door.cpp"
 _LOCK_SECONDS = 300.0

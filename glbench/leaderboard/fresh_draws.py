@@ -18,12 +18,10 @@ from glbench.evaluation import Result
 from glbench.leaderboard.catalogue import Metric
 from glbench.leaderboard.statistics import Array, FrozenModel
 
-ERROR: Final = 0.001
-"""Largest probability that an agent is marked that carries nothing."""
+ERROR: Final = 0.001  # Largest probability that an agent is marked that carries nothing
 RANK_ERROR: Final = 0.00001
 """The same by the ranks of the runs, which show an agent that spoils a few fresh runs to widen the interval of the mean."""
-FEWEST: Final = 5
-"""Smallest number of runs for a mark."""
+FEWEST: Final = 5  # Smallest number of runs for a mark
 
 
 class FreshScore(FrozenModel):

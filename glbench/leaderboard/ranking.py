@@ -21,8 +21,7 @@ from glbench.tasks import Round
 from glbench.untrusted import html_of
 
 Sandbox = Literal["bubblewrap", "unsandboxed", "built-in"]
-SANDBOXES = ("unknown", "unsandboxed", "bubblewrap", "built-in")
-"""How an agent ran; what says least comes first."""
+SANDBOXES = ("unknown", "unsandboxed", "bubblewrap", "built-in")  # How an agent ran; what says least comes first
 _SHORT = 6
 Number = TypeVar("Number", int, float)
 

@@ -25,14 +25,12 @@ if TYPE_CHECKING:
     from glbench.leaderboard.collect import Expectation, StoredResult
 
 PROFIT, PENALTY = "epi", "penalty"
-PARTS = ("total", "profit", "violations")
-"""Regret, and what it is made of."""
+PARTS = ("total", "profit", "violations")  # Regret, and what it is made of
 METRICS = {"total": RANKING_METRIC, "profit": PROFIT, "violations": PENALTY}
 """The metric that each is a difference of."""
 LINES = {"total": "Regret to best known", "profit": "  profit given away", "violations": "  violations added"}
 """Their rows in tables of metrics."""
-ROUNDING = 1e-6
-"""A run that is above the best known one by less, in the unit of the reward, is not called better."""
+ROUNDING = 1e-6  # A run that is above the best known one by less, in the unit of the reward, is not called better
 
 
 @dataclass(frozen=True)

@@ -42,10 +42,8 @@ Statistic: TypeAlias = Callable[[Array], Array]
 RESAMPLES = 10_000
 CONFIDENCE = 0.95
 _CACHED_ARRAYS = 6  # Arrays of resampling indices that are kept; one of 100 runs has 8 MB
-WORST = 10
-"""The worst tenth of the runs: ``worst_tenth`` means one in so many."""
-TARGET = 1.0
-"""The normalised score that the optimality gap is measured from: the best known result."""
+WORST = 10  # The worst tenth of the runs: ``worst_tenth`` means one in so many
+TARGET = 1.0  # The normalised score that the optimality gap is measured from: the best known result
 _ROUNDING = 1e-12  # Relative differences up to this are rounding
 
 

@@ -18,11 +18,9 @@ from glbench.quantities import MONEY
 from glbench.tasks import list_suites, published_task
 from glbench.tasks.references import SEVERAL, BestKnown, References, read_best_known, read_references
 
-NOTHING = "do_nothing"
-"""Name of the agent whose reward is the zero of normalised scores."""
+NOTHING = "do_nothing"  # Name of the agent whose reward is the zero of normalised scores
 
-RULES = "rule_based_tuned"
-"""Name of the agent that suites show the difference to."""
+RULES = "rule_based_tuned"  # Name of the agent that suites show the difference to
 
 _THRESHOLDS = 101
 _LOWEST_THRESHOLD = -0.25  # Profiles begin here at the lowest: how far below doing nothing a failed run lies is not worth the room

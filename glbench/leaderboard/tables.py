@@ -74,8 +74,7 @@ RESOLUTION_NOTE = (
     "Where a task draws nothing, all runs are alike and there is no interval. Closed loops amplify rounding there, so a reward that "
     f"differs by less than {RESOLUTION:g} counts as the same."
 )
-RESOLUTION_PLACE = 4
-"""Where it stands among the footnotes of tasks that have such a resolution."""
+RESOLUTION_PLACE = 4  # Where it stands among the footnotes of tasks that have such a resolution
 _UNITS = (("Reward and penalty have no unit.", False), ("A score in EUR/m² is the profit minus what violations of the limits cost.", True))
 _PROFIT = "what is earned minus what is paid"
 
@@ -116,8 +115,7 @@ def _has_overall(row: Row) -> bool:
     return any(one.overall is not None for one in row.estimates.values())
 
 
-SCORE_STEP = 0.01
-"""Narrower intervals of normalised scores are not shown: another season or training can move a score by more."""
+SCORE_STEP = 0.01  # Narrower intervals of normalised scores are not shown: another season or training can move a score by more
 
 
 def score_note(task_ids: Iterable[str]) -> str:

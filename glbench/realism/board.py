@@ -34,12 +34,9 @@ from glbench.weather.store import save_weather
 
 BASE, BY_SET_POINTS = "glbench/Spring-v1", "glbench/SpringSetpoints-v1"
 """Tasks whose sensors, forecasts, limits and actions agents get: those that move controls, and those that enter set points."""
-GROWERS = "Reference"
-"""The compartment that growers ran."""
-TRAINING_YEARS = [2016, 2017, 2018]
-"""Those of ``BASE``, eight years later."""
-LIMITS = TimeLimits(start=1800.0, step=1800.0, run=86400.0)
-"""Planning in a house that was never planned for begins slowly."""
+GROWERS = "Reference"  # The compartment that growers ran
+TRAINING_YEARS = [2016, 2017, 2018]  # Those of ``BASE``, eight years later
+LIMITS = TimeLimits(start=1800.0, step=1800.0, run=86400.0)  # Planning in a house that was never planned for begins slowly
 _SOURCE = "Autonomous Greenhouse Challenge, second edition, doi 10.4121/uuid:88d22c60-21b3-4ea8-90db-20249a5be2a7"
 _BLEISWIJK = (52.03, 4.53, -4.0)  # degrees north, degrees east, m
 _EIGHT_YEARS = 2922 * 86400  # s, with the same leap years around each day

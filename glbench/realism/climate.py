@@ -22,8 +22,7 @@ from glbench.weather.record import FloatArray
 LABELS: Mapping[str, str] = {"air_temperature": "air temperature\n[°C]", "humidity": "relative humidity\n[%]", "co2": "CO2\n[ppm]"}
 
 
-Errors = dict[str, Error]
-"""By channel: ``air_temperature``, ``humidity``, ``co2``; those without a reading are left out."""
+Errors = dict[str, Error]  # By channel: ``air_temperature``, ``humidity``, ``co2``; those without a reading are left out
 
 
 class HouseClimate(Table):

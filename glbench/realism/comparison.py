@@ -28,8 +28,7 @@ from glbench.weather.record import FloatArray
 INK, QUIET, EDGE = "#1f2933", "#52606d", "#b8c2cc"
 COLOURS = ("#c23b22", "#e2a23b", "#7a6a58", "#3a8f5c", "#a44a8c", "#1d5fa8", "#4aa3a8", "#111111")
 _WIDTH, _HEIGHT = 12.0, 2.3  # inch; of a row
-FIRST_FRUIT = 0.05
-"""Fresh fruit after which the harvest counts as begun [kg m-2]."""
+FIRST_FRUIT = 0.05  # Fresh fruit after which the harvest counts as begun [kg m-2]
 
 
 class Heat(Table):

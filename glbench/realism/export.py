@@ -21,11 +21,9 @@ from glbench.weather import preprocessing
 from glbench.weather.column_map import JOULES, UNITS, split_title, unit_among
 from glbench.weather.record import FloatArray, IntArray
 
-SHORTEST, LONGEST = 60, 900
-"""Steps that are read [s]."""
+SHORTEST, LONGEST = 60, 900  # Steps that are read [s]
 FIVE_MINUTES = 300
-EXPORT, EXPORT_WEATHER = "indoor.csv", "weather.csv"
-"""Files of an export; the first may have all columns."""
+EXPORT, EXPORT_WEATHER = "indoor.csv", "weather.csv"  # Files of an export; the first may have all columns
 WEATHER_UNITS: Mapping[str, str] = {
     "global_radiation": "W/m2", "outdoor_temperature": "degC", "outdoor_humidity": "%", "wind_speed": "m/s", "sky_temperature": "degC",
 }  # fmt: skip

@@ -27,12 +27,9 @@ from glbench.weather.record import FloatArray, IntArray
 if TYPE_CHECKING:
     from glbench.realism.indoor import Indoor
 
-CHANNELS: Mapping[str, str] = {"air_temperature": "K", "humidity": "%", "co2": "ppm"}
-"""What is compared, with the unit of its errors."""
-HOURS = 3
-"""Length of the parts of a day whose errors are told apart [h]."""
-PRESET, THREADS = "fast", 2
-"""Of the kernel; the number of threads changes no bit."""
+CHANNELS: Mapping[str, str] = {"air_temperature": "K", "humidity": "%", "co2": "ppm"}  # What is compared, with the unit of its errors
+HOURS = 3  # Length of the parts of a day whose errors are told apart [h]
+PRESET, THREADS = "fast", 2  # Of the kernel; the number of threads changes no bit
 _AIR, _PIPES = ("tAir", "vpAir", "co2Air"), {"rail_pipe": "tPipe", "grow_pipe": "tGroPipe"}
 _SCREENS = {names.SCREEN: "thermal_screen", names.BLACKOUT: "blackout_screen"}
 _MG_S = 1e6 / 3600.0  # a kilogram an hour

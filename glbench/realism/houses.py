@@ -21,8 +21,7 @@ from glbench.model.parameter_sets import Override
 from glbench.tasks.fields import sorted_overrides
 from glbench.weather.record import FloatArray
 
-MODEL = "greenlight-tomato-harvest-1.0.0"
-"""The model with a meter on its harvest."""
+MODEL = "greenlight-tomato-harvest-1.0.0"  # The model with a meter on its harvest
 LAMP_POWER, _COOLING, _PAR, _PHOTONS = "thetaLampMax", "etaLampCool", "etaLampPar", "zetaLampPar"
 _LAMPS = "lamps"
 SHIPPED = Path(__file__).with_name("settings.toml")

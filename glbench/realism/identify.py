@@ -35,12 +35,10 @@ from glbench.tasks.fields import sorted_overrides
 from glbench.weather.record import FloatArray
 
 SHIPPED_PAGE = Path(__file__).with_name("identify.toml")
-CHANGE = 0.02
-"""Change of a number for its derivative: of the logarithm of a factor, or as a share of the range of a value."""
+CHANGE = 0.02  # Change of a number for its derivative: of the logarithm of a factor, or as a share of the range of a value
 MOST_POINTS, TOLERANCE = 25, 2e-4
 """A fit ends after so many points, or when a step gains less than this share."""
-RESAMPLES, INTERVAL, SEED = 400, (5.0, 95.0), 1
-"""Of the bootstrap: resamples, percentiles, seed."""
+RESAMPLES, INTERVAL, SEED = 400, (5.0, 95.0), 1  # Of the bootstrap: resamples, percentiles, seed
 _PICTURE = 33  # characters
 NEAR_BOUND, CORRELATED = 0.01, 0.7
 """A number ends at a bound that it differs from by less than this share; estimates with so much correlation are named."""

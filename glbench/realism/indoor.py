@@ -22,18 +22,12 @@ from glbench.realism.export import EXPORT, read_export
 from glbench.realism.published import DAY_ZERO, ROW_SECONDS, ROWS_A_DAY, day_of, five_minutes, moment, on_rows, read_rows
 from glbench.weather.record import FloatArray, IntArray
 
-AROUND = 12
-"""Readings before and after one, with which it is compared: an hour each."""
-LONGEST_SAME = 72
-"""Readings of a sensor, 6 h, that may be the same."""
-MOST_LOST = 0.05
-"""Share of a sensor's readings beyond which losing them is a doubt."""
-FEW_DAYS = 28
-"""Days below which an export says little about a house."""
-LONGEST_HELD = 12
-"""Missing readings of a pipe, 1 h, for which the last one holds; later it counts as off."""
-HPS_POWER = 81.0
-"""Electric power of the archive's HPS lamps [W m-2]."""
+AROUND = 12  # Readings before and after one, with which it is compared: an hour each
+LONGEST_SAME = 72  # Readings of a sensor, 6 h, that may be the same
+MOST_LOST = 0.05  # Share of a sensor's readings beyond which losing them is a doubt
+FEW_DAYS = 28  # Days below which an export says little about a house
+LONGEST_HELD = 12  # Missing readings of a pipe, 1 h, for which the last one holds; later it counts as off
+HPS_POWER = 81.0  # Electric power of the archive's HPS lamps [W m-2]
 LED_POWER: Mapping[str, float] = MappingProxyType({"blue": 7.27, "red": 25.3, "farred": 6.23, "white": 22.72})
 """Most electric power of the channels of the archive's LEDs [W m-2], at 1000; they burn only while the HPS lamps do."""
 

@@ -18,10 +18,8 @@ from glbench.realism.published import ROW_SECONDS, WEATHER, Archive, Compartment
 from glbench.weather import preprocessing
 from glbench.weather.record import FloatArray, IntArray
 
-STEP_SECONDS = 900
-"""Length of a step [s]: that of the benchmark's tasks."""
-LONGEST_GAP_HOURS = 3
-"""Weather that may be missing at once [h]."""
+STEP_SECONDS = 900  # Length of a step [s]: that of the benchmark's tasks
+LONGEST_GAP_HOURS = 3  # Weather that may be missing at once [h]
 _DAY_SECONDS = 86400
 _KWH = 3.6e6  # J
 _STEPS_AN_HOUR = 3600 // STEP_SECONDS

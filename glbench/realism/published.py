@@ -29,14 +29,11 @@ from glbench.weather.record import FloatArray, IntArray, Place
 if TYPE_CHECKING:
     import pandas as pd
 
-DAY_ZERO = dt.date(1899, 12, 30)
-"""Day 0 of a spreadsheet's dates."""
-ROWS_A_DAY = 288
-"""Rows of weather and indoor climate: one in five minutes."""
+DAY_ZERO = dt.date(1899, 12, 30)  # Day 0 of a spreadsheet's dates
+ROWS_A_DAY = 288  # Rows of weather and indoor climate: one in five minutes
 ROW_SECONDS = 86400 // ROWS_A_DAY
 _EPOCH = (dt.date(1970, 1, 1) - DAY_ZERO).days
-MOST_DAYS_FILLED = 3
-"""Days in a row that may be missing of what a compartment used."""
+MOST_DAYS_FILLED = 3  # Days in a row that may be missing of what a compartment used
 
 WEATHER = ("Iglob", "Tout", "Rhout", "Windsp", "Pyrgeo")
 """Global radiation [W m-2], temperature [degC], relative humidity [%], wind [m s-1], net long-wave radiation of the sky [W m-2]."""

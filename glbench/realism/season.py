@@ -26,18 +26,15 @@ from glbench.tasks import get_task
 from glbench.tasks import set_points as names
 from glbench.weather.record import FloatArray
 
-AIR_AT_START = 18.0
-"""Temperature of air and surfaces when the season begins [degC]."""
-MOST_CHANGE = 0.3
-"""Most that a control moves in a step."""
+AIR_AT_START = 18.0  # Temperature of air and surfaces when the season begins [degC]
+MOST_CHANGE = 0.3  # Most that a control moves in a step
 RAIL_PIPE, GROW_PIPE = 2.1, 0.62
 """Heat per kelvin above the air, by the archive's organisers, of the rail pipe and of the growing pipe [W m-2 K-1]."""
 _READ = ("tAir", "vpAir", "co2Air", "sumMcFruitHar", "tPipe", "tGroPipe")
 _BASE = "glbench/SpringYears-v1"
 _ALWAYS = 2000.0  # W m-2: no sun is brighter
 _STEERED = (names.BOILER, names.VENTS, names.DOSING, names.LAMPS, names.SCREEN, names.BLACKOUT)
-NEEDED = ("heating_set_point", "ventilation_lee_set_point")
-"""Without these a compartment cannot be driven by its own set points."""
+NEEDED = ("heating_set_point", "ventilation_lee_set_point")  # Without these a compartment cannot be driven by its own set points
 _REALISED = (
     *NEEDED, "ventilation_wind_set_point", "humidity_deficit_set_point", "minimum_rail_pipe", "minimum_grow_pipe", "minimum_vents",
     "co2_set_point", "lamps", "thermal_screen", "blackout_screen",

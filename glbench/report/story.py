@@ -39,12 +39,9 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Places = NDArray[np.integer[Any]]
 
-DARK = 5.0
-"""Global radiation outside below which it is dark [W m-2]."""
-BEFORE_LIGHT, AFTER_LIGHT = 1.0, 2.0
-"""Dawn: from so long before the first light of a day until so long after it [h]."""
-NIGHT, DAWN, DAY = range(3)
-"""Parts of a day."""
+DARK = 5.0  # Global radiation outside below which it is dark [W m-2]
+BEFORE_LIGHT, AFTER_LIGHT = 1.0, 2.0  # Dawn: from so long before the first light of a day until so long after it [h]
+NIGHT, DAWN, DAY = range(3)  # Parts of a day
 PERIODS = ("night", "dawn", "bright days", "dull days")
 BRIGHT_DAYS, DULL_DAYS = 2, 3
 MEANINGS = (

@@ -32,10 +32,8 @@ from glbench.serve.card import card
 from glbench.serve.sessions import RequestError, Sessions
 from glbench.untrusted import parse_json, quoted, reason_of, visible
 
-LARGEST_BODY = 64 * 1024
-"""Bytes of a request."""
-BODY_SECONDS = 10.0
-"""A request that has not arrived after so long is refused."""
+LARGEST_BODY = 64 * 1024  # Bytes of a request
+BODY_SECONDS = 10.0  # A request that has not arrived after so long is refused
 _PATIENCE_SECONDS = 5  # Time that requests under way get when the server is closed
 _KEEP_ALIVE_SECONDS = 600  # A connection stays open for so long without a request: agents think slowly
 _SWEEP_SECONDS = 30.0

@@ -10,8 +10,7 @@ from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.untrusted import LARGEST_INTEGER
 
 _ENTRIES = {"anyOf": [{"type": "object", "additionalProperties": {"type": "number"}}, {"type": "array", "items": {"type": "number"}}]}
-Entries = Annotated[Any, WithJsonSchema(_ENTRIES)]
-"""An entry for each action of the task; ``sessions`` checks it, in its own words."""
+Entries = Annotated[Any, WithJsonSchema(_ENTRIES)]  # An entry for each action of the task; ``sessions`` checks it, in its own words
 
 
 class Request(BaseModel):

@@ -34,8 +34,7 @@ from glbench.speed.subjects import STEP_SECONDS, Points, Season, Subject, Work, 
 
 ROUNDS = 7
 TOLERANCE = 1e-6
-SHORTEST_SECONDS = 0.05
-"""Shorter work is repeated until it has taken that long."""
+SHORTEST_SECONDS = 0.05  # Shorter work is repeated until it has taken that long
 MANY = 4096
 _STEPS = 96
 _TIMEOUT_SECONDS = 600.0

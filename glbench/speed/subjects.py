@@ -20,16 +20,14 @@ from glbench.weather import disturbances, load_weather
 Array = NDArray[np.float64]
 Controls = Literal["walk", "jump"]
 Horizon = Literal["rollout", "adjoint", "linearise", "push", "pull"]
-Work = Callable[[], int]
-"""Does something and says how many steps it took."""
+Work = Callable[[], int]  # Does something and says how many steps it took
 
 STEP_SECONDS = 900.0
 PAPER_SECONDS = 300.0
 PAPER_START = dt.date(2009, 10, 1)
 PAPER_DAYS = 10.0
 TASK = "glbench/Schiphol2010-Delta10-v1"
-LARGEST_CHANGE = 0.1
-"""Of a control in one step, when controls walk."""
+LARGEST_CHANGE = 0.1  # Of a control in one step, when controls walk
 _SEASON_DAYS = 2
 
 GROUPS = {

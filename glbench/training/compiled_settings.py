@@ -19,10 +19,8 @@ from glbench.training import settings
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
-NAME = "compiled ppo"
-"""Name of the algorithm in cards."""
-COMPILED = "compiled"
-"""The value of ``learner`` in the settings."""
+NAME = "compiled ppo"  # Name of the algorithm in cards
+COMPILED = "compiled"  # The value of ``learner`` in the settings
 
 
 class Memory(settings.FrozenSettings):

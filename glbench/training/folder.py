@@ -18,10 +18,8 @@ from glbench.training.card import CARD, POLICY, read_card
 CHECKPOINT, SEARCH, LEARNER, SETTINGS = "checkpoint", "search.npz", "learner.npz", "settings.yml"
 """State of a training, of a search, of a training with the compiled PPO, and the settings of any of them."""
 _LOCK = ".lock"
-BEST, MODEL = "best", "model.zip"
-"""The best model of a training with Stable-Baselines3: a folder, and the file in it."""
-STATE = "state.json"
-"""Of a checkpoint, written last."""
+BEST, MODEL = "best", "model.zip"  # The best model of a training with Stable-Baselines3: a folder, and the file in it
+STATE = "state.json"  # Of a checkpoint, written last
 
 
 @contextmanager

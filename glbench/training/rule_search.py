@@ -39,8 +39,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-RULES = "rules.yml"
-"""The page of the best rules, in the folder of a search."""
+RULES = "rules.yml"  # The page of the best rules, in the folder of a search
 CONTROLLER, ENERGY_CONTROLLER = "rule_based_tuned", "rule_based_energy"
 _START = "start.yml"  # The page that a search in the folder began with
 

@@ -19,8 +19,7 @@ from glbench.yaml_reader import read_yaml
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
-PAPER = {"ppo": "ppo/paper.yml", "sac": "sac/sac.yml"}
-"""Shipped settings of the paper's algorithms, in ``baselines``."""
+PAPER = {"ppo": "ppo/paper.yml", "sac": "sac/sac.yml"}  # Shipped settings of the paper's algorithms, in ``baselines``
 
 
 def _that_is_there(file: Path) -> Path:
@@ -29,8 +28,7 @@ def _that_is_there(file: Path) -> Path:
     return file
 
 
-PolicyFile = Annotated[Path, AfterValidator(_that_is_there)]
-"""Path of a policy file that exists."""
+PolicyFile = Annotated[Path, AfterValidator(_that_is_there)]  # Path of a policy file that exists
 
 _LAST_FIRST_SEED = 2**52
 
@@ -45,11 +43,9 @@ def _that_no_task_is_scored_with(seed: int) -> int:
     return seed
 
 
-TrainingSeed = Annotated[int, AfterValidator(_that_no_task_is_scored_with)]
-"""First of a row of seeds that no task is scored with."""
+TrainingSeed = Annotated[int, AfterValidator(_that_no_task_is_scored_with)]  # First of a row of seeds that no task is scored with
 
-LINEAR = "lin_"
-"""What the text of a number begins with that falls linearly to 0."""
+LINEAR = "lin_"  # What the text of a number begins with that falls linearly to 0
 _LIKE_A_NUMBER = re.compile(r"[-+]?\.?\d")
 _ALLOWED = {
     "gamma": "a number above 0, at most 1",

@@ -69,8 +69,7 @@ _CLAIMS: Final[dict[str, tuple[str, ...]]] = {
 _OWN_ENDS = frozenset({"ok", "simulation_failed"})
 TOLERANCE = 1e-9
 """Largest relative difference at which a result is reproduced, though not to the last bit."""
-CHAOS = 1e-3
-"""Between the tolerance and this, another machine can be the cause: an adaptive step that was accepted there and not here."""
+CHAOS = 1e-3  # Between the tolerance and this, another machine can be the cause: an adaptive step that was accepted there and not here
 Floats = NDArray[np.floating]
 
 

@@ -27,11 +27,9 @@ if TYPE_CHECKING:
 
 LAGS = 5
 BASE_TEMPERATURE = 18.0  # degC
-MOST_AT_JOINTS = 0.10
-"""Largest accepted Kolmogorov-Smirnov distance of changes at joints."""
+MOST_AT_JOINTS = 0.10  # Largest accepted Kolmogorov-Smirnov distance of changes at joints
 SPLIT_KEY = 0x6A6F696E
-SIZE = (11.0, 10.0)
-"""Width and height [inch], at 100 pixels an inch."""
+SIZE = (11.0, 10.0)  # Width and height [inch], at 100 pixels an inch
 INK, QUIET, EDGE = "#1f2933", "#52606d", "#b8c2cc"
 YEAR_COLOURS = ("#1d5fa8", "#e2a23b", "#3a8f5c", "#a44a8c", "#7a6a58", "#4aa3a8")
 ROOM_OF_A_DATE = 4  # days of a block that can carry its dates

@@ -32,8 +32,7 @@ REFRACTION_AT_SUNRISE = 0.5667  # deg; likewise
 VERSION = 1
 PARTS = SLOT_SECONDS // RAW_SECONDS
 DAY_SECONDS = 86400
-BLOCK_SECONDS = 4 * DAY_SECONDS
-"""Over which positions of the sun are computed at once and remembered."""
+BLOCK_SECONDS = 4 * DAY_SECONDS  # Over which positions of the sun are computed at once and remembered
 BRIGHTEST_BEAM = 1361.0  # W m-2, solar constant: kappa above it cannot be sunshine on a sun this low
 TWILIGHT_SINE = float(np.sin(np.radians(6.0)))  # civil twilight lasts until the sun is 6 deg below the horizon
 

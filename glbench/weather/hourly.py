@@ -41,16 +41,11 @@ from glbench.weather.record import (
     utc_text,
 )
 
-LOWEST_NIGHT_RADIATION = -25.0
-"""Radiation [W m-2] that the offset of a pyranometer explains; below it something is wrong."""
-HIGHEST_HUMIDITY = 105.0
-"""Humidity [%] that the error of a hygrometer explains."""
-LOWEST_COVERAGE = 0.5
-"""Share of an hour that its rows must cover."""
-LOWEST_SINE = 0.1
-"""Sine of the sun's elevation above which radiation tells the clouds; 6 degrees."""
-PARTS = 3
-"""Parts of an hour over which a clear sky is averaged."""
+LOWEST_NIGHT_RADIATION = -25.0  # Radiation [W m-2] that the offset of a pyranometer explains; below it something is wrong
+HIGHEST_HUMIDITY = 105.0  # Humidity [%] that the error of a hygrometer explains
+LOWEST_COVERAGE = 0.5  # Share of an hour that its rows must cover
+LOWEST_SINE = 0.1  # Sine of the sun's elevation above which radiation tells the clouds; 6 degrees
+PARTS = 3  # Parts of an hour over which a clear sky is averaged
 CLEARNESS_INPUTS = ("air_temperature", "relative_humidity", "global_radiation")
 SKY_ESTIMATED = (
     "sky_infrared estimated from clearness and humidity (Crawford and Duchon, 1999), because neither clouds nor the sky were measured; "

@@ -16,11 +16,9 @@ from glbench.errors import WeatherError, refuse
 from glbench.weather.record import FloatArray, IntArray, WeatherRecord, time_zone
 
 COLUMNS = ("iGlob", "tOut", "vpOut", "co2Out", "wind", "tSky", "tSoOut", "dayRadSum", "isDay", "isDaySmooth")
-SLOPE = 10.0
-"""Steepness of the sigmoid that rounds the day flag's ramps."""
+SLOPE = 10.0  # Steepness of the sigmoid that rounds the day flag's ramps
 EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
-OFFSET_SECONDS = 900
-"""Clocks change at whole quarters of an hour (UTC), so the offset needs to be looked up once a quarter."""
+OFFSET_SECONDS = 900  # Clocks change at whole quarters of an hour (UTC), so the offset needs to be looked up once a quarter
 QUARTERS_OF_A_DAY = 86400 // OFFSET_SECONDS
 KELVIN = 273.15
 STEFAN_BOLTZMANN = 5.67e-8  # W m-2 K-4, as the cloud correlation was published

@@ -25,8 +25,7 @@ from glbench.weather import record
 from glbench.weather.hourly import hourly_record
 from glbench.weather.preprocessing import saturation_vapour_pressure
 
-NOMINAL_YEAR = 2001
-"""Year given to typical years: a common year, like every typical year."""
+NOMINAL_YEAR = 2001  # Year given to typical years: a common year, like every typical year
 YEAR_DAYS = 365
 UNKNOWN_LICENCE = "Not stated in the file: ask its provider before you pass it on."
 TIMING: Mapping[str, record.Timing] = {**record.USUAL_TIMING, "wind_speed": "instant"}

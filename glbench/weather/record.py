@@ -30,15 +30,12 @@ if TYPE_CHECKING:
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
-Timing = Literal["instant", "mean"]
-"""``instant``: the value at the end of the slot. ``mean``: the mean over the slot."""
+Timing = Literal["instant", "mean"]  # ``instant``: the value at the end of the slot. ``mean``: the mean over the slot.
 
 SLOT_SECONDS = 3600
-RAW_SECONDS = 300
-"""Both preprocessings pass through a 5-minute grid, like the published data."""
+RAW_SECONDS = 300  # Both preprocessings pass through a 5-minute grid, like the published data
 SCHEMA = 1
-LONGEST_FILL = 48
-"""Most hours in a row that may be filled on request: beyond two days a straight line says nothing about the weather."""
+LONGEST_FILL = 48  # Most hours in a row that may be filled on request: beyond two days a straight line says nothing about the weather
 USUAL_TIMING: Mapping[str, Timing] = {
     "air_temperature": "instant",
     "relative_humidity": "instant",
@@ -82,8 +79,7 @@ QUANTITIES: Mapping[str, HourlyQuantity] = MappingProxyType(
     }
 )
 REQUIRED = ("air_temperature", "relative_humidity", "wind_speed", "global_radiation")
-SKY = ("sky_temperature", "sky_infrared", "cloud_cover")
-"""What tells the sky's temperature, best first; a record has at least one of them."""
+SKY = ("sky_temperature", "sky_infrared", "cloud_cover")  # What tells the sky's temperature, best first; a record has at least one of them
 
 
 def canonical_digest(header: Mapping[str, object], columns: Mapping[str, IntArray]) -> str:
@@ -127,8 +123,7 @@ def time_zone(name: str) -> ZoneInfo:
         refuse(f"'{name}' is no time zone of the IANA database. Use a name such as Europe/Amsterdam or Etc/GMT-1.", WeatherError, error)
 
 
-Coordinates = tuple[float, float, float]
-"""Degrees north, degrees east, metres above sea level."""
+Coordinates = tuple[float, float, float]  # Degrees north, degrees east, metres above sea level
 
 
 @dataclass(frozen=True)

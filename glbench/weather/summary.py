@@ -34,10 +34,8 @@ PHOTONS_PER_JOULE = 0.5 * 4.6
 """Photons of PAR for each joule of global radiation [umol J-1]: half of it is PAR, with 4.6 umol J-1. Vanthoor (2011), tables 8.1 and 9.1,
 as in the greenhouse model."""
 DAY_HOURS = 24
-DARK_RADIATION = 10.0
-"""Radiation [W m-2] that no sun gives in an hour that lies wholly in the night; an idle sensor may be off by a few."""
-FEW_HOURS = 5
-"""So many such hours say that something is wrong."""
+DARK_RADIATION = 10.0  # Radiation [W m-2] that no sun gives in an hour that lies wholly in the night; an idle sensor may be off by a few
+FEW_HOURS = 5  # So many such hours say that something is wrong
 CLOCK_DAYS, LEVEL_DAYS = 30, 10
 """Shortest records [d] that are compared with the course and with the level of a clear sky. In the shipped records no stretch of this
 length gives a warning."""
@@ -45,12 +43,10 @@ HIGH_SUN = float(np.sin(np.radians(10.0)))
 BRIGHTEST_LOW, USUAL_HIGH = 0.5, 1.45
 """Limits of the radiation over that of a clear sky, in hours of high sun: 2 % of them exceed the first even in ten dull days, and nine
 tenths stay below the second."""
-MOST_CLOCK_HOURS = 4.0
-"""Hours by which a clock may differ from the sun: 3.3 h in the west of China."""
+MOST_CLOCK_HOURS = 4.0  # Hours by which a clock may differ from the sun: 3.3 h in the west of China
 HOTTEST_MEAN, WINDIEST_MEAN = 35.0, 14.0
 """Means of a record [degC, m s-1] above which the unit is doubted; no place on land has them for a month."""
-STUCK_HOURS = 36
-"""Hours of the same temperature, or the same humidity below 100 %, after which a sensor is doubted."""
+STUCK_HOURS = 36  # Hours of the same temperature, or the same humidity below 100 %, after which a sensor is doubted
 
 
 @dataclass(frozen=True)

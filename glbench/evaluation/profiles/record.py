@@ -172,8 +172,7 @@ Cells: TypeAlias = "list[int | None] | list[Cells]"
 Packed = dict[str, "float | Cells"]
 
 QUANTILES = (0.05, 0.25, 0.50, 0.75, 0.95)
-SHORTEST_SLOT = 900.0
-"""Time of day is cut into slots of at least this length [s]."""
+SHORTEST_SLOT = 900.0  # Time of day is cut into slots of at least this length [s]
 SECONDS_A_DAY = 86400
 _MISSING = math.inf
 

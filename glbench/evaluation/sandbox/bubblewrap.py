@@ -30,8 +30,7 @@ from glbench.errors import SandboxError
 from glbench.evaluation.sandbox.frames import SandboxLimits
 from glbench.evaluation.sandbox.visible import CODE, KERNELS, in_package, interpreter, libraries, visible_files
 
-ENVIRONMENT_OF_BUBBLEWRAP = {"PATH": "/usr/bin:/bin"}
-"""bubblewrap itself gets no more: its process is visible inside."""
+ENVIRONMENT_OF_BUBBLEWRAP = {"PATH": "/usr/bin:/bin"}  # bubblewrap itself gets no more: its process is visible inside
 
 _NOBODY: Final = 65534
 _FIRST_USER, _USERS = 61184, 4336  # User ids that nobody has: those that systemd sets aside for services

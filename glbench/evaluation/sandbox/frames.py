@@ -21,14 +21,12 @@ if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
 
-HEADER = struct.Struct("=IIQ")
-"""Kind, number of the question, length of the body in bytes."""
+HEADER = struct.Struct("=IIQ")  # Kind, number of the question, length of the body in bytes
 ROW = struct.Struct("=II")
 """Begins the body of a ``Kind.ROW`` (row, index into ``STATUSES``), and every text in a ``Kind.PROBLEMS`` (row, length)."""
 STATUSES = ("", "crashed", "timed_out", "invalid_action")
 """Statuses by the number that stands for them; the first means that nothing is wrong."""
-LONGEST_TEXT = 1024
-"""Bytes of one text in an answer; a longer one makes it no answer."""
+LONGEST_TEXT = 1024  # Bytes of one text in an answer; a longer one makes it no answer
 MIB = 2**20
 GIB = 2**30
 

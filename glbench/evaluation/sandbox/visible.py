@@ -25,12 +25,9 @@ from glbench.agents.identity import digest_of
 from glbench.errors import GlbenchError, SubmissionError, refuse
 from glbench.resources import DataFolder, cache_folder, data_folder, user_data_folder
 
-CODE: Final = Path("/opt/glbench")
-"""Path of glbench inside the sandbox; it exists on no machine."""
-SUBMISSION: Final = Path("/submission")
-"""Path of the submission inside."""
-KERNELS: Final = CODE / "kernels"
-"""Path of compiled kernels inside."""
+CODE: Final = Path("/opt/glbench")  # Path of glbench inside the sandbox; it exists on no machine
+SUBMISSION: Final = Path("/submission")  # Path of the submission inside
+KERNELS: Final = CODE / "kernels"  # Path of compiled kernels inside
 SYSTEM: Final = (
     "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/usr/bin", "/usr/sbin", "/usr/lib", "/usr/lib32", "/usr/lib64", "/usr/libexec",
     "/usr/include", "/usr/local/bin", "/usr/local/lib", "/usr/local/lib64", "/usr/share/zoneinfo", "/nix/store",

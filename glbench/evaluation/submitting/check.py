@@ -30,10 +30,8 @@ from glbench.evaluation.submitting import findings
 from glbench.evaluation.submitting.findings import Finding, Report, Subject, note, problem
 from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task, task_card
 
-SECONDS = 15.0
-"""Time for the steps of the check [s]. Imports, making the agent and the seasons, and first decisions do not count."""
-STEPS = 96
-"""Steps of the short run: a day in steps of a quarter of an hour, with its night."""
+SECONDS = 15.0  # Time for the steps of the check [s]. Imports, making the agent and the seasons, and first decisions do not count.
+STEPS = 96  # Steps of the short run: a day in steps of a quarter of an hour, with its night
 RUNS = 4
 _LEAST = 0.6  # Share of the time that is the agent's, however long packages took to be imported
 _SHARE_RUN, _SHARE_REPEAT, _SHARE_ALONE = 0.5, 0.4, 0.4
