@@ -22,26 +22,7 @@ else:
     __getattr__ = lazy_names(__name__)
 
 __all__ = [
-    "Agent",
-    "Baseline",
-    "FairRuleBasedAgent",
-    "Identity",
-    "LoadedAgent",
-    "PerRunAgent",
-    "PrivilegedController",
-    "RuleBasedController",
-    "RuleInputs",
-    "RuleSettings",
-    "ScenarioController",
-    "SingleRunAgent",
-    "SubmissionCard",
-    "TunedRulesAgent",
-    "action_problems",
-    "baseline_names",
-    "identify",
-    "load_agent",
-    "read_baseline",
-    "read_card",
-    "read_rule_settings",
-    "rule_controls",
-]
+    "Agent", "Baseline", "FairRuleBasedAgent", "Identity", "LoadedAgent", "PerRunAgent", "PrivilegedController", "RuleBasedController",
+    "RuleInputs", "RuleSettings", "ScenarioController", "SingleRunAgent", "SubmissionCard", "TunedRulesAgent", "action_problems",
+    "baseline_names", "identify", "load_agent", "read_baseline", "read_card", "read_rule_settings", "rule_controls",
+]  # fmt: skip

@@ -175,24 +175,11 @@ def check_card(file: Path) -> tuple[SubmissionCard | None, list[str]]:
 
 
 _EXAMPLES = {
-    "name": '"Anna\'s controller"',
-    "authors": '["Anna Example"]',
-    "licence": '"MIT"',
-    "link": '"https://example.org/anna"',
-    "information": '["observations"]',
-    "requires": '["torch"]',
-    "seed": "1",
-    "recipe": '"anna-ppo"',
-    "agent": '"agent.py"',
-    "model": '"model.zip"',
-    "normalisation": '"vecnormalize.pkl", or a table with mean and std',
-    "clip_actions": "true",
-    "steps": "1_000_000",
-    "wall_hours": "2.5",
-    "split": '"training"',
-    "years": "[2008, 2009, 2010]",
-    "seeds": "[0, 255]",
-}
+    "name": '"Anna\'s controller"', "authors": '["Anna Example"]', "licence": '"MIT"', "link": '"https://example.org/anna"',
+    "information": '["observations"]', "requires": '["torch"]', "seed": "1", "recipe": '"anna-ppo"', "agent": '"agent.py"',
+    "model": '"model.zip"', "normalisation": '"vecnormalize.pkl", or a table with mean and std', "clip_actions": "true",
+    "steps": "1_000_000", "wall_hours": "2.5", "split": '"training"', "years": "[2008, 2009, 2010]", "seeds": "[0, 255]",
+}  # fmt: skip
 _CHOICES: dict[str, tuple[str, ...]] = {"information": get_args(Information), "split": ("none", *get_args(Split))}
 _KEYS = {*SubmissionCard.model_fields, *Training.model_fields, *Normalisation.model_fields}
 

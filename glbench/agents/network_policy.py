@@ -199,21 +199,10 @@ class NetworkPolicy:
         layers = {f"weight_{i}": matrix for i, matrix in enumerate(self.weights)}
         layers |= {f"bias_{i}": bias for i, bias in enumerate(self.biases)}
         return packed(
-            format=np.int64(FORMAT),
-            task_id=self.task_id,
-            delta=np.float64(self.delta),
-            observation_names=self.observation_names,
-            action_names=self.action_names,
-            low=self.low,
-            high=self.high,
-            mean=self.mean,
-            scale=self.scale,
-            clip=np.float64(self.clip),
-            activation=self.activation,
-            output=self.output,
-            about=json.dumps(self.about, sort_keys=True),
-            **layers,
-        )
+            format=np.int64(FORMAT), task_id=self.task_id, delta=np.float64(self.delta), observation_names=self.observation_names,
+            action_names=self.action_names, low=self.low, high=self.high, mean=self.mean, scale=self.scale, clip=np.float64(self.clip),
+            activation=self.activation, output=self.output, about=json.dumps(self.about, sort_keys=True), **layers,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -381,15 +381,7 @@ def _as_json(one: WeatherInfo | WeatherRecord, *fields: str, **more: object) -> 
     """Name and place, the first and the last moment, and these fields."""
     place = one.place
     return {
-        "name": one.name,
-        "station": place.station,
-        "latitude_deg": place.latitude,
-        "longitude_deg": place.longitude,
-        "altitude_m": place.altitude,
-        "timezone": place.timezone,
-        "first": one.first.isoformat(),
-        "last": one.last.isoformat(),
-        **{field: getattr(one, field) for field in fields},
-        "notes": list(one.notes),
-        **more,
-    }
+        "name": one.name, "station": place.station, "latitude_deg": place.latitude, "longitude_deg": place.longitude,
+        "altitude_m": place.altitude, "timezone": place.timezone, "first": one.first.isoformat(), "last": one.last.isoformat(),
+        **{field: getattr(one, field) for field in fields}, "notes": list(one.notes), **more,
+    }  # fmt: skip

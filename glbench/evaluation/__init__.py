@@ -21,23 +21,6 @@ else:
     __getattr__ = lazy_names(__name__)
 
 __all__ = [
-    "METRICS",
-    "METRIC_NAMES",
-    "UNITS",
-    "Evaluation",
-    "Metric",
-    "Progress",
-    "Protected",
-    "Result",
-    "RunResult",
-    "SandboxChoice",
-    "SavingError",
-    "Summary",
-    "TimeLimits",
-    "evaluate",
-    "load_result",
-    "prepare",
-    "protect",
-    "result_path",
-    "save_result",
-]
+    "METRICS", "METRIC_NAMES", "UNITS", "Evaluation", "Metric", "Progress", "Protected", "Result", "RunResult", "SandboxChoice",
+    "SavingError", "Summary", "TimeLimits", "evaluate", "load_result", "prepare", "protect", "result_path", "save_result",
+]  # fmt: skip

@@ -15,20 +15,6 @@ else:
     __getattr__ = lazy_names(__name__)
 
 __all__ = [
-    "Estimate",
-    "Expectation",
-    "Row",
-    "StoredResult",
-    "TaskTable",
-    "bootstrap_interval",
-    "collect_readable",
-    "collect_results",
-    "estimate",
-    "estimates_of",
-    "interquartile_mean",
-    "mean",
-    "rank",
-    "to_frame",
-    "to_markdown",
-    "write_leaderboard",
-]
+    "Estimate", "Expectation", "Row", "StoredResult", "TaskTable", "bootstrap_interval", "collect_readable", "collect_results",
+    "estimate", "estimates_of", "interquartile_mean", "mean", "rank", "to_frame", "to_markdown", "write_leaderboard",
+]  # fmt: skip

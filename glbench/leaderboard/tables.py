@@ -525,31 +525,14 @@ def _metrics(tables: Sequence[TaskTable]) -> list[Metric]:
 
 def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *, fresh: bool) -> dict[str, object]:
     record: dict[str, object] = {
-        "task": row.task_id,
-        "rank": row.rank,
-        "agent": row.agent,
-        "entry": entry.agent,
-        "trainings": len(entry.results),
-        "training_seed": row.training_seed,
-        "origin": row.origin,
-        "privileged": row.privileged,
-        "unsandboxed": row.unsandboxed,
-        "runs": row.runs,
-        "failed_runs": row.failed,
-        "reproduced": row.reproduced,
-        "information": row.information,
-        "decision [ms]": row.decision_milliseconds,
-        "training [steps]": row.training_steps,
-        "training [h]": row.training_hours,
-        "trained_on": row.trained_on.words,
-        "saw_scored": row.saw_scored,
-        "split": table.split or "",
-        "salt_commitment": table.salt_commitment or "",
-        "sandbox": row.sandbox or "unknown",
-        "remark": row.remark,
-        "kernel": row.kernel,
+        "task": row.task_id, "rank": row.rank, "agent": row.agent, "entry": entry.agent, "trainings": len(entry.results),
+        "training_seed": row.training_seed, "origin": row.origin, "privileged": row.privileged, "unsandboxed": row.unsandboxed,
+        "runs": row.runs, "failed_runs": row.failed, "reproduced": row.reproduced, "information": row.information,
+        "decision [ms]": row.decision_milliseconds, "training [steps]": row.training_steps, "training [h]": row.training_hours,
+        "trained_on": row.trained_on.words, "saw_scored": row.saw_scored, "split": table.split or "",
+        "salt_commitment": table.salt_commitment or "", "sandbox": row.sandbox or "unknown", "remark": row.remark, "kernel": row.kernel,
         "kernel_build": row.build,
-    }
+    }  # fmt: skip
     for metric in metrics:
         record |= _cells(metric.name, row.estimates.get(metric.name), ("mean", "iqm", "low", "high"), f" [{metric.unit}]")
     ends = {"mean": "mean", "lowest": "low", "highest": "high"} if entry.is_range else dict.fromkeys(("mean", "lowest", "highest"), "mean")

@@ -243,26 +243,15 @@ def result_facts(item: ReportEntry) -> dict[str, Any]:
     result, row = item.stored.result, item.row
     same = row.model_dump(include={"agent", "rank", "remark", "origin", "reproduced", "privileged", "runs", "failed"})
     return {
-        "task": row.task_id,
-        **same,
-        "confirmed": item.stored.confirmed,
-        "sees": result.agent.information,
-        "seeds": list(result.evaluation.seeds),
-        "reasons": [[run.seed, run.status, run.reason, run.steps] for run in result.failed],
-        "decision": result.evaluation.decision_milliseconds,
-        "training": _training(row),
-        "digest": result.results_digest,
-        "agent_digest": result.agent.digest,
-        "created": result.created,
-        "glbench": result.versions.glbench,
-        "kernel": f"{row.kernel} {row.build}",
-        "estimates": _estimates(row),
-        **_notes(row),
+        "task": row.task_id, **same, "confirmed": item.stored.confirmed, "sees": result.agent.information,
+        "seeds": list(result.evaluation.seeds), "reasons": [[run.seed, run.status, run.reason, run.steps] for run in result.failed],
+        "decision": result.evaluation.decision_milliseconds, "training": _training(row), "digest": result.results_digest,
+        "agent_digest": result.agent.digest, "created": result.created, "glbench": result.versions.glbench,
+        "kernel": f"{row.kernel} {row.build}", "estimates": _estimates(row), **_notes(row),
         "steps": None if not row.failed else [run.steps for run in result.runs],
         "values": {name: [_short(value) for value in result.values(name)] for name in row.estimates},
-        **optional_facts(result.model_dump(mode="json")),
-        "settings": settings_of(result, item.stored.task),
-    }
+        **optional_facts(result.model_dump(mode="json")), "settings": settings_of(result, item.stored.task),
+    }  # fmt: skip
 
 
 def numbered(facts: Sequence[dict[str, Any]], name: str) -> list[Any]:

@@ -20,13 +20,5 @@ else:
     __getattr__ = lazy_names(__name__)
 
 __all__ = [
-    "CurvePoint",
-    "Listener",
-    "Progress",
-    "Trained",
-    "TrainingSettings",
-    "make_vec_env",
-    "read_settings",
-    "shipped_settings",
-    "train",
-]
+    "CurvePoint", "Listener", "Progress", "Trained", "TrainingSettings", "make_vec_env", "read_settings", "shipped_settings", "train",
+]  # fmt: skip

@@ -78,21 +78,11 @@ def export_policy(
         raise TrainingError(msg)
     mean, scale, clip = _normalization(normalization, columns)
     policy = NetworkPolicy(
-        task_id=task.id,
-        delta=task.uncertainty.delta,
-        observation_names=card.observation_names,
-        action_names=card.action_names,
-        low=np.array([action.low for action in card.actions]),
-        high=np.array([action.high for action in card.actions]),
-        mean=mean,
-        scale=scale,
-        clip=clip,
-        weights=tuple(layer.weight.detach().numpy().T.copy() for layer in layers),
-        biases=tuple(layer.bias.detach().numpy().copy() for layer in layers),
-        activation=activation,
-        output=output,
-        about=about,
-    )
+        task_id=task.id, delta=task.uncertainty.delta, observation_names=card.observation_names, action_names=card.action_names,
+        low=np.array([action.low for action in card.actions]), high=np.array([action.high for action in card.actions]), mean=mean,
+        scale=scale, clip=clip, weights=tuple(layer.weight.detach().numpy().T.copy() for layer in layers),
+        biases=tuple(layer.bias.detach().numpy().copy() for layer in layers), activation=activation, output=output, about=about,
+    )  # fmt: skip
     if isinstance(normalization, Normalizer) and normalization.norm_obs:
         return without_constant_columns(policy, normalization.columns.varying)
     return policy

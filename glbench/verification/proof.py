@@ -301,20 +301,11 @@ def save_proof(verdict: Verdict) -> Path | None:
     result = load_result(verdict.path)
     assert result.record is not None
     proof = Proof(
-        result=verdict.path.name,
-        result_sha256=_sha256(verdict.path),
-        results_digest=result.results_digest,
-        record_digest=result.record.digest,
-        exactness=verdict.exactness,
-        largest_difference=verdict.largest_difference,
-        runs=verdict.runs,
-        steps=verdict.steps,
-        full_episodes=verdict.episodes,
-        reproduced=verdict.reproduced,
-        stated=verdict.stated,
-        glbench=__version__,
+        result=verdict.path.name, result_sha256=_sha256(verdict.path), results_digest=result.results_digest,
+        record_digest=result.record.digest, exactness=verdict.exactness, largest_difference=verdict.largest_difference, runs=verdict.runs,
+        steps=verdict.steps, full_episodes=verdict.episodes, reproduced=verdict.reproduced, stated=verdict.stated, glbench=__version__,
         machine=this_machine(),
-    )
+    )  # fmt: skip
     proof = proof.model_copy(update={"seal": _seal(proof, create=True)})
     write_atomically(path, proof.model_dump_json(by_alias=True, indent=2) + "\n")
     return path

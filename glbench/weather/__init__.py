@@ -28,28 +28,7 @@ else:
     __getattr__ = lazy_names(__name__)
 
 __all__ = [
-    "COLUMNS",
-    "FORMATS",
-    "PREPROCESSINGS",
-    "QUANTITIES",
-    "Blocks",
-    "ColumnMap",
-    "Disturbances",
-    "GeneratedSeason",
-    "Place",
-    "SeasonGenerator",
-    "WeatherInfo",
-    "WeatherRecord",
-    "disturbances",
-    "fetch_knmi",
-    "find_weather",
-    "guess_column_map",
-    "list_weather",
-    "load_weather",
-    "read_columns",
-    "read_csv",
-    "read_weather",
-    "save_weather",
-    "user_file",
-    "write_column_map",
-]
+    "COLUMNS", "FORMATS", "PREPROCESSINGS", "QUANTITIES", "Blocks", "ColumnMap", "Disturbances", "GeneratedSeason", "Place",
+    "SeasonGenerator", "WeatherInfo", "WeatherRecord", "disturbances", "fetch_knmi", "find_weather", "guess_column_map", "list_weather",
+    "load_weather", "read_columns", "read_csv", "read_weather", "save_weather", "user_file", "write_column_map",
+]  # fmt: skip

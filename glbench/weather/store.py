@@ -154,18 +154,10 @@ def check_new_name(name: str, *, overwrite: bool = False) -> Path:
 def _described(record: WeatherRecord) -> dict[str, Any]:
     """What a user's Parquet file says of its record."""
     return {
-        "schema": SCHEMA,
-        "name": record.name,
-        "place": asdict(record.place),
-        "begin": record.begin,
-        "hours": record.hours,
-        "timing": dict(record.timing),
-        "source": record.source,
-        "licence": record.licence,
-        "typical_year": record.typical_year,
-        "notes": list(record.notes),
-        "digest": record.digest,
-    }
+        "schema": SCHEMA, "name": record.name, "place": asdict(record.place), "begin": record.begin, "hours": record.hours,
+        "timing": dict(record.timing), "source": record.source, "licence": record.licence, "typical_year": record.typical_year,
+        "notes": list(record.notes), "digest": record.digest,
+    }  # fmt: skip
 
 
 def _info(name: str, described: Mapping[str, Any], origin: Literal["shipped", "yours"], path: Path) -> WeatherInfo:

@@ -16,19 +16,10 @@ from glbench.weather.preprocessing import saturation_vapour_pressure
 from glbench.weather.record import SLOT_SECONDS, WeatherRecord, time_zone
 
 UNITS: Mapping[str, str] = {
-    "hours": "h",
-    "air_temperature_mean": "degC",
-    "air_temperature_min": "degC",
-    "air_temperature_max": "degC",
-    "relative_humidity_mean": "%",
-    "vapour_pressure_deficit_mean": "kPa",
-    "wind_speed_mean": "m/s",
-    "radiation_mean": "W/m2",
-    "radiation_sum": "MJ/m2",
-    "daily_light_integral_mean": "mol/m2/d",
-    "cloud_cover_mean": "octants",
-    "sky_infrared_mean": "W/m2",
-}
+    "hours": "h", "air_temperature_mean": "degC", "air_temperature_min": "degC", "air_temperature_max": "degC",
+    "relative_humidity_mean": "%", "vapour_pressure_deficit_mean": "kPa", "wind_speed_mean": "m/s", "radiation_mean": "W/m2",
+    "radiation_sum": "MJ/m2", "daily_light_integral_mean": "mol/m2/d", "cloud_cover_mean": "octants", "sky_infrared_mean": "W/m2",
+}  # fmt: skip
 """Unit of every number in ``Month``."""
 PHOTONS_PER_JOULE = 0.5 * 4.6
 """Photons of PAR for each joule of global radiation [umol J-1]: half of it is PAR, with 4.6 umol J-1. Vanthoor (2011), tables 8.1 and 9.1,
@@ -105,20 +96,13 @@ def _month(record: WeatherRecord, name: str, first: int, last: int) -> Month:
     energy = int(record.counts["global_radiation"][first:last].sum())
     cloud = np.minimum(record.values("cloud_cover", first, last), 8.0) if "cloud_cover" in record.counts else None
     return Month(
-        month=name,
-        hours=last - first,
-        air_temperature_mean=float(temperature.mean()),
-        air_temperature_min=float(temperature.min()),
-        air_temperature_max=float(temperature.max()),
-        relative_humidity_mean=float(humidity.mean()),
-        vapour_pressure_deficit_mean=float(deficit.mean()) * 1e-3,
-        wind_speed_mean=float(record.values("wind_speed", first, last).mean()),
-        radiation_mean=energy / (SLOT_SECONDS * (last - first)),
-        radiation_sum=energy * 1e-6,
+        month=name, hours=last - first, air_temperature_mean=float(temperature.mean()), air_temperature_min=float(temperature.min()),
+        air_temperature_max=float(temperature.max()), relative_humidity_mean=float(humidity.mean()),
+        vapour_pressure_deficit_mean=float(deficit.mean()) * 1e-3, wind_speed_mean=float(record.values("wind_speed", first, last).mean()),
+        radiation_mean=energy / (SLOT_SECONDS * (last - first)), radiation_sum=energy * 1e-6,
         daily_light_integral_mean=PHOTONS_PER_JOULE * 1e-6 * energy * 24.0 / (last - first),
-        cloud_cover_mean=None if cloud is None else float(cloud.mean()),
-        sky_infrared_mean=mean("sky_infrared"),
-    )
+        cloud_cover_mean=None if cloud is None else float(cloud.mean()), sky_infrared_mean=mean("sky_infrared"),
+    )  # fmt: skip
 
 
 def in_figures(record: WeatherRecord) -> list[str]:

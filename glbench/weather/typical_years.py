@@ -46,16 +46,10 @@ _EPW_COLUMNS: Mapping[str, tuple[str, tuple[float, ...]]] = {
 """Fields of the quantities, and the codes for a missing value."""
 _TMY3_MISSING = (-9900, -999, -9999)
 _TMY2_FIELDS: Mapping[str, slice] = {
-    "year": slice(1, 3),
-    "month": slice(3, 5),
-    "day": slice(5, 7),
-    "hour": slice(7, 9),
-    "global horizontal radiation": slice(17, 21),
-    "total sky cover": slice(59, 61),
-    "dry-bulb temperature": slice(67, 71),
-    "relative humidity": slice(79, 82),
+    "year": slice(1, 3), "month": slice(3, 5), "day": slice(5, 7), "hour": slice(7, 9), "global horizontal radiation": slice(17, 21),
+    "total sky cover": slice(59, 61), "dry-bulb temperature": slice(67, 71), "relative humidity": slice(79, 82),
     "wind speed": slice(95, 98),
-}
+}  # fmt: skip
 TMY2_HEADER = re.compile(
     r"\s*(?P<number>\d{5})\s+(?P<city>\S.*?)\s+(?P<state>[A-Z]{2})\s+(?P<zone>-?\d+(?:\.\d+)?)\s+(?P<ns>[NS])\s*(?P<north>\d+)\s+"
     r"(?P<north_minutes>\d+)\s+(?P<ew>[EW])\s*(?P<east>\d+)\s+(?P<east_minutes>\d+)\s+(?P<altitude>-?\d+)\s*"
