@@ -645,7 +645,7 @@ def oldest_first(table: TextTable, stamps: Stamps) -> tuple[TextTable, Stamps]:
     return turned, replace(stamps, seconds=stamps.seconds[::-1])
 
 
-def utc_of_local(table: TextTable, seconds: IntArray, zone: ZoneInfo, name: str, step: int = HOUR) -> IntArray:
+def utc_of_local(table: TextTable, seconds: IntArray, zone: ZoneInfo, name: str) -> IntArray:
     """Seconds since 1970-01-01 UTC of stamps on the clock of ``zone``, in the order of the rows.
 
     The hour that an autumn clock shows twice is told apart by the order: the first time in summer time, then in standard time. An hour
@@ -660,8 +660,6 @@ def utc_of_local(table: TextTable, seconds: IntArray, zone: ZoneInfo, name: str,
         Stamps as seconds since 1970-01-01 on the local clock ``(rows,)``.
     zone
         Zone of the clock.
-    step
-        Usual distance of stamps [s].
     """
 
     @functools.lru_cache(maxsize=65536)

@@ -21,14 +21,7 @@ _MOST_ITEMS = 10_000
 Split = Literal["training", "validation", "test"]
 """Seasons of a task that agents learn from, that they are chosen by, and that they are judged by."""
 Information = Literal["observations", "forecast", "weather", "model", "privileged"]
-INFORMATION: dict[Information, str] = {
-    "observations": "observations and the public task card",
-    "forecast": "the forecast that the task shows",
-    "weather": "weather of the evaluated period, known beforehand",
-    "model": "equations or parameters of the greenhouse model",
-    "privileged": "something that no grower could know",
-}
-"""What a card may say that an agent uses, and what that means."""
+"""What a card may say that an agent uses; ``docs/submit.md`` says what each means."""
 
 
 def _as_tuple(value: object) -> object:
@@ -117,7 +110,7 @@ class SubmissionCard(_Table):
         tuple[Information, ...],
         pydantic.FailFast(),
         pydantic.BeforeValidator(_as_tuple),
-        pydantic.Field(min_length=1, max_length=len(INFORMATION)),
+        pydantic.Field(min_length=1, max_length=len(get_args(Information))),
     ]
     algorithm: Words | None = None
     seed: Count | None = None
@@ -147,11 +140,6 @@ class SubmissionCard(_Table):
         """Leave out ``recipe`` where it is ``None``, so that results of earlier versions keep their text."""
         content: dict[str, Any] = write(self)
         return {key: value for key, value in content.items() if key != "recipe" or value is not None}
-
-    @property
-    def information_in_words(self) -> str:
-        """What the submission says it uses, as results name it."""
-        return "; ".join(INFORMATION[item] for item in self.information)
 
 
 def read_card(file: Path) -> SubmissionCard:

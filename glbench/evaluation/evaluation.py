@@ -441,7 +441,7 @@ class Evaluation:
                 decision_seconds=decision_seconds,
                 decision_milliseconds=1e3 * decision_seconds / max(steps, 1),
                 resumed_at_step=resumed_at,
-                limits=self.limits.as_dict(),
+                limits={f"{name}_seconds": value for name, value in asdict(self.limits).items()},
                 kernel=self.kernel,
                 sandbox=self.protection,
             ),

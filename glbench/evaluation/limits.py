@@ -12,7 +12,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -53,10 +53,6 @@ class TimeLimits:
     def of_table(cls, table: TimeLimitsTable | None) -> TimeLimits:
         """The limits that a task states; those of glbench where it states none."""
         return cls() if table is None else cls(start=table.start, step=table.step, run=table.run)
-
-    def as_dict(self) -> dict[str, float]:
-        """The limits in seconds, as recorded in results."""
-        return {f"{name}_seconds": value for name, value in asdict(self).items()}
 
 
 class TimeUp(BaseException):

@@ -76,7 +76,7 @@ def open_door(task: TaskSpec, seeds: Sequence[int], places: int, preset: str, wo
     Raises ``TaskError`` for a task that the compiled step cannot serve, with the parts that it cannot, ``UnknownNameError`` for a name in
     ``info`` that nothing has, and ``CompiledUnavailable`` when the library for JAX cannot be built.
     """
-    choices = (*table_names(task), *task.model_value.state_names)
+    choices = (*(quantity.name for quantity in info_quantities(task)[1:]), *task.model_value.state_names)  # the seed is no column
     for quantity in info:
         if quantity not in choices:
             refuse(f"{task.id} has no quantity or state '{quantity}' for info.{did_you_mean(quantity, choices)}", UnknownNameError)
@@ -140,11 +140,6 @@ def _make_pointers(
     for key, array in arrays.items():
         setattr(pointers, key, array.ctypes.data)
     return pointers, (entry, program, scenarios.pool, arrays)
-
-
-def table_names(task: TaskSpec) -> tuple[str, ...]:
-    """Names of the columns of the table, as in ``info`` of the other environments."""
-    return tuple(quantity.name for quantity in info_quantities(task))[1:]  # the seed is no column
 
 
 def _not_served(task: TaskSpec, reason: str) -> TaskError:

@@ -98,18 +98,16 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
     table = split_table(text, str(path), ArchiveError)
     time = time_titles(table)
     if not time:
-        problem = "no column looks like the time. Name it 'time' and write 2024-02-13 07:05."
-        raise table.refuse(problem)
+        table.refuse("no column looks like the time. Name it 'time' and write 2024-02-13 07:05.")
     table, stamps = oldest_first(table, read_stamps(table, time))
     step = step_of(stamps.seconds)
-    seconds = stamps.seconds if stamps.zoned else utc_of_local(table, stamps.seconds, ZoneInfo(clock), time[0], step)
+    seconds = stamps.seconds if stamps.zoned else utc_of_local(table, stamps.seconds, ZoneInfo(clock), time[0])
     if not SHORTEST <= step <= LONGEST:
-        problem = f"its step is {step / 60:g} min. Export means of {SHORTEST // 60} to {LONGEST // 60} min."
-        raise table.refuse(problem)
+        table.refuse(f"its step is {step / 60:g} min. Export means of {SHORTEST // 60} to {LONGEST // 60} min.")
     late = np.flatnonzero(np.diff(seconds) <= 0)
     if late.size:
         problem = f"'{' '.join(table.rows[late[0] + 1][table.titles.index(one)] for one in time)}' is not later than the row above. "
-        raise table.refuse(problem + "Take out rows that are there twice.", int(late[0]) + 1, time[0])
+        table.refuse(problem + "Take out rows that are there twice.", int(late[0]) + 1, time[0])
     columns: dict[str, FloatArray] = {}
     unread = []
     for title in (title for title in table.titles if title not in time):
@@ -122,12 +120,11 @@ def read_export(path: Path, units: Mapping[str, str], clock: str, lamp_power: fl
             factors = {**factors, "%": (lamp_power / 100.0, 0.0)}
         own = unit_among(factors, unit)
         if name in columns:
-            problem = f"there are two columns {name}. Keep one."
-            raise table.refuse(problem, None, title)
+            table.refuse(f"there are two columns {name}. Keep one.", None, title)
         if own is None:
             problem = f"the unit '{visible(unit)}' is unknown" if unit else "its title has no unit"
             problem += f". Write one of {', '.join(f'{name} [{one}]' for one in factors)}."
-            raise table.refuse(problem, None, title)
+            table.refuse(problem, None, title)
         factor, offset = factors[own]
         columns[name] = table.numbers(title, sentinels=(-999.0, -9999.0)) * JOULES.get(own, step * factor) / step + offset
     comments = re.findall(r"#\s*(\w+)\s*:\s*([-+\d.,]+)", "\n".join(line for line in table.preamble if line.lstrip().startswith("#")))

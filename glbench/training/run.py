@@ -133,9 +133,9 @@ class TrainingCallback(BaseCallback):
             listener.on_progress(Progress(self.num_timesteps, total, rate, mean))
 
 
-def prepare_torch(threads: int = 1) -> None:
-    """Deterministic algorithms on a fixed number of threads: sums in another order would give other weights."""
-    torch.set_num_threads(threads)
+def prepare_torch() -> None:
+    """Deterministic algorithms on one thread: sums in another order would give other weights."""
+    torch.set_num_threads(1)
     torch.use_deterministic_algorithms(True)
 
 

@@ -32,11 +32,9 @@ class WandbListener(Listener):
         Settings to show beside it.
     folder
         Where its files go.
-    project
-        Project of Weights & Biases.
     """
 
-    def __init__(self, name: str | None, config: dict[str, Any], folder: Path, project: str = "glbench") -> None:
+    def __init__(self, name: str | None, config: dict[str, Any], folder: Path) -> None:
         try:
             import wandb
         except ImportError as error:
@@ -44,7 +42,7 @@ class WandbListener(Listener):
         folder.mkdir(parents=True, exist_ok=True)
         fixed: dict[str, Any] = {} if name is None else {"name": name, "id": _NOT_IN_AN_ID.sub("-", name), "resume": "allow"}
         try:
-            self.run = wandb.init(project=project, dir=str(folder), config=config, **fixed)
+            self.run = wandb.init(project="glbench", dir=str(folder), config=config, **fixed)
         except (wandb.errors.Error, OSError) as error:
             msg = f"Weights & Biases cannot start a run: {error} Log in with `wandb login`, or set WANDB_MODE=offline."
             raise TrainingError(msg) from error

@@ -312,7 +312,7 @@ def _open_meteo_clock(table: TextTable, stamps: Stamps, facts: Mapping[str, str]
     if zone is not None and np.unique(np.diff(stamps.seconds)).size > 1:
         # An hour that is missing or twice: the stamps follow the clock of the zone, if they are regular on it.
         try:
-            seconds = utc_of_local(table, stamps.seconds, ZoneInfo(zone), "time", step_of(stamps.seconds))
+            seconds = utc_of_local(table, stamps.seconds, ZoneInfo(zone), "time")
         except WeatherError:
             return fixed, zone
         if np.unique(np.diff(seconds)).size == 1:

@@ -133,8 +133,7 @@ def _epw_ends(table: TextTable, notes: list[str]) -> record.IntArray:
     per_hour = int(np.bincount(counts).argmax())
     wrong = np.flatnonzero(counts != per_hour)
     if wrong.size and per_hour > 1:
-        i = int(begins[wrong[0]])
-        table.refuse(f"this hour has {counts[wrong[0]]} rows, most have {per_hour}. Correct the file.", i)
+        table.refuse(f"this hour has {counts[wrong[0]]} rows, most have {per_hour}. Correct the file.", int(begins[wrong[0]]))
     if per_hour > 1 and HOUR % per_hour == 0:
         position = np.arange(of_hour.size) - np.repeat(begins, counts)
         return np.asarray(of_hour * HOUR + (position + 1) * (HOUR // per_hour), dtype=np.int64)

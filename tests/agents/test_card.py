@@ -44,7 +44,7 @@ def test_a_card_is_read_with_its_training_and_in_words(write: Write) -> None:
     assert card.authors == ("Anna", "Otto")
     assert card.training is not None
     assert (card.training.steps, card.training.wall_hours) == (1_000_000, 2.0)
-    assert "equations or parameters of the greenhouse model" in card.information_in_words
+    assert card.information == ("observations", "model")
 
 
 def test_a_card_comes_back_from_a_result_as_it_went_in(write: Write) -> None:
