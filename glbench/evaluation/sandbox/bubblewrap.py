@@ -18,7 +18,6 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
@@ -224,13 +223,7 @@ def _scratch(place: str, size: int) -> list[str]:
     return ["--perms", "1777", "--size", str(size), "--tmpfs", place]
 
 
-@dataclass(frozen=True)
-class _Machine:
-    column: int
-    audit: int
-
-
-_MACHINES = {"x86_64": _Machine(0, 0xC000003E), "aarch64": _Machine(1, 0xC00000B7)}
+_MACHINES = {"x86_64": (0, 0xC000003E), "aarch64": (1, 0xC00000B7)}  # column of ``_REFUSED``, and the name in audits
 
 
 def system_call_filter() -> bytes | None:
@@ -238,9 +231,9 @@ def system_call_filter() -> bytes | None:
     machine = _MACHINES.get(platform.machine())
     if machine is None:
         return None
-    column = machine.column
+    column, audit = machine
     program = [
-        _load(_ARCHITECTURE), _unless(_EQUAL, machine.audit, _KILL),
+        _load(_ARCHITECTURE), _unless(_EQUAL, audit, _KILL),
         _load(_NUMBER), _if(_AT_LEAST, _OTHER_ABI, _KILL),
     ]  # fmt: skip
     program += [_if(_EQUAL, numbers[column], _ERROR | errno.EPERM) for numbers in _REFUSED.values()]
