@@ -87,9 +87,10 @@ class _Steering:
         self.controls = np.zeros((runs, len(task.model_value.controls)))
 
     def towards(self, controls: Floats) -> Floats:
-        """Actions that bring about controls ``(runs, controls)``."""
+        """Actions that bring about controls ``(runs, controls)``, of which the scheduled ones come about by themselves."""
         actions = actions_of(self._task, self.controls, controls)
         self.controls = np.clip(self._move(self.controls, actions), 0.0, 1.0)
+        self.controls[:, self._task.scheduled_places] = controls[:, self._task.scheduled_places]
         return actions
 
 

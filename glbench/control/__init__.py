@@ -11,7 +11,7 @@ from glbench.control.climatology import Climatology
 from glbench.control.disturbance_forecast import Ahead, Outlook
 from glbench.control.estimator import StateEstimator
 from glbench.control.mpc import PredictiveController
-from glbench.control.scenario import Scenario, actions_of
+from glbench.control.scenario import Scenario, actions_of, with_schedule
 from glbench.control.season import EndValue, Iteration, SeasonPlan, plan_season
 from glbench.control.stage import AirAlong, StageGradient, StageReward, StageValues, air_of
 from glbench.control.trust_region import feasible
@@ -34,4 +34,5 @@ __all__ = [
     "air_of",
     "feasible",
     "plan_season",
+    "with_schedule",
 ]

@@ -9,6 +9,8 @@ Nobody observes the temperature of the sky. It follows from the means, the clear
 soil's is a sine of the time of the year. Columns that no equation of the model reads are 0.
 
 A reading that is missing (NaN) is taken to be what the outlook expected it to be.
+
+A run may be in another year than that of the task's dates, with other weekdays. They are learnt from the scheduled controls that are shown.
 """
 
 from __future__ import annotations
@@ -30,12 +32,15 @@ from glbench.control.climatology import (
     Climatology,
     WeatherObservation,
 )
-from glbench.control.observation_model import checked_observations, refuse_missing
+from glbench.control.observation_model import ObservationModel, checked_observations, refuse_missing
+from glbench.control.scenario import with_schedule
+from glbench.env.actuation import run_calendar
 from glbench.env.forecast import HOUR
 from glbench.env.spaces import the_task
 from glbench.env.weather_pool import DAYS_A_YEAR, HOURS_A_DAY
 from glbench.errors import TaskError, whole_number
 from glbench.tasks.quantities import FORECAST
+from glbench.tasks.schedule import WEEKDAYS, schedule_rows
 from glbench.untrusted import quoted
 from glbench.weather.preprocessing import (
     co2_density,
@@ -67,8 +72,8 @@ class Ahead:
     d
         Disturbances of each step as the kernel takes them ``(n, T, d)``; ``d[:, 0]`` act next.
     calendar
-        Hour of day, day of year and prices at the start of each step and at the end of the last ``(n, T + 1, columns)``: what
-        ``StageReward`` takes.
+        Hour of day, day of year, prices and scheduled controls at the start of each step and at the end of the last
+        ``(n, T + 1, columns)``: what ``StageReward`` and ``PredictiveController`` take.
     """
 
     d: Floats
@@ -144,6 +149,7 @@ class Outlook:
         if odd:
             msg = f"The outlook knows nothing of {', '.join(odd)}, which acts on {task.model_id}."
             raise TaskError(msg)
+        self._controls = ObservationModel(task) if any(entry.weekdays for entry in task.schedule) else None
         self._late = task.observation.timing == "published"
         self._step = task.step_seconds
         self.reset(1)
@@ -155,6 +161,7 @@ class Outlook:
         self._observed = np.zeros((self._n, 0))
         self._now = np.zeros((self._n, 0))
         self._begin = np.zeros(self._n)
+        self._weekdays = np.ones((self._n, len(WEEKDAYS)), np.bool_)
         self._deviations = WeatherObservation(self.climatology, self._n, self._step)
         self.past = np.zeros((self._n, 0))
 
@@ -182,6 +189,16 @@ class Outlook:
         self._k, self._lag, self._observed = self._k + (not first), lag, observed
         if not (self._late and self._k == 1):  # with "published" the first row is shown twice
             self._deviations.add(self._begin + (self._k - self._lag) * self._step, observed[:, self._weather])
+        if (
+            self._controls is not None
+            and self._controls.control_columns is not None
+            and not first
+            and (self._weekdays.sum(axis=1) > 1).any()
+        ):
+            controls = self._controls.controls(observed)
+            for later in range(len(WEEKDAYS)):
+                expected = with_schedule(self.task, controls[:, None], self._calendar(np.array([-1, 0]), np.full(self._n, later)))[:, 0]
+                self._weekdays[:, later] &= ~(np.abs(controls - expected) > 1e-3).any(axis=1)  # NaN says nothing
         before = self._now
         self._now = self._rows(1 - self._lag)[:, 0]
         self.past = self._now if self._late or self._k == 0 else before
@@ -198,7 +215,12 @@ class Outlook:
         if self._k < 0:
             msg = "Nothing was observed yet: call update(observations) first."
             raise TaskError(msg)
-        utc = (self._begin[:, None] + (self._k + np.arange(steps + 1)) * self._step).astype(np.int64)
+        return Ahead(self._rows(steps), self._calendar(np.arange(steps + 1), self._weekdays.argmax(axis=1)))
+
+    def _calendar(self, lags: NDArray[np.int64], later: NDArray[np.intp]) -> Floats:
+        """Calendar so many steps from now ``(n, lags, columns)``, with weekdays that are ``later`` ``(n,)`` than the dates'."""
+        k = self._k + lags
+        utc = (self._begin[:, None] + k * self._step).astype(np.int64)
         clock = self.climatology.clock
         local = utc if clock == "UTC" else utc + utc_offsets(utc, clock)
         hour = (local % 86400) / 3600.0
@@ -206,7 +228,9 @@ class Outlook:
         moments = utc.astype("datetime64[s]").ravel()
         tables = self.task.price_tables.values()
         prices = [table.values(moments, hour.ravel()).reshape(hour.shape) for table in tables]
-        return Ahead(self._rows(steps), np.stack([hour, (local - begin) / 86400.0, *prices], axis=-1))
+        scheduled = schedule_rows(self.task.schedule, local.astype("datetime64[s]").ravel(), later.repeat(len(lags)))
+        columns = np.stack([hour, (local - begin) / 86400.0, *prices, *scheduled.T.reshape(-1, *hour.shape)], axis=-1)
+        return run_calendar(self.task, columns, k)
 
     def _rows(self, steps: int) -> Floats:
         """Disturbances of ``steps`` steps from now on, with the row shown where that is one of them, or of that row if there are none."""

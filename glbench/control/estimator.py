@@ -169,7 +169,8 @@ class StateEstimator:
             Disturbances ``(n, d)`` of the step just past; at the first call those of the step to come, from which the start follows:
             ``Outlook.past`` is both.
         controls
-            Controls in force in the step just past ``(n, c)``, fractions; read from the observations where the task shows them.
+            Controls in force in the step just past ``(n, c)``, fractions; read from the observations where the task shows them. Scheduled
+            ones are those of the calendar (``with_schedule``).
 
         Returns
         -------

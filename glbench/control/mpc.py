@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glbench.control.scenario import with_schedule
 from glbench.control.season import EndValue
 from glbench.control.stage import StageReward, judged_at_the_end, with_constraints
 from glbench.control.trust_region import LENGTHS, feasible, radius_shares, trust_region_step
@@ -184,15 +185,15 @@ class PredictiveController:
         p
             Parameters: ``(p,)``, ``(runs, p)``, or ``(runs, T, p)`` where they differ by step.
         calendar
-            Hour of day [h], day of year and prices at the start of each step and at the end of the last ``(T + 1, columns)``, for each
-            run or for all, as in ``Scenario.calendar``.
+            Hour of day [h], day of year, prices and scheduled controls at the start of each step and at the end of the last
+            ``(T + 1, columns)``, for each run or for all, as in ``Scenario.calendar``.
         days_left
             From now to the end of the season, which an end value needs.
 
         Returns
         -------
         ndarray
-            Fractions ``(runs, c)``. They change by at most ``max_change``.
+            Fractions ``(runs, c)``. They change by at most ``max_change``; scheduled controls are as the calendar has them.
 
         Raises
         ------
@@ -214,7 +215,7 @@ class PredictiveController:
             while place >= self._plan.shape[1] and place >= day:
                 place -= day
             start[:, step] = self._plan[:, min(place, self._plan.shape[1] - 1)]
-        plan = self._feasible(start, before)
+        plan = self._feasible(start, before, dates)
         end = np.zeros((self._runs, self._states))
         if self._end_value is not None and days_left is not None:
             after = days_left - steps * self.task.step_seconds / 86400.0
@@ -280,11 +281,11 @@ class PredictiveController:
             u,
             dates,
             region,
-            lambda controls: self._feasible(controls, u0),
+            lambda controls: self._feasible(controls, u0, dates),
             steps=self._ascent_steps,
             end=worth,
         )
-        candidates = np.stack([self._feasible(u + share * move, u0) for share in LENGTHS], axis=1)
+        candidates = np.stack([self._feasible(u + share * move, u0, dates) for share in LENGTHS], axis=1)
         ends = self._rollouts(candidates, x[rows], d[rows], _of(p, rows))
         earned = self._stage(ends, candidates, np.repeat(dates[:, None], len(LENGTHS), axis=1)).reward.sum(axis=-1)
         # Relative to where the plan leads, so that what the whole plants are worth does not hide what differs.
@@ -335,8 +336,8 @@ class PredictiveController:
                 row, length = np.delete(row, failed.horizon), np.delete(length, failed.horizon)
         return states
 
-    def _feasible(self, controls: Floats, before: Floats) -> Floats:
-        return feasible(controls, before, self._high, self.task.actuation.max_change)
+    def _feasible(self, controls: Floats, before: Floats, calendar: Floats) -> Floats:
+        return with_schedule(self.task, feasible(controls, before, self._high, self.task.actuation.max_change), calendar)
 
     def _checked(
         self, x: ArrayLike, u_before: ArrayLike, d: ArrayLike, p: ArrayLike, calendar: ArrayLike

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env import run_weather
-from glbench.env.actuation import off_position
+from glbench.env.actuation import off_position, run_calendar
+from glbench.env.program import calendar_columns
 from glbench.env.scenario import RunScenarios
 from glbench.env.simulation import read_only, run_parameters
 from glbench.env.spaces import checked_seed, the_task
-from glbench.errors import TaskError
+from glbench.errors import ShapeError, TaskError
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -42,10 +43,10 @@ class Scenario:
     p
         Parameters, ``(p,)`` where the run keeps them to its end, ``(T, p)`` where steps draw some.
     calendar
-        Hour of day [h], day of year and prices of the task's price tables, at the start of each step and at the end of the last one,
-        ``(T + 1, columns)``.
+        Hour of day [h], day of year, prices of the task's price tables and its scheduled controls, at the start of each step and at the
+        end of the last one, ``(T + 1, columns)``.
     low, high
-        Bounds of the controls ``(c,)``; those that the task does not grant stay at 0.
+        Bounds of the controls ``(c,)``; those that the task does not grant stay at 0, or follow the schedule (``with_schedule``).
     max_change
         The largest change of a control in a step.
     """
@@ -72,7 +73,7 @@ class Scenario:
         """
         task, seed = the_task(task), checked_seed(seed)
         scenarios = RunScenarios(task)
-        scene = scenarios.draw([seed])
+        scene, steps = scenarios.draw([seed]), np.arange(task.steps + 1)
         names, controls = task.model_value.control_names, task.actuation.controls
         return cls(
             task=task,
@@ -81,11 +82,30 @@ class Scenario:
             u_before=read_only(np.zeros(len(names))),
             d=read_only(run_weather(task, seed).values[: task.steps]),
             p=read_only(run_parameters(task, seed)),
-            calendar=read_only(scenarios.pool.calendar[scene.first[0] + np.arange(task.steps + 1)]),
+            calendar=read_only(run_calendar(task, scenarios.pool.calendar[scene.first[0] + steps], steps)),
             low=read_only(np.zeros(len(names))),
             high=read_only(np.array([float(name in controls) for name in names])),
             max_change=task.actuation.max_change,
         )
+
+
+def with_schedule(task: TaskSpec, controls: Floats, calendar: Floats) -> Floats:
+    """Controls of steps ``(..., T, c)`` with the scheduled ones as in ``calendar``.
+
+    ``calendar`` is that of the start of each step and the end of the last one ``(..., T + 1, columns)``, from a ``Scenario`` or
+    ``Outlook.ahead(T)``. ShapeError when it has other columns.
+    """
+    if not task.schedule:
+        return controls
+    if calendar.shape[-1] != calendar_columns(task):
+        msg = (
+            f"The calendar of {task.id} has {calendar_columns(task)} columns (hour of day, day of year, prices, scheduled controls); got "
+            f"{calendar.shape[-1]}. Take it from a Scenario or an Outlook."
+        )
+        raise ShapeError(msg)
+    controls = controls.copy()
+    controls[..., task.scheduled_places] = calendar[..., :-1, -len(task.scheduled) :]
+    return controls
 
 
 def actions_of(task: TaskSpec, before: Floats, controls: Floats) -> Floats:

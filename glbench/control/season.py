@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.control.scenario import Scenario, actions_of
+from glbench.control.scenario import Scenario, actions_of, with_schedule
 from glbench.control.stage import StageReward, StageValues, judged_at_the_end
 from glbench.control.trust_region import LENGTHS, feasible, radius_shares, trust_region_step
 from glbench.env.spaces import the_task
@@ -53,7 +53,7 @@ class SeasonPlan:
     scenario
         The run, of which everything was known.
     controls
-        Fractions ``(T, c)``; none changes by more than ``max_change`` in a step.
+        Fractions ``(T, c)``; none changes by more than ``max_change`` in a step, but for scheduled ones.
     states
         Where they lead ``(T + 1, s)``.
     values
@@ -215,7 +215,8 @@ class _Search:
         return [SeasonPlan(scenario, u, x, self.reward(x, u, scenario.calendar)) for u, x in zip(controls, states, strict=True)]
 
     def _feasible(self, controls: Floats) -> Floats:
-        return feasible(controls, self.scenario.u_before, self.scenario.high, self.scenario.max_change)
+        one = self.scenario
+        return with_schedule(one.task, feasible(controls, one.u_before, one.high, one.max_change), one.calendar)
 
 
 _DAYS = 10.0

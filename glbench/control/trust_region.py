@@ -82,7 +82,7 @@ def trust_region_step(
     controls, calendar
         Along them.
     radius
-        How far each control may move ``(..., T, c)``.
+        How far each control may move ``(..., T, c)``; the gradient of one that may not is left out.
     within
         Brings controls within bounds and the largest change.
     steps
@@ -109,7 +109,7 @@ def trust_region_step(
             cotangents[..., -1, :] += end
         better = total > most
         best, most = np.where(better[..., None, None], move, best), np.maximum(most, total)
-        gradient = slopes.controls + linearisation.pull(cotangents).u
+        gradient = np.where(radius > 0.0, slopes.controls + linearisation.pull(cotangents).u, 0.0)
         if number == 1:
             size = np.sqrt(np.mean((gradient**2).reshape(*gradient.shape[:-2], -1), axis=-1))
             flat = np.where(size > 0.0, _FLAT * size, 1.0)[..., None, None]
@@ -123,13 +123,15 @@ def trust_region_step(
 
 
 def radius_shares(stage: StageReward, linearisation: Trajectory) -> Floats:
-    """Shares of a trust region ``(..., T, c)``, so small that no control alone moves the air by more than from one limit to the other."""
+    """Shares of a trust region ``(..., T, c)``: none moves the air by more than from limit to limit; of a scheduled control, 0."""
     task, du = stage.task, linearisation.du
     limits = dict(task.constraints.items())
     model = task.model_value
+    effect = np.zeros((*du.shape[:-2], du.shape[-1]))
+    effect[..., task.scheduled_places] = np.inf
     if model.air is None or not limits:
-        return np.ones((*du.shape[:-2], du.shape[-1]))
-    gradient, effect = air_of(model, linearisation.x[..., 1:, :]).gradient, np.zeros((*du.shape[:-2], du.shape[-1]))
+        return np.where(effect > 0.0, 0.0, 1.0)
+    gradient = air_of(model, linearisation.x[..., 1:, :]).gradient
     places = [model.state_index(name) for name in model.air]
     for quantity, name in enumerate(AIR):
         if name in limits:

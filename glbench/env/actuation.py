@@ -1,7 +1,8 @@
 """From actions to controls: small named parts, one of which a task chooses.
 
 A part is made once for a task. In every step it turns the controls in force, fractions per row, and the actions into
-the controls of the step. Controls that the task does not grant stay at 0. To add one, register a function that makes it:
+the controls of the step. Of the controls that the task does not grant, those of its schedule follow that (``scheduled_controls``), and
+the others stay at 0. To add a part, register a function that makes it:
 
     register_actuation("direct", "the action is the control", lambda task: Direct(task), low=0.0, high=1.0)
 
@@ -21,12 +22,14 @@ from glbench.arrays import real_numbers, unknown_type
 from glbench.env import process_computer
 from glbench.env.process_computer import Measured, at_least, held_switch, select, within
 from glbench.env.registries import PartRegistry
+from glbench.env.weather_pool import CLOCK
 from glbench.errors import ActionError, TaskError
 from glbench.kernel.environment import ActionBounds
 from glbench.tasks.quantities import Action
 from glbench.tasks.vocabulary import ACTUATION_KINDS, ActuationKind
 
 if TYPE_CHECKING:
+    from glbench.kernel.tape import Read
     from glbench.tasks import TaskSpec
     from glbench.tasks.tables import OnOffTable
 
@@ -249,6 +252,29 @@ def recorded_actuation(task: TaskSpec) -> RecordedActuation | None:
     """
     recorded: RecordedActuation | None = ACTUATIONS.recorded(task.actuation.kind)
     return recorded
+
+
+def scheduled_controls(task: TaskSpec, read: Read) -> dict[str, Any]:
+    """Scheduled controls in a step, by name, as arrays or recorded values.
+
+    ``read`` gives columns of the pool's calendar at the start of the step ("calendar"), and the steps taken before it ("counter", 0).
+    """
+    first, controls = len(CLOCK) + len(task.price_tables), dict[str, Any].fromkeys(task.scheduled, 0.0)
+    for place, entry in enumerate(task.schedule, first):
+        applies = read("calendar", place)
+        if entry.after_day:
+            applies = applies * at_least(read("counter", 0), float(entry.after_day * task.steps_per_day))
+        controls[entry.control] = select(applies, entry.value, controls[entry.control])
+    return controls
+
+
+def run_calendar(task: TaskSpec, rows: Floats, steps: NDArray[np.integer]) -> Floats:
+    """Calendar of runs: hour of day [h], day of year, prices and scheduled controls, ``(..., columns)``.
+
+    ``rows`` are those of the pool's calendar ``(..., columns)``, ``steps`` those taken before each ``(...)``.
+    """
+    controls = scheduled_controls(task, lambda source, index: rows[..., index] if source == "calendar" else steps)
+    return np.concatenate([rows[..., : len(CLOCK) + len(task.price_tables)], *(one[..., None] for one in controls.values())], axis=-1)
 
 
 def actuation_memory(task: TaskSpec) -> Mapping[str, float]:

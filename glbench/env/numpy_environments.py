@@ -111,14 +111,12 @@ class NumpyEnvironments(Environments):
         actions = self._within(self._program.actions, self.actions)
         if actions is None:
             return -1
+        controls, running = np.zeros_like(self.u), ~self.ended
         if self._parts.actuation is not None:
-            moved = np.array(self._parts.actuation(self.u, actions), dtype=np.float64)
-            if not np.isfinite(moved[~self.ended]).all():
+            controls = np.array(self._parts.actuation(self.u, actions), dtype=np.float64)
+            if not np.isfinite(controls[running]).all():
                 msg = "The task's kind of actuation, a registered part, returned controls that are not finite numbers (NaN or infinite)."
                 raise TaskError(msg)
-            return self._advance(moved)
-        controls = np.zeros_like(self.u)
-        running = ~self.ended
         read = self._reader(self.x, self.x, self.u, self._program.actuation, self.k, actions=actions, weather_steps=self.k)
         for target, index, values in self._program.actuation.play(read):
             if target == "memory":

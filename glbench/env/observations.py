@@ -32,14 +32,14 @@ from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
-Source = Literal["states", "air", "controls", "counter", "clock"]
+Source = Literal["states", "air", "controls", "counter", "clock", "schedule"]
 
 
 @dataclass(frozen=True)
 class Numbers:
     """Columns that are numbers of the run times factors.
 
-    "counter" has the steps taken and the step whose weather is shown, "clock" hour of day and day of year.
+    "counter" has the steps taken and the step whose weather is shown, "clock" hour of day and day of year, "schedule" what comes now.
     """
 
     source: Source
@@ -166,6 +166,7 @@ _SOURCES: dict[str, Callable[[TaskSpec, WeatherTables], tuple[ColumnSource, ...]
     # The published code counts the step just taken, hence the step whose weather is shown and not the number of steps.
     "step_counter": lambda task, tables: (Numbers("counter", (1,), (1.0,)),),
     "switches": lambda task, tables: tuple(Locked(name) for name, _ in task.observation_context().holds),
+    "schedule": lambda task, tables: _plain("schedule", *(1.0,) * len(task.scheduled)),
     "prices": lambda task, tables: (Lookup(tables.prices, clocked=True),),
     "day_ahead_prices": lambda task, tables: (Lookup(tables.day_ahead, clocked=True),),
     "control_fractions": lambda task, tables: _plain("controls", *(1.0,) * len(task.model_value.control_names)),

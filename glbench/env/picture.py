@@ -122,7 +122,9 @@ class Picture:
         self._airs = len(AIR) if task.model_value.air else 0  # a history begins with so many columns of air
         self._climate = self._make_climate()
         self._controls = tuple(
-            (index, capacity) for index, capacity in enumerate(task.capacities()) if capacity.name in task.actuation.controls
+            (index, capacity)
+            for index, capacity in enumerate(task.capacities())
+            if capacity.name in (*task.actuation.controls, *task.scheduled)
         )
         self._lanes, self._amounts, lanes = self._make_lanes()
         money = self._axes(_RIGHT, _BOTTOM, 0.175, labelled=True)

@@ -80,8 +80,8 @@ def record_quantities(task: TaskSpec) -> Tape | None:
 
 
 def calendar_columns(task: TaskSpec) -> int:
-    """Columns of a task's calendar: the clock, then its price tables."""
-    return len(CLOCK) + len(task.price_tables)
+    """Columns of a run's calendar: the clock, then its price tables, then its scheduled controls (``actuation.run_calendar``)."""
+    return len(CLOCK) + len(task.price_tables) + len(task.scheduled)
 
 
 @lru_cache(maxsize=8)
@@ -108,7 +108,7 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
     kind = actuation.recorded_actuation(task)
     distributions = [group.distribution for group in scenarios.in_step]
     program = Program(
-        actuation=EMPTY if kind is None else _actuation(task, kind, scenarios),
+        actuation=_actuation(task, kind, scenarios),
         outcome=outcome,
         actions=actuation.ActionReader.of_task(task).bounds,
         controls=actuation.ActionReader.of_controls(task).bounds,
@@ -153,9 +153,15 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
     return program, parts
 
 
-def _actuation(task: TaskSpec, kind: actuation.RecordedActuation, scenarios: RunScenarios) -> Tape:
+def _actuation(task: TaskSpec, kind: actuation.RecordedActuation | None, scenarios: RunScenarios) -> Tape:
+    """Of a kind that is Python, the schedule alone."""
     names, places = task.model_value.control_names, scenarios.memory_layout.of(actuation.PART)
     with Recorder() as recorder:
+        scheduled = actuation.scheduled_controls(task, recorder.input)
+        if kind is None:
+            for name, value in scheduled.items():
+                recorder.output("controls", names.index(name), value)
+            return recorder.tape()
         actions = {action.name: recorder.input("given", place) for place, action in enumerate(task.actions)}
         controls = {name: recorder.input("controls", names.index(name)) for name in task.actuation.controls}
         memory = {name: recorder.input("memory", place) for name, place in places.items()}
@@ -168,7 +174,7 @@ def _actuation(task: TaskSpec, kind: actuation.RecordedActuation, scenarios: Run
             measured = Measured(temperature, co2, deficit, radiation, outside, wind, hour)
         next_controls, next_memory = kind.work(task, actuation.ActuationInputs(actions, controls, memory, measured))
         for index, name in enumerate(names):
-            recorder.output("controls", index, next_controls.get(name, 0.0))
+            recorder.output("controls", index, next_controls.get(name, scheduled.get(name, 0.0)))
         for name, value in next_memory.items():
             recorder.output("memory", places[name], value)
     return recorder.tape()
@@ -253,7 +259,7 @@ def _observation(
                 continue
             values: list[Any]
             if isinstance(column, Numbers):
-                values = _numbers(column, recorder, controls, air)
+                values = _numbers(task, column, recorder, controls, air)
             elif isinstance(column, Locked):  # for how many minutes a control still stays on or off
                 steps = recorder.input("memory", layout.of(actuation.PART)[actuation.hold_clock(column.control)])
                 rest: Any = actuation.hold_steps(task, task.on_off[column.control]) - steps
@@ -293,7 +299,7 @@ def _sum_since_midnight(task: TaskSpec, column: ObservedColumn, recorder: Record
     return daily_sum(so_far, amount, before, now, task.step_seconds)
 
 
-def _numbers(numbers: Numbers, recorder: Recorder, controls: list[Any], air: list[Any]) -> list[Any]:
+def _numbers(task: TaskSpec, numbers: Numbers, recorder: Recorder, controls: list[Any], air: list[Any]) -> list[Any]:
     """Observed numbers of the run, as recorded values."""
     values = []
     for index, factor in zip(numbers.indices, numbers.factors, strict=True):
@@ -303,6 +309,8 @@ def _numbers(numbers: Numbers, recorder: Recorder, controls: list[Any], air: lis
             value = recorder.input("counter", index)
         elif numbers.source == "clock":
             value = recorder.input("calendar", index)
+        elif numbers.source == "schedule":
+            value = actuation.scheduled_controls(task, recorder.input)[task.scheduled[index]]
         else:
             value = (air if numbers.source == "air" else controls)[index]
         values.append(value if factor == 1.0 else value * factor)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glbench.arrays import real_numbers
 from glbench.env.accounts import REWARD, make_accounts
-from glbench.env.actuation import ActionReader
+from glbench.env.actuation import ActionReader, run_calendar
 from glbench.env.kernels import SCORING_PRESET, Stepper, check_kernel, shared_kernel
 from glbench.env.numpy_environments import NO_PARTS, NumpyEnvironments, ParameterDraws
 from glbench.env.program import air_columns, info_columns, make_program
@@ -346,10 +346,13 @@ class Simulation:
     def step_controls(self, controls: ArrayLike) -> StepResult:
         """Take one step with ``controls`` ``(n, controls)``, fractions applied as they are: no actuation, no rate limit.
 
-        For privileged controllers and for replaying. Raises as ``step`` does.
+        Scheduled ones follow the schedule, whatever is given. For privileged controllers and for replaying. Raises as ``step`` does.
         """
         self._check_running()
         self._write("direct_controls", controls)
+        if places := self.task.scheduled_places:
+            calendar = run_calendar(self.task, self.scenarios.pool.calendar[self._calendar_rows()], self._environments.k)
+            self._environments.direct_controls[:, places] = calendar[:, -len(places) :]
         self._finish_step("direct_controls", self._environments.step_controls())
         return self._step_result()
 

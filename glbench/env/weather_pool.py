@@ -23,7 +23,8 @@ from glbench.env.generated import SeasonMaker
 from glbench.env.random import ar1_paths
 from glbench.env.uncertainty import season_key
 from glbench.errors import TaskError
-from glbench.tasks.prices import SeasonOfPrices, day_ahead, price_rows
+from glbench.tasks.prices import SeasonOfPrices, day_ahead, local_times, price_rows
+from glbench.tasks.schedule import schedule_rows
 from glbench.tasks.vocabulary import DAY_AHEAD, PRICES
 from glbench.weather import COLUMNS
 
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 CLOCK = ("hour_of_day", "day_of_year")
-"""Columns of a calendar before those of its price tables."""
+"""Columns of a calendar before those of its price tables and of its schedule."""
 
 HOURS_A_DAY = 24.0
 DAYS_A_YEAR = 365.0
@@ -176,8 +177,8 @@ class WeatherPool:
     times
         Start of every row of the calendar, UTC.
     calendar
-        Hour of day, day of year, then the prices of ``prices``. Its rows are those of ``values``, but for generated seasons whose
-        prices follow from the clock alone: these share one calendar.
+        Hour of day, day of year, the prices of ``prices``, then whether each entry of the schedule applies. Its rows are those of
+        ``values``, but for generated seasons whose prices follow from the clock alone: these share one calendar.
     prices
         Names of the price tables, in the order of their columns.
     seasons
@@ -227,7 +228,7 @@ class WeatherPool:
             if self._season_prices is not None:
                 times, hours = self.times[slot], self.calendar[slot, 0]
                 prices = self._season_prices.rows(number, times, hours, self.tables.measured[slot])
-                self.calendar[slot, len(CLOCK) :] = prices
+                self.calendar[slot, len(CLOCK) : len(CLOCK) + len(self.prices)] = prices
                 self._season_prices.show((self.tables.prices, self.tables.day_ahead), slot, prices, times, hours)
             self._ready.add(number)
         slots = np.array(numbers, np.int64) * rows
@@ -272,7 +273,7 @@ def _make_pool(task: TaskSpec) -> WeatherPool:
             starts = maker.start_days(np.arange(generated.seasons)) * day
             of_pool = (starts[:, None] + np.arange(days * day)).ravel()
             times, turns, clock = times[of_pool], _frozen(turns[of_pool]), [column[of_pool] for column in clock]
-            calendar, price_tables = _calendar(clock, np.zeros((rows, len(tables)))), priced.room(rows)
+            calendar, price_tables = _calendar(task, times, clock, np.zeros((rows, len(tables)))), priced.room(rows)
         else:
             calendar, price_tables = _priced(priced, times, clock, [(0, len(times))], np.zeros((len(times), 5)))
         weather_tables = WeatherTables(measured, published, turns, _room(forecast, rows), *price_tables)
@@ -294,8 +295,8 @@ def _make_pool(task: TaskSpec) -> WeatherPool:
     return WeatherPool(values, times, calendar, tables, firsts, day, days, weather_tables)
 
 
-def _calendar(clock: list[Floats], prices: Floats) -> Floats:
-    return np.concatenate([np.stack(clock, axis=1), prices], axis=1)
+def _calendar(task: TaskSpec, times: NDArray[np.datetime64], clock: list[Floats], prices: Floats) -> Floats:
+    return np.concatenate([np.stack(clock, axis=1), prices, schedule_rows(task.schedule, local_times(times, clock[0]))], axis=1)
 
 
 def _priced(
@@ -311,7 +312,7 @@ def _priced(
         at = slice(first, end)
         prices[at] = priced.rows(number, times[at], clock[0][at], measured[at])
         priced.show(tables, at, prices[at], times[at], clock[0][at])
-    calendar = _calendar(clock, prices)
+    calendar = _calendar(priced.task, times, clock, prices)
     for array in (calendar, times, *tables):
         array.flags.writeable = False
     return calendar, tables

@@ -98,7 +98,7 @@ class Program:
     days
         Days that an environment's sequence has: those of the episode, and those that a forecast reaches.
     calendar
-        Pool of calendar rows ``(rows, c)``: hour of day, day of year, prices.
+        Pool of calendar rows ``(rows, c)``: hour of day, day of year, prices, values of scheduled controls.
     lag
         1 when the weather shown is the row that has just acted, 0 when it is the next one.
     nominal

@@ -120,8 +120,8 @@ def fingerprint_of(task: ResolvedTask) -> Fingerprint:
         When the task refers to something that does not exist.
     """
     model = task.model_value
-    for name in task.actuation.controls:
-        with task.errors_in("actuation"):
+    for table, name in [*(("actuation", one) for one in task.actuation.controls), *(("schedule", one) for one in task.scheduled)]:
+        with task.errors_in(table):
             if name not in model.control_names:
                 msg = f"There is no control called '{name}'.{did_you_mean(name, model.control_names)}"
                 raise UnknownNameError(msg)

@@ -206,6 +206,7 @@ def _checked(file: Path, tables: TaskTables, _lock: Path, _lock_state: _State, w
             check_file_against_lock(task, entry)
     elif entry is None:
         task.fingerprint()  # whatever cannot be resolved is reported now and not in the middle of a run
+        check_schedule(task)
         for doubt in price_doubts(task):
             logger.warning("%s: %s", task.source, doubt)
     elif _is_shipped(file):
@@ -254,6 +255,22 @@ def price_doubts(task: TaskSpec) -> list[str]:
             )
         doubts += doubts_of_prices(table.unit, table.mean, name)
     return doubts
+
+
+def check_schedule(task: TaskSpec) -> None:
+    """Refuse an entry of the schedule that applies in no step of any run: TaskError with the place of the entry, from 1."""
+    in_splits, day = [task] if task.splits is None else [task.in_split(name) for name in task.splits.names], task.steps_per_day
+    starts = {(season.start, one.scenario.start_within_days) for one in in_splits for season in one.scenario.seasons}
+    steps = [np.arange(day * (task.weather.days + late)) * np.timedelta64(task.weather.step_seconds, "s") for _, late in starts]
+    moments = [np.datetime64(start, "s") + of_season for (start, _), of_season in zip(starts, steps, strict=True)]
+    for number, entry in enumerate(task.schedule, 1):
+        first = entry.after_day if entry.after_day < task.weather.days else 10**9
+        if not any(entry.applies(season[first * day :]).any() for season in moments):
+            msg = (
+                f"{task.source}: [[schedule]] entry {number} ({entry.control}, {entry.in_words()}) never applies: a run has "
+                f"{task.weather.days} days, and none of its steps begins at such a time. Correct the entry, or leave it out."
+            )
+            raise TaskError(msg)
 
 
 def _state(path: Path) -> _State:

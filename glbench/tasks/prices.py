@@ -182,12 +182,12 @@ class PriceTable:
             starts = np.array([moment.replace(tzinfo=None) for moment, _ in self.series], dtype="datetime64[s]")
             moments = times.astype("datetime64[s]")
             if self.yearly:
-                place = np.searchsorted(_in_year(starts), _in_year(moments), side="right") - 1  # -1: the year before
+                place = np.searchsorted(in_year(starts), in_year(moments), side="right") - 1  # -1: the year before
             else:
                 place = np.maximum(np.searchsorted(starts, moments, side="right") - 1, 0)
             prices = np.array([price for _, price in self.series])[place]
         else:
-            days = _in_year(local_times(times, hour_of_day)) // DAY
+            days = in_year(local_times(times, hour_of_day)) // DAY
             entries = sorted(self.dated)
             place = np.searchsorted([100 * month + day for month, day, _ in entries], days, side="right") - 1
             prices = np.array([price for _, _, price in entries])[place]  # -1: the year before
@@ -252,7 +252,7 @@ def _hours(hour_of_day: Floats) -> NDArray[np.int64]:
     return np.floor(hour_of_day + 1e-9).astype(np.int64) % HOURS_A_DAY
 
 
-def _in_year(times: NDArray[np.datetime64]) -> NDArray[np.int64]:
+def in_year(times: NDArray[np.datetime64]) -> NDArray[np.int64]:
     """Moments by month, day and second, in one number that rises through every year: (100 month + day) 86400 + second."""
     days = times.astype("datetime64[D]")
     month = days.astype("datetime64[M]")
@@ -354,7 +354,7 @@ class PriceTableTable(Table):
         if self.hourly is not None and len(self.hourly) != 24:
             refuse(f"hourly must have 24 prices, one an hour; it has {len(self.hourly)}.")
         for day in self.from_day or ():
-            _month_and_day(day)
+            month_and_day(day)
         if self.from_day is not None and not self.from_day:
             refuse('from_day must have a price: from_day = { "01-15" = 3.5 }.')
         if self.series is not None:
@@ -375,7 +375,7 @@ class PriceTableTable(Table):
         return PriceTable(
             self.unit,
             self.hourly or (),
-            tuple((*_month_and_day(day), price) for day, price in sorted((self.from_day or {}).items())),
+            tuple((*month_and_day(day), price) for day, price in sorted((self.from_day or {}).items())),
             tuple((_utc(point.time), point.price) for point in self.series or ()),
             self.yearly,
             self.market,
@@ -388,8 +388,9 @@ def _utc(moment: dt.datetime) -> dt.datetime:
     return moment if moment.tzinfo is None else moment.astimezone(dt.UTC)
 
 
-def _month_and_day(text: str) -> tuple[int, int]:
-    match = _DAY.fullmatch(text)
+def month_and_day(text: object) -> tuple[int, int]:
+    """Month and day of a text such as "01-15"; ValueError, in words, where there is no such day."""
+    match = _DAY.fullmatch(text) if isinstance(text, str) else None
     month, day = (int(match[1]), int(match[2])) if match else (0, 0)
     if not 1 <= month <= 12 or not 1 <= day <= monthrange(2000, month)[1]:
         refuse(f"'{text}' is not a day of the year. Write month and day with two digits each, such as \"01-15\".")

@@ -133,6 +133,8 @@ class ObservationContext:
     """Price tables of which coming hours are shown."""
     day_ahead_hours: tuple[int, ...] = ()
     """Hours ahead of their prices."""
+    scheduled: tuple[str, ...] = ()
+    """Controls that follow a schedule."""
 
     @property
     def days(self) -> float:
@@ -289,6 +291,16 @@ def switches(context: ObservationContext) -> tuple[Quantity, ...]:
         for name, minutes in context.holds
         if name in by_name  # else the task says that there is no such control
     )
+
+
+def schedule(context: ObservationContext) -> tuple[Quantity, ...]:
+    """Each scheduled control as it will be in the coming step; UnknownNameError where there is none."""
+    if not context.scheduled:
+        msg = "'schedule' shows controls that follow a schedule, and there is none: add [[schedule]]."
+        raise UnknownNameError(msg)
+    every = {c.name: c for c in capacities(context.model, context.parameters)}
+    ones = [every[name] for name in context.scheduled if name in every]  # the task says where there is no such control
+    return tuple(Quantity(f"{one.quantity}_scheduled", "-", 0.0, 1.0, f"{one.meaning}, in the coming step") for one in ones)
 
 
 def prices(context: ObservationContext) -> tuple[Quantity, ...]:

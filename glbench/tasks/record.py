@@ -14,6 +14,7 @@ from glbench.registration import task_ids
 from glbench.tasks import tables
 from glbench.tasks.inheritance import Change, read_tables, shown_path
 from glbench.tasks.prices import PriceTable
+from glbench.tasks.schedule import ScheduleEntry
 from glbench.tasks.sealed import commitment_of
 from glbench.tasks.serialisation import record_of
 
@@ -52,6 +53,7 @@ class TaskRecord:
     observation: tables.ObservationTable
     actuation: tables.ActuationTable
     constraints: tables.ConstraintsTable
+    schedule: tuple[ScheduleEntry, ...]
     splits: tables.SplitsTable | None
     """The years of training, validation and test; ``None`` where all runs share their seasons."""
     sensors: tables.SensorsTable | None
@@ -234,6 +236,11 @@ class TaskRecord:
         """Prices that change with the calendar, by name."""
         by_name = self.file.price_tables
         return MappingProxyType({name: table.value(by_name) for name, table in by_name.items()})
+
+    @property
+    def scheduled(self) -> tuple[str, ...]:
+        """Controls that follow the schedule, in the order of their first entries."""
+        return tuple(dict.fromkeys(entry.control for entry in self.schedule))
 
     @property
     def judges_means(self) -> bool:

@@ -242,6 +242,11 @@ class ResolvedTask(TaskRecord):
         """What each control of the model supplies at 1, with its unit."""
         return capacities(self.model_value, self.parameters_by_name())
 
+    @property
+    def scheduled_places(self) -> list[int]:
+        """Places of the scheduled controls among those of the model."""
+        return [self.model_value.control_names.index(name) for name in self.scheduled]
+
     # The weather.
 
     def record(self) -> WeatherRecord:
@@ -363,6 +368,7 @@ class ResolvedTask(TaskRecord):
             tuple((name, table.unit, *table.limits) for name, table in self.price_tables.items()),
             () if self.day_ahead is None else self.day_ahead.prices,
             () if self.day_ahead is None else self.day_ahead.hours,
+            self.scheduled,
         )
 
     # What a step earns and costs.

@@ -38,6 +38,7 @@ from glbench.tasks.fields import (
 from glbench.tasks.inheritance import as_written
 from glbench.tasks.ledger import LIMITED, TRAVEL, VIOLATION_PRICES, Ledger
 from glbench.tasks.prices import HOURS_A_DAY, PriceTableTable
+from glbench.tasks.schedule import ScheduleEntry
 from glbench.tasks.spreads import LARGEST_FACTOR, Spread, read_spread
 
 SECONDS_A_DAY = 86400
@@ -688,6 +689,7 @@ class TaskFile2(TaskFile):
     constraints: ConstraintsTable = ConstraintsTable()
     ledger: dict[str, ItemTable] = Field(default={}, description="tables [ledger.<column>]")
     price_tables: dict[str, PriceTableTable] = Field(default={}, description="tables [price_tables.<name>]")
+    schedule: Annotated[tuple[ScheduleEntry, ...], BeforeValidator(as_tuple)] = Field(default=(), description="tables [[schedule]]")
     scenario: ScenarioTable
     splits: SplitsTable | None = None
     sensors: SensorsTable | None = None
@@ -765,6 +767,13 @@ class TaskFile2(TaskFile):
                 refuse(f"[price_tables.{name}] of = '{table.of}', which follows '{followed.of}' itself. Name that one.")
             if followed.unit != table.unit:
                 refuse(f"[price_tables.{name}] is in {table.unit}, and '{table.of}', which it follows, in {followed.unit}.")
+        return self
+
+    @model_validator(mode="after")
+    def _scheduled_controls_are_not_the_agents(self) -> Self:
+        for entry in self.schedule:
+            if entry.control in self.actuation.controls:
+                refuse(f"[[schedule]] '{entry.control}' is in [actuation] controls: the agent moves it. Take it out of one of them.")
         return self
 
     @model_validator(mode="after")

@@ -120,6 +120,7 @@ INITIAL_STATES: Registry[InitialState] = Registry("initial state")
 METRICS: Registry[Word] = Registry("metric")
 PREPROCESSINGS: Registry[Word] = Registry("preprocessing")
 MODEL_VARIANTS: Registry[Word] = Registry("model variant")
+WEEKDAYS: Registry[Word] = Registry("weekday")
 FORECAST_ERRORS: Registry[Word] = Registry("level of forecast errors")
 
 WEATHER_FORECAST = "weather_forecast"
@@ -154,6 +155,7 @@ for _module in (
     ObservationModule("published_indoor_climate", "as indoor_climate, CO2 first", tables.of_model("published_indoor_climate")),
     ObservationModule("published_crop", "as crop, temperature first, fruit in mg m-2", tables.of_model("published_crop")),
     ObservationModule("switches", "minutes until machines that are on or off may be switched again", tables.switches),
+    ObservationModule("schedule", "each scheduled control in the coming step, from 0 to 1", tables.schedule),
     ObservationModule(PRICES, "the prices of now that change with time", tables.prices),
     ObservationModule(DAY_AHEAD, "prices of coming hours, known until midnight", tables.day_ahead_prices),
     ObservationModule("control_fractions", "the controls in force, as fractions of capacity", tables.control_fractions),
@@ -166,6 +168,10 @@ for _module in (
     ),
 ):
     OBSERVATION_MODULES.add(_module)
+
+
+for _day in ("monday", "tuesday", "wednesday", "thursday", "friday", "saturday", "sunday"):
+    WEEKDAYS.add(Word(_day, _day.capitalize()))
 
 
 def _set_points(controls: tuple[str, ...]) -> tuple[Action, ...]:
