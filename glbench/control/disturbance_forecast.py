@@ -149,7 +149,8 @@ class Outlook:
         if odd:
             msg = f"The outlook knows nothing of {', '.join(odd)}, which acts on {task.model_id}."
             raise TaskError(msg)
-        self._controls = ObservationModel(task) if any(entry.weekdays for entry in task.schedule) else None
+        model = ObservationModel(task)
+        self._controls = model if model.control_columns is not None and any(entry.weekdays for entry in task.schedule) else None
         self._late = task.observation.timing == "published"
         self._step = task.step_seconds
         self.reset(1)
@@ -189,12 +190,7 @@ class Outlook:
         self._k, self._lag, self._observed = self._k + (not first), lag, observed
         if not (self._late and self._k == 1):  # with "published" the first row is shown twice
             self._deviations.add(self._begin + (self._k - self._lag) * self._step, observed[:, self._weather])
-        if (
-            self._controls is not None
-            and self._controls.control_columns is not None
-            and not first
-            and (self._weekdays.sum(axis=1) > 1).any()
-        ):
+        if self._controls is not None and not first and (self._weekdays.sum(axis=1) > 1).any():
             controls = self._controls.controls(observed)
             for later in range(len(WEEKDAYS)):
                 expected = with_schedule(self.task, controls[:, None], self._calendar(np.array([-1, 0]), np.full(self._n, later)))[:, 0]

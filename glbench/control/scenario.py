@@ -99,12 +99,11 @@ def with_schedule(task: TaskSpec, controls: Floats, calendar: Floats) -> Floats:
         return controls
     if calendar.shape[-1] != calendar_columns(task):
         msg = (
-            f"The calendar of {task.id} has {calendar_columns(task)} columns (hour of day, day of year, prices, scheduled controls); got "
-            f"{calendar.shape[-1]}. Take it from a Scenario or an Outlook."
+            f"The calendar of {task.id} has {calendar_columns(task)} columns; got {calendar.shape[-1]}. Take a Scenario's or an Outlook's."
         )
         raise ShapeError(msg)
     controls = controls.copy()
-    controls[..., task.scheduled_places] = calendar[..., :-1, -len(task.scheduled) :]
+    controls[..., [*task.scheduled.values()]] = calendar[..., :-1, -len(task.scheduled) :]
     return controls
 
 

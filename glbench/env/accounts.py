@@ -337,7 +337,7 @@ def make_accounts(task: TaskSpec) -> Accounts:
         limits=tuple((name, limits.low, limits.high, scale[name]) for name, limits in task.constraints.items()),
         means=task.judges_means,
         stated_bounds=None if bounds is None else (bounds.low, bounds.high),
-        scheduled=task.scheduled_places,
+        scheduled=tuple(task.scheduled.values()),
     )
 
 

@@ -269,10 +269,7 @@ def scheduled_controls(task: TaskSpec, read: Read) -> dict[str, Any]:
 
 
 def run_calendar(task: TaskSpec, rows: Floats, steps: NDArray[np.integer]) -> Floats:
-    """Calendar of runs: hour of day [h], day of year, prices and scheduled controls, ``(..., columns)``.
-
-    ``rows`` are those of the pool's calendar ``(..., columns)``, ``steps`` those taken before each ``(...)``.
-    """
+    """Hour of day [h], day of year, prices and scheduled controls ``(..., columns)`` from rows of the pool after ``steps`` ``(...)``."""
     controls = scheduled_controls(task, lambda source, index: rows[..., index] if source == "calendar" else steps)
     return np.concatenate([rows[..., : len(CLOCK) + len(task.price_tables)], *(one[..., None] for one in controls.values())], axis=-1)
 

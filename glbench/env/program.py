@@ -310,7 +310,7 @@ def _numbers(task: TaskSpec, numbers: Numbers, recorder: Recorder, controls: lis
         elif numbers.source == "clock":
             value = recorder.input("calendar", index)
         elif numbers.source == "schedule":
-            value = actuation.scheduled_controls(task, recorder.input)[task.scheduled[index]]
+            value = actuation.scheduled_controls(task, recorder.input)[list(task.scheduled)[index]]
         else:
             value = (air if numbers.source == "air" else controls)[index]
         values.append(value if factor == 1.0 else value * factor)

@@ -164,8 +164,7 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
         for name, one in task.on_off.items()
     ]
     machines += [
-        f"By the calendar, not by the agent: {in_sentence(by_name[entry.control].meaning)}, {full(by_name[entry.control], entry.value)}, "
-        f"{entry.in_words()}."
+        f"By the calendar: {by_name[entry.control].meaning}, {full(by_name[entry.control], entry.value)}, {entry.in_words()}."
         for entry in task.schedule
     ]
     yield plain(
@@ -450,10 +449,7 @@ def _interface(task: tasks.TaskSpec, card: tasks.TaskCard) -> Iterator[Section]:
         at_one, most = _delivers(one, 1.0), _delivers(one, card.max_change)
         rows.append((str(i), one.name, one.meaning, f"{action.low:g} to {action.high:g}", at_one, most))
     others = by_name.keys() - {action.name for action in card.actions}
-    rows += [
-        ("", name, by_name[name].meaning, "by the schedule, else 0" if name in task.scheduled else "stays at 0", "", "")
-        for name in sorted(others)
-    ]
+    rows += [("", name, by_name[name].meaning, "scheduled" if name in task.scheduled else "stays at 0", "", "") for name in sorted(others)]
     machines = [
         f"{name} is 0 or {one.lowest:g} to 1"
         + (f", and stays on or off for at least {one.hold_minutes:g} minutes." if one.hold_minutes else ".")

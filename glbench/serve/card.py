@@ -62,7 +62,7 @@ def card(task: TaskSpec, splits: Sequence[str]) -> dict[str, Any]:
             name: {"unit": table.unit, "hourly": list(table.hourly), "lowest": table.limits[0], "highest": table.limits[1]}
             for name, table in task.price_tables.items()
         },
-        "schedule": [entry.model_dump(by_alias=True, exclude_none=True) for entry in task.schedule],
+        "schedule": [entry.model_dump(by_alias=True) for entry in task.schedule],
         "reward": {"unit": task.quantities[0].unit, "modules": list(public.reward_modules)},
         "account": {metric.name: metric.unit for metric in metrics_of(task)},
     }  # fmt: skip

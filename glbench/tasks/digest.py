@@ -120,12 +120,12 @@ def fingerprint_of(task: ResolvedTask) -> Fingerprint:
         When the task refers to something that does not exist.
     """
     model = task.model_value
-    for table, name in [*(("actuation", one) for one in task.actuation.controls), *(("schedule", one) for one in task.scheduled)]:
-        with task.errors_in(table):
+    for name in task.actuation.controls:
+        with task.errors_in("actuation"):
             if name not in model.control_names:
                 msg = f"There is no control called '{name}'.{did_you_mean(name, model.control_names)}"
                 raise UnknownNameError(msg)
-    _ = task.scenario, task.ledger  # what is unknown is an error before anything is recorded
+    _ = task.scenario, task.ledger, task.scheduled  # what is unknown is an error before anything is recorded
     if model.air is None and task.constraints.items():
         msg = f"{task.source}: [constraints] {model.id} has no air whose climate could be limited. Leave the table out."
         raise TaskError(msg)

@@ -299,7 +299,7 @@ def schedule(context: ObservationContext) -> tuple[Quantity, ...]:
         msg = "'schedule' shows controls that follow a schedule, and there is none: add [[schedule]]."
         raise UnknownNameError(msg)
     every = {c.name: c for c in capacities(context.model, context.parameters)}
-    ones = [every[name] for name in context.scheduled if name in every]  # the task says where there is no such control
+    ones = (every[name] for name in context.scheduled)
     return tuple(Quantity(f"{one.quantity}_scheduled", "-", 0.0, 1.0, f"{one.meaning}, in the coming step") for one in ones)
 
 

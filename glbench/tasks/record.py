@@ -238,11 +238,6 @@ class TaskRecord:
         return MappingProxyType({name: table.value(by_name) for name, table in by_name.items()})
 
     @property
-    def scheduled(self) -> tuple[str, ...]:
-        """Controls that follow the schedule, in the order of their first entries."""
-        return tuple(dict.fromkeys(entry.control for entry in self.schedule))
-
-    @property
     def judges_means(self) -> bool:
         """Whether violations are means over the step; otherwise they are the values at its end."""
         return self.constraints.judged == "mean" and bool(self.constraints.items())

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import datetime as dt
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, Literal
@@ -242,10 +243,19 @@ class ResolvedTask(TaskRecord):
         """What each control of the model supplies at 1, with its unit."""
         return capacities(self.model_value, self.parameters_by_name())
 
-    @property
-    def scheduled_places(self) -> list[int]:
-        """Places of the scheduled controls among those of the model."""
-        return [self.model_value.control_names.index(name) for name in self.scheduled]
+    @cached_property
+    def scheduled(self) -> Mapping[str, int]:
+        """Controls that follow the schedule, with their places among those of the model; TaskError where the model or the agent objects."""
+        names = self.model_value.control_names
+        for control in (entry.control for entry in self.schedule):
+            with self.errors_in("[schedule]"):
+                if control not in names:
+                    msg = f"There is no control called '{control}'.{did_you_mean(control, names)}"
+                    raise UnknownNameError(msg)
+                if control in self.actuation.controls:
+                    msg = f"'{control}' is in [actuation] controls: the agent moves it. Take it out of one of them."
+                    raise UnknownNameError(msg)
+        return {entry.control: names.index(entry.control) for entry in self.schedule}
 
     # The weather.
 
@@ -368,7 +378,7 @@ class ResolvedTask(TaskRecord):
             tuple((name, table.unit, *table.limits) for name, table in self.price_tables.items()),
             () if self.day_ahead is None else self.day_ahead.prices,
             () if self.day_ahead is None else self.day_ahead.hours,
-            self.scheduled,
+            tuple(self.scheduled),
         )
 
     # What a step earns and costs.

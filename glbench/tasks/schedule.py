@@ -20,7 +20,6 @@ from glbench.tasks.vocabulary import WEEKDAYS
 
 Floats = NDArray[np.float64]
 Moments = NDArray[np.datetime64]
-
 _ALL_DAY, _NEW_YEAR, _LAST_DAY = (0.0, 24.0), (1, 1), (12, 31)
 
 
@@ -52,10 +51,7 @@ class ScheduleEntry(Table):
         return self
 
     def applies(self, moments: Moments, later: int | NDArray[np.integer] = 0) -> NDArray[np.bool_]:
-        """Whether the entry applies at moments of the task's clock ``(n,)``, on a day of the run from ``after_day`` on.
-
-        ``later`` is by how many weekdays the run's dates are later than those of the moments, for each or for all.
-        """
+        """Whether it applies at moments of the task's clock ``(n,)`` from ``after_day`` on; weekdays are ``later`` than these dates'."""
         days, (start, end) = moments.astype("datetime64[D]"), self.hours
         hour = (moments - days) / np.timedelta64(1, "h")
         in_hours = (start <= hour) & (hour < end) if start < end else (start <= hour) | (hour < end)

@@ -770,13 +770,6 @@ class TaskFile2(TaskFile):
         return self
 
     @model_validator(mode="after")
-    def _scheduled_controls_are_not_the_agents(self) -> Self:
-        for entry in self.schedule:
-            if entry.control in self.actuation.controls:
-                refuse(f"[[schedule]] '{entry.control}' is in [actuation] controls: the agent moves it. Take it out of one of them.")
-        return self
-
-    @model_validator(mode="after")
     def _day_ahead_prices_are_there(self) -> Self:
         day_ahead = self.observation.day_ahead
         for name in day_ahead.prices if day_ahead is not None else ():

@@ -168,8 +168,6 @@ for _module in (
     ),
 ):
     OBSERVATION_MODULES.add(_module)
-
-
 for _day in ("monday", "tuesday", "wednesday", "thursday", "friday", "saturday", "sunday"):
     WEEKDAYS.add(Word(_day, _day.capitalize()))
 
