@@ -40,7 +40,8 @@ from glbench.env.spaces import the_task
 from glbench.env.weather_pool import DAYS_A_YEAR, HOURS_A_DAY
 from glbench.errors import TaskError, whole_number
 from glbench.tasks.quantities import FORECAST
-from glbench.tasks.schedule import WEEKDAYS, schedule_rows
+from glbench.tasks.schedule import schedule_rows
+from glbench.tasks.vocabulary import WEEKDAYS
 from glbench.untrusted import quoted
 from glbench.weather.preprocessing import (
     co2_density,

@@ -90,10 +90,9 @@ class Scenario:
 
 
 def with_schedule(task: TaskSpec, controls: Floats, calendar: Floats) -> Floats:
-    """Controls of steps ``(..., T, c)`` with the scheduled ones as in ``calendar``.
+    """Controls of steps ``(..., T, c)`` with the scheduled ones as in the calendar of a ``Scenario`` or ``Outlook``.
 
-    ``calendar`` is that of the start of each step and the end of the last one ``(..., T + 1, columns)``, from a ``Scenario`` or
-    ``Outlook.ahead(T)``. ShapeError when it has other columns.
+    ``calendar`` is ``(..., T + 1, columns)``, with the end of the last step; ShapeError when it has other columns.
     """
     if not task.schedule:
         return controls

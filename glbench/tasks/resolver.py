@@ -245,17 +245,15 @@ class ResolvedTask(TaskRecord):
 
     @cached_property
     def scheduled(self) -> Mapping[str, int]:
-        """Controls that follow the schedule, with their places among those of the model; TaskError where the model or the agent objects."""
-        names = self.model_value.control_names
-        for control in (entry.control for entry in self.schedule):
+        """Controls that follow the schedule, with their places in the model; TaskError if it lacks one, or the agent has it."""
+        names, controls = self.model_value.control_names, dict.fromkeys(entry.control for entry in self.schedule)
+        for name in (name for name in controls if name not in names or name in self.actuation.controls):
+            msg = f"'{name}' is in [actuation] controls: the agent moves it. Take it out of one of them."
+            if name not in names:
+                msg = f"There is no control called '{name}'.{did_you_mean(name, names)}"
             with self.errors_in("[schedule]"):
-                if control not in names:
-                    msg = f"There is no control called '{control}'.{did_you_mean(control, names)}"
-                    raise UnknownNameError(msg)
-                if control in self.actuation.controls:
-                    msg = f"'{control}' is in [actuation] controls: the agent moves it. Take it out of one of them."
-                    raise UnknownNameError(msg)
-        return {entry.control: names.index(entry.control) for entry in self.schedule}
+                raise UnknownNameError(msg)
+        return {name: names.index(name) for name in controls}
 
     # The weather.
 

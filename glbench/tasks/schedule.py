@@ -1,7 +1,4 @@
-"""Controls that no agent moves and that follow the calendar, such as the crew's picking days: ``[[schedule]]`` of a task file.
-
-Each entry has a column in a task's calendar, beside the prices. What follows from them in a run: ``glbench.env.actuation``.
-"""
+"""Controls that no agent moves and that follow the calendar, such as the crew's picking days: ``[[schedule]]`` of a task file."""
 
 from __future__ import annotations
 
@@ -18,8 +15,7 @@ from glbench.tasks.fields import Table, as_tuple, list_of
 from glbench.tasks.prices import DAY, in_year, month_and_day
 from glbench.tasks.vocabulary import WEEKDAYS
 
-Floats = NDArray[np.float64]
-Moments = NDArray[np.datetime64]
+_DayOfYear = Annotated[tuple[int, int], BeforeValidator(month_and_day)]
 _ALL_DAY, _NEW_YEAR, _LAST_DAY = (0.0, 24.0), (1, 1), (12, 31)
 
 
@@ -32,12 +28,8 @@ class ScheduleEntry(Table):
     hours: Annotated[tuple[float, float], BeforeValidator(as_tuple)] = Field(
         default=_ALL_DAY, description="two hours of the task's clock, 0 to 24, such as [7.0, 15.0]"
     )
-    first: Annotated[tuple[int, int], BeforeValidator(month_and_day)] = Field(
-        default=_NEW_YEAR, alias="from", description='such as "09-15"'
-    )
-    last: Annotated[tuple[int, int], BeforeValidator(month_and_day)] = Field(
-        default=_LAST_DAY, alias="until", description='such as "12-31"'
-    )
+    first: _DayOfYear = Field(default=_NEW_YEAR, alias="from", description='month and day, such as "09-15"')
+    last: _DayOfYear = Field(default=_LAST_DAY, alias="until", description='month and day, such as "12-31"')
     after_day: int = Field(default=0, ge=0, le=3660, description="whole days since the start of the run, 0 to 3660")
 
     @model_validator(mode="after")
@@ -45,12 +37,10 @@ class ScheduleEntry(Table):
         start, end = self.hours
         if not (0.0 <= start < 24.0 and 0.0 <= end <= 24.0) or start == end:
             never = "an entry with these never applies" if start == end else "hours of a day lie between 0 and 24"
-            refuse(
-                f"hours = [{start:g}, {end:g}]: {never}. Write two different ones, such as [7.0, 15.0], or leave hours out for whole days."
-            )
+            refuse(f"hours = [{start:g}, {end:g}]: {never}. Write two others, such as [7.0, 15.0]; without hours it is the whole day.")
         return self
 
-    def applies(self, moments: Moments, later: int | NDArray[np.integer] = 0) -> NDArray[np.bool_]:
+    def applies(self, moments: NDArray[np.datetime64], later: int | NDArray[np.integer] = 0) -> NDArray[np.bool_]:
         """Whether it applies at moments of the task's clock ``(n,)`` from ``after_day`` on; weekdays are ``later`` than these dates'."""
         days, (start, end) = moments.astype("datetime64[D]"), self.hours
         hour = (moments - days) / np.timedelta64(1, "h")
@@ -59,7 +49,10 @@ class ScheduleEntry(Table):
         date, first, last = in_year(days) // DAY, *(100 * month + day for month, day in (self.first, self.last))
         in_dates = (first <= date) & (date <= last) if first <= last else (first <= date) | (date <= last)
         weekday = (days.astype(np.int64) + later + 3) % len(WEEKDAYS)  # day 0 was a Thursday
-        return in_hours & in_dates & np.isin(weekday, [WEEKDAYS.names.index(day) for day in self.weekdays or WEEKDAYS.names])
+        applies: NDArray[np.bool_] = (
+            in_hours & in_dates & np.isin(weekday, [WEEKDAYS.names.index(day) for day in self.weekdays or WEEKDAYS.names])
+        )
+        return applies
 
     def in_words(self) -> str:
         """When the entry applies, as in "Monday and Thursday, 07:00 to 15:00"."""
@@ -73,6 +66,8 @@ class ScheduleEntry(Table):
         return ", ".join(parts) or "always"
 
 
-def schedule_rows(schedule: Sequence[ScheduleEntry], moments: Moments, later: int | NDArray[np.integer] = 0) -> Floats:
+def schedule_rows(
+    schedule: Sequence[ScheduleEntry], moments: NDArray[np.datetime64], later: int | NDArray[np.integer] = 0
+) -> NDArray[np.float64]:
     """Whether each entry applies, 1 or 0, at moments of the task's clock ``(n,)``: ``(n, entries)``. For ``later`` see ``applies``."""
     return np.array([entry.applies(moments, later) for entry in schedule], dtype=np.float64).reshape(-1, len(moments)).T

@@ -20,6 +20,7 @@ from glbench.tasks import TaskSpec, get_task
 from tests.env.stepping import Floats, StillKernel
 from tests.model.test_compose import WaterTank
 
+MODULES = ("schedule",)
 SCREEN = 5
 SEEDS = (1, 2, 3)
 ENTRIES: list[dict[str, Any]] = [
@@ -56,7 +57,9 @@ def as_written(moment: dt.datetime, elapsed: int) -> float:
 def actions(task: TaskSpec, n: int, seed: int = 1) -> NDArray[np.float32]:
     """Actions ``(steps, n, m)``; those of a row are the same for every n."""
     low, high = np.array([(one.low, one.high) for one in task.actions]).T
-    return np.stack([np.random.default_rng([seed, row]).uniform(low, high, (task.steps, len(low))) for row in range(n)], 1).astype(np.float32)
+    return np.stack([np.random.default_rng([seed, row]).uniform(low, high, (task.steps, len(low))) for row in range(n)], 1).astype(
+        np.float32
+    )
 
 
 def course(simulation: Simulation, given: NDArray[Any], seeds: tuple[int, ...] = SEEDS) -> dict[str, Floats]:
@@ -65,7 +68,9 @@ def course(simulation: Simulation, given: NDArray[Any], seeds: tuple[int, ...] =
     course: dict[str, list[Any]] = {"u": [], "observations": [first], "table": [], "moments": []}
     for action in given:
         seconds = simulation.time.astype("datetime64[s]").astype("datetime64[D]").astype(np.int64) * 86400
-        ahead = np.rint(simulation.hour_of_day * 3600).astype(np.int64) - (simulation.time.astype("datetime64[s]").astype(np.int64) - seconds)
+        ahead = np.rint(simulation.hour_of_day * 3600).astype(np.int64) - (
+            simulation.time.astype("datetime64[s]").astype(np.int64) - seconds
+        )
         ahead = (ahead + 43200) % 86400 - 43200
         course["moments"].append(simulation.time.astype("datetime64[s]") + ahead.astype("timedelta64[s]"))
         result = simulation.step(action)
@@ -81,7 +86,7 @@ def still(task: TaskSpec, n: int = len(SEEDS)) -> Simulation:
 
 @pytest.mark.parametrize("base", ["Spring-v1", "SpringEnergy-v1", "Schiphol2010-Delta10-v1"])
 def test_the_screen_is_where_the_entries_say_in_every_run(base: str) -> None:
-    """Of generated seasons that share a calendar, of those with prices of their own, and of a single season; runs begin on their own days."""
+    """Of generated seasons with one calendar, of those with prices of their own, and of a single season; runs begin on their own days."""
     task = scheduled(base)
     run = course(still(task), actions(task, 3))
     place, steps = task.scheduled["uBlScr"], range(task.steps)

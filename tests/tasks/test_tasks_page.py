@@ -1,4 +1,4 @@
-"""What docs/tasks.md, task-file.md and observations.md show is true."""
+"""What docs/tasks.md, task-file.md, schedule.md and observations.md show is true."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from glbench.env import GreenhouseEnv
 from glbench.errors import TaskError
 from glbench.tasks import TaskFile1, get_task, list_drafts, list_tasks
 from glbench.tasks.prices import PriceTableTable
+from glbench.tasks.schedule import ScheduleEntry
 from glbench.tasks.tables import (
     DropoutsTable,
     ForecastTable,
@@ -33,7 +34,7 @@ from glbench.weather import load_weather, save_weather
 
 Write = Callable[[str], Path]
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = ("tasks.md", "task-file.md", "observations.md")
+PAGES = ("tasks.md", "task-file.md", "schedule.md", "observations.md")
 
 
 @pytest.fixture(scope="module")
@@ -107,13 +108,20 @@ def test_the_task_of_schema_2_shown_is_one(page: str, write: Write) -> None:
     assert (len(task.scenario.seasons), len(task.scenario.groups[0].parameters)) == (3, 28)
 
 
+def test_the_schedule_shown_is_what_the_words_say(page: str, write: Write) -> None:
+    task = get_task(write(block(page, "toml", "DarkNights-v1")))
+    assert list(task.scheduled) == ["uBlScr"]
+    assert [entry.in_words() for entry in task.schedule] == ["20:00 to 06:00", "Monday and Thursday, 07:00 to 15:00, 1 April to 30 June"]
+    assert task.observed()[-1].name == "blackout_screen_scheduled"
+
+
 def test_every_key_of_schema_2_is_explained(page: str) -> None:
     for record in (
         ItemTable, PriceTableTable, ScenarioTable, ParameterGroupTable, StartGroupTable, RewardTable, SplitTable, SensorTable,
-        DropoutsTable, ForecastTable,
+        DropoutsTable, ForecastTable, ScheduleEntry,
     ):  # fmt: skip
         for name, field in record.model_fields.items():
-            assert field.exclude or f"`{name}`" in page, name
+            assert field.exclude or f"`{field.alias or name}`" in page, name
 
 
 def test_the_published_modules_shown_have_263_columns(page: str, write: Write) -> None:
@@ -145,7 +153,7 @@ def test_every_key_is_explained(page: str) -> None:
 
 
 def test_every_word_is_explained(page: str, shipped_words: dict[str, list[str]]) -> None:
-    assert len(shipped_words) == 9
+    assert len(shipped_words) == 10
     for kind, names in shipped_words.items():
         assert names, kind
         for name in names:
