@@ -170,6 +170,28 @@ def test_a_day_gives_the_bits_of_the_environment(spring: Path, capsys: pytest.Ca
         sys.stdout.write(f"\nlargest relative difference to the environment, {len(expected)} numbers, 96 steps: {worst:.3g}\n")
 
 
+def test_scheduled_controls_are_no_inputs_and_follow_the_calendar(tmp_path: Path) -> None:
+    """The screen is half shut from 02:00 to 03:00 of the first day, whatever the inputs are."""
+    from glbench.fmu import export_fmu
+
+    task = get_task(write_day_task(tmp_path)).replace(
+        {
+            "schema": 2,
+            "id": "test/Scheduled-v1",
+            "actuation.controls": ["uBoil", "uVent"],
+            "schedule": [{"control": "uThScr", "value": 0.5, "hours": [2.0, 3.0]}],
+        }
+    )
+    export_fmu(task, tmp_path / "scheduled.fmu")
+    with running(tmp_path / "scheduled.fmu") as fmu:
+        assert [name for name in fmu.variables if name.startswith("target.")] == ["target.boiler", "target.vents"]
+        screen = []
+        for _ in range(16):
+            fmu.step(900.0, 50.0, 0.2)
+            screen.append(fmu.get()["thermal_screen"])
+    assert screen == [0.0] * 8 + [0.5] * 4 + [0.0] * 4
+
+
 def test_a_long_communication_step_holds_the_inputs_and_adds_up(spring: Path) -> None:
     targets = (80.0, 2.0, 0.3, 0.6, 60.0, 0.0)
     with running(spring) as short, running(spring) as long:
