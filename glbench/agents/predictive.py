@@ -90,7 +90,7 @@ class _Steering:
         """Actions that bring about controls ``(runs, controls)``, of which the scheduled ones come about by themselves."""
         actions = actions_of(self._task, self.controls, controls)
         self.controls = np.clip(self._move(self.controls, actions), 0.0, 1.0)
-        self.controls[:, [*self._task.scheduled.values()]] = controls[:, [*self._task.scheduled.values()]]
+        self.controls[:, [*self._task.scheduled_places.values()]] = controls[:, [*self._task.scheduled_places.values()]]
         return actions
 
 

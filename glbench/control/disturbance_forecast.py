@@ -225,8 +225,8 @@ class Outlook:
         moments = utc.astype("datetime64[s]").ravel()
         tables = self.task.price_tables.values()
         prices = [table.values(moments, hour.ravel()).reshape(hour.shape) for table in tables]
-        scheduled = schedule_rows(self.task.schedule, local.astype("datetime64[s]").ravel(), later.repeat(len(lags)))
-        columns = np.stack([hour, (local - begin) / 86400.0, *prices, *scheduled.T.reshape(-1, *hour.shape)], axis=-1)
+        applies = schedule_rows(self.task.schedule, local.astype("datetime64[s]").ravel(), later.repeat(len(lags)))
+        columns = np.stack([hour, (local - begin) / 86400.0, *prices, *applies.T.reshape(-1, *hour.shape)], axis=-1)
         return run_calendar(self.task, columns, k)
 
     def _rows(self, steps: int) -> Floats:

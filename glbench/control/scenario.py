@@ -102,7 +102,7 @@ def with_schedule(task: TaskSpec, controls: Floats, calendar: Floats) -> Floats:
         )
         raise ShapeError(msg)
     controls = controls.copy()
-    controls[..., [*task.scheduled.values()]] = calendar[..., :-1, -len(task.scheduled) :]
+    controls[..., [*task.scheduled_places.values()]] = calendar[..., :-1, -len(task.scheduled_places) :]
     return controls
 
 

@@ -128,7 +128,7 @@ def radius_shares(stage: StageReward, linearisation: Trajectory) -> Floats:
     limits = dict(task.constraints.items())
     model = task.model_value
     effect = np.zeros((*du.shape[:-2], du.shape[-1]))
-    effect[..., [*task.scheduled.values()]] = np.inf
+    effect[..., [*task.scheduled_places.values()]] = np.inf
     if model.air is None or not limits:
         return np.where(effect > 0.0, 0.0, 1.0)
     gradient = air_of(model, linearisation.x[..., 1:, :]).gradient

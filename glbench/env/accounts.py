@@ -77,7 +77,7 @@ class Accounts:
         Whether a violation is the mean over the step, by the meters of the model; else that at the end of the step.
     stated_bounds
         Profit of a step that counts as 0 and as 1, where the task states them [EUR m-2].
-    scheduled
+    scheduled_places
         Places of scheduled controls, whose changes are no travel.
     """
 
@@ -90,7 +90,7 @@ class Accounts:
     limits: tuple[tuple[str, float, float, float], ...]
     means: bool = False
     stated_bounds: tuple[float, float] | None = None
-    scheduled: Sequence[int] = ()
+    scheduled_places: Sequence[int] = ()
 
     @cached_property
     def flows(self) -> Mapping[str, Flow]:
@@ -244,7 +244,7 @@ class Accounts:
         if controls_before is not None and TRAVEL in self.names:
             travel: Any = 0.0
             for place, (previous, control) in enumerate(zip(controls_before, controls, strict=True)):
-                if place not in self.scheduled:
+                if place not in self.scheduled_places:
                     # A pair of a larger and a smaller value, because a tape knows no absolute value.
                     travel = travel + (np.maximum(previous, control) - np.minimum(previous, control))
             quantities[TRAVEL] = travel
@@ -337,7 +337,7 @@ def make_accounts(task: TaskSpec) -> Accounts:
         limits=tuple((name, limits.low, limits.high, scale[name]) for name, limits in task.constraints.items()),
         means=task.judges_means,
         stated_bounds=None if bounds is None else (bounds.low, bounds.high),
-        scheduled=tuple(task.scheduled.values()),
+        scheduled_places=tuple(task.scheduled_places.values()),
     )
 
 

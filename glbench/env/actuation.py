@@ -259,7 +259,7 @@ def scheduled_controls(task: TaskSpec, read: Read) -> dict[str, Any]:
 
     ``read`` gives columns of the pool's calendar at the start of the step ("calendar"), and the steps taken before it ("counter", 0).
     """
-    first, controls = len(CLOCK) + len(task.price_tables), dict[str, Any].fromkeys(task.scheduled, 0.0)
+    first, controls = len(CLOCK) + len(task.price_tables), dict[str, Any].fromkeys(task.scheduled_places, 0.0)
     for place, entry in enumerate(task.schedule, first):
         applies = read("calendar", place)
         if entry.after_day:

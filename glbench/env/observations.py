@@ -166,7 +166,7 @@ _SOURCES: dict[str, Callable[[TaskSpec, WeatherTables], tuple[ColumnSource, ...]
     # The published code counts the step just taken, hence the step whose weather is shown and not the number of steps.
     "step_counter": lambda task, tables: (Numbers("counter", (1,), (1.0,)),),
     "switches": lambda task, tables: tuple(Locked(name) for name, _ in task.observation_context().holds),
-    "schedule": lambda task, tables: _plain("schedule", *(1.0,) * len(task.scheduled)),
+    "schedule": lambda task, tables: _plain("schedule", *(1.0,) * len(task.scheduled_places)),
     "prices": lambda task, tables: (Lookup(tables.prices, clocked=True),),
     "day_ahead_prices": lambda task, tables: (Lookup(tables.day_ahead, clocked=True),),
     "control_fractions": lambda task, tables: _plain("controls", *(1.0,) * len(task.model_value.control_names)),

@@ -124,7 +124,7 @@ class Picture:
         self._controls = tuple(
             (index, capacity)
             for index, capacity in enumerate(task.capacities())
-            if capacity.name in (*task.actuation.controls, *task.scheduled)
+            if capacity.name in (*task.actuation.controls, *task.scheduled_places)
         )
         self._lanes, self._amounts, lanes = self._make_lanes()
         money = self._axes(_RIGHT, _BOTTOM, 0.175, labelled=True)

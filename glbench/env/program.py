@@ -81,7 +81,7 @@ def record_quantities(task: TaskSpec) -> Tape | None:
 
 def calendar_columns(task: TaskSpec) -> int:
     """Columns of a run's calendar: the clock, then its price tables, then its scheduled controls (``actuation.run_calendar``)."""
-    return len(CLOCK) + len(task.price_tables) + len(task.scheduled)
+    return len(CLOCK) + len(task.price_tables) + len(task.scheduled_places)
 
 
 @lru_cache(maxsize=8)
@@ -157,9 +157,9 @@ def _actuation(task: TaskSpec, kind: actuation.RecordedActuation | None, scenari
     """Of a kind that is Python, the schedule alone."""
     names, places = task.model_value.control_names, scenarios.memory_layout.of(actuation.PART)
     with Recorder() as recorder:
-        scheduled = actuation.scheduled_controls(task, recorder.input)
+        schedule = actuation.scheduled_controls(task, recorder.input)
         if kind is None:
-            for name, value in scheduled.items():
+            for name, value in schedule.items():
                 recorder.output("controls", names.index(name), value)
             return recorder.tape()
         actions = {action.name: recorder.input("given", place) for place, action in enumerate(task.actions)}
@@ -174,7 +174,7 @@ def _actuation(task: TaskSpec, kind: actuation.RecordedActuation | None, scenari
             measured = Measured(temperature, co2, deficit, radiation, outside, wind, hour)
         next_controls, next_memory = kind.work(task, actuation.ActuationInputs(actions, controls, memory, measured))
         for index, name in enumerate(names):
-            recorder.output("controls", index, next_controls.get(name, scheduled.get(name, 0.0)))
+            recorder.output("controls", index, next_controls.get(name, schedule.get(name, 0.0)))
         for name, value in next_memory.items():
             recorder.output("memory", places[name], value)
     return recorder.tape()
@@ -310,7 +310,7 @@ def _numbers(task: TaskSpec, numbers: Numbers, recorder: Recorder, controls: lis
         elif numbers.source == "clock":
             value = recorder.input("calendar", index)
         elif numbers.source == "schedule":
-            value = actuation.scheduled_controls(task, recorder.input)[list(task.scheduled)[index]]
+            value = actuation.scheduled_controls(task, recorder.input)[list(task.scheduled_places)[index]]
         else:
             value = (air if numbers.source == "air" else controls)[index]
         values.append(value if factor == 1.0 else value * factor)

@@ -350,7 +350,7 @@ class Simulation:
         """
         self._check_running()
         self._write("direct_controls", controls)
-        if places := [*self.task.scheduled.values()]:
+        if places := [*self.task.scheduled_places.values()]:
             calendar = run_calendar(self.task, self.scenarios.pool.calendar[self._calendar_rows()], self._environments.k)
             self._environments.direct_controls[:, places] = calendar[:, -len(places) :]
         self._finish_step("direct_controls", self._environments.step_controls())

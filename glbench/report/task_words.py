@@ -435,13 +435,13 @@ def _interface(task: tasks.TaskSpec, card: tasks.TaskCard) -> Iterator[Section]:
     yield Section(heading, lines, bounds, ("", "Lowest", "Highest"), rows)
     by_name, heading = {capacity.name: capacity for capacity in card.controls}, "What the agent does"
     words = f"{len(card.actions)} numbers a step, in this order: {tasks.ACTUATION_KINDS[card.actuation].meaning}."
-    scheduled = [f"By the schedule {entry.control} is {entry.value:g}: {entry.in_words()}." for entry in task.schedule]
+    schedule = [f"By the schedule {entry.control} is {entry.value:g}: {entry.in_words()}." for entry in task.schedule]
     if any(action.name not in by_name for action in card.actions):
         rows = [
             (str(i), action.name, action.unit, f"{action.lowest:g}", f"{action.highest:g}", action.meaning)
             for i, action in enumerate(card.actions)
         ]
-        yield Section(heading, (words, *scheduled), bounds, ("", "Lowest", "Highest"), rows)
+        yield Section(heading, (words, *schedule), bounds, ("", "Lowest", "Highest"), rows)
         return
     rows = []
     for i, action in enumerate(card.actions):
@@ -449,13 +449,15 @@ def _interface(task: tasks.TaskSpec, card: tasks.TaskCard) -> Iterator[Section]:
         at_one, most = _delivers(one, 1.0), _delivers(one, card.max_change)
         rows.append((str(i), one.name, one.meaning, f"{action.low:g} to {action.high:g}", at_one, most))
     others = by_name.keys() - {action.name for action in card.actions}
-    rows += [("", name, by_name[name].meaning, "scheduled" if name in task.scheduled else "stays at 0", "", "") for name in sorted(others)]
+    rows += [
+        ("", one, by_name[one].meaning, "scheduled" if one in task.scheduled_places else "stays at 0", "", "") for one in sorted(others)
+    ]
     machines = [
         f"{name} is 0 or {one.lowest:g} to 1"
         + (f", and stays on or off for at least {one.hold_minutes:g} minutes." if one.hold_minutes else ".")
         for name, one in task.on_off.items()
     ]
-    machines += scheduled
+    machines += schedule
     columns = ("", "Control", "Drives", "Action", "At 1", "Most a step")
     yield Section(heading, (words, *machines), columns, ("", "At 1", "Most a step"), rows)
 

@@ -133,7 +133,7 @@ class ObservationContext:
     """Price tables of which coming hours are shown."""
     day_ahead_hours: tuple[int, ...] = ()
     """Hours ahead of their prices."""
-    scheduled: tuple[str, ...] = ()
+    scheduled_controls: tuple[str, ...] = ()
     """Controls that follow a schedule."""
 
     @property
@@ -295,11 +295,11 @@ def switches(context: ObservationContext) -> tuple[Quantity, ...]:
 
 def schedule(context: ObservationContext) -> tuple[Quantity, ...]:
     """Each scheduled control as it will be in the coming step; UnknownNameError where there is none."""
-    if not context.scheduled:
+    if not context.scheduled_controls:
         msg = "'schedule' shows controls that follow a schedule, and there is none: add [[schedule]]."
         raise UnknownNameError(msg)
     every = {c.name: c for c in capacities(context.model, context.parameters)}
-    ones = (every[name] for name in context.scheduled)
+    ones = (every[name] for name in context.scheduled_controls)
     return tuple(Quantity(f"{one.quantity}_scheduled", "-", 0.0, 1.0, f"{one.meaning}, in the coming step") for one in ones)
 
 

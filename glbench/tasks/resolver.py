@@ -244,7 +244,7 @@ class ResolvedTask(TaskRecord):
         return capacities(self.model_value, self.parameters_by_name())
 
     @cached_property
-    def scheduled(self) -> Mapping[str, int]:
+    def scheduled_places(self) -> Mapping[str, int]:
         """Controls that follow the schedule, with their places in the model; TaskError if it lacks one, or the agent has it."""
         names, controls = self.model_value.control_names, dict.fromkeys(entry.control for entry in self.schedule)
         for name in (name for name in controls if name not in names or name in self.actuation.controls):
@@ -376,7 +376,7 @@ class ResolvedTask(TaskRecord):
             tuple((name, table.unit, *table.limits) for name, table in self.price_tables.items()),
             () if self.day_ahead is None else self.day_ahead.prices,
             () if self.day_ahead is None else self.day_ahead.hours,
-            tuple(self.scheduled),
+            tuple(self.scheduled_places),
         )
 
     # What a step earns and costs.

@@ -89,7 +89,7 @@ def test_the_screen_is_where_the_entries_say_in_every_run(base: str) -> None:
     """Of generated seasons with one calendar, of those with prices of their own, and of a single season; runs begin on their own days."""
     task = scheduled(base)
     run = course(still(task), actions(task, 3))
-    place, steps = task.scheduled["uBlScr"], range(task.steps)
+    place, steps = task.scheduled_places["uBlScr"], range(task.steps)
     expected = [[as_written(moment.item(), k // task.steps_per_day) for moment in run["moments"][k]] for k in steps]
     assert run["u"][:, :, place].tolist() == expected
     assert {0.0, 0.5, 1.0} <= set(run["u"][:, :, place].ravel().tolist())

@@ -101,7 +101,7 @@ def test_the_clock_is_that_of_the_task() -> None:
 
 def test_a_file_with_a_schedule_is_a_task_of_its_own(tmp_path: Path) -> None:
     task = checked(tmp_path, 'weekdays = ["monday"]\nhours = [7.0, 15.0]\nfrom = "02-16"\nafter_day = 2\n')
-    assert dict(task.scheduled) == {"uBlScr": 5}
+    assert dict(task.scheduled_places) == {"uBlScr": 5}
     (one,) = task.definition()["schedule"]
     assert one == {
         "control": "uBlScr", "value": 1.0, "weekdays": ["monday"], "hours": [7.0, 15.0], "from": [2, 16], "after_day": 2,
@@ -109,7 +109,7 @@ def test_a_file_with_a_schedule_is_a_task_of_its_own(tmp_path: Path) -> None:
     other = task.replace({"schedule": [{"control": "uBlScr", "value": 0.5}]})
     assert len({task.digest, other.digest, task.replace({"schedule": None}).digest}) == 3
     assert "schedule" not in get_task("Spring-v1").definition()
-    assert dict(other.replace({"schedule": None}).scheduled) == {}
+    assert dict(other.replace({"schedule": None}).scheduled_places) == {}
     again = task_card(task).task()
     assert again.schedule == task.schedule
     assert TaskSpec.of_attachment(json.loads(json.dumps(task.attachment()))).digest == task.digest

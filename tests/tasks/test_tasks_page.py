@@ -110,7 +110,7 @@ def test_the_task_of_schema_2_shown_is_one(page: str, write: Write) -> None:
 
 def test_the_schedule_shown_is_what_the_words_say(page: str, write: Write) -> None:
     task = get_task(write(block(page, "toml", "DarkNights-v1")))
-    assert list(task.scheduled) == ["uBlScr"]
+    assert list(task.scheduled_places) == ["uBlScr"]
     assert [entry.in_words() for entry in task.schedule] == ["20:00 to 06:00", "Monday and Thursday, 07:00 to 15:00, 1 April to 30 June"]
     assert task.observed()[-1].name == "blackout_screen_scheduled"
 
