@@ -1,8 +1,7 @@
 """From actions to controls: small named parts, one of which a task chooses.
 
 A part is made once for a task. In every step it turns the controls in force, fractions per row, and the actions into
-the controls of the step. Of the controls that the task does not grant, those of its schedule follow that (``scheduled_controls``), and
-the others stay at 0. To add a part, register a function that makes it:
+the controls of the step. Controls that the task does not grant follow its schedule or stay at 0. To add one, register a function:
 
     register_actuation("direct", "the action is the control", lambda task: Direct(task), low=0.0, high=1.0)
 

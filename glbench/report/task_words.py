@@ -449,9 +449,8 @@ def _interface(task: tasks.TaskSpec, card: tasks.TaskCard) -> Iterator[Section]:
         at_one, most = _delivers(one, 1.0), _delivers(one, card.max_change)
         rows.append((str(i), one.name, one.meaning, f"{action.low:g} to {action.high:g}", at_one, most))
     others = by_name.keys() - {action.name for action in card.actions}
-    rows += [
-        ("", one, by_name[one].meaning, "scheduled" if one in task.scheduled_places else "stays at 0", "", "") for one in sorted(others)
-    ]
+    idle = dict.fromkeys(others, "stays at 0") | dict.fromkeys(task.scheduled_places, "scheduled")
+    rows += [("", name, by_name[name].meaning, idle[name], "", "") for name in sorted(others)]
     machines = [
         f"{name} is 0 or {one.lowest:g} to 1"
         + (f", and stays on or off for at least {one.hold_minutes:g} minutes." if one.hold_minutes else ".")

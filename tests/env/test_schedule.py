@@ -184,7 +184,7 @@ def test_python_kinds_and_the_process_computer_leave_the_schedule_alone(own_word
     lamps = [{**one, "control": "uLamp"} for one in ENTRIES]
     granted = [name for name in computed.actuation.controls if name != "uLamp"]
     computed = computed.replace({"actuation.controls": granted, "schedule": lamps})
-    lamp = computed.scheduled["uLamp"]
+    lamp = computed.scheduled_places["uLamp"]
     run = course(still(computed), actions(computed, 3))
     assert run["u"][..., lamp].tobytes() == by_rate["u"][..., SCREEN].tobytes()
 
