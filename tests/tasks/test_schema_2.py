@@ -266,7 +266,7 @@ start = [{ states = ["cFruit"], half_width = 0.1 }]
         ("hourly = ", 'from_day = { "02-31" = 1.0 }\nhourly = ', "must have exactly one of hourly"),
         ('id = "toy-1.0.0"', 'id = "toy-1.0.1"', "[model] There is no version 1.0.1 of the model 'toy'. Known: 1.0.0."),
         ('"uTap"', '"uTab"', "[actuation] There is no control called 'uTab'. Did you mean 'uTap'?"),
-        ('"scales"', '"scale"', "[observation] toy-1.0.0 has no observation module 'scale'. Did you mean 'scales'?"),
+        ('"scales"', '"scale"', "[observation] toy-1.0.0 has no observation module 'scale'. Did you mean 'scales' or 'schedule'?"),
         ('"scales"', '"crop"', "toy-1.0.0 has no observation module 'crop'."),
         ('"seedling"', '"seed"', "[initial_state] toy-1.0.0 has no start 'seed'. Did you mean 'seedling'?"),
         ('["epi"]', '["scaled_epi"]', ""),
