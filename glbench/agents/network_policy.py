@@ -337,7 +337,7 @@ class Actor:
 
 
 _OWN = ("traced", "shares", "max_change", "low", "high")
-_GRU = {"weights": 2, "bias": 1, "recurrent": 2}  # And how many dimensions they have
+_GRU = {"weights": 2, "bias": 1, "recurrent": 2}  # Its arrays, and how many dimensions each has
 
 
 def read_actor(file: Path) -> Actor:
