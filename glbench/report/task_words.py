@@ -9,11 +9,10 @@ from __future__ import annotations
 import datetime as dt
 import re
 from calendar import month_name
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from statistics import fmean
-from types import MappingProxyType
 from typing import Any
 from zoneinfo import ZoneInfo
 
@@ -64,30 +63,26 @@ def definition_in_words(task: tasks.TaskSpec) -> Iterator[Section]:
     yield from _scoring(task)
 
 
-_TOPICS: Mapping[str, str] = MappingProxyType(
-    {
-        "weather": "the season and its weather",
-        "model": "the model of greenhouse and crop",
-        "initial": "the start",
-        "scenario": "what is drawn at random",
-        "uncertainty": "what is drawn at random",
-        "sensors": "the errors of sensors",
-        "observation": "what the agent sees",
-        "actuation": "what the agent controls",
-        "ledger": "what is sold and paid for",
-        "price_tables": "prices",
-        "schedule": "what follows the calendar",
-        "constraints": "the limits of the climate",
-        "violation_prices": "the price of a violation",
-        "reward": "what is scored",
-        "evaluation": "the number of runs",
-        "splits": "the seasons to learn from and to be judged by",
-    }
-)
+_TOPICS = {
+    "weather": "the season and its weather",
+    "model": "the model of greenhouse and crop",
+    "initial": "the start",
+    "scenario": "what is drawn at random",
+    "uncertainty": "what is drawn at random",
+    "sensors": "the errors of sensors",
+    "observation": "what the agent sees",
+    "actuation": "what the agent controls",
+    "ledger": "what is sold and paid for",
+    "price_tables": "prices",
+    "schedule": "what follows the calendar",
+    "constraints": "the limits of the climate",
+    "violation_prices": "the price of a violation",
+    "reward": "what is scored",
+    "evaluation": "the number of runs",
+    "splits": "the seasons to learn from and to be judged by",
+}
 """What the tables of a task file are about."""
-_SPELLINGS: Mapping[str, str] = MappingProxyType(
-    {"degC": "°C", "CO2": "CO₂", " m2": " m²", "EUR m-2": "EUR/m²", "kg m-2": "kg/m²", "kWh m-2": "kWh/m²"}
-)
+_SPELLINGS = {"degC": "°C", "CO2": "CO₂", " m2": " m²", "EUR m-2": "EUR/m²", "kg m-2": "kg/m²", "kWh m-2": "kWh/m²"}
 """Units and signs of the definition as people write them."""
 
 
@@ -328,9 +323,7 @@ def _period(task: tasks.TaskSpec, card: tasks.TaskCard | None) -> list[str]:
     ]
 
 
-_FOR: Mapping[str, str] = MappingProxyType(
-    {"training": "Training", "validation": "Validation, to choose between agents", "test": "Test, which scores"}
-)
+_FOR = {"training": "Training", "validation": "Validation, to choose between agents", "test": "Test, which scores"}
 
 
 def _splits(task: tasks.TaskSpec, splits: SplitsTable) -> Iterator[str]:
@@ -413,7 +406,7 @@ def _meaning(words: tasks.Registry[Any], name: str) -> str:
     return words[name].meaning if name in words else f"'{name}'"
 
 
-_WHEN: Mapping[str, str] = MappingProxyType({"step": "at every step", "day": "every day", "episode": "once a run"})
+_WHEN = {"step": "at every step", "day": "every day", "episode": "once a run"}
 
 
 def _interface(task: tasks.TaskSpec, card: tasks.TaskCard) -> Iterator[Section]:
