@@ -32,6 +32,9 @@ class Variable(Quantity):
         Factors on its tolerance: in the presets that weigh all states evenly, and in those that are weighed against CVODES.
     fast
         Whether it settles within a minute or so: an error made long before the end of a step is forgotten at its end.
+    follower
+        Whether it is slow, and its rate depends on other states only through followers and the rates of other states. The compiled kernel
+        holds it while the others move, and lets it follow at the end of the step.
     """
 
     scale: float = 10.0
@@ -39,6 +42,7 @@ class Variable(Quantity):
     sharper: float = 1.0
     balance: float = 1.0
     fast: bool = False
+    follower: bool = False
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,7 @@ class NamedVariable(NamedQuantity):
     sharper: float
     balance: float
     fast: bool
+    follower: bool
 
 
 def public_name(attribute: str) -> str:

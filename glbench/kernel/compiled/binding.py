@@ -26,6 +26,7 @@ class Failure(IntEnum):
     TOO_MANY_SUBSTEPS = 2
     SUBSTEP_TOO_SMALL = 3
     EQUIPMENT_PRESENT = 4  # internal: the row goes to the library of the full model
+    FOLLOWER_NOT_FINITE = 5
 
 
 def failed_with(status: NDArray[np.int32], failure: Failure) -> NDArray[np.intp]:
@@ -192,6 +193,8 @@ def explain(model: Model, status: int, reached: float, substeps: int, settings: 
     name = model.state_names[state] if state != _NO_STATE else ""
     if failure == Failure.INPUT_NOT_FINITE:
         return f"the state {name} is not finite" if name else "controls, weather or parameters are not usable numbers"
+    if failure == Failure.FOLLOWER_NOT_FINITE:
+        return f"{name} is not finite at the end of the step"
     cause = (
         f"needed more than {int(settings.most)} substeps"
         if failure == Failure.TOO_MANY_SUBSTEPS

@@ -1,20 +1,25 @@
 """The model as C++ text: from ``glbench.model`` through graph, regrouping, differentiation and elimination.
 
 Two states need no integration: a clock, and whatever equipment that is not there would have done. A state with a constant
-rate that no other rate reads is a *clock* here; its exact solution ``x + h rate`` is taken at the end of the step. The
-others are called *moving* and are numbered anew in the generated code.
+rate that no other rate reads is a *clock* here; its exact solution ``x + h rate`` is taken at the end of the step.
+*Followers* are slow: they are held within the step like weather, behind which they stand in ``d``, and follow at its end
+(native/followers.hpp). The others are called *moving* and are numbered anew in the generated code.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from glbench.kernel.compiled import derivative, lu
 from glbench.kernel.compiled.derivative import Gradient
 from glbench.kernel.compiled.emit import function_in_two_orders, stored_inputs
-from glbench.kernel.compiled.graph import Graph, Level, read_function
+from glbench.kernel.compiled.graph import Graph, Level, Source, read_function
 from glbench.kernel.compiled.regroup import regroup, spell_out_logistic
+
+
+INPUTS = ("x", "u", "d", "p")
 
 
 @dataclass(frozen=True)
@@ -29,11 +34,17 @@ class Traits:
         States that forget errors quickly; they come first in the generated code.
     singular
         Two moving states whose difference the rates depend on like a root, if there are such.
+    followers
+        States that are held within a step and follow at its end.
+    names
+        Names of the states for messages, where there are followers.
     """
 
     zeros: tuple[int, ...] = ()
     fast: tuple[int, ...] = ()
     singular: tuple[int, int] | None = None
+    followers: tuple[int, ...] = ()
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -56,27 +67,58 @@ class GeneratedModel:
 
 
 @dataclass(frozen=True)
+class Followers:
+    """Rates of the followers, regrouped.
+
+    Attributes
+    ----------
+    graph, rates
+        Their graph, in which ``("x", i)`` is a follower and ``("v", i)`` the mean rate of state i over the step, and their rates.
+    states, drivers
+        The followers, and the states whose rates they read.
+    reads
+        Elements of p, u and d that they read.
+    """
+
+    graph: Graph
+    rates: list[int]
+    states: tuple[int, ...]
+    drivers: list[int]
+    reads: list[Source]
+
+    @property
+    def names(self) -> dict[Source, str]:
+        """What the inputs are called in the generated code."""
+        names = {("x", state): f"x[{k}]" for k, state in enumerate(self.states)}
+        names |= {("v", state): f"v[{k}]" for k, state in enumerate(self.drivers)}
+        return names | {source: f"q[{k}]" for k, source in enumerate(self.reads)}
+
+
+@dataclass(frozen=True)
 class Structure:
     """A model's graph after regrouping, and what follows from its Jacobian.
 
     Attributes
     ----------
     graph, slopes
-        The regrouped graph with its derivatives, and the time derivative of each state.
+        The regrouped graph with its derivatives, and the time derivative of each state but followers.
     rows
-        Derivatives of each slope with respect to the state.
+        Derivatives of each of these with respect to the state.
     moving, clocks
-        States that are integrated, in the order of the generated code, and the others.
+        States that are integrated, in the order of the generated code, and those that need not be.
     plan
         Elimination of the moving states' matrix.
+    followers
+        The others, if there are any.
     """
 
     graph: Graph
-    slopes: list[int]
-    rows: list[Gradient]
+    slopes: dict[int, int]
+    rows: dict[int, Gradient]
     moving: list[int]
     clocks: list[int]
     plan: lu.Elimination
+    followers: Followers | None
 
     @property
     def own(self) -> dict[int, int]:
@@ -86,16 +128,43 @@ class Structure:
 
 def analyse(function: Any, traits: Traits) -> Structure:
     """Read, regroup and differentiate a model; arguments and errors as for ``generate``."""
-    graph, slopes = read_function(function, ("x", "u", "d", "p"), traits.zeros)
-    graph, slopes = regroup(graph, slopes)
-    rows = derivative.jacobian(graph, slopes)
-    read = {j for row in rows for j in row}
-    integrated = [i for i, slope in enumerate(slopes) if graph.levels[slope] == Level.STATE or i in read]
+    held = {("x", state): ("d", int(function.numel_in(2)) + k) for k, state in enumerate(traits.followers)}
+    trace: dict[int, int] = {}
+    graph, outputs = read_function(function, INPUTS, traits.zeros, renamed=held, trace=trace)
+    followers = None
+    if traits.followers:
+        rates = {n: i for i, n in reversed([*enumerate(outputs)]) if graph.levels[n] == Level.STATE and i not in traits.followers}
+        followers = _followers(function, traits, {k: ("v", rates[number]) for k, number in trace.items() if number in rates})
+    others = [i for i in range(len(outputs)) if i not in traits.followers]
+    graph, outputs = regroup(graph, [outputs[i] for i in others])
+    slopes = dict(zip(others, outputs, strict=True))
+    rows = dict(zip(others, derivative.jacobian(graph, outputs), strict=True))
+    read = {j for row in rows.values() for j in row}
+    integrated = [i for i, slope in slopes.items() if graph.levels[slope] == Level.STATE or i in read]
     moving = sorted(integrated, key=lambda state: (state not in traits.fast, state))
-    clocks = [i for i in range(len(slopes)) if i not in moving]
+    clocks = [i for i in others if i not in moving]
     own = {state: k for k, state in enumerate(moving)}
     plan = lu.eliminate([sorted(own[j] for j in rows[i]) for i in moving])
-    return Structure(graph, slopes, rows, moving, clocks, plan)
+    return Structure(graph, slopes, rows, moving, clocks, plan, followers)
+
+
+def _followers(function: Any, traits: Traits, cuts: Mapping[int, Source]) -> Followers:
+    """The rates of the followers, with the rates of other states cut off."""
+    graph, outputs = read_function(function, INPUTS, traits.zeros, cuts=cuts)
+    for follower in traits.followers:
+        nodes = [graph.nodes[n] for n in graph.needed([outputs[follower]])]
+        alien = next((node.index for node in nodes if node.source == "x" and node.index not in traits.followers), None)
+        if alien is not None:
+            name, other = (traits.names[i] if traits.names else f"state {i}" for i in (follower, alien))
+            msg = (
+                f"{name} is a follower, and its rate reads {other}, which is none. A follower may read followers, controls, disturbances, "
+                f"parameters and the rates of other states: add a state whose rate is what {name} needs of {other}, and let it read that rate."
+            )
+            raise ValueError(msg)
+    graph, rates = regroup(graph, [outputs[i] for i in traits.followers])
+    sources = [(node.source, node.index) for node in (graph.nodes[n] for n in graph.needed(rates)) if node.op == "input"]
+    drivers = sorted(index for source, index in sources if source == "v")
+    return Followers(graph, rates, traits.followers, drivers, sorted(source for source in sources if source[0] in "pud"))
 
 
 def generate(function: Any, traits: Traits | None = None) -> GeneratedModel:
@@ -126,7 +195,7 @@ def generate(function: Any, traits: Traits | None = None) -> GeneratedModel:
     own, plan = model.own, model.plan
     place, own_entries = lu.places(plan), [(own[i], own[j]) for i, j in entries]
     sizes = {
-        "STATES": len(slopes),
+        "STATES": int(function.numel_in(0)),
         "CONTROLS": int(function.numel_in(1)),
         "DISTURBANCES": int(function.numel_in(2)),
         "PARAMETERS": int(function.numel_in(3)),
@@ -149,6 +218,7 @@ def generate(function: Any, traits: Traits | None = None) -> GeneratedModel:
         text.slopes_and_jacobian(at_state, [place[entry] for entry in own_entries]),
         lu.factorise_text(plan, own_entries),
         lu.solve_text(plan),
+        _followers_text(model.followers, own) if model.followers else "",
         "}  // namespace model\n}  // namespace glb\n#undef K\n",
     ]
     operations: dict[str, int] = {}
@@ -157,6 +227,35 @@ def generate(function: Any, traits: Traits | None = None) -> GeneratedModel:
         if graph.levels[number] == Level.STATE and op != "input":
             operations[op] = operations.get(op, 0) + 1
     return GeneratedModel("".join(parts), tuple(moving), sizes | operations)
+
+
+def _followers_text(followers: Followers, own: dict[int, int]) -> str:
+    """C++ of the followers' rates, in two parts: what is the same throughout a step, and the rest."""
+    graph, rates = spell_out_logistic(followers.graph, followers.rates)
+    place = {number: k for k, number in enumerate(stored_inputs(graph, rates))}
+    names = followers.names
+
+    def of_input(number: int) -> str | None:
+        node = graph.nodes[number]
+        return names[node.source, node.index] if node.op == "input" else None
+
+    def of_state(number: int) -> str | None:
+        return f"s[{place[number]}]" if number in place else of_input(number)
+
+    lists = {"FOLLOWER_STATE": followers.states, "DRIVER": [own[state] for state in followers.drivers]}
+    lists |= {f"READ_{key.upper()}": [index for source, index in followers.reads if source == key] for key in "dpu"}
+    sizes = {"FOLLOWERS": len(rates), "DRIVERS": len(followers.drivers), "READS": len(followers.reads), "STORED_FOR_FOLLOWERS": len(place)}
+    stores = {f"s[{k}]": number for number, k in place.items()}
+    slopes = {f"f[{k}]": number for k, number in enumerate(rates)}
+    return "".join(
+        [
+            "#define GLB_FOLLOWERS\n",
+            *(f"constexpr int {name} = {value};\n" for name, value in sizes.items()),
+            *(f"constexpr int {name}[] = {{{', '.join(map(str, [*entries, -1]))}}};\n" for name, entries in lists.items()),
+            function_in_two_orders("void follower_inputs(const V* q, const V* v, V* s)", graph, stores, of_input),
+            function_in_two_orders("void follower_rates(const V* x, const V* s, V* f)", graph, slopes, of_state),
+        ]
+    )
 
 
 class _Text:

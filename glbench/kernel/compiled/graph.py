@@ -8,9 +8,10 @@ nothing that would change a result by more than the rounding of the folded const
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from types import MappingProxyType
 from typing import Any
 
 import casadi
@@ -257,7 +258,19 @@ _DIRECT = {
 _NAMES = {getattr(casadi, name): name for name in dir(casadi) if name.startswith("OP_")}
 
 
-def read_function(function: Any, input_names: Sequence[str], zeros: Collection[int] = ()) -> tuple[Graph, list[int]]:
+Source = tuple[str, int]
+"""Element of an input: its name and place."""
+
+
+def read_function(
+    function: Any,
+    input_names: Sequence[str],
+    zeros: Collection[int] = (),
+    *,
+    renamed: Mapping[Source, Source] = MappingProxyType({}),
+    cuts: Mapping[int, Source] = MappingProxyType({}),
+    trace: dict[int, int] | None = None,
+) -> tuple[Graph, list[int]]:
     """Graph of an SX function and the nodes of its first output, in order.
 
     Parameters
@@ -268,6 +281,12 @@ def read_function(function: Any, input_names: Sequence[str], zeros: Collection[i
         Name of each argument, in order; ``"x"`` is the state.
     zeros
         Elements of ``"p"`` that are known to be zero: what they multiply is left out.
+    renamed
+        Elements of inputs that the graph reads as elements of others.
+    cuts
+        Instructions whose result the graph reads as an element of an input instead of computing it.
+    trace
+        Gets the node of each instruction.
 
     Raises
     ------
@@ -281,16 +300,21 @@ def read_function(function: Any, input_names: Sequence[str], zeros: Collection[i
     for k in range(function.n_instructions()):
         code = function.instruction_id(k)
         operands, results = function.instruction_input(k), function.instruction_output(k)
-        if code == casadi.OP_INPUT:
+        if k in cuts:
+            work[results[0]] = graph.source(*cuts[k])
+        elif code == casadi.OP_INPUT:
             name = input_names[operands[0]]
             absent = name == "p" and operands[1] in zeros
-            work[results[0]] = graph.constant(0.0) if absent else graph.source(name, operands[1])
+            source = (name, operands[1])
+            work[results[0]] = graph.constant(0.0) if absent else graph.source(*renamed.get(source, source))
         elif code == casadi.OP_CONST:
             work[results[0]] = graph.constant(function.instruction_constant(k))
         elif code == casadi.OP_OUTPUT:
             outputs[rows[results[1]]] = work[operands[0]]
         else:
             work[results[0]] = _node(graph, code, [work[i] for i in operands])
+        if trace is not None and code != casadi.OP_OUTPUT:
+            trace[k] = work[results[0]]
     return graph, outputs
 
 

@@ -335,10 +335,9 @@ def prebuilt_key(model: Model, traits: Traits) -> str:
 def traits_of(model: Model, zeros: tuple[int, ...]) -> Traits:
     """What is known of a model beyond its equations, with these parameters known to be zero."""
     fast = tuple(i for i, state in enumerate(model.states) if state.fast)
-    if model.singular is None:
-        return Traits(zeros, fast)
-    first, second = model.singular
-    return Traits(zeros, fast, (model.state_index(first), model.state_index(second)))
+    singular = None if model.singular is None else tuple(map(model.state_index, model.singular))
+    followers = tuple(i for i, state in enumerate(model.states) if state.follower)
+    return Traits(zeros, fast, singular, followers, model.state_names if followers else ())
 
 
 @cache

@@ -48,7 +48,7 @@ class RowWork {
     ~RowWork() = default;
 };
 
-enum Failure : int32_t { INPUT_NOT_FINITE = 1, TOO_MANY_SUBSTEPS = 2, SUBSTEP_TOO_SMALL = 3, EQUIPMENT_PRESENT = 4 };
+enum Failure : int32_t { INPUT_NOT_FINITE = 1, TOO_MANY_SUBSTEPS = 2, SUBSTEP_TOO_SMALL = 3, EQUIPMENT_PRESENT = 4, FOLLOWER_NOT_FINITE = 5 };
 constexpr int STATUS_STATES = 1 << 16, NO_STATE = STATUS_STATES - 1;
 
 }  // namespace glb

@@ -7,6 +7,9 @@
 
 #include "rosenbrock.hpp"
 #include "rows.hpp"
+#ifdef GLB_FOLLOWERS
+#include "followers.hpp"
+#endif
 
 namespace glb {
 
@@ -118,6 +121,9 @@ template <class V> class Stepper {
     alignas(64) double absolute_[PADDED] = {}, relative_[PADDED] = {};  // tolerances of the moving states
     int64_t row_[W];
     double clock_[W][model::CLOCKS + 1];  // clocks at the end of the step
+#ifdef GLB_FOLLOWERS
+    double reads_[W][model::READS + 1];  // what the followers read of p, u and d
+#endif
     bool exhausted_ = false;
     bool again_ = false;  // of one lane: the last substep was rejected, the next one starts from the same state
 
@@ -179,6 +185,9 @@ template <class V> class Stepper {
         set_element(right_, to, element(other.right_, from));
         set_element(busy_, to, 1.0);
         for (int i = 0; i < model::CLOCKS; ++i) clock_[to][i] = other.clock_[from][i];
+#ifdef GLB_FOLLOWERS
+        std::memcpy(reads_[to], other.reads_[from], sizeof reads_[to]);
+#endif
         row_[to] = other.row_[from];
     }
 
@@ -201,6 +210,12 @@ template <class V> class Stepper {
             const double *x = in.x, *p = in.p;
             alignas(64) double stored[STORED_ROOM] = {}, moving[PADDED] = {}, weight[PADDED];
             double rate[model::CLOCKS + 1];
+#ifdef GLB_FOLLOWERS
+            double held[HELD];
+            hold(in.d, x, held);
+            in.d = held;
+            read_inputs(p, in.u, in.d, reads_[lane]);
+#endif
             model::prepare<double>(p, in.u, in.d, stored, rate);
             const int32_t unusable = first_problem(x, p, stored);
             if (unusable != 0) {
@@ -265,6 +280,20 @@ template <class V> class Stepper {
 
     void finish(int lane) {
         double* out = rows_.out + row_[lane] * model::STATES;
+#ifdef GLB_FOLLOWERS
+        const double* before = rows_.x + row_[lane] * model::STATES;
+        double mean[model::DRIVERS + 1];
+        alignas(64) Followers<double> slow = {};
+        for (int k = 0; k < model::DRIVERS; ++k)
+            mean[k] = (element(work_.x[model::DRIVER[k]], lane) - before[model::MOVING_STATE[model::DRIVER[k]]]) / settings_.step;
+        for (int k = 0; k < model::FOLLOWERS; ++k) slow[k] = before[model::FOLLOWER_STATE[k]];
+        follow<double>(reads_[lane], mean, settings_.step, slow);
+        for (int k = 0; k < model::FOLLOWERS; ++k)
+            if (!finite(slow[k]))
+                return report(row_[lane], FOLLOWER_NOT_FINITE * STATUS_STATES + model::FOLLOWER_STATE[k],
+                              static_cast<int32_t>(element(taken_, lane)), settings_.step);
+        for (int k = 0; k < model::FOLLOWERS; ++k) out[model::FOLLOWER_STATE[k]] = slow[k];
+#endif
         for (int i = 0; i < N; ++i) out[model::MOVING_STATE[i]] = element(work_.x[i], lane);
         for (int i = 0; i < model::CLOCKS; ++i) out[model::CLOCK_STATE[i]] = clock_[lane][i];
         report(row_[lane], 0, static_cast<int32_t>(element(taken_, lane)), settings_.step);
