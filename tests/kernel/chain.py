@@ -24,7 +24,7 @@ class ChainParameters(NamedTuple):
     steepness: Annotated[Expr, Parameter("-", "how much the sink of a stage changes with development", 2.0, check="nonnegative")]
     loss: Annotated[Expr, Parameter("s-1", "fruit lost", 1e-8, check="nonnegative")]
     setting: Annotated[Expr, Parameter("m-2 s-1", "fruit set", 5e-6, check="nonnegative")]
-    exchange: Annotated[Expr, Parameter("s-1", "how fast the store follows the fruit", 1e-6, check="nonnegative")]
+    exchange: Annotated[Expr, Parameter("s-1", "how fast the store follows the fruit", 5e-7, check="nonnegative")]
 
 
 def _state(stages: int, *, follower: bool) -> type[Any]:

@@ -87,11 +87,11 @@ class Followers:
     reads: list[Source]
 
     @property
-    def names(self) -> dict[Source, str]:
-        """What the inputs are called in the generated code."""
-        names = {("x", state): f"x[{k}]" for k, state in enumerate(self.states)}
-        names |= {("v", state): f"v[{k}]" for k, state in enumerate(self.drivers)}
-        return names | {source: f"q[{k}]" for k, source in enumerate(self.reads)}
+    def places(self) -> dict[Source, Source]:
+        """Where the generated code has the inputs: followers in x, mean rates in v, what they read in q."""
+        places: dict[Source, Source] = {("x", state): ("x", k) for k, state in enumerate(self.states)}
+        places |= {("v", state): ("v", k) for k, state in enumerate(self.drivers)}
+        return places | {source: ("q", k) for k, source in enumerate(self.reads)}
 
 
 @dataclass(frozen=True)
@@ -233,11 +233,11 @@ def _followers_text(followers: Followers, own: dict[int, int]) -> str:
     """C++ of the followers' rates, in two parts: what is the same throughout a step, and the rest."""
     graph, rates = spell_out_logistic(followers.graph, followers.rates)
     place = {number: k for k, number in enumerate(stored_inputs(graph, rates))}
-    names = followers.names
+    places = followers.places
 
     def of_input(number: int) -> str | None:
         node = graph.nodes[number]
-        return names[node.source, node.index] if node.op == "input" else None
+        return "{}[{}]".format(*places[node.source, node.index]) if node.op == "input" else None
 
     def of_state(number: int) -> str | None:
         return f"s[{place[number]}]" if number in place else of_input(number)

@@ -10,18 +10,20 @@ the *inputs* c(p, u, d). Written are
 - products with these matrices and their transposes;
 - the linear algebra of a substep's derivatives: factors of W, substitutions for many right-hand sides, transposed ones. By the plan of
   lu.py, but with factors of its own, so that those of the step may be laid out for the step's speed alone;
-- ``inputs`` with its forward and reverse derivatives.
+- ``inputs`` with its forward and reverse derivatives, and those of the followers' rates.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import chain
+from types import MappingProxyType
 from typing import Any
 
 from glbench.kernel.compiled import derivative
 from glbench.kernel.compiled.emit import Emitter, stored_inputs
-from glbench.kernel.compiled.generate import Structure, Traits, analyse
-from glbench.kernel.compiled.graph import Graph, Node
+from glbench.kernel.compiled.generate import Followers, Structure, Traits, analyse
+from glbench.kernel.compiled.graph import Graph, Node, Source
 from glbench.kernel.compiled.lu import Elimination
 from glbench.kernel.compiled.regroup import spell_out_logistic
 
@@ -108,9 +110,6 @@ template <class V, int... I> GLB_INLINE void add_multiples(const double* m, V v,
 }
 """
 
-_TANGENT = {"p": "dp", "u": "du", "d": "dd"}
-_SIZES = {"p": "PARAMETERS", "u": "CONTROLS", "d": "DISTURBANCES"}
-
 
 def generate_sensitivities(function: Any, traits: Traits | None = None) -> str:
     """Header to be included after that of ``generate`` for the same function and traits; arguments and errors as there."""
@@ -123,6 +122,7 @@ def generate_sensitivities(function: Any, traits: Traits | None = None) -> str:
         _HELPERS,
         _rates_text(model, slopes, inputs),
         _inputs_text(model, inputs, function),
+        _followers_text(model.followers) if model.followers else "",
         "}  // namespace model\n}  // namespace glb\n#undef K\n",
     ]
     return "".join(parts)
@@ -179,8 +179,10 @@ def _rates_text(model: Structure, slopes: list[int], inputs: list[int]) -> str:
     return "".join(parts)
 
 
-def _cut(graph: Graph, outputs: list[int], inputs: Sequence[int]) -> tuple[Graph, list[int]]:
-    """A new graph in which ``inputs`` are the elements of the input "c"."""
+def _cut(
+    graph: Graph, outputs: list[int], inputs: Sequence[int], renamed: Mapping[Source, Source] = MappingProxyType({})
+) -> tuple[Graph, list[int]]:
+    """A new graph in which ``inputs`` are the elements of the input "c", and others are ``renamed``."""
     new = Graph()
     numbers = {number: new.source("c", k) for k, number in enumerate(inputs)}
     for number in graph.needed(outputs):
@@ -190,7 +192,7 @@ def _cut(graph: Graph, outputs: list[int], inputs: Sequence[int]) -> tuple[Graph
         if node.op == "const":
             numbers[number] = new.constant(node.value)
         elif node.op == "input":
-            numbers[number] = new.source(node.source, node.index)
+            numbers[number] = new.source(*renamed.get((node.source, node.index), (node.source, node.index)))
         elif all(a in numbers for a in node.args):  # else it only leads to one of the inputs
             numbers[number] = new.make(node.op, *(numbers[a] for a in node.args))
     return new, [numbers[number] for number in outputs]
@@ -227,36 +229,56 @@ def _products_text(label: str, entries: Entries) -> str:
 
 # -- inputs as a function of p, u and d ----------------------------------------------------------------------------------
 def _inputs_text(model: Structure, inputs: list[int], function: Any) -> str:
-    graph = model.graph
-    outputs = inputs + [model.slopes[i] for i in model.clocks]
+    followers = 0 if model.followers is None else len(model.followers.states)
+    sizes = {"p": int(function.numel_in(3)), "u": int(function.numel_in(1)), "d": int(function.numel_in(2)) + followers}
+    return _both_ways("inputs", model.graph, sizes, {"c": inputs, "rate": [model.slopes[i] for i in model.clocks]})
+
+
+def _both_ways(label: str, graph: Graph, sizes: Mapping[str, int], results: Mapping[str, list[int]]) -> str:
+    """C++ of the first of ``results`` as a function of inputs of those sizes, and of the forward and reverse derivatives of all."""
+    outputs = list(chain.from_iterable(results.values()))
 
     def tangent(node: Node) -> int | None:
-        return graph.source(_TANGENT[node.source], node.index) if node.source in _TANGENT else None
+        return graph.source(f"d{node.source}", node.index) if node.source in sizes else None
 
     tangents = derivative.directional(graph, outputs, tangent)
-    seeds = [graph.source("cb", k) for k in range(len(inputs))]
-    seeds += [graph.source("rateb", k) for k in range(len(model.clocks))]
+    seeds = [graph.source(f"{key}b", k) for key, nodes in results.items() for k in range(len(nodes))]
     adjoints = derivative.reverse(graph, outputs, seeds)
-    sizes = {"p": int(function.numel_in(3)), "u": int(function.numel_in(1)), "d": int(function.numel_in(2))}
     places = [(source, index) for source, size in sizes.items() for index in range(size)]
     zero = graph.constant(0.0)
     backward = [adjoints.get(place, zero) for place in places]
     graph, nodes = spell_out_logistic(graph, outputs + tangents + backward)
-    count, split = len(outputs), len(inputs)
-    values, forward, backward = nodes[:count], nodes[count : 2 * count], nodes[2 * count :]
+    count, (first, *_) = len(outputs), results
+    values, forward, backward = nodes[: len(results[first])], iter(nodes[count : 2 * count]), nodes[2 * count :]
     name = _named("", graph)
-    point = "const V* p, const V* u, const V* d"
+
+    def arrays(pattern: str, keys: Iterable[str]) -> str:
+        return ", ".join(pattern.format(key) for key in keys)
+
+    point, seen = arrays("const V* {}", sizes), arrays("const V* {}b", results)
+    along = {f"d{key}[{k}]": next(forward) for key, nodes in results.items() for k in range(len(nodes))}
     targets = {f"{source}b[{index}]": node for (source, index), node in zip(places, backward, strict=True)}
+    moves, moved = arrays("const V* d{}", sizes), arrays("V* d{}", results)
     return "".join(
         [
-            _function_text(f"void inputs({point}, V* c)", graph, name, _targets("c", values[:split])),
-            _function_text(
-                f"void inputs_forward({point}, const V* dp, const V* du, const V* dd, V* dc, V* drate)",
-                graph,
-                name,
-                _targets("dc", forward[:split]) | _targets("drate", forward[split:]),
-            ),
-            _function_text(f"void inputs_reverse({point}, const V* cb, const V* rateb, V* pb, V* ub, V* db)", graph, name, targets),
+            _function_text(f"void {label}({point}, V* {first})", graph, name, _targets(first, values)),
+            _function_text(f"void {label}_forward({point}, {moves}, {moved})", graph, name, along),
+            _function_text(f"void {label}_reverse({point}, {seen}, {arrays('V* {}b', sizes)})", graph, name, targets),
+        ]
+    )
+
+
+# -- followers ---------------------------------------------------------------------------------------------------------
+def _followers_text(followers: Followers) -> str:
+    """What is the same throughout a step as a function of q and v, and the rates as a function of that and of x."""
+    held = stored_inputs(followers.graph, followers.rates)
+    once, values = _cut(followers.graph, held, (), followers.places)
+    rest, rates = _cut(followers.graph, followers.rates, held, followers.places)
+    return "".join(
+        [
+            f"constexpr int HELD_FOR_FOLLOWERS = {len(held)};\n",
+            _both_ways("follower_held", once, {"q": len(followers.reads), "v": len(followers.drivers)}, {"c": values}),
+            _both_ways("follower_slopes", rest, {"x": len(rates), "c": len(held)}, {"f": rates}),
         ]
     )
 

@@ -25,6 +25,11 @@ template <class V> GLB_INLINE void read_inputs(const V* p, const V* u, const V* 
     for (int k = 0; model::READ_U[k] >= 0; ++k) *q++ = u[model::READ_U[k]];
 }
 
+// Mean rates of the drivers over a step, from the state before it; `after(n)` is moving state n after it.
+template <class After> GLB_INLINE void mean_rates(const double* before, const After& after, double h, double* v) {
+    for (int k = 0; k < model::DRIVERS; ++k) v[k] = (after(model::DRIVER[k]) - before[model::MOVING_STATE[model::DRIVER[k]]]) / h;
+}
+
 // Points 0, h/2 and 3h/4, and weights of their rates.
 constexpr double FOLLOWER_POINT[3] = {0.0, 0.5, 0.75}, FOLLOWER_WEIGHT[3] = {2.0 / 9.0, 1.0 / 3.0, 4.0 / 9.0};
 

@@ -8,8 +8,15 @@
 
 #include "driver.hpp"
 #include "sensitivity.hpp"
+#ifdef GLB_FOLLOWERS
+#include "follower_sensitivity.hpp"
+#endif
 
 namespace glb {
+
+#ifndef GLB_FOLLOWERS
+constexpr int HELD = model::DISTURBANCES;
+#endif
 
 // What to differentiate; the rows come beside it. Pointers may be null where noted; all arrays are C-contiguous.
 struct Request {
@@ -71,6 +78,33 @@ template <class D> class Tangents {
                                   &dx_[chunk * ROOM<D>]);
     }
 
+#ifdef GLB_FOLLOWERS
+    // After `finish`: directions of the followers.
+    void follow(const FollowerPath& path) const {
+        D dq[model::READS + 1], dv[model::DRIVERS + 1], slow[model::FOLLOWERS];
+        for (int64_t chunk = 0; chunk < chunks_; ++chunk) {
+            D* to = dq;
+            const auto read = [&](const double* seeds, int size, const int* indices) {
+                for (; *indices >= 0; ++indices) *to++ = direction(seeds, chunk, size, *indices);
+            };
+            read(request_.dd, model::DISTURBANCES, model::READ_D);
+            read(request_.dp, model::PARAMETERS, model::READ_P);
+            read(request_.du, model::CONTROLS, model::READ_U);
+            for (int k = 0; k < model::DRIVERS; ++k) {
+                const int n = model::DRIVER[k];
+                dv[k] = (dx_[chunk * ROOM<D> + n] - direction(request_.dx, chunk, model::STATES, model::MOVING_STATE[n])) /
+                        broadcast<D>(path.h);
+            }
+            for (int k = 0; k < model::FOLLOWERS; ++k) slow[k] = direction(request_.dx, chunk, model::STATES, model::FOLLOWER_STATE[k]);
+            path.forward<D>(dq, dv, slow);
+            for (int k = 0; k < model::FOLLOWERS; ++k) give(chunk, model::FOLLOWER_STATE[k], slow[k]);
+        }
+        for (const int64_t k : idle_)
+            for (int i = 0; i < model::FOLLOWERS; ++i)
+                request_.tangents[(row_ * request_.directions + k) * model::STATES + model::FOLLOWER_STATE[i]] = 0.0;
+    }
+
+#endif
     void finish() const {
         for (int64_t chunk = 0; chunk < chunks_; ++chunk) {
             for (int n = 0; n < N; ++n) give(chunk, model::MOVING_STATE[n], dx_[chunk * ROOM<D> + n]);
@@ -117,6 +151,10 @@ template <class D> class Tangents {
         const double* own = seeds_of(request_.dx, k, model::STATES);
         for (int n = 0; n < N; ++n)
             if (own[model::MOVING_STATE[n]] != 0.0) return true;
+#ifdef GLB_FOLLOWERS
+        for (int k = 0; k < model::FOLLOWERS; ++k)
+            if (own[model::FOLLOWER_STATE[k]] != 0.0) return true;
+#endif
         return false;
     }
 
@@ -155,17 +193,23 @@ template <class D> class Tangents {
     }
 
     void start_inputs(int64_t chunk, const double* p, const double* u, const double* d) {
-        D dp[model::PARAMETERS], du[model::CONTROLS], dd[model::DISTURBANCES];
+        D dp[model::PARAMETERS], du[model::CONTROLS], dd[HELD];
         bool moves = read(request_.dp, chunk, model::PARAMETERS, dp);
         moves |= read(request_.du, chunk, model::CONTROLS, du);
         moves |= read(request_.dd, chunk, model::DISTURBANCES, dd);
+#ifdef GLB_FOLLOWERS
+        for (int k = 0; k < model::FOLLOWERS; ++k) {
+            D& value = dd[model::DISTURBANCES + k] = direction(request_.dx, chunk, model::STATES, model::FOLLOWER_STATE[k]);
+            for (int lane = 0; lane < W; ++lane) moves |= element(value, lane) != 0.0;
+        }
+#endif
         inputs_move_[chunk] = moves;
         for (int i = 0; i < model::CLOCKS; ++i) drate_[chunk * RATES + i] = broadcast<D>(0.0);
         if (!moves) return;
-        D at_p[model::PARAMETERS], at_u[model::CONTROLS], at_d[model::DISTURBANCES];
+        D at_p[model::PARAMETERS], at_u[model::CONTROLS], at_d[HELD];
         for (int i = 0; i < model::PARAMETERS; ++i) at_p[i] = broadcast<D>(p[i]);
         for (int i = 0; i < model::CONTROLS; ++i) at_u[i] = broadcast<D>(u[i]);
-        for (int i = 0; i < model::DISTURBANCES; ++i) at_d[i] = broadcast<D>(d[i]);
+        for (int i = 0; i < HELD; ++i) at_d[i] = broadcast<D>(d[i]);
         model::inputs_forward<D>(at_p, at_u, at_d, dp, du, dd, &dc_[chunk * model::INPUTS], &drate_[chunk * RATES]);
     }
 
@@ -184,6 +228,11 @@ template <class M, class V, class D> class Differentiator {
     void row(int64_t row) {
         const double *p = rows_.p + row * rows_.p_stride, *u = rows_.u + row * model::CONTROLS;
         const double* d = rows_.d + row * model::DISTURBANCES;
+#ifdef GLB_FOLLOWERS
+        double held[HELD];
+        hold(d, rows_.x + row * model::STATES, held);
+        d = held;
+#endif
         double c[model::INPUTS], s[model::STORED_INPUTS];
         model::inputs<double>(p, u, d, c);
         model::stored_inputs<double>(c, s);
@@ -201,6 +250,10 @@ template <class M, class V, class D> class Differentiator {
         });
         if (!stepped) return;
         tangents_.finish();
+#ifdef GLB_FOLLOWERS
+        path_.retrace(p, u, d, rows_.x + row * model::STATES, rows_.out + row * model::STATES, settings_.step);
+        tangents_.follow(path_);
+#endif
         if (request_.cotangents != nullptr) reverse(row, p, u, d);
     }
 
@@ -214,6 +267,9 @@ template <class M, class V, class D> class Differentiator {
     Matrices<V> matrices_;
     Tangents<D> tangents_;
     std::vector<Taken> taken_;
+#ifdef GLB_FOLLOWERS
+    FollowerPath path_;
+#endif
 
     void reverse(int64_t row, const double* p, const double* u, const double* d) {
         const double* cotangent = request_.cotangents + row * model::STATES;
@@ -222,6 +278,12 @@ template <class M, class V, class D> class Differentiator {
         V by_stage[Matrices<V>::GROUPS][model::INPUTS];
         std::memset(static_cast<void*>(by_stage), 0, sizeof by_stage);
         for (int n = 0; n < N; ++n) xb[n] = cotangent[model::MOVING_STATE[n]];
+#ifdef GLB_FOLLOWERS
+        double slow[model::FOLLOWERS], qb[model::READS + 1], vb[model::DRIVERS + 1], held[HELD];
+        for (int k = 0; k < model::FOLLOWERS; ++k) slow[k] = cotangent[model::FOLLOWER_STATE[k]];
+        path_.reverse(slow, qb, vb);
+        for (int k = 0; k < model::DRIVERS; ++k) xb[model::DRIVER[k]] = xb[model::DRIVER[k]] + vb[k] / path_.h;
+#endif
         for (auto taken = taken_.rbegin(); taken != taken_.rend(); ++taken) {
             compute_matrices<M, V>(*taken, stored_, matrices_);
             reverse_substep<M, V>(*taken, matrices_, xb, by_stage);
@@ -236,8 +298,23 @@ template <class M, class V, class D> class Differentiator {
             rateb[i] = settings_.step * cotangent[model::CLOCK_STATE[i]];
         }
         double unasked[model::PARAMETERS + 1];
+#ifdef GLB_FOLLOWERS
+        double *pb = request_.pb == nullptr ? unasked : request_.pb + row * model::PARAMETERS, *ub = request_.ub + row * model::CONTROLS;
+        model::inputs_reverse<double>(p, u, d, cb, rateb, pb, ub, held);
+        for (int k = 0; k < model::DRIVERS; ++k) given[model::MOVING_STATE[model::DRIVER[k]]] -= vb[k] / path_.h;
+        for (int k = 0; k < model::FOLLOWERS; ++k) given[model::FOLLOWER_STATE[k]] = slow[k] + held[model::DISTURBANCES + k];
+        const double* from = qb;
+        const auto add = [&](double* to, const int* indices) {
+            for (; *indices >= 0; ++indices) to[*indices] = to[*indices] + *from++;
+        };
+        add(held, model::READ_D);
+        add(pb, model::READ_P);
+        add(ub, model::READ_U);
+        std::memcpy(request_.db + row * model::DISTURBANCES, held, model::DISTURBANCES * sizeof(double));
+#else
         model::inputs_reverse<double>(p, u, d, cb, rateb, request_.pb == nullptr ? unasked : request_.pb + row * model::PARAMETERS,
                                       request_.ub + row * model::CONTROLS, request_.db + row * model::DISTURBANCES);
+#endif
     }
 };
 

@@ -284,8 +284,7 @@ template <class V> class Stepper {
         const double* before = rows_.x + row_[lane] * model::STATES;
         double mean[model::DRIVERS + 1];
         alignas(64) Followers<double> slow = {};
-        for (int k = 0; k < model::DRIVERS; ++k)
-            mean[k] = (element(work_.x[model::DRIVER[k]], lane) - before[model::MOVING_STATE[model::DRIVER[k]]]) / settings_.step;
+        mean_rates(before, [&](int n) { return element(work_.x[n], lane); }, settings_.step, mean);
         for (int k = 0; k < model::FOLLOWERS; ++k) slow[k] = before[model::FOLLOWER_STATE[k]];
         follow<double>(reads_[lane], mean, settings_.step, slow);
         for (int k = 0; k < model::FOLLOWERS; ++k)
