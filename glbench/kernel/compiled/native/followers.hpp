@@ -5,6 +5,7 @@
 // (A. Ralston 1962, Math. Comp. 16, 431-437): follower_inputs and follower_rates are generated in front of this file.
 #pragma once
 #include "rosenbrock.hpp"
+#include "rows.hpp"
 
 namespace glb {
 
@@ -53,5 +54,60 @@ template <class V> void follow(const V* q, const V* v, double h, V* x) {
     }
     std::memcpy(static_cast<void*>(x), end, sizeof end);
 }
+
+// Whether `count` numbers are finite.
+inline bool all_finite(const double* a, int count) {
+    using Pack = typename VectorOf<NATIVE_WIDTH>::type;
+    Pack rest = broadcast<Pack>(0.0);
+    double sum = 0.0;
+    int i = 0;
+    for (; i + NATIVE_WIDTH <= count; i += NATIVE_WIDTH) {
+        Pack values;
+        std::memcpy(&values, a + i, sizeof values);
+        rest = rest + (values - values);
+    }
+    for (; i < count; ++i) sum = sum + (a[i] - a[i]);
+    for (int k = 0; k < NATIVE_WIDTH; ++k) sum = sum + rest[k];
+    return sum == 0.0;
+}
+
+// Rows that have finished but for their followers.
+template <class V> struct Finished {
+    static constexpr int W = width_of<V>;
+    int count = 0;
+    int64_t row[W];
+    int32_t taken[W];
+    double after[W][model::STATES];
+    V q[model::READS + 1], v[model::DRIVERS + 1];
+    alignas(64) Followers<V> x = {};
+
+    // The next row, whose `after` has its moving states.
+    void add(const double* before, const double* reads, double h) {
+        const double* end = after[count];
+        double mean[model::DRIVERS + 1];
+        mean_rates(before, [&](int n) { return end[model::MOVING_STATE[n]]; }, h, mean);
+        const int last = count == 0 ? W : count + 1;  // the first one fills the other lanes, too: something usual is to be there
+        for (int lane = count; lane < last; ++lane) {
+            for (int k = 0; k < model::READS; ++k) set_element(q[k], lane, reads[k]);
+            for (int k = 0; k < model::DRIVERS; ++k) set_element(v[k], lane, mean[k]);
+            for (int k = 0; k < model::FOLLOWERS; ++k) set_element(x[k], lane, before[model::FOLLOWER_STATE[k]]);
+        }
+        ++count;
+    }
+
+    void follow(double h) {
+        glb::follow<V>(q, v, h, x);
+        for (int k = 0; k < model::FOLLOWERS; ++k)
+            for (int lane = 0; lane < count; ++lane) after[lane][model::FOLLOWER_STATE[k]] = element(x[k], lane);
+    }
+
+    // The state of a row that is not finite, or NO_STATE.
+    int problem(int lane) const {
+        if (!all_finite(after[lane], model::STATES))
+            for (int k = 0; k < model::FOLLOWERS; ++k)
+                if (!all_finite(after[lane] + model::FOLLOWER_STATE[k], 1)) return model::FOLLOWER_STATE[k];
+        return NO_STATE;
+    }
+};
 
 }  // namespace glb

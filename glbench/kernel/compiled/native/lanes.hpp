@@ -54,6 +54,8 @@ template <class V> GLB_INLINE bool lane_of(MaskOf<V> mask, int lane) {
     if constexpr (width_of<V> == 1) return mask;
     else return mask[lane] != 0;
 }
+template <class V> GLB_INLINE double element(const V& a, int lane) { return reinterpret_cast<const double*>(&a)[lane]; }
+template <class V> GLB_INLINE void set_element(V& a, int lane, double value) { reinterpret_cast<double*>(&a)[lane] = value; }
 
 // Fused multiply-add, square root, minimum and maximum. The portable form works lane by lane; the x86 forms are one instruction.
 template <class V> struct Portable {

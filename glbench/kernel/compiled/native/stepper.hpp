@@ -27,9 +27,6 @@ template <class V> GLB_INLINE V next_length(V proposed, V remaining, double last
     return select<V>(stretch <= proposed, stretch, shared);
 }
 
-template <class V> GLB_INLINE double element(const V& a, int lane) { return reinterpret_cast<const double*>(&a)[lane]; }
-template <class V> GLB_INLINE void set_element(V& a, int lane, double value) { reinterpret_cast<double*>(&a)[lane] = value; }
-
 template <class V> class Stepper {
   public:
     Stepper(const Settings& settings, const Rows& rows, std::atomic<int64_t>& next, RowWork* work = nullptr)
@@ -46,6 +43,9 @@ template <class V> class Stepper {
         for (int lane = 0; lane < W; ++lane) active += refill(lane);
         if (active == 0) return;
         advance(active);
+#ifdef GLB_FOLLOWERS
+        if (finished_.count > 0) finish_waiting();
+#endif
     }
 
     // Takes over the rows in progress of another stepper, which has no more to begin, and finishes them.
@@ -56,6 +56,9 @@ template <class V> class Stepper {
             if (element(other.busy_, lane) > 0.0) adopt(other, lane, active++);
         exhausted_ = true;
         advance(active);
+#ifdef GLB_FOLLOWERS
+        if (finished_.count > 0) finish_waiting();
+#endif
     }
 
     // One substep in every lane; returns how many lanes have run out of rows.
@@ -123,6 +126,7 @@ template <class V> class Stepper {
     double clock_[W][model::CLOCKS + 1];  // clocks at the end of the step
 #ifdef GLB_FOLLOWERS
     double reads_[W][model::READS + 1];  // what the followers read of p, u and d
+    Finished<V> finished_;
 #endif
     bool exhausted_ = false;
     bool again_ = false;  // of one lane: the last substep was rejected, the next one starts from the same state
@@ -246,6 +250,9 @@ template <class V> class Stepper {
 
     // 0 when a row can be stepped, else the status to report.
     static int32_t first_problem(const double* x, const double* p, const double* stored) {
+#ifdef GLB_FOLLOWERS
+        if (!all_finite(x, model::STATES))
+#endif
         for (int i = 0; i < model::STATES; ++i)
             if (!finite(x[i])) return INPUT_NOT_FINITE * STATUS_STATES + i;
         Pack rest = broadcast<Pack>(0.0);
@@ -278,25 +285,38 @@ template <class V> class Stepper {
         if (row_work_ != nullptr) row_work_->end(row);
     }
 
+#ifdef GLB_FOLLOWERS
+    // The followers of finished rows wait until there is one in each lane.
+    void finish(int lane) {
+        Finished<V>& done = finished_;
+        const int64_t row = row_[lane];
+        double* after = done.after[done.count];
+        for (int i = 0; i < N; ++i) after[model::MOVING_STATE[i]] = element(work_.x[i], lane);
+        for (int i = 0; i < model::CLOCKS; ++i) after[model::CLOCK_STATE[i]] = clock_[lane][i];
+        done.row[done.count] = row;
+        done.taken[done.count] = static_cast<int32_t>(element(taken_, lane));
+        done.add(rows_.x + row * model::STATES, reads_[lane], settings_.step);
+        if (done.count == W) finish_waiting();
+    }
+
+    void finish_waiting() {
+        Finished<V>& done = finished_;
+        done.follow(settings_.step);
+        for (int lane = 0; lane < done.count; ++lane) {
+            const int state = done.problem(lane);
+            if (state == NO_STATE) std::memcpy(rows_.out + done.row[lane] * model::STATES, done.after[lane], sizeof done.after[lane]);
+            report(done.row[lane], state == NO_STATE ? 0 : FOLLOWER_NOT_FINITE * STATUS_STATES + state, done.taken[lane], settings_.step);
+        }
+        done.count = 0;
+    }
+#else
     void finish(int lane) {
         double* out = rows_.out + row_[lane] * model::STATES;
-#ifdef GLB_FOLLOWERS
-        const double* before = rows_.x + row_[lane] * model::STATES;
-        double mean[model::DRIVERS + 1];
-        alignas(64) Followers<double> slow = {};
-        mean_rates(before, [&](int n) { return element(work_.x[n], lane); }, settings_.step, mean);
-        for (int k = 0; k < model::FOLLOWERS; ++k) slow[k] = before[model::FOLLOWER_STATE[k]];
-        follow<double>(reads_[lane], mean, settings_.step, slow);
-        for (int k = 0; k < model::FOLLOWERS; ++k)
-            if (!finite(slow[k]))
-                return report(row_[lane], FOLLOWER_NOT_FINITE * STATUS_STATES + model::FOLLOWER_STATE[k],
-                              static_cast<int32_t>(element(taken_, lane)), settings_.step);
-        for (int k = 0; k < model::FOLLOWERS; ++k) out[model::FOLLOWER_STATE[k]] = slow[k];
-#endif
         for (int i = 0; i < N; ++i) out[model::MOVING_STATE[i]] = element(work_.x[i], lane);
         for (int i = 0; i < model::CLOCKS; ++i) out[model::CLOCK_STATE[i]] = clock_[lane][i];
         report(row_[lane], 0, static_cast<int32_t>(element(taken_, lane)), settings_.step);
     }
+#endif
 
     void fail(int lane, double proposed) {
         int worst = 0;
