@@ -16,10 +16,11 @@ from glbench.errors import ActionError
 from glbench.kernel import Kernel, why_not_compiled
 from glbench.kernel.compiled import CompiledStepper
 from glbench.kernel.tape import RecordingError
-from glbench.model import TOMATO
+from glbench.model import TOMATO, paper
 from glbench.registration import task_ids
 from glbench.tasks import TaskSpec, get_task
 from tests.env.stepping import StillKernel, walk
+from tests.kernel.chain import CHAIN
 
 MakeTask = Callable[..., TaskSpec]
 SEEDS = list(range(666, 677))
@@ -84,6 +85,23 @@ def test_every_shipped_task_has_the_bits_of_the_reference(task_id: str) -> None:
     for simulation in pair:
         simulation.reset([1, 2**64 - 1], rows=[3, 0])
     step_both(pair, 3)
+
+
+@pytest.mark.parametrize("delta", ["0.10", "0.0"])
+def test_states_that_follow_are_stepped_with_the_parameters_of_their_row(
+    make_task: MakeTask, monkeypatch: pytest.MonkeyPatch, delta: str
+) -> None:
+    """Some of the parameters that are drawn for each row and step are those of the states that follow."""
+    monkeypatch.setattr(paper, "_MODELS", {**paper._MODELS, TOMATO.id: {"author": CHAIN}})
+    task = make_task(("delta = 0.10", f"delta = {delta}"), ('title = "Schiphol', 'title = "A chain in Schiphol'))
+    assert task.model_value is CHAIN
+    pair = both(task, Kernel(CHAIN, 900.0, backend="compiled", preset="fast", threads=2))
+    fruit = [i for i, state in enumerate(CHAIN.states) if state.follower]
+    before = pair[0].x[:, fruit]
+    step_both(pair, 12)
+    assert (pair[0].x[:, fruit] != before).all()
+    alone = both(task, Kernel(CHAIN, 900.0, backend="compiled", preset="fast"), 1)
+    step_both(alone, 3)
 
 
 PAPER = 'modules = ["indoor_climate", "crop", "time", "controls", "weather"]'

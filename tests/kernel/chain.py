@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from glbench.model.crop.tomato import VanthoorTomato
 from glbench.model.expressions import Expr, exp
 from glbench.model.greenhouse import typed_record
 from glbench.model.greenlight import GreenLightClimate
-from glbench.model.parameter_table import Parameter
+from glbench.model.parameter_table import Parameter, declared_table
 from glbench.model.quantities import Variable
 from tests.kernel.known_steps import KnownSteps
 
@@ -56,6 +56,7 @@ class Chain(Addition):
 
     name: ClassVar[str] = "chain"
     Parameters: ClassVar[type[Any]] = ChainParameters
+    table = tuple(replace(info, drawn_in=frozenset({"crop28"})) for info in declared_table(ChainParameters))
 
     @property
     def State(self) -> type[Any]:  # type: ignore[override]  # noqa: N802 -- a class
@@ -68,7 +69,7 @@ class Chain(Addition):
         supply = around.crop.allocation.mc_buf_fruit
         passing, total = self.stages * development, sum(c[1:], c[0])
         sinks = [number * exp(-p.steepness * j / self.stages * (1 + DAY * development)) for j, number in enumerate(n)]
-        share = supply / (sum(sinks[1:], sinks[0]) + 1)
+        share = supply / sum(sinks[1:], sinks[0])
         lost = p.loss * (1 + around.controls.u_lamp + 0.01 * around.disturbances.i_glob)
         first = p.setting * (1 + 1e-3 * climate.t_air) if self.stray else p.setting
         numbers = [first - passing * n[0], *(passing * (n[j - 1] - n[j]) for j in stages[1:])]
