@@ -15,7 +15,7 @@ from glbench.model.expressions import Expr
 from glbench.model.quantities import Variable
 from tests.kernel.chain import CHAIN, chain_model, chain_rows
 from tests.kernel.known_steps import KnownSteps
-from tests.kernel.toy import Tank, tank_rows
+from tests.kernel.toy import Decay, Tank, tank_rows
 
 pytestmark = pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled()))
 
@@ -210,9 +210,21 @@ def test_a_follower_may_have_no_driver_and_a_clock_may_read_followers() -> None:
     _, gradient = kernel.adjoint(*rows, np.array([0.3, 1.0, -2.0]), parameters=True)
     for ours, jacobian in ((gradient.x, lines.dx), (gradient.u, lines.du), (gradient.d, lines.dd), (gradient.p, lines.dp)):
         np.testing.assert_allclose(ours, np.einsum("i,nij->nj", [0.3, 1.0, -2.0], jacobian), rtol=1e-10, atol=1e-13)
-    leaking = rows._replace(p=rows.p + [[0.0, 0.0, 0.0, 1e-4]])  # by the library of the full model
+    leaking = rows._replace(p=np.array([[*rows.p[0, :3], 1e-4]]))  # by the library of the full model
     assert (kernel.step(*leaking)[:, 0] < found[:, 0]).all()
     assert kernel.step(*leaking)[:, 1].tobytes() == found[:, 1].tobytes()
+
+
+@dataclass(frozen=True)
+class SlowDecay(Decay):
+    """One state that follows nothing."""
+
+    State: ClassVar[type[Any]] = NamedTuple("State", [("amount", Annotated[Expr, Variable("kg", "amount", follower=True)])])
+
+
+def test_a_model_with_nothing_to_integrate_is_left_to_casadi() -> None:
+    with pytest.raises(CompiledUnavailable, match="no state to integrate"):
+        CompiledStepper(SlowDecay(), 900.0)
 
 
 def test_a_follower_changes_no_digest() -> None:

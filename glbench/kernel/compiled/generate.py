@@ -18,7 +18,6 @@ from glbench.kernel.compiled.emit import function_in_two_orders, stored_inputs
 from glbench.kernel.compiled.graph import Graph, Level, Source, read_function
 from glbench.kernel.compiled.regroup import regroup, spell_out_logistic
 
-
 INPUTS = ("x", "u", "d", "p")
 
 
@@ -142,6 +141,9 @@ def analyse(function: Any, traits: Traits) -> Structure:
     read = {j for row in rows.values() for j in row}
     integrated = [i for i, slope in slopes.items() if graph.levels[slope] == Level.STATE or i in read]
     moving = sorted(integrated, key=lambda state: (state not in traits.fast, state))
+    if not moving:
+        msg = "it has no state to integrate: each is a clock or a follower"
+        raise ValueError(msg)
     clocks = [i for i in others if i not in moving]
     own = {state: k for k, state in enumerate(moving)}
     plan = lu.eliminate([sorted(own[j] for j in rows[i]) for i in moving])
@@ -158,7 +160,7 @@ def _followers(function: Any, traits: Traits, cuts: Mapping[int, Source]) -> Fol
             name, other = (traits.names[i] if traits.names else f"state {i}" for i in (follower, alien))
             msg = (
                 f"{name} is a follower, and its rate reads {other}, which is none. A follower may read followers, controls, disturbances, "
-                f"parameters and the rates of other states: add a state whose rate is what {name} needs of {other}, and let it read that rate."
+                f"parameters and the rates of other states. Add a state whose rate is what {name} needs of {other}; let it read that rate."
             )
             raise ValueError(msg)
     graph, rates = regroup(graph, [outputs[i] for i in traits.followers])

@@ -335,7 +335,7 @@ def prebuilt_key(model: Model, traits: Traits) -> str:
 def traits_of(model: Model, zeros: tuple[int, ...]) -> Traits:
     """What is known of a model beyond its equations, with these parameters known to be zero."""
     fast = tuple(i for i, state in enumerate(model.states) if state.fast)
-    singular = None if model.singular is None else tuple(map(model.state_index, model.singular))
+    singular = None if model.singular is None else (model.state_index(model.singular[0]), model.state_index(model.singular[1]))
     followers = tuple(i for i, state in enumerate(model.states) if state.follower)
     return Traits(zeros, fast, singular, followers, model.state_names if followers else ())
 
