@@ -1246,6 +1246,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("atol = 1e-6", "definition: a tolerance"),
         ("above 1e-6", "definition: a limit"),
         ("CVODES 1e-6", "definition: a tolerance"),
+        ("whose steps of 300 s and 900 s agree with CVODES", "tests/kernel/test_followers.py holds it"),
         ("tolerance of 1e-10", "definition: a tolerance"),
         ("at most 0.1 a step", "definition: the controls that walk"),
         ("one step of 300 s", "definition: the length of a step"),

@@ -99,7 +99,7 @@ def test_a_follower_that_is_not_finite_fails_its_row_and_no_other(rows: Rows) ->
 
 
 def test_a_follower_whose_rate_reads_a_state_is_refused_with_both_names() -> None:
-    with pytest.raises(CompiledUnavailable, match=r"n0 is a follower, and its rate reads tAir, which is none\. .*add a state whose rate"):
+    with pytest.raises(CompiledUnavailable, match=r"n0 is a follower, and its rate reads tAir, which is none\. .*Add a state whose rate"):
         CompiledStepper(chain_model(stray=True), 900.0)
     assert available(chain_model(stray=True))[0] == "casadi"
 
