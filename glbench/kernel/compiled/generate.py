@@ -127,9 +127,9 @@ class Structure:
 
 def analyse(function: Any, traits: Traits) -> Structure:
     """Read, regroup and differentiate a model; arguments and errors as for ``generate``."""
-    held = {("x", state): ("d", int(function.numel_in(2)) + k) for k, state in enumerate(traits.followers)}
+    aliases = {("x", state): ("d", int(function.numel_in(2)) + k) for k, state in enumerate(traits.followers)}
     trace: dict[int, int] = {}
-    graph, outputs = read_function(function, INPUTS, traits.zeros, renamed=held, trace=trace)
+    graph, outputs = read_function(function, INPUTS, traits.zeros, aliases=aliases, trace=trace)
     followers = None
     if traits.followers:
         rates = {n: i for i, n in reversed([*enumerate(outputs)]) if graph.levels[n] == Level.STATE and i not in traits.followers}

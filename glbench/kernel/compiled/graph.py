@@ -267,7 +267,7 @@ def read_function(
     input_names: Sequence[str],
     zeros: Collection[int] = (),
     *,
-    renamed: Mapping[Source, Source] = MappingProxyType({}),
+    aliases: Mapping[Source, Source] = MappingProxyType({}),
     cuts: Mapping[int, Source] = MappingProxyType({}),
     trace: dict[int, int] | None = None,
 ) -> tuple[Graph, list[int]]:
@@ -281,8 +281,8 @@ def read_function(
         Name of each argument, in order; ``"x"`` is the state.
     zeros
         Elements of ``"p"`` that are known to be zero: what they multiply is left out.
-    renamed
-        Elements of inputs that the graph reads as elements of others.
+    aliases
+        Elements of inputs by what the graph calls them.
     cuts
         Instructions whose result the graph reads as an element of an input instead of computing it.
     trace
@@ -306,7 +306,7 @@ def read_function(
             name = input_names[operands[0]]
             absent = name == "p" and operands[1] in zeros
             source = (name, operands[1])
-            work[results[0]] = graph.constant(0.0) if absent else graph.source(*renamed.get(source, source))
+            work[results[0]] = graph.constant(0.0) if absent else graph.source(*aliases.get(source, source))
         elif code == casadi.OP_CONST:
             work[results[0]] = graph.constant(function.instruction_constant(k))
         elif code == casadi.OP_OUTPUT:

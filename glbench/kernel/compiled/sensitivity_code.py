@@ -180,9 +180,9 @@ def _rates_text(model: Structure, slopes: list[int], inputs: list[int]) -> str:
 
 
 def _cut(
-    graph: Graph, outputs: list[int], inputs: Sequence[int], renamed: Mapping[Source, Source] = MappingProxyType({})
+    graph: Graph, outputs: list[int], inputs: Sequence[int], aliases: Mapping[Source, Source] = MappingProxyType({})
 ) -> tuple[Graph, list[int]]:
-    """A new graph in which ``inputs`` are the elements of the input "c", and others are ``renamed``."""
+    """A new graph in which ``inputs`` are the elements of the input "c", and those with ``aliases`` are called by these."""
     new = Graph()
     numbers = {number: new.source("c", k) for k, number in enumerate(inputs)}
     for number in graph.needed(outputs):
@@ -192,7 +192,7 @@ def _cut(
         if node.op == "const":
             numbers[number] = new.constant(node.value)
         elif node.op == "input":
-            numbers[number] = new.source(*renamed.get((node.source, node.index), (node.source, node.index)))
+            numbers[number] = new.source(*aliases.get((node.source, node.index), (node.source, node.index)))
         elif all(a in numbers for a in node.args):  # else it only leads to one of the inputs
             numbers[number] = new.make(node.op, *(numbers[a] for a in node.args))
     return new, [numbers[number] for number in outputs]
@@ -255,15 +255,15 @@ def _both_ways(label: str, graph: Graph, sizes: Mapping[str, int], results: Mapp
     def arrays(pattern: str, keys: Iterable[str]) -> str:
         return ", ".join(pattern.format(key) for key in keys)
 
-    point, seen = arrays("const V* {}", sizes), arrays("const V* {}b", results)
+    point, cotangents = arrays("const V* {}", sizes), arrays("const V* {}b", results)
     along = {f"d{key}[{k}]": next(forward) for key, nodes in results.items() for k in range(len(nodes))}
     targets = {f"{source}b[{index}]": node for (source, index), node in zip(places, backward, strict=True)}
-    moves, moved = arrays("const V* d{}", sizes), arrays("V* d{}", results)
+    changes, effects = arrays("const V* d{}", sizes), arrays("V* d{}", results)
     return "".join(
         [
             _function_text(f"void {label}({point}, V* {first})", graph, name, _targets(first, values)),
-            _function_text(f"void {label}_forward({point}, {moves}, {moved})", graph, name, along),
-            _function_text(f"void {label}_reverse({point}, {seen}, {arrays('V* {}b', sizes)})", graph, name, targets),
+            _function_text(f"void {label}_forward({point}, {changes}, {effects})", graph, name, along),
+            _function_text(f"void {label}_reverse({point}, {cotangents}, {arrays('V* {}b', sizes)})", graph, name, targets),
         ]
     )
 
@@ -271,14 +271,14 @@ def _both_ways(label: str, graph: Graph, sizes: Mapping[str, int], results: Mapp
 # -- followers ---------------------------------------------------------------------------------------------------------
 def _followers_text(followers: Followers) -> str:
     """What is the same throughout a step as a function of q and v, and the rates as a function of that and of x."""
-    held = stored_inputs(followers.graph, followers.rates)
-    once, values = _cut(followers.graph, held, (), followers.places)
-    rest, rates = _cut(followers.graph, followers.rates, held, followers.places)
+    inputs = stored_inputs(followers.graph, followers.rates)
+    once, values = _cut(followers.graph, inputs, (), followers.places)
+    rest, rates = _cut(followers.graph, followers.rates, inputs, followers.places)
     return "".join(
         [
-            f"constexpr int HELD_FOR_FOLLOWERS = {len(held)};\n",
+            f"constexpr int HELD_FOR_FOLLOWERS = {len(inputs)};\n",
             _both_ways("follower_held", once, {"q": len(followers.reads), "v": len(followers.drivers)}, {"c": values}),
-            _both_ways("follower_slopes", rest, {"x": len(rates), "c": len(held)}, {"f": rates}),
+            _both_ways("follower_slopes", rest, {"x": len(rates), "c": len(inputs)}, {"f": rates}),
         ]
     )
 
