@@ -62,6 +62,11 @@ def exp(z: Expr) -> Expr:
     return casadi.exp(z) if is_symbolic(z) else np.exp(z)
 
 
+def log(z: Expr) -> Expr:
+    """Natural logarithm."""
+    return casadi.log(z) if is_symbolic(z) else np.log(z)
+
+
 def sqrt(z: Expr) -> Expr:
     """Square root."""
     return casadi.sqrt(z) if is_symbolic(z) else np.sqrt(z)

@@ -142,7 +142,8 @@ class Greenhouse(Model):
         for part, own, values in added:
             act = part.supply(act, own, u, values)
         around = climate.processes(lai, act, x_climate, climate_controls, d, p_climate)
-        surroundings = climate.surroundings(lai, x_climate, around, p_climate)
+        own_controls = crop.Controls(*u[len(climate_controls) : len(climate_controls) + len(crop.Controls._fields)])
+        surroundings = climate.surroundings(lai, x_climate, around, p_climate)._replace(u=own_controls)
         grown = crop.processes(x_crop, surroundings, p_crop)
         everything = Around(around, grown, surroundings, u, d)
         others = [part.processes(own, everything, values) for part, own, values in added]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from glbench.model.expressions import Expr
 from glbench.model.parameters import ClimateParameters
@@ -19,6 +19,8 @@ class Surroundings(NamedTuple):
     light: ShortWave
     x: ClimateState
     p: ClimateParameters
+    u: Any = None
+    """Controls of the crop."""
 
 
 class CropExchange(NamedTuple):

@@ -1,0 +1,103 @@
+"""What long light and wet nights do to a tomato crop: injury that takes photosynthesis, and grey mould that takes leaves and fruit.
+
+Long light. Tomatoes under lamps for more than about 17 hours a day turn yellow between the veins and photosynthesise less, and recover
+when nights return. The injury here grows with the square of the hours beyond a threshold, and heals by itself. Threshold and sizes are
+set so that 18 hours cost next to nothing, 20 hours more than the light brings, and continuous light half of photosynthesis; sources at the
+parameters.
+
+Wet nights. Leaves and fruits get wet where they are colder than the dew point. The model has one temperature for the canopy, and one for
+the air where the sensor hangs; a greenhouse has spots that are some degrees colder, and fruits that lag behind the air. The hours that the
+crop is wet are counted, and forgotten when it dries. Grey mould (Botrytis cinerea) infects the longer the crop is wet, and grows out of
+what is diseased already: each wet night of a row costs more than the one before. Diseased parts are lost.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+from glbench.model.air import saturation_vapour_pressure
+from glbench.model.balances import DAY
+from glbench.model.expressions import Expr, fmax, sigmoid, square
+from glbench.model.parameter_table import Parameter
+from glbench.model.quantities import Quantity
+
+HOUR = 3600.0
+"""Seconds."""
+
+DIM = 10.0
+"""PAR above the canopy that counts half as light [umol m-2 s-1], and five times the width of that step; chosen: beyond dusk."""
+
+
+class HealthParameters(NamedTuple):
+    """Parameters of long light and of grey mould. ``injury_max = 0`` and ``growth_mould = 0`` switch one off."""
+
+    hours_light: Annotated[
+        Expr, Parameter("h", "light a day that injures nothing", 17.0, "Demers and Gosselin (2002): 17 h no harm, 20 h harm", "positive")
+    ]
+    injury_max: Annotated[
+        Expr, Parameter("-", "share of photosynthesis that full injury takes", 0.65, "Sysoeva (2012): half after 3 weeks at 24 h", "fraction")
+    ]
+    tau_injury: Annotated[Expr, Parameter("day", "time in which continuous light injures", 7.0, "Haque (2015): within 12 days", "positive")]
+    tau_recovery: Annotated[Expr, Parameter("day", "time in which injury heals: new leaves for old", 28.0, "chosen", "positive")]
+    dt_cold_spot: Annotated[
+        Expr, Parameter("K", "how much colder than the mean the cold spots of a crop are", 2.5, "chosen: up to 3 K are measured", "nonnegative")
+    ]
+    tau_fruit: Annotated[
+        Expr, Parameter("s", "time in which the temperature of a fruit follows that of the air", 3900.0, "a sphere of 100 g", "positive")
+    ]
+    tau_dry: Annotated[
+        Expr, Parameter("h", "time in which the memory of wet hours fades when the crop is dry", 4.0, "Broome et al. (1995)", "positive")
+    ]
+    hours_wet: Annotated[
+        Expr, Parameter("h", "wet hours that make half of the largest infection", 10.5, "Broome et al. (1995) at 20 °C", "positive")
+    ]
+    t_mould_min: Annotated[
+        Expr, Parameter("°C", "temperature below which grey mould does not infect", 5.0, "O'Neill et al. (1997), Sirjusingh and Sutton (1996)")
+    ]
+    t_mould_opt: Annotated[Expr, Parameter("°C", "temperature at which grey mould infects most", 20.0, "Bulger et al. (1987)")]
+    t_mould_max: Annotated[Expr, Parameter("°C", "temperature above which grey mould does not infect", 32.0, "chosen")]
+    growth_mould: Annotated[Expr, Parameter("day-1", "largest relative growth of the diseased share", 1.0, "chosen", "nonnegative")]
+    arriving_mould: Annotated[Expr, Parameter("-", "diseased share that spores from outside are worth", 5e-4, "chosen", "fraction")]
+    tau_mould: Annotated[Expr, Parameter("day", "time in which diseased parts are lost", 14.0, "chosen", "positive")]
+
+
+class Wetness(NamedTuple):
+    """Where the crop is wet."""
+
+    wet_can: Annotated[Expr, Quantity("-", "share of the leaves that is wet")]
+    wet_fruit: Annotated[Expr, Quantity("-", "share of the fruits that is wet")]
+    wet_crop: Annotated[Expr, Quantity("-", "share of the crop that is wet")]
+
+
+class Injury(NamedTuple):
+    """How long light is."""
+
+    light_on: Annotated[Expr, Quantity("-", "whether it is light above the canopy, 1 = light")]
+    h_injury: Annotated[Expr, Quantity("-", "photosynthesis that injury leaves, 1 = all")]
+
+
+def light_on(photons: Expr) -> Expr:
+    """1 in light, 0 in darkness, by PAR above the canopy [umol m-2 s-1]."""
+    return sigmoid((photons - DIM) * (5 / DIM))
+
+
+def injury_growth(photoperiod: Expr, p: HealthParameters) -> Expr:
+    """Rate at which sound photosynthesis is injured [s-1] at a share of the day in light, averaged over two days."""
+    beyond = fmax(24 * photoperiod - p.hours_light, 0) / (24 - p.hours_light)
+    return square(beyond) / (p.tau_injury * DAY)
+
+
+def wet_share(vapour_pressure: Expr, temperature: Expr, p: HealthParameters) -> Expr:
+    """Share of the surface of a mean temperature [°C] that is wet in air of a vapour pressure [Pa]: half where cold spots just are.
+
+    Spots differ; a step of 3 % of the saturation pressure, half a kelvin, is chosen.
+    """
+    return sigmoid((vapour_pressure / saturation_vapour_pressure(temperature - p.dt_cold_spot) - 1) / 0.03)
+
+
+def infection(hours: Expr, t_can: Expr, p: HealthParameters) -> Expr:
+    """Infection after some wet hours in a row at a canopy temperature [°C], 1 = the largest."""
+    rise = fmax(t_can - p.t_mould_min, 0) / (p.t_mould_opt - p.t_mould_min)
+    fall = fmax(p.t_mould_max - t_can, 0) / (p.t_mould_max - p.t_mould_opt)
+    shape = (p.t_mould_opt - p.t_mould_min) / (p.t_mould_max - p.t_mould_opt)
+    return fall * rise**shape * square(hours) / (square(hours) + square(p.hours_wet))

@@ -1,0 +1,329 @@
+"""A tomato crop as growers know it: trusses of fruits in stages, dark hours, wet nights, and a crew that picks, prunes and tops.
+
+It is the published crop (``VanthoorTomato``), with four additions. Fruits are counted and weighed in stages (``stages.py``). Long light injures
+photosynthesis, and wet nights bring grey mould (``health.py``). A crew picks ripe fruit and old leaves when it is at work, leaves fruits on a
+truss, and tops the crop. Photosynthesis, growth of leaves and stems, and respiration are those of the published crop.
+
+States that change within days (the fruits of a stage, injury, mould) *follow*: the kernel steps them after the others, see ``Variable``.
+Their rates read other states only through the rates of meters (``t_can24_sum``, ``sum_buf_fruit``, ...), which are states for this reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, NamedTuple, get_type_hints
+
+from glbench.model.balances import DAY
+from glbench.model.bounds import COLDEST, HOTTEST, Horizon
+from glbench.model.crop.allocation import Allocation, allocation
+from glbench.model.crop.harvest import removal
+from glbench.model.crop.health import (
+    HOUR,
+    HealthParameters,
+    Injury,
+    Wetness,
+    infection,
+    injury_growth,
+    light_on,
+    wet_share,
+)
+from glbench.model.crop.photosynthesis import Photosynthesis, photosynthesis
+from glbench.model.crop.respiration import Respiration, respiration
+from glbench.model.crop.stages import (
+    NO_FRUIT,
+    STAGES,
+    YOUNG_STAGES,
+    FruitFlows,
+    FruitSet,
+    first_weight,
+    growth_curve,
+    load_factor,
+    set_by_carbohydrate,
+    sink_strength,
+    stage_rate,
+    total,
+)
+from glbench.model.crop.temperature import GrowthInhibition, growth_inhibition
+from glbench.model.crop.tomato import LEAVES, STEMS, TEMPERATURE_SUM, VanthoorTomato, net_uptake
+from glbench.model.expressions import Expr, fmax, log, sigmoid
+from glbench.model.greenhouse import record_of, typed_record
+from glbench.model.greenlight import CANOPY_EXCESS
+from glbench.model.model import ObservedColumn, Record, Signal
+from glbench.model.parameter_table import Parameter, declared_table, read_table
+from glbench.model.parameters import TomatoParameters
+from glbench.model.quantities import Quantity, Variable
+from glbench.model.states import TomatoState
+from glbench.model.submodels import CropStart
+from glbench.model.surroundings import CropExchange, Surroundings
+
+PICKING = 1 / (2 * HOUR)
+"""Rate at which a crew at work picks ripe fruit [s-1]: all but a fiftieth in a shift of eight hours; chosen."""
+
+WEEK = 7 * DAY
+"""Seconds."""
+
+SUPPLY_MEMORY = 2 * DAY
+"""Time over which young fruits feel a shortage [s]; chosen: a dark day does not abort, a dark week does."""
+
+LIGHT_MEMORY = 2 * DAY
+"""Time over which light is averaged for the photoperiod [s]; chosen: above the day's own swing."""
+
+
+class CrewControls(NamedTuple):
+    """What is done by hand, 0 in a crop that is picked all day and never pruned or topped. A task schedules it, or gives it to an agent."""
+
+    u_away: Annotated[Expr, Quantity("-", "crew away: picks neither fruit nor leaves")]
+    u_prune: Annotated[Expr, Quantity("-", "share of the flowers of a truss that is pruned")]
+    u_defoliate: Annotated[Expr, Quantity("-", "share of the largest leaf area that is picked besides")]
+    u_top: Annotated[Expr, Quantity("-", "topped: no new trusses and leaves")]
+
+
+class _Moving(NamedTuple):
+    """States besides those of the published crop that are stepped with the climate."""
+
+    t_can24_sum: Annotated[Expr, Variable("°C s", "24-hour mean of the canopy temperature, summed", scale=1e8, small=1e3)]
+    sum_buf_org: Annotated[Expr, Variable("s", "supply of the growing organs relative to their demand, summed", scale=1e6, small=10.0)]
+    sum_buf_fruit: Annotated[Expr, Variable("mg m-2", "carbohydrate that went to the fruit since the start", scale=1e5, small=100.0)]
+    sum_fruit_air: Annotated[Expr, Variable("mg m-2", "carbohydrate that the fruit respired since the start", scale=1e5, small=100.0)]
+    n_set: Annotated[Expr, Variable("m-2", "fruits set since the start", scale=100.0, small=0.1)]
+    sum_wet: Annotated[Expr, Variable("s", "time that the crop was wet since the start", scale=1e6, small=10.0)]
+    t_fruit: Annotated[Expr, Variable("°C", "temperature of the fruit")]
+    c_ripe: Annotated[Expr, Variable("mg m-2", "carbohydrate in ripe fruit on the plants", scale=1e5, small=100.0)]
+
+
+def _follows(unit: str, meaning: str, scale: float) -> Any:
+    return Annotated[Any, Variable(unit, meaning, scale=scale, small=1e-3 * scale, follower=True)]
+
+
+_NUMBERS = tuple(f"n_fruit{stage}" for stage in range(1, STAGES + 1))
+_MASSES = tuple(f"c_fruit{stage}" for stage in range(1, STAGES + 1))
+_FOLLOWERS = {
+    "trusses": _follows("-", "trusses of a stem since the start", 10.0),
+    "photoperiod": _follows("-", "share of the day in light, averaged over two days", 1.0),
+    "injury": _follows("-", "injury by long light, 1 = full", 1.0),
+    "supply": _follows("-", "supply of the growing organs relative to their demand, averaged over two days", 1.0),
+    "wet_hours": _follows("h", "wet hours in a row, fading when the crop is dry", 10.0),
+    "mould": _follows("-", "diseased share of the crop", 1.0),
+    "c_week": _follows("mg m-2", "carbohydrate picked in the last week, fading", 1e5),
+    "n_ripe": _follows("m-2", "ripe fruits on the plants", 10.0),
+    **{name: _follows("m-2", f"fruits in stage {stage}", 10.0) for stage, name in enumerate(_NUMBERS, 1)},
+    **{name: _follows("mg m-2", f"carbohydrate of the fruits in stage {stage}", 1e4) for stage, name in enumerate(_MASSES, 1)},
+}
+TrussState = record_of("TrussState", (TomatoState, _Moving, typed_record("Followers", _FOLLOWERS)))
+"""State of the crop; also used for its time derivative."""
+
+
+class _OwnParameters(NamedTuple):
+    n_stem: Annotated[Expr, Parameter("m-2", "stems", 2.5, "Vanthoor (2011) table 9.1", "positive", sets=(("bleiswijk_2020", 4.0),))]
+    n_truss: Annotated[Expr, Parameter("-", "flowers of a truss", 9.0, "de Koning (1994)", "positive", sets=(("bleiswijk_2020", 12.0),))]
+    c_truss1: Annotated[Expr, Parameter("s-1", "truss appearance at 0 °C", -1.708e-7 / 9, "Vanthoor (2011) table 9.1, for 9 flowers")]
+    c_truss2: Annotated[Expr, Parameter("s-1 K-1", "rise of truss appearance", 7.3125e-7 / 9, "Vanthoor (2011) table 9.1, for 9 flowers")]
+    g_max: Annotated[Expr, Parameter("mg", "carbohydrate that a fruit can have", 1e4, "Vanthoor (2011) table 9.1", "positive",
+                                     sets=(("bleiswijk_2020", 2000.0),))]
+    t_set_hot: Annotated[Expr, Parameter("°C", "daily mean temperature beyond which heat costs fruit set", 25.0, "Peet et al. (1997)")]
+    set_hot: Annotated[Expr, Parameter("K-1", "share of the set that a kelvin beyond costs", 0.193, "Peet et al. (1997)", "nonnegative")]
+    t_set_cold: Annotated[Expr, Parameter("°C", "daily mean temperature below which cold costs fruit set", 18.0, "Adams et al. (2001)")]
+    set_cold: Annotated[Expr, Parameter("K-1", "share of the set that a kelvin below costs", 0.1025, "Adams et al. (2001)", "nonnegative")]
+    abort_max: Annotated[Expr, Parameter("-", "share of the young fruits that abort without supply", 0.67, "TOMGRO, Jones et al. (1991)", "fraction")]
+    abort_slope: Annotated[Expr, Parameter("-", "fall of that share with supply", 0.73, "TOMGRO, Jones et al. (1991)", "nonnegative")]
+    dm_fruit: Annotated[Expr, Parameter("-", "dry matter of fresh fruit", 0.0627, "published code", "positive", sets=(("bleiswijk_2020", 0.09),))]
+
+
+TrussParameters = record_of("TrussParameters", (TomatoParameters, _OwnParameters, HealthParameters))
+"""Parameters of the crop."""
+
+
+class LeafFlows(NamedTuple):
+    """Carbohydrate of leaves that leaves the greenhouse."""
+
+    mc_leaf_har: Annotated[Expr, Quantity("mg m-2 s-1", "CH2O, leaves picked")]
+    mc_leaf_rot: Annotated[Expr, Quantity("mg m-2 s-1", "CH2O, diseased leaves")]
+
+
+class TrussFluxes(NamedTuple):
+    """Everything that the balances of the crop are made of."""
+
+    photosynthesis: Photosynthesis
+    inhibition: GrowthInhibition
+    allocation: Allocation
+    respiration: Respiration
+    fruit_set: FruitSet
+    fruit: FruitFlows
+    leaves: LeafFlows
+    injury: Injury
+    wetness: Wetness
+    crop: CropExchange
+
+
+@dataclass(frozen=True)
+class TrussTomato(VanthoorTomato):
+    """Tomato with fruits in stages, dark hours, wet nights and a crew."""
+
+    name: ClassVar[str] = "tomato_trusses"
+    State: ClassVar[Any] = TrussState
+    Controls: ClassVar[type[CrewControls]] = CrewControls
+    Parameters: ClassVar[Any] = TrussParameters
+    table = (*read_table(TomatoParameters), *declared_table(TrussParameters))
+    parameters_after = None
+    observation_modules: ClassVar[Mapping[str, str]] = {
+        **VanthoorTomato.observation_modules,
+        "registration": "what a crop registration has: trusses, fruits, the head of the plant, fruit picked in a week",
+        "crop_health": "light a day, injury by long light, wet hours in a row, diseased share of the crop",
+    }
+
+    def processes(self, x: Any, s: Surroundings, p: Any) -> TrussFluxes:
+        """Vanthoor (2011), with what injury leaves of photosynthesis, and with the flow to the fruit shared out to the fruits there are."""
+        u: CrewControls = s.u
+        light = s.light
+        photons = p.par_jto_umol_sun * light.r_par_gh_sun + s.p.zeta_lamp_par * light.r_par_gh_lamp
+        sound = 1 - p.injury_max * x.injury
+        sugar = photosynthesis(s, x, p._replace(j25_leaf_max=p.j25_leaf_max * sound, alpha=p.alpha * sound), self.variant)
+        inhibition = growth_inhibition(s.x.t_can, x, p)
+        most = allocation(inhibition, x, p)
+        fruit_set = self._fruit_set(most.mc_buf_fruit, x, u, p)
+        wetness = self._wetness(x, s, p)
+        fruit = self._fruit(x, u, p)
+        first = first_weight(x.t_can24, p.g_max) * fruit_set.mn_fruit_set
+        growth = most._replace(
+            mc_buf_leaf=(1 - u.u_top) * most.mc_buf_leaf,
+            mc_buf_stem=(1 - u.u_top) * most.mc_buf_stem,
+            mc_buf_fruit=first + load_factor(fruit.sink_load) * (most.mc_buf_fruit - first),
+        )
+        respired = respiration(growth, x, p)
+        largest = p.c_leaf_max * (1 - u.u_defoliate)
+        return TrussFluxes(
+            photosynthesis=sugar,
+            inhibition=inhibition,
+            allocation=growth,
+            respiration=respired,
+            fruit_set=fruit_set,
+            fruit=fruit,
+            leaves=LeafFlows(
+                mc_leaf_har=(1 - u.u_away) * removal(x.c_leaf, largest, self.variant.leaf_pruning_rate, self.variant),
+                mc_leaf_rot=self._rotting(x, p) * x.c_leaf,
+            ),
+            injury=Injury(light_on=light_on(photons), h_injury=sound),
+            wetness=wetness,
+            crop=net_uptake(sugar, respired, p),
+        )
+
+    def _fruit_set(self, supply: Expr, x: Any, u: CrewControls, p: Any) -> FruitSet:
+        """Vanthoor (2011) eq. B.4; flowers fail in heat and cold, and are pruned."""
+        heat = fmax(1 - p.set_hot * fmax(x.t_can24 - p.t_set_hot, 0), 0)
+        cold = fmax(1 - p.set_cold * fmax(p.t_set_cold - x.t_can24, 0), 0)
+        flowers = p.n_stem * p.n_truss * self._truss_appearance(x.t_can24, p) * (1 - u.u_top) * (1 - u.u_prune)
+        bearing = sigmoid(x.t_can_sum / 20)
+        return FruitSet(heat, cold, flowers * heat * cold * bearing * set_by_carbohydrate(supply))
+
+    @staticmethod
+    def _truss_appearance(t_can24: Expr, p: Any) -> Expr:
+        """Trusses of a stem [s-1], after de Koning (1994)."""
+        return fmax(p.c_truss1 + p.c_truss2 * t_can24, 0)
+
+    @staticmethod
+    def _rotting(x: Any, p: Any) -> Expr:
+        """Share of the crop that is lost to disease [s-1]."""
+        return x.mould / (p.tau_mould * DAY)
+
+    @staticmethod
+    def _aborting(x: Any, p: Any) -> Expr:
+        """Rate at which young fruits abort [s-1]: TOMGRO's share of those that pass their youth, at 20 °C, by supply and demand."""
+        share = fmax(p.abort_max - p.abort_slope * x.supply, 0)
+        return -log(1 - share) * (stage_rate(20.0) / YOUNG_STAGES)
+
+    def _wetness(self, x: Any, s: Surroundings, p: Any) -> Wetness:
+        leaves, fruits = wet_share(s.x.vp_air, s.x.t_can, p), wet_share(s.x.vp_air, x.t_fruit, p)
+        return Wetness(leaves, fruits, 1 - (1 - leaves) * (1 - fruits))
+
+    def _fruit(self, x: Any, u: CrewControls, p: Any) -> FruitFlows:
+        number, mass = [getattr(x, name) for name in _NUMBERS], [getattr(x, name) for name in _MASSES]
+        return FruitFlows(
+            sink_load=sink_strength(number, growth_curve(20.0, p.g_max).growth) / (DAY * p.rg_fruit),
+            mc_fruit_ripe=stage_rate(x.t_can24) * mass[-1],
+            mc_fruit_abort=self._aborting(x, p) * total(mass[:YOUNG_STAGES]),
+            mc_fruit_rot=self._rotting(x, p) * (total(mass) + x.c_ripe),
+            mc_fruit_har=(1 - u.u_away) * (PICKING * x.c_ripe),
+        )
+
+    def rates(self, x: Any, s: Surroundings, fluxes: TrussFluxes, p: Any) -> Any:
+        ph, al, re, fs, fr, lf = (fluxes.photosynthesis, fluxes.allocation, fluxes.respiration, fluxes.fruit_set, fluxes.fruit, fluxes.leaves)
+        number, mass = [getattr(x, name) for name in _NUMBERS], [getattr(x, name) for name in _MASSES]
+        respired_share = re.mc_fruit_air / (total(mass) + x.c_ripe + NO_FRUIT)
+        lost = self._rotting(x, p)
+        picking = (1 - s.u.u_away) * PICKING
+        ripe = fr.mc_fruit_ripe
+        published = {
+            "t_can24": (s.x.t_can - x.t_can24) / DAY,
+            "c_buf": ph.mc_air_buf - al.mc_buf_fruit - al.mc_buf_leaf - al.mc_buf_stem - re.mc_buf_air,
+            "c_leaf": al.mc_buf_leaf - re.mc_leaf_air - lf.mc_leaf_har - lf.mc_leaf_rot,
+            "c_stem": al.mc_buf_stem - re.mc_stem_air,
+            "c_fruit": al.mc_buf_fruit - re.mc_fruit_air - fr.mc_fruit_abort - fr.mc_fruit_rot - fr.mc_fruit_har,
+            "t_can_sum": s.x.t_can / DAY,
+        }
+        moving = {
+            "t_can24_sum": x.t_can24,
+            "sum_buf_org": al.h_buf_org,
+            "sum_buf_fruit": al.mc_buf_fruit,
+            "sum_fruit_air": re.mc_fruit_air,
+            "n_set": fs.mn_fruit_set,
+            "sum_wet": fluxes.wetness.wet_crop,
+            "t_fruit": (s.x.t_air - x.t_fruit) / p.tau_fruit,
+            "c_ripe": ripe - respired_share * x.c_ripe - lost * x.c_ripe - fr.mc_fruit_har,
+        }
+        wet = fluxes.wetness.wet_crop
+        mean_can = published["t_can_sum"] * DAY
+        passing = stage_rate(x.t_can24)
+        followers = {
+            "trusses": self._truss_appearance(x.t_can24, p) * (1 - s.u.u_top),
+            "photoperiod": (fluxes.injury.light_on - x.photoperiod) / LIGHT_MEMORY,
+            "injury": injury_growth(x.photoperiod, p) * (1 - x.injury) - x.injury / (p.tau_recovery * DAY),
+            "supply": (al.h_buf_org - x.supply) / SUPPLY_MEMORY,
+            "wet_hours": (wet - (1 - wet) * x.wet_hours / p.tau_dry) / HOUR,
+            "mould": p.growth_mould / DAY * infection(x.wet_hours, mean_can, p) * (x.mould + p.arriving_mould) * (1 - x.mould) - lost,
+            "c_week": fr.mc_fruit_har - x.c_week / WEEK,
+            "n_ripe": passing * number[-1] - (picking + lost) * x.n_ripe,
+        }
+        curve = growth_curve(x.t_can24, p.g_max)
+        first = curve.weight[0] * fs.mn_fruit_set
+        gain = (al.mc_buf_fruit - first) / (sink_strength(number, curve.growth) + NO_FRUIT)
+        aborting = self._aborting(x, p)
+        came, brought = fs.mn_fruit_set, first
+        for stage in range(STAGES):
+            gone = passing + lost + (aborting if stage < YOUNG_STAGES else 0)
+            grown = gain * (number[stage] * curve.growth[stage]) if stage else 0
+            followers[_NUMBERS[stage]] = came - gone * number[stage]
+            followers[_MASSES[stage]] = brought + grown - (gone + respired_share) * mass[stage]
+            came, brought = passing * number[stage], passing * mass[stage]
+        return TrussState(**published, **moving, **followers)
+
+    def starts(self) -> Mapping[str, CropStart]:
+        return {"mature_crop": _mature, "young_crop": _young}
+
+
+def _start(air_temperature: float, p: Any, leaf: float, stem: float, age: float, number: Expr, mass: list[Expr]) -> Any:
+    fruit = dict(zip((*_NUMBERS, *_MASSES), (*(number for _ in _NUMBERS), *mass), strict=True))
+    rest = dict.fromkeys(TrussState._fields, 0.0) | {
+        "t_can24": air_temperature + CANOPY_EXCESS,
+        "c_leaf": leaf,
+        "c_stem": stem,
+        "c_fruit": total(mass),
+        "t_can_sum": age,
+        "t_fruit": air_temperature,
+        "photoperiod": 0.5,
+        "supply": 0.7,
+    }
+    return TrussState(**(rest | fruit))
+
+
+def _mature(air_temperature: float, p: Any) -> Any:
+    published = VanthoorTomato().starts()["mature_crop"](air_temperature, p)
+    appear = TrussTomato._truss_appearance(20.0, p) * p.n_stem * p.n_truss * 0.8
+    weight = growth_curve(20.0, p.g_max).weight
+    number = float(appear / stage_rate(20.0))
+    return _start(air_temperature, p, published.c_leaf, published.c_stem, published.t_can_sum, number, [0.5 * number * float(w) for w in weight])
+
+
+def _young(air_temperature: float, p: Any) -> Any:
+    published = VanthoorTomato().starts()["young_crop"](air_temperature, p)
+    return _start(air_temperature, p, published.c_leaf, published.c_stem, 0.0, 0.0, [0.0] * STAGES)
