@@ -5,7 +5,7 @@ photosynthesis, and wet nights bring grey mould (``health.py``). A crew picks ri
 truss, and tops the crop. Photosynthesis, growth of leaves and stems, and respiration are those of the published crop.
 
 States that change within days (the fruits of a stage, injury, mould) *follow*: the kernel steps them after the others, see ``Variable``.
-Their rates read other states only through the rates of meters (``t_can24_sum``, ``sum_buf_fruit``, ...), which are states for this reason.
+Their rates read other states only through the rates of meters (``t_can24_sum``, ``sum_grow_fruit``, ...), which are states for this reason.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from glbench.model.crop.health import (
     wet_share,
 )
 from glbench.model.crop.photosynthesis import Photosynthesis, photosynthesis
-from glbench.model.crop.respiration import Respiration, respiration
+from glbench.model.crop.respiration import Respiration, maintenance_level, respiration
 from glbench.model.crop.stages import (
     NO_FRUIT,
     STAGES,
@@ -84,8 +84,8 @@ class _Moving(NamedTuple):
 
     t_can24_sum: Annotated[Expr, Variable("°C s", "24-hour mean of the canopy temperature, summed", scale=1e8, small=1e3)]
     sum_buf_org: Annotated[Expr, Variable("s", "supply of the growing organs relative to their demand, summed", scale=1e6, small=10.0)]
-    sum_buf_fruit: Annotated[Expr, Variable("mg m-2", "carbohydrate that went to the fruit since the start", scale=1e5, small=100.0)]
-    sum_fruit_air: Annotated[Expr, Variable("mg m-2", "carbohydrate that the fruit respired since the start", scale=1e5, small=100.0)]
+    sum_grow_fruit: Annotated[Expr, Variable("mg m-2", "carbohydrate that went to fruits after they were set", scale=1e5, small=100.0)]
+    sum_green_air: Annotated[Expr, Variable("mg m-2", "carbohydrate that fruits respired before they were ripe", scale=1e5, small=100.0)]
     n_set: Annotated[Expr, Variable("m-2", "fruits set since the start", scale=100.0, small=0.1)]
     sum_wet: Annotated[Expr, Variable("s", "time that the crop was wet since the start", scale=1e6, small=10.0)]
     t_fruit: Annotated[Expr, Variable("°C", "temperature of the fruit")]
@@ -183,12 +183,11 @@ class TrussTomato(VanthoorTomato):
         most = allocation(inhibition, x, p)
         fruit_set = self._fruit_set(most.mc_buf_fruit, x, u, p)
         wetness = self._wetness(x, s, p)
-        fruit = self._fruit(x, u, p)
-        first = first_weight(x.t_can24, p.g_max) * fruit_set.mn_fruit_set
+        fruit = self._fruit(most.mc_buf_fruit, fruit_set.mn_fruit_set, x, u, p)
         growth = most._replace(
             mc_buf_leaf=(1 - u.u_top) * most.mc_buf_leaf,
             mc_buf_stem=(1 - u.u_top) * most.mc_buf_stem,
-            mc_buf_fruit=first + load_factor(fruit.sink_load) * (most.mc_buf_fruit - first),
+            mc_buf_fruit=fruit.mc_set_fruit + fruit.mc_grow_fruit,
         )
         respired = respiration(growth, x, p)
         largest = p.c_leaf_max * (1 - u.u_defoliate)
@@ -236,10 +235,16 @@ class TrussTomato(VanthoorTomato):
         leaves, fruits = wet_share(s.x.vp_air, s.x.t_can, p), wet_share(s.x.vp_air, x.t_fruit, p)
         return Wetness(leaves, fruits, 1 - (1 - leaves) * (1 - fruits))
 
-    def _fruit(self, x: Any, u: CrewControls, p: Any) -> FruitFlows:
+    def _fruit(self, most: Expr, fruits_set: Expr, x: Any, u: CrewControls, p: Any) -> FruitFlows:
+        """``most`` is Vanthoor's flow to the fruit [mg m-2 s-1]."""
         number, mass = [getattr(x, name) for name in _NUMBERS], [getattr(x, name) for name in _MASSES]
+        load = sink_strength(number, growth_curve(20.0, p.g_max).growth) / (DAY * p.rg_fruit)
+        first = first_weight(x.t_can24, p.g_max) * fruits_set
         return FruitFlows(
-            sink_load=sink_strength(number, growth_curve(20.0, p.g_max).growth) / (DAY * p.rg_fruit),
+            sink_load=load,
+            mc_set_fruit=first,
+            mc_grow_fruit=load_factor(load) * (most - first),
+            mc_green_air=maintenance_level(x, p) * p.c_fruit_m * (x.c_fruit - x.c_ripe),
             mc_fruit_ripe=stage_rate(x.t_can24) * mass[-1],
             mc_fruit_abort=self._aborting(x, p) * total(mass[:YOUNG_STAGES]),
             mc_fruit_rot=self._rotting(x, p) * (total(mass) + x.c_ripe),
@@ -249,10 +254,9 @@ class TrussTomato(VanthoorTomato):
     def rates(self, x: Any, s: Surroundings, fluxes: TrussFluxes, p: Any) -> Any:
         ph, al, re, fs, fr, lf = (fluxes.photosynthesis, fluxes.allocation, fluxes.respiration, fluxes.fruit_set, fluxes.fruit, fluxes.leaves)
         number, mass = [getattr(x, name) for name in _NUMBERS], [getattr(x, name) for name in _MASSES]
-        respired_share = re.mc_fruit_air / (total(mass) + x.c_ripe + NO_FRUIT)
+        respired_share = fr.mc_green_air / (total(mass) + NO_FRUIT)
         lost = self._rotting(x, p)
         picking = (1 - s.u.u_away) * PICKING
-        ripe = fr.mc_fruit_ripe
         published = {
             "t_can24": (s.x.t_can - x.t_can24) / DAY,
             "c_buf": ph.mc_air_buf - al.mc_buf_fruit - al.mc_buf_leaf - al.mc_buf_stem - re.mc_buf_air,
@@ -264,15 +268,14 @@ class TrussTomato(VanthoorTomato):
         moving = {
             "t_can24_sum": x.t_can24,
             "sum_buf_org": al.h_buf_org,
-            "sum_buf_fruit": al.mc_buf_fruit,
-            "sum_fruit_air": re.mc_fruit_air,
+            "sum_grow_fruit": fr.mc_grow_fruit,
+            "sum_green_air": fr.mc_green_air,
             "n_set": fs.mn_fruit_set,
             "sum_wet": fluxes.wetness.wet_crop,
             "t_fruit": (s.x.t_air - x.t_fruit) / p.tau_fruit,
-            "c_ripe": ripe - respired_share * x.c_ripe - lost * x.c_ripe - fr.mc_fruit_har,
+            "c_ripe": fr.mc_fruit_ripe - (re.mc_fruit_air - fr.mc_green_air) - lost * x.c_ripe - fr.mc_fruit_har,
         }
         wet = fluxes.wetness.wet_crop
-        mean_can = published["t_can_sum"] * DAY
         passing = stage_rate(x.t_can24)
         followers = {
             "trusses": self._truss_appearance(x.t_can24, p) * (1 - s.u.u_top),
@@ -280,13 +283,13 @@ class TrussTomato(VanthoorTomato):
             "injury": injury_growth(x.photoperiod, p) * (1 - x.injury) - x.injury / (p.tau_recovery * DAY),
             "supply": (al.h_buf_org - x.supply) / SUPPLY_MEMORY,
             "wet_hours": (wet - (1 - wet) * x.wet_hours / p.tau_dry) / HOUR,
-            "mould": p.growth_mould / DAY * infection(x.wet_hours, mean_can, p) * (x.mould + p.arriving_mould) * (1 - x.mould) - lost,
+            "mould": p.growth_mould / DAY * infection(x.wet_hours, x.t_can24, p) * (x.mould + p.arriving_mould) * (1 - x.mould) - lost,
             "c_week": fr.mc_fruit_har - x.c_week / WEEK,
             "n_ripe": passing * number[-1] - (picking + lost) * x.n_ripe,
         }
         curve = growth_curve(x.t_can24, p.g_max)
         first = curve.weight[0] * fs.mn_fruit_set
-        gain = (al.mc_buf_fruit - first) / (sink_strength(number, curve.growth) + NO_FRUIT)
+        gain = fr.mc_grow_fruit / (sink_strength(number, curve.growth) + NO_FRUIT)
         aborting = self._aborting(x, p)
         came, brought = fs.mn_fruit_set, first
         for stage in range(STAGES):
