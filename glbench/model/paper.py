@@ -4,6 +4,7 @@
 parameters. ``greenlight-tomato-harvest-1.0.0`` also has a meter on the harvest, ``greenlight-tomato-harvest-energy-1.0.0`` an
 engine and a hot-water buffer besides, ``greenlight-tomato-harvest-heat-pump-1.0.0`` a cooler, a heat pump and two buffers instead;
 ``greenlight-lettuce-1.0.0`` has lettuce as its crop, and ``greenlight-tomato-compartment-1.0.0`` is a compartment as it was measured.
+``greenlight-tomato-2-1.0.0`` has a crop with trusses in stages, and three more whose ids begin with ``greenlight-tomato-2`` have it, too.
 ``STATES``, ``rhs`` and the other names and functions here are those of the first; code that serves any model asks the model.
 """
 
@@ -20,6 +21,7 @@ from glbench.errors import UnknownNameError, did_you_mean
 from glbench.model.compartment import MassAndNeighbours, RisingVents, ToppedTomato
 from glbench.model.crop.lettuce import VanHentenLettuce
 from glbench.model.crop.tomato import VanthoorTomato
+from glbench.model.crop.trusses import TrussTomato
 from glbench.model.energy import DUMPED, PIPE_HEAT, ChpBoilerBuffer
 from glbench.model.greenhouse import Greenhouse, Meter, compose
 from glbench.model.greenlight import GreenLightClimate
@@ -103,6 +105,24 @@ TOMATO_HEAT_PUMP = compose(
 
 COMPARTMENT = compose(RisingVents(), ToppedTomato(), MassAndNeighbours(), meters=(HARVEST, CO2_DOSED), name="greenlight-tomato-compartment")
 """A compartment as it was measured: with a mass that stores heat, neighbours, vents that open higher and a crop that is topped."""
+
+TOMATO_2 = compose(GreenLightClimate(), TrussTomato(), meters=(HARVEST, CO2_DOSED), name="greenlight-tomato-2")
+"""The greenhouse with a crop as growers know it: trusses in stages, dark hours, wet nights, a crew."""
+
+TOMATO_2_COMPARTMENT = compose(
+    RisingVents(), TrussTomato(), MassAndNeighbours(), meters=(HARVEST, CO2_DOSED), name="greenlight-tomato-2-compartment"
+)
+"""That crop in a compartment as it was measured."""
+
+TOMATO_2_ENERGY = compose(
+    GreenLightClimate(), TrussTomato(), ChpBoilerBuffer(), meters=(HARVEST, PIPE_HEAT, DUMPED, CO2_DOSED), name="greenlight-tomato-2-energy"
+)
+"""That crop with boiler, engine and hot-water buffer."""
+
+TOMATO_2_HEAT_PUMP = compose(
+    GreenLightClimate(), TrussTomato(), HeatHarvesting(), meters=(HARVEST, *HARVEST_METERS, CO2_DOSED), name="greenlight-tomato-2-heat-pump"
+)
+"""That crop with boiler, cooler, heat pump, cold and hot buffer."""
 
 STATES, CONTROLS, DISTURBANCES, PARAMETERS = TOMATO.states, TOMATO.controls, TOMATO.disturbances, TOMATO.table
 STATE_NAMES, CONTROL_NAMES = TOMATO.state_names, TOMATO.control_names
@@ -257,4 +277,6 @@ register_model(TOMATO_ENERGY)
 register_model(TOMATO_SEASON)
 register_model(TOMATO_HEAT_PUMP)
 register_model(COMPARTMENT)
+for _model in (TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP):
+    register_model(_model)
 _SHIPPED = frozenset(_MODELS)

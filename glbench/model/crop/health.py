@@ -35,12 +35,14 @@ class HealthParameters(NamedTuple):
         Expr, Parameter("h", "light a day that injures nothing", 17.0, "Demers and Gosselin (2002): 17 h no harm, 20 h harm", "positive")
     ]
     injury_max: Annotated[
-        Expr, Parameter("-", "share of photosynthesis that full injury takes", 0.65, "Sysoeva (2012): half after 3 weeks at 24 h", "fraction")
+        Expr,
+        Parameter("-", "share of photosynthesis that full injury takes", 0.65, "Sysoeva (2012): half after 3 weeks at 24 h", "fraction"),
     ]
     tau_injury: Annotated[Expr, Parameter("day", "time in which continuous light injures", 7.0, "Haque (2015): within 12 days", "positive")]
     tau_recovery: Annotated[Expr, Parameter("day", "time in which injury heals: new leaves for old", 28.0, "chosen", "positive")]
     dt_cold_spot: Annotated[
-        Expr, Parameter("K", "how much colder than the mean the cold spots of a crop are", 2.5, "chosen: up to 3 K are measured", "nonnegative")
+        Expr,
+        Parameter("K", "how much colder than the mean the cold spots of a crop are", 2.5, "chosen: up to 3 K are measured", "nonnegative"),
     ]
     tau_fruit: Annotated[
         Expr, Parameter("s", "time in which the temperature of a fruit follows that of the air", 3900.0, "a sphere of 100 g", "positive")
@@ -52,11 +54,12 @@ class HealthParameters(NamedTuple):
         Expr, Parameter("h", "wet hours that make half of the largest infection", 10.5, "Broome et al. (1995) at 20 °C", "positive")
     ]
     t_mould_min: Annotated[
-        Expr, Parameter("°C", "temperature below which grey mould does not infect", 5.0, "O'Neill et al. (1997), Sirjusingh and Sutton (1996)")
+        Expr,
+        Parameter("°C", "temperature below which grey mould does not infect", 5.0, "O'Neill et al. (1997), Sirjusingh and Sutton (1996)"),
     ]
     t_mould_opt: Annotated[Expr, Parameter("°C", "temperature at which grey mould infects most", 20.0, "Bulger et al. (1987)")]
     t_mould_max: Annotated[Expr, Parameter("°C", "temperature above which grey mould does not infect", 32.0, "chosen")]
-    growth_mould: Annotated[Expr, Parameter("day-1", "largest relative growth of the diseased share", 1.0, "chosen", "nonnegative")]
+    growth_mould: Annotated[Expr, Parameter("day-1", "largest relative growth of the diseased share", 1.5, "chosen", "nonnegative")]
     arriving_mould: Annotated[Expr, Parameter("-", "diseased share that spores from outside are worth", 5e-4, "chosen", "fraction")]
     tau_mould: Annotated[Expr, Parameter("day", "time in which diseased parts are lost", 14.0, "chosen", "positive")]
 
@@ -66,7 +69,7 @@ class Wetness(NamedTuple):
 
     wet_can: Annotated[Expr, Quantity("-", "share of the leaves that is wet")]
     wet_fruit: Annotated[Expr, Quantity("-", "share of the fruits that is wet")]
-    wet_crop: Annotated[Expr, Quantity("-", "share of the crop that is wet")]
+    wet_crop: Annotated[Expr, Quantity("-", "share of leaves and fruits that is wet")]
 
 
 class Injury(NamedTuple):

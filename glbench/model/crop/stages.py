@@ -64,10 +64,10 @@ class FruitSet(NamedTuple):
 class FruitFlows(NamedTuple):
     """Carbohydrate of the fruits on the plants."""
 
+    green_share: Annotated[Expr, Quantity("-", "carbohydrate in unripe fruit over that of the stages: 1 but for what a task draws")]
     sink_load: Annotated[Expr, Quantity("-", "fruit load at 20 °C, 1 = takes all that fruit can get")]
     mc_set_fruit: Annotated[Expr, Quantity("mg m-2 s-1", "CH2O, buffer to fruits as they are set")]
     mc_grow_fruit: Annotated[Expr, Quantity("mg m-2 s-1", "CH2O, buffer to fruits that were set before")]
-    mc_green_air: Annotated[Expr, Quantity("mg m-2 s-1", "CH2O, maintenance respiration of the fruits that are not ripe")]
     mc_fruit_ripe: Annotated[Expr, Quantity("mg m-2 s-1", "CH2O, last stage to ripe fruit")]
     mc_fruit_abort: Annotated[Expr, Quantity("mg m-2 s-1", "CH2O, aborted fruits")]
     mc_fruit_rot: Annotated[Expr, Quantity("mg m-2 s-1", "CH2O, rotten fruits")]

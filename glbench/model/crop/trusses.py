@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, NamedTuple, get_type_hints
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 from glbench.model.balances import DAY
 from glbench.model.bounds import COLDEST, HOTTEST, Horizon
@@ -45,14 +45,14 @@ from glbench.model.crop.stages import (
     total,
 )
 from glbench.model.crop.temperature import GrowthInhibition, growth_inhibition
-from glbench.model.crop.tomato import LEAVES, STEMS, TEMPERATURE_SUM, VanthoorTomato, net_uptake
+from glbench.model.crop.tomato import VanthoorTomato, net_uptake
 from glbench.model.expressions import Expr, fmax, log, sigmoid
 from glbench.model.greenhouse import record_of, typed_record
 from glbench.model.greenlight import CANOPY_EXCESS
-from glbench.model.model import ObservedColumn, Record, Signal
+from glbench.model.model import ObservedColumn, Signal
 from glbench.model.parameter_table import Parameter, declared_table, read_table
 from glbench.model.parameters import TomatoParameters
-from glbench.model.quantities import Quantity, Variable
+from glbench.model.quantities import Quantity, Variable, states_of
 from glbench.model.states import TomatoState
 from glbench.model.submodels import CropStart
 from glbench.model.surroundings import CropExchange, Surroundings
@@ -70,6 +70,10 @@ LIGHT_MEMORY = 2 * DAY
 """Time over which light is averaged for the photoperiod [s]; chosen: above the day's own swing."""
 
 
+HEAD_IN_BALANCE, HEAD_BY_SUPPLY, SUPPLY_IN_BALANCE = 10.0, 10.0, 0.5
+"""Diameter of the head [mm] of a plant in balance, its rise [mm] with the supply, and the supply of a plant in balance [-]; chosen."""
+
+
 class CrewControls(NamedTuple):
     """What is done by hand, 0 in a crop that is picked all day and never pruned or topped. A task schedules it, or gives it to an agent."""
 
@@ -85,7 +89,6 @@ class _Moving(NamedTuple):
     t_can24_sum: Annotated[Expr, Variable("°C s", "24-hour mean of the canopy temperature, summed", scale=1e8, small=1e3)]
     sum_buf_org: Annotated[Expr, Variable("s", "supply of the growing organs relative to their demand, summed", scale=1e6, small=10.0)]
     sum_grow_fruit: Annotated[Expr, Variable("mg m-2", "carbohydrate that went to fruits after they were set", scale=1e5, small=100.0)]
-    sum_green_air: Annotated[Expr, Variable("mg m-2", "carbohydrate that fruits respired before they were ripe", scale=1e5, small=100.0)]
     n_set: Annotated[Expr, Variable("m-2", "fruits set since the start", scale=100.0, small=0.1)]
     sum_wet: Annotated[Expr, Variable("s", "time that the crop was wet since the start", scale=1e6, small=10.0)]
     t_fruit: Annotated[Expr, Variable("°C", "temperature of the fruit")]
@@ -119,15 +122,23 @@ class _OwnParameters(NamedTuple):
     n_truss: Annotated[Expr, Parameter("-", "flowers of a truss", 9.0, "de Koning (1994)", "positive", sets=(("bleiswijk_2020", 12.0),))]
     c_truss1: Annotated[Expr, Parameter("s-1", "truss appearance at 0 °C", -1.708e-7 / 9, "Vanthoor (2011) table 9.1, for 9 flowers")]
     c_truss2: Annotated[Expr, Parameter("s-1 K-1", "rise of truss appearance", 7.3125e-7 / 9, "Vanthoor (2011) table 9.1, for 9 flowers")]
-    g_max: Annotated[Expr, Parameter("mg", "carbohydrate that a fruit can have", 1e4, "Vanthoor (2011) table 9.1", "positive",
-                                     sets=(("bleiswijk_2020", 2000.0),))]
+    g_max: Annotated[
+        Expr,
+        Parameter(
+            "mg", "carbohydrate that a fruit can have", 1e4, "Vanthoor (2011) table 9.1", "positive", sets=(("bleiswijk_2020", 2000.0),)
+        ),
+    ]
     t_set_hot: Annotated[Expr, Parameter("°C", "daily mean temperature beyond which heat costs fruit set", 25.0, "Peet et al. (1997)")]
     set_hot: Annotated[Expr, Parameter("K-1", "share of the set that a kelvin beyond costs", 0.193, "Peet et al. (1997)", "nonnegative")]
     t_set_cold: Annotated[Expr, Parameter("°C", "daily mean temperature below which cold costs fruit set", 18.0, "Adams et al. (2001)")]
     set_cold: Annotated[Expr, Parameter("K-1", "share of the set that a kelvin below costs", 0.1025, "Adams et al. (2001)", "nonnegative")]
-    abort_max: Annotated[Expr, Parameter("-", "share of the young fruits that abort without supply", 0.67, "TOMGRO, Jones et al. (1991)", "fraction")]
+    abort_max: Annotated[
+        Expr, Parameter("-", "share of the young fruits that abort without supply", 0.67, "TOMGRO, Jones et al. (1991)", "fraction")
+    ]
     abort_slope: Annotated[Expr, Parameter("-", "fall of that share with supply", 0.73, "TOMGRO, Jones et al. (1991)", "nonnegative")]
-    dm_fruit: Annotated[Expr, Parameter("-", "dry matter of fresh fruit", 0.0627, "published code", "positive", sets=(("bleiswijk_2020", 0.09),))]
+    dm_fruit: Annotated[
+        Expr, Parameter("-", "dry matter of fresh fruit", 0.0627, "published code", "positive", sets=(("bleiswijk_2020", 0.09),))
+    ]
 
 
 TrussParameters = record_of("TrussParameters", (TomatoParameters, _OwnParameters, HealthParameters))
@@ -233,28 +244,36 @@ class TrussTomato(VanthoorTomato):
 
     def _wetness(self, x: Any, s: Surroundings, p: Any) -> Wetness:
         leaves, fruits = wet_share(s.x.vp_air, s.x.t_can, p), wet_share(s.x.vp_air, x.t_fruit, p)
-        return Wetness(leaves, fruits, 1 - (1 - leaves) * (1 - fruits))
+        return Wetness(leaves, fruits, 0.5 * (leaves + fruits))
 
     def _fruit(self, most: Expr, fruits_set: Expr, x: Any, u: CrewControls, p: Any) -> FruitFlows:
         """``most`` is Vanthoor's flow to the fruit [mg m-2 s-1]."""
         number, mass = [getattr(x, name) for name in _NUMBERS], [getattr(x, name) for name in _MASSES]
         load = sink_strength(number, growth_curve(20.0, p.g_max).growth) / (DAY * p.rg_fruit)
         first = first_weight(x.t_can24, p.g_max) * fruits_set
+        green = (x.c_fruit - x.c_ripe) / (total(mass) + NO_FRUIT)
         return FruitFlows(
+            green_share=green,
             sink_load=load,
             mc_set_fruit=first,
             mc_grow_fruit=load_factor(load) * (most - first),
-            mc_green_air=maintenance_level(x, p) * p.c_fruit_m * (x.c_fruit - x.c_ripe),
-            mc_fruit_ripe=stage_rate(x.t_can24) * mass[-1],
-            mc_fruit_abort=self._aborting(x, p) * total(mass[:YOUNG_STAGES]),
-            mc_fruit_rot=self._rotting(x, p) * (total(mass) + x.c_ripe),
+            mc_fruit_ripe=green * (stage_rate(x.t_can24) * mass[-1]),
+            mc_fruit_abort=green * (self._aborting(x, p) * total(mass[:YOUNG_STAGES])),
+            mc_fruit_rot=self._rotting(x, p) * x.c_fruit,
             mc_fruit_har=(1 - u.u_away) * (PICKING * x.c_ripe),
         )
 
     def rates(self, x: Any, s: Surroundings, fluxes: TrussFluxes, p: Any) -> Any:
-        ph, al, re, fs, fr, lf = (fluxes.photosynthesis, fluxes.allocation, fluxes.respiration, fluxes.fruit_set, fluxes.fruit, fluxes.leaves)
+        ph, al, re, fs, fr, lf = (
+            fluxes.photosynthesis,
+            fluxes.allocation,
+            fluxes.respiration,
+            fluxes.fruit_set,
+            fluxes.fruit,
+            fluxes.leaves,
+        )
         number, mass = [getattr(x, name) for name in _NUMBERS], [getattr(x, name) for name in _MASSES]
-        respired_share = fr.mc_green_air / (total(mass) + NO_FRUIT)
+        respiring = maintenance_level(x, p) * p.c_fruit_m
         lost = self._rotting(x, p)
         picking = (1 - s.u.u_away) * PICKING
         published = {
@@ -269,11 +288,10 @@ class TrussTomato(VanthoorTomato):
             "t_can24_sum": x.t_can24,
             "sum_buf_org": al.h_buf_org,
             "sum_grow_fruit": fr.mc_grow_fruit,
-            "sum_green_air": fr.mc_green_air,
             "n_set": fs.mn_fruit_set,
             "sum_wet": fluxes.wetness.wet_crop,
             "t_fruit": (s.x.t_air - x.t_fruit) / p.tau_fruit,
-            "c_ripe": fr.mc_fruit_ripe - (re.mc_fruit_air - fr.mc_green_air) - lost * x.c_ripe - fr.mc_fruit_har,
+            "c_ripe": fr.mc_fruit_ripe - (respiring + lost) * x.c_ripe - fr.mc_fruit_har,
         }
         wet = fluxes.wetness.wet_crop
         passing = stage_rate(x.t_can24)
@@ -296,12 +314,92 @@ class TrussTomato(VanthoorTomato):
             gone = passing + lost + (aborting if stage < YOUNG_STAGES else 0)
             grown = gain * (number[stage] * curve.growth[stage]) if stage else 0
             followers[_NUMBERS[stage]] = came - gone * number[stage]
-            followers[_MASSES[stage]] = brought + grown - (gone + respired_share) * mass[stage]
+            followers[_MASSES[stage]] = brought + grown - (gone + respiring) * mass[stage]
             came, brought = passing * number[stage], passing * mass[stage]
         return TrussState(**published, **moving, **followers)
 
     def starts(self) -> Mapping[str, CropStart]:
         return {"mature_crop": _mature, "young_crop": _young}
+
+    def signals(self) -> tuple[Signal, ...]:
+        return (
+            *super().signals(),
+            Signal("crop/fruits", "Fruits on the plants", "m⁻²", "", of=_fruits),
+            Signal("crop/fruits_set", "Fruits set since the start", "m⁻²", "nSet"),
+            Signal("crop/picked_in_week", "Fruit picked in a week, fresh", "kg m⁻²", "", of=_picked_in_week),
+            Signal("crop/ripe", "Ripe fruit on the plants, fresh", "kg m⁻²", "", of=_ripe),
+            Signal("crop/supply", "Supply of growth relative to demand, 2 days", "%", "supply", 100.0),
+            Signal("crop/light_hours", "Hours of light a day", "h", "photoperiod", 24.0),
+            Signal("crop/injury", "Photosynthesis lost to long light", "%", "", of=_injured),
+            Signal("crop/wet_hours", "Wet hours in a row", "h", "wetHours"),
+            Signal("crop/mould", "Diseased share of the crop", "%", "mould", 100.0),
+        )
+
+    def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
+        """Wide: a house at 200 °C sets and picks, too; see ``glbench.model.bounds``."""
+        published = super().bounds(horizon)
+        seconds, masses = 86400.0 * horizon.days + 1.0, published["cFruit"]
+        p = horizon.parameters
+        flowers = p["nStem"] * p["nTruss"] * (p["cTruss1"] + p["cTruss2"] * HOTTEST) * (seconds + 100.0 * DAY)
+        by_name = {
+            "tCan24Sum": (COLDEST * seconds, HOTTEST * seconds),
+            "sumBufOrg": (0.0, 1.01 * seconds),
+            "sumGrowFruit": masses,
+            "sumWet": (0.0, 1.01 * seconds),
+            "tFruit": (COLDEST, HOTTEST),
+            "trusses": (0.0, flowers / (p["nStem"] * p["nTruss"])),
+            "wetHours": (0.0, seconds / HOUR),
+        }
+        by_unit = {"m-2": (-1.0, flowers), "mg m-2": masses, "-": (0.0, 1.01)}
+        new = states_of(TrussState)[len(TomatoState._fields) :]
+        return {**published, **{state.name: by_name.get(state.name) or by_unit[state.unit] for state in new}}
+
+    def observed(self, module: str, horizon: Horizon) -> tuple[ObservedColumn, ...] | None:
+        bounds, p = self.bounds(horizon), horizon.parameters
+        fruits, fresh = bounds["nSet"][1], bounds["cFruit"][1] * 1e-6 / p["dmFruit"]
+        trusses = ObservedColumn("trusses", "-", "trusses of a stem since the start", "trusses", *bounds["trusses"])
+        count = ObservedColumn("fruits", "m-2", "fruits on the plants", "", -1.0, STAGES * fruits, of=_fruits)
+        per_truss = ObservedColumn(
+            "fruits_per_truss", "-", "fruits on the trusses of the last days", "", -1.0, 10 * p["nTruss"], of=_fruits_per_truss
+        )
+        head = ObservedColumn(
+            "head_diameter", "mm", "stem of the plant's head: thick when supply is plenty", "", 0.0, 20.0, of=_head_diameter
+        )
+        picked = ObservedColumn("picked_in_week", "kg m-2", "fresh fruit picked in the last week", "", -0.1, fresh, of=_picked_in_week)
+        ripe = ObservedColumn("ripe_fruit", "kg m-2", "fresh fruit that is ripe on the plants", "", -0.1, fresh, of=_ripe)
+        light = ObservedColumn("light_hours", "h", "hours of light a day, averaged over two days", "photoperiod", 0.0, 24.5, 24.0)
+        injury = ObservedColumn("light_injury", "-", "photosynthesis lost to long light", "", 0.0, 1.01, of=_injured)
+        wet = ObservedColumn("wet_hours", "h", "wet hours in a row", "wetHours", *bounds["wetHours"])
+        mould = ObservedColumn("mould", "-", "diseased share of the crop", "mould", 0.0, 1.01)
+        own = {"registration": (trusses, count, per_truss, head, picked, ripe), "crop_health": (light, injury, wet, mould)}
+        return own.get(module) or super().observed(module, horizon)
+
+
+def _fruits(x: Any, p: Any) -> Expr:
+    return total([*(getattr(x, name) for name in _NUMBERS), x.n_ripe])
+
+
+def _fruits_per_truss(x: Any, p: Any) -> Expr:
+    """Fruits set lately over trusses that came meanwhile, at the mean temperature of the last day."""
+    came = TrussTomato._truss_appearance(x.t_can24, p) * p.n_stem * YOUNG_STAGES / stage_rate(x.t_can24)
+    return total([getattr(x, name) for name in _NUMBERS[:YOUNG_STAGES]]) / (came + 1e-3)
+
+
+def _head_diameter(x: Any, p: Any) -> Expr:
+    """[mm]: 10 in balance, a millimetre more for each tenth more of supply; chosen, after growers' guides."""
+    return HEAD_IN_BALANCE + HEAD_BY_SUPPLY * (x.supply - SUPPLY_IN_BALANCE)
+
+
+def _picked_in_week(x: Any, p: Any) -> Expr:
+    return 1e-6 * x.c_week / p.dm_fruit
+
+
+def _ripe(x: Any, p: Any) -> Expr:
+    return 1e-6 * x.c_ripe / p.dm_fruit
+
+
+def _injured(x: Any, p: Any) -> Expr:
+    return p.injury_max * x.injury
 
 
 def _start(air_temperature: float, p: Any, leaf: float, stem: float, age: float, number: Expr, mass: list[Expr]) -> Any:
@@ -314,7 +412,7 @@ def _start(air_temperature: float, p: Any, leaf: float, stem: float, age: float,
         "t_can_sum": age,
         "t_fruit": air_temperature,
         "photoperiod": 0.5,
-        "supply": 0.7,
+        "supply": 0.5,
     }
     return TrussState(**(rest | fruit))
 
@@ -324,7 +422,9 @@ def _mature(air_temperature: float, p: Any) -> Any:
     appear = TrussTomato._truss_appearance(20.0, p) * p.n_stem * p.n_truss * 0.8
     weight = growth_curve(20.0, p.g_max).weight
     number = float(appear / stage_rate(20.0))
-    return _start(air_temperature, p, published.c_leaf, published.c_stem, published.t_can_sum, number, [0.5 * number * float(w) for w in weight])
+    return _start(
+        air_temperature, p, published.c_leaf, published.c_stem, published.t_can_sum, number, [0.5 * number * float(w) for w in weight]
+    )
 
 
 def _young(air_temperature: float, p: Any) -> Any:
