@@ -86,7 +86,7 @@ class VanthoorTomato(Crop):
         Order("tCan24Min", "tCan24Max", "growth needs a range of temperatures"),
         Order("tCanMin", "tCanMax", "growth needs a range of temperatures"),
     )
-    parameters_after = "energyContentGas"
+    parameters_after: ClassVar[str | None] = "energyContentGas"
     observation_modules: ClassVar[Mapping[str, str]] = {
         "crop": "fruit dry mass, 24-hour mean canopy temperature, temperature sum",
         "published_crop": "as crop, mean temperature first and fruit in mg m-2",

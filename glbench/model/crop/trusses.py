@@ -1,11 +1,12 @@
 """A tomato crop as growers know it: trusses of fruits in stages, dark hours, wet nights, and a crew that picks, prunes and tops.
 
-It is the published crop (``VanthoorTomato``), with four additions. Fruits are counted and weighed in stages (``stages.py``). Long light injures
-photosynthesis, and wet nights bring grey mould (``health.py``). A crew picks ripe fruit and old leaves when it is at work, leaves fruits on a
-truss, and tops the crop. Photosynthesis, growth of leaves and stems, and respiration are those of the published crop.
+It is the published crop (``VanthoorTomato``), with four additions. Fruits are counted and weighed in stages (``stages.py``). Long light
+injures photosynthesis, and wet nights bring grey mould (``health.py``). A crew picks ripe fruit and old leaves when it is at work, prunes
+trusses, and tops the crop. Photosynthesis, growth of leaves and stems, and respiration are those of the published crop.
 
 States that change within days (the fruits of a stage, injury, mould) *follow*: the kernel steps them after the others, see ``Variable``.
 Their rates read other states only through the rates of meters (``t_can24_sum``, ``sum_grow_fruit``, ...), which are states for this reason.
+Where a task draws the fruit at the start, ``c_fruit``, the fruits of the stages become lighter or heavier by as much (``green_share``).
 """
 
 from __future__ import annotations
@@ -183,7 +184,7 @@ class TrussTomato(VanthoorTomato):
         "crop_health": "light a day, injury by long light, wet hours in a row, diseased share of the crop",
     }
 
-    def processes(self, x: Any, s: Surroundings, p: Any) -> TrussFluxes:
+    def processes(self, x: Any, s: Surroundings, p: Any) -> Any:
         """Vanthoor (2011), with what injury leaves of photosynthesis, and with the flow to the fruit shared out to the fruits there are."""
         u: CrewControls = s.u
         light = s.light
@@ -263,7 +264,7 @@ class TrussTomato(VanthoorTomato):
             mc_fruit_har=(1 - u.u_away) * (PICKING * x.c_ripe),
         )
 
-    def rates(self, x: Any, s: Surroundings, fluxes: TrussFluxes, p: Any) -> Any:
+    def rates(self, x: Any, s: Surroundings, fluxes: Any, p: Any) -> Any:
         ph, al, re, fs, fr, lf = (
             fluxes.photosynthesis,
             fluxes.allocation,
