@@ -275,9 +275,9 @@ class TrussTomato(VanthoorTomato):
         )
         number, mass = [getattr(x, name) for name in _NUMBERS], [getattr(x, name) for name in _MASSES]
         respiring = maintenance_level(x, p) * p.c_fruit_m
-        lost = self._rotting(x, p)
+        loss = self._rotting(x, p)
         picking = (1 - s.u.u_away) * PICKING
-        published = {
+        as_before = {
             "t_can24": (s.x.t_can - x.t_can24) / DAY,
             "c_buf": ph.mc_air_buf - al.mc_buf_fruit - al.mc_buf_leaf - al.mc_buf_stem - re.mc_buf_air,
             "c_leaf": al.mc_buf_leaf - re.mc_leaf_air - lf.mc_leaf_har - lf.mc_leaf_rot,
@@ -292,7 +292,7 @@ class TrussTomato(VanthoorTomato):
             "n_set": fs.mn_fruit_set,
             "sum_wet": fluxes.wetness.wet_crop,
             "t_fruit": (s.x.t_air - x.t_fruit) / p.tau_fruit,
-            "c_ripe": fr.mc_fruit_ripe - (respiring + lost) * x.c_ripe - fr.mc_fruit_har,
+            "c_ripe": fr.mc_fruit_ripe - (respiring + loss) * x.c_ripe - fr.mc_fruit_har,
         }
         wet = fluxes.wetness.wet_crop
         passing = stage_rate(x.t_can24)
@@ -302,22 +302,22 @@ class TrussTomato(VanthoorTomato):
             "injury": injury_growth(x.photoperiod, p) * (1 - x.injury) - x.injury / (p.tau_recovery * DAY),
             "supply": (al.h_buf_org - x.supply) / SUPPLY_MEMORY,
             "wet_hours": (wet - (1 - wet) * x.wet_hours / p.tau_dry) / HOUR,
-            "mould": p.growth_mould / DAY * infection(x.wet_hours, x.t_can24, p) * (x.mould + p.arriving_mould) * (1 - x.mould) - lost,
+            "mould": p.growth_mould / DAY * infection(x.wet_hours, x.t_can24, p) * (x.mould + p.arriving_mould) * (1 - x.mould) - loss,
             "c_week": fr.mc_fruit_har - x.c_week / WEEK,
-            "n_ripe": passing * number[-1] - (picking + lost) * x.n_ripe,
+            "n_ripe": passing * number[-1] - (picking + loss) * x.n_ripe,
         }
         curve = growth_curve(x.t_can24, p.g_max)
         first = curve.weight[0] * fs.mn_fruit_set
         gain = fr.mc_grow_fruit / (sink_strength(number, curve.growth) + NO_FRUIT)
         aborting = self._aborting(x, p)
-        came, brought = fs.mn_fruit_set, first
+        inflow, inflow_mass = fs.mn_fruit_set, first
         for stage in range(STAGES):
-            gone = passing + lost + (aborting if stage < YOUNG_STAGES else 0)
-            grown = gain * (number[stage] * curve.growth[stage]) if stage else 0
-            followers[_NUMBERS[stage]] = came - gone * number[stage]
-            followers[_MASSES[stage]] = brought + grown - (gone + respiring) * mass[stage]
-            came, brought = passing * number[stage], passing * mass[stage]
-        return TrussState(**published, **moving, **followers)
+            leaving = passing + loss + (aborting if stage < YOUNG_STAGES else 0)
+            gain_of_stage = gain * (number[stage] * curve.growth[stage]) if stage else 0
+            followers[_NUMBERS[stage]] = inflow - leaving * number[stage]
+            followers[_MASSES[stage]] = inflow_mass + gain_of_stage - (leaving + respiring) * mass[stage]
+            inflow, inflow_mass = passing * number[stage], passing * mass[stage]
+        return TrussState(**as_before, **moving, **followers)
 
     def starts(self) -> Mapping[str, CropStart]:
         return {"mature_crop": _mature, "young_crop": _young}
@@ -338,8 +338,8 @@ class TrussTomato(VanthoorTomato):
 
     def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
         """Wide: a house at 200 °C sets and picks, too; see ``glbench.model.bounds``."""
-        published = super().bounds(horizon)
-        seconds, masses = 86400.0 * horizon.days + 1.0, published["cFruit"]
+        as_before = super().bounds(horizon)
+        seconds, masses = 86400.0 * horizon.days + 1.0, as_before["cFruit"]
         p = horizon.parameters
         flowers = p["nStem"] * p["nTruss"] * (p["cTruss1"] + p["cTruss2"] * HOTTEST) * (seconds + 100.0 * DAY)
         by_name = {
@@ -353,7 +353,7 @@ class TrussTomato(VanthoorTomato):
         }
         by_unit = {"m-2": (-1.0, flowers), "mg m-2": masses, "-": (0.0, 1.01)}
         new = states_of(TrussState)[len(TomatoState._fields) :]
-        return {**published, **{state.name: by_name.get(state.name) or by_unit[state.unit] for state in new}}
+        return {**as_before, **{state.name: by_name.get(state.name) or by_unit[state.unit] for state in new}}
 
     def observed(self, module: str, horizon: Horizon) -> tuple[ObservedColumn, ...] | None:
         bounds, p = self.bounds(horizon), horizon.parameters
@@ -366,13 +366,13 @@ class TrussTomato(VanthoorTomato):
         head = ObservedColumn(
             "head_diameter", "mm", "stem of the plant's head: thick when supply is plenty", "", 0.0, 20.0, of=_head_diameter
         )
-        picked = ObservedColumn("picked_in_week", "kg m-2", "fresh fruit picked in the last week", "", -0.1, fresh, of=_picked_in_week)
+        week = ObservedColumn("picked_in_week", "kg m-2", "fresh fruit picked in the last week", "", -0.1, fresh, of=_picked_in_week)
         ripe = ObservedColumn("ripe_fruit", "kg m-2", "fresh fruit that is ripe on the plants", "", -0.1, fresh, of=_ripe)
         light = ObservedColumn("light_hours", "h", "hours of light a day, averaged over two days", "photoperiod", 0.0, 24.5, 24.0)
         injury = ObservedColumn("light_injury", "-", "photosynthesis lost to long light", "", 0.0, 1.01, of=_injured)
         wet = ObservedColumn("wet_hours", "h", "wet hours in a row", "wetHours", *bounds["wetHours"])
         mould = ObservedColumn("mould", "-", "diseased share of the crop", "mould", 0.0, 1.01)
-        own = {"registration": (trusses, count, per_truss, head, picked, ripe), "crop_health": (light, injury, wet, mould)}
+        own = {"registration": (trusses, count, per_truss, head, week, ripe), "crop_health": (light, injury, wet, mould)}
         return own.get(module) or super().observed(module, horizon)
 
 
@@ -382,8 +382,8 @@ def _fruits(x: Any, p: Any) -> Expr:
 
 def _fruits_per_truss(x: Any, p: Any) -> Expr:
     """Fruits set lately over trusses that came meanwhile, at the mean temperature of the last day."""
-    came = TrussTomato._truss_appearance(x.t_can24, p) * p.n_stem * YOUNG_STAGES / stage_rate(x.t_can24)
-    return total([getattr(x, name) for name in _NUMBERS[:YOUNG_STAGES]]) / (came + 1e-3)
+    inflow = TrussTomato._truss_appearance(x.t_can24, p) * p.n_stem * YOUNG_STAGES / stage_rate(x.t_can24)
+    return total([getattr(x, name) for name in _NUMBERS[:YOUNG_STAGES]]) / (inflow + 1e-3)
 
 
 def _head_diameter(x: Any, p: Any) -> Expr:
@@ -419,15 +419,13 @@ def _start(air_temperature: float, p: Any, leaf: float, stem: float, age: float,
 
 
 def _mature(air_temperature: float, p: Any) -> Any:
-    published = VanthoorTomato().starts()["mature_crop"](air_temperature, p)
+    before = VanthoorTomato().starts()["mature_crop"](air_temperature, p)
     appear = TrussTomato._truss_appearance(20.0, p) * p.n_stem * p.n_truss * 0.8
     weight = growth_curve(20.0, p.g_max).weight
     number = float(appear / stage_rate(20.0))
-    return _start(
-        air_temperature, p, published.c_leaf, published.c_stem, published.t_can_sum, number, [0.5 * number * float(w) for w in weight]
-    )
+    return _start(air_temperature, p, before.c_leaf, before.c_stem, before.t_can_sum, number, [0.5 * number * float(w) for w in weight])
 
 
 def _young(air_temperature: float, p: Any) -> Any:
-    published = VanthoorTomato().starts()["young_crop"](air_temperature, p)
-    return _start(air_temperature, p, published.c_leaf, published.c_stem, 0.0, 0.0, [0.0] * STAGES)
+    before = VanthoorTomato().starts()["young_crop"](air_temperature, p)
+    return _start(air_temperature, p, before.c_leaf, before.c_stem, 0.0, 0.0, [0.0] * STAGES)
