@@ -27,6 +27,9 @@ HOUR = 3600.0
 DIM = 10.0
 """PAR above the canopy that counts half as light [umol m-2 s-1], and five times the width of that step; chosen: beyond dusk."""
 
+COLD = 0.01
+"""Least warmth above the coldest infection [K]: nearly no infection, and a power with a finite slope."""
+
 
 class HealthParameters(NamedTuple):
     """Parameters of long light and of grey mould. ``injury_max = 0`` and ``growth_mould = 0`` switch one off."""
@@ -100,7 +103,7 @@ def wet_share(vapour_pressure: Expr, temperature: Expr, p: HealthParameters) -> 
 
 def infection(hours: Expr, t_can: Expr, p: HealthParameters) -> Expr:
     """Infection after some wet hours in a row at a canopy temperature [°C], 1 = the largest."""
-    rise = fmax(t_can - p.t_mould_min, 0) / (p.t_mould_opt - p.t_mould_min)
+    rise = fmax(t_can - p.t_mould_min, COLD) / (p.t_mould_opt - p.t_mould_min)
     fall = fmax(p.t_mould_max - t_can, 0) / (p.t_mould_max - p.t_mould_opt)
     shape = (p.t_mould_opt - p.t_mould_min) / (p.t_mould_max - p.t_mould_opt)
     return fall * rise**shape * square(hours) / (square(hours) + square(p.hours_wet))

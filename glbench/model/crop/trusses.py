@@ -4,7 +4,7 @@ It is the published crop (``VanthoorTomato``), with four additions. Fruits are c
 injures photosynthesis, and wet nights bring grey mould (``health.py``). A crew picks ripe fruit and old leaves when it is at work, prunes
 trusses, and tops the crop. Photosynthesis, growth of leaves and stems, and respiration are those of the published crop.
 
-States that change within days (the fruits of a stage, injury, mould) *follow*: the kernel steps them after the others, see ``Variable``.
+The fruits of the stages change slowly, and *follow*: the kernel steps them after the others, see ``Variable``.
 Their rates read other states only through the rates of meters (``t_can24_sum``, ``sum_grow_fruit``, ...), which are states for this reason.
 Where a task draws the fruit at the start, ``c_fruit``, the fruits of the stages become lighter or heavier by as much (``green_share``).
 """
@@ -91,9 +91,14 @@ class _Moving(NamedTuple):
     sum_buf_org: Annotated[Expr, Variable("s", "supply of the growing organs relative to their demand, summed", scale=1e6, small=10.0)]
     sum_grow_fruit: Annotated[Expr, Variable("mg m-2", "carbohydrate that went to fruits after they were set", scale=1e5, small=100.0)]
     n_set: Annotated[Expr, Variable("m-2", "fruits set since the start", scale=100.0, small=0.1)]
-    sum_wet: Annotated[Expr, Variable("s", "time that the crop was wet since the start", scale=1e6, small=10.0)]
+    sum_rot: Annotated[Expr, Variable("-", "share of the crop lost to mould, summed since the start", scale=1.0, small=1e-3)]
     t_fruit: Annotated[Expr, Variable("°C", "temperature of the fruit")]
     c_ripe: Annotated[Expr, Variable("mg m-2", "carbohydrate in ripe fruit on the plants", scale=1e5, small=100.0)]
+    n_ripe: Annotated[Expr, Variable("m-2", "ripe fruits on the plants", scale=10.0, small=0.01)]
+    photoperiod: Annotated[Expr, Variable("-", "share of the day in light, averaged over two days", scale=1.0, small=1e-3)]
+    injury: Annotated[Expr, Variable("-", "injury by long light, 1 = full", scale=1.0, small=1e-3)]
+    wet_hours: Annotated[Expr, Variable("h", "wet hours in a row, fading when the crop is dry", scale=10.0, small=0.01)]
+    mould: Annotated[Expr, Variable("-", "diseased share of the crop", scale=1.0, small=1e-3)]
 
 
 def _follows(unit: str, meaning: str, scale: float) -> Any:
@@ -104,13 +109,8 @@ _NUMBERS = tuple(f"n_fruit{stage}" for stage in range(1, STAGES + 1))
 _MASSES = tuple(f"c_fruit{stage}" for stage in range(1, STAGES + 1))
 _FOLLOWERS = {
     "trusses": _follows("-", "trusses of a stem since the start", 10.0),
-    "photoperiod": _follows("-", "share of the day in light, averaged over two days", 1.0),
-    "injury": _follows("-", "injury by long light, 1 = full", 1.0),
     "supply": _follows("-", "supply of the growing organs relative to their demand, averaged over two days", 1.0),
-    "wet_hours": _follows("h", "wet hours in a row, fading when the crop is dry", 10.0),
-    "mould": _follows("-", "diseased share of the crop", 1.0),
     "c_week": _follows("mg m-2", "carbohydrate picked in the last week, fading", 1e5),
-    "n_ripe": _follows("m-2", "ripe fruits on the plants", 10.0),
     **{name: _follows("m-2", f"fruits in stage {stage}", 10.0) for stage, name in enumerate(_NUMBERS, 1)},
     **{name: _follows("mg m-2", f"carbohydrate of the fruits in stage {stage}", 1e4) for stage, name in enumerate(_MASSES, 1)},
 }
@@ -285,26 +285,26 @@ class TrussTomato(VanthoorTomato):
             "c_fruit": al.mc_buf_fruit - re.mc_fruit_air - fr.mc_fruit_abort - fr.mc_fruit_rot - fr.mc_fruit_har,
             "t_can_sum": s.x.t_can / DAY,
         }
+        wet = fluxes.wetness.wet_crop
+        passing = stage_rate(x.t_can24)
         moving = {
             "t_can24_sum": x.t_can24,
             "sum_buf_org": al.h_buf_org,
             "sum_grow_fruit": fr.mc_grow_fruit,
             "n_set": fs.mn_fruit_set,
-            "sum_wet": fluxes.wetness.wet_crop,
+            "sum_rot": loss,
             "t_fruit": (s.x.t_air - x.t_fruit) / p.tau_fruit,
             "c_ripe": fr.mc_fruit_ripe - (respiring + loss) * x.c_ripe - fr.mc_fruit_har,
-        }
-        wet = fluxes.wetness.wet_crop
-        passing = stage_rate(x.t_can24)
-        followers = {
-            "trusses": self._truss_appearance(x.t_can24, p) * (1 - s.u.u_top),
             "photoperiod": (fluxes.injury.light_on - x.photoperiod) / LIGHT_MEMORY,
             "injury": injury_growth(x.photoperiod, p) * (1 - x.injury) - x.injury / (p.tau_recovery * DAY),
-            "supply": (al.h_buf_org - x.supply) / SUPPLY_MEMORY,
             "wet_hours": (wet - (1 - wet) * x.wet_hours / p.tau_dry) / HOUR,
             "mould": p.growth_mould / DAY * infection(x.wet_hours, x.t_can24, p) * (x.mould + p.arriving_mould) * (1 - x.mould) - loss,
-            "c_week": fr.mc_fruit_har - x.c_week / WEEK,
             "n_ripe": passing * number[-1] - (picking + loss) * x.n_ripe,
+        }
+        followers = {
+            "trusses": self._truss_appearance(x.t_can24, p) * (1 - s.u.u_top),
+            "supply": (al.h_buf_org - x.supply) / SUPPLY_MEMORY,
+            "c_week": fr.mc_fruit_har - x.c_week / WEEK,
         }
         curve = growth_curve(x.t_can24, p.g_max)
         first = curve.weight[0] * fs.mn_fruit_set
@@ -346,7 +346,7 @@ class TrussTomato(VanthoorTomato):
             "tCan24Sum": (COLDEST * seconds, HOTTEST * seconds),
             "sumBufOrg": (0.0, 1.01 * seconds),
             "sumGrowFruit": masses,
-            "sumWet": (0.0, 1.01 * seconds),
+            "sumRot": (0.0, seconds / DAY),
             "tFruit": (COLDEST, HOTTEST),
             "trusses": (0.0, flowers / (p["nStem"] * p["nTruss"])),
             "wetHours": (0.0, seconds / HOUR),
