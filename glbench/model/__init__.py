@@ -23,6 +23,7 @@ from glbench.model.air import (
 from glbench.model.bounds import Horizon
 from glbench.model.crop.lettuce import VanHentenLettuce
 from glbench.model.crop.tomato import VanthoorTomato
+from glbench.model.crop.trusses import TrussTomato
 from glbench.model.energy import ChpBoilerBuffer
 from glbench.model.expressions import Expr
 from glbench.model.greenhouse import Meter, compose
@@ -31,18 +32,24 @@ from glbench.model.heat_harvesting import HARVEST_METERS, HeatHarvesting
 from glbench.model.model import Capacity, Evaluation, Flow, Model, ObservedColumn, Signal, Step, Stock
 from glbench.model.paper import (
     AUXILIARIES,
+    CO2_DOSED,
     COMPARTMENT,
     CONTROL_NAMES,
     CONTROLS,
     DISTURBANCE_NAMES,
     DISTURBANCES,
     LETTUCE,
+    HARVEST,
     MODEL_VERSION,
     PARAMETER_NAMES,
     PARAMETERS,
     STATE_NAMES,
     STATES,
     TOMATO,
+    TOMATO_2,
+    TOMATO_2_COMPARTMENT,
+    TOMATO_2_ENERGY,
+    TOMATO_2_HEAT_PUMP,
     TOMATO_ENERGY,
     TOMATO_HEAT_PUMP,
     TOMATO_SEASON,
@@ -78,11 +85,13 @@ from glbench.model.violation_meters import (
 
 __all__ = [
     "AUXILIARIES",
+    "CO2_DOSED",
     "COMPARTMENT",
     "CONTROLS",
     "CONTROL_NAMES",
     "DISTURBANCES",
     "DISTURBANCE_NAMES",
+    "HARVEST",
     "HARVEST_METERS",
     "LETTUCE",
     "MODEL_VERSION",
@@ -94,6 +103,10 @@ __all__ = [
     "STATES",
     "STATE_NAMES",
     "TOMATO",
+    "TOMATO_2",
+    "TOMATO_2_COMPARTMENT",
+    "TOMATO_2_ENERGY",
+    "TOMATO_2_HEAT_PUMP",
     "TOMATO_ENERGY",
     "TOMATO_HEAT_PUMP",
     "TOMATO_SEASON",
@@ -126,6 +139,7 @@ __all__ = [
     "Stock",
     "Surroundings",
     "VanHentenLettuce",
+    "TrussTomato",
     "VanthoorTomato",
     "Variable",
     "auxiliaries",

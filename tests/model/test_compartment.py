@@ -108,7 +108,8 @@ DIGESTS = {
 def test_the_equations_of_published_models_are_what_they_were() -> None:
     assert {key: get_model(*key).digest for key in DIGESTS} == DIGESTS
     published = {(model.id, model.variant) for model in registered_models() if model.id.startswith("greenlight-")}
-    assert DIGESTS.keys() | {(MODEL.id, MODEL.variant)} == published
+    younger = {(model, variant) for model, variant in published if model.startswith("greenlight-tomato-2-")}
+    assert DIGESTS.keys() | {(MODEL.id, MODEL.variant)} == published - younger
 
 
 # Off

@@ -92,13 +92,13 @@ def growth_curve(t_can24: Expr, g_max: Expr) -> FruitGrowthCurve:
     """
     rate = development_rate(t_can24)
     steepness = 1 / ((2.44 - 0.403 * 4.93) * rate + 0.403 * 0.548)
-    left = exp(steepness * (0.548 - 4.93 * rate - 0.5 / STAGES))
+    ungrown = exp(steepness * (0.548 - 4.93 * rate - 0.5 / STAGES))
     factor = exp(-steepness / STAGES)
     weight, growth = [], []
     for _ in range(STAGES):
-        weight.append(g_max * exp(-left))
-        growth.append(weight[-1] * left * (steepness * rate))
-        left = left * factor
+        weight.append(g_max * exp(-ungrown))
+        growth.append(weight[-1] * ungrown * (steepness * rate))
+        ungrown = ungrown * factor
     return FruitGrowthCurve(weight, growth)
 
 
