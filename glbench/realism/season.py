@@ -199,8 +199,11 @@ def _realise(realised: Mapping[str, FloatArray], place: int, indoor: Indoor) -> 
 def young_crop(greenhouse: Model, first: FloatArray, p: FloatArray, plants: Plants, air_temperature: float = AIR_AT_START) -> FloatArray:
     """State when the young plants have been planted (states,), with air, surfaces and plants at ``air_temperature`` [degC].
 
-    ``first`` is the first row of the weather (disturbances,), ``p`` the parameters (parameters,); the rest is that of any start.
+    ``first`` is the first row of the weather (disturbances,), ``p`` the parameters (parameters,); the rest is that of any start. Of a crop
+    with trusses, the model's own young crop is planted instead.
     """
+    if "trusses" in greenhouse.state_names:  # a crop whose own start says how far its trusses are
+        return np.array(greenhouse.start("young_crop", first, air_temperature, p))
     x = np.array(greenhouse.start("mature_crop", first, air_temperature, p))
     mass = 1e3 * plants.dry_mass  # mg m-2
     own = {

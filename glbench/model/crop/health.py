@@ -45,7 +45,14 @@ class HealthParameters(NamedTuple):
     tau_recovery: Annotated[Expr, Parameter("day", "time in which injury heals: new leaves for old", 28.0, "chosen", "positive")]
     dt_cold_spot: Annotated[
         Expr,
-        Parameter("K", "how much colder than the mean the cold spots of a crop are", 2.5, "chosen: up to 3 K are measured", "nonnegative"),
+        Parameter(
+            "K",
+            "how much colder than the mean the cold spots of a crop are",
+            2.5,
+            "chosen: up to 3 K are measured",
+            "nonnegative",
+            sets=(("bleiswijk_2020", 1.1),),
+        ),
     ]
     tau_fruit: Annotated[
         Expr, Parameter("s", "time in which the temperature of a fruit follows that of the air", 3900.0, "a sphere of 100 g", "positive")

@@ -75,6 +75,10 @@ HEAD_IN_BALANCE, HEAD_BY_SUPPLY, SUPPLY_IN_BALANCE = 10.0, 10.0, 0.5
 """Diameter of the head [mm] of a plant in balance, its rise [mm] with the supply, and the supply of a plant in balance [-]; chosen."""
 
 
+BEFORE_FLOWERING = 180.0
+"""Temperature sum from planting to the first flowers [°C day]: nine to ten days, as six measured crops took (docs/crop.md)."""
+
+
 class CrewControls(NamedTuple):
     """What is done by hand, 0 in a crop that is picked all day and never pruned or topped. A task schedules it, or gives it to an agent."""
 
@@ -121,7 +125,10 @@ TrussState = record_of("TrussState", (TomatoState, _Moving, typed_record("Follow
 class _OwnParameters(NamedTuple):
     n_stem: Annotated[Expr, Parameter("m-2", "stems", 2.5, "Vanthoor (2011) table 9.1", "positive", sets=(("bleiswijk_2020", 4.0),))]
     n_truss: Annotated[Expr, Parameter("-", "flowers of a truss", 9.0, "de Koning (1994)", "positive", sets=(("bleiswijk_2020", 12.0),))]
-    c_truss1: Annotated[Expr, Parameter("s-1", "truss appearance at 0 °C", -1.708e-7 / 9, "Vanthoor (2011) table 9.1, for 9 flowers")]
+    c_truss1: Annotated[Expr, Parameter(
+            "s-1", "truss appearance at 0 °C", -1.708e-7 / 9, "Vanthoor (2011) table 9.1, for 9 flowers", sets=(("bleiswijk_2020", 5.94e-7),)
+        ),
+    ]
     c_truss2: Annotated[Expr, Parameter("s-1 K-1", "rise of truss appearance", 7.3125e-7 / 9, "Vanthoor (2011) table 9.1, for 9 flowers")]
     g_max: Annotated[
         Expr,
@@ -224,8 +231,12 @@ class TrussTomato(VanthoorTomato):
         heat = fmax(1 - p.set_hot * fmax(x.t_can24 - p.t_set_hot, 0), 0)
         cold = fmax(1 - p.set_cold * fmax(p.t_set_cold - x.t_can24, 0), 0)
         flowers = p.n_stem * p.n_truss * self._truss_appearance(x.t_can24, p) * (1 - u.u_top) * (1 - u.u_prune)
-        bearing = sigmoid(x.t_can_sum / 20)
-        return FruitSet(heat, cold, flowers * heat * cold * bearing * set_by_carbohydrate(supply))
+        return FruitSet(heat, cold, flowers * heat * cold * self._flowering(x) * set_by_carbohydrate(supply))
+
+    @staticmethod
+    def _flowering(x: Any) -> Expr:
+        """0 before the first truss flowers, 1 after it."""
+        return sigmoid(x.t_can_sum / 20)
 
     @staticmethod
     def _truss_appearance(t_can24: Expr, p: Any) -> Expr:
@@ -302,7 +313,7 @@ class TrussTomato(VanthoorTomato):
             "n_ripe": passing * number[-1] - (picking + loss) * x.n_ripe,
         }
         followers = {
-            "trusses": self._truss_appearance(x.t_can24, p) * (1 - s.u.u_top),
+            "trusses": self._truss_appearance(x.t_can24, p) * self._flowering(x) * (1 - s.u.u_top),
             "supply": (al.h_buf_org - x.supply) / SUPPLY_MEMORY,
             "c_week": fr.mc_fruit_har - x.c_week / WEEK,
         }
@@ -343,6 +354,7 @@ class TrussTomato(VanthoorTomato):
         p = horizon.parameters
         flowers = p["nStem"] * p["nTruss"] * (p["cTruss1"] + p["cTruss2"] * HOTTEST) * (seconds + 100.0 * DAY)
         by_name = {
+            "tCanSum": (as_before["tCanSum"][0] - BEFORE_FLOWERING, as_before["tCanSum"][1]),
             "tCan24Sum": (COLDEST * seconds, HOTTEST * seconds),
             "sumBufOrg": (0.0, 1.01 * seconds),
             "sumGrowFruit": masses,
@@ -353,7 +365,7 @@ class TrussTomato(VanthoorTomato):
         }
         by_unit = {"m-2": (-1.0, flowers), "mg m-2": masses, "-": (0.0, 1.01)}
         new = states_of(TrussState)[len(TomatoState._fields) :]
-        return {**as_before, **{state.name: by_name.get(state.name) or by_unit[state.unit] for state in new}}
+        return {**as_before, **by_name, **{state.name: by_name.get(state.name) or by_unit[state.unit] for state in new}}
 
     def observed(self, module: str, horizon: Horizon) -> tuple[ObservedColumn, ...] | None:
         bounds, p = self.bounds(horizon), horizon.parameters
@@ -428,4 +440,4 @@ def _mature(air_temperature: float, p: Any) -> Any:
 
 def _young(air_temperature: float, p: Any) -> Any:
     before = VanthoorTomato().starts()["young_crop"](air_temperature, p)
-    return _start(air_temperature, p, before.c_leaf, before.c_stem, 0.0, 0.0, [0.0] * STAGES)
+    return _start(air_temperature, p, before.c_leaf, before.c_stem, -BEFORE_FLOWERING, 0.0, [0.0] * STAGES)
