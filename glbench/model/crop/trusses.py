@@ -95,6 +95,7 @@ class _Moving(NamedTuple):
     sum_buf_org: Annotated[Expr, Variable("s", "supply of the growing organs relative to their demand, summed", scale=1e6, small=10.0)]
     sum_grow_fruit: Annotated[Expr, Variable("mg m-2", "carbohydrate that went to fruits after they were set", scale=1e5, small=100.0)]
     n_set: Annotated[Expr, Variable("m-2", "fruits set since the start", scale=100.0, small=0.1)]
+    trusses: Annotated[Expr, Variable("-", "trusses of a stem since the start", scale=10.0, small=0.01)]
     sum_rot: Annotated[Expr, Variable("-", "share of the crop lost to mould, summed since the start", scale=1.0, small=1e-3)]
     t_fruit: Annotated[Expr, Variable("°C", "temperature of the fruit")]
     c_ripe: Annotated[Expr, Variable("mg m-2", "carbohydrate in ripe fruit on the plants", scale=1e5, small=100.0)]
@@ -112,7 +113,6 @@ def _follows(unit: str, meaning: str, scale: float) -> Any:
 _NUMBERS = tuple(f"n_fruit{stage}" for stage in range(1, STAGES + 1))
 _MASSES = tuple(f"c_fruit{stage}" for stage in range(1, STAGES + 1))
 _FOLLOWERS = {
-    "trusses": _follows("-", "trusses of a stem since the start", 10.0),
     "supply": _follows("-", "supply of the growing organs relative to their demand, averaged over two days", 1.0),
     "c_week": _follows("mg m-2", "carbohydrate picked in the last week, fading", 1e5),
     **{name: _follows("m-2", f"fruits in stage {stage}", 10.0) for stage, name in enumerate(_NUMBERS, 1)},
@@ -303,6 +303,7 @@ class TrussTomato(VanthoorTomato):
             "sum_buf_org": al.h_buf_org,
             "sum_grow_fruit": fr.mc_grow_fruit,
             "n_set": fs.mn_fruit_set,
+            "trusses": self._truss_appearance(x.t_can24, p) * self._flowering(x) * (1 - s.u.u_top),
             "sum_rot": loss,
             "t_fruit": (s.x.t_air - x.t_fruit) / p.tau_fruit,
             "c_ripe": fr.mc_fruit_ripe - (respiring + loss) * x.c_ripe - fr.mc_fruit_har,
@@ -313,7 +314,6 @@ class TrussTomato(VanthoorTomato):
             "n_ripe": passing * number[-1] - (picking + loss) * x.n_ripe,
         }
         followers = {
-            "trusses": self._truss_appearance(x.t_can24, p) * self._flowering(x) * (1 - s.u.u_top),
             "supply": (al.h_buf_org - x.supply) / SUPPLY_MEMORY,
             "c_week": fr.mc_fruit_har - x.c_week / WEEK,
         }
