@@ -167,7 +167,7 @@ class Stand:
         green = (x["cFruit"] - x["cRipe"]) / (sum(mass) + 1e-9)
         ripening, respired = green * passing * mass[-1], level * p["cFruitM"]
         picked = at_work * x["cRipe"] / (2 * HOUR)
-        largest = p["laiMax"] / p["sla"] * (1 - u["uDefoliate"])
+        largest = p["laiMax"] / p["sla"] * max(1 - u["uDefoliate"], 0.5)
         leaves_picked = at_work * 1e5 * step(2 * math.log(100) * (x["cLeaf"] - largest) / 1e4)
         wet = (self.wet(c.canopy) + self.wet(x["tFruit"])) / 2
         beyond = max(0.0, 24 * x["photoperiod"] - p["hoursLight"]) / (24 - p["hoursLight"])

@@ -70,6 +70,9 @@ SUPPLY_MEMORY = 2 * DAY
 LIGHT_MEMORY = 2 * DAY
 """Time over which light is averaged for the photoperiod [s]; chosen: above the day's own swing."""
 
+LEAST_LEAVES = 0.5
+"""Share of the largest leaf area that a crew never goes below; chosen: far below a leaf area index of 1, photosynthesis has a pole."""
+
 
 HEAD_IN_BALANCE, HEAD_BY_SUPPLY, SUPPLY_IN_BALANCE = 10.0, 10.0, 0.5
 """Diameter of the head [mm] of a plant in balance, its rise [mm] with the supply, and the supply of a plant in balance [-]; chosen."""
@@ -84,7 +87,7 @@ class CrewControls(NamedTuple):
 
     u_away: Annotated[Expr, Quantity("-", "crew away: picks neither fruit nor leaves")]
     u_prune: Annotated[Expr, Quantity("-", "share of the flowers of a truss that is pruned")]
-    u_defoliate: Annotated[Expr, Quantity("-", "share of the largest leaf area that is picked besides")]
+    u_defoliate: Annotated[Expr, Quantity("-", "share of the largest leaf area that is picked besides, half of it at most")]
     u_top: Annotated[Expr, Quantity("-", "topped: no new trusses and leaves")]
 
 
@@ -209,7 +212,7 @@ class TrussTomato(VanthoorTomato):
             mc_buf_fruit=fruit.mc_set_fruit + fruit.mc_grow_fruit,
         )
         respired = respiration(growth, x, p)
-        largest = p.c_leaf_max * (1 - u.u_defoliate)
+        largest = p.c_leaf_max * fmax(1 - u.u_defoliate, LEAST_LEAVES)
         return TrussFluxes(
             photosynthesis=sugar,
             inhibition=inhibition,
