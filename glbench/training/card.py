@@ -82,7 +82,7 @@ def training_table(algorithm: str, settings: Any, digest: str, seed: int, steps:
 def facts_of_training(task: TaskSpec, settings: TrainingSettings, digest: str, seed: int, steps: int, ends: Sequence[int]) -> TrainingFacts:
     """What the card of a training with Stable-Baselines3 says; ``digest`` is the settings', ``ends`` where it ended before it went on."""
     name = settings.algorithm.rpartition(".")[2]
-    paid = "" if settings.accrual is None else f" {settings.accrual.in_words}"
+    paid = "" if settings.accrual is None else f" {settings.accrual.in_words(task)}"
     return TrainingFacts(
         title=f"{name.upper() if name == settings.algorithm else name} trained on {task.id}, seed {seed}",
         description=f"The best model of {steps:,} steps by evaluation return, without the noise of exploration.{paid}",

@@ -155,7 +155,7 @@ class _Training(Session):
             traces += f" It keeps running means of {', '.join(memory.columns)} over {', '.join(f'{h:g} h' for h in memory.hours)}."
         if memory.gru:
             traces += f" It remembers with a gated recurrent unit of {memory.gru} units."
-        paid = "" if accrual is None else f" {accrual.in_words}"
+        paid = "" if accrual is None else f" {accrual.in_words(self.task)}"
         return TrainingFacts(
             title=f"Compiled PPO trained on {self.task.id}, seed {self.seed}",
             description=f"The best policy of {self.steps:,} steps by evaluation return, without the noise of exploration.{traces}{paid}",

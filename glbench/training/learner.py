@@ -150,13 +150,15 @@ class Learner:
         traced = np.array([names.index(name) for name in columns], np.int64)
         shares = -np.expm1(-task.step_seconds / (3600.0 * np.array(hours, np.float64)))
         accrual = settings.accrual
+        if accrual is not None:
+            accrual.place(task)
         privileged = settings.critic_sees if accrual is None else (accrual.state, *settings.critic_sees)
         try:
             environment = Environment(
                 task, settings.kernel_preset, seeds=settings.seeds, places=settings.places, info=tuple(dict.fromkeys(privileged))
             )
         except UnknownNameError as error:
-            refuse(f"'accrual' or 'critic_sees': {error}", TrainingError, error)
+            refuse(f"'critic_sees': {error}", TrainingError, error)
         except TaskError as error:
             msg = f"{error} Or train with Stable-Baselines3, which supports it: glbench train stable_baselines3.PPO --task {task.id}"
             raise TrainingError(msg) from error

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from glbench.errors import TrainingError, refuse
+from glbench.errors import TrainingError, did_you_mean, refuse
 from glbench.resources import data_folder
 from glbench.settings import validated
 from glbench.tasks.record import FIRST_TRAINING_SEED
@@ -125,10 +125,19 @@ class Accrual(FrozenSettings):
     price: float = Field(gt=0)
     """Reward for one unit of the state."""
 
-    @property
-    def in_words(self) -> str:
-        """What a card says of it."""
-        return f"In training, growth of the state {self.state} was paid for as well ({self.price:g} for a unit)."
+    def place(self, task: TaskSpec) -> int:
+        """Place of the state in the model of ``task``. Raises ``TrainingError`` when the model has no such state."""
+        names = task.model_value.state_names
+        if self.state not in names:
+            msg = f"'accrual': the model of {task.id} has no state '{self.state}'.{did_you_mean(self.state, names)}"
+            raise TrainingError(msg)
+        return names.index(self.state)
+
+    def in_words(self, task: TaskSpec) -> str:
+        """What a card says of it: the state, what it is, and what a unit of it earns in the task's reward."""
+        state = task.model_value.states[self.place(task)]
+        price = f"{self.price:g} of the reward for 1 {state.unit}".removesuffix(" -")
+        return f"In training, growth of {state.name} was paid for as well: {state.meaning}, {price}."
 
 
 class TrainingSettings(FrozenSettings):

@@ -20,7 +20,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from glbench.env import GreenhouseVectorEnv, Snapshot
 from glbench.env.kernels import check_kernel
 from glbench.env.spaces import task_of_environment
-from glbench.errors import GlbenchError, TrainingError, did_you_mean, refuse, whole_number
+from glbench.errors import GlbenchError, refuse, whole_number
 from glbench.kernel import make_kernel
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training.constant_columns import Floats, Mask, varies
@@ -72,11 +72,7 @@ class TrainingVecEnv(VecEnv):
     ) -> None:
         self._price, self._stored = 0.0, 0
         if accrual is not None:
-            names = task.model_value.state_names
-            if accrual.state not in names:
-                hint = did_you_mean(accrual.state, names)
-                refuse(f"'accrual': the model of {task.id} has no state '{accrual.state}'.{hint}", TrainingError)
-            self._price, self._stored = accrual.price, names.index(accrual.state)
+            self._price, self._stored = accrual.price, accrual.place(task)
         kernel = make_kernel(task.model_value, task.step_seconds, preset=kernel_preset, workers=workers)
         self.environment = GreenhouseVectorEnv(task, n_envs, kernel=kernel, autoreset_mode="Disabled")
         self.first_seed = first_seed

@@ -74,7 +74,8 @@ def test_it_learns_and_leaves_an_agent(trained: Trained, day: TaskSpec) -> None:
     assert card["training"]["algorithm"] == "compiled ppo"
     assert card["training"]["first_env_seed"] == 10_000_000_000
     assert card["best"]["evaluation_seeds"] == [20_000_000_000, 20_000_000_001]
-    assert "growth of the state cBuf was paid for" in card["description"]
+    assert "growth of cBuf was paid for as well: carbohydrates (CH2O) in the buffer" in card["description"]
+    assert "0.00055 of the reward for 1 mg m-2." in card["description"]
     assert load_agent(str(trained.folder)).name == "run"
 
 
@@ -286,7 +287,7 @@ def test_impossible_settings_are_refused_in_words(day: TaskSpec, tmp_path: Path)
         with pytest.raises(TrainingError, match=words):
             tiny(day, tmp_path, more)
     settings = tiny(day, tmp_path, "  accrual: {state: cBug, price: 1}\n")
-    with pytest.raises(TrainingError, match=r"'accrual' or 'critic_sees': test/Day-v1 has no quantity or state 'cBug'.*'cBuf'"):
+    with pytest.raises(TrainingError, match=r"'accrual': the model of test/Day-v1 has no state 'cBug'.*'cBuf'"):
         Learner.of(day, settings)
     settings = tiny(day, tmp_path, "  memory: {hours: [1], columns: [co3]}\n")
     with pytest.raises(TrainingError, match=r"'memory\.columns': test/Day-v1 shows no column 'co3'.*'co2'"):

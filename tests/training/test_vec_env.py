@@ -8,7 +8,7 @@ import pytest
 from glbench.env import GreenhouseVectorEnv
 from glbench.errors import TrainingError
 from glbench.kernel import make_kernel
-from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec, get_task
 from glbench.training.settings import FIRST_TRAINING_SEED, Accrual
 from glbench.training.vec_env import TrainingVecEnv
 
@@ -58,6 +58,29 @@ def test_growth_of_a_state_is_paid_for_in_rewards_but_not_in_the_sums_of_an_epis
             np.testing.assert_allclose(with_growth - rewards, 1e-3 * grown, rtol=1e-3)
     assert done.all()
     assert infos[1]["episode"] == told[1]["episode"]
+
+
+@pytest.mark.parametrize("state", ["cBuf", "nFruit1", "cRipe"])
+def test_growth_of_a_state_of_trusses_is_paid_for_from_the_second_step_to_the_last(state: str) -> None:
+    task = get_task("SpringTrusses-v1").replace(id="test/Trusses-v1", weather={"days": 1})
+    plain, paid = TrainingVecEnv(task, 2), TrainingVecEnv(task, 2, accrual=Accrual(state=state, price=1e-3))
+    place = task.model_value.state_index(state)
+    plain.reset()
+    paid.reset()
+    start, earned = paid.environment.simulation.x[:, place].copy(), np.zeros(2)
+    for chosen in actions(task.steps - 1, 2):
+        earned += paid.step(chosen)[1] - plain.step(chosen)[1]
+    grown = paid.environment.simulation.x[:, place] - start
+    assert abs(grown).min() > 0
+    np.testing.assert_allclose(earned, 1e-3 * grown, rtol=1e-3, atol=1e-6)
+
+
+def test_words_of_a_state_that_is_paid_for_say_what_it_is_and_the_price_of_its_unit(day: TaskSpec) -> None:
+    words = "In training, growth of cBuf was paid for as well: carbohydrates (CH2O) in the buffer"
+    assert Accrual(state="cBuf", price=1.1e-5).in_words(day).startswith(words)
+    assert Accrual(state="cBuf", price=1.1e-5).in_words(day).endswith(", 1.1e-05 of the reward for 1 mg m-2.")
+    mould = Accrual(state="mould", price=2.0).in_words(get_task("SpringTrusses-v1"))
+    assert mould == "In training, growth of mould was paid for as well: diseased share of the crop, 2 of the reward for 1."
 
 
 def test_growth_of_a_state_that_the_model_lacks_cannot_be_paid_for(day: TaskSpec) -> None:
