@@ -121,5 +121,3 @@ def grow(days: Sequence[Day], start: Array | None = None, **overrides: float) ->
         rows.append(y)
     courses = np.array(rows)
     return Course(courses[:, : len(STATES)], courses[:, len(STATES) :])
-
-

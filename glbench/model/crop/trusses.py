@@ -128,8 +128,14 @@ TrussState = record_of("TrussState", (TomatoState, _Moving, typed_record("Follow
 class _OwnParameters(NamedTuple):
     n_stem: Annotated[Expr, Parameter("m-2", "stems", 2.5, "Vanthoor (2011) table 9.1", "positive", sets=(("bleiswijk_2020", 4.0),))]
     n_truss: Annotated[Expr, Parameter("-", "flowers of a truss", 9.0, "de Koning (1994)", "positive", sets=(("bleiswijk_2020", 12.0),))]
-    c_truss1: Annotated[Expr, Parameter(
-            "s-1", "truss appearance at 0 °C", -1.708e-7 / 9, "Vanthoor (2011) table 9.1, for 9 flowers", sets=(("bleiswijk_2020", 5.94e-7),)
+    c_truss1: Annotated[
+        Expr,
+        Parameter(
+            "s-1",
+            "truss appearance at 0 °C",
+            -1.708e-7 / 9,
+            "Vanthoor (2011) table 9.1, for 9 flowers",
+            sets=(("bleiswijk_2020", 5.94e-7),),
         ),
     ]
     c_truss2: Annotated[Expr, Parameter("s-1 K-1", "rise of truss appearance", 7.3125e-7 / 9, "Vanthoor (2011) table 9.1, for 9 flowers")]
