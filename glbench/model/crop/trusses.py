@@ -127,7 +127,7 @@ TrussState = record_of("TrussState", (TomatoState, _Moving, typed_record("Follow
 
 class _OwnParameters(NamedTuple):
     n_stem: Annotated[Expr, Parameter("m-2", "stems", 2.5, "Vanthoor (2011) table 9.1", "positive", sets=(("bleiswijk_2020", 4.0),))]
-    n_truss: Annotated[Expr, Parameter("-", "flowers of a truss", 9.0, "de Koning (1994)", "positive", sets=(("bleiswijk_2020", 12.0),))]
+    n_truss: Annotated[Expr, Parameter("-", "flowers of a truss", 9.0, "de Koning (1994)", "positive", sets=(("bleiswijk_2020", 30.0),))]
     c_truss1: Annotated[
         Expr,
         Parameter(
@@ -142,7 +142,7 @@ class _OwnParameters(NamedTuple):
     g_max: Annotated[
         Expr,
         Parameter(
-            "mg", "carbohydrate that a fruit can have", 1e4, "Vanthoor (2011) table 9.1", "positive", sets=(("bleiswijk_2020", 2000.0),)
+            "mg", "carbohydrate that a fruit can have", 1e4, "Vanthoor (2011) table 9.1", "positive", sets=(("bleiswijk_2020", 1300.0),)
         ),
     ]
     t_set_hot: Annotated[Expr, Parameter("°C", "daily mean temperature beyond which heat costs fruit set", 25.0, "Peet et al. (1997)")]
