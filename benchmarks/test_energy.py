@@ -6,19 +6,16 @@ the ratio. The two take turns, so that what else the machine does meets both; a 
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
 import pytest
 
-from docs.accuracy_table import EXACT, make_inputs, run_compiled
-from glbench.kernel import Kernel
+from benchmarks.stepping import ROWS, ratio_of_costs, walking
 from glbench.kernel.compiled import availability
 from glbench.kernel.records import Rows
 from glbench.model import TOMATO_ENERGY, get_model
 
-ROWS, ROUNDS = 256, 40
 MOST = 1.3
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(availability() is not None, reason=str(availability()))]
@@ -28,11 +25,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.skipif(availability() is not None, r
 def pair() -> dict[str, Rows]:
     """The same greenhouses under walking controls, plain and with half-full buffers that give the heat of the plain boiler."""
     plain, model = get_model("greenlight-tomato-harvest-1.0.0"), TOMATO_ENERGY
-    inputs, generator = make_inputs("walk", range(12), 2), np.random.default_rng(0)
-    exact, _ = run_compiled(inputs, EXACT)
-    states = np.concatenate([inputs.initial[None], exact[:-1]])
-    pick = generator.choice(states.shape[0] * 12, ROWS, replace=False)
-    x, u, d = (a.reshape(-1, a.shape[2])[pick] for a in (states, inputs.controls, inputs.weather))
+    generator = np.random.default_rng(0)
+    x, u, d = walking(generator)
     metered, buffered = (np.insert(x, 27, np.zeros((more, ROWS)), axis=1) for more in (1, 4))
     buffered[:, model.state_index("eBuf")] = 1.65
     engine = generator.uniform(0.7, 1.0, (ROWS, 1))
@@ -44,16 +38,4 @@ def pair() -> dict[str, Rows]:
 
 @pytest.mark.parametrize("preset", ["reference", "standard", "fast"])
 def test_the_energy_system_costs_little(pair: dict[str, Rows], preset: str, benchmark: Any) -> None:
-    kernels = {model: Kernel(get_model(model), 900.0, preset=preset) for model in pair}
-    seconds: dict[str, list[float]] = {model: [] for model in pair}
-
-    def turn() -> None:
-        for model, rows in pair.items():
-            began = time.process_time()
-            kernels[model].step(*rows)
-            seconds[model].append(time.process_time() - began)
-
-    benchmark.pedantic(turn, rounds=ROUNDS, warmup_rounds=2)
-    plain, energy = (1e6 * min(times) / ROWS for times in seconds.values())
-    benchmark.extra_info.update(plain_us=plain, energy_us=energy, ratio=energy / plain)
-    assert energy / plain < MOST
+    assert ratio_of_costs(pair, preset, benchmark) < MOST

@@ -6,19 +6,17 @@ each, and the ratio. The two take turns, so that what else the machine does meet
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
 import pytest
 
-from docs.accuracy_table import EXACT, make_inputs, run_compiled
+from benchmarks.stepping import ROWS, ratio_of_costs, walking
 from glbench.kernel import Kernel
 from glbench.kernel.compiled import availability
 from glbench.kernel.records import Rows
 from glbench.model import TOMATO_HEAT_PUMP, get_model
 
-ROWS, ROUNDS = 256, 40
 MOST = 1.3
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(availability() is not None, reason=str(availability()))]
@@ -28,11 +26,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.skipif(availability() is not None, r
 def pair() -> dict[str, Rows]:
     """The same greenhouses, plain and with machines, an hour after the machines were started. Then all controls move by up to 0.1."""
     plain, model = get_model("greenlight-tomato-harvest-1.0.0"), TOMATO_HEAT_PUMP
-    inputs, generator = make_inputs("walk", range(12), 2), np.random.default_rng(0)
-    exact, _ = run_compiled(inputs, EXACT)
-    states = np.concatenate([inputs.initial[None], exact[:-1]])
-    pick = generator.choice(states.shape[0] * 12, ROWS, replace=False)
-    x, u, d = (a.reshape(-1, a.shape[2])[pick] for a in (states, inputs.controls, inputs.weather))
+    generator = np.random.default_rng(0)
+    x, u, d = walking(generator)
     machines = np.column_stack([generator.uniform(0.0, 0.3, ROWS), generator.uniform(0.7, 1.0, ROWS), 0.4 * u[:, 0]])
     every = np.hstack([u, machines])
     moved = np.clip(every + generator.uniform(-0.1, 0.1, every.shape), 0.0, 1.0)
@@ -52,16 +47,4 @@ def pair() -> dict[str, Rows]:
 
 @pytest.mark.parametrize("preset", ["reference", "standard", "fast"])
 def test_heat_harvesting_costs_little(pair: dict[str, Rows], preset: str, benchmark: Any) -> None:
-    kernels = {model: Kernel(get_model(model), 900.0, preset=preset) for model in pair}
-    seconds: dict[str, list[float]] = {model: [] for model in pair}
-
-    def turn() -> None:
-        for model, rows in pair.items():
-            began = time.process_time()
-            kernels[model].step(*rows)
-            seconds[model].append(time.process_time() - began)
-
-    benchmark.pedantic(turn, rounds=ROUNDS, warmup_rounds=2)
-    plain, harvesting = (1e6 * min(times) / ROWS for times in seconds.values())
-    benchmark.extra_info.update(plain_us=plain, harvesting_us=harvesting, ratio=harvesting / plain)
-    assert harvesting / plain < MOST
+    assert ratio_of_costs(pair, preset, benchmark) < MOST
