@@ -223,6 +223,20 @@ def test_a_crew_that_is_away_picks_neither_fruit_nor_leaves() -> None:
     assert (there[ripe, X["nRipe"]] < 0.9 * after[ripe, X["nRipe"]]).all()
 
 
+def test_a_topped_crop_full_of_mould_can_be_stepped_to_its_end() -> None:
+    """Ten weeks from October in a wet house, with as few leaves as a crew leaves: photosynthesis has a pole at none."""
+    steps, p = 70 * STEPS, MODEL.parameters.default()
+    weather = disturbances(load_weather("schiphol"), start=FIRST[-1], steps=steps, step_seconds=900.0).values
+    x, u, mould = MODEL.start("mature_crop", weather[0], 18.0, p), np.zeros(len(U)), []
+    u[[U[name] for name in ("uThScr", "uDefoliate", "uTop")]] = 1.0
+    for d in weather:
+        u[U["uBoil"]] = np.clip((16.0 - x[X["tAir"]]) / 3, 0, 1)
+        x = kernel_of("compiled", "fast").step(x, u, d, p)
+        mould.append(x[X["mould"]])
+    assert max(mould) > 0.5
+    assert 0.25 < x[X["cLeaf"]] * p[MODEL.parameter_names.index("sla")] < 0.6
+
+
 # Derivatives
 
 

@@ -48,7 +48,7 @@ def drawn(n: int = 200, seed: int = 21, **fixed: Any) -> Inputs:
         "nRipe": ripe / 8e3,
         "cFruit": (mass.sum(axis=1) + ripe) * generator.choice([1.0, 0.8, 1.2], n),
         "cBuf": uniform(-50.0, 25e3),
-        "cLeaf": uniform(2e4, 1.3e5),
+        "cLeaf": uniform(1e4, 1.3e5),
         "tCan24": uniform(-2.0, 36.0),
         "tCanSum": generator.choice([-80.0, -5.0, 5.0, 400.0, 3000.0], n),
         "tFruit": plain["tAir"] + uniform(-4.0, 1.0),
@@ -248,6 +248,43 @@ def test_fruits_that_were_set_are_on_the_plants_picked_aborted_or_rotten() -> No
     picked = (1 - column(AT.u, "uAway")) * column(AT.x, "nRipe") / 7200
     gone = [picked, rotting * (sum(number) + column(AT.x, "nRipe")), abort * sum(number[:7])]
     closes(rate("nSet"), [*(rate(name) for name in (*N, "nRipe")), *gone])
+
+
+# Leaves
+
+
+def test_a_topped_crop_keeps_its_leaves_and_stems() -> None:
+    """It grows what they respire, where it could grow as much, and loses leaves to crew and mould alone."""
+    at = drawn(uTop=1.0, uAway=1.0, mould=0.0)
+    rates, fluxes, usual_growth = (
+        MODEL.rhs(*at),
+        MODEL.auxiliary_values(*at),
+        MODEL.auxiliary_values(*drawn(uTop=0.0, uAway=1.0, mould=0.0)),
+    )
+    for organ in ("Leaf", "Stem"):
+        enough = usual_growth[f"mcBuf{organ}"] > fluxes[f"mc{organ}Air"]
+        assert 40 < enough.sum() < 160
+        assert np.abs(column(rates, f"c{organ}")[enough] / fluxes[f"mc{organ}Air"][enough]).max() < 1e-12
+        assert (column(rates, f"c{organ}")[~enough] < 0).all()
+    assert not column(rates, "nSet").any()
+    assert not column(rates, "trusses").any()
+
+
+@pytest.mark.parametrize(("leaves", "lost"), [(0.05, 0.0), (0.1, 0.0), (0.15, 0.1), (0.2, 0.2), (0.8, 0.8)])
+def test_mould_never_takes_the_last_leaves(leaves: float, lost: float) -> None:
+    """Shares of the largest leaf area: that of a crop, and what of it mould takes in its time at most."""
+    at = drawn(mould=1.0)
+    at.x[:, MODEL.state_index("cLeaf")] = leaves * column(at.p, "cLeafMax")
+    taken = MODEL.auxiliary_values(*at)["mcLeafRot"] * column(at.p, "tauMould") * 86400 / column(at.p, "cLeafMax")
+    np.testing.assert_allclose(taken, lost, rtol=1e-9, atol=1e-12)
+
+
+def test_a_crew_leaves_half_of_the_leaves() -> None:
+    """Picked at half of the largest rate where the leaves are half of the largest area, whatever more is asked for."""
+    for asked in (0.5, 0.8, 1.0):
+        at = drawn(uDefoliate=asked, uAway=0.0)
+        at.x[:, MODEL.state_index("cLeaf")] = 0.5 * column(at.p, "cLeafMax")
+        np.testing.assert_allclose(MODEL.auxiliary_values(*at)["mcLeafHar"], 5e4, rtol=1e-9)
 
 
 # Derivatives

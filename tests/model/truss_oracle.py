@@ -161,7 +161,11 @@ class Stand:
         in_set = fruits_set * weights[0]
         load = self.load()
         growth = (most - in_set) * 1.1 * load / (load + 0.1)
-        leaf, stem = ((1 - u["uTop"]) * self.supply() * self.warmth() * p[name] for name in ("rgLeaf", "rgStem"))
+        full = self.supply() * self.warmth()
+        leaf_respired, stem_respired = level * p["cLeafM"] * x["cLeaf"], level * p["cStemM"] * x["cStem"]
+        topped, growing = u["uTop"], 1 - u["uTop"]
+        leaf = growing * full * p["rgLeaf"] + topped * min(full * p["rgLeaf"], leaf_respired)
+        stem = growing * full * p["rgStem"] + topped * min(full * p["rgStem"], stem_respired)
         rot, abort, at_work = x["mould"] / p["tauMould"] / DAY, self.aborting(), 1 - u["uAway"]
         passing = STAGES / self.life(x["tCan24"]) / DAY
         green = (x["cFruit"] - x["cRipe"]) / (sum(mass) + 1e-9)
@@ -169,6 +173,7 @@ class Stand:
         picked = at_work * x["cRipe"] / (2 * HOUR)
         largest = p["laiMax"] / p["sla"] * max(1 - u["uDefoliate"], 0.5)
         leaves_picked = at_work * 1e5 * step(2 * math.log(100) * (x["cLeaf"] - largest) / 1e4)
+        diseased = min(x["cLeaf"], 2 * max(0.0, x["cLeaf"] - 0.1 * p["laiMax"] / p["sla"]))
         wet = (self.wet(c.canopy) + self.wet(x["tFruit"])) / 2
         beyond = max(0.0, 24 * x["photoperiod"] - p["hoursLight"]) / (24 - p["hoursLight"])
         grown = p["cFruitG"] * (in_set + growth) + p["cLeafG"] * leaf + p["cStemG"] * stem
@@ -176,8 +181,8 @@ class Stand:
         rates = {
             "tCan24": [c.canopy / DAY, -x["tCan24"] / DAY],
             "cBuf": [self.photosynthesis(), -in_set, -growth, -leaf, -stem, -grown],
-            "cLeaf": [leaf, -level * p["cLeafM"] * x["cLeaf"], -leaves_picked, -rot * x["cLeaf"]],
-            "cStem": [stem, -level * p["cStemM"] * x["cStem"]],
+            "cLeaf": [leaf, -leaf_respired, -leaves_picked, -rot * diseased],
+            "cStem": [stem, -stem_respired],
             "cFruit": [in_set, growth, -respired * x["cFruit"], -green * abort * sum(mass[:YOUNG]), -rot * x["cFruit"], -picked],
             "tCanSum": [c.canopy / DAY],
             "tCan24Sum": [x["tCan24"]],

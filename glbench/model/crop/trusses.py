@@ -47,7 +47,7 @@ from glbench.model.crop.stages import (
 )
 from glbench.model.crop.temperature import GrowthInhibition, growth_inhibition
 from glbench.model.crop.tomato import VanthoorTomato, net_uptake
-from glbench.model.expressions import Expr, fmax, log, sigmoid
+from glbench.model.expressions import Expr, fmax, fmin, log, sigmoid
 from glbench.model.greenhouse import record_of, typed_record
 from glbench.model.greenlight import CANOPY_EXCESS
 from glbench.model.model import ObservedColumn, Signal
@@ -73,6 +73,9 @@ LIGHT_MEMORY = 2 * DAY
 LEAST_LEAVES = 0.5
 """Share of the largest leaf area that a crew never goes below; chosen: far below a leaf area index of 1, photosynthesis has a pole."""
 
+SOUND_LEAVES = 0.1
+"""Share of the largest leaf area that mould never takes, and does not take fully below its double; chosen, for the same pole."""
+
 
 HEAD_IN_BALANCE, HEAD_BY_SUPPLY, SUPPLY_IN_BALANCE = 10.0, 10.0, 0.5
 """Diameter of the head [mm] of a plant in balance, its rise [mm] with the supply, and the supply of a plant in balance [-]; chosen."""
@@ -88,7 +91,7 @@ class CrewControls(NamedTuple):
     u_away: Annotated[Expr, Quantity("-", "crew away: picks neither fruit nor leaves")]
     u_prune: Annotated[Expr, Quantity("-", "share of the flowers of a truss that is pruned")]
     u_defoliate: Annotated[Expr, Quantity("-", "share of the largest leaf area that is picked besides, half of it at most")]
-    u_top: Annotated[Expr, Quantity("-", "topped: no new trusses and leaves")]
+    u_top: Annotated[Expr, Quantity("-", "topped: no new trusses, leaves and stems stay as they are")]
 
 
 class _Moving(NamedTuple):
@@ -212,9 +215,10 @@ class TrussTomato(VanthoorTomato):
         fruit_set = self._fruit_set(most.mc_buf_fruit, x, u, p)
         wetness = self._wetness(x, s, p)
         fruit = self._fruit(most.mc_buf_fruit, fruit_set.mn_fruit_set, x, u, p)
+        level = maintenance_level(x, p)
         growth = most._replace(
-            mc_buf_leaf=(1 - u.u_top) * most.mc_buf_leaf,
-            mc_buf_stem=(1 - u.u_top) * most.mc_buf_stem,
+            mc_buf_leaf=self._topped(most.mc_buf_leaf, level * p.c_leaf_m * x.c_leaf, u),
+            mc_buf_stem=self._topped(most.mc_buf_stem, level * p.c_stem_m * x.c_stem, u),
             mc_buf_fruit=fruit.mc_set_fruit + fruit.mc_grow_fruit,
         )
         respired = respiration(growth, x, p)
@@ -228,7 +232,7 @@ class TrussTomato(VanthoorTomato):
             fruit=fruit,
             leaves=LeafFlows(
                 mc_leaf_har=(1 - u.u_away) * removal(x.c_leaf, largest, self.variant.leaf_pruning_rate, self.variant),
-                mc_leaf_rot=self._rotting(x, p) * x.c_leaf,
+                mc_leaf_rot=self._rotting(x, p) * fmin(x.c_leaf, 2 * fmax(x.c_leaf - SOUND_LEAVES * p.c_leaf_max, 0)),
             ),
             injury=Injury(light_on=light_on(photons), h_injury=sound),
             wetness=wetness,
@@ -251,6 +255,11 @@ class TrussTomato(VanthoorTomato):
     def _truss_appearance(t_can24: Expr, p: Any) -> Expr:
         """Trusses of a stem [s-1], after de Koning (1994)."""
         return fmax(p.c_truss1 + p.c_truss2 * t_can24, 0)
+
+    @staticmethod
+    def _topped(growth: Expr, respired: Expr, u: CrewControls) -> Expr:
+        """Growth of an organ [mg m-2 s-1], of which a topped crop has only what the organ respires: it stays, and gains nothing."""
+        return (1 - u.u_top) * growth + u.u_top * fmin(growth, respired)
 
     @staticmethod
     def _rotting(x: Any, p: Any) -> Expr:
