@@ -171,9 +171,7 @@ def measured() -> dict[str, Any]:
         "ripening": {f"{temperature:g}": {str(n): ripening(temperature, n) for n in (STAGES, VANTHOORS)} for temperature in COLD},
         "weeks": weeks,
         "hours": hours,
-        "nights": {
-            name: {"mould": found[f"nights {name}"]["mould"].tolist(), "lost": lost(f"nights {name}", DAYS)} for name in NIGHTS
-        },
+        "nights": {name: {"mould": found[f"nights {name}"]["mould"].tolist(), "lost": lost(f"nights {name}", DAYS)} for name in NIGHTS},
         "held": {name: {f"{one:g}": lost(f"held {one:g} {name}", LOSS_DAYS) for one in HELD} for name in COLD_SPOTS},
     }
 
@@ -214,7 +212,9 @@ def draw(found: Mapping[str, Any]) -> None:
         nights.plot(100 * np.array(one["mould"]), color=colour, label=f"humid nights {name}" if name != "none" else "dry nights")
     nights.set(title="Ten nights of 92 %", xlabel="day", ylabel="diseased [%]")
     for (name, one), colour in zip(found["held"].items(), ("#d17a00", "#33658a"), strict=True):
-        held.plot([float(humidity) for humidity in one], [100 * share for share in one.values()], color=colour, label=f"cold spots of {name}")
+        held.plot(
+            [float(humidity) for humidity in one], [100 * share for share in one.values()], color=colour, label=f"cold spots of {name}"
+        )
     held.set(title="60 days at one humidity, 18 °C", xlabel="relative humidity [%]", ylabel="of the crop lost [%]")
     for axis in axes.flat:
         axis.grid(alpha=0.3)

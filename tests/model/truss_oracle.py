@@ -118,11 +118,12 @@ class Stand:
             left *= max(0.0, 1 - p["setCold"] * (p["tSetCold"] - mean))
         flowers = p["nStem"] * p["nTruss"] * self.trusses()
         carbohydrate = step(58.9 * (self.fruit_flow() - 0.05))
-        return flowers * left * (1 - self.u["uPrune"]) * carbohydrate * step(self.x["tCanSum"] / 20)
+        return flowers * left * (1 - self.u["uPrune"]) * carbohydrate
 
     def trusses(self) -> float:
-        """Of a stem [s-1]."""
-        return 0.0 if self.u["uTop"] == 1 else (1 - self.u["uTop"]) * max(0.0, self.p["cTruss1"] + self.p["cTruss2"] * self.x["tCan24"])
+        """Of a stem that flowers [s-1]."""
+        appearing = max(0.0, self.p["cTruss1"] + self.p["cTruss2"] * self.x["tCan24"]) * step(self.x["tCanSum"] / 20)
+        return 0.0 if self.u["uTop"] == 1 else (1 - self.u["uTop"]) * appearing
 
     # What is added
 

@@ -76,6 +76,7 @@ def test_every_module_has_finite_bounds_units_and_different_names(shipped_words:
                 prices=(("power", "EUR kWh-1", -0.1, 0.4),),
                 day_ahead=("power",),
                 day_ahead_hours=(1, 12),
+                scheduled_controls=("uBlScr",),
             )
         )
         assert columns
