@@ -107,9 +107,11 @@ DIGESTS = {
 
 def test_the_equations_of_published_models_are_what_they_were() -> None:
     assert {key: get_model(*key).digest for key in DIGESTS} == DIGESTS
-    published = {(model.id, model.variant) for model in registered_models() if model.id.startswith("greenlight-")}
-    younger = {(model, variant) for model, variant in published if model.startswith("greenlight-tomato-2-")}
-    assert DIGESTS.keys() | {(MODEL.id, MODEL.variant)} == published - younger
+    # No published task has the crop with trusses yet.
+    shipped = {(model.id, model.variant) for model in registered_models() if model.id.startswith("greenlight-")}
+    published = {(name, variant) for name, variant in shipped if not name.startswith("greenlight-tomato-2-")}
+    assert len(shipped - published) == 4
+    assert DIGESTS.keys() | {(MODEL.id, MODEL.variant)} == published
 
 
 # Off

@@ -92,13 +92,13 @@ def growth_curve(t_can24: Expr, g_max: Expr) -> FruitGrowthCurve:
     """
     rate = development_rate(t_can24)
     steepness = 1 / ((2.44 - 0.403 * 4.93) * rate + 0.403 * 0.548)
-    ungrown = exp(steepness * (0.548 - 4.93 * rate - 0.5 / STAGES))
+    inner = exp(steepness * (0.548 - 4.93 * rate - 0.5 / STAGES))
     factor = exp(-steepness / STAGES)
     weight, growth = [], []
     for _ in range(STAGES):
-        weight.append(g_max * exp(-ungrown))
-        growth.append(weight[-1] * ungrown * (steepness * rate))
-        ungrown = ungrown * factor
+        weight.append(g_max * exp(-inner))
+        growth.append(weight[-1] * inner * (steepness * rate))
+        inner = inner * factor
     return FruitGrowthCurve(weight, growth)
 
 
