@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from docs.realism_practice import GROWER, GROWINGS, write_agent
 from docs.tables import with_tables
 from glbench.control import Scenario, air_of
 from glbench.env import Simulation, StepResult
@@ -48,11 +50,13 @@ HEIGHT: Final = 600.0
 VARIANTS: Final = {
     "measured": {},
     "cold_spots": {"dtColdSpot": 2.5},
+    "uninjured": {"injuryMax": 0.0},
     "large_truss": {"nTruss": 9.0, "cTruss1": -1.708e-7 / 9, "gMax": 1e4, "dmFruit": 0.0627},
 }
-"""What is changed in the set ``bleiswijk_2020`` in the run by measured air: nothing, the benchmark's cold spots, the book's tomato."""
+"""What is changed in the set ``bleiswijk_2020`` in the run by measured air: nothing, the benchmark's cold spots, no injury by long light, the book's tomato."""
 YEAR_TASK, SPLIT, SEEDS, YEAR_MODEL = "FullSeason-v1", "validation", (10000, 10001, 10002, 10003), "greenlight-tomato-2-1.0.0"
-AGENTS: Final = ("rule_based_unlit", "rule_based", "rule_based_energy")
+WAYS: Final = ("grower_unlit", "tuned_unlit", "grower_lit", "tuned_lit")
+"""Ways of growing of docs.realism_practice."""
 
 
 def weekly(daily: Floats) -> Floats:
@@ -164,12 +168,17 @@ class _Record:
         self.states.append(np.array(simulation.x))
 
 
-def year(agent: str) -> dict[str, float]:
-    """What a season grown by an agent gave, means over the seeds; masses are a square metre's."""
-    task = get_task(YEAR_TASK).in_split(SPLIT).replace({"id": "docs/Trusses-v1", "model.id": YEAR_MODEL})
+def year(way: str) -> dict[str, float]:
+    """What a season grown in one of ``WAYS`` gave, means over the seeds; masses are a square metre's."""
+    base = get_task(YEAR_TASK)
+    changes = {"id": "docs/Trusses-v1", "model.id": YEAR_MODEL, "actuation.controls": list(base.model_value.control_names)}
+    if GROWINGS[way].agent == GROWER:
+        changes["actuation.kind"] = "process_computer"
+    task = base.in_split(SPLIT).replace(changes)
     crop, record = task.model_value, _Record()
-    ready = protect(agent, "none")
-    replace(prepare(task, ready), task=task, seeds=SEEDS, workers=1).compute(None, record)
+    with tempfile.TemporaryDirectory() as temporary:
+        agent = protect(write_agent(Path(temporary) / "agent", GROWINGS[way]), "none")
+        replace(prepare(task, agent), task=task, seeds=SEEDS, workers=1).compute(None, record)
     runs = []
     for place, seed in enumerate(SEEDS):
         scenario = Scenario.of(task, seed)
@@ -204,6 +213,85 @@ def year(agent: str) -> dict[str, float]:
     return {name: round(float(np.mean([run[name] for run in runs])), 4) for name in runs[0]}
 
 
+def air_rows(found: Any) -> str:
+    """The crop in the measured air: a column a variant."""
+    words = {
+        "measured": "set `bleiswijk_2020`",
+        "uninjured": "no injury by long light",
+        "cold_spots": "cold spots of the benchmark",
+        "large_truss": "round tomatoes of the book",
+    }
+    one = found["measured"]
+    lines = [f"| | measured | {' | '.join(words.values())} |", f"|---|---:|{'---:|' * len(words)}"]
+    for name, title, digits, known in (
+        ("simulated", "fruit picked, kg m⁻²", 1, f"{one['measured']:.1f}"),
+        ("simulated_from", "first 0.05 kg m⁻², days after planting", 0, f"{one['measured_from']}"),
+        ("rmse_week", "root mean square error of a week, kg m⁻²", 2, ""),
+        ("rmse_fortnight", "of two weeks, kg m⁻²", 2, ""),
+        ("trusses", "trusses of a stem at topping", 1, "23.2"),
+        ("picked", "fruits picked, m⁻²", 0, ""),
+        ("grams", "weight of a fruit, g", 1, "9.1"),
+        ("mould", "largest diseased share, %", 1, ""),
+        ("injury", "largest injury by long light, %", 0, ""),
+    ):
+        factor = 100 if name in ("mould", "injury") else 1
+        lines.append(f"| {title} | {known} | {' | '.join(f'{factor * found[of][name]:.{digits}f}' for of in words)} |")
+    return "\n".join(lines)
+
+
+def house_rows(found: Any) -> str:
+    """Six compartments in houses: sums, errors of two weeks, first fruit."""
+    words = {
+        "mixed_2020": "published crop, `mixed_2020`",
+        "bleiswijk_2020": "published crop, `bleiswijk_2020`",
+        "bleiswijk_2020_trusses": "trusses, `bleiswijk_2020`",
+    }
+    lines = [f"| | measured | {' | '.join(words.values())} |", f"|---|---|{'---|' * len(words)}"]
+    for name, one in found["mixed_2020"].items():
+        cells = [
+            f"{of['simulated']:.1f} kg, day {of['simulated_from']}, {of['rmse_fortnight']:.2f}"
+            for of in (found[house][name] for house in words)
+        ]
+        lines.append(f"| {name} | {one['measured']:.1f} kg, day {one['measured_from']} | {' | '.join(cells)} |")
+    ratios = [sum(one["simulated"] for one in found[house].values()) / sum(one["measured"] for one in found[house].values()) for house in words]
+    lines.append(f"| simulated / measured, all six | | {' | '.join(f'{ratio:.2f}' for ratio in ratios)} |")
+    return "\n".join(lines)
+
+
+def year_rows(found: Any) -> str:
+    """Seasons beside practice."""
+    titles = {
+        "kilograms": ("fruit picked, kg m⁻²", 1, "49 to 63 unlit, above 95 lit in a year"),
+        "first pick, day": ("first 0.05 kg m⁻², days after planting", 0, "about 56"),
+        "best week": ("best week, kg m⁻²", 2, ""),
+        "trusses a week": ("trusses of a stem a week", 2, "about 1"),
+        "set of a truss": ("fruits set of a truss of 9 flowers", 1, ""),
+        "grams": ("weight of a fruit, g", 0, ""),
+        "on the plants": ("fruits on the plants, m⁻²", 0, ""),
+        "leaf area": ("leaf area index", 2, "3 to 4, lit"),
+        "light hours": ("light, h a day", 1, "at most 18"),
+        "injury": ("mean injury by long light, %", 1, ""),
+        "mould": ("largest diseased share, %", 2, ""),
+        "rotten": ("crop lost to mould, %", 1, "0 to 5"),
+        "humid": ("time above 84.5 % relative humidity, %", 0, "54 in the measured compartment"),
+    }
+    words = {"grower_unlit": "grower's page, unlit", "tuned_unlit": "tuned rules, unlit", "grower_lit": "grower's page, lit", "tuned_lit": "tuned rules, lit"}
+    ways = [way for way in WAYS if way in found]
+    lines = [f"| | {' | '.join(words[way] for way in ways)} | practice |", f"|---|{'---:|' * len(ways)}---|"]
+    for name, (title, digits, practice) in titles.items():
+        factor = 100 if title.endswith("%") else 1
+        lines.append(f"| {title} | {' | '.join(f'{factor * found[way][name]:.{digits}f}' for way in ways)} | {practice} |")
+    return "\n".join(lines)
+
+
+TABLES = {"air": air_rows, "houses": house_rows, "year": year_rows}
+
+
+def filled(page: str, found: Any) -> str:
+    """The page with its tables."""
+    return with_tables(page, {f"crop-{name}": make(found[name]) for name, make in TABLES.items() if name in found})
+
+
 def read() -> dict[str, Any]:
     """The measurements that are there."""
     return dict(json.loads(FILE.read_text(encoding="utf-8"))) if FILE.is_file() else {}
@@ -213,12 +301,14 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--measured", type=Path, metavar="FOLDER")
     parser.add_argument("--year", action="store_true")
+    parser.add_argument("--only-page", action="store_true")
     chosen, found = parser.parse_args(), read()
     if chosen.measured is not None:
         archive = read_archive(chosen.measured, read_settings(SHIPPED).place.clock)
         found |= {"air": by_measured_air(archive), "houses": in_houses(archive)}
     if chosen.year:
-        found |= {"year": {agent: year(agent) for agent in AGENTS}}
+        found |= {"year": {way: year(way) for way in WAYS}}
         found |= {"task": YEAR_TASK, "digest": get_task(YEAR_TASK).digest, "split": SPLIT, "seeds": list(SEEDS)}
-    write_atomically(FILE, json.dumps(found, indent=1) + "\n")
+    if not chosen.only_page:
+        write_atomically(FILE, json.dumps(found, indent=1) + "\n")
     PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), found), encoding="utf-8")
