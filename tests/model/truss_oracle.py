@@ -194,7 +194,7 @@ class Stand:
             "tFruit": [c.air / p["tauFruit"], -x["tFruit"] / p["tauFruit"]],
             "cRipe": [ripening, -respired * x["cRipe"], -rot * x["cRipe"], -picked],
             "trusses": [self.trusses()],
-            "photoperiod": [step((c.above - 10) / 2) / (2 * DAY), -x["photoperiod"] / (2 * DAY)],
+            "photoperiod": [c.above / (c.above + 5) / (2 * DAY), -x["photoperiod"] / (2 * DAY)],
             "injury": [beyond**2 / (p["tauInjury"] * DAY) * (1 - x["injury"]), -x["injury"] / (p["tauRecovery"] * DAY)],
             "supply": [self.supply() / (2 * DAY), -x["supply"] / (2 * DAY)],
             "wetHours": [wet / HOUR, -(1 - wet) * x["wetHours"] / (p["tauDry"] * HOUR)],

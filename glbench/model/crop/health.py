@@ -24,8 +24,8 @@ from glbench.model.quantities import Quantity
 HOUR = 3600.0
 """Seconds."""
 
-DIM = 10.0
-"""PAR above the canopy that counts half as light [umol m-2 s-1], and five times the width of that step; chosen: beyond dusk."""
+DIM = 5.0
+"""PAR above the canopy that counts as half an hour of light in an hour [umol m-2 s-1]; chosen: beyond dusk, far below any lamp."""
 
 COLD = 0.01
 """Least warmth above the coldest infection [K]: nearly no infection, and a power with a finite slope."""
@@ -85,13 +85,13 @@ class Wetness(NamedTuple):
 class Injury(NamedTuple):
     """How long light is."""
 
-    light_on: Annotated[Expr, Quantity("-", "whether it is light above the canopy, 1 = light")]
+    light_on: Annotated[Expr, Quantity("-", "how much light above the canopy counts as light of a day, 1 = all")]
     h_injury: Annotated[Expr, Quantity("-", "photosynthesis that injury leaves, 1 = all")]
 
 
 def light_on(photons: Expr) -> Expr:
-    """1 in light, 0 in darkness, by PAR above the canopy [umol m-2 s-1]."""
-    return sigmoid((photons - DIM) * (5 / DIM))
+    """1 in light, 0 in darkness, by PAR above the canopy [umol m-2 s-1]: a dimmed lamp shortens the day a little."""
+    return photons / (photons + DIM)
 
 
 def injury_growth(photoperiod: Expr, p: HealthParameters) -> Expr:
