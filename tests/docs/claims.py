@@ -1112,6 +1112,7 @@ EVERYWHERE = [
 
 ALLOWED: dict[str, list[tuple[str, str]]] = {
     "docs/jax.md": [("before 1.0: PureJaxRL", "a version")],
+    "docs/schedule.md": [("days of 24 h after", "definition: a day since the start of a run")],
     "docs/fmu.md": [
         ("FMI 2.0", "a version"),
         ("Python 3.11 and 3.13", "versions"),
@@ -1455,6 +1456,8 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("RFC 8785", "the name of a standard"),
     ],
     "docs/tasks.md": [
+        ("paper, 6.5 % of fresh fruit", "definition: the factor of the ledgers of these tasks"),
+        ("own dry matter, 6.27 %", "definition: the parameter dmFruit"),
         ("steps of 15 minutes", "definition: the default task"),
         ("15 degC, 2500 ppm and 15 %", "definition: the default task"),
     ],
