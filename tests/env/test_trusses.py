@@ -36,6 +36,7 @@ def task_of(base: str = "Spring-v1", days: int = 2, model: Any = TOMATO_2) -> Ta
     )
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_both_checkers_are_silent(recwarn: pytest.WarningsRecorder) -> None:
     name = "tests/trusses-of-a-test"

@@ -290,7 +290,7 @@ def test_a_crew_leaves_half_of_the_leaves() -> None:
 # Derivatives
 
 
-@pytest.mark.parametrize("wrt", ["x", "u", "d", "p"])
+@pytest.mark.parametrize("wrt", ["x", "u", "d", pytest.param("p", marks=pytest.mark.slow)])
 def test_derivatives_equal_those_by_a_complex_step(wrt: str) -> None:
     """Away from a closed screen and from equal air and floor, where a derivative has two sides; see tests/model/test_derivatives.py."""
     screens = AT.u[:, [MODEL.control_names.index(name) for name in ("uThScr", "uBlScr")]]
