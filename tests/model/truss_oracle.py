@@ -161,7 +161,7 @@ class Stand:
         number, mass = self.numbers(), self.masses()
         in_set = fruits_set * weights[0]
         load = self.load()
-        growth = (most - in_set) * 1.1 * load / (load + 0.1)
+        growth = (most - in_set) * (1 + 2.96 / 9) * load / (load + 2.96 / 9)
         full = self.supply() * self.warmth()
         leaf_respired, stem_respired = level * p["cLeafM"] * x["cLeaf"], level * p["cStemM"] * x["cStem"]
         topped, growing = u["uTop"], 1 - u["uTop"]

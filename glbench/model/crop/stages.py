@@ -7,7 +7,7 @@ days when 10, 50 and 90 % of a day's fruits are ripe stay within 5 % of those of
 Sources. Stages, set and growth: Vanthoor (2011) section 9.5 and appendix B after de Koning (1994), Development and dry matter
 distribution in glasshouse tomato, whose growth curve of a fruit is a Gompertz function of its age. We had these equations from the
 electronic appendix of Vanthoor et al. (2011) as quoted, and from three public programs, which agree. Heat and cold at flowering, and the
-abortion of young fruits: see the parameters. What a crop with few fruits takes, less than Vanthoor's: chosen.
+abortion of young fruits: see the parameters. What a crop with few fruits takes, less than Vanthoor's: after Heuvelink (1997).
 """
 
 from __future__ import annotations
@@ -34,8 +34,9 @@ CARBON_THRESHOLD = 0.05
 CARBON_SLOPE = 58.9
 """Steepness of that [m2 s mg-1]. Vanthoor (2011) eq. B.4."""
 
-EMPTY_LOAD = 0.1
-"""Fruit load, relative to one that takes all of Vanthoor's flow, at which half of what a full load adds is taken [-]; chosen."""
+EMPTY_LOAD = 2.96 / 9
+"""Fruit load, relative to one that takes all of Vanthoor's flow, that sinks as much as leaves and stems [-]. Heuvelink (1997): fruits take
+n / (2.96 + n) of the dry matter with n on a truss, and nine is the truss of Vanthoor's flow."""
 
 NO_FRUIT = 1e-9
 """Added to masses and sinks that are divided by: a crop without fruit divides by this instead of 0."""
@@ -123,7 +124,7 @@ def sink_strength(number: Stages, growth: Stages) -> Expr:
 
 
 def load_factor(load: Expr) -> Expr:
-    """Share that the fruits take of Vanthoor's flow at a load, 1 = all: nothing without fruit, all at 1, little more beyond."""
+    """Share that the fruits take of Vanthoor's flow at a load, 1 = all: nothing without fruit, all at 1, up to a third more beyond."""
     return load * (1 + EMPTY_LOAD) / (load + EMPTY_LOAD)
 
 

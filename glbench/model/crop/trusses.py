@@ -360,7 +360,7 @@ class TrussTomato(VanthoorTomato):
             Signal("crop/ripe", "Ripe fruit on the plants, fresh", "kg m⁻²", "", of=_ripe),
             Signal("crop/supply", "Supply of growth relative to demand, 2 days", "%", "supply", 100.0),
             Signal("crop/light_hours", "Hours of light a day", "h", "photoperiod", 24.0),
-            Signal("crop/injury", "Photosynthesis lost to long light", "%", "", of=_injured),
+            Signal("crop/light_injury", "Photosynthesis lost to long light", "%", "", of=_injured),
             Signal("crop/wet_hours", "Wet hours in a row", "h", "wetHours"),
             Signal("crop/mould", "Diseased share of the crop", "%", "mould", 100.0),
         )
