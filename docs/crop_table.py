@@ -253,7 +253,9 @@ def house_rows(found: Any) -> str:
             for of in (found[house][name] for house in words)
         ]
         lines.append(f"| {name} | {one['measured']:.1f} kg, day {one['measured_from']} | {' | '.join(cells)} |")
-    ratios = [sum(one["simulated"] for one in found[house].values()) / sum(one["measured"] for one in found[house].values()) for house in words]
+    ratios = [
+        sum(one["simulated"] for one in found[house].values()) / sum(one["measured"] for one in found[house].values()) for house in words
+    ]
     lines.append(f"| simulated / measured, all six | | {' | '.join(f'{ratio:.2f}' for ratio in ratios)} |")
     return "\n".join(lines)
 
@@ -275,7 +277,12 @@ def year_rows(found: Any) -> str:
         "rotten": ("crop lost to mould, %", 1, "0 to 5"),
         "humid": ("time above 84.5 % relative humidity, %", 0, "54 in the measured compartment"),
     }
-    words = {"grower_unlit": "grower's page, unlit", "tuned_unlit": "tuned rules, unlit", "grower_lit": "grower's page, lit", "tuned_lit": "tuned rules, lit"}
+    words = {
+        "grower_unlit": "grower's page, unlit",
+        "tuned_unlit": "tuned rules, unlit",
+        "grower_lit": "grower's page, lit",
+        "tuned_lit": "tuned rules, lit",
+    }
     ways = [way for way in WAYS if way in found]
     lines = [f"| | {' | '.join(words[way] for way in ways)} | practice |", f"|---|{'---:|' * len(ways)}---|"]
     for name, (title, digits, practice) in titles.items():

@@ -11,6 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from glbench.env import GreenhouseEnv, Simulation
+from glbench.episodes.signals import signals_of
 from glbench.kernel import Kernel, available
 from glbench.model import Horizon, saturation_vapour_pressure
 from glbench.model.paper import TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP
@@ -130,3 +131,8 @@ def test_states_stay_in_their_bounds_in_a_desert_and_in_a_polar_night_with_contr
         assert not outside.any(), (step, [(TOMATO_2.state_names[k], x[:, k]) for k in np.flatnonzero(outside.any(axis=0))])
     assert x is not None
     assert (x[:, TOMATO_2.state_index("nRipe")] >= 0).all()
+
+
+@pytest.mark.parametrize("draft", ["SpringTrusses-v1", "SpringCrew-v1", "WinterTrusses-v1"])
+def test_every_column_of_a_record_has_a_name_of_its_own(draft: str) -> None:
+    assert "mould" in {one.name for one in signals_of(get_task(draft)).recorded}
