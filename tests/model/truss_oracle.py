@@ -167,7 +167,8 @@ class Stand:
         topped, growing = u["uTop"], 1 - u["uTop"]
         leaf = growing * full * p["rgLeaf"] + topped * min(full * p["rgLeaf"], leaf_respired)
         stem = growing * full * p["rgStem"] + topped * min(full * p["rgStem"], stem_respired)
-        rot, abort, at_work = x["mould"] / p["tauMould"] / DAY, self.aborting(), 1 - u["uAway"]
+        taken = 1 + x["mould"] / (p["mouldShare"] + x["mould"] / 20)  # by a crew, the faster the more there is
+        rot, abort, at_work = taken * x["mould"] / p["tauMould"] / DAY, self.aborting(), 1 - u["uAway"]
         passing = STAGES / self.life(x["tCan24"]) / DAY
         green = (x["cFruit"] - x["cRipe"]) / (sum(mass) + 1e-9)
         ripening, respired = green * passing * mass[-1], level * p["cFruitM"]

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import casadi
 import numpy as np
 
+from glbench.model.crop.health import rotting
 from glbench.model.crop.trusses import CrewControls, TrussParameters, TrussState, TrussTomato
 from glbench.model.paper import TOMATO_2
 from tests.model.conditions import Array
@@ -85,12 +86,12 @@ def _one_day(overrides: tuple[tuple[str, float], ...]) -> Any:
     )
     fluxes = crop.processes(state, surroundings, p)
     rates = crop.rates(state, surroundings, fluxes, p)._replace(c_leaf=0.0)
-    rotting, young = crop._rotting(state, p), sum(x[i] for i in NUMBERS[:7])
+    loss, young = rotting(state.mould, p), sum(x[i] for i in NUMBERS[:7])
     counters = (
         (1 - away) * state.n_ripe / 7200,
         fluxes.fruit.mc_fruit_har,
         crop._aborting(state, p) * young,
-        rotting * (sum(x[i] for i in NUMBERS) + state.n_ripe),
+        loss * (sum(x[i] for i in NUMBERS) + state.n_ripe),
         fluxes.fruit.mc_fruit_rot + fluxes.leaves.mc_leaf_rot,
         fluxes.photosynthesis.mc_air_buf,
     )

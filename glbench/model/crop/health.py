@@ -8,7 +8,8 @@ parameters.
 Wet nights. Leaves and fruits get wet where they are colder than the dew point. The model has one temperature for the canopy, and one for
 the air where the sensor hangs; a greenhouse has spots that are some degrees colder, and fruits that lag behind the air. The hours that the
 crop is wet are counted, and forgotten when it dries. Grey mould (Botrytis cinerea) infects the longer the crop is wet, and grows out of
-what is diseased already: each wet night of a row costs more than the one before. Diseased parts are lost.
+what is diseased already: each wet night of a row costs more than the one before. Diseased parts are lost, to rot or to a crew that takes
+them out before they spread.
 """
 
 from __future__ import annotations
@@ -29,6 +30,9 @@ DIM = 5.0
 
 COLD = 0.01
 """Least warmth above the coldest infection [K]: nearly no infection, and a power with a finite slope."""
+
+CREW = 20.0
+"""How many times faster a crew takes diseased parts at most than where there are few; chosen: a sick crop is cleared within hours."""
 
 
 class HealthParameters(NamedTuple):
@@ -51,7 +55,7 @@ class HealthParameters(NamedTuple):
             2.5,
             "chosen: up to 3 K are measured",
             "nonnegative",
-            sets=(("bleiswijk_2020", 1.1),),
+            sets=(("bleiswijk_2020", 1.5),),
         ),
     ]
     tau_fruit: Annotated[
@@ -71,7 +75,12 @@ class HealthParameters(NamedTuple):
     t_mould_max: Annotated[Expr, Parameter("°C", "temperature above which grey mould does not infect", 32.0, "chosen")]
     growth_mould: Annotated[Expr, Parameter("day-1", "largest relative growth of the diseased share", 1.5, "chosen", "nonnegative")]
     arriving_mould: Annotated[Expr, Parameter("-", "diseased share that spores from outside are worth", 5e-4, "chosen", "fraction")]
-    tau_mould: Annotated[Expr, Parameter("day", "time in which diseased parts are lost", 14.0, "chosen", "positive")]
+    tau_mould: Annotated[
+        Expr, Parameter("day", "time in which few diseased parts are lost: crews go through in a week", 7.0, "chosen", "positive")
+    ]
+    mould_share: Annotated[
+        Expr, Parameter("-", "diseased share at which a crew that watches takes diseased parts twice as fast", 1e-3, "chosen", "positive")
+    ]
 
 
 class Wetness(NamedTuple):
@@ -114,3 +123,8 @@ def infection(hours: Expr, t_can: Expr, p: HealthParameters) -> Expr:
     fall = fmax(p.t_mould_max - t_can, 0) / (p.t_mould_max - p.t_mould_opt)
     shape = (p.t_mould_opt - p.t_mould_min) / (p.t_mould_max - p.t_mould_opt)
     return fall * rise**shape * square(hours) / (square(hours) + square(p.hours_wet))
+
+
+def rotting(mould: Expr, p: HealthParameters) -> Expr:
+    """Share of the crop that is lost to mould [s-1] at a diseased share: the more there is, the faster a crew takes what is diseased."""
+    return mould / (p.tau_mould * DAY) * (1 + mould / (p.mould_share + mould / CREW))

@@ -27,6 +27,7 @@ from glbench.model.crop.health import (
     infection,
     injury_growth,
     light_on,
+    rotting,
     wet_share,
 )
 from glbench.model.crop.photosynthesis import Photosynthesis, photosynthesis
@@ -232,7 +233,7 @@ class TrussTomato(VanthoorTomato):
             fruit=fruit,
             leaves=LeafFlows(
                 mc_leaf_har=(1 - u.u_away) * removal(x.c_leaf, largest, self.variant.leaf_pruning_rate, self.variant),
-                mc_leaf_rot=self._rotting(x, p) * fmin(x.c_leaf, 2 * fmax(x.c_leaf - SOUND_LEAVES * p.c_leaf_max, 0)),
+                mc_leaf_rot=rotting(x.mould, p) * fmin(x.c_leaf, 2 * fmax(x.c_leaf - SOUND_LEAVES * p.c_leaf_max, 0)),
             ),
             injury=Injury(light_on=light_on(photons), h_injury=sound),
             wetness=wetness,
@@ -262,11 +263,6 @@ class TrussTomato(VanthoorTomato):
         return (1 - u.u_top) * growth + u.u_top * fmin(growth, respired)
 
     @staticmethod
-    def _rotting(x: Any, p: Any) -> Expr:
-        """Share of the crop that is lost to disease [s-1]."""
-        return x.mould / (p.tau_mould * DAY)
-
-    @staticmethod
     def _aborting(x: Any, p: Any) -> Expr:
         """Rate at which young fruits abort [s-1]: TOMGRO's share of those that pass their youth, at 20 °C, by supply and demand."""
         share = fmax(p.abort_max - p.abort_slope * x.supply, 0)
@@ -289,7 +285,7 @@ class TrussTomato(VanthoorTomato):
             mc_grow_fruit=load_factor(load) * (most - first),
             mc_fruit_ripe=green * (stage_rate(x.t_can24) * mass[-1]),
             mc_fruit_abort=green * (self._aborting(x, p) * total(mass[:YOUNG_STAGES])),
-            mc_fruit_rot=self._rotting(x, p) * x.c_fruit,
+            mc_fruit_rot=rotting(x.mould, p) * x.c_fruit,
             mc_fruit_har=(1 - u.u_away) * (PICKING * x.c_ripe),
         )
 
@@ -304,7 +300,7 @@ class TrussTomato(VanthoorTomato):
         )
         number, mass = [getattr(x, name) for name in _NUMBERS], [getattr(x, name) for name in _MASSES]
         respiring = maintenance_level(x, p) * p.c_fruit_m
-        loss = self._rotting(x, p)
+        loss = rotting(x.mould, p)
         picking = (1 - s.u.u_away) * PICKING
         as_before = {
             "t_can24": (s.x.t_can - x.t_can24) / DAY,
