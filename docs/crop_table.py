@@ -1,7 +1,7 @@
 """Tables of docs/crop.md: ``python -m docs.crop_table [--measured FOLDER] [--year] [--only-page]``.
 
-``--measured FOLDER`` grows the crop with trusses beside the archive of docs/realism.md: in the air that the growers' compartment had, and in
-whole houses by set points, light and CO2, beside the published crop. ``--year`` grows seasons of the validation split of FullSeason-v1.
+``--measured FOLDER`` grows the crop with trusses beside the archive of docs/realism.md: in the air that the growers' compartment had, and
+in whole houses by set points, light and CO2, beside the published crop. ``--year`` grows seasons of the validation split of FullSeason-v1.
 Both write docs/measurements/crop.json, which holds sums and statistics, no measured day. It takes half an hour.
 """
 
@@ -53,7 +53,8 @@ VARIANTS: Final = {
     "uninjured": {"injuryMax": 0.0},
     "large_truss": {"nTruss": 9.0, "cTruss1": -1.708e-7 / 9, "gMax": 1e4, "dmFruit": 0.0627},
 }
-"""What is changed in the set ``bleiswijk_2020`` in the run by measured air: nothing, the benchmark's cold spots, no injury by long light, the book's tomato."""
+"""What is changed in the set ``bleiswijk_2020`` in the run by measured air: nothing, the benchmark's cold spots, no injury by long light,
+the book's tomato."""
 YEAR_TASK, SPLIT, SEEDS, YEAR_MODEL = "FullSeason-v1", "validation", (10000, 10001, 10002, 10003), "greenlight-tomato-2-1.0.0"
 WAYS: Final = ("grower_unlit", "tuned_unlit", "grower_lit", "tuned_lit")
 """Ways of growing of docs.realism_practice."""

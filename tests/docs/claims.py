@@ -24,6 +24,8 @@ from docs import (
     accuracy_table,
     benchmark_design_figures,
     carried_weather,
+    crop_effects,
+    crop_table,
     fresh_draws_table,
     growers_table,
     realism_figure,
@@ -51,6 +53,7 @@ from glbench.model import (
     vapour_pressure_deficit,
 )
 from glbench.model.air import humidity_deficit
+from glbench.model.crop.stages import STAGES
 from glbench.realism import HouseComparison, identify
 from glbench.realism.export import FIVE_MINUTES, LONGEST, SHORTEST
 from glbench.realism.indoor import FEW_DAYS, LONGEST_SAME, MOST_LOST
@@ -910,6 +913,25 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: (make_accounts(TASK).lowest_epi, make_accounts(TASK).highest_epi),
         ),
     ],
+    "docs/crop.md": [
+        ("A fruit passes {} stages from set to ripe", lambda: STAGES),
+        ("Each is left at {} times the development rate", lambda: STAGES),
+        ("Vanthoor took {} stages; {} is the least number", lambda: (crop_effects.VANTHOORS, STAGES)),
+        (
+            "60 days at 84.5 % of relative humidity and 18 °C cost {} % of the crop, at 85 % {} %, and at 86 % {} %",
+            lambda: tuple(100.0 * crop_effects.read()["held"]["benchmark"][one] for one in ("84.5", "85", "86")),
+        ),
+        ("up to 92 %, and {} % at 94 %", lambda: 100.0 * crop_effects.read()["held"]["bleiswijk_2020"]["94"]),
+        ("so its set has {} K", lambda: crop_effects.COLD_SPOTS["bleiswijk_2020"]),
+        ("simulated fruit weighs {} g", lambda: crop_table.read()["air"]["measured"]["grams"]),
+        (
+            "picks with injury are {} % low, those without {} % high",
+            lambda: tuple(
+                100.0 * abs(one["simulated"] / one["measured"] - 1.0)
+                for one in (crop_table.read()["air"][name] for name in ("measured", "uninjured"))
+            ),
+        ),
+    ],
     "docs/growers.md": [
         ("takes {} times the measured heat and gives {} times the fruit", lambda: house_against_measured("led_2021")),
         (
@@ -1280,6 +1302,27 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("*Computers and Electronics in Agriculture* 162, 1035-1048", "source: pages of an article"),
         ("an action is 0.5 or more", "definition: tests/env/test_on_off.py holds it"),
         ("stops when it is below -0.5", "definition: tests/env/test_on_off.py holds it"),
+    ],
+    "docs/crop.md": [
+        ("when 10, 50 and 90 % of", "definition: docs.crop_effects.SHARES"),
+        ("stay within 5 % of his", "tests of the fruit stages hold it"),
+        ("section 9.5", "source: number of a section"),
+        ("48 % set at 25 °C, 11 % at 29 °C", "source: Peet et al. (1997)"),
+        ("at 14 °C 59 % of the set", "source: Adams et al. (2001)"),
+        ("no harm at 17 h and harm at 20 h", "source: Demers and Gosselin (2002)"),
+        ("18 h of the same light give most sugar a day; 20 h give less than 16", "docs/measurements/crop-effects.json"),
+        ("The benchmark has 2.5 K", "definition: glbench/model/crop/health.py"),
+        ("60 days at 84.5 % of relative humidity", "definition: docs.crop_effects.HELD"),
+        ("at 85 % 6 %, and at 86 %", "definition: docs.crop_effects.HELD"),
+        ("cost less than 1 % up to 92 %", "docs/measurements/crop-effects.json"),
+        ("was above 84.5 % for half of the time", "measured, docs/realism.md has the data"),
+        ("With 2.5 K the simulated", "definition: glbench/model/crop/health.py"),
+        ("at 94 %.", "definition: docs.crop_effects.HELD"),
+        ("9 % dry matter, measured", "measured, docs/realism.md has the data"),
+        ("17.5 fruits a truss of 8.9 g, odd weeks 18.0 of 9.4 g", "measured, docs/realism.md has the data"),
+        ("1.46 a week in even weeks, where the odd ones had 1.31", "measured, docs/realism.md has the data"),
+        ("at the measured 22.7 °C", "measured, docs/realism.md has the data"),
+        ("day of the first 0.05 kg", "definition: glbench.realism.comparison.FIRST_FRUIT"),
     ],
     "docs/growers.md": [
         (

@@ -138,11 +138,11 @@ class _OwnParameters(NamedTuple):
             "s-1",
             "truss appearance at 0 °C",
             -1.708e-7 / 9,
-            "Vanthoor (2011) table 9.1, for 9 flowers",
+            "Vanthoor (2011) table 9.1, of 9 flowers",
             sets=(("bleiswijk_2020", 5.94e-7),),
         ),
     ]
-    c_truss2: Annotated[Expr, Parameter("s-1 K-1", "rise of truss appearance", 7.3125e-7 / 9, "Vanthoor (2011) table 9.1, for 9 flowers")]
+    c_truss2: Annotated[Expr, Parameter("s-1 K-1", "rise of truss appearance", 7.3125e-7 / 9, "Vanthoor (2011) table 9.1, of 9 flowers")]
     g_max: Annotated[
         Expr,
         Parameter(
