@@ -56,7 +56,9 @@ VARIANTS: Final = {
 """What is changed in the set ``bleiswijk_2020`` in the run by measured air: nothing, the benchmark's cold spots, no injury by long light,
 the book's tomato."""
 YEAR_TASK, SPLIT, SEEDS, YEAR_MODEL = "FullSeason-v1", "validation", (10000, 10001, 10002, 10003), "greenlight-tomato-2-1.0.0"
-WAYS: Final = ("grower_unlit", "tuned_unlit", "grower_lit", "tuned_lit")
+HEALTHY: Final = "_healthy"
+"""Ends a way of growing in which mould does not grow."""
+WAYS: Final = ("grower_unlit", "grower_unlit_healthy", "tuned_unlit", "grower_lit", "grower_lit_healthy", "tuned_lit")
 """Ways of growing of docs.realism_practice."""
 
 
@@ -172,13 +174,16 @@ class _Record:
 def year(way: str) -> dict[str, float]:
     """What a season grown in one of ``WAYS`` gave, means over the seeds; masses are a square metre's."""
     base = get_task(YEAR_TASK)
-    changes = {"id": "docs/Trusses-v1", "model.id": YEAR_MODEL, "actuation.controls": list(base.model_value.control_names)}
-    if GROWINGS[way].agent == GROWER:
+    changes: dict[str, Any] = {"id": "docs/Trusses-v1", "model.id": YEAR_MODEL, "actuation.controls": list(base.model_value.control_names)}
+    growing = GROWINGS[way.removesuffix(HEALTHY)]
+    if way.endswith(HEALTHY):
+        changes["model.overrides"] = {"growthMould": {"value": 0.0, "unit": "day-1"}}
+    if growing.agent == GROWER:
         changes["actuation.kind"] = "process_computer"
     task = base.in_split(SPLIT).replace(changes)
     crop, record = task.model_value, _Record()
     with tempfile.TemporaryDirectory() as temporary:
-        agent = protect(write_agent(Path(temporary) / "agent", GROWINGS[way]), "none")
+        agent = protect(write_agent(Path(temporary) / "agent", growing), "none")
         replace(prepare(task, agent), task=task, seeds=SEEDS, workers=1).compute(None, record)
     runs = []
     for place, seed in enumerate(SEEDS):
@@ -207,7 +212,7 @@ def year(way: str) -> dict[str, float]:
                 "light hours": float(24 * x["photoperiod"].mean()),
                 "injury": float(x["injury"].mean()),
                 "mould": float(x["mould"].max()),
-                "rotten": float(x["sumRot"][-1]),
+                "rotten": float(1 - np.exp(-x["sumRot"][-1])),
                 "humid": float((air[:, 2] > 84.5).mean()),
             }
         )
@@ -273,15 +278,17 @@ def year_rows(found: Any) -> str:
         "on the plants": ("fruits on the plants, m⁻²", 0, ""),
         "leaf area": ("leaf area index", 2, "3 to 4, lit"),
         "light hours": ("light, h a day", 1, "at most 18"),
-        "injury": ("mean injury by long light, %", 1, ""),
+        "injury": ("mean injury by long light, 100 = full, %", 1, ""),
         "mould": ("largest diseased share, %", 2, ""),
-        "rotten": ("crop lost to mould, %", 1, "0 to 5"),
+        "rotten": ("loss to mould of what was there at planting, %", 1, "0 to 5"),
         "humid": ("time above 84.5 % relative humidity, %", 0, "54 in the measured compartment"),
     }
     words = {
         "grower_unlit": "grower's page, unlit",
+        "grower_unlit_healthy": "the same without mould",
         "tuned_unlit": "tuned rules, unlit",
         "grower_lit": "grower's page, lit",
+        "grower_lit_healthy": "the same without mould",
         "tuned_lit": "tuned rules, lit",
     }
     ways = [way for way in WAYS if way in found]

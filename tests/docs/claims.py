@@ -1310,7 +1310,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("48 % set at 25 °C, 11 % at 29 °C", "source: Peet et al. (1997)"),
         ("at 14 °C 59 % of the set", "source: Adams et al. (2001)"),
         ("no harm at 17 h and harm at 20 h", "source: Demers and Gosselin (2002)"),
-        ("18 h of the same light give most sugar a day; 20 h give less than 16", "docs/measurements/crop-effects.json"),
+        ("18 h of the same light give most sugar a day; 20 h give less than 17", "docs/measurements/crop-effects.json"),
         ("The benchmark has 2.5 K", "definition: glbench/model/crop/health.py"),
         ("60 days at 84.5 % of relative humidity", "definition: docs.crop_effects.HELD"),
         ("at 85 % 6 %, and at 86 %", "definition: docs.crop_effects.HELD"),

@@ -131,7 +131,7 @@ TrussState = record_of("TrussState", (TomatoState, _Moving, typed_record("Follow
 
 class _OwnParameters(NamedTuple):
     n_stem: Annotated[Expr, Parameter("m-2", "stems", 2.5, "Vanthoor (2011) table 9.1", "positive", sets=(("bleiswijk_2020", 4.0),))]
-    n_truss: Annotated[Expr, Parameter("-", "flowers of a truss", 9.0, "de Koning (1994)", "positive", sets=(("bleiswijk_2020", 30.0),))]
+    n_truss: Annotated[Expr, Parameter("-", "flowers of a truss", 9.0, "de Koning (1994)", "positive", sets=(("bleiswijk_2020", 28.0),))]
     c_truss1: Annotated[
         Expr,
         Parameter(
