@@ -79,7 +79,7 @@ class HealthParameters(NamedTuple):
         Expr, Parameter("day", "time in which few diseased parts are lost: crews go through in a week", 7.0, "chosen", "positive")
     ]
     mould_share: Annotated[
-        Expr, Parameter("-", "diseased share at which a crew that watches takes diseased parts twice as fast", 1e-3, "chosen", "positive")
+        Expr, Parameter("-", "diseased share at which a crew that watches takes diseased parts twice as fast", 0.05, "chosen", "positive")
     ]
 
 
