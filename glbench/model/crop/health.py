@@ -55,7 +55,7 @@ class HealthParameters(NamedTuple):
             2.5,
             "chosen: up to 3 K are measured",
             "nonnegative",
-            sets=(("bleiswijk_2020", 1.5),),
+            sets=(("bleiswijk_2020", 1.25),),
         ),
     ]
     tau_fruit: Annotated[
