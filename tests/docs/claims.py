@@ -1321,7 +1321,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("Beyond 8 hours off no injury", "docs/measurements/crop-plans.json"),
         ("off for 6 hours from 16:30 on", "definition: docs.crop_plans.PLAN_WINDOW"),
         ("more than half of all steps are below 84.5 %", "tests/docs/test_crop_plans.py holds it"),
-        ("Below 80 % the two crops differ", "docs/measurements/crop-plans.json"),
+        ("At 80 % and below mould costs", "docs/measurements/crop-plans.json"),
         ("was above 84.5 % for half of the time", "measured, docs/realism.md has the data"),
         ("With 2.5 K the simulated", "definition: glbench/model/crop/health.py"),
         ("at 94 %.", "definition: docs.crop_effects.HELD"),

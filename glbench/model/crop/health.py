@@ -1,15 +1,15 @@
 """What long light and wet nights do to a tomato crop: injury that takes photosynthesis, and grey mould that takes leaves and fruit.
 
 Long light. Tomatoes under lamps for more than about 17 hours a day turn yellow between the veins and photosynthesise less, and recover
-when nights return. The injury here grows with the square of the hours beyond a threshold, and heals by itself. Threshold and sizes are
-set so that 18 hours cost next to nothing, 20 hours more than the light brings, and continuous light half of photosynthesis; sources at the
-parameters.
+when nights return. The injury here grows with the square of the hours beyond a threshold, and heals with time. Threshold and sizes are
+set so that after four weeks 18 hours cost little, 20 hours more than the light brings, and continuous light half of photosynthesis; the
+parameters name sources.
 
 Wet nights. Leaves and fruits get wet where they are colder than the dew point. The model has one temperature for the canopy, and one for
-the air where the sensor hangs; a greenhouse has spots that are some degrees colder, and fruits that lag behind the air. The hours that the
-crop is wet are counted, and forgotten when it dries. Grey mould (Botrytis cinerea) infects the longer the crop is wet, and grows out of
-what is diseased already: each wet night of a row costs more than the one before. Diseased parts are lost, to rot or to a crew that takes
-them out before they spread.
+the air where the sensor hangs; a greenhouse has spots that are some degrees colder, and fruits whose temperature lags behind the air. The
+hours that the crop is wet are counted, and fade when it dries. Grey mould (Botrytis cinerea) infects more the longer the crop is wet, and
+spreads from parts that are diseased already: each wet night in a row costs more than the one before. Diseased parts are lost, to rot or to
+a crew that takes them out.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ HOUR = 3600.0
 """Seconds."""
 
 DIM = 5.0
-"""PAR above the canopy that counts as half an hour of light in an hour [umol m-2 s-1]; chosen: beyond dusk, far below any lamp."""
+"""PAR above the canopy at which an hour counts as half an hour of light [umol m-2 s-1]; chosen: the end of dusk, far below any lamp."""
 
 COLD = 0.01
-"""Least warmth above the coldest infection [K]: nearly no infection, and a power with a finite slope."""
+"""Least difference to the temperature below which mould does not infect [K]: infection is nearly 0, and its power has a finite slope."""
 
 CREW = 20.0
-"""How many times faster a crew takes diseased parts at most than where there are few; chosen: a sick crop is cleared within hours."""
+"""By how many times the rate at which few diseased parts are lost can grow, at most; chosen: a crew clears a sick crop within hours."""
 
 
 class HealthParameters(NamedTuple):
-    """Parameters of long light and of grey mould. ``injury_max = 0`` and ``growth_mould = 0`` switch one off."""
+    """Parameters of long light and of grey mould. ``injury_max = 0`` switches injury off, ``growth_mould = 0`` mould."""
 
     hours_light: Annotated[
         Expr, Parameter("h", "light a day that injures nothing", 17.0, "Demers and Gosselin (2002): 17 h no harm, 20 h harm", "positive")
@@ -45,8 +45,8 @@ class HealthParameters(NamedTuple):
         Expr,
         Parameter("-", "share of photosynthesis that full injury takes", 0.65, "Sysoeva (2012): half after 3 weeks at 24 h", "fraction"),
     ]
-    tau_injury: Annotated[Expr, Parameter("day", "time in which continuous light injures", 7.0, "Haque (2015): within 12 days", "positive")]
-    tau_recovery: Annotated[Expr, Parameter("day", "time in which injury heals: new leaves for old", 28.0, "chosen", "positive")]
+    tau_injury: Annotated[Expr, Parameter("day", "time constant of injury at 24 h light", 7.0, "Haque (2015): within 12 days", "positive")]
+    tau_recovery: Annotated[Expr, Parameter("day", "time constant of recovery: new leaves replace old", 28.0, "chosen", "positive")]
     dt_cold_spot: Annotated[
         Expr,
         Parameter(
@@ -59,13 +59,13 @@ class HealthParameters(NamedTuple):
         ),
     ]
     tau_fruit: Annotated[
-        Expr, Parameter("s", "time in which the temperature of a fruit follows that of the air", 3900.0, "a sphere of 100 g", "positive")
+        Expr, Parameter("s", "time constant of the temperature of a fruit after that of the air", 3900.0, "a sphere of 100 g", "positive")
     ]
     tau_dry: Annotated[
-        Expr, Parameter("h", "time in which the memory of wet hours fades when the crop is dry", 4.0, "Broome et al. (1995)", "positive")
+        Expr, Parameter("h", "time constant with which wet hours fade when the crop is dry", 4.0, "Broome et al. (1995)", "positive")
     ]
     hours_wet: Annotated[
-        Expr, Parameter("h", "wet hours that make half of the largest infection", 10.5, "Broome et al. (1995) at 20 °C", "positive")
+        Expr, Parameter("h", "wet hours after which infection is half of the largest", 10.5, "Broome et al. (1995) at 20 °C", "positive")
     ]
     t_mould_min: Annotated[
         Expr,
@@ -74,12 +74,12 @@ class HealthParameters(NamedTuple):
     t_mould_opt: Annotated[Expr, Parameter("°C", "temperature at which grey mould infects most", 20.0, "Bulger et al. (1987)")]
     t_mould_max: Annotated[Expr, Parameter("°C", "temperature above which grey mould does not infect", 32.0, "chosen")]
     growth_mould: Annotated[Expr, Parameter("day-1", "largest relative growth of the diseased share", 1.5, "chosen", "nonnegative")]
-    arriving_mould: Annotated[Expr, Parameter("-", "diseased share that spores from outside are worth", 5e-4, "chosen", "fraction")]
+    arriving_mould: Annotated[Expr, Parameter("-", "diseased share that equals the spores from outside", 5e-4, "chosen", "fraction")]
     tau_mould: Annotated[
-        Expr, Parameter("day", "time in which few diseased parts are lost: crews go through in a week", 7.0, "chosen", "positive")
+        Expr, Parameter("day", "time constant of loss of few diseased parts: a crew goes through in a week", 7.0, "chosen", "positive")
     ]
     mould_share: Annotated[
-        Expr, Parameter("-", "diseased share at which a crew that watches takes diseased parts twice as fast", 0.05, "chosen", "positive")
+        Expr, Parameter("-", "diseased share at which a crew takes out diseased parts about twice as fast", 0.05, "chosen", "positive")
     ]
 
 
@@ -92,33 +92,33 @@ class Wetness(NamedTuple):
 
 
 class Injury(NamedTuple):
-    """How long light is."""
+    """Hours of light, and what long light costs."""
 
-    light_on: Annotated[Expr, Quantity("-", "how much light above the canopy counts as light of a day, 1 = all")]
-    h_injury: Annotated[Expr, Quantity("-", "photosynthesis that injury leaves, 1 = all")]
+    light_on: Annotated[Expr, Quantity("-", "whether light above the canopy counts as day, 1 = in full")]
+    h_injury: Annotated[Expr, Quantity("-", "share of photosynthesis that injury leaves, 1 = all")]
 
 
 def light_on(photons: Expr) -> Expr:
-    """1 in light, 0 in darkness, by PAR above the canopy [umol m-2 s-1]: a dimmed lamp shortens the day a little."""
+    """1 in light, 0 in darkness, by PAR above the canopy [umol m-2 s-1]: dimming a lamp shortens the day only a little."""
     return photons / (photons + DIM)
 
 
 def injury_growth(photoperiod: Expr, p: HealthParameters) -> Expr:
-    """Rate at which sound photosynthesis is injured [s-1] at a share of the day in light, averaged over two days."""
+    """Rate at which leaves that are sound are injured [s-1]. ``photoperiod``: share of the day in light, averaged over two days."""
     beyond = fmax(24 * photoperiod - p.hours_light, 0) / (24 - p.hours_light)
     return square(beyond) / (p.tau_injury * DAY)
 
 
 def wet_share(vapour_pressure: Expr, temperature: Expr, p: HealthParameters) -> Expr:
-    """Share of the surface of a mean temperature [°C] that is wet in air of a vapour pressure [Pa]: half where cold spots just are.
+    """Wet share of a surface of a mean temperature [°C] in air of a vapour pressure [Pa]: half when cold spots are at the dew point.
 
-    Spots differ; a step of 3 % of the saturation pressure, half a kelvin, is chosen.
+    Spots differ: the share rises over some 3 % of the saturation pressure, half a kelvin; chosen.
     """
     return sigmoid((vapour_pressure / saturation_vapour_pressure(temperature - p.dt_cold_spot) - 1) / 0.03)
 
 
 def infection(hours: Expr, t_can: Expr, p: HealthParameters) -> Expr:
-    """Infection after some wet hours in a row at a canopy temperature [°C], 1 = the largest."""
+    """Infection after wet hours in a row at a mean canopy temperature of the day [°C], 1 = the largest."""
     rise = fmax(t_can - p.t_mould_min, COLD) / (p.t_mould_opt - p.t_mould_min)
     fall = fmax(p.t_mould_max - t_can, 0) / (p.t_mould_max - p.t_mould_opt)
     shape = (p.t_mould_opt - p.t_mould_min) / (p.t_mould_max - p.t_mould_opt)
@@ -126,5 +126,5 @@ def infection(hours: Expr, t_can: Expr, p: HealthParameters) -> Expr:
 
 
 def rotting(mould: Expr, p: HealthParameters) -> Expr:
-    """Share of the crop that is lost to mould [s-1] at a diseased share: the more there is, the faster a crew takes what is diseased."""
+    """Share of the crop lost to mould [s-1] at a diseased share: the larger it is, the faster a crew takes out diseased parts."""
     return mould / (p.tau_mould * DAY) * (1 + mould / (p.mould_share + mould / CREW))

@@ -4,9 +4,9 @@ It is the published crop (``VanthoorTomato``), with four additions. Fruits are c
 injures photosynthesis, and wet nights bring grey mould (``health.py``). A crew picks ripe fruit and old leaves when it is at work, prunes
 trusses, and tops the crop. Photosynthesis, growth of leaves and stems, and respiration are those of the published crop.
 
-The fruits of the stages change slowly, and *follow*: the kernel steps them after the others, see ``Variable``.
+The fruits of the stages change slowly, and *follow*: the kernel steps them after the other states, see ``Variable``.
 Their rates read other states only through the rates of meters (``t_can24_sum``, ``sum_grow_fruit``, ...), which are states for this reason.
-Where a task draws the fruit at the start, ``c_fruit``, the fruits of the stages become lighter or heavier by as much (``green_share``).
+If a task draws the fruit at the start, ``c_fruit``, the fruits of the stages become lighter or heavier in proportion (``green_share``).
 """
 
 from __future__ import annotations
@@ -66,32 +66,32 @@ WEEK = 7 * DAY
 """Seconds."""
 
 SUPPLY_MEMORY = 2 * DAY
-"""Time over which young fruits feel a shortage [s]; chosen: a dark day does not abort, a dark week does."""
+"""Time over which young fruits feel a shortage [s]; chosen: fruits abort in a dark week, not on a dark day."""
 
 LIGHT_MEMORY = 2 * DAY
-"""Time over which light is averaged for the photoperiod [s]; chosen: above the day's own swing."""
+"""Time over which light is averaged for the photoperiod [s]; chosen: longer than a day, to smooth its swing."""
 
 LEAST_LEAVES = 0.5
-"""Share of the largest leaf area that a crew never goes below; chosen: far below a leaf area index of 1, photosynthesis has a pole."""
+"""Share of the largest leaf area below which a crew never picks; chosen: far below a leaf area index of 1, photosynthesis has a pole."""
 
 SOUND_LEAVES = 0.1
-"""Share of the largest leaf area that mould never takes, and does not take fully below its double; chosen, for the same pole."""
+"""Share of the largest leaf area that mould never takes, and near which it takes less, below twice this share; chosen, for that pole."""
 
 
 HEAD_IN_BALANCE, HEAD_BY_SUPPLY, SUPPLY_IN_BALANCE = 10.0, 10.0, 0.5
-"""Diameter of the head [mm] of a plant in balance, its rise [mm] with the supply, and the supply of a plant in balance [-]; chosen."""
+"""Diameter of the head [mm] of a plant in balance, its rise [mm] for a supply of 1, and the supply of a plant in balance [-]; chosen."""
 
 
 BEFORE_FLOWERING = 180.0
-"""Temperature sum from planting to the first flowers [°C day]: nine to ten days, as six measured crops took (docs/crop.md)."""
+"""Temperature sum from planting to the first flowers [°C day]: nine days at 20 °C; chosen with six measured crops (docs/crop.md)."""
 
 
 class CrewControls(NamedTuple):
-    """What is done by hand, 0 in a crop that is picked all day and never pruned or topped. A task schedules it, or gives it to an agent."""
+    """Work by hand, 0 in a crop that is picked all day and never pruned or topped. A task schedules it, or gives it to an agent."""
 
     u_away: Annotated[Expr, Quantity("-", "crew away: picks neither fruit nor leaves")]
     u_prune: Annotated[Expr, Quantity("-", "share of the flowers of a truss that is pruned")]
-    u_defoliate: Annotated[Expr, Quantity("-", "share of the largest leaf area that is picked besides, half of it at most")]
+    u_defoliate: Annotated[Expr, Quantity("-", "share by which picking lowers the largest leaf area, at most half")]
     u_top: Annotated[Expr, Quantity("-", "topped: no new trusses, leaves and stems stay as they are")]
 
 
@@ -103,7 +103,7 @@ class _Moving(NamedTuple):
     sum_grow_fruit: Annotated[Expr, Variable("mg m-2", "carbohydrate that went to fruits after they were set", scale=1e5, small=100.0)]
     n_set: Annotated[Expr, Variable("m-2", "fruits set since the start", scale=100.0, small=0.1)]
     trusses: Annotated[Expr, Variable("-", "trusses of a stem since the start", scale=10.0, small=0.01)]
-    sum_rot: Annotated[Expr, Variable("-", "share of the crop lost to mould, summed since the start", scale=1.0, small=1e-3)]
+    sum_rot: Annotated[Expr, Variable("-", "loss to mould relative to the crop, summed since the start", scale=1.0, small=1e-3)]
     t_fruit: Annotated[Expr, Variable("°C", "temperature of the fruit")]
     c_ripe: Annotated[Expr, Variable("mg m-2", "carbohydrate in ripe fruit on the plants", scale=1e5, small=100.0)]
     n_ripe: Annotated[Expr, Variable("m-2", "ripe fruits on the plants", scale=10.0, small=0.01)]
@@ -142,17 +142,17 @@ class _OwnParameters(NamedTuple):
             sets=(("bleiswijk_2020", 5.94e-7),),
         ),
     ]
-    c_truss2: Annotated[Expr, Parameter("s-1 K-1", "rise of truss appearance", 7.3125e-7 / 9, "Vanthoor (2011) table 9.1, of 9 flowers")]
+    c_truss2: Annotated[Expr, Parameter("s-1 K-1", "truss appearance per kelvin", 7.3125e-7 / 9, "Vanthoor (2011) table 9.1, of 9 flowers")]
     g_max: Annotated[
         Expr,
         Parameter(
-            "mg", "carbohydrate that a fruit can have", 1e4, "Vanthoor (2011) table 9.1", "positive", sets=(("bleiswijk_2020", 1300.0),)
+            "mg", "largest carbohydrate of a fruit", 1e4, "Vanthoor (2011) table 9.1", "positive", sets=(("bleiswijk_2020", 1300.0),)
         ),
     ]
-    t_set_hot: Annotated[Expr, Parameter("°C", "daily mean temperature beyond which heat costs fruit set", 25.0, "Peet et al. (1997)")]
-    set_hot: Annotated[Expr, Parameter("K-1", "share of the set that a kelvin beyond costs", 0.193, "Peet et al. (1997)", "nonnegative")]
+    t_set_hot: Annotated[Expr, Parameter("°C", "daily mean temperature above which heat costs fruit set", 25.0, "Peet et al. (1997)")]
+    set_hot: Annotated[Expr, Parameter("K-1", "share of fruit set lost per kelvin above", 0.193, "Peet et al. (1997)", "nonnegative")]
     t_set_cold: Annotated[Expr, Parameter("°C", "daily mean temperature below which cold costs fruit set", 18.0, "Adams et al. (2001)")]
-    set_cold: Annotated[Expr, Parameter("K-1", "share of the set that a kelvin below costs", 0.1025, "Adams et al. (2001)", "nonnegative")]
+    set_cold: Annotated[Expr, Parameter("K-1", "share of fruit set lost per kelvin below", 0.1025, "Adams et al. (2001)", "nonnegative")]
     abort_max: Annotated[
         Expr, Parameter("-", "share of the young fruits that abort without supply", 0.67, "TOMGRO, Jones et al. (1991)", "fraction")
     ]
@@ -174,7 +174,7 @@ class LeafFlows(NamedTuple):
 
 
 class TrussFluxes(NamedTuple):
-    """Everything that the balances of the crop are made of."""
+    """Everything that enters the balances of the crop."""
 
     photosynthesis: Photosynthesis
     inhibition: GrowthInhibition
@@ -205,7 +205,7 @@ class TrussTomato(VanthoorTomato):
     }
 
     def processes(self, x: Any, s: Surroundings, p: Any) -> Any:
-        """Vanthoor (2011), with what injury leaves of photosynthesis, and with the flow to the fruit shared out to the fruits there are."""
+        """Vanthoor (2011); injury lowers photosynthesis, and the fruits on the plants share the flow to the fruit."""
         u: CrewControls = s.u
         light = s.light
         photons = p.par_jto_umol_sun * light.r_par_gh_sun + s.p.zeta_lamp_par * light.r_par_gh_lamp
@@ -259,12 +259,12 @@ class TrussTomato(VanthoorTomato):
 
     @staticmethod
     def _topped(growth: Expr, respired: Expr, u: CrewControls) -> Expr:
-        """Growth of an organ [mg m-2 s-1], of which a topped crop has only what the organ respires: it stays, and gains nothing."""
+        """Growth of an organ [mg m-2 s-1]: in a topped crop only what the organ respires, so that its mass stays."""
         return (1 - u.u_top) * growth + u.u_top * fmin(growth, respired)
 
     @staticmethod
     def _aborting(x: Any, p: Any) -> Expr:
-        """Rate at which young fruits abort [s-1]: TOMGRO's share of those that pass their youth, at 20 °C, by supply and demand."""
+        """Rate at which young fruits abort [s-1]: TOMGRO's share of those that pass the young stages at 20 °C, by the supply."""
         share = fmax(p.abort_max - p.abort_slope * x.supply, 0)
         return -log(1 - share) * (stage_rate(20.0) / YOUNG_STAGES)
 
@@ -362,7 +362,7 @@ class TrussTomato(VanthoorTomato):
         )
 
     def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
-        """Wide: a house at 200 °C sets and picks, too; see ``glbench.model.bounds``."""
+        """Wide: they also hold in a house at 200 °C; see ``glbench.model.bounds``."""
         as_before = super().bounds(horizon)
         seconds, masses = 86400.0 * horizon.days + 1.0, as_before["cFruit"]
         p = horizon.parameters
@@ -407,13 +407,13 @@ def _fruits(x: Any, p: Any) -> Expr:
 
 
 def _fruits_per_truss(x: Any, p: Any) -> Expr:
-    """Fruits set lately over trusses that came meanwhile, at the mean temperature of the last day."""
+    """Young fruits over the trusses that appeared while they were set, at the mean temperature of the last day."""
     inflow = TrussTomato._truss_appearance(x.t_can24, p) * p.n_stem * YOUNG_STAGES / stage_rate(x.t_can24)
     return total([getattr(x, name) for name in _NUMBERS[:YOUNG_STAGES]]) / (inflow + 1e-3)
 
 
 def _head_diameter(x: Any, p: Any) -> Expr:
-    """[mm]: 10 in balance, a millimetre more for each tenth more of supply; chosen, after growers' guides."""
+    """[mm]: 10 in balance, a millimetre more for each 0.1 more supply; chosen, after growers' guides."""
     return HEAD_IN_BALANCE + HEAD_BY_SUPPLY * (x.supply - SUPPLY_IN_BALANCE)
 
 
