@@ -26,13 +26,13 @@ HOUR = 3600.0
 """Seconds."""
 
 DIM = 5.0
-"""PAR above the canopy at which an hour counts as half an hour of light [umol m-2 s-1]; chosen: the end of dusk, far below any lamp."""
+"""PAR above the canopy at which an hour counts as half an hour of light [umol m-2 s-1]; chosen: brighter than dusk, far below any lamp."""
 
 COLD = 0.01
 """Least difference to the temperature below which mould does not infect [K]: infection is nearly 0, and its power has a finite slope."""
 
 CREW = 20.0
-"""By how many times the rate at which few diseased parts are lost can grow, at most; chosen: a crew clears a sick crop within hours."""
+"""Limits how much faster a crew clears a sick crop: 1 + 1 / (0.05 + 1 / CREW) = 11 times, within a day, if all is diseased; chosen."""
 
 
 class HealthParameters(NamedTuple):
@@ -59,7 +59,7 @@ class HealthParameters(NamedTuple):
         ),
     ]
     tau_fruit: Annotated[
-        Expr, Parameter("s", "time constant of the temperature of a fruit after that of the air", 3900.0, "a sphere of 100 g", "positive")
+        Expr, Parameter("s", "time constant with which a fruit follows the temperature of the air", 3900.0, "a sphere of 100 g", "positive")
     ]
     tau_dry: Annotated[
         Expr, Parameter("h", "time constant with which wet hours fade when the crop is dry", 4.0, "Broome et al. (1995)", "positive")

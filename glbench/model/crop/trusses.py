@@ -75,7 +75,7 @@ LEAST_LEAVES = 0.5
 """Share of the largest leaf area below which a crew never picks; chosen: far below a leaf area index of 1, photosynthesis has a pole."""
 
 SOUND_LEAVES = 0.1
-"""Share of the largest leaf area that mould never takes, and near which it takes less, below twice this share; chosen, for that pole."""
+"""Share of the largest leaf area that mould never takes, and below whose double it takes fewer leaves; chosen, for that pole."""
 
 
 HEAD_IN_BALANCE, HEAD_BY_SUPPLY, SUPPLY_IN_BALANCE = 10.0, 10.0, 0.5
