@@ -53,7 +53,7 @@ class HealthParameters(NamedTuple):
             "K",
             "how much colder than the mean the cold spots of a crop are",
             2.5,
-            "chosen: up to 3 K are measured",
+            "chosen: up to 3 K are measured (doi 10.3389/fhort.2024.1425285)",
             "nonnegative",
             sets=(("bleiswijk_2020", 1.25),),
         ),
