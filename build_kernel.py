@@ -88,8 +88,11 @@ class KernelHook(BuildHookInterface[Any]):
 
 
 def _asked_by_tasks(folder: Path) -> set[tuple[str, str, bool]]:
-    """Id and variant of the models that the tasks in ``folder`` have, and whether their limits are judged by meters."""
-    tasks = {task["id"]: task for task in map(_toml, folder.rglob("*.toml")) if "id" in task}
+    """Id and variant of the models of the published tasks in ``folder``, and whether their limits are judged by meters.
+
+    Drafts compile at their first use: their libraries would make the wheel too large.
+    """
+    tasks = {task["id"]: task for task in map(_toml, folder.glob("*.toml")) if "id" in task}
 
     def asked(task: dict[str, Any]) -> tuple[str, str, bool]:
         base = tasks.get(task.get("base", ""))
