@@ -53,7 +53,9 @@ NIGHTS: Final = {"none": range(0), "in a row": range(10, 20), "apart": range(10,
 HOURS: Final = (12, 14, 16, 17, 18, 19, 20, 22, 24)
 HELD: Final = (75.0, 78.0, 80.0, 82.0, 83.0, 84.0, 84.5, 85.0, 85.5, 86.0, 87.0, 88.0, 90.0, 91.0, 92.0, 93.0, 94.0, 95.0)
 """Relative humidity [%]."""
-COLD_SPOTS: Final = {"benchmark": 2.5, "bleiswijk_2020": 1.25}
+COLD_SPOTS: Final = {
+    name: float(TOMATO_2.parameters.default(name)[TOMATO_2.parameter_names.index("dtColdSpot")]) for name in ("benchmark", "bleiswijk_2020")
+}
 """How much colder than the mean the cold spots of a crop are [K], by named set."""
 LOSS_DAYS: Final = 60
 LAMPS: Final = 45.0
@@ -156,7 +158,7 @@ def measured() -> dict[str, Any]:
             "set": np.diff(found[name]["n_set"][WEEK - 1 :: WEEK], prepend=0.0).round(3).tolist(),
             "picked": found[name]["picked"][: DAYS // WEEK * WEEK].reshape(-1, WEEK).sum(axis=1).round(4).tolist(),
             "young": found[name]["young"][::WEEK].round(2).tolist(),
-            "supply": found[name]["supply"][::WEEK].round(3).tolist(),
+            "supply": found[name]["source_sink"][::WEEK].round(3).tolist(),
         }
         for name in ("plain", "hot", "dark")
     }

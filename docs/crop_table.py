@@ -110,7 +110,7 @@ def by_measured_air(archive: Archive) -> dict[str, Any]:
     u[:, column["uTop"]] = np.arange(len(u)) >= TOPPED * ROWS_A_DAY
     kernel = Kernel(model, STEP_SECONDS, preset="fast", threads=2)
     held = [place(name) for name in ("tAir", "vpAir", "co2Air")]
-    read = ("sumMcFruitHar", "nSet", "trusses", "mould", "injury", "supply")
+    read = ("sumMcFruitHar", "nSet", "trusses", "mould", "injury", "sourceSink")
     days = {name: np.zeros((archive.days, len(p))) for name in (*read, "picked")}
     picked = np.zeros(len(p))
     for step in range(0, len(u), STEP_SECONDS // ROW_SECONDS):
@@ -137,7 +137,7 @@ def by_measured_air(archive: Archive) -> dict[str, Any]:
             "grams": float(1e3 * kilograms.sum() / picked[lane]),
             "mould": float(days["mould"][:, lane].max()),
             "injury": float(days["injury"][:, lane].max()),
-            "supply": float(days["supply"][:, lane].mean()),
+            "supply": float(days["sourceSink"][:, lane].mean()),
         }
     return result
 

@@ -39,7 +39,7 @@ def real_numbers(value: object) -> NDArray[Any] | None:
             for one in entries
         )
         array = None if converted else np.asarray(value)
-    except Exception:
+    except Exception:  # whatever a stranger's array or list raises: it is no array of numbers
         return None
     return None if array is None or array.dtype.kind not in "fiu" else array
 
@@ -50,7 +50,7 @@ def unknown_type(value: object) -> str:
         while isinstance(value, list | tuple) and value:
             value = value[0]
         kind = str(getattr(value, "dtype", "")).removeprefix("torch.")
-    except Exception:
+    except Exception:  # whatever a stranger's type raises when it is looked at
         return ""
     if not re.fullmatch(r"bfloat\d+|float[468]_\w+|u?int[24]", kind):
         return ""

@@ -399,7 +399,7 @@ def portable_error(error: Exception) -> GlbenchError:
     if isinstance(error, GlbenchError):
         try:
             pickle.loads(pickle.dumps(error))
-        except Exception:
+        except Exception:  # whatever its class makes of being pickled: its words still travel
             return GlbenchError(str(error))
         return error
     first_line = (str(error).strip().splitlines() or [""])[0]

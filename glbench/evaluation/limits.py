@@ -161,8 +161,7 @@ def in_words(error: BaseException) -> str:
         if len(text) > _LONGEST_REASON:
             text = text[: _LONGEST_REASON - 4] + " ..."
         place = _place(error)
-    except Exception:
-        # Past whatever a metaclass makes of looking at its name.
+    except Exception:  # whatever the words of a stranger's error raise; past what a metaclass makes of looking at its name
         return str(type.__getattribute__(type(error), "__name__"))
     return f"{text} ({place})" if place else text
 

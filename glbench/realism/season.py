@@ -200,16 +200,16 @@ def young_crop(greenhouse: Model, first: FloatArray, p: FloatArray, plants: Plan
     """State when the young plants have been planted (states,), with air, surfaces and plants at ``air_temperature`` [degC].
 
     ``first`` is the first row of the weather (disturbances,), ``p`` the parameters (parameters,); the rest is that of any start. Of a crop
-    with trusses, the model's own young crop is planted instead.
+    with more states than plants are described by, such as trusses, the model's own young crop is planted instead.
     """
-    if "trusses" in greenhouse.state_names:  # a crop whose own start says how far its trusses are
-        return np.array(greenhouse.start("young_crop", first, air_temperature, p))
-    x = np.array(greenhouse.start("mature_crop", first, air_temperature, p))
     mass = 1e3 * plants.dry_mass  # mg m-2
     own = {
         "tCan": air_temperature, "tCan24": air_temperature, "cBuf": 0.0, "cLeaf": mass * plants.leaves, "cStem": mass * plants.stems,
         "cFruit": mass * plants.fruit, "tCanSum": 0.0,
     }  # fmt: skip
+    if not own.keys() >= set(greenhouse.crop_states):
+        return np.array(greenhouse.start("young_crop", first, air_temperature, p))
+    x = np.array(greenhouse.start("mature_crop", first, air_temperature, p))
     for name, value in own.items():
         x[greenhouse.state_index(name)] = value
     return x

@@ -168,7 +168,7 @@ def test_nothing_grows_apart_over_a_season() -> None:
 def test_fruits_of_a_season_are_on_the_plants_picked_aborted_or_rotten() -> None:
     """What is lost by the trapezium rule over steps, what is picked from ripe fruits before and after a step, by the solution for it."""
     x, u, p = season().x, season().u, dict(zip(MODEL.parameter_names, MODEL.parameters.default(), strict=True))
-    share = np.maximum(p["abortMax"] - p["abortSlope"] * x[..., X["supply"]], 0)
+    share = np.maximum(p["abortMax"] - p["abortSlope"] * x[..., X["sourceSink"]], 0)
     aborted = -np.log(1 - share) / (100 / 1.934 * 86400 * 7 / STAGES) * x[..., N[:7]].sum(axis=-1)
     faster = 1 + x[..., X["mould"]] / (p["mouldShare"] + x[..., X["mould"]] / 20)
     rotten = faster * x[..., X["mould"]] / (p["tauMould"] * 86400) * (x[..., N].sum(axis=-1) + x[..., X["nRipe"]])
@@ -249,7 +249,7 @@ def test_derivatives_of_a_step_are_those_of_finite_differences() -> None:
     rows = Rows(*(table[pick].copy() for table in every[:3]), every.p)
     rows.u[:, 6:] = np.random.default_rng(2).uniform(0.2, 0.8, (2, 4))
     lines, kernel = kernel_of("compiled").linearise(*rows), kernel_of("compiled", "tight")
-    wanted = [("x", X[name]) for name in ("nFruit3", "cFruit20", "cRipe", "wetHours", "injury", "supply", "tCan24")]
+    wanted = [("x", X[name]) for name in ("nFruit3", "cFruit20", "cRipe", "wetHours", "injury", "sourceSink", "tCan24")]
     for key, column in (*wanted, *(("u", U[name]) for name in ("uAway", "uPrune", "uTop"))):
         by = 1e-4 * (SCALE[column] if key == "x" else 1.0)
         moved = []

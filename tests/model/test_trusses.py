@@ -54,7 +54,7 @@ def drawn(n: int = 200, seed: int = 21, **fixed: Any) -> Inputs:
         "tFruit": plain["tAir"] + uniform(-4.0, 1.0),
         "photoperiod": uniform(0.0, 1.0),
         "injury": sometimes(uniform(0.0, 1.0), 0.5),
-        "supply": uniform(0.0, 1.0),
+        "sourceSink": uniform(0.0, 1.0),
         "wetHours": uniform(0.0, 40.0),
         "mould": sometimes(uniform(0.0, 1.0), 0.5),
         "cWeek": uniform(0.0, 2e5),
@@ -143,7 +143,7 @@ def test_observation_modules_give_what_they_say() -> None:
     worth = {seen.name: np.asarray(seen.of(state, p) if seen.of else column(AT.x, seen.source) * seen.factor) for seen in columns}
     np.testing.assert_allclose(worth["fruits"], AT.x[:, [MODEL.state_index(name) for name in (*N, "nRipe")]].sum(axis=1), rtol=1e-12)
     np.testing.assert_allclose(worth["light_hours"], 24 * column(AT.x, "photoperiod"), rtol=1e-12)
-    np.testing.assert_allclose(worth["head_diameter"], 5 + 10 * column(AT.x, "supply"), rtol=1e-12)
+    np.testing.assert_allclose(worth["head_diameter"], 5 + 10 * column(AT.x, "sourceSink"), rtol=1e-12)
     np.testing.assert_allclose(worth["ripe_fruit"], 1e-6 * column(AT.x, "cRipe") / column(AT.p, "dmFruit"), rtol=1e-12)
     for seen in columns:
         if seen.name != "fruits_per_truss":
@@ -388,7 +388,7 @@ def test_a_dark_week_aborts_young_fruits_and_a_dark_day_few() -> None:
     assert against_usual(week, "aborted")[2] > 2.5
     assert against_usual(day, "aborted")[2] < 1.6
     assert against_usual(week, "n_set")[2] < 0.3
-    assert week.of("supply")[21] < 0.1 < 0.6 < usual().of("supply")[21]
+    assert week.of("source_sink")[21] < 0.1 < 0.6 < usual().of("source_sink")[21]
     assert int(np.argmin(against_usual(week, "picked"))) in (8, 9, 10)
 
 

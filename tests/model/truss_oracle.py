@@ -134,7 +134,7 @@ class Stand:
 
     def aborting(self) -> float:
         """[s-1]: such that TOMGRO's share is lost of fruits that spend a 33rd of their life at 20 °C in each of seven stages."""
-        share = max(0.0, self.p["abortMax"] - self.p["abortSlope"] * self.x["supply"])
+        share = max(0.0, self.p["abortMax"] - self.p["abortSlope"] * self.x["sourceSink"])
         youth = self.life(20.0) * DAY * YOUNG / STAGES
         return -math.log(1 - share) / youth
 
@@ -197,7 +197,7 @@ class Stand:
             "trusses": [self.trusses()],
             "photoperiod": [c.above / (c.above + 5) / (2 * DAY), -x["photoperiod"] / (2 * DAY)],
             "injury": [beyond**2 / (p["tauInjury"] * DAY) * (1 - x["injury"]), -x["injury"] / (p["tauRecovery"] * DAY)],
-            "supply": [self.supply() / (2 * DAY), -x["supply"] / (2 * DAY)],
+            "sourceSink": [self.supply() / (2 * DAY), -x["sourceSink"] / (2 * DAY)],
             "wetHours": [wet / HOUR, -(1 - wet) * x["wetHours"] / (p["tauDry"] * HOUR)],
             "mould": [infected, -rot],
             "cWeek": [picked, -x["cWeek"] / (7 * DAY)],

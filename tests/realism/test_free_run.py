@@ -10,7 +10,7 @@ import pytest
 
 from glbench.errors import ArchiveError, StepError
 from glbench.kernel import Kernel
-from glbench.model import relative_humidity
+from glbench.model import TOMATO_2, relative_humidity
 from glbench.realism.free_run import CHANNELS, drive, free_run
 from glbench.realism.houses import model
 from glbench.realism.identify import make_split
@@ -118,3 +118,11 @@ def test_a_set_that_cannot_be_integrated_leaves_the_others_alone() -> None:
     assert np.array_equal(run.climate["co2"][:, 1], free_run(GREENLIGHT, BASE, made, SETTINGS.plants).climate["co2"][:, 0])
     with pytest.raises(StepError, match="No parameter set could be integrated"):
         free_run(GREENLIGHT, broken, made, SETTINGS.plants)
+
+
+def test_a_crop_with_stages_is_planted_as_its_model_says_without_fruit() -> None:
+    p = TOMATO_2.parameters.default()
+    x = dict(zip(TOMATO_2.state_names, young_crop(TOMATO_2, outside(1).values[0], p, SETTINGS.plants, 19.0), strict=True))
+    assert x["cFruit"] == sum(x[f"cFruit{stage}"] for stage in range(1, 34)) == 0.0
+    assert x["tCanSum"] < 0.0, "it does not flower yet"
+    assert x["tAir"] == 19.0

@@ -103,13 +103,6 @@ def growth_curve(t_can24: Expr, g_max: Expr) -> FruitGrowthCurve:
     return FruitGrowthCurve(weight, growth)
 
 
-def first_weight(t_can24: Expr, g_max: Expr) -> Expr:
-    """What a fruit weighs when it has just been set [mg]: the first of :func:`growth_curve`."""
-    rate = development_rate(t_can24)
-    steepness = 1 / ((2.44 - 0.403 * 4.93) * rate + 0.403 * 0.548)
-    return g_max * exp(-exp(steepness * (0.548 - 4.93 * rate - 0.5 / STAGES)))
-
-
 def total(stages: Stages) -> Expr:
     """Sum over stages."""
     value = stages[0]

@@ -20,6 +20,7 @@ from glbench.model.bounds import COLDEST, HOTTEST, Horizon
 from glbench.model.crop.allocation import Allocation, allocation
 from glbench.model.crop.harvest import removal
 from glbench.model.crop.health import (
+    CREW,
     HOUR,
     HealthParameters,
     Injury,
@@ -38,7 +39,6 @@ from glbench.model.crop.stages import (
     YOUNG_STAGES,
     FruitFlows,
     FruitSet,
-    first_weight,
     growth_curve,
     load_factor,
     set_by_carbohydrate,
@@ -120,7 +120,7 @@ def _follows(unit: str, meaning: str, scale: float) -> Any:
 _NUMBERS = tuple(f"n_fruit{stage}" for stage in range(1, STAGES + 1))
 _MASSES = tuple(f"c_fruit{stage}" for stage in range(1, STAGES + 1))
 _FOLLOWERS = {
-    "supply": _follows("-", "supply of the growing organs relative to their demand, averaged over two days", 1.0),
+    "source_sink": _follows("-", "supply of the growing organs relative to their demand, averaged over two days", 1.0),
     "c_week": _follows("mg m-2", "carbohydrate picked in the last week, fading", 1e5),
     **{name: _follows("m-2", f"fruits in stage {stage}", 10.0) for stage, name in enumerate(_NUMBERS, 1)},
     **{name: _follows("mg m-2", f"carbohydrate of the fruits in stage {stage}", 1e4) for stage, name in enumerate(_MASSES, 1)},
@@ -265,7 +265,7 @@ class TrussTomato(VanthoorTomato):
     @staticmethod
     def _aborting(x: Any, p: Any) -> Expr:
         """Rate at which young fruits abort [s-1]: TOMGRO's share of those that pass the young stages at 20 °C, by the supply."""
-        share = fmax(p.abort_max - p.abort_slope * x.supply, 0)
+        share = fmax(p.abort_max - p.abort_slope * x.source_sink, 0)
         return -log(1 - share) * (stage_rate(20.0) / YOUNG_STAGES)
 
     def _wetness(self, x: Any, s: Surroundings, p: Any) -> Wetness:
@@ -276,7 +276,7 @@ class TrussTomato(VanthoorTomato):
         """``most`` is Vanthoor's flow to the fruit [mg m-2 s-1]."""
         number, mass = [getattr(x, name) for name in _NUMBERS], [getattr(x, name) for name in _MASSES]
         load = sink_strength(number, growth_curve(20.0, p.g_max).growth) / (DAY * p.rg_fruit)
-        first = first_weight(x.t_can24, p.g_max) * fruits_set
+        first = growth_curve(x.t_can24, p.g_max).weight[0] * fruits_set
         green = (x.c_fruit - x.c_ripe) / (total(mass) + NO_FRUIT)
         return FruitFlows(
             green_share=green,
@@ -328,7 +328,7 @@ class TrussTomato(VanthoorTomato):
             "n_ripe": passing * number[-1] - (picking + loss) * x.n_ripe,
         }
         followers = {
-            "supply": (al.h_buf_org - x.supply) / SUPPLY_MEMORY,
+            "source_sink": (al.h_buf_org - x.source_sink) / SUPPLY_MEMORY,
             "c_week": fr.mc_fruit_har - x.c_week / WEEK,
         }
         curve = growth_curve(x.t_can24, p.g_max)
@@ -354,7 +354,7 @@ class TrussTomato(VanthoorTomato):
             Signal("crop/fruits_set", "Fruits set since the start", "m⁻²", "nSet"),
             Signal("crop/picked_in_week", "Fruit picked in a week, fresh", "kg m⁻²", "", of=_picked_in_week),
             Signal("crop/ripe", "Ripe fruit on the plants, fresh", "kg m⁻²", "", of=_ripe),
-            Signal("crop/supply", "Supply of growth relative to demand, 2 days", "%", "supply", 100.0),
+            Signal("crop/supply", "Supply of growth relative to demand, 2 days", "%", "sourceSink", 100.0),
             Signal("crop/light_hours", "Hours of light a day", "h", "photoperiod", 24.0),
             Signal("crop/light_injury", "Photosynthesis lost to long light", "%", "", of=_injured),
             Signal("crop/wet_hours", "Wet hours in a row", "h", "wetHours"),
@@ -372,7 +372,7 @@ class TrussTomato(VanthoorTomato):
             "tCan24Sum": (COLDEST * seconds, HOTTEST * seconds),
             "sumBufOrg": (0.0, 1.01 * seconds),
             "sumGrowFruit": masses,
-            "sumRot": (0.0, seconds / DAY),
+            "sumRot": (0.0, (1 + CREW) * seconds / DAY / p["tauMould"]),
             "tFruit": (COLDEST, HOTTEST),
             "trusses": (0.0, flowers / (p["nStem"] * p["nTruss"])),
             "wetHours": (0.0, seconds / HOUR),
@@ -414,7 +414,7 @@ def _fruits_per_truss(x: Any, p: Any) -> Expr:
 
 def _head_diameter(x: Any, p: Any) -> Expr:
     """[mm]: 10 in balance, a millimetre more for each 0.1 more supply; chosen, after growers' guides."""
-    return HEAD_IN_BALANCE + HEAD_BY_SUPPLY * (x.supply - SUPPLY_IN_BALANCE)
+    return HEAD_IN_BALANCE + HEAD_BY_SUPPLY * (x.source_sink - SUPPLY_IN_BALANCE)
 
 
 def _picked_in_week(x: Any, p: Any) -> Expr:
@@ -439,7 +439,7 @@ def _start(air_temperature: float, p: Any, leaf: float, stem: float, age: float,
         "t_can_sum": age,
         "t_fruit": air_temperature,
         "photoperiod": 0.5,
-        "supply": 0.5,
+        "source_sink": 0.5,
     }
     return TrussState(**(rest | fruit))
 
