@@ -217,10 +217,11 @@ def draw(found: Mapping[str, Any]) -> None:
         held.plot(
             [float(humidity) for humidity in one], [100 * share for share in one.values()], color=colour, label=f"cold spots of {name}"
         )
-    held.set(title="60 days at one humidity, 18 °C", xlabel="relative humidity [%]", ylabel="of the crop lost [%]")
+    held.set(title="60 days at one humidity, 18 °C", xlabel="relative humidity [%]", ylabel="of the crop lost [%]", ylim=(-5, 135))
     for axis in axes.flat:
         axis.grid(alpha=0.3)
-        axis.legend(frameon=False, fontsize=8)
+        axis.xaxis.get_major_locator().set_params(integer=True)
+        axis.legend(frameon=False, fontsize=8, loc="upper left" if axis is held else "best")
     figure.savefig(PICTURE, metadata={"Date": None})
     plt.close(figure)
 
