@@ -43,7 +43,7 @@ def bound(
         ),
     ] = None,
     iterations: Annotated[
-        int, typer.Option("--iterations", "-n", min=1, help="Iterations per plan; one takes about 3 s of one core for 5,760 steps.")
+        int, typer.Option("--iterations", "-n", min=1, help="Iterations per plan; one takes 3 to 12 s of one core for 5,760 steps.")
     ] = 35,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder for the plans. Default: runs/bound/TASK. Finished plans are skipped.")
@@ -141,6 +141,8 @@ def _plans(search: Search, engine: options.EngineName, remaining: int) -> Iterat
             nonlocal completed
             completed += 1
             bar.move(completed, words=f"seed {seed}: {iteration.reward:,.2f}")
+            if not bar.on_terminal:
+                console.tell(f"seed {seed}, iteration {iteration.number} of {search.iterations}: reward {iteration.reward:,.2f} EUR/m2")
 
         yield from search.run(jobs, engine=engine.value, listener=listen)
 
