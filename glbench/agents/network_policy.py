@@ -159,7 +159,7 @@ class NetworkPolicy:
             (all(np.isfinite(array).all() for array in (*self.weights, *self.biases)), "A policy has weights that are not finite."),
             ((self.low < self.high).all(), "The policy has a lower bound that is not below the upper bound."),
             (self.clip >= SMALLEST_CLIP, f"The policy clips normalised observations at {self.clip:g}, expected {SMALLEST_CLIP:g} or more."),
-            (0.0 <= self.delta < 1.0, f"The policy's delta is {self.delta:g}, expected a fraction from 0 to below 1."),
+            (0.0 <= self.delta < LARGEST, f"The policy's delta is {self.delta:g}, expected a number of 0 or more."),
         ):
             if not is_right:
                 raise ShapeError(msg)
