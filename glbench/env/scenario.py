@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from glbench.env import actuation, air
 from glbench.env.daily_sums import DAILY_SUMS, initial_memory
 from glbench.env.generated import SeasonMaker
-from glbench.env.memory_layout import DrawingPart, allocate
+from glbench.env.memory_layout import DrawingPart, DrawPlaces, allocate
+from glbench.env.outdoor import OutdoorSensors
 from glbench.env.random import uniforms
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters, spread_multipliers, stream_key
 from glbench.env.weather_pool import CLOCK, WeatherPool
@@ -53,7 +54,7 @@ class RunScenarios:
         Nominal parameters ``(p,)``.
     in_step, in_episode
         The groups of parameters that the step draws, and those that are drawn here.
-    sensors
+    sensors, outdoor_sensors
         Those that err.
     drawing_parts
         The parts that draw numbers of their own, in the order in which tapes read them (``DrawPlaces``).
@@ -71,7 +72,8 @@ class RunScenarios:
         self._model = task.model_value
         self._derived = DerivedParameters(self._model, self.nominal, self.places(self.in_episode))
         self.sensors = air.Sensors.of(task)
-        self.drawing_parts: tuple[DrawingPart, ...] = (self.sensors,)
+        self.outdoor_sensors = OutdoorSensors.of(task, DrawPlaces().after(self.sensors))
+        self.drawing_parts: tuple[DrawingPart, ...] = (self.sensors, self.outdoor_sensors)
         self.memory_layout = allocate(
             **{
                 actuation.PART: actuation.actuation_memory(task),
