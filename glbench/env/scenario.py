@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from glbench.env import actuation, air
 from glbench.env.daily_sums import DAILY_SUMS, initial_memory
 from glbench.env.generated import SeasonMaker
-from glbench.env.memory_layout import allocate
+from glbench.env.memory_layout import DrawingPart, allocate
 from glbench.env.random import uniforms
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters, spread_multipliers, stream_key
 from glbench.env.weather_pool import CLOCK, WeatherPool
@@ -55,6 +55,8 @@ class RunScenarios:
         The groups of parameters that the step draws, and those that are drawn here.
     sensors
         Those that err.
+    drawing_parts
+        The parts that draw numbers of their own, in the order in which tapes read them (``DrawPlaces``).
     memory_layout
         What the runs keep in memory.
     """
@@ -69,6 +71,7 @@ class RunScenarios:
         self._model = task.model_value
         self._derived = DerivedParameters(self._model, self.nominal, self.places(self.in_episode))
         self.sensors = air.Sensors.of(task)
+        self.drawing_parts: tuple[DrawingPart, ...] = (self.sensors,)
         self.memory_layout = allocate(
             **{
                 actuation.PART: actuation.actuation_memory(task),
@@ -98,8 +101,7 @@ class RunScenarios:
                 first += (share * (scenario.start_within_days + 1)).astype(np.int64) * pool.day
             weather = first
         names = [parameter_stream(group) for group in self.in_step]
-        if self.sensors.numbers:
-            names.append(air.STREAM)
+        names += [part.STREAM for part in self.drawing_parts if part.numbers]
         keys = np.array([[stream_key(scenario, seed, name) for name in names] for seed in seeds], np.uint64)
         return Scenes(
             self.start_states(seeds, weather),
@@ -107,7 +109,10 @@ class RunScenarios:
             first,
             keys.reshape(n, len(names), 2),
             self._episode_parameters(seeds),
-            self.sensors.traits(_episode_numbers(scenario, seeds, "sensor offsets", self.sensors.trait_numbers)),
+            np.concatenate(
+                [part.traits(_episode_numbers(scenario, seeds, part.TRAIT_STREAM, part.trait_numbers)) for part in self.drawing_parts],
+                axis=1,
+            ),
             self.memory_layout.rows(n),
         )
 
