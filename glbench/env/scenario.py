@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env import actuation, air
+from glbench.env import actuation, actuators, air
 from glbench.env.daily_sums import DAILY_SUMS, initial_memory
 from glbench.env.generated import SeasonMaker
-from glbench.env.memory_layout import DrawingPart, allocate
+from glbench.env.memory_layout import DrawingPart, DrawPlaces, allocate
 from glbench.env.random import uniforms
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters, spread_multipliers, stream_key
 from glbench.env.weather_pool import CLOCK, WeatherPool
@@ -55,6 +55,8 @@ class RunScenarios:
         The groups of parameters that the step draws, and those that are drawn here.
     sensors
         Those that err.
+    actuators, actuator_draws
+        Those that are not ideal, and where their draws begin.
     drawing_parts
         The parts that draw numbers of their own, in the order in which tapes read them (``DrawPlaces``).
     memory_layout
@@ -71,12 +73,15 @@ class RunScenarios:
         self._model = task.model_value
         self._derived = DerivedParameters(self._model, self.nominal, self.places(self.in_episode))
         self.sensors = air.Sensors.of(task)
-        self.drawing_parts: tuple[DrawingPart, ...] = (self.sensors,)
+        self.actuators = actuators.Actuators.of(task)
+        self.drawing_parts: tuple[DrawingPart, ...] = (self.sensors, self.actuators)
+        self.actuator_draws = reduce(DrawPlaces.after, self.drawing_parts[:-1], DrawPlaces())
         self.memory_layout = allocate(
             **{
                 actuation.PART: actuation.actuation_memory(task),
                 air.PART: self.sensors.initial_memory(),
                 DAILY_SUMS: initial_memory(task),
+                actuators.PART: self.actuators.initial_memory(),
             }
         )
         self._starts: dict[int, Floats] = {}  # by row of the pool: the state before factors
