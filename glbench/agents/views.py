@@ -53,6 +53,17 @@ def visible_columns(task: TaskSpec, view: Sequence[str]) -> NDArray[np.bool_]:
     return mask
 
 
+def left_out_views(task: TaskSpec) -> list[str]:
+    """Views without the forecast, and without each sensor: a column of the climate inside, or what is measured of crop or weather."""
+    modules = task.observation.modules
+    sensors = [
+        column.name for module in modules if module in ("indoor_climate", "published_indoor_climate") for column in task.observed_by(module)
+    ]
+    parts = [*sensors, *(module for module in ("crop", "published_crop", "registration", "weather") if module in modules)]
+    forecast = ["no_forecast"] if {*modules} & {*_FORECASTS} else []
+    return [*forecast, *(f"{_WITHOUT}{part}" for part in parts)]
+
+
 def _columns(task: TaskSpec, names: Sequence[str]) -> set[str]:
     """Columns of a view of these names."""
     columns: set[str] = set()
