@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from glbench.control import Scenario
 from glbench.env.accounts import flow_amounts
 from glbench.env.weather_pool import WeatherPool
-from glbench.errors import EpisodeError, GlbenchError
+from glbench.errors import EpisodeError, GlbenchError, refuse
 from glbench.model.equipment import BUFFER, Equipment, lacks_energy
 from glbench.model.greenlight import JOULES_PER_KWH
 from glbench.tasks.ledger import FLOW
@@ -171,8 +171,7 @@ def dispatch(equipment: Equipment, demand: EnergyDemand) -> Dispatch | None:
     if solution.status == _INFEASIBLE:
         return None
     if solution.status:
-        msg = f"The solver found no least cost for {len(demand.heat)} steps: {solution.message}"
-        raise GlbenchError(msg)
+        refuse(f"The solver found no least cost for {len(demand.heat)} steps: {solution.message}", GlbenchError)
     variables = dict(zip(_VARIABLES, solution.x.reshape(len(_VARIABLES), -1) / _FINE, strict=True))
     dosed, nothing = demand.flows["co2_dosed"], np.zeros_like(demand.heat)
     fixed = {"co2_from_flue": dosed, "co2_vented": -dosed}
@@ -251,6 +250,5 @@ def _prices(task: TaskSpec, episode: Episode) -> Flows:
             price = calendar[:, pool.price_column(item.price)] if isinstance(item.price, str) else item.price
             prices[item.flow] = prices.get(item.flow, np.zeros(episode.steps)) - item.sign * item.factor * price
     if not prices:
-        msg = f"The ledger of {task.id} prices neither energy nor CO2: there is no cost to compare."
-        raise GlbenchError(msg)
+        refuse(f"The ledger of {task.id} prices neither energy nor CO2: there is no cost to compare.", GlbenchError)
     return prices

@@ -19,7 +19,7 @@ import casadi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.errors import ShapeError, UnknownNameError, did_you_mean
+from glbench.errors import ShapeError, UnknownNameError, did_you_mean, refuse
 from glbench.model.air import Air
 from glbench.model.bounds import Horizon
 from glbench.model.digest import digest_of
@@ -373,13 +373,7 @@ class Model(ABC):
         return digest_of(self.rhs_function())
 
     def state_index(self, name: str) -> int:
-        """Place of a state in the vector.
-
-        Raises
-        ------
-        UnknownNameError
-            When there is none of that name; the message names the nearest.
-        """
+        """Place of a state in the vector. Raises ``UnknownNameError`` when there is none of that name; the message names the nearest."""
         try:
             return self.state_names.index(name)
         except ValueError:
@@ -388,6 +382,8 @@ class Model(ABC):
 
     def start(self, kind: str, first: ArrayLike, air_temperature: float, p: ArrayLike) -> Array:
         """State at the start of an episode.
+
+        Raises ``UnknownNameError`` when there is no such start, ``ShapeError`` when an input has another shape or is not finite.
 
         Parameters
         ----------
@@ -404,18 +400,10 @@ class Model(ABC):
         -------
         ndarray
             Shape ``(states,)``.
-
-        Raises
-        ------
-        UnknownNameError
-            When the model has no such start.
-        ShapeError
-            When an input has another shape or is not finite.
         """
         starts = self.starts()
         if kind not in starts:
-            msg = f"{self.id} has no start '{kind}'.{did_you_mean(kind, starts)}"
-            raise UnknownNameError(msg)
+            refuse(f"{self.id} has no start '{kind}'.{did_you_mean(kind, starts)}", UnknownNameError)
         row = np.asarray(first, dtype=np.float64)
         if row.shape != (len(self.disturbances),) or not np.isfinite(row).all() or not np.isfinite(air_temperature):
             msg = (
@@ -426,12 +414,10 @@ class Model(ABC):
             raise ShapeError(msg)
         values = np.asarray(p, dtype=np.float64)
         if values.shape != (len(self.table),):
-            msg = f"The initial state needs {len(self.table)} nominal parameters; got shape {values.shape}."
-            raise ShapeError(msg)
+            refuse(f"The initial state needs {len(self.table)} nominal parameters; got shape {values.shape}.", ShapeError)
         state = starts[kind](self.Disturbances(*row.tolist()), float(air_temperature), self.Parameters(*values.tolist()))
         if len(state) != len(self.states):
-            msg = f"The start '{kind}' of {self.id} gives {len(state)} values for {len(self.states)} states."
-            raise ShapeError(msg)
+            refuse(f"The start '{kind}' of {self.id} gives {len(state)} values for {len(self.states)} states.", ShapeError)
         start = np.array(state, dtype=np.float64)
         self._refuse_not_finite(start, f"The start '{kind}' of {self.id} gives")
         return start
@@ -439,10 +425,7 @@ class Model(ABC):
     def check_rates(self, x: ArrayLike, d: ArrayLike, p: ArrayLike) -> None:
         """See that the equations give finite rates in the state ``x``, with all controls at 0.
 
-        Raises
-        ------
-        ShapeError
-            When a rate is not finite; the message names model, state and value.
+        Raises ``ShapeError`` when a rate is not finite; the message names model, state and value.
         """
         rates = self.rhs(x, np.zeros(len(self.controls)), d, p)
         self._refuse_not_finite(rates, f"At the start, with all controls at 0, the equations of {self.id} give as rate of")
@@ -450,8 +433,7 @@ class Model(ABC):
     def _refuse_not_finite(self, values: Array, opening: str) -> None:
         for name, value in zip(self.state_names, values.tolist(), strict=True):
             if not np.isfinite(value):
-                msg = f"{opening} {name} = {value}, which is not a finite number."
-                raise ShapeError(msg)
+                refuse(f"{opening} {name} = {value}, which is not a finite number.", ShapeError)
 
     def rhs_function(self, symbolic: Symbolic = "SX") -> casadi.Function:
         """CasADi function ``rhs`` of x, u, d, p that gives ``dxdt``, the time derivative of the state.
@@ -467,18 +449,16 @@ class Model(ABC):
     def jacobian_function(self, wrt: str = "x") -> casadi.Function:
         """CasADi function of x, u, d, p that gives the derivative of ``dxdt`` to one of the inputs, a dense matrix.
 
-        Raises
-        ------
-        UnknownNameError
-            When ``wrt`` is none of the inputs.
+        Raises ``UnknownNameError`` when ``wrt`` is none of the inputs.
         """
         if wrt not in self.INPUTS:
-            msg = f"The model has no input '{wrt}'.{did_you_mean(wrt, self.INPUTS)}"
-            raise UnknownNameError(msg)
+            refuse(f"The model has no input '{wrt}'.{did_you_mean(wrt, self.INPUTS)}", UnknownNameError)
         return _jacobian_function(self, wrt)
 
     def rhs(self, x: ArrayLike, u: ArrayLike, d: ArrayLike, p: ArrayLike) -> Array:
         """Time derivative of the state.
+
+        Raises ``ShapeError`` when an input has another shape, other batch sizes than the rest, or values that are not finite.
 
         Parameters
         ----------
@@ -491,11 +471,6 @@ class Model(ABC):
         -------
         ndarray
             Shape ``(states,)``, or ``(n, states)`` when any input has a batch axis; unit of the state per second.
-
-        Raises
-        ------
-        ShapeError
-            When an input has another shape, other batch sizes than the rest, or values that are not finite.
         """
         return _evaluate(self.names, self.rhs_function(), x, u, d, p)[..., 0]
 
@@ -541,8 +516,7 @@ class Model(ABC):
 def _symbolic_model(model: Model, symbolic: str) -> tuple[dict[str, Any], Evaluation]:
     kinds: dict[str, Callable[..., Any]] = {"SX": casadi.SX.sym, "MX": casadi.MX.sym}
     if symbolic not in kinds:
-        msg = f"There is no kind of CasADi symbols '{symbolic}'.{did_you_mean(symbolic, kinds)}"
-        raise UnknownNameError(msg)
+        refuse(f"There is no kind of CasADi symbols '{symbolic}'.{did_you_mean(symbolic, kinds)}", UnknownNameError)
     vectors = {name: kinds[symbolic](name, len(entries)) for name, entries in model.names.items()}
     x, u, d, p = (casadi.vertsplit(vector) for vector in vectors.values())
     records = model.State(*x), model.Controls(*u), model.Disturbances(*d), model.Parameters(*p)
@@ -605,10 +579,7 @@ def _over_rows(function: casadi.Function, n: int) -> casadi.Function:
 def refuse_expression(what: str, value: object) -> None:
     """Refuse a CasADi expression where numbers are expected, and name the functions that take one.
 
-    Raises
-    ------
-    ShapeError
-        For an expression.
+    Raises ``ShapeError`` for an expression.
     """
     if isinstance(value, casadi.SX | casadi.MX):
         msg = (
@@ -627,21 +598,17 @@ def _checked(names: Mapping[str, Sequence[str]], inputs: tuple[ArrayLike, ...]) 
         try:
             array = np.asarray(value, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            msg = f"Input {name} is not an array of numbers: {error}."
-            raise ShapeError(msg) from error
+            refuse(f"Input {name} is not an array of numbers: {error}.", ShapeError, error)
         if array.ndim not in (1, 2) or array.shape[-1] != len(entries):
-            msg = f"Input {name} has shape {array.shape}; expected ({len(entries)},) or (n, {len(entries)})."
-            raise ShapeError(msg)
+            refuse(f"Input {name} has shape {array.shape}; expected ({len(entries)},) or (n, {len(entries)}).", ShapeError)
         if not np.isfinite(array).all():
             *row, column = (int(index) for index in np.argwhere(~np.isfinite(array))[0])
             where = f" of row {row[0]}" if row else ""
-            msg = f"Input {name} is not finite: {entries[column]}{where} is {array[*row, column]}."
-            raise ShapeError(msg)
+            refuse(f"Input {name} is not finite: {entries[column]}{where} is {array[*row, column]}.", ShapeError)
         if array.ndim == 2:
             sizes[name] = array.shape[0]
         arrays.append(array)
     if len(set(sizes.values())) > 1:
         counts = ", ".join(f"{name} has {size}" for name, size in sizes.items())
-        msg = f"The inputs have different numbers of rows: {counts}. Give each the same number, or no batch axis."
-        raise ShapeError(msg)
+        refuse(f"The inputs have different numbers of rows: {counts}. Give each the same number, or no batch axis.", ShapeError)
     return arrays
