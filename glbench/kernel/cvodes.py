@@ -25,7 +25,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import StepError, UnknownNameError, did_you_mean
+from glbench.errors import StepError, UnknownNameError, did_you_mean, refuse
 from glbench.kernel.environment import Program
 from glbench.kernel.records import BoundStep, Description, FloatArray, Rows, StepFailure, all_finite, inputs_in_words
 from glbench.kernel.sensitivities import Differentiator, Directions, Forward, Reverse
@@ -142,8 +142,7 @@ class CvodesBackend:
 
     def __init__(self, name: str, model: Model, *, step_seconds: float, preset: str) -> None:
         if preset not in PRESETS:
-            msg = f"The kernel has no preset '{preset}'.{did_you_mean(preset, PRESETS)}"
-            raise UnknownNameError(msg)
+            refuse(f"The kernel has no preset '{preset}'.{did_you_mean(preset, PRESETS)}", UnknownNameError)
         self.name = name
         self._settings = SETTINGS[name, preset]
         self._model = model
@@ -198,8 +197,7 @@ class CvodesBackend:
         def step() -> None:
             failures = self.advance(rows, out)
             if failures:
-                msg = f"The step failed in row {failures[0].row} of {len(out)}: {failures[0].reason}."
-                raise StepError(msg)
+                refuse(f"The step failed in row {failures[0].row} of {len(out)}: {failures[0].reason}.", StepError)
 
         return step
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import ActionError, ShapeError
+from glbench.errors import ActionError, ShapeError, refuse
 from glbench.model import Model
 from glbench.model.model import refuse_expression
 
@@ -66,11 +66,7 @@ class BoundStep(Protocol):
     """One control step of the arrays that it was made for, as they are at the time of the call.
 
     Rows that fail keep their state in ``out``, the others are stepped.
-
-    Raises
-    ------
-    StepError
-        When a row could not be integrated, or an input is not finite.
+    Raises ``StepError`` when a row could not be integrated, or an input is not finite.
     """
 
     def __call__(self) -> None:
@@ -88,12 +84,8 @@ def all_finite(values: npt.NDArray[np.floating[Any]]) -> bool:
 def as_rows(names: Names, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> Rows:
     """Check the inputs of a step and give them as rows; an input without a leading axis serves every row.
 
-    Raises
-    ------
-    ShapeError
-        When a shape does not fit, or a value is not finite; names the row and the variable.
-    ActionError
-        When a control lies outside 0..1.
+    Raises ``ShapeError`` when a shape does not fit, or a value is not finite, and ``ActionError`` when a control lies outside 0..1;
+    both name the row and the variable.
     """
     states = _table(names, "x", x)
     count = states.shape[0]
@@ -125,10 +117,7 @@ def as_rows(names: Names, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, 
 def bound_rows(names: Names, x: FloatArray, u: FloatArray, d: FloatArray, p: FloatArray, out: FloatArray) -> tuple[Rows, FloatArray]:
     """The same memory as rows (n, ·) and results (n, states).
 
-    Raises
-    ------
-    ShapeError
-        When an array is not C-contiguous float64, has another shape, or ``out`` cannot be written.
+    Raises ``ShapeError`` when an array is not C-contiguous float64, has another shape, or ``out`` cannot be written.
     """
     count = len(x) if np.ndim(x) == 2 else 1
     arrays = {"x": x, "u": u, "d": d, "p": p, "out": out}
@@ -167,8 +156,7 @@ def _table(names: Names, key: str, values: npt.ArrayLike) -> FloatArray:
     try:
         table = np.ascontiguousarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        msg = f"The {_KINDS[key]}s {key} are not numbers ({error}). Give {width} of them, or a table (rows, {width})."
-        raise ShapeError(msg) from error
+        refuse(f"The {_KINDS[key]}s {key} are not numbers ({error}). Give {width} of them, or a table (rows, {width}).", ShapeError, error)
     if table.ndim not in (1, 2) or table.shape[-1] != width:
         listed = names[key] if width <= 3 else (*names[key][:2], "...", names[key][-1])
         msg = (

@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean
+from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean, refuse
 from glbench.kernel.records import FloatArray, Rows, StepFailure, all_finite, as_rows
 from glbench.model import Model
 
@@ -160,6 +160,9 @@ class Differentiable(ABC):
     ) -> Linearisation:
         """One control step and its Jacobians.
 
+        Raises ``ShapeError``, ``ActionError`` or ``StepError`` as for ``step``; StepError also when a derivative is not finite. Raises
+        ``UnknownNameError`` when there is no such input or parameter.
+
         Parameters
         ----------
         x, u, d, p : array_like
@@ -168,20 +171,12 @@ class Differentiable(ABC):
             Which of ``"x"``, ``"u"`` and ``"d"`` to differentiate with respect to; the fewer, the cheaper.
         parameters : sequence of str
             Names of parameters to differentiate with respect to, see ``Model.parameter_names``.
-
-        Raises
-        ------
-        ShapeError, ActionError, StepError
-            As for ``step``; StepError also when a derivative is not finite.
-        UnknownNameError
-            When there is no such input or parameter.
         """
         rows = as_rows(self.model.names, x, u, d, p)
         names = self.model.parameter_names
         for name in parameters:
             if name not in names:
-                msg = f"The model has no parameter '{name}'.{did_you_mean(name, names)}"
-                raise UnknownNameError(msg)
+                refuse(f"The model has no parameter '{name}'.{did_you_mean(name, names)}", UnknownNameError)
         numbers = tuple(map(names.index, parameters))
         sizes = self.model.sizes
         keys = checked_inputs(inputs)
@@ -207,6 +202,8 @@ class Differentiable(ABC):
     ) -> tuple[FloatArray, FloatArray]:
         """One control step, and how its result changes along directions of the inputs.
 
+        Raises ``ShapeError``, ``ActionError`` or ``StepError`` as for ``step``; StepError also when a derivative is not finite.
+
         Parameters
         ----------
         x, u, d, p : array_like
@@ -220,11 +217,6 @@ class Differentiable(ABC):
         x_next, tangent : ndarray
             State after the step, and its derivative along the direction in the same shape, or with an axis of m before the
             last one.
-
-        Raises
-        ------
-        ShapeError, ActionError, StepError
-            As for ``step``; StepError also when a derivative is not finite.
         """
         rows = as_rows(self.model.names, x, u, d, p)
         one = np.ndim(x) == 1
@@ -232,12 +224,10 @@ class Differentiable(ABC):
         tables = {key: self._seeds(key, seed, len(rows.x), one=one) for key, seed in seeds.items() if seed is not None}
         counts = {table.shape[1] for table in tables.values()}
         if not counts:
-            msg = "forward needs a direction: give at least one of dx, du, dd, dp."
-            raise ShapeError(msg)
+            refuse("forward needs a direction: give at least one of dx, du, dd, dp.", ShapeError)
         if len(counts) > 1:
             listed = ", ".join(f"d{key} {table.shape[1]}" for key, table in tables.items())
-            msg = f"The numbers of directions differ ({listed}). Give every input as many, or leave it out to hold it."
-            raise ShapeError(msg)
+            refuse(f"The numbers of directions differ ({listed}). Give every input as many, or leave it out to hold it.", ShapeError)
         shared = all(len(table) == 1 for table in tables.values())
         if not shared:
             tables = {key: np.ascontiguousarray(_for_each(table, len(rows.x))) for key, table in tables.items()}
@@ -258,6 +248,8 @@ class Differentiable(ABC):
     ) -> tuple[FloatArray, Adjoint]:
         """One control step, and the gradient of ``cotangent . x_next`` with respect to its inputs.
 
+        Raises ``ShapeError``, ``ActionError`` or ``StepError`` as for ``step``; StepError also when a derivative is not finite.
+
         Parameters
         ----------
         x, u, d, p : array_like
@@ -273,11 +265,6 @@ class Differentiable(ABC):
             State after the step, the same bits as from ``step``.
         gradient : Adjoint
             Gradients with respect to x, u, d and, if asked for, p.
-
-        Raises
-        ------
-        ShapeError, ActionError, StepError
-            As for ``step``; StepError also when a derivative is not finite.
         """
         rows = as_rows(self.model.names, x, u, d, p)
         one = np.ndim(x) == 1
@@ -298,8 +285,7 @@ class Differentiable(ABC):
         try:
             table = np.asarray(values, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            msg = f"The {what} in {key} is not made of numbers ({error})."
-            raise ShapeError(msg) from error
+            refuse(f"The {what} in {key} is not made of numbers ({error}).", ShapeError, error)
         shape = table.shape
         if shape == (size,):
             table = table[None, None]
@@ -309,11 +295,9 @@ class Differentiable(ABC):
             table = table[:, None] if table.ndim == 2 else table
         else:
             expected = f"({size},) or (m, {size})" if one else f"({size},), ({count}, {size}) or ({count}, m, {size})"
-            msg = f"The {what} in {key} has the shape {shape}; expected {expected}."
-            raise ShapeError(msg)
+            refuse(f"The {what} in {key} has the shape {shape}; expected {expected}.", ShapeError)
         if not np.isfinite(table).all():
-            msg = f"The {what} in {key} has values that are not finite."
-            raise ShapeError(msg)
+            refuse(f"The {what} in {key} has values that are not finite.", ShapeError)
         return np.ascontiguousarray(table)
 
     def _forward(self, rows: Rows, directions: Directions) -> Forward:
@@ -329,8 +313,7 @@ class Differentiable(ABC):
         if failed.any():
             _, failures = self.advance(rows)
             reason = failures[0] if failures else StepFailure(0, "it could be stepped, but not differentiated")
-            msg = f"The step of {self.step_seconds:g} s failed in row {reason.row} of {len(rows.x)}: {reason.reason}."
-            raise StepError(msg)
+            refuse(f"The step of {self.step_seconds:g} s failed in row {reason.row} of {len(rows.x)}: {reason.reason}.", StepError)
         if all(map(all_finite, derivatives)):
             return
         bad = [~np.isfinite(table).all(axis=tuple(range(1, table.ndim))) for table in derivatives]

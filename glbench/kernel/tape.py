@@ -30,7 +30,7 @@ import casadi
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.model.expressions import simplification
 
 Source = Literal[
@@ -110,10 +110,7 @@ class Tape:
 class Recorder:
     """Records formulas inside its ``with`` block. Only one thread records at a time; blocks may be nested.
 
-    Raises
-    ------
-    RecordingError
-        At the end of the block, when a formula did something that a tape cannot hold.
+    The end of the block raises ``RecordingError`` when a formula did something that a tape cannot hold.
     """
 
     def __init__(self) -> None:
@@ -133,14 +130,12 @@ class Recorder:
         self._recording = False
         if isinstance(error, RuntimeError | TypeError | NotImplementedError) and not isinstance(error, GlbenchError):
             what = "decides by a number that is known only in the step" if "truth value" in str(error) else f"fails ({error})"
-            msg = f"A formula {what}, which cannot be recorded."
-            raise RecordingError(msg) from error
+            refuse(f"A formula {what}, which cannot be recorded.", RecordingError, error)
 
     def input(self, source: Source, index: int) -> Any:
         """Number ``index`` of a row of ``source``, a symbol."""
         if not self._recording:
-            msg = "A Recorder records inside its with block only."
-            raise RecordingError(msg)
+            refuse("A Recorder records inside its with block only.", RecordingError)
         key = source, index
         if key not in self._inputs:
             self._inputs[key] = casadi.SX.sym(f"{source}{index}")
@@ -149,8 +144,7 @@ class Recorder:
     def output(self, target: Target, index: int, value: Any) -> None:
         """Record ``value``, an expression or a plain number, as number ``index`` of a row of ``target``."""
         if not isinstance(value, casadi.SX | int | float | np.floating | np.integer) or isinstance(value, bool):
-            msg = f"A formula makes a {type(value).__name__}, which cannot be recorded."
-            raise RecordingError(msg)
+            refuse(f"A formula makes a {type(value).__name__}, which cannot be recorded.", RecordingError)
         number = casadi.SX(value)
         if number.shape != (1, 1):
             msg = f"A formula makes an array of shape {number.shape}, which cannot be recorded: a tape works on single numbers."
@@ -161,10 +155,7 @@ class Recorder:
     def tape(self) -> Tape:
         """The recorded operations that the outputs need.
 
-        Raises
-        ------
-        RecordingError
-            When a formula uses a CasADi operation that tapes do not have.
+        Raises ``RecordingError`` when a formula uses a CasADi operation that tapes do not have.
         """
         return _read(list(self._inputs), list(self._inputs.values()), self._outputs, self._values)
 
@@ -290,8 +281,7 @@ def _read(
                 sources = [first, sources[0]]
             if code not in _PLACES:
                 name = next((name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code), code)
-                msg = f"A formula uses CasADi's operation {name}, which cannot be recorded."
-                raise RecordingError(msg)
+                refuse(f"A formula uses CasADi's operation {name}, which cannot be recorded.", RecordingError)
             # An operation with one operand has it in both places.
             key = ("operation", _PLACES[code], sources[0], sources[-1])
         register[to[0]] = numbers.setdefault(key, len(numbers))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import ActionError, ShapeError, StepError
+from glbench.errors import ActionError, ShapeError, StepError, refuse
 from glbench.kernel.records import FloatArray, Names, Rows, StepFailure, all_finite
 from glbench.kernel.sensitivities import ORDER, Differentiable, Differentiator, Reverse, all_directions, checked_inputs
 
@@ -64,12 +64,8 @@ class Horizons:
 def as_horizons(names: Names, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> Horizons:
     """Check the inputs of a rollout.
 
-    Raises
-    ------
-    ShapeError
-        When a shape does not fit, or a value is not finite; names horizon, step and variable.
-    ActionError
-        When a control lies outside 0..1.
+    Raises ``ShapeError`` when a shape does not fit, or a value is not finite, and ``ActionError`` when a control lies outside 0..1;
+    both name horizon, step and variable.
     """
     inputs = {key: _numbers(key, values) for key, values in (("x", x0), ("u", u), ("d", d), ("p", p))}
     size = {key: len(names[key]) for key in inputs}
@@ -109,10 +105,7 @@ def as_horizons(names: Names, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayL
 def by_horizon(what: str, values: npt.ArrayLike, count: int | None, shape: tuple[int, ...]) -> FloatArray:
     """A table (horizons, *shape); ``count`` is None for one horizon without an axis of its own.
 
-    Raises
-    ------
-    ShapeError
-        When ``values`` have neither ``shape`` nor, in a batch, (count, *shape).
+    Raises ``ShapeError`` when ``values`` have neither ``shape`` nor, in a batch, (count, *shape).
     """
     table = _numbers(what, values)
     if table.shape == shape:
@@ -150,8 +143,7 @@ def _numbers(key: str, values: npt.ArrayLike) -> FloatArray:
     try:
         return np.asarray(values, dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
-        msg = f"The {_KINDS.get(key, key)}s {key} of a rollout are not a table of numbers ({error})."
-        raise ShapeError(msg) from error
+        refuse(f"The {_KINDS.get(key, key)}s {key} of a rollout are not a table of numbers ({error}).", ShapeError, error)
 
 
 def _wrong_shape(what: str, shape: tuple[int, ...], expected: str) -> str:
@@ -236,6 +228,8 @@ class Trajectory:
     def push(self, du: npt.ArrayLike | None = None, dx0: npt.ArrayLike | None = None, dd: npt.ArrayLike | None = None) -> FloatArray:
         """How all states change, to first order, when the inputs do.
 
+        Raises ``ShapeError`` when a shape does not fit, or there are no derivatives with respect to an input that changes.
+
         Parameters
         ----------
         du, dd : array_like, optional
@@ -248,11 +242,6 @@ class Trajectory:
         -------
         ndarray
             Changes of the states (T + 1, states) in their units; the first is ``dx0``.
-
-        Raises
-        ------
-        ShapeError
-            When a shape does not fit, or there are no derivatives with respect to an input that changes.
         """
         tables = {"u": du, "d": dd}
         size, steps = self._sizes, self.jacobians.shape[1]
@@ -277,15 +266,12 @@ class Trajectory:
     def pull(self, cotangents: npt.ArrayLike) -> TrajectoryGradient:
         """Gradient of ``sum_t cotangents[t] . x[t]``, to first order.
 
+        Raises ``ShapeError`` when the shape does not fit.
+
         Parameters
         ----------
         cotangents : array_like
             Weight of each state (T + 1, states); for a batch, one table for all or (n, T + 1, states).
-
-        Raises
-        ------
-        ShapeError
-            When the shape does not fit.
         """
         size, steps = self._sizes, self.jacobians.shape[1]
         table = by_horizon("cotangents", cotangents, self._count, (steps + 1, size["x"]))
@@ -337,6 +323,9 @@ class Trajectories(Differentiable):
     def rollout(self, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> FloatArray:
         """States along consecutive control steps, the same bits as from ``step`` in a loop.
 
+        Raises ``ShapeError`` or ``ActionError`` when an input has the wrong shape or is not finite, or a control lies outside 0..1. Raises
+        ``RolloutError`` when a step could not be integrated: a StepError with horizon, step and the states that were reached.
+
         Parameters
         ----------
         x0, u, d, p : array_like
@@ -346,13 +335,6 @@ class Trajectories(Differentiable):
         -------
         ndarray
             States (T + 1, states), or (n, T + 1, states) of a batch; the first is ``x0``.
-
-        Raises
-        ------
-        ShapeError, ActionError
-            When an input has the wrong shape or is not finite, or a control lies outside 0..1.
-        RolloutError
-            When a step could not be integrated: a StepError with horizon, step and the states that were reached.
         """
         states = self._rollout(as_horizons(self.model.names, x0, u, d, p), one=np.ndim(x0) == 1)
         return states[0] if np.ndim(x0) == 1 else states
@@ -368,7 +350,9 @@ class Trajectories(Differentiable):
     ) -> Trajectory:
         """A rollout with the Jacobians of all its steps.
 
-        They take 8 bytes times T times states times directions: 44 MB for 5,760 steps of the tomato model, in x and u.
+        They take 8 bytes times T times states times directions: 44 MB for 5,760 steps of the tomato model, in x and u. Raises
+        ``ShapeError``, ``ActionError`` or ``RolloutError`` as for ``rollout``; ShapeError also when ``"x"`` is missing. Raises
+        ``StepError`` when a derivative is not finite, and ``UnknownNameError`` when there is no such input.
 
         Parameters
         ----------
@@ -376,20 +360,10 @@ class Trajectories(Differentiable):
             As for ``rollout``.
         inputs : sequence of str
             Which of ``"x"``, ``"u"`` and ``"d"`` to differentiate with respect to; ``"x"`` is always one of them.
-
-        Raises
-        ------
-        ShapeError, ActionError, RolloutError
-            As for ``rollout``; ShapeError also when ``"x"`` is missing.
-        StepError
-            When a derivative is not finite.
-        UnknownNameError
-            When there is no such input.
         """
         keys = checked_inputs(inputs)
         if "x" not in keys:
-            msg = f'A trajectory is linearised with respect to its states: add "x" to the inputs {keys}.'
-            raise ShapeError(msg)
+            refuse(f'A trajectory is linearised with respect to its states: add "x" to the inputs {keys}.', ShapeError)
         one = np.ndim(x0) == 1
         horizons = as_horizons(self.model.names, x0, u, d, p)
         x = self._rollout(horizons, one=one)
@@ -411,6 +385,9 @@ class Trajectories(Differentiable):
     ) -> tuple[FloatArray, TrajectoryGradient]:
         """A rollout and the gradient of ``sum_t cotangents[t] . x[t]`` with respect to its inputs; keeps states, no Jacobians.
 
+        Raises ``ShapeError``, ``ActionError`` or ``RolloutError`` as for ``rollout``, and ``StepError`` when a derivative is not
+        finite.
+
         Parameters
         ----------
         x0, u, d, p : array_like
@@ -426,21 +403,13 @@ class Trajectories(Differentiable):
             States, as from ``rollout``.
         gradient : TrajectoryGradient
             Gradients with respect to x0, u, d and, if asked for, p, and the costates.
-
-        Raises
-        ------
-        ShapeError, ActionError, RolloutError
-            As for ``rollout``.
-        StepError
-            When a derivative is not finite.
         """
         one = np.ndim(x0) == 1
         horizons = as_horizons(self.model.names, x0, u, d, p)
         n, steps = horizons.count, horizons.steps
         table = by_horizon("cotangents", cotangents, None if one else n, (steps + 1, horizons.x.shape[1]))
         if not all_finite(table):
-            msg = "The cotangents of a rollout have values that are not finite."
-            raise ShapeError(msg)
+            refuse("The cotangents of a rollout have values that are not finite.", ShapeError)
         x = self._rollout(horizons, one=one)
         rows = horizons.rows(x)
         ends = table[:, 1:].reshape(rows.x.shape)

@@ -179,10 +179,7 @@ def of_another_version(path: str) -> CompiledUnavailable:
 def load(path: str, model: Model) -> Library:
     """The library of ``model`` at ``path``, loaded once in a process.
 
-    Raises
-    ------
-    CompiledUnavailable
-        When it cannot be loaded or does not belong to this version.
+    Raises ``CompiledUnavailable`` when it cannot be loaded or does not belong to this version.
     """
     return Library(path, model)
 

@@ -30,7 +30,7 @@ from pathlib import Path
 import numpy as np
 from filelock import FileLock, Timeout
 
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.kernel.compiled.compiler import CompiledUnavailable, find_compiler, machine_digest
 from glbench.kernel.compiled.generate import Traits, generate
 from glbench.model import Model
@@ -155,6 +155,9 @@ class Build:
 def build(model: Model, traits: Traits, width: int | None = None, *, sensitivities: bool = False) -> Build:
     """The library of a model: lent by another process, from the installed wheel, from the cache, or built now.
 
+    Raises ``CompiledUnavailable`` when it is not in the cache and cannot be built: no compiler, a failing one, a cache that cannot be
+    written, equations with an operation that the generator does not know.
+
     Parameters
     ----------
     model
@@ -165,12 +168,6 @@ def build(model: Model, traits: Traits, width: int | None = None, *, sensitiviti
         Number of lanes; None for what suits this processor.
     sensitivities
         Whether to build the library that steps and differentiates, instead of the one that steps.
-
-    Raises
-    ------
-    CompiledUnavailable
-        When it is not in the cache and cannot be built: no compiler, a failing one, a cache that cannot be written, equations with an
-        operation that the generator does not know.
     """
     lent = _lent(model, traits, width, sensitivities=sensitivities)
     if lent is not None:
@@ -203,17 +200,13 @@ def build(model: Model, traits: Traits, width: int | None = None, *, sensitiviti
     except CompiledUnavailable:
         raise
     except (GlbenchError, ValueError) as error:
-        msg = f"The model {model} cannot be compiled: {error}"
-        raise CompiledUnavailable(msg) from error
+        refuse(f"The model {model} cannot be compiled: {error}", CompiledUnavailable, error)
 
 
 def library_is_built(model: Model, traits: Traits, width: int | None = None) -> bool:
     """Whether ``build`` with these arguments finds the library in the wheel or in the cache.
 
-    Raises
-    ------
-    CompiledUnavailable
-        When there is no compiler.
+    Raises ``CompiledUnavailable`` when there is no compiler.
     """
     if _lent(model, traits, width, sensitivities=False) is not None:
         return True
@@ -226,10 +219,7 @@ def library_is_built(model: Model, traits: Traits, width: int | None = None) -> 
 def built_files(model: Model, traits: Traits) -> dict[str, Path]:
     """The files in the cache that ``build`` would take for stepping and for derivatives, by the names that they need in a lent folder.
 
-    Raises
-    ------
-    CompiledUnavailable
-        When there is no compiler, by which libraries in the cache are named.
+    Raises ``CompiledUnavailable`` when there is no compiler, by which libraries in the cache are named.
     """
     files: dict[str, Path] = {}
     for sensitivities in (False, True):
@@ -305,10 +295,7 @@ def _build(folder: Path, name: str, model: Model, traits: Traits, flags: tuple[s
 def prebuild(folder: Path, model: Model, traits: Traits) -> list[Prebuilt]:
     """Compile a model for every processor level that a wheel carries, into ``folder``, which exists.
 
-    Raises
-    ------
-    CompiledUnavailable
-        When there is no compiler, or it fails.
+    Raises ``CompiledUnavailable`` when there is no compiler, or it fails.
     """
     compiler, key = find_compiler(), prebuilt_key(model, traits)
     libraries = []
