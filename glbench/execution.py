@@ -120,12 +120,8 @@ class Future:
     def result(self) -> Any:
         """What the job returned.
 
-        Raises
-        ------
-        Exception
-            What the job or its listener raised. Errors of glbench from another process are unchanged; all others become ``JobError``.
-        WorkerLostError
-            When its workers were lost.
+        Raises what the job or its listener raised: errors of glbench from another process unchanged, all others as ``JobError``. Raises
+        ``WorkerLostError`` when its workers were lost.
         """
         if self._error is not None:
             raise self._error

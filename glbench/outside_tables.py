@@ -203,8 +203,7 @@ class TextTable:
         """Raise the error for ``problem``, with the row (from 0, by its line in the file) and the column. Always raises ``refusal``."""
         where = "" if row is None else f", row {self.lines[row]}"
         column = "" if title is None else f", column '{visible(title)}'"
-        msg = f"{self.file}{where}{column}: {problem}"
-        raise self.refusal(msg)
+        refuse(f"{self.file}{where}{column}: {problem}", self.refusal)
 
     def texts(self, title: str) -> list[str]:
         """Texts of the column ``title``, a row each. Raises ``refusal`` when there is no such column; names the nearest."""

@@ -205,10 +205,9 @@ def _log(content: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], numb
         if row not in ended:
             refuse(f"the run with seed {run.seed} has no final state")
         if tuple(counted[:, row]) != (run.actions, run.steps):
-            msg = (
+            refuse(
                 f"the run with seed {run.seed} has {counted[0, row]} of {run.actions} actions and {counted[1, row]} of {run.steps} rewards"
             )
-            raise ValueError(msg)
     return ActionLog(provenance, content.attachments[TASK], runs, actions, rewards, final)
 
 
