@@ -147,13 +147,7 @@ class Kernel(Trajectories):
     """
 
     def __init__(
-        self,
-        model: Model,
-        step_seconds: float = 900.0,
-        *,
-        backend: str = "auto",
-        preset: str = "reference",
-        threads: int = 1,
+        self, model: Model, step_seconds: float = 900.0, *, backend: str = "auto", preset: str = "reference", threads: int = 1
     ) -> None:
         if not isinstance(model, Model):
             refuse(f"A kernel steps a model, such as Kernel(glbench.model.TOMATO, 900.0); got {model!r} in its place.", ShapeError)
@@ -298,14 +292,7 @@ class Kernel(Trajectories):
         )
 
 
-def make_kernel(
-    model: Model,
-    step_seconds: float = 900.0,
-    *,
-    workers: int = 1,
-    backend: str = "auto",
-    preset: str = "reference",
-) -> Kernel:
+def make_kernel(model: Model, step_seconds: float = 900.0, *, workers: int = 1, backend: str = "auto", preset: str = "reference") -> Kernel:
     """Kernel whose rows ``workers`` cores share, where it is compiled; the bits are the same. Errors as for ``Kernel``."""
     return Kernel(model, step_seconds, backend=backend, preset=preset, threads=whole_number(workers, "The number of workers"))
 

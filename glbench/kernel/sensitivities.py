@@ -237,14 +237,7 @@ class Differentiable(ABC):
         return (result.x_next[0], tangents[0]) if one else (result.x_next, tangents)
 
     def adjoint(
-        self,
-        x: npt.ArrayLike,
-        u: npt.ArrayLike,
-        d: npt.ArrayLike,
-        p: npt.ArrayLike,
-        cotangent: npt.ArrayLike,
-        *,
-        parameters: bool = False,
+        self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike, cotangent: npt.ArrayLike, *, parameters: bool = False
     ) -> tuple[FloatArray, Adjoint]:
         """One control step, and the gradient of ``cotangent . x_next`` with respect to its inputs.
 

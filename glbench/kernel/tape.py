@@ -246,12 +246,7 @@ class TapeDerivatives:
         return played[: self._count]
 
 
-def _read(
-    keys: Sequence[tuple[Source, int]],
-    symbols: Sequence[Any],
-    outputs: Sequence[tuple[Target, int]],
-    values: Sequence[Any],
-) -> Tape:
+def _read(keys: Sequence[tuple[Source, int]], symbols: Sequence[Any], outputs: Sequence[tuple[Target, int]], values: Sequence[Any]) -> Tape:
     """The tape of ``outputs`` with these ``values``; repeated operations on the same operands are done once."""
     if not values:
         return EMPTY
@@ -354,11 +349,7 @@ _OPERATIONS: tuple[tuple[str, int, int, Callable[[Any, Any], Any]], ...] = (
 OPERATORS = tuple(name for name, *_ in _OPERATIONS)
 _IN_NUMPY = tuple(function for *_, function in _OPERATIONS)
 _PLACES = {code: place for place, (_, code, _, _) in enumerate(_OPERATIONS)} | {casadi.OP_CONSTPOW: OPERATORS.index("power")}
-_SHORT = {
-    casadi.OP_SQ: (casadi.OP_MUL, 0.0),
-    casadi.OP_TWICE: (casadi.OP_MUL, 2.0),
-    casadi.OP_INV: (casadi.OP_DIV, 1.0),
-}
+_SHORT = {casadi.OP_SQ: (casadi.OP_MUL, 0.0), casadi.OP_TWICE: (casadi.OP_MUL, 2.0), casadi.OP_INV: (casadi.OP_DIV, 1.0)}
 """CasADi's one-operand operations written with two operands: the constant first; 0.0 stands for the operand itself."""
 
 

@@ -250,12 +250,7 @@ class Trajectory:
                 msg = f"There are no derivatives with respect to {key}: linearise_trajectory(..., inputs={(*self.inputs, key)}) has them."
                 raise ShapeError(msg)
         moves = [
-            by_horizon(
-                f"changes d{key}",
-                np.zeros((steps, size[key])) if table is None else table,
-                self._count,
-                (steps, size[key]),
-            )
+            by_horizon(f"changes d{key}", np.zeros((steps, size[key])) if table is None else table, self._count, (steps, size[key]))
             for key, table in tables.items()
         ]
         start = np.zeros(size["x"]) if dx0 is None else dx0
@@ -340,13 +335,7 @@ class Trajectories(Differentiable):
         return states[0] if np.ndim(x0) == 1 else states
 
     def linearise_trajectory(
-        self,
-        x0: npt.ArrayLike,
-        u: npt.ArrayLike,
-        d: npt.ArrayLike,
-        p: npt.ArrayLike,
-        *,
-        inputs: Sequence[str] = ("x", "u"),
+        self, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike, *, inputs: Sequence[str] = ("x", "u")
     ) -> Trajectory:
         """A rollout with the Jacobians of all its steps.
 

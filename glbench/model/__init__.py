@@ -73,14 +73,7 @@ from glbench.model.quantities import Quantity, Variable
 from glbench.model.submodels import Addition, Around, Climate, Crop, Nothing
 from glbench.model.surroundings import AirExchange, CropExchange, Surroundings
 from glbench.model.variants import VARIANTS
-from glbench.model.violation_meters import (
-    NO_LIMIT,
-    SIDES,
-    Side,
-    limit_parameter,
-    violation_meter,
-    with_violation_meters,
-)
+from glbench.model.violation_meters import NO_LIMIT, SIDES, Side, limit_parameter, violation_meter, with_violation_meters
 
 __all__ = [
     "AUXILIARIES",

@@ -261,12 +261,7 @@ class Greenhouse(Model):
 
 
 def compose(
-    climate: Climate,
-    crop: Crop,
-    *additions: Addition,
-    meters: tuple[Meter, ...] = (),
-    version: str = "1.0.0",
-    name: str = "",
+    climate: Climate, crop: Crop, *additions: Addition, meters: tuple[Meter, ...] = (), version: str = "1.0.0", name: str = ""
 ) -> Greenhouse:
     """A greenhouse model of these submodels.
 

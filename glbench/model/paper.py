@@ -42,13 +42,7 @@ def tomato(variant: str = "author") -> Greenhouse:
 
 
 HARVEST = Meter(
-    "mc_fruit_har",
-    "fruit_harvested",
-    "mg m-2",
-    "carbohydrate of the fruit harvested",
-    "Fruit harvested",
-    scale=1e5,
-    small=100.0,
+    "mc_fruit_har", "fruit_harvested", "mg m-2", "carbohydrate of the fruit harvested", "Fruit harvested", scale=1e5, small=100.0
 )
 """The harvest of a control step: what is picked can be paid when it is picked."""
 
@@ -77,20 +71,12 @@ TOMATO_SEASON = compose(GreenLightClimate(), VanthoorTomato(), meters=(HARVEST, 
 """The tomato greenhouse with meters on harvest and CO2."""
 
 TOMATO_ENERGY = compose(
-    GreenLightClimate(),
-    VanthoorTomato(),
-    ChpBoilerBuffer(),
-    meters=(HARVEST, PIPE_HEAT, DUMPED),
-    name="greenlight-tomato-harvest-energy",
+    GreenLightClimate(), VanthoorTomato(), ChpBoilerBuffer(), meters=(HARVEST, PIPE_HEAT, DUMPED), name="greenlight-tomato-harvest-energy"
 )
 """The tomato greenhouse with boiler, engine and hot-water buffer, and meters on harvest, heat to the pipes and heat dumped."""
 
 TOMATO_HEAT_PUMP = compose(
-    GreenLightClimate(),
-    VanthoorTomato(),
-    HeatHarvesting(),
-    meters=(HARVEST, *HARVEST_METERS),
-    name="greenlight-tomato-harvest-heat-pump",
+    GreenLightClimate(), VanthoorTomato(), HeatHarvesting(), meters=(HARVEST, *HARVEST_METERS), name="greenlight-tomato-harvest-heat-pump"
 )
 """The tomato greenhouse with boiler, cooler, heat pump, cold and hot buffer, and meters on harvest, heat pump and harvested heat."""
 

@@ -227,10 +227,7 @@ def built_files(model: Model, traits: Traits) -> dict[str, Path]:
         intact = _intact(folder, name)
         if intact is not None:
             path = Path(intact.path)
-            files |= {
-                path.name: path,
-                f"{_lent_name(model, traits, sensitivities=sensitivities)}.json": folder / f"{name}.json",
-            }
+            files |= {path.name: path, f"{_lent_name(model, traits, sensitivities=sensitivities)}.json": folder / f"{name}.json"}
     return files
 
 

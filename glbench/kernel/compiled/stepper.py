@@ -140,13 +140,7 @@ class CompiledStepper:
     name = "compiled"
 
     def __init__(
-        self,
-        model: Model,
-        step_seconds: float,
-        *,
-        preset: str | Preset = "reference",
-        threads: int = 1,
-        width: int | None = None,
+        self, model: Model, step_seconds: float, *, preset: str | Preset = "reference", threads: int = 1, width: int | None = None
     ) -> None:
         self.model = model
         self.preset = get_preset(preset)
@@ -399,12 +393,7 @@ class CompiledBoundStep:
     """
 
     def __init__(
-        self,
-        stepper: CompiledStepper,
-        call: functools.partial[int],
-        pointers: binding.RowPointers,
-        rows: Rows,
-        out: Array,
+        self, stepper: CompiledStepper, call: functools.partial[int], pointers: binding.RowPointers, rows: Rows, out: Array
     ) -> None:
         self._stepper, self._call, self._rows, self._out = stepper, call, rows, out
         n = len(out)
