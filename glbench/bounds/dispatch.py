@@ -67,18 +67,11 @@ _DEMANDS = ("electricity", "co2_dosed", "heat_to_pipes")
 
 @dataclass(frozen=True, eq=False)
 class EnergyDemand:
-    """What a run asked for and paid.
+    """What a run asked for and paid, in steps of ``seconds``.
 
-    Attributes
-    ----------
-    seconds
-        Length of a step [s].
-    flows
-        What flowed in each step, in the units of the flows.
-    prices
-        What each flow cost in each step, EUR per unit of the flow; below 0 where it was earned with. Only flows that the ledger prices.
-    start, end
-        Heat in the buffer at the start and at the end [MJ m-2].
+    ``flows`` are what flowed in each step, in the units of the flows. ``prices`` are what each flow cost in each step, EUR per unit of the
+    flow, below 0 where it was earned with; only flows that the ledger prices. ``start`` and ``end`` are the heat in the buffer then [MJ
+    m-2].
     """
 
     seconds: float
@@ -132,16 +125,10 @@ class EnergyDemand:
 
 @dataclass(frozen=True, eq=False)
 class Dispatch:
-    """A way to run the equipment.
+    """A way to run the equipment, with ``flows`` as those of a run.
 
-    Attributes
-    ----------
-    flows
-        As those of a run.
-    stored
-        Heat in the buffer at the end of each step [MJ m-2].
-    lent
-        Worth of the heat that the buffer had at the start and has no more at the end [EUR m-2].
+    ``stored`` is the heat in the buffer at the end of each step [MJ m-2], ``lent`` the worth of the heat that it had at the start and has
+    no more at the end [EUR m-2].
     """
 
     flows: Flows

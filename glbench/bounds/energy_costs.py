@@ -87,19 +87,9 @@ def costs_of_result(
 ) -> Iterator[tuple[int, Costs]]:
     """Seed and costs of runs of a stored result, one after the other, from its recorded actions. Failed runs are left out.
 
-    Raises ``GlbenchError`` when the task has no energy system, no run has one of the seeds, or all of them failed, and ``EpisodeError``
-    when the recorded actions are missing, damaged, or of another result.
-
-    Parameters
-    ----------
-    result
-        A result file with its recorded actions beside it.
-    seeds
-        Of the runs; all if none are given.
-    buffer
-        As for :func:`costs`.
-    sealed
-        The round that the result belongs to, if any.
+    ``result`` is a result file with its recorded actions beside it, ``sealed`` the round that it belongs to, if any. ``seeds`` are those of
+    the runs; all if none are given. ``buffer`` is as for :func:`costs`. Raises ``GlbenchError`` when the task has no energy system, no run
+    has one of the seeds, or all of them failed, and ``EpisodeError`` when the recorded actions are missing, damaged, or of another result.
     """
     loaded = load_result(result)
     task, log = task_of_result(loaded, result, sealed), recorded_actions(loaded, result)

@@ -108,26 +108,11 @@ class PlanOutcome:
 
 @dataclass(frozen=True)
 class Search:
-    """A search for plans for runs of a task, with perfect information.
+    """A search for plans for the runs of ``seeds`` of a task, in the split that it is in, with perfect information.
 
-    Raises ``GlbenchError`` when the task has machines that are off or on, which the planner does not know.
-
-    Attributes
-    ----------
-    task
-        The task, in the split whose runs are to be planned.
-    seeds
-        Seeds of the runs.
-    start
-        The agent whose controls each plan starts from.
-    folder
-        Where each plan is saved, as ``<seed>.npz``. Finished plans are skipped.
-    iterations
-        Iterations of ``glbench.control.plan_season``.
-    workers
-        Number of processes.
-    address
-        Address of the Ray cluster to plan on; without one, a cluster is started on this machine.
+    Each plan starts from the controls of the agent ``start`` and takes ``iterations`` of ``glbench.control.plan_season``. It is saved in
+    ``folder``, as ``<seed>.npz``; finished plans are skipped. ``workers`` processes plan here, or on the Ray cluster at ``address``. Raises
+    ``GlbenchError`` when the task has machines that are off or on, which the planner does not know.
     """
 
     task: TaskSpec

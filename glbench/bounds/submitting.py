@@ -47,21 +47,11 @@ def best_known() -> PlanFolder:
 
 
 def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[PlanComparison]:
-    """Replay plans, and replace the best known ones with those that earn more.
+    """Replay plans, replace the best known ones with those that earn more, and yield each run's comparison once the books are written.
 
-    Raises ``GlbenchError`` when a file cannot be read, was made for another version of its task, or a plan cannot be simulated.
-
-    Parameters
-    ----------
-    files
-        Books of plans (``.npz``), folders of such books, or results (``.json``) with recorded actions beside them.
-    folder
-        Where the best known plans are stored; by default the folder of the baseline ``best_known``.
-
-    Yields
-    ------
-    PlanComparison
-        The comparison for each run, once the books are written.
+    ``files`` are books of plans (``.npz``), folders of such books, or results (``.json``) with recorded actions beside them. The best known
+    plans are in ``folder``; by default that of the baseline ``best_known``. Raises ``GlbenchError`` when a file cannot be read, was made
+    for another version of its task, or a plan cannot be simulated.
     """
     folder = folder or best_known()
     shipped = folder.folder.resolve().is_relative_to(data_folder("baselines").resolve())
