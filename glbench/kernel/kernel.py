@@ -121,8 +121,8 @@ class Kernel(Trajectories):
     """x(t + h) from x(t) with controls, weather and parameters held constant in between.
 
     Row i of a batch gives the same bits as the row stepped alone, whatever the other rows and earlier calls were. Not
-    thread-safe. Raises ``UnknownNameError`` when backend or preset do not exist, and ``ShapeError`` when ``step_seconds`` is not positive and
-    finite, or ``model`` is none.
+    thread-safe. Raises ``UnknownNameError`` when backend or preset do not exist, and ``ShapeError`` when ``step_seconds`` is not positive
+    and finite, or ``model`` is none.
 
     Parameters
     ----------

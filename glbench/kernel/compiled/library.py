@@ -47,20 +47,10 @@ _X86_LEVELS = {"x86-64-v4": _V4, "x86-64-v3": _V3}
 
 @dataclass(frozen=True)
 class Prebuilt:
-    """A library in the wheel.
+    """A library in the wheel: its ``file`` name in the folder, and what built it.
 
-    Attributes
-    ----------
-    file : str
-        Name in the folder.
-    key : str
-        Digest of the model, its equations and traits, and all sources.
-    level : str
-        Processor level it was compiled for.
-    digest : str
-        SHA-256 of its bytes.
-    compiler, flags : str
-        What built it.
+    ``key`` is the digest of the model, its equations and traits, and all sources; ``level`` the processor level it was compiled for;
+    ``digest`` the SHA-256 of its bytes.
     """
 
     file: str
@@ -131,19 +121,7 @@ _SENSITIVITY_SOURCE = '#include "model.hpp"\n#include "sensitivity_model.hpp"\n#
 
 @dataclass(frozen=True)
 class Build:
-    """A library on disk and how it came there.
-
-    Attributes
-    ----------
-    path : str
-        The shared library.
-    digest : str
-        SHA-256 of its bytes.
-    compiler, flags : str
-        What built it.
-    seconds : float
-        How long generating and compiling took [s].
-    """
+    """A library on disk at ``path``, with the SHA-256 of its bytes, and what built it in how many ``seconds``."""
 
     path: str
     digest: str
@@ -155,19 +133,10 @@ class Build:
 def build(model: Model, traits: Traits, width: int | None = None, *, sensitivities: bool = False) -> Build:
     """The library of a model: lent by another process, from the installed wheel, from the cache, or built now.
 
-    Raises ``CompiledUnavailable`` when it is not in the cache and cannot be built: no compiler, a failing one, a cache that cannot be
-    written, equations with an operation that the generator does not know.
-
-    Parameters
-    ----------
-    model
-        What it steps.
-    traits
-        What is known of the model beyond its equations.
-    width
-        Number of lanes; None for what suits this processor.
-    sensitivities
-        Whether to build the library that steps and differentiates, instead of the one that steps.
+    ``traits`` are what is known of the model beyond its equations. ``width`` is the number of lanes; None for what suits this processor.
+    With ``sensitivities``, the library is one that steps and differentiates, instead of the one that steps. Raises ``CompiledUnavailable``
+    when it is not in the cache and cannot be built: no compiler, a failing one, a cache that cannot be written, equations with an operation
+    that the generator does not know.
     """
     lent = _lent(model, traits, width, sensitivities=sensitivities)
     if lent is not None:
