@@ -28,16 +28,9 @@ from glbench.model.units import parse_unit
 class Meter:
     """A state that adds up a flux, so that what flows within a control step is known exactly.
 
-    Attributes
-    ----------
-    flux
-        Name of the flux in the equations, such as ``mc_fruit_har``: the meter is the state ``sum_mc_fruit_har``.
-    flow
-        Name of the flow that a ledger can price, such as ``fruit_harvested``.
-    unit, meaning, label
-        Of the amount of a step; ``unit`` is that of the flux without ``s-1`` (``J m-2`` for ``W m-2``), and no other.
-    scale, small
-        As for ``Variable``.
+    ``flux`` is its name in the equations, such as ``mc_fruit_har``: the meter is the state ``sum_mc_fruit_har``. ``flow`` is the name of
+    the flow that a ledger can price, such as ``fruit_harvested``. ``unit``, ``meaning`` and ``label`` are of the amount of a step; ``unit``
+    is that of the flux without ``s-1`` (``J m-2`` for ``W m-2``), and no other. ``scale`` and ``small`` are as for ``Variable``.
     """
 
     flux: str

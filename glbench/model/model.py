@@ -65,19 +65,11 @@ class Step(NamedTuple):
 class Flow:
     """An amount per m2 of floor that is used, made or harvested in a control step: what a ledger can price.
 
-    Attributes
-    ----------
-    name, unit, meaning
-        ``heat``, ``kWh m-2``, heat of the boiler.
-    label
-        Heading in tables and plots.
-    amount
-        The amount of a step, of numbers, arrays or CasADi's symbols: it is recorded for the kernel. It may use arithmetic, powers,
-        comparisons, ``np.minimum``, ``np.maximum``, ``np.sign``, and ``exp``, ``sqrt`` and ``if_else`` of ``glbench.model.expressions``.
-    potential
-        The amount at the rate that the parameters allow at best, where there is one: what a profit can be scaled by.
-    total
-        The amount since the start from the states, where a meter counts it: what a price can depend on.
+    ``label`` is the heading in tables and plots. ``amount`` is that of a step, of numbers, arrays or CasADi's symbols: it is recorded for
+    the kernel. It may use arithmetic, powers, comparisons, ``np.minimum``, ``np.maximum``, ``np.sign``, and ``exp``, ``sqrt`` and
+    ``if_else`` of ``glbench.model.expressions``. ``potential`` is the amount at the rate that the parameters allow at best, where there is
+    one: what a profit can be scaled by. ``total`` is the amount since the start from the states, where a meter counts it: what a price can
+    depend on.
     """
 
     name: str
@@ -93,12 +85,8 @@ class Flow:
 class Stock:
     """An amount per m2 of floor that stands in the greenhouse: what a ledger can value at the start and at the end.
 
-    Attributes
-    ----------
-    name, unit, meaning, label
-        As for :class:`Flow`.
-    amount
-        The amount, from state and nominal parameters. It may use what the amount of a :class:`Flow` may.
+    The ``amount`` is made from state and nominal parameters. It may use what the amount of a :class:`Flow` may; the other fields are as
+    there.
     """
 
     name: str
@@ -110,19 +98,7 @@ class Stock:
 
 @dataclass(frozen=True)
 class Capacity:
-    """What a control is and what it delivers at 1.
-
-    Attributes
-    ----------
-    name
-        The control in the model.
-    quantity
-        What it delivers, as observations name it.
-    unit, capacity
-        Unit, and what is delivered at 1.
-    meaning, label
-        In words; heading in tables and plots.
-    """
+    """What the control ``name`` of the model is, and what it delivers at 1: the ``capacity`` of ``quantity``, as observations name it."""
 
     name: str
     quantity: str
@@ -381,25 +357,11 @@ class Model(ABC):
             raise UnknownNameError(msg) from None
 
     def start(self, kind: str, first: ArrayLike, air_temperature: float, p: ArrayLike) -> Array:
-        """State at the start of an episode.
+        """State ``(states,)`` at the start of an episode.
 
-        Raises ``UnknownNameError`` when there is no such start, ``ShapeError`` when an input has another shape or is not finite.
-
-        Parameters
-        ----------
-        kind
-            One of ``starts``.
-        first
-            The first row of the weather, ``(disturbances,)``.
-        air_temperature
-            Temperature of air and surfaces [°C].
-        p
-            Nominal parameters.
-
-        Returns
-        -------
-        ndarray
-            Shape ``(states,)``.
+        ``kind`` is one of ``starts``, ``first`` the first row of the weather ``(disturbances,)``, ``air_temperature`` that of air and
+        surfaces [°C], ``p`` the nominal parameters. Raises ``UnknownNameError`` when there is no such start, ``ShapeError`` when an input
+        has another shape or is not finite.
         """
         starts = self.starts()
         if kind not in starts:

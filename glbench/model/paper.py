@@ -217,10 +217,7 @@ def get_model(model_id: str, variant: str = "author") -> Model:
 def _load_plugins() -> tuple[str, ...]:
     """Call what installed packages name in the entry points ``glbench.models``: functions that register models.
 
-    Returns
-    -------
-    tuple of str
-        A sentence for each that failed, for whoever misses a model.
+    Returns a sentence for each that failed, for whoever misses a model.
     """
     failed = []
     for entry in entry_points(group="glbench.models"):

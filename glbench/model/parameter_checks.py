@@ -53,19 +53,10 @@ def check_together(
     shares: Sequence[Shares] = (),
     orders: Sequence[Order] = (),
 ) -> None:
-    """Refuse a complete vector whose entries contradict each other.
+    """Refuse a complete ``vector`` of the entries of ``table`` that contradict each other, by ``shares`` and ``orders``.
 
-    Shares are checked where one of them was changed: the published benchmark itself lets its thermal screen transmit 0.75 and reflect 0.35
-    of the light, and its results rest on that. Raises ``ParameterError`` with the values that contradict each other.
-
-    Parameters
-    ----------
-    table, vector
-        What the entries are, and their values.
-    changed
-        Names of the entries that differ from those of the named set.
-    shares, orders
-        What must hold between them.
+    Shares are checked where one of them was ``changed`` from the named set: the published benchmark itself lets its thermal screen transmit
+    0.75 and reflect 0.35 of the light, and its results rest on that. Raises ``ParameterError`` with the values that contradict each other.
     """
     values = {info.name: value for info, value in zip(table, vector, strict=True)}
     for whole in shares:

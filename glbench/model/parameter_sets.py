@@ -57,16 +57,8 @@ PARAMETER_SETS: Mapping[str, ParameterSet] = MappingProxyType(
 class ParameterValues:
     """The values that the parameters of a model can have.
 
-    Attributes
-    ----------
-    table
-        The parameters, in the order of the vector.
-    record
-        Their record, as the equations name them.
-    formulas
-        Completes a record: every derived entry computed from the base entries.
-    shares, orders, refuse
-        What must hold between them.
+    ``table`` has the parameters in the order of the vector, ``record`` their record, as the equations name them. ``formulas`` completes a
+    record: every derived entry computed from the base entries. ``shares``, ``orders`` and ``refuse`` are what must hold between them.
     """
 
     table: tuple[ParameterInfo, ...]
@@ -146,19 +138,9 @@ class ParameterValues:
         return sets[name]
 
     def complete(self, parameters: ArrayLike) -> NDArray[np.float64]:
-        """Copy of parameter vectors with the derived entries computed from the base entries.
+        """Copy of parameter vectors ``(parameters,)`` or ``(n, parameters)`` with the derived entries computed from the base entries.
 
         Raises ``ShapeError`` when the last axis has another length.
-
-        Parameters
-        ----------
-        parameters
-            Shape (parameters,) or (n, parameters).
-
-        Returns
-        -------
-        ndarray
-            Same shape.
         """
         p = np.asarray(parameters, dtype=np.float64)
         if p.ndim == 0 or p.shape[-1] != len(self.table):
