@@ -21,7 +21,8 @@ import re
 import sys
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -151,25 +152,30 @@ def build(model: Model, traits: Traits, width: int | None = None, *, sensitiviti
     if intact is not None:
         return intact
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with FileLock(folder / f"{name}.lock", timeout=_LOCK_SECONDS):
+        with build_lock(folder / f"{name}.lock", "the kernel", _LOCK_SECONDS):
             intact = _intact(folder, name)  # another process may have built it meanwhile
-            if intact is not None:
-                return intact
-            return _build(folder, name, model, traits, flags, sensitivities=sensitivities)
-    except Timeout as error:
-        msg = f"Another process has been building the kernel for {_LOCK_SECONDS:g} s (lock {error.lock_file}). Try again later."
-        raise CompiledUnavailable(msg) from error
-    except OSError as error:
-        msg = (
-            f"The kernel's cache folder {folder} cannot be used: {error.strerror or error}. "
-            "Set GLBENCH_CACHE to a folder that you may write to."
-        )
-        raise CompiledUnavailable(msg) from error
+            return intact or _build(folder, name, model, traits, flags, sensitivities=sensitivities)
     except CompiledUnavailable:
         raise
     except (GlbenchError, ValueError) as error:
         refuse(f"The model {model} cannot be compiled: {error}", CompiledUnavailable, error)
+
+
+@contextmanager
+def build_lock(lock: Path, what: str, seconds: float) -> Iterator[None]:
+    """Hold ``lock`` while ``what`` is built in its folder of the cache.
+
+    Raises ``CompiledUnavailable`` when another process holds it for ``seconds``, or the folder cannot be used.
+    """
+    try:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        with FileLock(lock, timeout=seconds):
+            yield
+    except Timeout as error:
+        refuse(f"Another process has been building {what} for {seconds:g} s (lock {lock}). Try again later.", CompiledUnavailable, error)
+    except OSError as error:
+        reason = f"The kernel's cache folder {lock.parent} cannot be used: {error.strerror or error}."
+        refuse(f"{reason} Set GLBENCH_CACHE to a folder that you may write to.", CompiledUnavailable, error)
 
 
 def library_is_built(model: Model, traits: Traits, width: int | None = None) -> bool:
