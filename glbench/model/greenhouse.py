@@ -233,7 +233,8 @@ class Greenhouse(Model):
 
     @cached_property
     def _metered(self) -> type[Any]:
-        return _annotated("Metered", {m.attribute: Variable(m.unit, m.meaning, scale=m.scale, small=m.small) for m in self.meters})
+        notes = {m.attribute: Variable(m.unit, m.meaning, scale=m.scale, small=m.small) for m in self.meters}
+        return typed_record("Metered", {attribute: Annotated[Any, note] for attribute, note in notes.items()})
 
     def _states_of(self, x: Record) -> Iterator[Record]:
         """The state of each submodel."""
@@ -389,10 +390,6 @@ def record_of(name: str, records: tuple[type[Any], ...]) -> type[Any]:
     for record in records:
         fields |= get_type_hints(record, include_extras=True)
     return typed_record(name, fields)
-
-
-def _annotated(name: str, notes: Mapping[str, Any]) -> type[Any]:
-    return typed_record(name, {attribute: Annotated[Any, note] for attribute, note in notes.items()})
 
 
 def typed_record(name: str, fields: Mapping[str, Any]) -> type[Any]:

@@ -336,7 +336,7 @@ class Model(ABC):
     @cached_property
     def auxiliaries(self) -> tuple[NamedQuantity, ...]:
         """Name, unit and meaning of every quantity computed on the way to the rates."""
-        fluxes = self._symbolic("SX")[1].fluxes
+        fluxes = _symbolic_model(self, "SX")[1].fluxes
         return tuple(entry for record in fluxes for entry in table_of(type(record)))
 
     @cached_property
@@ -460,10 +460,6 @@ class Model(ABC):
             Shape ``(states, m)`` or ``(n, states, m)``, with m the length of that input.
         """
         return _evaluate(self.names, self.jacobian_function(wrt), x, u, d, p)
-
-    def _symbolic(self, symbolic: str) -> tuple[dict[str, Any], Evaluation]:
-        """Symbols of the inputs, and the model evaluated with them."""
-        return _symbolic_model(self, symbolic)
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields: what follows from them is computed anew by who takes a copy."""
