@@ -45,18 +45,9 @@ def state_scale(model: Model) -> FloatArray:
 class ReducedModel:
     """Scaled rates ``dz/dt`` of ``z = x[moving] / scale``, as CasADi SX expressions.
 
-    Attributes
-    ----------
-    moving, clocks : IndexArray
-        States that are integrated, and those that run at a constant rate.
-    scale : FloatArray
-        Typical sizes of the moving states.
-    z, constants : casadi.SX
-        Scaled moving states, and symbols for all values that are constant within a step.
-    rate : casadi.SX
-        dz/dt [s-1] as an expression of ``z`` and ``constants``.
-    prepare : casadi.Function
-        (u, d, p) -> (values of ``constants``, rates of the clocks [unit of the state per s]).
+    ``moving`` are the states that are integrated, ``scale`` their typical sizes; ``clocks`` are those that run at a constant rate.
+    ``constants`` are symbols for all values that are constant within a step; ``rate`` is dz/dt [s-1] as an expression of ``z`` and
+    ``constants``. ``prepare`` goes from (u, d, p) to the values of ``constants`` and the rates of the clocks [unit of the state per s].
     """
 
     moving: IndexArray
@@ -102,14 +93,9 @@ SUBSTEP_LIMIT = 20_000
 class CvodesSettings:
     """How CVODES is run: tolerances on states divided by their scale.
 
-    Attributes
-    ----------
-    absolute, relative : float
-        Local error allowed for each internal step, weighted root mean square over the states.
-    newton : float
-        Share of the tolerance left to the Newton iterations (CVODES' own default is 0.1).
-    hoist : bool
-        Whether the reduced model is integrated instead of the model as written.
+    ``absolute`` and ``relative`` are the local error allowed for each internal step, weighted root mean square over the states, and
+    ``newton`` is the share of it left to the Newton iterations (CVODES' own default is 0.1). With ``hoist``, the reduced model is
+    integrated instead of the model as written.
     """
 
     absolute: float

@@ -27,14 +27,9 @@ and took the other processors from whoever used them."""
 
 @dataclass(frozen=True)
 class StepFailure:
-    """One row of a batch that could not be stepped.
+    """The ``row`` of a batch, from 0, that could not be stepped.
 
-    Attributes
-    ----------
-    row : int
-        Position in the batch, from 0.
-    reason : str
-        A sentence: what went wrong, at which model time, with which controls and disturbances.
+    The ``reason`` is a sentence: what went wrong, at which model time, with which controls and disturbances.
     """
 
     row: int
@@ -44,12 +39,8 @@ class StepFailure:
 class Rows(NamedTuple):
     """Inputs of one control step for ``n`` greenhouses: finite, C-contiguous float64, controls within 0..1.
 
-    Attributes
-    ----------
-    x, u, d : FloatArray
-        States (n, states), controls (n, controls) [fraction of capacity], disturbances (n, disturbances).
-    p : FloatArray
-        Parameters, (n, parameters), or (1, parameters) when all rows share them.
+    ``x`` (n, states), ``u`` (n, controls) [fraction of capacity], ``d`` (n, disturbances), and ``p`` (n, parameters), or (1, parameters)
+    when all rows share them.
     """
 
     x: FloatArray

@@ -30,16 +30,10 @@ INPUTS = ("x", "u", "d")
 class Linearisation:
     """A control step and its Jacobians; a batch has a leading axis of n everywhere.
 
-    Attributes
-    ----------
-    x_next : ndarray
-        State after the step (states,), the same bits as from ``step``.
-    dx, du, dd : ndarray
-        Derivatives of ``x_next`` with respect to states (states, states), controls (states, controls) and disturbances
-        (states, disturbances); element [i, j] is in units of state i per unit of input j. One that was not asked for has no
-        columns: (states, 0).
-    dp : ndarray
-        The same for the parameters that were asked for (states, q), in their order.
+    ``x_next`` (states,) has the same bits as from ``step``. ``dx`` (states, states), ``du`` (states, controls) and ``dd`` (states,
+    disturbances) are its derivatives with respect to states, controls and disturbances; element [i, j] is in units of state i per unit of
+    input j. One that was not asked for has no columns: (states, 0). ``dp`` (states, q) is the same for the parameters that were asked for,
+    in their order.
     """
 
     x_next: FloatArray
@@ -53,12 +47,8 @@ class Linearisation:
 class Adjoint:
     """Gradient of ``cotangent . x_next`` with respect to the inputs of a step; a batch has a leading axis of n everywhere.
 
-    Attributes
-    ----------
-    x, u, d : ndarray
-        (states,), (controls,), (disturbances,) [unit of ``cotangent . x_next`` per unit of the input].
-    p : ndarray or None
-        (parameters,), when it was asked for. Rows that share inputs have a gradient each: add them up for that of the shared input.
+    ``x`` (states,), ``u`` (controls,), ``d`` (disturbances,) and, when it was asked for, ``p`` (parameters,) [unit of ``cotangent .
+    x_next`` per unit of the input]. Rows that share inputs have a gradient each: add them up for that of the shared input.
     """
 
     x: FloatArray
@@ -69,16 +59,9 @@ class Adjoint:
 
 @dataclass(frozen=True)
 class Directions:
-    """Directions of differentiation.
+    """Directions of differentiation: ``count`` for each row, ``shared`` when all rows have the same.
 
-    Attributes
-    ----------
-    count : int
-        How many for each row.
-    shared : bool
-        Whether all rows have the same.
-    seeds : dict
-        For each input ("x", "u", "d", "p") that is not held, a table (rows, or 1 when shared; count; size of the input).
+    ``seeds`` has for each input ("x", "u", "d", "p") that is not held a table (rows, or 1 when shared; count; size of the input).
     """
 
     count: int
@@ -158,19 +141,12 @@ class Differentiable(ABC):
         inputs: Sequence[str] = INPUTS,
         parameters: Sequence[str] = (),
     ) -> Linearisation:
-        """One control step and its Jacobians.
+        """One control step and its Jacobians, of one state or a batch, as for ``step``.
 
-        Raises ``ShapeError``, ``ActionError`` or ``StepError`` as for ``step``; StepError also when a derivative is not finite. Raises
-        ``UnknownNameError`` when there is no such input or parameter.
-
-        Parameters
-        ----------
-        x, u, d, p : array_like
-            As for ``step``: one state (states,) or a batch (n, states).
-        inputs : sequence of str
-            Which of ``"x"``, ``"u"`` and ``"d"`` to differentiate with respect to; the fewer, the cheaper.
-        parameters : sequence of str
-            Names of parameters to differentiate with respect to, see ``Model.parameter_names``.
+        ``inputs`` are which of ``"x"``, ``"u"`` and ``"d"`` to differentiate with respect to; the fewer, the cheaper. ``parameters`` are
+        names of parameters to differentiate with respect to, see ``Model.parameter_names``. Raises ``ShapeError``, ``ActionError`` or
+        ``StepError`` as for ``step``; StepError also when a derivative is not finite. Raises ``UnknownNameError`` when there is no such
+        input or parameter.
         """
         rows = as_rows(self.model.names, x, u, d, p)
         names = self.model.parameter_names
@@ -200,23 +176,12 @@ class Differentiable(ABC):
         dd: npt.ArrayLike | None = None,
         dp: npt.ArrayLike | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """One control step, and how its result changes along directions of the inputs.
+        """One control step, as for ``step``, and how its result changes along directions of the inputs.
 
-        Raises ``ShapeError``, ``ActionError`` or ``StepError`` as for ``step``; StepError also when a derivative is not finite.
-
-        Parameters
-        ----------
-        x, u, d, p : array_like
-            As for ``step``: one state (states,) or a batch (n, states).
-        dx, du, dd, dp : array_like, optional
-            Direction in each input, in its units. For one state (size,), or (m, size) for m directions at once; for a batch
-            (size,) for all rows, (n, size), (n, m, size), or (1, m, size) for all rows. Inputs without one are held.
-
-        Returns
-        -------
-        x_next, tangent : ndarray
-            State after the step, and its derivative along the direction in the same shape, or with an axis of m before the
-            last one.
+        ``dx``, ``du``, ``dd`` and ``dp`` are the direction in each input, in its units; inputs without one are held. For one state it is
+        (size,), or (m, size) for m directions at once; for a batch (size,) for all rows, (n, size), (n, m, size), or (1, m, size) for all
+        rows. Returns the state after the step, and its derivative along the direction in the same shape, or with an axis of m before the
+        last one. Raises ``ShapeError``, ``ActionError`` or ``StepError`` as for ``step``; StepError also when a derivative is not finite.
         """
         rows = as_rows(self.model.names, x, u, d, p)
         one = np.ndim(x) == 1
@@ -239,25 +204,11 @@ class Differentiable(ABC):
     def adjoint(
         self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike, cotangent: npt.ArrayLike, *, parameters: bool = False
     ) -> tuple[FloatArray, Adjoint]:
-        """One control step, and the gradient of ``cotangent . x_next`` with respect to its inputs.
+        """One control step, as for ``step``, and the gradient of ``cotangent . x_next`` with respect to its inputs.
 
-        Raises ``ShapeError``, ``ActionError`` or ``StepError`` as for ``step``; StepError also when a derivative is not finite.
-
-        Parameters
-        ----------
-        x, u, d, p : array_like
-            As for ``step``: one state (states,) or a batch (n, states).
-        cotangent : array_like
-            In the shape of ``x``, or (states,) for all rows: weight of each state after the step.
-        parameters : bool
-            Whether to give the gradient with respect to the parameters as well.
-
-        Returns
-        -------
-        x_next : ndarray
-            State after the step, the same bits as from ``step``.
-        gradient : Adjoint
-            Gradients with respect to x, u, d and, if asked for, p.
+        ``cotangent`` is the weight of each state after the step, in the shape of ``x``, or (states,) for all rows. Returns the state after
+        the step, with the same bits as from ``step``, and the gradients with respect to x, u, d and, with ``parameters``, p. Raises
+        ``ShapeError``, ``ActionError`` or ``StepError`` as for ``step``; StepError also when a derivative is not finite.
         """
         rows = as_rows(self.model.names, x, u, d, p)
         one = np.ndim(x) == 1

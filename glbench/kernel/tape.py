@@ -55,17 +55,9 @@ class RecordingError(GlbenchError):
 class Tape:
     """Operations on registers.
 
-    Attributes
-    ----------
-    constants
-        Values of the first registers, float64.
-    inputs
-        Source and index of the registers after these, ``(inputs, 2)`` int32.
-    operations
-        Operator and operands; the result of operation i is in register i, counted from the end of the inputs,
-        ``(operations, 3)`` int32.
-    outputs
-        Target, index and register, ``(outputs, 3)`` int32.
+    ``constants`` are the values of the first registers, float64; ``inputs`` ``(inputs, 2)`` int32 are source and index of those after
+    these. ``operations`` ``(operations, 3)`` int32 are operator and operands; the result of operation i is in register i, counted from the
+    end of the inputs. ``outputs`` ``(outputs, 3)`` int32 are target, index and register.
     """
 
     constants: npt.NDArray[np.float64]
@@ -87,17 +79,10 @@ class Tape:
         return [(_IN_NUMPY[op], a, b) for op, a, b in self.operations.tolist()]
 
     def play(self, read: Read) -> list[tuple[str, int, Any]]:
-        """Do the operations with NumPy, with the bits of the compiled kernel.
+        """Do the operations with NumPy, with the bits of the compiled kernel: target, index and values of each output.
 
-        Parameters
-        ----------
-        read
-            Gives the values of an input, ``(n,)`` or another shape, from its source and index.
-
-        Returns
-        -------
-        list
-            Target, index and values of each output; an output that depends on no input is a plain number.
+        ``read`` gives the values of an input, ``(n,)`` or another shape, from its source and index. An output that depends on no input is a
+        plain number.
         """
         registers: list[Any] = self.constants.tolist()
         registers += [read(SOURCES[source], index) for source, index in self.inputs.tolist()]
