@@ -168,23 +168,12 @@ class Kernel(Trajectories):
         return partial(type(self), **settings), (self.model, self.step_seconds)
 
     def step(self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> FloatArray:
-        """State after one control step.
+        """State after one control step: a new array in the shape of ``x``.
 
-        Raises ``ShapeError`` or ``ActionError`` when an input has the wrong shape or is not finite, or a control lies outside 0..1. Raises
-        ``StepError`` when a row could not be integrated; says which, at which model time and with which inputs.
-
-        Parameters
-        ----------
-        x : array_like
-            States, (states,) or (n, states), in the order and units of ``model.states``.
-        u, d, p : array_like
-            Controls (controls,) [0..1], disturbances (disturbances,), parameters (parameters,), each with or without a leading
-            axis of n.
-
-        Returns
-        -------
-        ndarray
-            A new array in the shape of ``x``.
+        ``x`` is (states,) or (n, states), in the order and units of ``model.states``; ``u`` (controls,) [0..1], ``d`` (disturbances,) and
+        ``p`` (parameters,) are each with or without a leading axis of n. Raises ``ShapeError`` or ``ActionError`` when an input has the
+        wrong shape or is not finite, or a control lies outside 0..1. Raises ``StepError`` when a row could not be integrated; says which,
+        at which model time and with which inputs.
         """
         rows = as_rows(self._names, x, u, d, p)
         stepped, failures = self.advance(rows)
@@ -214,14 +203,8 @@ class Kernel(Trajectories):
     def step_into(self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike, out: FloatArray) -> None:
         """The same as ``step``, with the result in an array of the caller's.
 
-        Raises ``ShapeError``, ``ActionError`` or ``StepError`` as for ``step``; ShapeError also for an ``out`` that does not fit.
-
-        Parameters
-        ----------
-        x, u, d, p : array_like
-            As for ``step``.
-        out : ndarray
-            States after the step, in the shape of ``x``: C-contiguous float64; may be ``x``. Rows that fail keep their state.
+        ``out`` takes the states after the step, in the shape of ``x``: C-contiguous float64; it may be ``x``. Rows that fail keep their
+        state. Raises ``ShapeError``, ``ActionError`` or ``StepError`` as for ``step``; ShapeError also for an ``out`` that does not fit.
         """
         rows = as_rows(self._names, x, u, d, p)
         _, result = bound_rows(self._names, *rows, out)
@@ -232,21 +215,13 @@ class Kernel(Trajectories):
     def bind(self, x: FloatArray, u: FloatArray, d: FloatArray, p: FloatArray, out: FloatArray) -> BoundStep:
         """A step of these very arrays, for loops in which every microsecond counts.
 
-        ``step = kernel.bind(x, u, d, p, out)`` looks at shapes once; each ``step()`` then takes the values that the arrays hold
-        at that time. Controls outside 0..1 are not refused: whoever binds a step keeps them inside.
-        Raises ``ShapeError`` when an array has another shape, type or layout.
+        ``step = kernel.bind(x, u, d, p, out)`` looks at shapes once; each ``step()`` then takes the values that the arrays hold at that
+        time, and raises StepError when a row fails; the other rows have been stepped then. Controls outside 0..1 are not refused: whoever
+        binds a step keeps them inside.
 
-        Parameters
-        ----------
-        x, u, d, p : ndarray
-            As for ``step``, C-contiguous float64; ``u`` and ``d`` have as many rows as ``x``.
-        out : ndarray
-            States after the step, in the shape of ``x``; may be ``x``: then every call continues from the last.
-
-        Returns
-        -------
-        BoundStep
-            Call it without arguments. It raises StepError when a row fails; the other rows have been stepped then.
+        The arrays are as for ``step``, C-contiguous float64; ``u`` and ``d`` have as many rows as ``x``. ``out`` takes the states after the
+        step, in the shape of ``x``; if it is ``x``, every call continues from the last. Raises ``ShapeError`` when an array has another
+        shape, type or layout.
         """
         rows, result = bound_rows(self._names, x, u, d, p, out)
         return self._backend.bind(rows, result)
