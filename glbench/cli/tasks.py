@@ -234,7 +234,9 @@ def references_command(
         stored, expected, zero_agent = collect_results([out / "results"]), published_expectations(), zero_agent_of_new_tasks()
         references = references_from(stored, expected, read_references(), zero_agent, {get_task(name).id for name in renew or ()})
         if not references:
-            msg = f"There is no complete result in {out / 'results'} that a scale can be made from. Evaluate {zero_agent} and another agent."
+            msg = (
+                f"There is no complete result in {out / 'results'} that a scale can be made from. Evaluate {zero_agent} and another agent."
+            )
             raise GlbenchError(msg)
         console.tell(f"Written: {write_references({**read_references(), **references})}")
         for book in best_known_from(stored, expected).values():

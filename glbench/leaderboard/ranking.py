@@ -77,8 +77,8 @@ class Row(statistics.FrozenModel):
     )
     frontier: bool | None = Field(
         default=None,
-        description="whether no other agent that sees observations has as much profit with as few violations; null for the privileged, where "
-        "not ranked, and where violations have no price in money",
+        description="whether no other agent that sees observations has as much profit with as few violations; null for the privileged, "
+        "where not ranked, and where violations have no price in money",
     )
     fresh_draws: FreshScore | None = Field(default=None, description="score with fresh draws; null without them")
     by_year: tuple[OfYear, ...] = Field(
@@ -264,7 +264,7 @@ def _with_prices(
     order: Sequence[Sequence[str]],
     fixed: Collection[str],
 ) -> tuple[list[Row], tuple[Turn, ...]]:
-    """Ranked rows with their places at other prices of violations, and who changes places; as they are where violations have no such price."""
+    """Ranked rows with their places at other prices of violations, and who changes places; unchanged where they have no price in money."""
     if metric != RANKING_METRIC or not rows or not all(map(in_money, rows)):
         return rows, ()
     penalties = {name: (entries[name].by_training(PENALTY),) for name in rewards}

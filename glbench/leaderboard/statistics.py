@@ -25,7 +25,7 @@ import math
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -681,13 +681,12 @@ def reversals(
     scenarios: Sequence[Sequence[Hashable]] | None = None,
     fixed: Collection[str] = (),
 ) -> dict[str, float]:
-    """For every agent of ``order`` but the first, the probability that it is truly better than the one before it, although its mean is lower.
+    """For every agent of ``order`` but the first, the probability that it is truly better than the one before it.
 
     Half the p-value of their ``paired_test``, not corrected: what Student's t leaves on the other side of no difference, as if nothing were
     known before. 0.5 for equal means, and where there is a single run. Arguments as for ``tiers``; raises as it does.
     """
-    neighbours = zip(order, order[1:], strict=False)
     return {
         lower: paired_test(scores[upper], scores[lower], resolutions, scenarios, (upper in fixed, lower in fixed)).p_value / 2.0
-        for upper, lower in neighbours
+        for upper, lower in pairwise(order)
     }

@@ -61,7 +61,8 @@ class Money(statistics.FrozenModel):
     mean: statistics.Interval = Field(description="mean over the tasks of its score [EUR m-2]")
     against_rules: statistics.Interval | None = Field(
         default=None,
-        description=f"mean over the tasks of its score minus that of {RULES}, paired by run [EUR m-2]; null if {RULES} lacks tasks of the suite",
+        description=f"mean over the tasks of its score minus that of {RULES}, paired by run [EUR m-2]; null if {RULES} lacks tasks of "
+        "the suite",
     )
     reversal: float | None = Field(default=None, description="as of a row, of the order by the mean score in money")
 
@@ -72,7 +73,9 @@ class SuiteRow(statistics.FrozenModel):
     rank: int | None = Field(description="by the mean normalised score; by the mean score in money if the suite has no scale")
     agent: str
     iqm: statistics.Interval | None
-    mean: statistics.Interval | None = Field(description="as the other normalised scores null if a task has no scale, or no best known plans yet")
+    mean: statistics.Interval | None = Field(
+        description="as the other normalised scores null if a task has no scale, or no best known plans yet"
+    )
     median: statistics.Interval | None
     optimality_gap: statistics.Interval | None
     reversal: float | None = Field(
@@ -151,7 +154,8 @@ def scores_by_task(
 ) -> dict[str, dict[str, statistics.Array]]:
     """What ranks of complete entries of published tasks ``(trainings, n)``, by task id and entry, in the order of the task's seeds.
 
-    ``metric`` in its place is the same of another metric, of the entries that state it. A training with one seed is in the same row of all tasks, as far as their numbers of trainings allow it.
+    ``metric`` is another metric in its place, of the entries that state it. A training with one seed is in the same row of all tasks, as
+    far as their numbers of trainings allow it.
     """
     complete = {
         task_id: {entry.name: entry for entry in entries if entry.complete and entry.states(metric_of(task_id, expected))}
@@ -226,20 +230,20 @@ def suite_table(
     of_task = {table.task_id: table for table in tables}
     usable = tuple(task for task in tasks if task in scores)
     money = bool(usable) and all(task in of_task and _scores_money(of_task[task]) for task in usable)
-    scales = {task: one for task in usable if (one := references.get(task)) is not None and one.best is not None}
+    ends = {task: both for task in usable if task in references and (both := references[task].ends) is not None}
     if not money:
-        usable = tuple(scales)
+        usable = tuple(ends)
     if not usable:
         return None
-    scaled = len(scales) == len(usable)
-    spans = [scales[task].best - scales[task].zero if scaled else 1.0 for task in usable]
+    scaled = len(ends) == len(usable)
     by_agent: dict[str, dict[str, statistics.Array]] = {}
     for task in usable:
         for agent, rewards in scores[task].items():
-            values = statistics.normalise(rewards, scales[task].zero, scales[task].best) if scaled else rewards
+            values = statistics.normalise(rewards, *ends[task]) if scaled else rewards
             by_agent.setdefault(agent, {})[task] = values
     whole = {agent: by_task for agent, by_task in by_agent.items() if len(by_task) == len(usable)}
     smallest = [resolution_of(of_task[task].metric, of_task[task].task) if task in of_task else statistics.RESOLUTION for task in usable]
+    spans = [ends[task][1] - ends[task][0] if scaled else 1.0 for task in usable]
     resolutions = [resolution / span for resolution, span in zip(smallest, spans, strict=True)]
     names = None if scenarios is None else [scenarios[task] for task in usable]
     rows_of: dict[str, list[Row]] = {}
@@ -261,18 +265,18 @@ def suite_table(
     unbeaten = frontier({row.agent: row.figures.means for row in rows if row.at_prices and row.figures and not row.figures.privileged})
     rows = [row.model_copy(update={"reversal": reversals.get(row.agent), "frontier": unbeaten.get(row.agent)}) for row in rows]
     improvements = []
-    for one, other in combinations(ordered, 2):
-        p = statistics.probability_of_improvement(whole[one], whole[other], scenarios)
+    for first, other in combinations(ordered, 2):
+        p = statistics.probability_of_improvement(whole[first], whole[other], scenarios)
         # What one has above the other is what the other has below it.
         back = statistics.Interval(value=1.0 - p.value, low=1.0 - p.high, high=1.0 - p.low)
-        improvements.append(Improvement(first=one, second=other, probability=p))
-        improvements.append(Improvement(first=other, second=one, probability=back))
+        improvements.append(Improvement(first=first, second=other, probability=p))
+        improvements.append(Improvement(first=other, second=first, probability=back))
     return SuiteTable(
         suite=suite,
         tasks=usable,
-        zero=tuple(sorted({one.zero_agent for one in scales.values()})) if scaled else (),
-        scale_versions={task: one.version for task, one in scales.items()},
-        without_plans=tuple(task for task in usable if task not in scales or not scales[task].plans),
+        zero=tuple(sorted({references[task].zero_agent for task in ends})) if scaled else (),
+        scale_versions={task: references[task].version for task in usable if task in ends},
+        without_plans=tuple(task for task in usable if task not in ends or not references[task].plans),
         turns=turns,
         rows=tuple(rows),
         improvements=tuple(improvements),
@@ -299,7 +303,9 @@ def suite_tables(
     }
     names = {task_id: scenario_names(task_id, expected[task_id].seeds) for task_id in scores}
     penalties = scores_by_task(stored, expected, PENALTY)
-    suites = [suite_table(name, tuple(ids), scores, references, tables, best_known, names, penalties) for name, ids in list_suites().items()]
+    suites = [
+        suite_table(name, tuple(ids), scores, references, tables, best_known, names, penalties) for name, ids in list_suites().items()
+    ]
     return tuple(table for table in suites if table is not None)
 
 
@@ -327,10 +333,10 @@ def _row(
     rows = [row for row in table_rows if row.task_id in scores]
     names_of_all = [name for name in rows[0].means if all(name in row.means for row in rows)] if rows else []
     means = {name: float(np.mean([row.means[name] for row in rows])) for name in names_of_all}
+    more |= {score: statistics.aggregate(arrays, score, names) if scaled else None for score in statistics.SCORES}
     return SuiteRow(
         rank=rank,
         agent=agent,
-        **{score: statistics.aggregate(arrays, score, names) if scaled else None for score in statistics.SCORES},
         **more,
         trainings=(min(counts), max(counts)),
         missing=tuple(task for task in tasks if task not in scores),

@@ -1,8 +1,8 @@
 """What conclusions hang on the price of violations: orders at other prices, where two agents change places, and who is not beaten.
 
 The score of a task in money is the profit minus what violations of the limits cost, so at ``factor`` times their price a run scores
-``reward - (factor - 1) * penalty``: results hold both, and nothing is simulated. Agents act as they were made for the task's price; one that
-was made for another price would act otherwise.
+``reward - (factor - 1) * penalty``. Results hold both, and nothing is simulated. Agents act as they were made for the task's price; one
+that was made for another price would act otherwise.
 """
 
 from __future__ import annotations

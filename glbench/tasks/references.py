@@ -135,10 +135,11 @@ def write_best_known(best: BestKnown) -> Path:
 
 _ZERO_AGENT = "zero_agent"
 _RESTORE = "Restore the file; `glbench tasks references --write` takes its numbers from the results."
-_HEAD = """# Zero and one of normalised scores: the mean over the task's runs of what ranks, of the agent zero_agent and of the best known run of
-# each seed (tasks/best_known). Written by `glbench tasks references --write` from reports/released, which keeps every zero that is here.
-# plans: whether plans that know the season made all best known runs, so that one is no agent's own score. version: of the scale of a
-# task, raised when one of its ends moves. The first key names the agent whose mean is zero for tasks without an entry.
+_HEAD = """\
+# Zero and one of normalised scores: means over the task's runs of what ranks, of the agent zero_agent and of the best known run of each
+# seed (tasks/best_known). Written by `glbench tasks references --write` from reports/released; it keeps every zero that stands here.
+# plans: whether plans that know the season made all best known runs, so that one is no agent's own score. version: of the scale of the
+# task, raised when an end moves. The first key names the agent whose mean becomes zero for a task without an entry.
 """
 
 
@@ -169,9 +170,9 @@ class References(Table):
         return self
 
     @property
-    def span(self) -> float | None:
-        """What one is above zero, in the unit of what ranks; ``None`` where there is no one."""
-        return None if self.best is None else self.best - self.zero
+    def ends(self) -> tuple[float, float] | None:
+        """Zero and one; ``None`` where there is no one."""
+        return None if self.best is None else (self.zero, self.best)
 
 
 def references_path() -> Path:
