@@ -132,7 +132,9 @@ def scale_words(table: SuiteTable) -> str:
     """What the scores of a suite are: what 0 and 1 mean, or why money is shown instead."""
     tasks = f"over the {len(table.tasks)} tasks"
     if not table.in_money:
-        return f"Normalised score {tasks}: 0 is the mean of {' or '.join(table.zero)}, 1 the best known result of each task."
+        versions = " and ".join(map(str, sorted(set(table.scale_versions.values()))))
+        zero = " or ".join(table.zero)
+        return f"Normalised score {tasks}: 0 is the mean of {zero}, 1 the best known result of each task (scale version {versions})."
     without = ", ".join(task.rpartition("/")[2] for task in table.without_plans)
     differences = any(row.money and row.money.against_rules for row in table.rows)
     return (
@@ -352,14 +354,21 @@ def _score_columns(table: SuiteTable) -> list[TableColumn]:
     ]
 
 
+def shown_rank(table: SuiteTable, row: SuiteRow) -> int | None:
+    """Rank by what the suite is shown in."""
+    return row.rank if not table.in_money else None if row.money is None else row.money.rank
+
+
+def shown_interval(table: SuiteTable, row: SuiteRow, name: str) -> Interval | None:
+    """A score of an agent; over a suite in money its mean and difference to the rules are also those of agents that lack tasks."""
+    interval: Interval | None = getattr(row.money if table.in_money and name != "regret" else row, name, None)
+    return interval
+
+
 def suite_heads(table: SuiteTable, agent: Callable[[SuiteRow], str]) -> list[TableColumn]:
-    """Rank by what the suite is shown in, and agent."""
-
-    def rank(row: SuiteRow) -> int | None:
-        return row.rank if not table.in_money else None if row.money is None else row.money.rank
-
+    """Rank and agent."""
     return [
-        TableColumn("#", lambda row: NONE if rank(row) is None else str(rank(row))),
+        TableColumn("#", lambda row: NONE if (rank := shown_rank(table, row)) is None else str(rank)),
         TableColumn("Agent", agent, words=True, free=True),
     ]
 
@@ -404,7 +413,7 @@ def money_columns(table: SuiteTable, gives_way: tuple[int, int] = (0, 0), *, spa
 
     def column(name: str, heading: str, gives_way: int) -> TableColumn:
         def text(row: SuiteRow) -> str:
-            interval = of(row, name)
+            interval = shown_interval(table, row, name)
             if interval is None:
                 return NONE
             center, low, high = (signless(number_text(part, 3)) for part in (interval.value, interval.low, interval.high))
@@ -412,15 +421,10 @@ def money_columns(table: SuiteTable, gives_way: tuple[int, int] = (0, 0), *, spa
 
         return TableColumn(heading, text, gives_way=gives_way)
 
-    def of(row: SuiteRow, name: str) -> Interval | None:
-        """Over a suite in money also of agents that lack tasks, over those that they have."""
-        interval: Interval | None = getattr(row.money if table.in_money and name != "regret" else row, name, None)
-        return interval
-
     columns = [("against_rules", f"More than {RULES} [EUR/m²]", gives_way[0]), ("regret", "Regret [EUR/m²]", gives_way[1])]
     if table.in_money:
         columns.insert(0, ("mean", "Mean [EUR/m²]", 0))
-    return [column(*one) for one in columns if any(of(row, one[0]) is not None for row in table.rows)]
+    return [column(*one) for one in columns if any(shown_interval(table, row, one[0]) is not None for row in table.rows)]
 
 
 def of_figures(column: TableColumn) -> TableColumn:

@@ -83,7 +83,7 @@ def mean_over_tasks(values: Sequence[Array]) -> float:
 
 
 def turns_of(rewards: Values, penalties: Values, ranks: Mapping[str, int]) -> tuple[Turn, ...]:
-    """Agents of different ranks whose means change places within ``FACTORS``, those first whose order turns nearest to the task's price.
+    """Agents of different ranks whose means change places within ``FACTORS``: the best first, then whose order turns near the task's price.
 
     With d the difference of the mean rewards and v that of the mean penalties, the means are equal at ``1 + d / v`` times the price.
     """
@@ -98,7 +98,7 @@ def turns_of(rewards: Values, penalties: Values, ranks: Mapping[str, int]) -> tu
             factor = 1.0 + gap / more
             if FACTORS[0] <= factor <= FACTORS[-1]:
                 turns.append(Turn(first=first, second=second, factor=factor))
-    return tuple(sorted(turns, key=lambda turn: abs(np.log(turn.factor))))
+    return tuple(sorted(turns, key=lambda turn: (ranks[turn.first], abs(np.log(turn.factor)))))
 
 
 def frontier(means: Mapping[str, Mapping[str, float]]) -> dict[str, bool]:
