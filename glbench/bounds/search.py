@@ -250,7 +250,7 @@ def group_by_conditions(task: TaskSpec, seeds: Sequence[int]) -> tuple[tuple[int
     for seed in seeds:
         scenario, digest = Scenario.of(task, seed), hashlib.sha256()
         delivery = scenario.delivery
-        maps = () if delivery is None else (delivery.left, delivery.gain)
+        maps = () if delivery is None else (delivery.carry, delivery.gain)
         for values in (scenario.x0, scenario.u_before, scenario.d, scenario.p, scenario.calendar, *maps):
             digest.update(values.tobytes())
         groups.setdefault(digest.hexdigest(), []).append(seed)

@@ -9,6 +9,8 @@ searched among commands; gradients come back through the transposed map.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
+from itertools import accumulate
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,11 +32,11 @@ class Delivery:
 
     Attributes
     ----------
-    left, gain
+    carry, gain
         a and b ``(T, c)``.
     """
 
-    left: Floats
+    carry: Floats
     gain: Floats
 
     @classmethod
@@ -44,37 +46,35 @@ class Delivery:
         if not actuators.actuators:
             return None
         key = np.array([stream_key(task.scenario, seed, Actuators.STREAM)], np.uint64)
-        numbers = uniforms(key, np.arange(task.steps)[None], actuators.numbers)[0].T
-        faults = {}
-        for (actuator, kind), column in zip(actuators.faults, numbers.tolist(), strict=True):
-            course, now = np.empty(task.steps), 0.0
-            for step, number in enumerate(column):
-                course[step] = now = fault(now, number, actuator.faults[kind])
-            faults[actuator.name, kind] = course
-        left, gain = np.zeros((task.steps, len(task.model_value.controls))), np.ones((task.steps, len(task.model_value.controls)))
+        numbers = iter(uniforms(key, np.arange(task.steps)[None], actuators.numbers)[0].T.tolist())
+        carry = np.zeros((task.steps, len(task.model_value.controls)))
+        gain = np.ones_like(carry)
         for actuator in actuators.actuators:
-            kept = scene.traits[0, draws.trait + actuators.short.index(actuator)] if actuator.shortfall else 1.0
-            most, own = actuator.most(kept, d[:, WIND]), {kind: faults[actuator.name, kind] for kind in actuator.faults}
-            left[:, actuator.place] = actuator.delivered(1.0, 0.0, most, own)
-            gain[:, actuator.place] = actuator.delivered(0.0, 1.0, most, own)
-        return cls(left, gain)
+            faults = {}
+            for kind, chances in actuator.faults.items():
+                course = accumulate(next(numbers), partial(fault, chances=chances), initial=0.0)
+                faults[kind] = np.array([*course])[1:]
+            trait = scene.traits[0, draws.trait + actuators.short.index(actuator)] if actuator.shortfall else 1.0
+            most = actuator.most(trait, d[:, WIND])
+            for column, before, command in ((carry, 1.0, 0.0), (gain, 0.0, 1.0)):
+                column[:, actuator.place] = actuator.delivered(before, command, most, faults)
+        return cls(carry, gain)
 
     def __call__(self, commands: Floats) -> Floats:
         """What is delivered of commands ``(..., T, c)``."""
-        return _carried(self.left, self.gain * commands)
+        return _accumulated(self.carry, self.gain * commands)
 
     def pull(self, slopes: Floats) -> Floats:
         """Derivatives with respect to commands ``(..., T, c)`` from those with respect to what is delivered."""
-        left = np.zeros_like(self.left)
-        left[1:] = self.left[:0:-1]
-        return self.gain * _carried(left, slopes[..., ::-1, :])[..., ::-1, :]
+        back = np.concatenate([np.zeros_like(self.carry[:1]), self.carry[:0:-1]])
+        return self.gain * _accumulated(back, slopes[..., ::-1, :])[..., ::-1, :]
 
 
-def _carried(left: Floats, values: Floats) -> Floats:
-    """y(k) = left(k) y(k - 1) + values(k), in doubling strides: a step of numpy for all k, as often as the powers of 2 below T."""
-    left, values, stride = left.copy(), values.copy(), 1
-    while stride < len(left) and left[stride:].any():
-        values[..., stride:, :] += left[stride:] * values[..., :-stride, :]
-        left[stride:] *= left[:-stride].copy()
+def _accumulated(carry: Floats, values: Floats) -> Floats:
+    """y(k) = carry(k) y(k - 1) + values(k), in doubling strides: a step of numpy for all k, as often as the powers of 2 below T."""
+    carry, values, stride = carry.copy(), values.copy(), 1
+    while stride < len(carry) and carry[stride:].any():
+        values[..., stride:, :] += carry[stride:] * values[..., :-stride, :]
+        carry[stride:] *= carry[:-stride].copy()
         stride *= 2
     return values

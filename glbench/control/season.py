@@ -218,10 +218,8 @@ class _Search:
         scenario, n, controls = self.scenario, len(commands), self.scenario.delivered(commands)
         p = scenario.p if scenario.p.ndim == 1 else scenario.p[None]
         states = self.kernel.rollout(np.tile(scenario.x0, (n, 1)), controls, scenario.d, p)
-        return [
-            SeasonPlan(scenario, u, x, self.reward(x, u, scenario.calendar), told)
-            for u, x, told in zip(controls, states, commands, strict=True)
-        ]
+        plans = zip(controls, states, commands, strict=True)
+        return [SeasonPlan(scenario, u, x, self.reward(x, u, scenario.calendar), command) for u, x, command in plans]
 
     def _feasible(self, controls: Floats) -> Floats:
         one = self.scenario
