@@ -297,7 +297,7 @@ def played(task: TaskSpec, agent: PredictiveAgent | TrueStateController, seeds: 
         action = agent.act(simulation.x) if isinstance(agent, TrueStateController) else agent.act(observations)
         found.append(action)
         observations = simulation.step(action).observations
-        assert simulation.u == pytest.approx(agent._steering.controls, abs=1e-15)
+        assert simulation.commands == pytest.approx(agent._steering.controls, abs=1e-15)
     return np.array(found), simulation
 
 
@@ -319,6 +319,18 @@ def test_the_agent_survives_sensors_that_hang() -> None:
     _, simulation = played(task, agent, [SEED], task.steps)
     assert np.isfinite(simulation.x).all()
     assert agent._controller.plan.shape[0] == 1
+
+
+@pytest.mark.parametrize("name", ["mpc", "mpc_true_state"])
+def test_the_baselines_live_with_actuators_that_are_not_ideal(name: str) -> None:
+    """They take what they told for what is delivered."""
+    often = {"days_between": 0.2, "hours": 3.0}
+    actuators = {"uVent": {"lag_minutes": 20.0, "sticks": often}, "uBoil": {"fails": often}, "uThScr": {"shortfall": 0.2}}
+    task = short().replace({"id": "test/Actuators-v1", "actuators": actuators})
+    kind = {"mpc": PredictiveAgent, "mpc_true_state": TrueStateController}[name]
+    _, simulation = played(task, kind(quick(name)), [SEED, SEED + 1], 24)
+    assert np.isfinite(simulation.x).all()
+    assert (simulation.u != simulation.commands).any()
 
 
 @pytest.mark.parametrize("task_id", ["Lettuce-v1", "WinterLED-v1", "SpringEnergy-v1"])
