@@ -297,7 +297,7 @@ def played(task: TaskSpec, agent: PredictiveAgent | TrueStateController, seeds: 
         action = agent.act(simulation.x) if isinstance(agent, TrueStateController) else agent.act(observations)
         found.append(action)
         observations = simulation.step(action).observations
-        assert simulation.u == pytest.approx(agent._steering.controls, abs=1e-15)
+        assert simulation.commands == pytest.approx(agent._steering.controls, abs=1e-15)
     return np.array(found), simulation
 
 
@@ -351,6 +351,18 @@ def test_a_view_of_mpc_that_is_none_is_refused() -> None:
     agent = PredictiveAgent(quick("mpc").model_copy(update={"sees": ("outdor",)}))
     with pytest.raises(SubmissionError, match=r"'sees': test/Spring-v1 has no view.*'outdor'.*'outdoor'"):
         agent.reset(task_card(short()), 1)
+
+
+@pytest.mark.parametrize("name", ["mpc", "mpc_true_state"])
+def test_the_baselines_live_with_actuators_that_are_not_ideal(name: str) -> None:
+    """They take what they told for what is delivered."""
+    often = {"days_between": 0.2, "hours": 3.0}
+    actuators = {"uVent": {"lag_minutes": 20.0, "sticks": often}, "uBoil": {"fails": often}, "uThScr": {"shortfall": 0.2}}
+    task = short().replace({"id": "test/Actuators-v1", "actuators": actuators})
+    kind = {"mpc": PredictiveAgent, "mpc_true_state": TrueStateController}[name]
+    _, simulation = played(task, kind(quick(name)), [SEED, SEED + 1], 24)
+    assert np.isfinite(simulation.x).all()
+    assert (simulation.u != simulation.commands).any()
 
 
 @pytest.mark.parametrize("task_id", ["Lettuce-v1", "WinterLED-v1", "SpringEnergy-v1"])
