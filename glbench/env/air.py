@@ -142,9 +142,7 @@ class Sensors:
         )
         out = stays = 0.0
         if table.dropouts is not None:
-            hours = task.step_seconds / 3600.0
-            out = min(hours / (24.0 * table.dropouts.days_between), 1.0)
-            stays = max(1.0 - hours / table.dropouts.hours, 0.0)
+            out, stays = table.dropouts.chances(task.step_seconds)
         return Sensors(sensors, out, stays, task.steps)
 
     @property

@@ -67,8 +67,7 @@ def record_quantities(task: TaskSpec) -> Tape | None:
     Unlike the program this needs no weather.
     """
     with Recorder() as recorder:
-        controls = [recorder.input("controls", index) for index in range(len(task.model_value.control_names))]
-        air = _true_air(task, recorder)
+        controls, air = _controls(task, recorder), _true_air(task, recorder)
         quantities, reward = _quantities(task, recorder, controls, air)
         if reward is not None:
             return None
@@ -162,7 +161,8 @@ def _actuation(task: TaskSpec, kind: actuation.RecordedActuation | None, scenari
                 recorder.output("controls", names.index(name), value)
             return recorder.tape()
         actions = {action.name: recorder.input("given", place) for place, action in enumerate(task.actions)}
-        controls = {name: recorder.input("controls", names.index(name)) for name in task.actuation.controls}
+        commands = scenarios.actuators.commands(recorder, _controls(task, recorder), scenarios.memory_layout)
+        controls = {name: commands[names.index(name)] for name in task.actuation.controls}
         memory = {name: recorder.input("memory", place) for name, place in places.items()}
         measured, air = None, _true_air(task, recorder, "before")
         if air:  # as the sensors show it
@@ -174,10 +174,17 @@ def _actuation(task: TaskSpec, kind: actuation.RecordedActuation | None, scenari
             measured = Measured(temperature, co2, deficit, radiation, outside, wind, hour)
         next_controls, next_memory = kind.work(task, actuation.ActuationInputs(actions, controls, memory, measured))
         for index, name in enumerate(names):
-            recorder.output("controls", index, next_controls.get(name, schedule.get(name, 0.0)))
+            if name not in task.actuators:
+                recorder.output("controls", index, next_controls.get(name, schedule.get(name, 0.0)))
+        scenarios.actuators.record(recorder, next_controls, scenarios.memory_layout, scenarios.actuator_draws)
         for name, value in next_memory.items():
             recorder.output("memory", places[name], value)
     return recorder.tape()
+
+
+def _controls(task: TaskSpec, recorder: Recorder) -> list[Any]:
+    """Controls in force, all of the model's: what actuators deliver."""
+    return [recorder.input("controls", index) for index in range(len(task.model_value.control_names))]
 
 
 def _true_air(task: TaskSpec, recorder: Recorder, moment: Literal["before", "after"] = "after") -> list[Any]:
@@ -195,7 +202,8 @@ def _outcome(task: TaskSpec, scenarios: RunScenarios, update: Recorder) -> tuple
     """
     with Recorder() as recorder:
         air = _true_air(task, recorder)
-        controls = [recorder.input("controls", index) for index in range(len(task.model_value.control_names))]
+        controls = _controls(task, recorder)
+        commands = scenarios.actuators.commands(recorder, controls, scenarios.memory_layout)
         delivered = [control * capacity.at_one for control, capacity in zip(controls, task.capacities(), strict=True)]
         quantities, reward = _quantities(task, recorder, controls, air)
         rows = [
@@ -207,7 +215,7 @@ def _outcome(task: TaskSpec, scenarios: RunScenarios, update: Recorder) -> tuple
         for column, value in enumerate([*rows, *quantities]):
             recorder.output("table", column, value)
         measured = scenarios.sensors.readings(recorder, air, scenarios.memory_layout)
-        lookups, parts, columns = _observation(task, recorder, controls, measured, update, scenarios)
+        lookups, parts, columns = _observation(task, recorder, commands, measured, update, scenarios)
     return recorder.tape(), lookups, columns, reward, parts
 
 
@@ -288,8 +296,7 @@ def _sum_since_midnight(task: TaskSpec, column: ObservedColumn, recorder: Record
     """What a column sums up since midnight, after the step, from what it had before it; ``radiation`` is the reading of the step."""
     model = task.model_value
     nominal = model.Parameters(*task.parameters().tolist())
-    controls = [recorder.input("controls", index) for index in range(len(model.controls))]
-    names = model.disturbance_names
+    controls, names = _controls(task, recorder), model.disturbance_names
     weather = [radiation if name == "iGlob" else recorder.input("weather_before", names.index(name)) for name in names]
 
     def rate(*values: Any) -> Any:

@@ -1,8 +1,7 @@
 """Models of greenhouses as values: the GreenLight climate with its tomato crop, and what else is composed.
 
-The physics is written once, in one module a process, for floats, NumPy arrays and CasADi symbols. A
-:class:`Model` is made of submodels by :func:`compose`; names, units and signs are in docs/nomenclature.md and
-docs/model-symbols.md.
+The physics is written once, in one module a process, for floats, NumPy arrays and CasADi symbols. A :class:`Model` is made of submodels by
+:func:`compose`; names, units and signs are in docs/nomenclature.md and docs/model-symbols.md.
 
 Sources: Vanthoor (2011) greenhouse and crop, Katzin et al. (2020) and Katzin (2021) lamps, blackout screen and the
 GreenLight model as a whole.
@@ -74,14 +73,7 @@ from glbench.model.quantities import Quantity, Variable
 from glbench.model.submodels import Addition, Around, Climate, Crop, Nothing
 from glbench.model.surroundings import AirExchange, CropExchange, Surroundings
 from glbench.model.variants import VARIANTS
-from glbench.model.violation_meters import (
-    NO_LIMIT,
-    SIDES,
-    Side,
-    limit_parameter,
-    violation_meter,
-    with_violation_meters,
-)
+from glbench.model.violation_meters import NO_LIMIT, SIDES, Side, limit_parameter, violation_meter, with_violation_meters
 
 __all__ = [
     "AUXILIARIES",

@@ -22,7 +22,7 @@ from glbench.leaderboard.catalogue import catalogue, charts_of
 from glbench.quantities import OUTDOOR, in_sentence, pretty_unit, sentence, unit_sold
 from glbench.tasks.ledger import FLOW, LIMITED, VIOLATION_PRICES
 from glbench.tasks.spreads import HEAT
-from glbench.tasks.tables import ForecastTable, OffsetSensorTable, ScaledSensorTable, SplitsTable, SplitTable
+from glbench.tasks.tables import ActuatorTable, ForecastTable, OffsetSensorTable, ScaledSensorTable, SplitsTable, SplitTable
 from glbench.tasks.vocabulary import FORECAST_ERRORS, OBSERVATION_MODULES
 
 _MOST_ROWS, _FIRST_ROWS = 64, 40
@@ -71,6 +71,7 @@ _TOPICS = {
     "uncertainty": "what is drawn at random",
     "sensors": "the errors of sensors",
     "outdoor_sensors": "the errors of sensors of the weather",
+    "actuators": "what vents, screens and valves deliver of what they are told",
     "observation": "what the agent sees",
     "actuation": "what the agent controls",
     "ledger": "what is sold and paid for",
@@ -132,6 +133,8 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
         yield plain("Errors of the sensors (the climate is judged by its true values)", definition[sensors].lines)
     if _OUTSIDE in definition:
         yield plain("Errors of the weather station (the weather acts as it is)", definition[_OUTSIDE].lines)
+    if _ACTUATORS in definition:
+        yield plain(_ACTUATORS, definition[_ACTUATORS].lines)
     observations = [
         model.observation_modules.get(name)
         or (OBSERVATION_MODULES[name].meaning if name in OBSERVATION_MODULES else name.replace("_", " "))
@@ -404,6 +407,9 @@ def _greenhouse(task: tasks.TaskSpec) -> Iterator[Section]:
         yield Section("Sensors inside; what is judged is the truth", lines)
     if task.outdoor_sensors is not None:
         yield Section(_OUTSIDE, [_outdoor_sensor(name, sensor) for name, sensor in task.outdoor_sensors.items()])
+    if task.actuators:
+        meanings = {capacity.name: capacity.meaning for capacity in task.capacities()}
+        yield Section(_ACTUATORS, [f"{name} ({meanings[name]}) {_actuator(one)}." for name, one in task.actuators.items()])
 
 
 _OUTSIDE = "Sensors of the weather; what acts is the truth, and forecasts come from elsewhere"
@@ -419,6 +425,22 @@ def _outdoor_sensor(name: str, sensor: ScaledSensorTable | OffsetSensorTable) ->
         sizes = (("bias", sensor.bias, "for a run"), ("noise", sensor.noise, "at every step"))
         parts = [f"{word} {size:g} {OUTDOOR[name].unit} {when} (standard deviation)" for word, size, when in sizes if size]
     return f"{name.replace('_', ' ').capitalize()}: {', '.join(parts) or 'no error'}."
+
+
+_ACTUATORS = "Actuators; the agent sees what they are told, not what they deliver"
+
+
+def _actuator(table: ActuatorTable) -> str:
+    """What an actuator does to its commands."""
+    parts = [f"follows with a lag of {table.lag_minutes:g} minutes"] if table.lag_minutes else []
+    if table.shortfall:
+        parts.append(f"delivers less by 0 to {100 * table.shortfall:g} %, drawn once a run")
+    for fault, words in ((table.sticks, "stays where it is"), (table.fails, "delivers nothing")):
+        if fault is not None:
+            parts.append(f"{words} every {fault.days_between:g} days for {fault.hours:g} h, both on average")
+    if table.wind is not None:
+        parts.append(f"delivers less above {table.wind.above:g} m/s of wind, {100 * table.wind.share:g} % from {table.wind.full:g} m/s on")
+    return "; ".join(parts) or "is ideal"
 
 
 def _meaning(words: tasks.Registry[Any], name: str) -> str:

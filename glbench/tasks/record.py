@@ -60,6 +60,8 @@ class TaskRecord:
     """Sensors with errors; ``None`` if the air is observed without errors."""
     outdoor_sensors: tables.OutdoorSensorsTable | None
     """Sensors of the weather with errors; ``None`` if it is observed without errors."""
+    actuators: dict[str, tables.ActuatorTable]
+    """By control, the actuators that do not deliver what they are told."""
     reward: tables.RewardTable
     evaluation: tables.EvaluationTable
 

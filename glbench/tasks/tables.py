@@ -577,11 +577,16 @@ def _sensor_in(unit: str) -> BeforeValidator:
     return BeforeValidator(sensor)
 
 
-class DropoutsTable(Table):
-    """``[sensors.dropouts]``: how often a sensor hangs at its last value, and for how long; both are means."""
+class FaultsTable(Table):
+    """How often a sensor or an actuator has a fault, and for how long; both are means."""
 
     days_between: float = Field(gt=0.0, le=3660.0, description="a number of days above 0")
     hours: float = Field(gt=0.0, le=240.0, description="a number of hours above 0, up to 240")
+
+    def chances(self, step_seconds: float) -> tuple[float, float]:
+        """Chance in a step that a fault begins, and that one lasts."""
+        hours = step_seconds / 3600.0
+        return min(hours / (24.0 * self.days_between), 1.0), max(1.0 - hours / self.hours, 0.0)
 
 
 class SensorsTable(ClimateQuantityTable):
@@ -590,7 +595,7 @@ class SensorsTable(ClimateQuantityTable):
     air_temperature: Annotated[SensorTable | None, _sensor_in(LIMITED["air_temperature"])] = None
     co2: Annotated[SensorTable | None, _sensor_in(LIMITED["co2"])] = None
     relative_humidity: Annotated[SensorTable | None, _sensor_in(LIMITED["relative_humidity"])] = None
-    dropouts: DropoutsTable | None = None
+    dropouts: FaultsTable | None = None
 
     @model_validator(mode="after")
     def _something_drops_out(self) -> Self:
@@ -631,6 +636,33 @@ class OutdoorSensorsTable(Table):
         """Names and entries of those that the table has, in the order above."""
         entries = ((name, getattr(self, name)) for name in type(self).model_fields)
         return tuple((name, entry) for name, entry in entries if entry is not None)
+
+
+_WindSpeed = Annotated[float, in_unit("m s-1")]
+
+
+class WindLimitTable(Table):
+    """``[actuators.<control>.wind]``: from a wind speed on, a control delivers less, down to a share of what it is told."""
+
+    above: _WindSpeed = Field(ge=0.0, description='a wind speed, 0 or more: { value = 12.0, unit = "m s-1" }')
+    full: _WindSpeed = Field(description='a wind speed higher than above: { value = 16.0, unit = "m s-1" }')
+    share: float = Field(default=0.0, ge=0.0, lt=1.0, description="a fraction from 0 to below 1")
+
+    @model_validator(mode="after")
+    def _speeds_rise(self) -> Self:
+        if self.full <= self.above:
+            refuse(f"full = {self.full:g} m s-1 must be higher than above = {self.above:g} m s-1.")
+        return self
+
+
+class ActuatorTable(Table):
+    """``[actuators.<control>]``: how what an actuator delivers differs from what it is told; what is left out is ideal."""
+
+    lag_minutes: float = Field(default=0.0, ge=0.0, le=240.0, description="a number of minutes, 0 to 240")
+    shortfall: float = Field(default=0.0, ge=0.0, lt=1.0, description="a fraction from 0 to below 1")
+    sticks: FaultsTable | None = None
+    fails: FaultsTable | None = None
+    wind: WindLimitTable | None = None
 
 
 class ScenarioTable(Table):
@@ -735,6 +767,7 @@ class TaskFile2(TaskFile):
     splits: SplitsTable | None = None
     sensors: SensorsTable | None = None
     outdoor_sensors: OutdoorSensorsTable | None = None
+    actuators: dict[str, ActuatorTable] = Field(default={}, description="tables [actuators.<control>]")
     reward: RewardTable
 
     _content: Mapping[str, Any] | None = PrivateAttr(default=None)
@@ -796,6 +829,15 @@ class TaskFile2(TaskFile):
         for group in widest:
             facts = {"distribution": group.distribution, "delta": group.width, "parameters": group.parameters, "redraw": group.redraw}
         return UncertaintyTable.model_construct(half_width_factor=1.0, **facts)
+
+    @model_validator(mode="after")
+    def _actuators_are_moved(self) -> Self:
+        for name, table in self.actuators.items():
+            if name not in self.actuation.controls:
+                refuse(f"[actuators.{name}] is about a control that the task does not grant.{did_you_mean(name, self.actuation.controls)}")
+            if name in self.actuation.on_off and (table.lag_minutes or table.shortfall or table.wind):
+                refuse(f"[actuators.{name}] {name} is off or on ([actuation.on_off]): it can fail or stick, and has no other key.")
+        return self
 
     @model_validator(mode="after")
     def _prices_follow_each_other(self) -> Self:
