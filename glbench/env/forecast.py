@@ -138,20 +138,19 @@ class ForecastTable:
         forecasts = np.empty((issues, len(FORECAST), len(self.hours)))
         errors = self._errors(issues, len(hourly), season)
         now = weather[: issues * self.every : self.every]
+        least, most = np.array([0.0, -np.inf, 0.0, 0.0]), np.full(hourly.shape, np.inf)
+        most[:, _RADIATION], most[:, _HUMIDITY] = np.maximum(clear, hourly[:, _RADIATION]), 100.0
         for column, hour in enumerate(self.hours):
             if self.level == "none":
                 forecasts[:, :, column] = now
                 continue
             ahead = slice(hour - 1, hour - 1 + issues)  # the hour that ends ``hour`` hours after the issue
-            error = errors[:, :, column].copy()
+            true, error = hourly[ahead], errors[:, :, column].copy()
             error[:, _RADIATION] *= clear[ahead]
-            most = np.maximum(clear[ahead], hourly[ahead, _RADIATION])
             if self.unbiased:
-                error = _alike_on_both_sides(error, hourly[ahead], most)
-            forecasts[:, :, column] = hourly[ahead] + error
-            forecasts[:, _RADIATION, column] = np.clip(forecasts[:, _RADIATION, column], 0.0, most)
-        forecasts[:, _HUMIDITY] = np.clip(forecasts[:, _HUMIDITY], 0.0, 100.0)
-        forecasts[:, _WIND] = np.maximum(forecasts[:, _WIND], 0.0)
+                room = np.minimum(true - least, most[ahead] - true)
+                error = np.clip(error, -room, room)
+            forecasts[:, :, column] = np.clip(true + error, least, most[ahead])
         at = first // self.every
         table[at : at + issues] = forecasts.reshape(issues, self.columns)
 
@@ -171,13 +170,3 @@ class ForecastTable:
                     faded, hour = faded * phi, hour + 1
                 errors[:, quantity, column] = a[ahead : ahead + issues] - faded * a[:issues]
         return errors
-
-
-def _alike_on_both_sides(error: Floats, true: Floats, most: Floats) -> Floats:
-    """Errors ``(hours, 4)`` that take none of the quantities ``true`` beyond a limit, nor would with the other sign; ``most`` radiation."""
-    room = np.full(error.shape, np.inf)
-    room[:, _RADIATION] = np.minimum(true[:, _RADIATION], most - true[:, _RADIATION])
-    room[:, _HUMIDITY] = np.minimum(true[:, _HUMIDITY], 100.0 - true[:, _HUMIDITY])
-    room[:, _WIND] = true[:, _WIND]
-    limited: Floats = np.clip(error, -room, room)
-    return limited

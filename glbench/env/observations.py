@@ -40,8 +40,7 @@ Source = Literal["states", "air", "weather", "controls", "counter", "clock", "sc
 class Numbers:
     """Columns that are numbers of the run times factors.
 
-    "weather" has readings of sensors that err, "counter" the steps taken and the step whose weather is shown, "clock" hour of day and day
-    of year, "schedule" what comes now.
+    "weather" is as read, "counter" has steps taken and the step whose weather is shown, "clock" hour and day, "schedule" what comes now.
     """
 
     source: Source

@@ -6,15 +6,14 @@ The reading of a quantity q in step k of a run is
     r(k) = q(k) + b + s w(k)        of temperature and relative humidity,
 
 with a scale a of the run, drawn evenly between its limits; a bias b of the run, approximately normal with the stated standard
-deviation; and noise w(k), approximately normal and new in every step. The reading stays within the bounds of its column. A soiled
-pyranometer shows too little, and an anemometer on a mast of another height the wind of that height: both by a factor, so that dark stays
-dark. docs/uncertainty.md has pictures.
-
-What is summed since midnight has a reading for each step, with the noise of its end. Forecasts do not come from these sensors.
+deviation; and noise w(k), approximately normal and new in every step. The reading stays within the bounds of its column. A soiled dome or a
+mast of another height are factors. Sums since midnight have a reading for each step, with the noise of its end. docs/uncertainty.md has
+a picture.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -27,7 +26,7 @@ from glbench.env.random import UNIFORMS_PER_NORMAL, approx_normal
 from glbench.errors import TaskError
 from glbench.kernel.tape import Recorder
 from glbench.quantities import OUTDOOR
-from glbench.tasks.tables import PROCESS_COMPUTER, ScaledSensorTable
+from glbench.tasks.tables import PROCESS_COMPUTER, OffsetSensorTable, ScaledSensorTable
 from glbench.weather import COLUMNS
 
 if TYPE_CHECKING:
@@ -38,39 +37,12 @@ Floats = NDArray[np.float64]
 MEASURED = ("global_radiation", "outdoor_temperature", "outdoor_relative_humidity", "outdoor_co2", "wind_speed")
 """What is read outside, in the order of ``WeatherTables.measured``."""
 
-_READERS = ("weather", "light_today")
-
-
-@dataclass(frozen=True)
-class OutdoorSensor:
-    """A sensor of one of ``MEASURED``: limits of its scale if it is off by a factor, its noise, its bias, and what it can show."""
-
-    name: str
-    scale: tuple[float, float] | None
-    noise: float
-    bias: float
-    low: float
-    high: float
-
-    def trait(self, numbers: Floats) -> Floats:
-        """Scale or bias of runs ``(n,)`` from uniform numbers ``(n, 3)``."""
-        if self.scale is None:
-            return np.asarray(approx_normal(*numbers.T) * self.bias)
-        low, high = self.scale
-        return np.asarray(low + (high - low) * numbers[:, 0])
-
-    def reading(self, true: Any, trait: Any, normal: Any) -> Any:
-        """What it shows of ``true`` with a normal number of the step."""
-        noise = normal * self.noise
-        shown = true + trait + noise if self.scale is None else true * trait * (1.0 + noise)
-        return np.minimum(np.maximum(shown, self.low), self.high)
-
 
 @dataclass(frozen=True)
 class OutdoorSensors:
-    """The sensors of the weather that err, and where what they draw begins."""
+    """The sensors of the weather that err, by the names of ``MEASURED``, and where what they draw begins."""
 
-    sensors: tuple[OutdoorSensor, ...]
+    sensors: Mapping[str, ScaledSensorTable | OffsetSensorTable]
     places: DrawPlaces
 
     STREAM: ClassVar[str] = "outdoor sensors"
@@ -85,40 +57,24 @@ class OutdoorSensors:
         TaskError
             When nobody reads them.
         """
-        table = task.outdoor_sensors
-        if table is None:
-            return OutdoorSensors((), places)
-        if task.actuation.kind != PROCESS_COMPUTER and not set(_READERS) & set(task.observation.modules):
-            msg = (
-                f"{task.source}: [outdoor_sensors] nobody reads them: no process computer, and neither '{_READERS[0]}' nor "
-                f"'{_READERS[1]}' is among the modules. Leave the table out."
-            )
+        table, modules = task.outdoor_sensors, task.observation.modules
+        if table is not None and task.actuation.kind != PROCESS_COMPUTER and not {"weather", "light_today"} & {*modules}:
+            msg = f"{task.source}: [outdoor_sensors] nobody reads them. Leave the table out, or add the module 'weather'."
             raise TaskError(msg)
-        sensors = []
-        for name, entry in table.items():
-            of_column, scale, bias = OUTDOOR[name], None, 0.0
-            if isinstance(entry, ScaledSensorTable):
-                scale = entry.scale.low, entry.scale.high
-            else:
-                bias = entry.bias
-            sensors.append(OutdoorSensor(name, scale, entry.noise, bias, of_column.low, of_column.high))
-        return OutdoorSensors(tuple(sensors), places)
+        return OutdoorSensors({} if table is None else dict(table.items()), places)
 
     @property
     def middles(self) -> Floats:
         """Middle of the scale of each of ``MEASURED`` ``(5,)``: what a reading is best divided by while nothing more is known."""
-        scales = {sensor.name: sum(sensor.scale) / 2.0 for sensor in self.sensors if sensor.scale is not None}
+        scales = {name: (one.scale.low + one.scale.high) / 2.0 for name, one in self.sensors.items() if isinstance(one, ScaledSensorTable)}
         return np.array([scales.get(name, 1.0) for name in MEASURED])
 
     @property
     def numbers(self) -> int:
-        """Random numbers needed in a step."""
+        """Random numbers needed in a step, and as many once a run."""
         return UNIFORMS_PER_NORMAL * len(self.sensors)
 
-    @property
-    def trait_numbers(self) -> int:
-        """Random numbers needed once a run."""
-        return UNIFORMS_PER_NORMAL * len(self.sensors)
+    trait_numbers = numbers
 
     @property
     def trait_count(self) -> int:
@@ -127,20 +83,24 @@ class OutdoorSensors:
 
     def traits(self, numbers: Floats) -> Floats:
         """Scale or bias of each sensor, ``(n, sensors)``, from ``trait_numbers`` uniform numbers a run."""
-        columns = numbers.reshape(len(numbers), len(self.sensors), UNIFORMS_PER_NORMAL)
         traits = np.zeros((len(numbers), len(self.sensors)))
-        for place, sensor in enumerate(self.sensors):
-            traits[:, place] = sensor.trait(columns[:, place])
+        for place, sensor in enumerate(self.sensors.values()):
+            own = numbers[:, UNIFORMS_PER_NORMAL * place : UNIFORMS_PER_NORMAL * (place + 1)]
+            if isinstance(sensor, ScaledSensorTable):
+                traits[:, place] = sensor.scale.low + (sensor.scale.high - sensor.scale.low) * own[:, 0]
+            else:
+                traits[:, place] = approx_normal(*own.T) * sensor.bias
         return traits
 
     def readings(self, recorder: Recorder, row: Literal["weather", "weather_before"] = "weather") -> dict[str, Any]:
         """What is read of a row of weather, by the names of ``MEASURED``: recorded values, those without a sensor as they are."""
-        true = {name: recorder.input(row, COLUMNS.index(name)) for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind")}
-        temperature, co2, humidity = air_quantities(true["tOut"], true["co2Out"], true["vpOut"])
-        readings = dict(zip(MEASURED, (true["iGlob"], temperature, humidity, co2, true["wind"]), strict=True))
-        for place, sensor in enumerate(self.sensors):
-            first = self.places.noise + UNIFORMS_PER_NORMAL * place
-            normal = approx_normal(*(recorder.input("noise", first + number) for number in range(UNIFORMS_PER_NORMAL)))
+        radiation, *parcel, wind = (recorder.input(row, COLUMNS.index(name)) for name in ("iGlob", "tOut", "co2Out", "vpOut", "wind"))
+        temperature, co2, humidity = air_quantities(*parcel)
+        readings = dict(zip(MEASURED, (radiation, temperature, humidity, co2, wind), strict=True))
+        for place, (name, sensor) in enumerate(self.sensors.items()):
+            first, true = self.places.noise + UNIFORMS_PER_NORMAL * place, readings[name]
+            noise = approx_normal(*(recorder.input("noise", first + number) for number in range(UNIFORMS_PER_NORMAL))) * sensor.noise
             trait = recorder.input("trait", self.places.trait + place)
-            readings[sensor.name] = sensor.reading(readings[sensor.name], trait, normal)
+            reading = true * trait * (1.0 + noise) if isinstance(sensor, ScaledSensorTable) else true + trait + noise
+            readings[name] = np.minimum(np.maximum(reading, OUTDOOR[name].low), OUTDOOR[name].high)
         return readings

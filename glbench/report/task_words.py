@@ -417,14 +417,11 @@ _OUTSIDE = "Sensors of the weather; what acts is the truth, and forecasts come f
 
 def _outdoor_sensor(name: str, sensor: ScaledSensorTable | OffsetSensorTable) -> str:
     """How far one is off."""
+    unit, label = OUTDOOR[name].unit, name.replace("_", " ").capitalize()
     if isinstance(sensor, ScaledSensorTable):
-        low, high = sensor.scale.low, sensor.scale.high
-        parts = [f"shows {low:g} to {high:g} times the truth, evenly drawn for a run"] if (low, high) != (1.0, 1.0) else []
-        parts += [f"noise {100 * sensor.noise:g} % of the reading at every step (standard deviation)"] if sensor.noise else []
-    else:
-        sizes = (("bias", sensor.bias, "for a run"), ("noise", sensor.noise, "at every step"))
-        parts = [f"{word} {size:g} {OUTDOOR[name].unit} {when} (standard deviation)" for word, size, when in sizes if size]
-    return f"{name.replace('_', ' ').capitalize()}: {', '.join(parts) or 'no error'}."
+        scale = f"reads {sensor.scale.low:g} to {sensor.scale.high:g} times the truth, drawn evenly for a run"
+        return f"{label}: {scale}; noise {100 * sensor.noise:g} % at every step (standard deviation)."
+    return f"{label}: bias {sensor.bias:g} {unit} for a run, noise {sensor.noise:g} {unit} at every step (both standard deviations)."
 
 
 _ACTUATORS = "Actuators; the agent sees what they are told, not what they deliver"

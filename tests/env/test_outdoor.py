@@ -234,12 +234,10 @@ def test_a_task_without_them_keeps_its_digest_and_one_with_them_says_how_far_the
     assert task.definition()["outdoor_sensors"]["wind_speed"] == {"scale": {"low": 0.7, "high": 1.3}, "noise": 0.1}
     (section,) = (one for one in definition_in_words(task) if one.heading.startswith("Sensors of the weather"))
     assert section.lines == [
-        "Global radiation: shows 0.88 to 1 times the truth, evenly drawn for a run, noise 2 % of the reading at every step "
-        "(standard deviation).",
-        "Outdoor temperature: bias 0.5 degC for a run (standard deviation), noise 0.3 degC at every step (standard deviation).",
-        "Outdoor relative humidity: bias 3 % for a run (standard deviation), noise 1 % at every step (standard deviation).",
-        "Wind speed: shows 0.7 to 1.3 times the truth, evenly drawn for a run, noise 10 % of the reading at every step "
-        "(standard deviation).",
+        "Global radiation: reads 0.88 to 1 times the truth, drawn evenly for a run; noise 2 % at every step (standard deviation).",
+        "Outdoor temperature: bias 0.5 degC for a run, noise 0.3 degC at every step (both standard deviations).",
+        "Outdoor relative humidity: bias 3 % for a run, noise 1 % at every step (both standard deviations).",
+        "Wind speed: reads 0.7 to 1.3 times the truth, drawn evenly for a run; noise 10 % at every step (standard deviation).",
     ]
     assert any("weather station" in one.heading for one in for_growers(task))
     known = task_card(task).task()  # an agent knows the sizes
