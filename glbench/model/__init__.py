@@ -21,6 +21,7 @@ from glbench.model.air import (
     vapour_pressure_deficit,
 )
 from glbench.model.bounds import Horizon
+from glbench.model.crop.butterhead import Butterhead
 from glbench.model.crop.lettuce import VanHentenLettuce
 from glbench.model.crop.tomato import VanthoorTomato
 from glbench.model.crop.trusses import TrussTomato
@@ -32,6 +33,7 @@ from glbench.model.heat_harvesting import HARVEST_METERS, HeatHarvesting
 from glbench.model.model import Capacity, Evaluation, Flow, Model, ObservedColumn, Signal, Step, Stock
 from glbench.model.paper import (
     AUXILIARIES,
+    BUTTERHEAD,
     CO2_DOSED,
     COMPARTMENT,
     CONTROL_NAMES,
@@ -85,6 +87,7 @@ from glbench.model.violation_meters import (
 
 __all__ = [
     "AUXILIARIES",
+    "BUTTERHEAD",
     "CO2_DOSED",
     "COMPARTMENT",
     "CONTROLS",
@@ -116,6 +119,7 @@ __all__ = [
     "Air",
     "AirExchange",
     "Around",
+    "Butterhead",
     "Capacity",
     "ChpBoilerBuffer",
     "Climate",
