@@ -37,8 +37,8 @@ PRICE_BY_MASS = {
 MASS_OF_PRICE = 440.0
 """Fresh mass of the head that a ledger prices [g]."""
 
-NORMAL_THIRDS = ((-(3.0**0.5), 1 / 6), (0.0, 2 / 3), (3.0**0.5, 1 / 6))
-"""Gauss's three points of the normal distribution: standard deviations from the mean, and weights; right for polynomials up to degree 5."""
+FIFTHS = (-1.4, -0.532, 0.0, 0.532, 1.4)
+"""Mean of each fifth of a normal distribution, the lightest fifth of the heads first [standard deviations]."""
 
 WEIGHING = 60.0
 """Time in which the reading of the scales follows the heads on them [s]; chosen, far below a control step."""
@@ -127,9 +127,9 @@ def relative_price(head: Any) -> Expr:
 
 
 def priced_heads(x: Any, p: Any) -> Expr:
-    """Heads per floor area, each counted by its relative price [m-2]: the mean over heads whose masses are normally distributed."""
+    """Heads per floor area, each counted by its relative price [m-2]: the mean over five groups of a normal distribution of masses."""
     mean = head_mass(x, p)
-    return p.n_head * sum(weight * relative_price(mean * (1 + p.cv_head * deviation)) for deviation, weight in NORMAL_THIRDS)
+    return p.n_head / len(FIFTHS) * sum(relative_price(mean * (1 + p.cv_head * deviation)) for deviation in FIFTHS)
 
 
 def _young(air_temperature: float, p: Any) -> Any:
