@@ -399,3 +399,14 @@ def test_the_digest_of_a_baseline_names_the_version_of_its_controller(monkeypatc
     assert read_baseline("mpc_true_state").digest != before
     monkeypatch.setitem(controllers.CONTROLLERS, "mpc", replace(controllers.find_controller("mpc"), version="2"))
     assert read_baseline("mpc").digest != before
+
+
+def test_mpc_plans_with_the_set_of_parameters_that_it_is_told() -> None:
+    """The task's own set gives its bits; another house makes other plans; one that the model does not have is refused."""
+    task = short()
+    own, book, other = (PredictiveAgent(quick("mpc").model_copy(update={"parameters": name})) for name in (None, "benchmark", "led_2020"))
+    actions = [played(task, agent, [SEED], 5)[0].tobytes() for agent in (own, book, other)]
+    assert actions[0] == actions[1]
+    assert actions[0] != actions[2]
+    with pytest.raises(SubmissionError, match=r"'parameters': .*'bench'.*'benchmark'"):
+        PredictiveAgent(quick("mpc").model_copy(update={"parameters": "bench"})).reset(task_card(task), 1)
