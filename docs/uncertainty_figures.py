@@ -5,6 +5,8 @@ Draws docs/images/uncertainty-*.png from the task glbench/Spring-v1 and rewrites
 
 from __future__ import annotations
 
+import re
+import tomllib
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -86,6 +88,7 @@ def draw(task: TaskSpec) -> None:
     for name, figure in (
         ("sensors", sensors(task)),
         ("actuators", actuators(task)),
+        ("outdoor", outdoor(task)),
         ("forecast", forecast(task)),
         ("forecast-error", forecast_error(task)),
         ("seasons", seasons(task)),
@@ -130,11 +133,19 @@ def tables(task: TaskSpec) -> dict[str, list[str]]:
         f"| quantity | mean of what came | {' | '.join(f'{hour} h' for hour in hours)} |",
         "|---|---:|" + "---:|" * len(hours),
     ]
-    for label, (came, errors) in forecast_bias(task).items():
+    unbiased = [f"{bias[0]} typical at {hours[-1]} h | clipped |", f"{bias[1]}---:|---:|"]
+    fair = forecast_bias(task.replace({"observation.forecast.unbiased": True}))
+    for label, (came, errors, clipped) in forecast_bias(task).items():
         digits = 1 if came > 100 else 2
-        cells = " | ".join(f"{round(float(error), digits) + 0.0:+.{digits}f}" for error in errors)
-        bias.append(f"| {label} | {came:.{0 if came > 10 else 1}f} | {cells} |")
-    return {"sensors": sensor, "errors": ahead, "bias": bias, "groups": groups, "splits": splits}
+
+        def row(errors: Floats, label: str = label, came: float = came, digits: int = digits) -> str:
+            cells = " | ".join(f"{round(float(error), digits) + 0.0:+.{digits}f}" for error in errors)
+            return f"| {label} | {came:.{0 if came > 10 else 1}f} | {cells} |"
+
+        bias.append(row(errors))
+        typical = " | ".join(f"{size:.{digits}f}" for size in (fair[label][2], clipped))
+        unbiased.append(f"{row(fair[label][1])} {typical} |")
+    return {"sensors": sensor, "errors": ahead, "bias": bias, "unbiased": unbiased, "groups": groups, "splits": splits}
 
 
 def error_sizes(task: TaskSpec) -> Floats:
@@ -145,10 +156,11 @@ def error_sizes(task: TaskSpec) -> Floats:
 
 
 @cache
-def forecast_bias(task: TaskSpec) -> dict[str, tuple[float, Floats]]:
-    """Of each quantity the mean of what came and the mean error by the task's hours ahead ``(hours,)``, over training seasons.
+def forecast_bias(task: TaskSpec) -> dict[str, tuple[float, Floats, float]]:
+    """Of each quantity the mean of what came, the mean error by the task's hours ahead ``(hours,)``, and the typical error at the last.
 
-    Radiation counts in hours in which any came: by night there is nothing to forecast.
+    Over training seasons; typical is the root mean square. Radiation counts in hours in which any came: by night there is nothing to
+    forecast.
     """
     hours, training = np.array(task.observation.forecast_hours), task.in_split("training")
     rows = task.steps // 4 - hours.max()
@@ -158,9 +170,11 @@ def forecast_bias(task: TaskSpec) -> dict[str, tuple[float, Floats]]:
     found = {}
     for place, (label, unit) in enumerate(FORECAST):
         counts = came[..., 0] > 0.0 if place == 0 else np.ones(came.shape[:-1], bool)
-        errors = np.mean(issued[..., place] - came[..., place], axis=(0, 2), where=counts)
+        off = issued[..., place] - came[..., place]
+        errors = np.mean(off, axis=(0, 2), where=counts)
+        typical = float(np.sqrt(np.mean(off[:, -1] ** 2, where=counts[:, -1])))
         by_day = " by day" if place == 0 else ""
-        found[f"{label}{by_day} [{unit}]"] = (float(came[..., place].mean(where=counts)), errors)
+        found[f"{label}{by_day} [{unit}]"] = (float(came[..., place].mean(where=counts)), errors, typical)
     return found
 
 
@@ -275,6 +289,38 @@ def _thermostat(task: TaskSpec, seed: int, steps: int) -> tuple[Floats, Floats, 
         rows.append((simulation.commands[0], simulation.u[0], simulation.air[0, 0]))
     given, delivered, temperatures = (np.array(column) for column in zip(*rows, strict=True))
     return given, delivered, temperatures
+
+
+def outdoor(task: TaskSpec) -> Any:
+    """What the weather station of the page's example shows to two runs in one season, over two days."""
+    block = next(
+        text for text in re.findall(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL) if "outdoor_sensors" in text
+    )
+    erring = task.replace(tomllib.loads(block))
+    assert erring.splits is not None
+    assert erring.splits.training is not None
+    apart, day = erring.splits.training.seasons or 1, task.steps_per_day
+    pair, names = Simulation(erring, 2, "fast"), [column.name for column in erring.observed()]
+    right = Simulation(task, 2, "fast")
+    rows: list[list[Floats]] = [[], []]
+    for simulation, of in zip((pair, right), rows, strict=True):
+        of.append(simulation.reset([10_007, 10_007 + apart]))
+        of += [simulation.step_controls(np.zeros((2, len(task.model_value.control_names)))).observations for _ in range(8 * day)]
+    shown, true = np.array(rows[0], float)[6 * day :], np.array(rows[1], float)[6 * day :, 0]
+    figure, axes = plt.subplots(2, 2, figsize=(8.0, 5.0), sharex=True)
+    columns = ("global_radiation", "wind_speed", "outdoor_temperature", "outdoor_relative_humidity")
+    labels = ("global radiation [W m⁻²]", "wind speed [m s⁻¹]", "temperature [°C]", "relative humidity [%]")
+    for axis, name, label in zip(axes.flat, columns, labels, strict=True):
+        place, days = names.index(name), np.arange(len(true)) / day
+        for run, (colour, said) in enumerate(((ORANGE, "reading of one run"), (GREEN, "reading of another"))):
+            axis.plot(days, shown[:, run, place], color=colour, lw=0.9, label=said)
+        axis.plot(days, true[:, place], color=BLACK, lw=1.4, label="truth, which acts")
+        axis.set_ylabel(label)
+    for axis in axes[-1]:
+        axis.set_xlabel("days")
+        axis.set_xlim(0, 2)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
 
 
 def hourly(task: TaskSpec, number: int, hours: int) -> tuple[Floats, Floats]:

@@ -15,9 +15,11 @@ from pydantic import Field
 
 from glbench.agents.controllers import controller
 from glbench.agents.protocol import check_runs
+from glbench.agents.views import visible_columns
 from glbench.control import Climatology, EndValue, Outlook, PredictiveController, Scenario, StateEstimator, actions_of
 from glbench.env.actuation import make_actuation
-from glbench.errors import GlbenchError, SubmissionError, did_you_mean, refuse
+from glbench.errors import GlbenchError, SubmissionError, UnknownNameError, did_you_mean, refuse
+from glbench.resources import data_folder, write_atomically
 from glbench.settings import Table, read_settings
 
 if TYPE_CHECKING:
@@ -30,7 +32,10 @@ _Margin = Annotated[float, Field(ge=0.0)]
 
 
 class PredictiveSettings(Table):
-    """What ``baselines/mpc_true_state/settings.yml`` explains: how far, how often and how carefully is planned."""
+    """What ``baselines/mpc_true_state/settings.yml`` explains: how far, how often and how carefully is planned.
+
+    ``sees`` is the view of ``mpc`` (``glbench.agents.views``): all other readings count as missing. Without it, it sees all of them.
+    """
 
     horizon_hours: Annotated[float, Field(gt=0.0, le=240.0)]
     plan_every: _Count
@@ -40,6 +45,7 @@ class PredictiveSettings(Table):
     renew_every: _Count
     margin: dict[str, _Margin]
     end_values: dict[str, dict[str, Any]]
+    sees: tuple[str, ...] | None = None
 
     def controller(self, task: TaskSpec) -> PredictiveController:
         """A controller for a task.
@@ -77,6 +83,15 @@ def read_predictive_settings(path: Path) -> PredictiveSettings:
     except GlbenchError as error:
         refuse(f"The settings of predictive control {path} cannot be used: {error}", SubmissionError, error)
     return settings
+
+
+def write_predictive_agent(folder: Path, view: str) -> None:
+    """Write the baseline ``mpc`` with a view (``glbench.agents.views``) to ``folder``, as an agent."""
+    shipped = data_folder("baselines") / "mpc"
+    settings = f"{(shipped / 'settings.yml').read_text(encoding='utf-8')}\nsees: [{view}]\n"
+    card = (shipped / "card.toml").read_text(encoding="utf-8").replace('title = "', f'title = "View {view}: ', 1)
+    for name, text in (("settings.yml", settings), ("card.toml", card)):
+        write_atomically(folder / name, text)
 
 
 class _Steering:
@@ -151,14 +166,19 @@ class PredictiveAgent:
     """Predictive control that knows what an agent knows; an ``Agent``.
 
     States and parameters are estimated from what is observed, and the weather to come is what the forecast and the time of the year say.
+    What is out of its view (``sees``) counts as missing: with nothing measured inside, states follow from the model alone.
     """
 
     def __init__(self, settings: PredictiveSettings) -> None:
         self.settings = settings
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
-        """``n_runs`` runs of ``task`` begin. Raises ``SubmissionError`` when the task cannot be planned for."""
-        spec = task.task()
+        """``n_runs`` runs of ``task`` begin. Raises ``SubmissionError`` when the task cannot be planned for, or has no such view."""
+        spec, sees = task.task(), self.settings.sees
+        try:
+            self._hidden = None if sees is None else ~visible_columns(spec, sees)
+        except UnknownNameError as error:
+            refuse(f"'sees': {error}", SubmissionError, error)
         self._controller = self.settings.controller(spec)
         self._controller.reset(n_runs)
         self._outlook, self._estimator = Outlook(spec, Climatology.of(spec)), StateEstimator(spec)
@@ -174,6 +194,8 @@ class PredictiveAgent:
         """
         k, controls = self._step, self._steering.controls
         self._step += 1
+        if self._hidden is not None:
+            observations = np.where(self._hidden, np.float32(np.nan), observations)
         self._outlook.update(observations)
         states = self._estimator.update(observations, self._outlook.past, controls)
         if k % self.settings.plan_every:

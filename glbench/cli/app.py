@@ -24,9 +24,10 @@ _COMMANDS = {
     "evaluate": ("evaluate", None), "leaderboard": ("leaderboard", None), "show": ("results", None), "compare": ("results", None),
     "badge": ("leaderboard", None), "report": ("report", None), "story": ("report", None), "verify": ("verify", None),
     "view": ("view", None), "bound": ("bound", None), "serve": ("serve", None), "bench": ("studies", None), "validate": ("studies", None),
-    "identify": ("studies", None), "train": ("train", None), "sweep": ("train", None), "submit": ("submit", "app"),
-    "round": ("tasks", "round_app"), "tune": ("train", "tune"), "export": ("train", "export"), "episodes": ("episodes", "app"),
-    "tasks": ("tasks", "app"), "greenhouse": ("greenhouse", "app"), "weather": ("weather", "app"), "prices": ("prices", "app"),
+    "identify": ("studies", None), "train": ("train", None), "ladder": ("ladder", None), "sweep": ("train", None),
+    "submit": ("submit", "app"), "round": ("tasks", "round_app"), "tune": ("train", "tune"), "export": ("train", "export"),
+    "episodes": ("episodes", "app"), "tasks": ("tasks", "app"), "greenhouse": ("greenhouse", "app"), "weather": ("weather", "app"),
+    "prices": ("prices", "app"),
 }  # fmt: skip
 
 

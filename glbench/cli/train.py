@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -56,6 +56,14 @@ def train(
     workers: Annotated[
         int | None, typer.Option("--workers", "-w", min=1, help="With --seeds: trainings at a time. Default: all cores.")
     ] = None,
+    view: Annotated[
+        str | None,
+        typer.Option(
+            "--view",
+            help="What a compiled PPO looks at: views (clock, outdoor, blind, two_sensors, sensors, memory), observation modules and "
+            "columns, and with - before it what it does not: sensors,-co2 (docs/ladder.md). Default: all that the task shows.",
+        ),
+    ] = None,
 ) -> None:
     """Train an agent on a task, keep its best policy, and tell how it was made.
 
@@ -80,8 +88,10 @@ def train(
         else (options.numbers_of(seeds, "seeds", "0-4, or 0,1,7-9"), Where(engine is options.EngineName.RAY, address, workers))
     )
     if algorithm == "ppo" and is_compiled(config, spec):
-        plan = compiled_plan(spec, config, steps)
+        plan = compiled_plan(spec, config, steps, None if view is None else [name.strip() for name in view.split(",")])
     else:
+        if view is not None:
+            refuse("--view is for the compiled PPO: glbench train ppo, without settings of Stable-Baselines3.", TrainingError)
         plan = sb3_plan(spec, algorithm, config, steps, tensorboard=tensorboard)
     settings, folder = plan.settings, out or Path("runs") / f"{plan.name}-seed{seed}"
     which = f"seed {seed}, in {folder}" if several is None else f"seeds {', '.join(map(str, several[0]))}"
@@ -129,18 +139,18 @@ class Plan:
     how: str
 
 
-def compiled_plan(task: TaskSpec, config: Path | None, steps: int | None) -> Plan:
-    """The compiled PPO."""
+def compiled_plan(task: TaskSpec, config: Path | None, steps: int | None, view: Sequence[str] | None = None) -> Plan:
+    """The compiled PPO, which looks at ``view``; at everything without one."""
     with options.needs_the_extra("jax"):
         from glbench.training.compiled import train_compiled
         from glbench.training.compiled_settings import read_compiled_settings
         from glbench.training.folder import LEARNER
 
-    settings = read_compiled_settings(config, task, steps)
+    settings = read_compiled_settings(config, task, steps, view)
     total, how = settings.updates * settings.rollout, "--steps N --out FOLDER"
     amount = f"{total:,} steps in rollouts of {settings.rollout:,}"
     advice = f"A different number of steps is a different training: {how}."
-    name = f"ppo-{task.short_id}"
+    name = "-".join(["ppo", task.short_id, *(view or ())])
     return Plan(train_compiled, settings, name, total, amount, lambda folder: (folder / LEARNER).is_file(), {}, advice, how)
 
 

@@ -72,13 +72,7 @@ def allocate(**requests: Mapping[str, float]) -> MemoryLayout:
 
 
 class DrawingPart(Protocol):
-    """A part of a task that draws numbers of its own: in every step, and once a run.
-
-    Attributes
-    ----------
-    STREAM, TRAIT_STREAM
-        Names of the streams of both.
-    """
+    """A part of a task that draws numbers of its own: in every step, and once a run."""
 
     STREAM: ClassVar[str]
     TRAIT_STREAM: ClassVar[str]

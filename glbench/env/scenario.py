@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache, reduce
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +18,7 @@ from glbench.env import actuation, actuators, air
 from glbench.env.daily_sums import DAILY_SUMS, initial_memory
 from glbench.env.generated import SeasonMaker
 from glbench.env.memory_layout import DrawingPart, DrawPlaces, allocate
+from glbench.env.outdoor import OutdoorSensors
 from glbench.env.random import uniforms
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters, spread_multipliers, stream_key
 from glbench.env.weather_pool import CLOCK, WeatherPool
@@ -53,7 +54,7 @@ class RunScenarios:
         Nominal parameters ``(p,)``.
     in_step, in_episode
         The groups of parameters that the step draws, and those that are drawn here.
-    sensors
+    sensors, outdoor_sensors
         Those that err.
     actuators, actuator_draws
         Those that are not ideal, and where their draws begin.
@@ -73,9 +74,10 @@ class RunScenarios:
         self._model = task.model_value
         self._derived = DerivedParameters(self._model, self.nominal, self.places(self.in_episode))
         self.sensors = air.Sensors.of(task)
+        self.outdoor_sensors = OutdoorSensors.of(task, DrawPlaces().after(self.sensors))
         self.actuators = actuators.Actuators.of(task)
-        self.drawing_parts: tuple[DrawingPart, ...] = (self.sensors, self.actuators)
-        self.actuator_draws = reduce(DrawPlaces.after, self.drawing_parts[:-1], DrawPlaces())
+        self.drawing_parts: tuple[DrawingPart, ...] = (self.sensors, self.outdoor_sensors, self.actuators)
+        self.actuator_draws = DrawPlaces().after(self.sensors).after(self.outdoor_sensors)
         self.memory_layout = allocate(
             **{
                 actuation.PART: actuation.actuation_memory(task),

@@ -25,6 +25,7 @@ from glbench.leaderboard.ranking import Row, TaskTable
 from glbench.leaderboard.regret import PARTS
 from glbench.leaderboard.statistics import RESOLUTION, SCORES, Estimate, FrozenModel, Interval
 from glbench.leaderboard.suites import RULES, SuiteRow, SuiteTable
+from glbench.leaderboard.violations import FACTORS
 from glbench.resources import write_atomically
 from glbench.tasks import PAPER_TASK, get_task
 from glbench.untrusted import visible
@@ -54,6 +55,14 @@ REGRET_NOTE = (
     "Regret: reward of the best known run with the same seed minus that of the run, mean over the runs. Its parts are the profit that is "
     "given away and the violations that are added. Who made a best known run may have known the whole season in advance. It is no bound: "
     "a better one may exist, and who finds it has a negative regret."
+)
+REVERSAL_NOTE = (
+    "P(reversed): probability that the agent is truly better than the one above it, although its mean is lower: half the p-value of their "
+    "paired test, not corrected."
+)
+PRICES_NOTE = (
+    "At 0.5×, at 2×: mean and, after #, rank at half and at double the price of violations. Agents act as they were made for the task's "
+    "price. Frontier: no other agent that sees observations has as much profit with as few violations."
 )
 FOOTNOTES = (
     "Mean over the task's seeded runs, with the 95 % interval of the mean (Student's t); IQM is the mean of the middle half of the runs. "
@@ -93,6 +102,7 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     extra += [FAILED_NOTE] * any(row.failed for row in rows)
     extra += [FRESH_NOTE] * any(map(has_fresh_draws, tables))
     extra += [REGRET_NOTE] * any(map(has_regret, tables))
+    extra += [PRICES_NOTE] * any(row.at_prices for row in rows) + [REVERSAL_NOTE] * any(row.reversal is not None for row in rows)
     profit = profit or (_PROFIT if name == "Profit" else f"the profit: {_PROFIT}")
     words = catalogue(*tasks)
     notes = [note.format(name=name, profit=profit, units=units, draws=words.draws, beyond=words.beyond) for note in FOOTNOTES]
@@ -118,13 +128,32 @@ def _has_overall(row: Row) -> bool:
 SCORE_STEP = 0.01  # Narrower intervals of normalised scores are not shown: another season or training can move a score by more
 
 
-def score_note(task_ids: Iterable[str]) -> str:
-    """What the intervals of normalised scores over these tasks are."""
-    words = of_published(task_ids)
+def scale_words(table: SuiteTable) -> str:
+    """What the scores of a suite are: what 0 and 1 mean, or why money is shown instead."""
+    tasks = f"over the {len(table.tasks)} tasks"
+    if not table.in_money:
+        versions = " and ".join(map(str, sorted(set(table.scale_versions.values()))))
+        zero = " or ".join(table.zero)
+        return f"Normalised score {tasks}: 0 is the mean of {zero}, 1 the best known result of each task (scale version {versions})."
+    without = ", ".join(task.rpartition("/")[2] for task in table.without_plans)
+    differences = any(row.money and row.money.against_rules for row in table.rows)
+    return (
+        f"Mean score in money {tasks}, not normalised: for {without} no plans are known, so 1 would be some agent's own score."
+        f"{'' if differences else f' {RULES} lacks tasks of the suite, so there are no differences to it.'}"
+    )
+
+
+def suite_note(table: SuiteTable) -> str:
+    """What the intervals and the columns of a suite are."""
+    words = of_published(table.tasks)
+    columns = AGAINST_NOTE * any(row.against_rules for row in table.rows)
+    columns += f" {REVERSAL_NOTE}" + f" {PRICES_NOTE}" * any(row.at_prices for row in table.rows)
+    if table.in_money:
+        return f"Intervals cover the {words.draws}, and trainings, if there are several; not {words.beyond}.{columns}"
     return (
         f"Intervals cover the {words.draws}, and one training; if an agent has several trainings, the interval of its mean covers "
         f"trainings, too. Intervals narrower than {SCORE_STEP} are left out, because {words.beyond} or another training can move a score "
-        f"by more. {RANGE_MARK}: range from the lowest to the highest training of each task."
+        f"by more. {RANGE_MARK}: range from the lowest to the highest training of each task.{columns}"
     )
 
 
@@ -226,6 +255,8 @@ def _task_columns(table: TaskTable) -> list[TableColumn]:
         iqm_column(first, f"{first.heading}, IQM"),
         *([fresh_column(first)] if has_fresh_draws(table) else []),
         worst_column(first),
+        *([chance_column(lambda row: row.reversal)] if any(row.reversal is not None for row in table.rows) else []),
+        *price_columns(table.rows),
         *year_columns(table.rows, first),
         *(regret_columns(table) if has_regret(table) else []),
         *([overall_column(first)] if any(map(_has_overall, table.rows)) else []),
@@ -314,20 +345,75 @@ def _score_columns(table: SuiteTable) -> list[TableColumn]:
         return TableColumn(heading, lambda row: format_interval(getattr(row, name), is_range=name != "mean" and row.trainings[1] > 1))
 
     return [
-        TableColumn("#", lambda row: NONE if row.rank is None else str(row.rank)),
-        TableColumn("Agent", suite_label, words=True, free=True),
-        *map(score, SCORES),
-        *money_columns(table.rows),
+        *suite_heads(table, suite_label),
+        *([] if table.in_money else map(score, SCORES)),
+        *money_columns(table),
+        suite_reversals(table),
+        *price_columns(table.rows),
         TableColumn("Runs", runs_of),
     ]
 
 
-def money_columns(rows: Sequence[SuiteRow], gives_way: tuple[int, int] = (0, 0), *, spans: bool = True) -> list[TableColumn]:
-    """Columns of a suite whose tasks all score money: score minus that of the tuned rules, and regret, with intervals or without."""
+def shown_rank(table: SuiteTable, row: SuiteRow) -> int | None:
+    """Rank by what the suite is shown in."""
+    return row.rank if not table.in_money else None if row.money is None else row.money.rank
+
+
+def shown_interval(table: SuiteTable, row: SuiteRow, name: str) -> Interval | None:
+    """A score of an agent; over a suite in money its mean and difference to the rules are also those of agents that lack tasks."""
+    interval: Interval | None = getattr(row.money if table.in_money and name != "regret" else row, name, None)
+    return interval
+
+
+def suite_heads(table: SuiteTable, agent: Callable[[SuiteRow], str]) -> list[TableColumn]:
+    """Rank and agent."""
+    return [
+        TableColumn("#", lambda row: NONE if (rank := shown_rank(table, row)) is None else str(rank)),
+        TableColumn("Agent", agent, words=True, free=True),
+    ]
+
+
+def chance_column(value: Callable[[Any], float | None], gives_way: int = 0) -> TableColumn:
+    """The probability that the order of neighbours reverses."""
+    return TableColumn("P(reversed)", lambda row: NONE if (p := value(row)) is None else chance_text(p), gives_way=gives_way)
+
+
+def suite_reversals(table: SuiteTable, gives_way: int = 0) -> TableColumn:
+    """The same in the order that the suite is shown in."""
+    return chance_column(lambda row: row.reversal if not table.in_money else row.money and row.money.reversal, gives_way)
+
+
+def price_columns(rows: Iterable[Row | SuiteRow], gives_way: int = 0) -> list[TableColumn]:
+    """Mean and rank at half and double the price of violations, and whether an agent is on the frontier; none where they have no price."""
+    if not any(row.at_prices for row in rows):
+        return []
+
+    def at(factor: float) -> TableColumn:
+        def text(row: Row | SuiteRow) -> str:
+            place = next((one for one in row.at_prices if one.factor == factor), None)
+            return NONE if place is None else f"{signless(number_text(place.mean, 2))} #{place.rank}"
+
+        return TableColumn(f"At {factor:g}× [EUR/m²]", text, gives_way=gives_way and gives_way + (factor < 1.0))
+
+    frontier = TableColumn("Frontier", lambda row: "yes" if row.frontier else NONE, gives_way=gives_way and gives_way + 2)
+    return [*(at(factor) for factor in FACTORS if factor != 1.0), frontier]
+
+
+def turn_notes(table: TaskTable | SuiteTable, most: int | None = None) -> list[str]:
+    """A sentence that says which orders hang on the price of violations, those nearest to the task's price first; none where none does."""
+    turns = [f"that of {turn.first} and {turn.second} at {turn.factor:.2g} times" for turn in table.turns[:most]]
+    if not turns:
+        return []
+    rest = f"; {len(table.turns) - len(turns)} more are in leaderboard.json" if len(table.turns) > len(turns) else ""
+    return [f"Orders that hang on the price of violations, and where they turn: {', '.join(turns)} the price{rest}."]
+
+
+def money_columns(table: SuiteTable, gives_way: tuple[int, int] = (0, 0), *, spans: bool = True) -> list[TableColumn]:
+    """Columns of a suite whose tasks all score money: the mean, if it is shown in money; the difference to the tuned rules; regret."""
 
     def column(name: str, heading: str, gives_way: int) -> TableColumn:
         def text(row: SuiteRow) -> str:
-            interval: Interval | None = getattr(row, name)
+            interval = shown_interval(table, row, name)
             if interval is None:
                 return NONE
             center, low, high = (signless(number_text(part, 3)) for part in (interval.value, interval.low, interval.high))
@@ -335,12 +421,10 @@ def money_columns(rows: Sequence[SuiteRow], gives_way: tuple[int, int] = (0, 0),
 
         return TableColumn(heading, text, gives_way=gives_way)
 
-    columns = (("against_rules", f"More than {RULES} [EUR/m²]"), ("regret", "Regret [EUR/m²]"))
-    return [
-        column(name, heading, way)
-        for (name, heading), way in zip(columns, gives_way, strict=True)
-        if any(getattr(row, name) is not None for row in rows)
-    ]
+    columns = [("against_rules", f"More than {RULES} [EUR/m²]", gives_way[0]), ("regret", "Regret [EUR/m²]", gives_way[1])]
+    if table.in_money:
+        columns.insert(0, ("mean", "Mean [EUR/m²]", 0))
+    return [column(*one) for one in columns if any(shown_interval(table, row, one[0]) is not None for row in table.rows)]
 
 
 def of_figures(column: TableColumn) -> TableColumn:
@@ -394,7 +478,7 @@ def to_markdown(
         parts += [*markdown(_task_columns(table), shown_rows(table, members=True)), ""]
         parts += [
             line
-            for note in [kernel_note(table), *card_notes(table), *fresh_notes(table), *regret_notes(table)]
+            for note in [*turn_notes(table), kernel_note(table), *card_notes(table), *fresh_notes(table), *regret_notes(table)]
             if note
             for line in (markdown_text(note), "")
         ]
@@ -438,13 +522,13 @@ def suite_markdown(table: SuiteTable) -> list[str]:
         *map(of_figures, (*metrics, DECISION, TRAINING, *WORDS, _CHECKED)),
     ]
     lines = [
-        f"Normalised score over the {len(table.tasks)} tasks: 0 is doing nothing, 1 the best known result of each task. "
-        f"Ranks go by the mean.{AGAINST_NOTE * any(row.against_rules for row in table.rows)}",
+        f"{scale_words(table)} Ranks go by the mean.",
         "",
-        score_note(table.tasks),
+        suite_note(table),
         "",
-        *markdown(_score_columns(table), table.rows),
+        *markdown(_score_columns(table), table.shown_rows),
         "",
+        *(line for note in (*missing_notes(table), *turn_notes(table)) for line in (markdown_text(note), "")),
         "Means over the tasks:",
         "",
         *markdown(figures, [row for row in table.rows if row.figures is not None]),
@@ -464,6 +548,16 @@ def suite_markdown(table: SuiteTable) -> list[str]:
         "",
         *markdown([TableColumn("", str, words=True), *map(against, agents)], agents),
         "",
+    ]
+
+
+def missing_notes(table: SuiteTable) -> list[str]:
+    """A sentence for each agent that lacks tasks of the suite."""
+    return [
+        f"{row.agent} is not ranked: it lacks {', '.join(task.rpartition('/')[2] for task in row.missing)}. Its figures are over the tasks "
+        "that it has."
+        for row in table.rows
+        if row.missing
     ]
 
 
@@ -501,8 +595,8 @@ def suite_latex(table: SuiteTable) -> str:
         return suite_label(row) + PRIVILEGED_MARK * bool(row.figures and row.figures.privileged)
 
     columns = [replace(one, cell=agent) if one.heading == "Agent" else one for one in _score_columns(table)]
-    tasks = f"normalised scores over {len(table.tasks)} tasks; needs \\usepackage{{booktabs}}"
-    return "\n".join([f"% suite {visible(table.suite)}, {tasks}", *latex(columns, table.rows), ""])
+    tasks = f"{'money' if table.in_money else 'normalised scores'} over {len(table.tasks)} tasks; needs \\usepackage{{booktabs}}"
+    return "\n".join([f"% suite {visible(table.suite)}, {tasks}", *latex(columns, table.shown_rows), ""])
 
 
 def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
@@ -546,11 +640,23 @@ def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *
     for part in PARTS:
         name, unit = "regret" if part == "total" else f"regret_{part}", " [EUR m-2]" if part == "profit" else ""
         record |= _cells(name, row.regret and getattr(row.regret, part), ("mean", "low", "high"), unit)
+    record |= {"entry_reversal": entry.reversal, **_places(entry, "entry_")}
     record["regret_runs_ahead"] = row.regret and row.regret.runs_ahead
     record |= _cells("entry_regret", entry.regret and entry.regret.total, ends)
     if fresh:
         record |= _cells("fresh_draws", row.fresh_draws, ("mean", "drop", "low", "margin", "reference", "failed", "marked"))
     return {**record, "task_digest": row.task_digest, "results_digest": row.results_digest}
+
+
+def _places(row: Row | SuiteRow, prefix: str = "") -> dict[str, object]:
+    """Rank and mean at other prices of violations, and the frontier; ``None`` where violations have no price."""
+    places = {place.factor: place for place in row.at_prices}
+    record: dict[str, object] = {}
+    for factor in (factor for factor in FACTORS if factor != 1.0):
+        record |= _cells(f"{prefix}at_{factor:g}x", places.get(factor), ("rank",)) | _cells(
+            f"{prefix}at_{factor:g}x", places.get(factor), ("mean",), " [EUR m-2]"
+        )
+    return {**record, f"{prefix}frontier": row.frontier}
 
 
 def _cells(name: str, of: object, parts: Iterable[str] | Mapping[str, str], unit: str = "") -> dict[str, object]:
@@ -576,6 +682,11 @@ def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
         in_money = [("regret", row.regret, " [EUR m-2]"), (f"more_than_{RULES}", row.against_rules, " [EUR m-2]")]
         for name, interval, unit in scores + in_money:
             record |= {f"{name}{unit}": interval and interval.value, **_cells(name, interval, ("low", "high"), unit)}
+        money = row.money
+        for name, interval in (("money", money and money.mean), (f"money_more_than_{RULES}", money and money.against_rules)):
+            record |= {f"{name} [EUR m-2]": interval and interval.value, **_cells(name, interval, ("low", "high"), " [EUR m-2]")}
+        record |= {"money_rank": money and money.rank, "money_reversal": money and money.reversal, "reversal": row.reversal}
+        record |= {**_places(row), "zero": " ".join(table.zero), "without_plans": " ".join(table.without_plans)}
         for metric in words.metrics.values():
             record[f"{metric.name}_mean [{metric.unit}]"] = figures and figures.metrics.get(metric.name)
         records.append(record | {
@@ -601,6 +712,9 @@ def _frame(records: Sequence[Mapping[str, object]]) -> pd.DataFrame:
         "training [steps]": "Int64",
         "training [h]": "Float64",
         "regret_runs_ahead": "Int64",
+        "money_rank": "Int64",
+        **{f"{entry}at_{factor:g}x_rank": "Int64" for entry in ("", "entry_") for factor in FACTORS},
+        **{f"{entry}frontier": "boolean" for entry in ("", "entry_")},
     }
     if "suite" in frame:
         types["failed_runs"] = "Int64"
@@ -801,8 +915,10 @@ def span_text(interval: Interval, *, is_range: bool) -> str:
     return "" if high - low < SCORE_STEP else f"{low:.2f} to {high:.2f}"
 
 
-def format_interval(interval: Interval, *, is_range: bool) -> str:
-    """``0.912 [0.91 to 0.93]`` or ``0.912``, without unit."""
+def format_interval(interval: Interval | None, *, is_range: bool) -> str:
+    """``0.912 [0.91 to 0.93]`` or ``0.912``, without unit; a dash for none."""
+    if interval is None:
+        return NONE
     span = span_text(interval, is_range=is_range)
     return f"{score_text(interval.value)} [{span}]" if span else score_text(interval.value)
 

@@ -28,7 +28,8 @@ from glbench.leaderboard import Row, StoredResult, TaskTable
 from glbench.leaderboard.catalogue import Catalogue, Charts
 from glbench.leaderboard.regret import PARTS
 from glbench.leaderboard.statistics import SCORES, Estimate, Interval
-from glbench.leaderboard.suites import SuiteTable
+from glbench.leaderboard.suites import SuiteRow, SuiteTable
+from glbench.leaderboard.tables import scale_words, shown_interval, shown_rank
 from glbench.quantities import capitalised, pretty_unit
 from glbench.report.task_words import clock_of, definition_in_words, figures, for_growers
 from glbench.resources import data_folder
@@ -106,6 +107,7 @@ def task_facts(table: TaskTable, steps: int, step_seconds: float) -> dict[str, A
         "steps": steps,
         "step_seconds": step_seconds,
         "best_known": None if table.best_known is None else table.best_known.model_dump(),
+        "turns": _turns(table),
         "published": table.task_id in lock and lock[table.task_id].digest == table.digest,
     }
     if spec is None:
@@ -142,16 +144,19 @@ def families(tables: Sequence[TaskTable]) -> list[dict[str, Any]]:
 
 def suite_facts(table: SuiteTable) -> dict[str, Any]:
     """Agents over a suite: scores with intervals, means over the tasks, profiles and probabilities of improvement."""
+    profiles = () if table.in_money else table.profiles  # their axis is a normalised score
     rows = [
         {
             "agent": row.agent,
-            "rank": row.rank,
+            "rank": shown_rank(table, row),
             "runs": row.runs,
             "trainings": list(row.trainings),
             "missing": list(row.missing),
-            **{name: _interval(getattr(row, name)) for name in SCORES},
+            **{name: _interval(one) for name in SCORES if (one := shown_interval(table, row, name)) is not None},
             "regret": row.regret and _interval(row.regret),
-            "against_rules": row.against_rules and _interval(row.against_rules),
+            "against_rules": (against := shown_interval(table, row, "against_rules")) and _interval(against),
+            "reversal": row.reversal if not table.in_money else row.money and row.money.reversal,
+            **_at_prices(row),
             "figures": row.figures
             and {
                 **{name: _short(value) for name, value in row.figures.metrics.items()},
@@ -161,16 +166,30 @@ def suite_facts(table: SuiteTable) -> dict[str, Any]:
                 **row.figures.model_dump(include={"privileged", "sandbox", "reproduced", "origin"}),
             },
         }
-        for row in table.rows
+        for row in table.shown_rows
     ]
     return {
         "name": table.suite,
+        "scale": scale_words(table),
+        "in_money": table.in_money,
+        "turns": _turns(table),
         "tasks": list(table.tasks),
         "rows": rows,
-        "thresholds": [round(x, 4) for x in table.profiles[0].thresholds] if table.profiles else [],
-        "profiles": {one.agent: [[round(1000 * x) for x in line] for line in (one.share, one.low, one.high)] for one in table.profiles},
+        "thresholds": [round(x, 4) for x in profiles[0].thresholds] if profiles else [],
+        "profiles": {one.agent: [[round(1000 * x) for x in line] for line in (one.share, one.low, one.high)] for one in profiles},
         "improvements": [[one.first, one.second, *_interval(one.probability)] for one in table.improvements],
     }
+
+
+def _at_prices(row: Row | SuiteRow) -> dict[str, Any]:
+    """Places at other prices of violations, where they have one."""
+    if not row.at_prices:
+        return {}
+    return {"at_prices": [[one.factor, one.rank, _short(one.mean)] for one in row.at_prices], "frontier": row.frontier}
+
+
+def _turns(table: TaskTable | SuiteTable) -> list[list[Any]]:
+    return [[one.first, one.second, _short(one.factor)] for one in table.turns]
 
 
 def _interval(interval: Interval) -> list[float]:
@@ -286,6 +305,8 @@ def _notes(row: Row) -> dict[str, Any]:
         "trained_on": row.trained_on.words,
         "saw_scored": row.saw_scored,
         "regret": regret,
+        "reversal": row.reversal,
+        **_at_prices(row),
         **({} if row.fresh_draws is None else {"fresh_draws": row.fresh_draws.model_dump(include={"mean", "marked"})}),
     }
 

@@ -2,8 +2,8 @@
 
 - ``tasks/best_known/<Task>.json`` holds, for each seed that a published task is scored by, the highest reward that any released result
   has there: what a score's regret is measured by. A best known run is not a bound: better ones may exist.
-- ``tasks/references.toml`` holds zero and one of normalised scores for every published task: the reward of doing nothing, and the mean
-  over the best known runs.
+- ``tasks/references.toml`` holds zero and one of normalised scores for every published task: the mean reward of the agent that the entry
+  names, which is stored once, and the mean over the best known runs.
 - ``tasks/deprecated.toml`` lists published tasks that new work should not use, with the reason and a replacement. Such a task still runs,
   and its results load and can be reproduced. A warning is logged, once a process.
 
@@ -18,7 +18,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Literal, Self, TypeVar
+from typing import Any, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -133,26 +133,46 @@ def write_best_known(best: BestKnown) -> Path:
     return path
 
 
-_HEAD = """# Zero and one of normalised scores: the mean reward of doing nothing (submissions/do_nothing.py) and that of the best known
-# run of each seed (tasks/best_known), over the task's runs. Written by `glbench tasks references --write` from reports/released.
+_ZERO_AGENT = "zero_agent"
+_RESTORE = "Restore the file; `glbench tasks references --write` takes its numbers from the results."
+_HEAD = """\
+# Zero and one of normalised scores: means over the task's runs of what ranks, of the agent zero_agent and of the best known run of each
+# seed (tasks/best_known). Written by `glbench tasks references --write` from reports/released; it keeps every zero that stands here.
+# plans: whether plans that know the season made all best known runs, so that one is no agent's own score. version: of the scale of the
+# task, raised when an end moves. The first key names the agent whose mean becomes zero for a task without an entry.
 """
 
 
 class References(Table):
-    """Zero and one of a task's normalised score; rewards have no unit."""
+    """Zero and one of a task's normalised score, in the unit of what ranks there."""
 
-    nothing: float
-    nothing_results_digest: str
-    best: float
-    best_agent: str
-    best_results_digest: str
+    version: int = Field(default=1, ge=1)
+    """Of the scale: raised when zero or one moves. Scores on scales of different versions cannot be compared."""
+    zero: float
+    """Mean of ``zero_agent``, of several trainings over all of them; stored once and kept whatever results are added."""
+    zero_agent: str
+    zero_results_digest: str
+    """Digests of its results, by the seeds of the trainings, with a space between two."""
+    plans: bool = False
+    """Whether all best known runs are of agents that know the season in advance. Where not, one is what some ranked agent scores itself."""
+    best: float | None = None
+    """``None`` where no plans are known."""
+    best_agent: str = ""
+    best_results_digest: str = ""
     """Digests of the results that the best known runs are taken from, with a space between two, by the agents' names."""
 
     @model_validator(mode="after")
     def _in_order(self) -> References:
-        if not self.best > self.nothing:
-            refuse(f"the best known reward {self.best:g} is not above that of doing nothing, {self.nothing:g}")
+        if self.best is not None and not self.best > self.zero:
+            refuse(f"the best known reward {self.best:g} is not above that of {self.zero_agent}, {self.zero:g}")
+        if self.plans and self.best is None:
+            refuse("there are plans, but no best known reward")
         return self
+
+    @property
+    def ends(self) -> tuple[float, float] | None:
+        """Zero and one; ``None`` where there is no one."""
+        return None if self.best is None else (self.zero, self.best)
 
 
 def references_path() -> Path:
@@ -169,22 +189,35 @@ def read_references() -> Mapping[str, References]:
     TaskError
         When the file cannot be used.
     """
-    return _entries(references_path(), References, "`glbench tasks references --write` makes it again from the results.")
+    return _entries(references_path(), References, _RESTORE, _ZERO_AGENT)
+
+
+def zero_agent_of_new_tasks() -> str:
+    """Name of the agent whose mean is zero for tasks without references. Raises as ``read_references``, and where no file names one."""
+    agent = _toml(references_path(), _RESTORE).get(_ZERO_AGENT)
+    if not isinstance(agent, str):
+        refuse(f"{references_path()} does not name, as '{_ZERO_AGENT}' at its top, the agent that is zero for new tasks.", TaskError)
+    return agent
 
 
 Entry = TypeVar("Entry", bound=BaseModel)
 
 
-def _entries(path: Path, kind: type[Entry], advice: str) -> Mapping[str, Entry]:
-    """The entries of a TOML file by task id; none where there is no file."""
-    if not path.is_file():
-        return {}
+def _entries(path: Path, kind: type[Entry], advice: str, *other_keys: str) -> Mapping[str, Entry]:
+    """The entries of a TOML file by task id, without its ``other_keys``; none where there is no file."""
+    data = _toml(path, advice)
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-        return {task_id: kind.model_validate(entry) for task_id, entry in data.items()}
+        return {task_id: kind.model_validate(entry) for task_id, entry in data.items() if task_id not in other_keys}
+    except ValidationError as error:
+        refuse(f"{path} cannot be used: {error}. {advice}", TaskError, error)
+
+
+def _toml(path: Path, advice: str) -> dict[str, Any]:
+    """A TOML file; empty where there is none."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     except (OSError, ValueError, RecursionError) as error:
-        msg = f"{path} cannot be used: {error}. {advice}"
-        raise TaskError(msg) from error
+        refuse(f"{path} cannot be used: {error}. {advice}", TaskError, error)
 
 
 def write_references(references: Mapping[str, References]) -> Path:
@@ -195,9 +228,10 @@ def write_references(references: Mapping[str, References]) -> Path:
     GlbenchError
         When it cannot be written.
     """
-    parts = [_HEAD]
+    parts = [f"{_HEAD}\n{_ZERO_AGENT} = {json.dumps(zero_agent_of_new_tasks())}\n"]
     for task_id, one in sorted(references.items()):
-        parts.append(f'["{task_id}"]\n' + "".join(f"{key} = {json.dumps(value)}\n" for key, value in one.model_dump().items()))
+        values = one.model_dump(exclude_none=True)
+        parts.append(f'["{task_id}"]\n' + "".join(f"{key} = {json.dumps(value)}\n" for key, value in values.items() if value != ""))
     write_atomically(references_path(), "\n".join(parts))
     read_references.cache_clear()
     return references_path()

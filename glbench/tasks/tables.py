@@ -17,6 +17,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from glbench.errors import TaskError, did_you_mean, refuse
+from glbench.quantities import OUTDOOR
 from glbench.tasks import vocabulary as words
 from glbench.tasks.fields import (
     ClimateQuantityTable,
@@ -165,6 +166,7 @@ class ForecastTable(Table):
         default=(), description="a list of whole hours ahead, such as [1, 2, 3, 6, 12, 18, 24]"
     )
     error: Annotated[str, one_of(words.FORECAST_ERRORS)] = Field(default=PERFECT, description="how much the forecast errs")
+    unbiased: bool = Field(default=False, description="true or false")
 
     @model_validator(mode="after")
     def _hours_rise(self) -> Self:
@@ -543,11 +545,16 @@ class SplitsTable(Table):
         return self
 
 
-class SensorTable(Table):
-    """``[sensors.<quantity>]``: how far a sensor is off; what is 0 may be left out."""
+class OffsetSensorTable(Table):
+    """``[outdoor_sensors.<quantity>]`` of a sensor that is off by an amount; what is 0 may be left out."""
 
     noise: float = Field(default=0.0, ge=0.0, description="0 or more")
     bias: float = Field(default=0.0, ge=0.0, description="0 or more")
+
+
+class SensorTable(OffsetSensorTable):
+    """``[sensors.<quantity>]``: how far a sensor is off; what is 0 may be left out."""
+
     drift: float = Field(default=0.0, ge=0.0, description="0 or more")
 
 
@@ -595,6 +602,43 @@ class SensorsTable(ClimateQuantityTable):
         if self.dropouts is not None and not self.items():
             refuse("There are [sensors.dropouts], but no sensor that could drop out: add [sensors.air_temperature].")
         return self
+
+
+class ScaleTable(Table):
+    """Lowest and highest factor that a sensor is off by."""
+
+    low: float = Field(gt=0.0, le=10.0, description="a factor above 0, up to 10")
+    high: float = Field(gt=0.0, le=10.0, description="a factor above 0, up to 10")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.low > self.high:
+            refuse(f"low = {self.low:g} must not be above high = {self.high:g}.")
+        return self
+
+
+class ScaledSensorTable(Table):
+    """``[outdoor_sensors.<quantity>]`` of a sensor that is off by a factor; what is left out is right."""
+
+    scale: ScaleTable = ScaleTable(low=1.0, high=1.0)
+    noise: float = Field(default=0.0, ge=0.0, le=0.3, description="a fraction of the reading from 0 to 0.3, such as 0.02 for 2 %")
+
+
+class OutdoorSensorsTable(Table):
+    """``[outdoor_sensors]``: sensors of the weather that err. What acts on the greenhouse is the truth."""
+
+    global_radiation: ScaledSensorTable | None = None
+    outdoor_temperature: Annotated[OffsetSensorTable | None, _sensor_in(OUTDOOR["outdoor_temperature"].unit)] = None
+    outdoor_relative_humidity: Annotated[OffsetSensorTable | None, _sensor_in(OUTDOOR["outdoor_relative_humidity"].unit)] = None
+    wind_speed: ScaledSensorTable | None = None
+
+    def items(self) -> tuple[tuple[str, ScaledSensorTable | OffsetSensorTable], ...]:
+        """Names and entries of those that the table has, in the order above."""
+        entries = ((name, getattr(self, name)) for name in type(self).model_fields)
+        return tuple((name, entry) for name, entry in entries if entry is not None)
+
+
+_WindSpeed = Annotated[float, in_unit("m s-1")]
 
 
 class WindLimitTable(Table):
@@ -722,6 +766,7 @@ class TaskFile2(TaskFile):
     scenario: ScenarioTable
     splits: SplitsTable | None = None
     sensors: SensorsTable | None = None
+    outdoor_sensors: OutdoorSensorsTable | None = None
     actuators: dict[str, ActuatorTable] = Field(default={}, description="tables [actuators.<control>]")
     reward: RewardTable
 

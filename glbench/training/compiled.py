@@ -17,7 +17,7 @@ from glbench.errors import ShapeError, TrainingError
 from glbench.resources import write_atomically
 from glbench.tasks import task_card
 from glbench.training.card import POLICY, TrainingFacts, training_table
-from glbench.training.compiled_settings import NAME
+from glbench.training.compiled_settings import NAME, in_view
 from glbench.training.constant_columns import without_constant_columns
 from glbench.training.folder import LEARNER, Trained
 from glbench.training.learner import Learner, Learning
@@ -96,7 +96,7 @@ class _Training(Session):
         columns, layers, names = learning.columns, learning.weights["actor"], card.observation_names
         hours, steered = self.settings.memory.hours, learner.max_change > 0
         mean, spread = np.asarray(columns.mean, np.float64), np.sqrt(np.asarray(columns.variance, np.float64))
-        units, varying = self.settings.memory.gru, spread > _CONSTANT * np.abs(mean)
+        units, varying = self.settings.memory.gru, (spread > _CONSTANT * np.abs(mean)) & learner.visible
         low, high = card.action_bounds
         try:
             network = NetworkPolicy(
@@ -150,7 +150,9 @@ class _Training(Session):
 
     def facts(self) -> TrainingFacts:
         settings, accrual, memory = self.settings, self.settings.accrual, self.settings.memory
-        traces = ""
+        columns, traces = in_view(self.task, settings), ""
+        if settings.view is not None:
+            traces = f" It looks at {len(columns)} of {len(self.task.observed())} observed columns: {', '.join(settings.view)}."
         if memory.hours:
             traces += f" It keeps running means of {', '.join(memory.columns)} over {', '.join(f'{h:g} h' for h in memory.hours)}."
         if memory.gru:
@@ -167,6 +169,7 @@ class _Training(Session):
                 "first_env_seed": settings.first_env_seed,
                 "scenarios": settings.scenarios,
                 "n_envs": settings.n_envs,
+                **({} if settings.view is None else {"view": list(settings.view), "columns_in_view": columns}),
             },
         )
 

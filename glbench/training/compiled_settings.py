@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from glbench.errors import TrainingError, refuse
+from glbench.agents.views import OUTDOOR, RECALLING, visible_columns
+from glbench.errors import TrainingError, UnknownNameError, refuse
 from glbench.resources import data_folder
 from glbench.settings import validated
 from glbench.tasks.record import FIRST_TRAINING_SEED
@@ -66,6 +68,8 @@ class CompiledSettings(settings.FrozenSettings):
         Whether the actor outputs positions of controls, where the task's actions move them by a limited amount per step.
     memory
         Traces of columns that actor and critic also see; none without ``hours``.
+    view
+        Views, observation modules and columns that actor and critic see (``glbench.agents.views``); ``None``: all that the task shows.
     critic_sees
         Quantities of a step and states of the model that the critic also sees, in training only.
     accrual
@@ -97,6 +101,7 @@ class CompiledSettings(settings.FrozenSettings):
     least_scale: dict[str, float] = Field(default_factory=lambda: {"outdoor_co2": 20.0})
     steer: bool = True
     memory: Memory = Memory()
+    view: tuple[str, ...] | None = Field(default=None, exclude_if=lambda view: view is None)
     critic_sees: tuple[str, ...] = ()
     accrual: settings.Accrual | None = None
     reward_window: int = Field(default=100_000, gt=0)
@@ -139,13 +144,39 @@ def is_compiled(file: Path | None, task: TaskSpec) -> bool:
     return file is None or settings.section(file, task.id).get("learner") == COMPILED
 
 
-def read_compiled_settings(file: Path | None, task: TaskSpec, steps: int | None = None) -> CompiledSettings:
-    """Settings for a task from a YAML file, or the shipped ones; ``steps`` instead of the file's.
+def read_compiled_settings(
+    file: Path | None, task: TaskSpec, steps: int | None = None, view: Sequence[str] | None = None
+) -> CompiledSettings:
+    """Settings for a task from a YAML file, or the shipped ones; ``steps`` and ``view`` instead of the file's.
 
-    Raises ``TrainingError`` when the file cannot be read, or a value is impossible.
+    A view with a memory (``RECALLING``) brings the one of ``baselines/ppo/memory.yml``, unless the file has one. Traces of columns that are
+    out of view are left out; if none is left, the policy keeps those of the weather outside (``OUTDOOR``).
+
+    Raises ``TrainingError`` when the file cannot be read, a value is impossible, or the task has no such view.
     """
-    source = file or data_folder("baselines") / "ppo" / "fast.yml"
+    shipped = data_folder("baselines") / "ppo"
+    source = file or shipped / "fast.yml"
     content = settings.section(source, task.id)
     if steps is not None:
         content["n_timesteps"] = steps
-    return validated(CompiledSettings, content, "the settings", source, TrainingError)
+    if view is not None:
+        content["view"] = list(view)
+        if {*view} & {*RECALLING} and not content.get("memory"):
+            recipe = settings.section(shipped / "memory.yml", task.id)
+            states = [name for name in recipe["critic_sees"] if name in task.model_value.state_names]
+            content |= {"memory": recipe["memory"], "critic_sees": states}
+    whole = validated(CompiledSettings, content, "the settings", source, TrainingError)
+    if view is None or not whole.memory.hours:
+        return whole
+    columns = in_view(task, whole)
+    traced = [name for name in whole.memory.columns if name in columns] or [name for name in OUTDOOR if name in columns]
+    return whole.model_copy(update={"memory": whole.memory.model_copy(update={"columns": tuple(traced)})})
+
+
+def in_view(task: TaskSpec, settings: CompiledSettings) -> list[str]:
+    """Names of the observed columns that actor and critic see. Raises ``TrainingError`` when the task has no such view."""
+    names = [column.name for column in task.observed()]
+    try:
+        return names if settings.view is None else [names[place] for place in visible_columns(task, settings.view).nonzero()[0]]
+    except UnknownNameError as error:
+        refuse(f"'view': {error}", TrainingError, error)

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from glbench.agents.network_policy import Arithmetic, affine, gru_step, hidden
 from glbench.errors import TaskError, TrainingError, UnknownNameError, did_you_mean, refuse
 from glbench.jax import Environment, State
+from glbench.training.compiled_settings import CompiledSettings, in_view
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
-    from glbench.training.compiled_settings import CompiledSettings
 
 _LEAST = 1e-3  # Smallest scale of a column that the settings do not name
 _TINY = 1e-8
@@ -122,6 +122,8 @@ class Learner:
         Columns with traces, and how far these move towards a reading in a step.
     max_change
         How far an action of 1 moves its control in a step; 0 where the actor outputs the action itself.
+    visible
+        Which columns and traces actor and critic see; the others count as their mean.
     """
 
     settings: CompiledSettings
@@ -130,15 +132,16 @@ class Learner:
     traced: NDArray[np.int64]
     shares: NDArray[np.float64]
     max_change: NDArray[np.float64]
+    visible: NDArray[np.bool_]
 
     @classmethod
     def of(cls, task: TaskSpec, settings: CompiledSettings) -> Learner:
         """The learner for a task.
 
-        Raises ``TrainingError`` when the settings name a column, a quantity or a state that the task does not have, or the compiled kernel
-        cannot step the task.
+        Raises ``TrainingError`` when the settings name a column, a quantity or a state that the task does not have, traces of a column that
+        is out of view, or the compiled kernel cannot step the task.
         """
-        names = [column.name for column in task.observed()]
+        names, columns_in_view = [column.name for column in task.observed()], in_view(task, settings)
         least = np.full(len(names), _LEAST, np.float32)
         for name, value in settings.least_scale.items():
             if name in names:
@@ -147,6 +150,8 @@ class Learner:
         for name in columns:
             if name not in names:
                 refuse(f"'memory.columns': {task.id} shows no column '{name}'.{did_you_mean(name, names)}", TrainingError)
+            if name not in columns_in_view:
+                refuse(f"'memory.columns': '{name}' is out of the view {', '.join(settings.view or ())}.", TrainingError)
         traced = np.array([names.index(name) for name in columns], np.int64)
         shares = -np.expm1(-task.step_seconds / (3600.0 * np.array(hours, np.float64)))
         accrual = settings.accrual
@@ -169,6 +174,7 @@ class Learner:
             traced,
             shares,
             steps_of_controls(task) if settings.steer else np.zeros(environment.num_actions),
+            np.array([name in columns_in_view for name in names] + [True] * len(traced) * len(hours), np.bool_),
         )
 
     def begin(self, key: Any) -> Learning:
@@ -261,6 +267,8 @@ class Learner:
         columns, privileged = learning.columns, learning.privileged
         limit = self.settings.normalize.clip_observations
         actor_input = jnp.clip((now.observations - columns.mean) / self.scale(columns), -limit, limit)
+        if not self.visible.all():
+            actor_input = jnp.where(self.visible, actor_input, 0.0)
         floor = _LEAST * jnp.abs(privileged.mean) + _TINY
         besides = jnp.clip((self._privileged_inputs(now) - privileged.mean) / jnp.sqrt(privileged.variance + floor**2), -limit, limit)
         critic_input = jnp.concatenate([actor_input, jnp.where(now.is_first[:, None], 0.0, besides)], 1)

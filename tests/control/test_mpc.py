@@ -321,6 +321,38 @@ def test_the_agent_survives_sensors_that_hang() -> None:
     assert agent._controller.plan.shape[0] == 1
 
 
+def test_what_is_out_of_view_changes_no_action_of_mpc() -> None:
+    """With nothing measured inside, its estimate is that of the model alone; the agent with all in view acts as ever."""
+    task = short()
+    names = [column.name for column in task.observed()]
+    inside = [names.index(name) for name in ("air_temperature", "co2", "relative_humidity", "pipe_temperature", "fruit_dry_mass")]
+    blind, full = (PredictiveAgent(quick("mpc").model_copy(update={"sees": view})) for view in (("outdoor",), ("sensors",)))
+    actions, simulation = played(task, blind, [SEED], 9)
+    assert np.isfinite(simulation.x).all()
+    assert np.isfinite(blind._estimator.states).all()
+    complete, _ = played(task, full, [SEED], 9)
+    assert complete.tobytes() == played(task, PredictiveAgent(quick("mpc")), [SEED], 9)[0].tobytes()
+    assert complete.tobytes() != actions.tobytes()
+
+    first, second = (PredictiveAgent(quick("mpc").model_copy(update={"sees": ("outdoor",)})) for _ in range(2))
+    simulation = Simulation(task, 1)
+    observations = simulation.reset([SEED])
+    for agent in (first, second):
+        agent.reset(task_card(task), 1)
+    for _ in range(5):
+        other = observations.copy()
+        other[:, inside] += 7.0
+        action = first.act(observations)
+        assert action.tobytes() == second.act(other).tobytes()
+        observations = simulation.step(action).observations
+
+
+def test_a_view_of_mpc_that_is_none_is_refused() -> None:
+    agent = PredictiveAgent(quick("mpc").model_copy(update={"sees": ("outdor",)}))
+    with pytest.raises(SubmissionError, match=r"'sees': test/Spring-v1 has no view.*'outdor'.*'outdoor'"):
+        agent.reset(task_card(short()), 1)
+
+
 @pytest.mark.parametrize("name", ["mpc", "mpc_true_state"])
 def test_the_baselines_live_with_actuators_that_are_not_ideal(name: str) -> None:
     """They take what they told for what is delivered."""

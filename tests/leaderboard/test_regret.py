@@ -246,7 +246,7 @@ def test_a_suite_has_a_mean_regret_where_all_its_tasks_count_money(known, unit, 
         TASK: {"anna": np.array([2.5, 4.0, 4.0, 7.0]), "half": np.array([0.0] * 4)},  # 1 below everywhere
         "glbench/Lawn-v1": {"anna": np.array([0.5, 2.0, 2.0, 5.0])},  # 3 below
     }
-    reference = References(nothing=0.0, nothing_results_digest="", best=6.0, best_agent="x", best_results_digest="")
+    reference = References(zero=0.0, zero_agent="do_nothing", zero_results_digest="", best=6.0, best_agent="x", best_results_digest="")
     table = suite_table("gardens", tasks, scores, dict.fromkeys(tasks, reference), (), best)
     anna, half = table.rows
     assert half.regret is None

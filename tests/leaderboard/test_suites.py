@@ -17,8 +17,8 @@ SEEDS = tuple(range(666, 696))
 TASKS = ("glbench/A-v1", "glbench/B-v1")
 EXPECTED = {task: Expectation(digest_of(task), SEEDS) for task in TASKS}
 REFERENCES = {
-    "glbench/A-v1": References(nothing=0.0, nothing_results_digest="", best=100.0, best_agent="x", best_results_digest=""),
-    "glbench/B-v1": References(nothing=1000.0, nothing_results_digest="", best=3000.0, best_agent="x", best_results_digest=""),
+    "glbench/A-v1": References(zero=0.0, zero_agent="do_nothing", zero_results_digest="", best=100.0, best_agent="x", best_results_digest=""),
+    "glbench/B-v1": References(zero=1000.0, zero_agent="do_nothing", zero_results_digest="", best=3000.0, best_agent="x", best_results_digest=""),
 }
 
 

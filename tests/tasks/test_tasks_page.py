@@ -26,6 +26,7 @@ from glbench.tasks.tables import (
     ItemTable,
     ParameterGroupTable,
     RewardTable,
+    ScaledSensorTable,
     ScenarioTable,
     SensorTable,
     SplitTable,
@@ -120,7 +121,7 @@ def test_the_schedule_shown_is_what_the_words_say(page: str, write: Write) -> No
 def test_every_key_of_schema_2_is_explained(page: str) -> None:
     for record in (
         ItemTable, PriceTableTable, ScenarioTable, ParameterGroupTable, StartGroupTable, RewardTable, SplitTable, SensorTable,
-        FaultsTable, ForecastTable, ScheduleEntry, ActuatorTable, WindLimitTable,
+        FaultsTable, ForecastTable, ScheduleEntry, ActuatorTable, WindLimitTable, ScaledSensorTable,
     ):  # fmt: skip
         for name, field in record.model_fields.items():
             assert field.exclude or f"`{field.alias or name}`" in page, name

@@ -240,6 +240,84 @@ def test_settings_without_a_recurrent_unit_keep_their_digest(day: TaskSpec, tmp_
     assert tiny(day, tmp_path, GRU).digest != tiny(day, tmp_path, MEMORY).digest
 
 
+@pytest.mark.parametrize("more", [MEMORY, GRU])
+def test_a_policy_with_a_view_is_deaf_to_all_else(day: TaskSpec, tmp_path: Path, more: str) -> None:
+    """Whatever hidden columns read, missing or not, its actions have the same bits; and the learner acts as the file does."""
+    settings = tiny(day, tmp_path, more + "  view: [outdoor, air_temperature]\n")
+    with pytest.raises(TrainingError, match=r"'memory\.columns': 'co2' is out of the view outdoor, air_temperature"):
+        Learner.of(day, settings)
+    settings = read_compiled_settings(tmp_path / "tiny.yml", day, view=["outdoor", "air_temperature"])
+    assert settings.memory.columns == ("air_temperature",), "traces of visible columns only"
+    trained = train_compiled(day, settings, tmp_path / "run", seed=3)
+    card = tomllib.loads((trained.folder / "card.toml").read_text(encoding="utf-8"))
+    assert card["training"]["view"] == ["outdoor", "air_temperature"]
+    assert "It looks at 16 of 22 observed columns: outdoor, air_temperature." in card["description"]
+    names = list(task_card(day).observation_names)
+    hidden = np.array([name not in card["training"]["columns_in_view"] for name in names])
+    assert {"co2", "relative_humidity", "pipe_temperature", "fruit_dry_mass"} <= {*np.array(names)[hidden]}
+
+    policy = read_actor(trained.folder / "policy.npz")
+    assert not policy.network.weights[0][: len(names)][hidden].any()
+    agents = [ActorAgent(policy) for _ in range(3)]
+    for agent in agents:
+        agent.reset(task_card(day), 4)
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        readings = rng.normal(policy.network.mean[: len(names)], 3.0, (4, len(names))).astype(np.float32)
+        others, missing = readings.copy(), readings.copy()
+        others[:, hidden], missing[:, hidden] = rng.normal(0.0, 1e4, others[:, hidden].shape), np.nan
+        actions, *same = [agent.act(rows) for agent, rows in zip(agents, (readings, others, missing), strict=True)]
+        assert all(one.tobytes() == actions.tobytes() for one in same)
+        assert np.ptp(actions, axis=0).any(), "what it sees matters"
+
+    learner = Learner.of(day, settings)
+    begun = learner.begin(jax.random.key(0))
+    quiet = begun._replace(weights={**begun.weights, "spread": jax.numpy.full(6, -30.0)})
+    other = begun.now.observations.at[:, np.flatnonzero(hidden)].set(1e4)
+    for one in (0, 2):  # inputs of the critic and of the actor
+        first, second = (np.asarray(learner._value(quiet, now)[one]) for now in (quiet.now, quiet.now._replace(observations=other)))
+        assert np.array_equal(first, second)
+
+
+def test_the_policy_of_a_view_acts_as_its_learner(day: TaskSpec, tmp_path: Path) -> None:
+    tiny(day, tmp_path)
+    settings = read_compiled_settings(tmp_path / "tiny.yml", day, view=["two_sensors", "-wind_speed"])
+    training = _Training([day], settings, settings.digest, 3, tmp_path / "run")
+    training.prepare()
+    for _ in range(3):
+        training.update()
+    learning, learner = training._learning, training._learner
+    quiet = learning._replace(weights={**learning.weights, "spread": jax.numpy.full(6, -30.0)})
+    agent = ActorAgent(training.policy())
+    agent.reset(task_card(day), 16)
+    agent._positions = np.asarray(learning.now.positions, np.float64)
+    _, rollout = learner._step(quiet, learning.now, jax.random.key(1))
+    expected, _ = learner._act(rollout.samples, learning.now.positions)
+    assert np.allclose(agent.act(np.asarray(rollout.observations)), expected, atol=1e-5)
+
+
+def test_a_training_without_a_view_keeps_its_digest_and_weights(day: TaskSpec, tmp_path: Path) -> None:
+    plain = tiny(day, tmp_path)
+    assert "view" not in plain.model_dump(mode="json")
+    everything = plain.model_copy(update={"view": tuple(day.observation.modules)})
+    assert everything.digest != plain.digest
+    assert Learner.of(day, plain).visible.all()
+    assert Learner.of(day, everything).visible.all()
+
+
+def test_a_view_with_a_memory_brings_the_recipe_of_the_shipped_one(day: TaskSpec, tmp_path: Path) -> None:
+    tiny(day, tmp_path)
+    blind = read_compiled_settings(tmp_path / "tiny.yml", day, view=["blind"])
+    assert blind.memory.hours == (1.0, 4.0)
+    assert blind.memory.columns == ("global_radiation", "outdoor_temperature", "outdoor_relative_humidity", "wind_speed")
+    assert read_compiled_settings(tmp_path / "tiny.yml", day, view=["memory"]).memory.columns == (
+        "air_temperature",
+        "co2",
+        "relative_humidity",
+    )
+    assert read_compiled_settings(tmp_path / "tiny.yml", day, view=["outdoor"]).memory.hours == ()
+
+
 def test_the_critic_alone_sees_what_is_told(day: TaskSpec, tmp_path: Path) -> None:
     learner = Learner.of(day, tiny(day, tmp_path, MEMORY))
     learning = learner.begin(jax.random.key(0))

@@ -1,0 +1,215 @@
+"""``glbench ladder``: trains agents that see more and more of a task, evaluates them, and says whether looking inside pays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.progress import MofNCompleteColumn, TaskProgressColumn
+
+from glbench.cli import console, options
+from glbench.cli.evaluate import load_agents, outcome_view, select_tasks
+from glbench.cli.progress import JobsBar, status_bar
+from glbench.cli.train import Where, executor_of
+from glbench.errors import GlbenchError, TrainingError, did_you_mean, refuse
+
+if TYPE_CHECKING:
+    from glbench.evaluation import Result
+    from glbench.leaderboard.ladder import Ladder, Rung
+    from glbench.tasks import TaskSpec
+
+Trainings = Mapping[Path, tuple[str, int]]
+"""View and seed of each training, by its folder."""
+_UNLIT, _MPC = "rule_based_unlit", "mpc_"
+
+
+def ladder(
+    task: Annotated[str | None, typer.Argument(metavar="[TASK]", help="Task id or task file (.toml). Default: the benchmark's.")] = None,
+    views: Annotated[
+        str, typer.Option("--views", help="Rungs to train (docs/ladder.md); each: one more for every sensor, and the forecast, left out.")
+    ] = "clock,outdoor,blind,two_sensors,sensors,memory",
+    trainings: Annotated[int, typer.Option("--trainings", min=1, help="Trainings of each rung, with the seeds 0, 1, ...")] = 5,
+    steps: Annotated[int, typer.Option("--steps", min=1, help="Environment steps of each training.")] = 5_000_000,
+    config: options.Config = None,
+    split: Annotated[
+        str, typer.Option("--split", help="Scenarios to evaluate in: validation, or test, by which nothing may be chosen.")
+    ] = "validation",
+    runs: Annotated[int, typer.Option("--runs", "-n", min=2, help="Runs of each evaluation.")] = 30,
+    agents: Annotated[
+        str, typer.Option("--agents", help="Agents besides: names or paths; mpc_VIEW is mpc that sees a view.")
+    ] = "mpc_blind,mpc",
+    rules: Annotated[
+        str, typer.Option("--rules", help="The rules that blind agents are compared with: a name, or a folder of glbench tune rules.")
+    ] = "rule_based_tuned",
+    workers: Annotated[
+        int | None, typer.Option("--workers", "-w", min=1, help="Trainings at a time, and cores of an evaluation. Default: all.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder of trainings, results and ladder.json. Default: runs/ladder-TASK.")
+    ] = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Train agents of one recipe that see more and more of a task, and print what each rung of this ladder earns.
+
+    The same command continues what was interrupted: finished trainings and evaluations are not repeated. Views, trainings and agents may
+    be added later. Exits with 1 when a training failed, or an agent could not be evaluated.
+    """
+    from glbench.leaderboard.catalogue import catalogue
+    from glbench.leaderboard.ladder import Ladder, rows_of, verdicts_of
+    from glbench.resources import write_atomically
+
+    spec, scored = options.task_or_default(task), select_tasks([task] if task else [], [], None, split)[0]
+    names, printer, folder = _view_names(spec, views), console.Printer(as_json), out or Path("runs") / f"ladder-{spec.short_id}"
+    others = list(dict.fromkeys([_UNLIT, rules, *(_agent(folder, name.strip()) for name in agents.split(",") if name.strip())]))
+    if split == "test":
+        console.print_warning("These are the runs of the test split: choose nothing by them.")
+    with console.interruption("Run the same command again to continue: nothing that is finished is repeated."):
+        done = _train(spec, {name: folder / f"ppo-{spec.short_id}-{name}" for name in names}, config, steps, trainings, workers)
+        results = _evaluate(scored, [*map(str, done), *others], folder, runs, workers, printer)
+    rungs, metric = _rungs(spec, results, done), catalogue(spec).metrics[spec.evaluation.metric]
+    rules_name = results[rules].agent.name if rules in results else rules
+    document = Ladder(
+        task=spec.id,
+        task_digest=spec.digest,
+        split=split,
+        seeds=next(iter(results.values())).evaluation.seeds,
+        metric=metric.name,
+        unit=metric.unit,
+        digits=metric.digits,
+        steps=steps,
+        observed=len(spec.observed()),
+        rules=rules_name,
+        rungs=tuple(rungs),
+        rows=rows_of(rungs),
+        verdicts=verdicts_of(rungs, rules_name),
+    )
+    write_atomically(folder / "ladder.json", document.model_dump_json(by_alias=True, indent=1) + "\n")
+    printer.say(console.aside(f"Saved: {folder / 'ladder.json'}"))
+    is_whole = len(done) == len(names) * trainings and len(results) == len(done) + len(others)
+    printer.show(ladder_view(document, code=0 if is_whole else 1))
+
+
+def ladder_view(ladder: Ladder, code: int) -> console.View:
+    """The table of a ladder and its verdicts, or its JSON; ``code`` is that of the exit."""
+
+    def parts() -> Iterator[console.Part]:
+        from glbench.leaderboard.ladder import table_cells, verdict_words
+
+        headings, *rows = table_cells(ladder)
+        title = f"{ladder.task}, {ladder.split} split, {len(ladder.seeds)} runs; trainings of {ladder.steps:,} steps"
+        table = console.table(title, *headings, numbers=headings[2:3], fold=headings[3:], caption="In brackets: 95 % intervals.")
+        for cells in rows:
+            table.add(*cells)
+        yield table
+        yield from (console.paragraph(verdict_words(verdict, ladder)) for verdict in ladder.verdicts)
+
+    return console.View(parts(), lambda: ladder.model_dump_json(by_alias=True), code=code)
+
+
+def _view_names(task: TaskSpec, text: str) -> list[str]:
+    """The views that ``--views`` names. Raises ``GlbenchError`` when there is none of a name, or the task lacks it."""
+    from glbench.agents.views import VIEWS, left_out_views, visible_columns
+
+    names: list[str] = []
+    for name in (part.strip() for part in text.split(",")):
+        if name not in ("each", *VIEWS) and not name.startswith("without_"):
+            refuse(f"--views: there is no view '{name}'.{did_you_mean(name, ('each', *VIEWS))}", TrainingError)
+        names += left_out_views(task) if name == "each" else [name]
+    for name in names:
+        visible_columns(task, (name,))
+    return list(dict.fromkeys(names))
+
+
+def _agent(folder: Path, name: str) -> str:
+    """The agent that ``--agents`` names; ``mpc_VIEW`` is written to ``folder``."""
+    from glbench.agents.predictive import write_predictive_agent
+    from glbench.agents.views import VIEWS
+
+    if not name.startswith(_MPC) or name.removeprefix(_MPC) not in VIEWS:
+        return name
+    write_predictive_agent(folder / name, name.removeprefix(_MPC))
+    return str(folder / name)
+
+
+def _train(
+    task: TaskSpec, places: Mapping[str, Path], config: Path | None, steps: int, trainings: int, workers: int | None
+) -> dict[Path, tuple[str, int]]:
+    """Train what is missing; the trainings that succeeded. One that fails is reported and stops no other."""
+    with options.needs_the_extra("jax"):
+        from glbench.training import Listener
+        from glbench.training.compiled import train_compiled
+        from glbench.training.compiled_settings import read_compiled_settings
+        from glbench.training.multi_seed import train_seeds
+
+    class Moving(Listener):
+        """Moves the bar for one training."""
+
+        def __init__(self, name: str) -> None:
+            self._name = name
+
+        def on_progress(self, progress: Any) -> None:
+            shares[self._name] = progress.steps / progress.total_steps
+            move(completed=sum(shares.values()), description=self._name)
+
+    settings = {name: read_compiled_settings(config, task, steps, [name]) for name in places}
+    shares, done = dict[str, float](), dict[Path, tuple[str, int]]()
+    with (
+        status_bar("training", len(places) * trainings, TaskProgressColumn(), MofNCompleteColumn()) as move,
+        executor_of(Where(on_ray=False, address=None, workers=workers), task) as executor,
+    ):
+        for name, place in places.items():
+            folders = {seed: place.with_name(f"{place.name}-seed{seed}") for seed in range(trainings)}
+            listeners = {seed: [Moving(f"{name}, seed {seed}")] for seed in folders}
+            for seed, trained in train_seeds(executor, train_compiled, task, settings[name], folders, listeners=listeners.__getitem__):
+                shares[f"{name}, seed {seed}"] = 1.0
+                move(completed=sum(shares.values()))
+                if isinstance(trained, GlbenchError):
+                    console.print_warning(f"{name}, seed {seed}: {trained}")
+                    continue
+                done[folders[seed]] = (name, seed)
+                console.tell(f"{name}, seed {seed}: trained, best {trained.best_reward:,.3f} ({len(done)} of {len(places) * trainings})")
+    return done
+
+
+def _evaluate(
+    task: TaskSpec, refs: Sequence[str], out: Path, runs: int, workers: int | None, printer: console.Printer
+) -> dict[str, Result]:
+    """Results by agent, stored in ``out``. An agent that fails is reported and stops no other."""
+    from glbench.evaluation.jobs import Job, LocalEngine, Options
+
+    usable, unusable = load_agents(refs, "auto")
+    for ref, reason in unusable.items():
+        console.print_warning(f"{ref}: {reason}")
+    jobs = [Job(task, ref, agent, Options(out, runs, workers=workers)) for ref, agent in usable.items()]
+    results: dict[str, Result] = {}
+    with JobsBar(len(jobs)) as bar:
+        for number, outcome in enumerate(LocalEngine().run(jobs, bar.report), 1):
+            bar.ended(outcome)
+            printer.say(*outcome_view(outcome, f"{number}/{len(jobs)}", prints=False).parts)
+            if outcome.result is not None:
+                results[outcome.job.ref] = outcome.result
+    if not results:
+        refuse("No agent of the ladder could be evaluated; the reasons are above.", GlbenchError)
+    return results
+
+
+def _rungs(task: TaskSpec, results: Mapping[str, Result], trainings: Trainings) -> list[Rung]:
+    """The rungs: views, then agents that are not trained."""
+    from glbench.agents.views import VIEWS, visible_columns
+    from glbench.leaderboard.ladder import Rung
+
+    by_name: dict[str, dict[int | None, tuple[float, ...]]] = {}
+    for ref, result in results.items():
+        name, seed = trainings.get(Path(ref), (result.agent.name, None))
+        by_name.setdefault(name, {})[seed] = result.values(task.evaluation.metric)
+    rungs = []
+    for name, by_seed in by_name.items():
+        seeds, view = [seed for seed in by_seed if seed is not None], name.removeprefix(_MPC)
+        has_view = bool(seeds) or view in VIEWS
+        kind = "ppo" if seeds else "mpc" if view in (*VIEWS, "mpc") else "other"
+        columns = int(visible_columns(task, (view,)).sum()) if has_view else None
+        parts = {"name": name, "kind": kind, "columns": columns, "seeds": seeds, "values": list(by_seed.values())}
+        rungs.append(Rung.model_validate(parts))
+    return rungs

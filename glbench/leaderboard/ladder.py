@@ -1,0 +1,230 @@
+"""The information ladder of a task: what agents of one recipe earn that see more and more, and whether looking inside pays.
+
+Means and differences have the intervals over scenarios and trainings of ``leaderboard.statistics``. The share of a lead is a ratio of two
+differences of means; its interval has every share that the runs do not refute at 5 % (Fieller, 1954, J. R. Stat. Soc. B 16, 175-185).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from glbench.leaderboard.statistics import Array, FrozenModel, Interval, estimate_difference, estimate_mean
+
+Kind = Literal["ppo", "mpc", "other"]
+Answer = Literal["yes", "no", "not resolved"]
+ZERO, HALF = "rule_based_unlit", 0.5
+"""The agent over which leads are counted, and the share of one that a blind agent may keep."""
+BLIND = ("clock", "outdoor", "blind", "mpc_clock", "mpc_outdoor", "mpc_blind")
+"""Rungs that see nothing of what is inside the greenhouse."""
+_LARGEST_SHARE = 100.0  # An end of an interval that is farther away does not exist
+_BEFORE: Mapping[str, str] = {
+    "outdoor": "clock", "blind": "outdoor", "two_sensors": "outdoor", "sensors": "two_sensors", "memory": "sensors",
+    "no_forecast": "sensors", "mpc": "mpc_blind",
+}  # fmt: skip
+
+
+class Rung(FrozenModel):
+    """An agent of the ladder and what it earned."""
+
+    name: str
+    kind: Kind
+    columns: int | None = Field(description="observed columns in its view; null: what such agents see")
+    seeds: tuple[int, ...] = Field(description="of its trainings; none if it is not trained")
+    values: tuple[tuple[float, ...], ...] = Field(description="by training, of each run, in the order of the ladder's seeds")
+
+    @property
+    def matrix(self) -> Array:
+        """Values ``(trainings, runs)``."""
+        return np.array(self.values, np.float64)
+
+
+class Share(FrozenModel):
+    """A share of a lead with its 95 % interval; an end that is null does not exist."""
+
+    value: float
+    low: float | None
+    high: float | None
+
+    @property
+    def words(self) -> str:
+        """Such as ``0.59 (0.41 to 0.80)``."""
+        low, high = ("unbounded" if end is None else f"{end:.2f}" for end in (self.low, self.high))
+        return f"{self.value:.2f} ({low} to {high})"
+
+
+class Row(FrozenModel):
+    """What the table says of a rung: its mean, its lead, the share of the strongest's lead, the step from the rung ``before``."""
+
+    name: str
+    mean: Interval
+    lead: Interval | None
+    share: Share | None
+    before: str | None
+    step: Interval | None
+
+
+class Verdict(FrozenModel):
+    """Whether the task asks agents of a kind to look inside."""
+
+    kind: Kind
+    blind: str
+    strongest: str
+    share: Share | None = Field(description="of the strongest agent's lead that the blind one keeps; null: it has no lead")
+    at_most_half: Answer
+    gap: Interval | None = Field(description="what the rules earn more than the blind agent; null: there are no rules")
+    below_rules: Answer
+
+
+class Ladder(FrozenModel):
+    """The ladder of a task in one of its splits."""
+
+    schema_name: Literal["glbench/ladder"] = Field(default="glbench/ladder", alias="schema")
+    schema_version: Literal[1] = 1
+    task: str
+    task_digest: str
+    split: str
+    seeds: tuple[int, ...] = Field(description="of the runs")
+    metric: str
+    unit: str
+    digits: int = Field(description="decimals of the metric in tables")
+    steps: int = Field(description="environment steps of each training")
+    observed: int = Field(description="columns that the task shows")
+    rules: str = Field(description="the rules that blind agents are compared with")
+    rungs: tuple[Rung, ...]
+    rows: tuple[Row, ...]
+    verdicts: tuple[Verdict, ...]
+
+
+def rows_of(rungs: Sequence[Rung]) -> tuple[Row, ...]:
+    """The rows of the table, in the order of ``rungs``."""
+    by_name, rows = {rung.name: rung for rung in rungs}, []
+    zero = by_name.get(ZERO)
+    for rung in rungs:
+        before, leader = _before(rung.name, by_name), strongest_of(rung.kind, rungs)
+        has_share = zero is not None and leader is not None and rung is not leader and rung.kind != "other"
+        row = Row(
+            name=rung.name,
+            mean=estimate_mean([rung.matrix]).interval(),
+            lead=None if zero is None or rung is zero else _difference(rung, zero),
+            share=share_of(rung, leader, zero) if has_share and leader and zero else None,
+            before=None if before is None else before.name,
+            step=None if before is None else _difference(rung, before),
+        )
+        rows.append(row)
+    return tuple(rows)
+
+
+def verdicts_of(rungs: Sequence[Rung], rules: str) -> tuple[Verdict, ...]:
+    """The verdict on every kind that has a blind agent and another one; ``rules`` names the rules that blind agents are compared with."""
+    by_name, verdicts = {rung.name: rung for rung in rungs}, []
+    zero, ruled = by_name.get(ZERO), by_name.get(rules)
+    kinds: tuple[Kind, ...] = ("ppo", "mpc")
+    for kind in kinds:
+        blind, strongest = strongest_of(kind, rungs, blind=True), strongest_of(kind, rungs)
+        if blind is None or strongest is None:
+            continue
+        share = None if zero is None else share_of(blind, strongest, zero)
+        gap = None if ruled is None else _difference(ruled, blind)
+        most, least = (None, None) if share is None else (share.high, share.low)
+        verdict = Verdict(
+            kind=kind,
+            blind=blind.name,
+            strongest=strongest.name,
+            share=share,
+            at_most_half=_is_positive(None if most is None else HALF - most, None if least is None else HALF - least),
+            gap=gap,
+            below_rules="not resolved" if gap is None else _is_positive(gap.low, gap.high),
+        )
+        verdicts.append(verdict)
+    return tuple(verdicts)
+
+
+def strongest_of(kind: Kind, rungs: Sequence[Rung], *, blind: bool = False) -> Rung | None:
+    """The rung of a kind with the highest mean, among those that look inside, or the ``blind`` ones; ``None`` without any."""
+    candidates = [rung for rung in rungs if rung.kind == kind and (rung.name in BLIND) == blind]
+    return max(candidates, key=lambda rung: rung.matrix.mean(), default=None)
+
+
+def share_of(rung: Rung, strongest: Rung, zero: Rung) -> Share | None:
+    """The share of the lead of ``strongest`` over ``zero`` that ``rung`` has; ``None`` if ``strongest`` does not lead."""
+    nothing = zero.matrix.mean(axis=0)
+    lead, whole = rung.matrix - nothing, strongest.matrix - nothing
+    if not whole.mean() > 0.0:
+        return None
+    value, fixed = float(lead.mean() / whole.mean()), (not rung.seeds, not strongest.seeds)
+
+    def is_possible(share: float) -> bool:
+        interval = estimate_difference([lead], [share * whole], fixed=fixed).interval()
+        return interval.low <= 0.0 <= interval.high
+
+    def end(sign: float) -> float | None:
+        inside, outside = 0.0, 1.0 / 64.0
+        while is_possible(value + sign * outside):
+            if outside > _LARGEST_SHARE:
+                return None
+            inside, outside = outside, 2.0 * outside
+        for _ in range(30):
+            middle = 0.5 * (inside + outside)
+            inside, outside = (middle, outside) if is_possible(value + sign * middle) else (inside, middle)
+        return value + sign * inside
+
+    return Share(value=value, low=end(-1.0), high=end(1.0))
+
+
+def table_cells(ladder: Ladder) -> list[list[str]]:
+    """Headings and rows of the table in words, for a terminal or a page."""
+    rungs = {rung.name: rung for rung in ladder.rungs}
+    table = [["Rung", "Sees", "Trainings", f"Mean [{ladder.unit}]", "Lead over unlit", "Share of the lead", "Step"]]
+    for row in ladder.rows:
+        rung, step = rungs[row.name], "–"
+        if row.step is not None:
+            low, high = row.step.low, row.step.high
+            step = (
+                f"not resolved (below {max(-low, high):,.{ladder.digits}f} {ladder.unit})"
+                if low <= 0.0 <= high
+                else _words(row.step, ladder)
+            )
+            step += f" from {row.before}"
+        sees = "–" if rung.columns is None else f"{rung.columns} of {ladder.observed} columns"
+        lead = "–" if row.lead is None else _words(row.lead, ladder)
+        share = "–" if row.share is None else row.share.words
+        table.append([row.name, sees, str(len(rung.seeds) or "–"), _words(row.mean, ladder), lead, share, step])
+    return table
+
+
+def verdict_words(verdict: Verdict, ladder: Ladder) -> str:
+    """A verdict in two sentences."""
+    share = "no share" if verdict.share is None else verdict.share.words
+    words = f"{verdict.kind}: {verdict.blind} keeps {share} of the lead of {verdict.strongest}; at most half: {verdict.at_most_half}."
+    if verdict.gap is None:
+        return words
+    gap = f"{ladder.rules} earns {_words(verdict.gap, ladder)} {ladder.unit} more than {verdict.blind}"
+    return f"{words} {gap}; blind below rules: {verdict.below_rules}."
+
+
+def _words(interval: Interval, ladder: Ladder) -> str:
+    value, low, high = (f"{number:,.{ladder.digits}f}" for number in (interval.value, interval.low, interval.high))
+    return f"{value} ({low} to {high})"
+
+
+def _before(name: str, rungs: Mapping[str, Rung]) -> Rung | None:
+    """The rung that a rung is compared with: the nearest below it that is there."""
+    while name := _BEFORE.get(name, "sensors" if name.startswith("without_") else ""):
+        if name in rungs:
+            return rungs[name]
+    return None
+
+
+def _difference(first: Rung, second: Rung) -> Interval:
+    return estimate_difference([first.matrix], [second.matrix], fixed=(not first.seeds, not second.seeds)).interval()
+
+
+def _is_positive(low: float | None, high: float | None) -> Answer:
+    """Whether a number with this interval is above 0; an end that is ``None`` does not exist."""
+    if low is not None and low > 0.0:
+        return "yes"
+    return "no" if high is not None and high < 0.0 else "not resolved"

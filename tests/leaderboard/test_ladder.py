@@ -1,0 +1,137 @@
+"""The information ladder from made-up results whose answers are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from glbench.leaderboard.ladder import Ladder, Rung, rows_of, share_of, table_cells, verdict_words, verdicts_of
+
+RUNS = 30
+NOISE = np.random.default_rng(7).normal(size=(8, RUNS))
+SEASON = NOISE[0]  # what all agents share in a run
+
+
+def rung(name: str, mean: float, *, kind: str = "other", trainings: int = 0, scatter: float = 0.0, noise: float = 0.1) -> Rung:
+    """An agent with a mean of exactly ``mean`` over ``trainings`` that are ``scatter`` apart, with noise of its own in each run."""
+    own = NOISE[1 + sum(map(ord, name)) % 7]
+    base = mean + SEASON - SEASON.mean() + noise * (own - own.mean())
+    offsets = scatter * (np.arange(max(trainings, 1)) - (max(trainings, 1) - 1) / 2.0)
+    values = [(base + offset).tolist() for offset in offsets]
+    return Rung.model_validate({"name": name, "kind": kind, "columns": None, "seeds": range(trainings), "values": values})
+
+
+UNLIT, RULES = rung("rule_based_unlit", -1.0), rung("rule_based_tuned", 2.0)
+
+
+def fieller(lead: NDArray[np.float64], whole: NDArray[np.float64]) -> tuple[float, float]:
+    """Both roots of the quadratic of Fieller (1954) for pairs."""
+    n, t = len(lead), float(stdtrit(len(lead) - 1.0, 0.975))
+    (v11, v12), (_, v22) = np.cov(lead, whole) / n
+    a, b, c = whole.mean() ** 2 - t**2 * v22, lead.mean() * whole.mean() - t**2 * v12, lead.mean() ** 2 - t**2 * v11
+    root = np.sqrt(b**2 - a * c)
+    return (b - root) / a, (b + root) / a
+
+
+def test_the_interval_of_a_share_is_that_of_fieller() -> None:
+    strongest, blind = rung("mpc", 3.0, kind="mpc", noise=1.0), rung("mpc_blind", 0.6, kind="mpc", noise=0.8)
+    share = share_of(blind, strongest, UNLIT)
+    assert share is not None
+    assert share.value == pytest.approx(0.4)
+    zero = UNLIT.matrix[0]
+    assert (share.low, share.high) == pytest.approx(fieller(blind.matrix[0] - zero, strongest.matrix[0] - zero), abs=1e-7)
+    assert share.words == f"0.40 ({share.low:.2f} to {share.high:.2f})"
+
+
+def test_trainings_that_scatter_widen_a_share_and_more_of_them_narrow_it() -> None:
+    widths = []
+    for trainings, scatter in ((3, 0.0), (3, 0.5), (10, 0.15)):
+        pair = [rung(name, mean, kind="ppo", trainings=trainings, scatter=scatter) for name, mean in (("sensors", 3.0), ("blind", 0.6))]
+        share = share_of(pair[1], pair[0], UNLIT)
+        assert share is not None
+        assert share.low is not None
+        assert share.high is not None
+        widths.append(share.high - share.low)
+    assert widths[0] < widths[2] < widths[1]
+
+
+def test_a_lead_that_may_be_none_has_no_share_or_one_without_end() -> None:
+    assert share_of(UNLIT, rung("mpc", -2.0, kind="mpc"), UNLIT) is None
+    share = share_of(rung("blind", -0.9, kind="ppo", trainings=2), rung("sensors", -0.8, kind="ppo", trainings=2, scatter=2.0), UNLIT)
+    assert share is not None
+    assert None in (share.low, share.high)
+    assert "unbounded" in share.words
+
+
+@pytest.mark.parametrize(
+    ("blind", "scatter", "half", "below"),
+    [
+        (0.0, 0.02, "yes", "yes"),
+        (2.8, 0.02, "no", "no"),
+        (1.5, 0.02, "no", "yes"),
+        (0.9, 1.2, "not resolved", "not resolved"),
+    ],
+)
+def test_the_verdict_is_yes_no_or_not_resolved(blind: float, scatter: float, half: str, below: str) -> None:
+    rungs = [
+        rung("clock", -3.0, kind="ppo", trainings=3, scatter=scatter),
+        rung("outdoor", blind, kind="ppo", trainings=3, scatter=scatter),
+        rung("sensors", 3.0, kind="ppo", trainings=3, scatter=scatter),
+        rung("memory", 2.9, kind="ppo", trainings=3, scatter=scatter),
+        UNLIT,
+        RULES,
+    ]
+    (verdict,) = verdicts_of(rungs, "rule_based_tuned")
+    assert (verdict.kind, verdict.blind, verdict.strongest) == ("ppo", "outdoor", "sensors")
+    assert (verdict.at_most_half, verdict.below_rules) == (half, below)
+    assert verdict.share is not None
+    assert verdict.gap is not None
+    assert verdict.share.value == pytest.approx((blind + 1.0) / 4.0)
+    assert verdict.gap.value == pytest.approx(2.0 - blind)
+
+
+def test_there_is_no_verdict_without_a_blind_agent_and_no_gap_without_rules() -> None:
+    rungs = [rung("sensors", 3.0, kind="ppo", trainings=2), rung("mpc", 3.0, kind="mpc"), rung("mpc_blind", 0.0, kind="mpc"), UNLIT]
+    (verdict,) = verdicts_of(rungs, "rule_based_tuned")
+    assert verdict.kind == "mpc"
+    assert verdict.gap is None
+    assert verdict.below_rules == "not resolved"
+
+
+def test_the_table_says_what_is_not_resolved() -> None:
+    rungs = [
+        rung("outdoor", 0.0, kind="ppo", trainings=3, scatter=0.1).model_copy(update={"columns": 43}),
+        rung("sensors", 3.0, kind="ppo", trainings=3, scatter=0.1),
+        rung("memory", 3.01, kind="ppo", trainings=3, scatter=0.1),
+        rung("without_co2", 2.0, kind="ppo", trainings=3, scatter=0.1),
+        rung("mpc", 4.0, kind="mpc"),
+        UNLIT,
+        RULES,
+    ]
+    rows = rows_of(rungs)
+    assert [row.before for row in rows] == [None, "outdoor", "sensors", "sensors", None, None, None], "the nearest rung that is there"
+    ladder = Ladder(
+        task="test/T-v1", task_digest="0", split="validation", seeds=tuple(range(RUNS)), metric="reward", unit="EUR m-2", digits=2,
+        steps=10, observed=50, rules="rule_based_tuned", rungs=tuple(rungs), rows=rows, verdicts=verdicts_of(rungs, "rule_based_tuned"),
+    )  # fmt: skip
+    headings, *table = table_cells(ladder)
+    cells = {row[0]: dict(zip(headings, row, strict=True)) for row in table}
+    assert cells["outdoor"]["Sees"] == "43 of 50 columns"
+    assert cells["outdoor"]["Share of the lead"].startswith("0.25 (")
+    assert cells["sensors"]["Step"].startswith("3.00 (")
+    assert cells["sensors"]["Step"].endswith(") from outdoor")
+    step = rows[2].step
+    assert step is not None
+    assert cells["memory"]["Step"] == f"not resolved (below {max(-step.low, step.high):.2f} EUR m-2) from sensors"
+    assert cells["memory"]["Share of the lead"] == "–", "the strongest itself"
+    assert cells["without_co2"]["Step"].startswith("-1.00 (")
+    assert cells["mpc"]["Share of the lead"] == "–", "the only one of its kind"
+    assert cells["rule_based_unlit"]["Lead over unlit"] == "–"
+    assert cells["rule_based_tuned"]["Lead over unlit"].startswith("3.00 (")
+    words = verdict_words(ladder.verdicts[0], ladder)
+    assert words.startswith("ppo: outdoor keeps 0.25 (")
+    assert "of the lead of memory; at most half: yes. rule_based_tuned earns 2.00 (" in words
+    assert words.endswith("EUR m-2 more than outdoor; blind below rules: yes.")
+    assert Ladder.model_validate_json(ladder.model_dump_json(by_alias=True)) == ladder
