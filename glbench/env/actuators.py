@@ -122,11 +122,6 @@ class Actuators:
         return Actuators(tuple(actuators))
 
     @cached_property
-    def faults(self) -> tuple[tuple[Actuator, str], ...]:
-        """Actuator and kind of each fault that there can be, in the order of the stream's numbers."""
-        return tuple((actuator, kind) for actuator in self.actuators for kind in actuator.faults)
-
-    @cached_property
     def short(self) -> tuple[Actuator, ...]:
         """Those with a shortfall, in the order of the traits."""
         return tuple(actuator for actuator in self.actuators if actuator.shortfall)
@@ -134,7 +129,7 @@ class Actuators:
     @property
     def numbers(self) -> int:
         """Random numbers needed in a step."""
-        return len(self.faults)
+        return sum(len(actuator.faults) for actuator in self.actuators)
 
     @property
     def trait_numbers(self) -> int:
@@ -152,9 +147,8 @@ class Actuators:
         return traits
 
     def initial_memory(self) -> dict[str, float]:
-        """Numbers kept from step to step, with start values: the commands, and which faults there are."""
-        commands = {f"{_COMMAND} {actuator.name}": 0.0 for actuator in self.actuators}
-        return commands | {f"{kind} {actuator.name}": 0.0 for actuator, kind in self.faults}
+        """Numbers kept from step to step, with start values: of each actuator its command, and whether it has which fault."""
+        return {f"{what} {actuator.name}": 0.0 for actuator in self.actuators for what in (_COMMAND, *actuator.faults)}
 
     def command_places(self, layout: MemoryLayout) -> dict[int, int]:
         """Place in the memory of the command of each control, by the control's place."""

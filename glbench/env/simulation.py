@@ -15,13 +15,13 @@ from glbench.arrays import real_numbers
 from glbench.env.accounts import REWARD, make_accounts
 from glbench.env.actuation import ActionReader, run_calendar
 from glbench.env.kernels import SCORING_PRESET, Stepper, check_kernel, shared_kernel
-from glbench.env.numpy_environments import NO_PARTS, NumpyEnvironments, ParameterDraws, PythonParts, tape_reader
+from glbench.env.numpy_environments import NO_PARTS, NumpyEnvironments, ParameterDraws, tape_reader
 from glbench.env.program import air_columns, info_columns, make_program
 from glbench.env.scenario import RunScenarios
 from glbench.env.snapshot import Snapshot
 from glbench.env.spaces import checked_seed, no_generators, the_task
 from glbench.errors import GlbenchError, ShapeError, TaskError
-from glbench.kernel.environment import Environments, Program
+from glbench.kernel.environment import Environments
 from glbench.kernel.records import all_finite
 from glbench.kernel.tape import Tape
 
@@ -148,7 +148,7 @@ class Simulation:
         self.n = n
         self.p_nominal = task.parameters()
         self.accounts = make_accounts(task)
-        _ = self._program  # raises for an unknown part, or one that does not fit the task
+        self._program = make_program(task)  # raises for an unknown part, or one that does not fit the task
         self.scenarios = RunScenarios(task)
         self.seeds = read_only(np.zeros(n, dtype=np.uint64))
         self.over = 0
@@ -167,10 +167,6 @@ class Simulation:
         if choice is None or isinstance(choice, str):
             return shared_kernel(self.task.model_value, self.task.step_seconds, choice or SCORING_PRESET)
         return choice
-
-    @cached_property
-    def _program(self) -> tuple[Program, PythonParts]:
-        return make_program(self.task)
 
     @cached_property
     def _environments(self) -> Environments:

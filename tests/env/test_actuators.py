@@ -224,6 +224,21 @@ def test_a_snapshot_and_a_copy_continue_in_the_middle_of_faults(task: TaskSpec) 
     assert simulation.commands.tobytes() == other.commands.tobytes()
 
 
+def test_the_door_for_jax_has_the_same_bits(task: TaskSpec) -> None:
+    jax = pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
+    from glbench.jax import Environment, Params
+
+    given, rows = walk(7, 60, 2), Params(np.arange(2), np.ones(2, np.int64))
+    wanted, environment = course(task, given, SEEDS[:2]), Environment(task, seeds=list(SEEDS[:2]))
+    keys = jax.random.split(jax.random.key(0), 2)
+    _, state = jax.jit(jax.vmap(environment.reset))(keys, rows)
+    step = jax.jit(jax.vmap(environment.step))
+    for k, actions in enumerate(given):
+        observed, state, *_ = step(keys, state, actions)
+        assert np.asarray(observed).tobytes() == wanted["shown"][k].tobytes()
+        assert environment.unpack(state)[1].tobytes() == wanted["u"][k].tobytes()
+
+
 def test_a_process_computer_works_from_its_own_commands(folder: Path) -> None:
     """Vents that never move do not keep its position for them from moving on, as far as it may in a step."""
     stuck = "[actuators.uVent]\nsticks = { days_between = 0.0001, hours = 240.0 }\n"
