@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.tables import with_tables
+from glbench.control import Scenario
 from glbench.env import Simulation
 from glbench.env.forecast import LEVELS, PERSISTENCE, SPREAD
 from glbench.env.generated import SeasonMaker
@@ -44,6 +45,18 @@ SENSORS = (
     ("co2", "CO2", "ppm"),
     ("relative_humidity", "relative humidity", "%"),
 )
+
+ACTUATORS: Any = {
+    "uVent": {
+        "lag_minutes": 4.0,
+        "sticks": {"days_between": 6.0, "hours": 4.0},
+        "wind": {"above": {"value": 12.0, "unit": "m s-1"}, "full": {"value": 16.0, "unit": "m s-1"}, "share": 0.2},
+    },
+    "uBoil": {"fails": {"days_between": 20.0, "hours": 6.0}},
+    "uCo2": {"fails": {"days_between": 15.0, "hours": 24.0}},
+    "uThScr": {"shortfall": 0.1},
+}
+"""The example of the page."""
 
 STYLE: Any = {
     "font.size": 9,
@@ -74,6 +87,7 @@ def draw(task: TaskSpec) -> None:
     """Draw the pictures."""
     for name, figure in (
         ("sensors", sensors(task)),
+        ("actuators", actuators(task)),
         ("outdoor", outdoor(task)),
         ("forecast", forecast(task)),
         ("forecast-error", forecast_error(task)),
@@ -217,6 +231,64 @@ def sensors(task: TaskSpec) -> Any:
     axes[-1].set_xlabel(f"days, from day {first // days + 1} of the run with seed {seed}")
     axes[-1].set_xlim(0, 3)
     return figure
+
+
+def actuators(task: TaskSpec) -> Any:
+    """Commands, what is delivered of them and the temperature inside over a week in which vents, boiler and CO2 have faults."""
+    task = task.replace({"id": "docs/Actuators-v1", "actuators": ACTUATORS})
+    names, length, days = task.model_value.control_names, 7 * task.steps_per_day, task.steps_per_day
+    places = {name: names.index(name) for name in ("uBoil", "uVent", "uCo2")}
+    for seed in range(10000, 10400):
+        scenario = Scenario.of(task, seed)
+        assert scenario.delivery is not None
+        faults = {name: (scenario.delivery.gain[:, place] == 0.0) for name, place in places.items()}
+        weeks = {name: fault[: 5 * length].reshape(5, length).sum(axis=1) for name, fault in faults.items()}
+        by_day = faults["uVent"].reshape(-1, days)[:35, 40:64].sum(axis=1).reshape(5, 7).max(axis=1) >= 12
+        fit = by_day & (weeks["uBoil"] > 16) & (weeks["uCo2"] > 40) & (weeks["uCo2"] < 200)
+        if fit[2:].any():
+            first = (int(np.argmax(fit[2:])) + 2) * length
+            break
+    runs = {name: _thermostat(one, seed, first + length) for name, one in (("faults", task), ("ideal", task.replace(actuators=None)))}
+    figure, axes = plt.subplots(4, 1, figsize=(8.0, 7.2), sharex=True)
+    day, part = np.arange(length) / days, slice(first, first + length)
+    for axis, (name, label) in zip(axes, (("uBoil", "boiler"), ("uVent", "vents"), ("uCo2", "CO₂ supply")), strict=False):
+        commands, delivered, _ = runs["faults"]
+        axis.plot(day, commands[part, places[name]], color=ORANGE, lw=0.9, label="command, which the agent sees")
+        axis.plot(day, delivered[part, places[name]], color=BLUE, lw=1.4, label="delivered, which acts and is paid for")
+        shade = {"where": faults[name][part], "transform": axis.get_xaxis_transform(), "color": GREY, "alpha": 0.35, "lw": 0}
+        axis.fill_between(day, 0, 1, label="fault", **shade)
+        axis.set_ylabel(f"{label} [-]")
+        axis.set_ylim(*((-0.015, 0.515) if name == "uVent" else (-0.03, 1.03)))
+    for name, colour, words in (("ideal", GREEN, "with ideal actuators"), ("faults", BLACK, "with these")):
+        axes[3].plot(day, runs[name][2][part], color=colour, lw=1.2, label=words)
+    axes[3].set_ylabel("air temperature [°C]")
+    axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    axes[3].set_ylim(4, 34)
+    axes[3].legend(loc="upper right", ncols=2)
+    axes[3].set_xlabel(f"days, from day {first // days + 1} of the run with seed {seed}")
+    axes[3].set_xlim(0, 7)
+    return figure
+
+
+def _thermostat(task: TaskSpec, seed: int, steps: int) -> tuple[Floats, Floats, Floats]:
+    """Commands and what is delivered ``(steps, c)``, and the air temperature, of a run in which simple rules heat, ventilate and dose."""
+    simulation, names = Simulation(task, 1, "fast"), task.model_value.control_names
+    simulation.reset([seed])
+    commands, rows = np.zeros((1, len(names))), []
+    for _ in range(steps):
+        (temperature, _, humidity), sun = simulation.air[:, 0], simulation.d[0, 0]
+        targets = {
+            "uBoil": (18.0 - temperature) / 5.0,
+            "uVent": max((temperature - 22.0) / 15.0, (humidity - 82.0) / 40.0),
+            "uCo2": 0.5 * (sun > 50.0),
+        }
+        for name, target in targets.items():
+            place = names.index(name)
+            commands[0, place] += np.clip(np.clip(target, 0.0, 1.0) - commands[0, place], -0.1, 0.1)
+        simulation.step_controls(commands)
+        rows.append((simulation.commands[0], simulation.u[0], simulation.air[0, 0]))
+    given, delivered, temperatures = (np.array(column) for column in zip(*rows, strict=True))
+    return given, delivered, temperatures
 
 
 def outdoor(task: TaskSpec) -> Any:

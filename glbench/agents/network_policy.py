@@ -91,14 +91,26 @@ ACTIVATIONS = EXACT.activations
 class NetworkPolicy:
     """A multilayer perceptron from observations to actions, without noise.
 
-    It was trained on the task ``task_id``, with ``delta``, half the width of that task's uncertainty. ``observation_names`` and
-    ``action_names`` are the columns in order, ``low`` and ``high`` the bounds of the actions. Observations are normalised to ``(x - mean) /
-    scale``, within ``-clip`` to ``clip``. The layers have ``weights`` ``(inputs, outputs)`` and ``biases`` ``(outputs,)``, float32, and
-    between them the ``activation``, a name in ``ACTIVATIONS``. The ``output`` ``"clip"`` is the last layer cut to the bounds, ``"tanh"``
-    its tanh, stretched to the bounds.
-
-    ``about`` says how it was made, for people: algorithm, seed, steps, ... ``arithmetic`` is what ``act`` computes with; it is not part of
-    the file.
+    Attributes
+    ----------
+    task_id, delta
+        The task that it was trained on, and half the width of that task's uncertainty: above 1 where houses differ as measured.
+    observation_names, action_names
+        Columns of the observations and actions, in order.
+    low, high
+        Bounds of the actions.
+    mean, scale, clip
+        Observations are normalised to ``(x - mean) / scale``, within ``-clip`` to ``clip``.
+    weights, biases
+        Of the layers, ``(inputs, outputs)`` and ``(outputs,)``, float32.
+    activation
+        Between the layers: a name in ``ACTIVATIONS``.
+    output
+        ``"clip"``: the last layer is the action, cut to the bounds. ``"tanh"``: its tanh, stretched to the bounds.
+    about
+        How it was made, for people: algorithm, seed, steps, ...
+    arithmetic
+        What ``act`` computes with; not part of the file.
     """
 
     task_id: str
@@ -147,7 +159,7 @@ class NetworkPolicy:
             (all(np.isfinite(array).all() for array in (*self.weights, *self.biases)), "A policy has weights that are not finite."),
             ((self.low < self.high).all(), "The policy has a lower bound that is not below the upper bound."),
             (self.clip >= SMALLEST_CLIP, f"The policy clips normalised observations at {self.clip:g}, expected {SMALLEST_CLIP:g} or more."),
-            (0.0 <= self.delta < LARGEST, f"The policy's delta is {self.delta:g}, expected a number of 0 or more."),
+            (0.0 <= self.delta <= LARGEST, f"The policy's delta is {self.delta:g}, expected 0 to {LARGEST:g}."),
         ):
             if not is_right:
                 raise ShapeError(msg)
@@ -197,8 +209,12 @@ class NetworkPolicy:
 class Gru:
     """A gated recurrent unit: from the input ``(rows, inputs)`` and the memory ``(rows, units)`` to the next memory.
 
-    ``weights`` ``(inputs, 3 * units)`` and ``bias`` ``(3 * units,)``, float32, are those of the input: of the gates that keep and that
-    reset, and of what is new. ``recurrent`` ``(units, 3 * units)`` are the weights of the memory.
+    Attributes
+    ----------
+    weights, bias
+        Of the input, ``(inputs, 3 * units)`` and ``(3 * units,)``, float32: of the gates that keep and that reset, and of what is new.
+    recurrent
+        Of the memory, ``(units, 3 * units)``.
     """
 
     weights: NDArray[np.float32]
@@ -232,12 +248,24 @@ class Gru:
 class Actor:
     """A policy: a network, and what is before and behind it.
 
-    ``network`` goes from the observed columns and, after them, the traces and the recurrent unit's memory to one number an action. Its
-    bounds are those of these numbers: 0 and 1 where they are positions of controls, those of the action elsewhere. The columns ``traced``
-    ``(t,)`` leave traces, as many as there are ``shares`` ``(k,)``: how far a trace goes towards the reading in a step; those of the first
-    share come first. ``max_change`` ``(m,)`` is how far an action of 1 moves its control in a step, of its range; 0 where the network gives
-    the action itself. ``low`` and ``high`` ``(m,)`` are the bounds of the actions. ``gru`` is the recurrent unit, if any, whose inputs are
-    columns and traces as the network gets them. A ``plain`` policy is the network alone, which gets the readings as they are.
+    Attributes
+    ----------
+    network
+        From the observed columns and, after them, the traces and the recurrent unit's memory to one number an action. Its bounds are those
+        of these numbers: 0 and 1 where they are positions of controls, those of the action elsewhere.
+    traced
+        Columns that leave traces ``(t,)``.
+    shares
+        How far each trace goes towards the reading in a step ``(k,)``; there are ``k`` traces of every such column, those of the first
+        share first.
+    max_change
+        How far an action of 1 moves its control in a step ``(m,)``, of its range; 0 where the network gives the action itself.
+    low, high
+        Bounds of the actions ``(m,)``.
+    gru
+        The recurrent unit, whose inputs are columns and traces as the network gets them; ``None`` for none.
+    plain
+        Whether it is the network alone, which gets the readings as they are.
     """
 
     network: NetworkPolicy

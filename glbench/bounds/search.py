@@ -213,25 +213,27 @@ def group_by_conditions(task: TaskSpec, seeds: Sequence[int]) -> tuple[tuple[int
     groups: dict[str, list[int]] = {}
     for seed in seeds:
         scenario, digest = Scenario.of(task, seed), hashlib.sha256()
-        for values in (scenario.x0, scenario.u_before, scenario.d, scenario.p, scenario.calendar):
+        delivery = scenario.delivery
+        maps = () if delivery is None else (delivery.carry, delivery.gain)
+        for values in (scenario.x0, scenario.u_before, scenario.d, scenario.p, scenario.calendar, *maps):
             digest.update(values.tobytes())
         groups.setdefault(digest.hexdigest(), []).append(seed)
     return tuple(tuple(group) for group in groups.values())
 
 
 class _ControlsRecorder:
-    """Records the controls of each step."""
+    """Records the commands of each step."""
 
     def __init__(self) -> None:
         self.controls: list[Floats] = []
 
     def add(self, simulation: Simulation, outcome: StepResult) -> None:
-        """Record the controls of a step."""
-        self.controls.append(np.array(simulation.u))
+        """Record the commands of a step."""
+        self.controls.append(simulation.commands)
 
 
 def agent_controls(task: TaskSpec, agent: Protected, seeds: Sequence[int], progress: Callable[[Progress], None] | None = None) -> Floats:
-    """The controls of an agent in the runs of ``task`` with ``seeds``, ``(n, steps, controls)``.
+    """The controls of an agent in the runs of ``task`` with ``seeds``, ``(n, steps, controls)``: what it told the actuators.
 
     Raises ``GlbenchError`` when the agent cannot be evaluated, or one of its runs fails.
     """

@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -54,8 +55,8 @@ class Actuator:
     ----------
     name, place
         Its control, and the control's place among those of the model.
-    left
-        Share of a change of the command that is still to come after a step: exp(-h / T), 0 without a lag.
+    carry
+        Share of what it delivered that is in what it delivers a step later: exp(-h / T), 0 without a lag.
     shortfall
         The largest one that a run can draw.
     wind
@@ -66,21 +67,20 @@ class Actuator:
 
     name: str
     place: int
-    left: float
+    carry: float
     shortfall: float
     wind: WindLimitTable | None
     faults: Mapping[str, tuple[float, float]]
 
-    def most(self, kept: Any, wind: Any) -> Any:
-        """What it can deliver at most, from 1 - s of the run and the wind speed [m s-1]."""
-        most = kept if self.shortfall else 1.0
-        if self.wind is not None:
-            most = most * (1.0 - (1.0 - self.wind.share) * share(wind, self.wind.above, self.wind.full))
-        return most
+    def most(self, trait: Any, wind_speed: Any) -> Any:
+        """What it can deliver at most, from 1 - s of the run (1 without a shortfall) and the wind speed [m s-1]."""
+        if self.wind is None:
+            return trait
+        return trait * (1.0 - (1.0 - self.wind.share) * share(wind_speed, self.wind.above, self.wind.full))
 
     def delivered(self, before: Any, command: Any, most: Any, faults: Mapping[str, Any]) -> Any:
         """What it delivers in a step, after ``before`` in the step before; ``faults`` are 1 or 0."""
-        moved = self.left * before + (1.0 - self.left) * (most * command)
+        moved = self.carry * before + (1.0 - self.carry) * (most * command)
         if _STICKS in faults:
             moved = select(faults[_STICKS], before, moved)
         return moved * (1.0 - faults[_FAILS]) if _FAILS in faults else moved
@@ -115,10 +115,10 @@ class Actuators:
         actuators = []
         for name in (name for name in task.actuation.controls if name in task.actuators):
             table, place = task.actuators[name], task.model_value.control_names.index(name)
-            left = float(np.exp(-task.step_seconds / (60.0 * table.lag_minutes))) if table.lag_minutes else 0.0
+            carry = float(np.exp(-task.step_seconds / (60.0 * table.lag_minutes))) if table.lag_minutes else 0.0
             kinds = {_STICKS: table.sticks, _FAILS: table.fails}
             faults = {kind: one.chances(task.step_seconds) for kind, one in kinds.items() if one is not None}
-            actuators.append(Actuator(name, place, left, table.shortfall, table.wind, faults))
+            actuators.append(Actuator(name, place, carry, table.shortfall, table.wind, faults))
         return Actuators(tuple(actuators))
 
     @cached_property
@@ -148,8 +148,8 @@ class Actuators:
 
     def traits(self, numbers: Floats) -> Floats:
         """1 - s of each actuator with a shortfall, ``(n, trait_count)``, from as many uniform numbers."""
-        kept: Floats = 1.0 - numbers * np.array([actuator.shortfall for actuator in self.short])
-        return kept
+        traits: Floats = 1.0 - numbers * np.array([actuator.shortfall for actuator in self.short])
+        return traits
 
     def initial_memory(self) -> dict[str, float]:
         """Numbers kept from step to step, with start values: the commands, and which faults there are."""
@@ -167,18 +167,17 @@ class Actuators:
 
     def record(self, recorder: Recorder, commands: Mapping[str, Any], layout: MemoryLayout, draws: DrawPlaces) -> None:
         """Record what is delivered of new ``commands`` in a step, as controls, and the memory for the next one."""
-        memory, faults = layout.of(PART), dict[tuple[str, str], Any]()
-        for number, (actuator, kind) in enumerate(self.faults, draws.noise):
-            place = memory[f"{kind} {actuator.name}"]
-            now = fault(recorder.input("memory", place), recorder.input("noise", number), actuator.faults[kind])
-            faults[actuator.name, kind] = now
-            recorder.output("memory", place, now)
+        memory, numbers = layout.of(PART), count(draws.noise)
         for actuator in self.actuators:
-            kept = recorder.input("trait", draws.trait + self.short.index(actuator)) if actuator.shortfall else 1.0
-            most = actuator.most(kept, recorder.input("weather", WIND))
+            faults = {}
+            for kind, chances in actuator.faults.items():
+                place = memory[f"{kind} {actuator.name}"]
+                faults[kind] = fault(recorder.input("memory", place), recorder.input("noise", next(numbers)), chances)
+                recorder.output("memory", place, faults[kind])
+            trait = recorder.input("trait", draws.trait + self.short.index(actuator)) if actuator.shortfall else 1.0
+            most = actuator.most(trait, recorder.input("weather", WIND))
             before, command = recorder.input("controls", actuator.place), commands[actuator.name]
-            own = {kind: faults[actuator.name, kind] for kind in actuator.faults}
-            recorder.output("controls", actuator.place, actuator.delivered(before, command, most, own))
+            recorder.output("controls", actuator.place, actuator.delivered(before, command, most, faults))
             recorder.output("memory", memory[f"{_COMMAND} {actuator.name}"], command)
 
     def tape(self, layout: MemoryLayout, draws: DrawPlaces) -> Tape:

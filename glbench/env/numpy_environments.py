@@ -113,7 +113,7 @@ def tape_reader(
     steps_before: NDArray[np.int64],
     *,
     controls_before: Floats | None = None,
-    given: Floats | None = None,
+    actions: Floats | None = None,
     weather_steps: NDArray[np.int64] | None = None,
 ) -> Read:
     """What a tape reads of ``runs``, which may be any environments of ``program``.
@@ -130,7 +130,7 @@ def tape_reader(
         "after": after,
         "controls": controls,
         "controls_before": controls if controls_before is None else controls_before,
-        "given": given,
+        "given": actions,
         "trait": runs.traits,
         "memory": runs.memory.copy(),
         "noise": noise,
@@ -178,7 +178,7 @@ class NumpyEnvironments(Environments):
                 msg = "The task's kind of actuation, a registered part, returned controls that are not finite numbers (NaN or infinite)."
                 raise TaskError(msg)
         tape = self._program.actuation
-        read = tape_reader(self._program, self, tape, self.x, self.x, self.u, self.k, given=actions, weather_steps=self.k)
+        read = tape_reader(self._program, self, tape, self.x, self.x, self.u, self.k, actions=actions, weather_steps=self.k)
         for target, index, values in tape.play(read):
             if target == "memory":
                 self.memory[running, index] = np.broadcast_to(values, self._n)[running]

@@ -380,7 +380,7 @@ class Simulation:
         """Replace the commands among the controls given by what actuators deliver, as the program does in a step with actions."""
         runs, tape, running = self._environments, self._delivery, ~self._environments.ended
         commands = self._readers["direct_controls"](runs.direct_controls, self.n, runs.ended)
-        read = tape_reader(self._program[0], runs, tape, runs.x, runs.x, runs.u, runs.k, given=commands, weather_steps=runs.k)
+        read = tape_reader(self._program[0], runs, tape, runs.x, runs.x, runs.u, runs.k, actions=commands, weather_steps=runs.k)
         for target, index, values in tape.play(read):
             array = runs.memory if target == "memory" else runs.direct_controls
             array[running, index] = values[running]

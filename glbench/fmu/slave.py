@@ -239,7 +239,7 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
         for _ in range(steps):
             change = shares
             if task.actuation.kind == "rate":
-                change = np.clip((shares - simulation.u[0, moved]) / task.actuation.max_change, -1.0, 1.0)
+                change = np.clip((shares - simulation.commands[0, moved]) / task.actuation.max_change, -1.0, 1.0)
             _, numbers, ended = simulation.step_single(change)
             rows.append(numbers[first:])
             if not simulation.over:

@@ -20,6 +20,7 @@ from glbench.model.air import (
     vapour_pressure_deficit,
 )
 from glbench.model.bounds import Horizon
+from glbench.model.crop.butterhead import Butterhead
 from glbench.model.crop.lettuce import VanHentenLettuce
 from glbench.model.crop.tomato import VanthoorTomato
 from glbench.model.crop.trusses import TrussTomato
@@ -31,6 +32,7 @@ from glbench.model.heat_harvesting import HARVEST_METERS, HeatHarvesting
 from glbench.model.model import Capacity, Evaluation, Flow, Model, ObservedColumn, Signal, Step, Stock
 from glbench.model.paper import (
     AUXILIARIES,
+    BUTTERHEAD,
     CO2_DOSED,
     COMPARTMENT,
     CONTROL_NAMES,
@@ -77,6 +79,7 @@ from glbench.model.violation_meters import NO_LIMIT, SIDES, Side, limit_paramete
 
 __all__ = [
     "AUXILIARIES",
+    "BUTTERHEAD",
     "CO2_DOSED",
     "COMPARTMENT",
     "CONTROLS",
@@ -108,6 +111,7 @@ __all__ = [
     "Air",
     "AirExchange",
     "Around",
+    "Butterhead",
     "Capacity",
     "ChpBoilerBuffer",
     "Climate",

@@ -644,8 +644,8 @@ _WindSpeed = Annotated[float, in_unit("m s-1")]
 class WindLimitTable(Table):
     """``[actuators.<control>.wind]``: from a wind speed on, a control delivers less, down to a share of what it is told."""
 
-    above: _WindSpeed = Field(ge=0.0, description='a wind speed, 0 or more: { value = 12.0, unit = "m s-1" }')
-    full: _WindSpeed = Field(description='a wind speed higher than above: { value = 16.0, unit = "m s-1" }')
+    above: Annotated[float, in_unit("m s-1")] = Field(ge=0.0, description='a wind speed, 0 or more: { value = 12.0, unit = "m s-1" }')
+    full: Annotated[float, in_unit("m s-1")] = Field(description='a wind speed higher than above: { value = 16.0, unit = "m s-1" }')
     share: float = Field(default=0.0, ge=0.0, lt=1.0, description="a fraction from 0 to below 1")
 
     @model_validator(mode="after")

@@ -185,7 +185,7 @@ def test_a_lag_is_the_exact_solution_at_the_end_of_each_step(folder: Path) -> No
 def test_faults_come_as_often_and_stay_as_long_as_stated_independently(folder: Path) -> None:
     both = "fails = { days_between = 2.0, hours = 4.0 }\n"
     failing = of(folder / "fails.toml", f"[actuators.uBoil]\n{both}[actuators.uCo2]\n{both}", days=10)
-    seeds, steps = list(range(400)), 400
+    seeds, steps = list(range(250)), 300
     simulation = Simulation(failing, len(seeds), StillKernel())
     simulation.reset(seeds)
     failed = np.empty((steps, len(seeds), 2), bool)
@@ -194,8 +194,8 @@ def test_faults_come_as_often_and_stay_as_long_as_stated_independently(folder: P
         failed[k] = simulation.u[:, :2] == 0.0
     for faults in failed.transpose(2, 0, 1):
         begins = (faults[1:] & ~faults[:-1]).sum()
-        assert begins / (~faults[:-1]).sum() * 2.0 * 96 == pytest.approx(1.0, rel=0.08)
-        assert faults[1:].sum() / begins * 0.25 == pytest.approx(4.0, rel=0.08)
+        assert begins / (~faults[:-1]).sum() * 2.0 * 96 == pytest.approx(1.0, rel=0.1)
+        assert faults[1:].sum() / begins * 0.25 == pytest.approx(4.0, rel=0.1)
         assert faults[0].mean() == pytest.approx(1.0 / 192.0, abs=0.012)
     assert abs(np.corrcoef(failed[..., 0].ravel(), failed[..., 1].ravel())[0, 1]) < 0.02
 
