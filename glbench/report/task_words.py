@@ -461,7 +461,7 @@ def _interface(task: tasks.TaskSpec, card: tasks.TaskCard) -> Iterator[Section]:
     hours, forecast, lines = task.observation.forecast_hours, task.observation.forecast, []
     if hours and isinstance(forecast, ForecastTable):
         ahead, error = ", ".join(map(str, hours)), forecast.error
-        mean = "; right on average, as no error is larger than one of the other sign could be" if forecast.unbiased else ""
+        mean = "; zero on average" if forecast.unbiased else ""
         lines = [f"Forecast by the hour, {ahead} h ahead; errors '{error}': {FORECAST_ERRORS[error].meaning}{mean}."]
     heading = f"What the agent sees: {count} values after every step, float32, in this order"
     bounds = ("", "Name", "Unit", "Lowest", "Highest", "Meaning")

@@ -323,7 +323,7 @@ def test_a_task_file_says_whether_its_forecast_is_unbiased(folder: Path) -> None
     made = ForecastTable.of(plain), ForecastTable.of(unbiased)
     assert [one.unbiased for one in made if one is not None] == [False, True]
     (section,) = (one for one in definition_in_words(unbiased) if one.heading.startswith("What the agent sees"))
-    assert "right on average" in section.lines[0]
+    assert "zero on average" in section.lines[0]
 
 
 def test_real_years_have_forecasts_too(folder: Path) -> None:
