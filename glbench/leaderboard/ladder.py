@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from glbench.leaderboard.statistics import Array, FrozenModel, Interval, estimate_difference, estimate_mean
+from glbench.quantities import pretty_unit
 
 Kind = Literal["ppo", "mpc", "other"]
 Answer = Literal["yes", "no", "not resolved"]
@@ -177,18 +178,14 @@ def share_of(rung: Rung, strongest: Rung, zero: Rung) -> Share | None:
 
 def table_cells(ladder: Ladder) -> list[list[str]]:
     """Headings and rows of the table in words, for a terminal or a page."""
-    rungs = {rung.name: rung for rung in ladder.rungs}
-    table = [["Rung", "Sees", "Trainings", f"Mean [{ladder.unit}]", "Lead over unlit", "Share of the lead", "Step"]]
+    rungs, unit = {rung.name: rung for rung in ladder.rungs}, pretty_unit(ladder.unit)
+    table = [["Rung", "Sees", "Trainings", f"Mean [{unit or '-'}]", "Lead over unlit", "Share of the lead", "Step"]]
     for row in ladder.rows:
         rung, step = rungs[row.name], "–"
         if row.step is not None:
             low, high = row.step.low, row.step.high
-            step = (
-                f"not resolved (below {max(-low, high):,.{ladder.digits}f} {ladder.unit})"
-                if low <= 0.0 <= high
-                else _words(row.step, ladder)
-            )
-            step += f" from {row.before}"
+            below = f"not resolved (below {max(-low, high):,.{ladder.digits}f} {unit})"
+            step = f"{below if low <= 0.0 <= high else _words(row.step, ladder)} from {row.before}"
         sees = "–" if rung.columns is None else f"{rung.columns} of {ladder.observed} columns"
         lead = "–" if row.lead is None else _words(row.lead, ladder)
         share = "–" if row.share is None else row.share.words
@@ -202,7 +199,7 @@ def verdict_words(verdict: Verdict, ladder: Ladder) -> str:
     words = f"{verdict.kind}: {verdict.blind} keeps {share} of the lead of {verdict.strongest}; at most half: {verdict.at_most_half}."
     if verdict.gap is None:
         return words
-    gap = f"{ladder.rules} earns {_words(verdict.gap, ladder)} {ladder.unit} more than {verdict.blind}"
+    gap = f"{ladder.rules} earns {_words(verdict.gap, ladder)} {pretty_unit(ladder.unit)} more than {verdict.blind}"
     return f"{words} {gap}; blind below rules: {verdict.below_rules}."
 
 
