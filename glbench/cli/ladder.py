@@ -146,30 +146,27 @@ def _train(
     class Moving(Listener):
         """Moves the bar for one training."""
 
-        def __init__(self, name: str) -> None:
-            self._name = name
+        def __init__(self, key: tuple[str, int]) -> None:
+            self._key = key
 
         def on_progress(self, progress: Any) -> None:
-            shares[self._name] = progress.steps / progress.total_steps
-            move(completed=sum(shares.values()), description=self._name)
+            shares[self._key] = progress.steps / progress.total_steps
+            move(completed=sum(shares.values()))
 
     settings = {name: read_compiled_settings(config, task, steps, [name]) for name in places}
-    shares, done = dict[str, float](), dict[Path, tuple[str, int]]()
-    with (
-        status_bar("training", len(places) * trainings, TaskProgressColumn(), MofNCompleteColumn()) as move,
-        executor_of(Where(on_ray=False, address=None, workers=workers), task) as executor,
-    ):
+    shares, done = dict[tuple[str, int], float](), dict[Path, tuple[str, int]]()
+    total, where = len(places) * trainings, Where(on_ray=False, address=None, workers=workers)
+    with status_bar("training", total, TaskProgressColumn(), MofNCompleteColumn()) as move, executor_of(where, task) as executor:
         for name, place in places.items():
             folders = {seed: place.with_name(f"{place.name}-seed{seed}") for seed in range(trainings)}
-            listeners = {seed: [Moving(f"{name}, seed {seed}")] for seed in folders}
+            listeners = {seed: [Moving((name, seed))] for seed in folders}
             for seed, trained in train_seeds(executor, train_compiled, task, settings[name], folders, listeners=listeners.__getitem__):
-                shares[f"{name}, seed {seed}"] = 1.0
-                move(completed=sum(shares.values()))
+                shares[name, seed] = 1.0
                 if isinstance(trained, GlbenchError):
                     console.print_warning(f"{name}, seed {seed}: {trained}")
                     continue
                 done[folders[seed]] = (name, seed)
-                console.tell(f"{name}, seed {seed}: trained, best {trained.best_reward:,.3f} ({len(done)} of {len(places) * trainings})")
+                console.tell(f"{name}, seed {seed}: trained, best {trained.best_reward:,.3f} ({len(done)} of {total})")
     return done
 
 

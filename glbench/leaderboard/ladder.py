@@ -102,45 +102,38 @@ class Ladder(FrozenModel):
 
 def rows_of(rungs: Sequence[Rung]) -> tuple[Row, ...]:
     """The rows of the table, in the order of ``rungs``."""
-    by_name, rows = {rung.name: rung for rung in rungs}, []
+    by_name = {rung.name: rung for rung in rungs}
     zero = by_name.get(ZERO)
-    for rung in rungs:
-        before, leader = _before(rung.name, by_name), strongest_of(rung.kind, rungs)
-        has_share = zero is not None and leader is not None and rung is not leader and rung.kind != "other"
-        row = Row(
+
+    def row(rung: Rung) -> Row:
+        before, leader = _before(rung.name, by_name), None if rung.kind == "other" else strongest_of(rung.kind, rungs)
+        return Row(
             name=rung.name,
             mean=estimate_mean([rung.matrix]).interval(),
-            lead=None if zero is None or rung is zero else _difference(rung, zero),
-            share=share_of(rung, leader, zero) if has_share and leader and zero else None,
+            lead=None if rung is zero else _difference(rung, zero),
+            share=None if rung is leader else share_of(rung, leader, zero),
             before=None if before is None else before.name,
-            step=None if before is None else _difference(rung, before),
+            step=_difference(rung, before),
         )
-        rows.append(row)
-    return tuple(rows)
+
+    return tuple(map(row, rungs))
 
 
 def verdicts_of(rungs: Sequence[Rung], rules: str) -> tuple[Verdict, ...]:
     """The verdict on every kind that has a blind agent and another one; ``rules`` names the rules that blind agents are compared with."""
     by_name, verdicts = {rung.name: rung for rung in rungs}, []
-    zero, ruled = by_name.get(ZERO), by_name.get(rules)
     kinds: tuple[Kind, ...] = ("ppo", "mpc")
     for kind in kinds:
         blind, strongest = strongest_of(kind, rungs, blind=True), strongest_of(kind, rungs)
         if blind is None or strongest is None:
             continue
-        share = None if zero is None else share_of(blind, strongest, zero)
+        share, ruled = share_of(blind, strongest, by_name.get(ZERO)), by_name.get(rules)
         gap = None if ruled is None else _difference(ruled, blind)
         most, least = (None, None) if share is None else (share.high, share.low)
-        verdict = Verdict(
-            kind=kind,
-            blind=blind.name,
-            strongest=strongest.name,
-            share=share,
-            at_most_half=_is_positive(None if most is None else HALF - most, None if least is None else HALF - least),
-            gap=gap,
-            below_rules="not resolved" if gap is None else _is_positive(gap.low, gap.high),
-        )
-        verdicts.append(verdict)
+        half = _is_positive(*(None if end is None else HALF - end for end in (most, least)))
+        below = _is_positive(*((None, None) if gap is None else (gap.low, gap.high)))
+        names = {"blind": blind.name, "strongest": strongest.name}
+        verdicts.append(Verdict(kind=kind, **names, share=share, at_most_half=half, gap=gap, below_rules=below))
     return tuple(verdicts)
 
 
@@ -150,8 +143,10 @@ def strongest_of(kind: Kind, rungs: Sequence[Rung], *, blind: bool = False) -> R
     return max(candidates, key=lambda rung: rung.matrix.mean(), default=None)
 
 
-def share_of(rung: Rung, strongest: Rung, zero: Rung) -> Share | None:
-    """The share of the lead of ``strongest`` over ``zero`` that ``rung`` has; ``None`` if ``strongest`` does not lead."""
+def share_of(rung: Rung, strongest: Rung | None, zero: Rung | None) -> Share | None:
+    """The share of the lead of ``strongest`` over ``zero`` that ``rung`` has; ``None`` if ``strongest`` does not lead, or is missing."""
+    if strongest is None or zero is None:
+        return None
     nothing = zero.matrix.mean(axis=0)
     lead, whole = rung.matrix - nothing, strongest.matrix - nothing
     if not whole.mean() > 0.0:
@@ -216,7 +211,9 @@ def _before(name: str, rungs: Mapping[str, Rung]) -> Rung | None:
     return None
 
 
-def _difference(first: Rung, second: Rung) -> Interval:
+def _difference(first: Rung, second: Rung | None) -> Interval | None:
+    if second is None:
+        return None
     return estimate_difference([first.matrix], [second.matrix], fixed=(not first.seeds, not second.seeds)).interval()
 
 
