@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from glbench.leaderboard.ladder import Ladder, Rung
     from glbench.tasks import TaskSpec
 
-Trainings = Mapping[Path, tuple[str, int]]
+Policies = Mapping[Path, tuple[str, int]]
 """View and seed of each training, by its folder."""
 _UNLIT, _MPC = "rule_based_unlit", "mpc_"
 
@@ -66,28 +66,18 @@ def ladder(
     if split == "test":
         console.print_warning("These are the runs of the test split: choose nothing by them.")
     with console.interruption("Run the same command again to continue: nothing that is finished is repeated."):
-        done = _train(spec, {name: folder / f"ppo-{spec.short_id}-{name}" for name in names}, config, steps, trainings, workers)
-        results = _evaluate(scored, [*map(str, done), *others], folder, runs, workers, printer)
-    rungs, metric = _rungs(spec, results, done), catalogue(spec).metrics[spec.evaluation.metric]
+        policies = _train(spec, {name: folder / f"ppo-{spec.short_id}-{name}" for name in names}, config, steps, trainings, workers)
+        results = _evaluate(scored, [*map(str, policies), *others], folder, runs, workers, printer)
+    rungs, metric = _rungs(spec, results, policies), catalogue(spec).metrics[spec.evaluation.metric]
     rules_name = results[rules].agent.name if rules in results else rules
     document = Ladder(
-        task=spec.id,
-        task_digest=spec.digest,
-        split=split,
-        seeds=next(iter(results.values())).evaluation.seeds,
-        metric=metric.name,
-        unit=metric.unit,
-        digits=metric.digits,
-        steps=steps,
-        observed=len(spec.observed()),
-        rules=rules_name,
-        rungs=tuple(rungs),
-        rows=rows_of(rungs),
-        verdicts=verdicts_of(rungs, rules_name),
-    )
+        task=spec.id, task_digest=spec.digest, split=split, seeds=next(iter(results.values())).evaluation.seeds, metric=metric.name,
+        unit=metric.unit, digits=metric.digits, steps=steps, observed=len(spec.observed()), rules=rules_name, rungs=tuple(rungs),
+        rows=rows_of(rungs), verdicts=verdicts_of(rungs, rules_name),
+    )  # fmt: skip
     write_atomically(folder / "ladder.json", document.model_dump_json(by_alias=True, indent=1) + "\n")
     printer.say(console.aside(f"Saved: {folder / 'ladder.json'}"))
-    is_whole = len(done) == len(names) * trainings and len(results) == len(done) + len(others)
+    is_whole = len(policies) == len(names) * trainings and len(results) == len(policies) + len(others)
     printer.show(ladder_view(document, code=0 if is_whole else 1))
 
 
@@ -154,7 +144,7 @@ def _train(
             move(completed=sum(shares.values()))
 
     settings = {name: read_compiled_settings(config, task, steps, [name]) for name in places}
-    shares, done = dict[tuple[str, int], float](), dict[Path, tuple[str, int]]()
+    shares, policies = dict[tuple[str, int], float](), dict[Path, tuple[str, int]]()
     total, where = len(places) * trainings, Where(on_ray=False, address=None, workers=workers)
     with status_bar("training", total, TaskProgressColumn(), MofNCompleteColumn()) as move, executor_of(where, task) as executor:
         for name, place in places.items():
@@ -165,9 +155,9 @@ def _train(
                 if isinstance(trained, GlbenchError):
                     console.print_warning(f"{name}, seed {seed}: {trained}")
                     continue
-                done[folders[seed]] = (name, seed)
-                console.tell(f"{name}, seed {seed}: trained, best {trained.best_reward:,.3f} ({len(done)} of {total})")
-    return done
+                policies[folders[seed]] = (name, seed)
+                console.tell(f"{name}, seed {seed}: trained, best {trained.best_reward:,.3f} ({len(policies)} of {total})")
+    return policies
 
 
 def _evaluate(
@@ -192,21 +182,21 @@ def _evaluate(
     return results
 
 
-def _rungs(task: TaskSpec, results: Mapping[str, Result], trainings: Trainings) -> list[Rung]:
+def _rungs(task: TaskSpec, results: Mapping[str, Result], policies: Policies) -> list[Rung]:
     """The rungs: views, then agents that are not trained."""
     from glbench.agents.views import VIEWS, visible_columns
     from glbench.leaderboard.ladder import Rung
 
     by_name: dict[str, dict[int | None, tuple[float, ...]]] = {}
     for ref, result in results.items():
-        name, seed = trainings.get(Path(ref), (result.agent.name, None))
+        name, seed = policies.get(Path(ref), (result.agent.name, None))
         by_name.setdefault(name, {})[seed] = result.values(task.evaluation.metric)
     rungs = []
     for name, by_seed in by_name.items():
         seeds, view = [seed for seed in by_seed if seed is not None], name.removeprefix(_MPC)
-        has_view = bool(seeds) or view in VIEWS
-        kind = "ppo" if seeds else "mpc" if view in (*VIEWS, "mpc") else "other"
-        columns = int(visible_columns(task, (view,)).sum()) if has_view else None
+        is_mpc = name == "mpc" or (name != view and view in VIEWS)
+        columns = int(visible_columns(task, (view,)).sum()) if seeds or (is_mpc and view in VIEWS) else None
+        kind = "ppo" if seeds else "mpc" if is_mpc else "other"
         parts = {"name": name, "kind": kind, "columns": columns, "seeds": seeds, "values": list(by_seed.values())}
         rungs.append(Rung.model_validate(parts))
     return rungs

@@ -108,13 +108,10 @@ def rows_of(rungs: Sequence[Rung]) -> tuple[Row, ...]:
     def row(rung: Rung) -> Row:
         before, leader = _before(rung.name, by_name), None if rung.kind == "other" else strongest_of(rung.kind, rungs)
         return Row(
-            name=rung.name,
-            mean=estimate_mean([rung.matrix]).interval(),
-            lead=None if rung is zero else _difference(rung, zero),
-            share=None if rung is leader else share_of(rung, leader, zero),
-            before=None if before is None else before.name,
+            name=rung.name, mean=estimate_mean([rung.matrix]).interval(), lead=None if rung is zero else _difference(rung, zero),
+            share=None if rung is leader else share_of(rung, leader, zero), before=None if before is None else before.name,
             step=_difference(rung, before),
-        )
+        )  # fmt: skip
 
     return tuple(map(row, rungs))
 
