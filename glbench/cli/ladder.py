@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from glbench.leaderboard.ladder import Ladder, Rung
     from glbench.tasks import TaskSpec
 
-Trainings = Mapping[Path, tuple[str, int]]
+Policies = Mapping[Path, tuple[str, int]]
 """View and seed of each training, by its folder."""
 _UNLIT, _MPC = "rule_based_unlit", "mpc_"
 
@@ -66,28 +66,18 @@ def ladder(
     if split == "test":
         console.print_warning("These are the runs of the test split: choose nothing by them.")
     with console.interruption("Run the same command again to continue: nothing that is finished is repeated."):
-        done = _train(spec, {name: folder / f"ppo-{spec.short_id}-{name}" for name in names}, config, steps, trainings, workers)
-        results = _evaluate(scored, [*map(str, done), *others], folder, runs, workers, printer)
-    rungs, metric = _rungs(spec, results, done), catalogue(spec).metrics[spec.evaluation.metric]
+        policies = _train(spec, {name: folder / f"ppo-{spec.short_id}-{name}" for name in names}, config, steps, trainings, workers)
+        results = _evaluate(scored, [*map(str, policies), *others], folder, runs, workers, printer)
+    rungs, metric = _rungs(spec, results, policies), catalogue(spec).metrics[spec.evaluation.metric]
     rules_name = results[rules].agent.name if rules in results else rules
     document = Ladder(
-        task=spec.id,
-        task_digest=spec.digest,
-        split=split,
-        seeds=next(iter(results.values())).evaluation.seeds,
-        metric=metric.name,
-        unit=metric.unit,
-        digits=metric.digits,
-        steps=steps,
-        observed=len(spec.observed()),
-        rules=rules_name,
-        rungs=tuple(rungs),
-        rows=rows_of(rungs),
-        verdicts=verdicts_of(rungs, rules_name),
-    )
+        task=spec.id, task_digest=spec.digest, split=split, seeds=next(iter(results.values())).evaluation.seeds, metric=metric.name,
+        unit=metric.unit, digits=metric.digits, steps=steps, observed=len(spec.observed()), rules=rules_name, rungs=tuple(rungs),
+        rows=rows_of(rungs), verdicts=verdicts_of(rungs, rules_name),
+    )  # fmt: skip
     write_atomically(folder / "ladder.json", document.model_dump_json(by_alias=True, indent=1) + "\n")
     printer.say(console.aside(f"Saved: {folder / 'ladder.json'}"))
-    is_whole = len(done) == len(names) * trainings and len(results) == len(done) + len(others)
+    is_whole = len(policies) == len(names) * trainings and len(results) == len(policies) + len(others)
     printer.show(ladder_view(document, code=0 if is_whole else 1))
 
 
@@ -146,31 +136,28 @@ def _train(
     class Moving(Listener):
         """Moves the bar for one training."""
 
-        def __init__(self, name: str) -> None:
-            self._name = name
+        def __init__(self, key: tuple[str, int]) -> None:
+            self._key = key
 
         def on_progress(self, progress: Any) -> None:
-            shares[self._name] = progress.steps / progress.total_steps
-            move(completed=sum(shares.values()), description=self._name)
+            shares[self._key] = progress.steps / progress.total_steps
+            move(completed=sum(shares.values()))
 
     settings = {name: read_compiled_settings(config, task, steps, [name]) for name in places}
-    shares, done = dict[str, float](), dict[Path, tuple[str, int]]()
-    with (
-        status_bar("training", len(places) * trainings, TaskProgressColumn(), MofNCompleteColumn()) as move,
-        executor_of(Where(on_ray=False, address=None, workers=workers), task) as executor,
-    ):
+    shares, policies = dict[tuple[str, int], float](), dict[Path, tuple[str, int]]()
+    total, where = len(places) * trainings, Where(on_ray=False, address=None, workers=workers)
+    with status_bar("training", total, TaskProgressColumn(), MofNCompleteColumn()) as move, executor_of(where, task) as executor:
         for name, place in places.items():
             folders = {seed: place.with_name(f"{place.name}-seed{seed}") for seed in range(trainings)}
-            listeners = {seed: [Moving(f"{name}, seed {seed}")] for seed in folders}
+            listeners = {seed: [Moving((name, seed))] for seed in folders}
             for seed, trained in train_seeds(executor, train_compiled, task, settings[name], folders, listeners=listeners.__getitem__):
-                shares[f"{name}, seed {seed}"] = 1.0
-                move(completed=sum(shares.values()))
+                shares[name, seed] = 1.0
                 if isinstance(trained, GlbenchError):
                     console.print_warning(f"{name}, seed {seed}: {trained}")
                     continue
-                done[folders[seed]] = (name, seed)
-                console.tell(f"{name}, seed {seed}: trained, best {trained.best_reward:,.3f} ({len(done)} of {len(places) * trainings})")
-    return done
+                policies[folders[seed]] = (name, seed)
+                console.tell(f"{name}, seed {seed}: trained, best {trained.best_reward:,.3f} ({len(policies)} of {total})")
+    return policies
 
 
 def _evaluate(
@@ -195,21 +182,21 @@ def _evaluate(
     return results
 
 
-def _rungs(task: TaskSpec, results: Mapping[str, Result], trainings: Trainings) -> list[Rung]:
+def _rungs(task: TaskSpec, results: Mapping[str, Result], policies: Policies) -> list[Rung]:
     """The rungs: views, then agents that are not trained."""
     from glbench.agents.views import VIEWS, visible_columns
     from glbench.leaderboard.ladder import Rung
 
     by_name: dict[str, dict[int | None, tuple[float, ...]]] = {}
     for ref, result in results.items():
-        name, seed = trainings.get(Path(ref), (result.agent.name, None))
+        name, seed = policies.get(Path(ref), (result.agent.name, None))
         by_name.setdefault(name, {})[seed] = result.values(task.evaluation.metric)
     rungs = []
     for name, by_seed in by_name.items():
         seeds, view = [seed for seed in by_seed if seed is not None], name.removeprefix(_MPC)
-        has_view = bool(seeds) or view in VIEWS
-        kind = "ppo" if seeds else "mpc" if view in (*VIEWS, "mpc") else "other"
-        columns = int(visible_columns(task, (view,)).sum()) if has_view else None
+        is_mpc = name == "mpc" or (name != view and view in VIEWS)
+        columns = int(visible_columns(task, (view,)).sum()) if seeds or (is_mpc and view in VIEWS) else None
+        kind = "ppo" if seeds else "mpc" if is_mpc else "other"
         parts = {"name": name, "kind": kind, "columns": columns, "seeds": seeds, "values": list(by_seed.values())}
         rungs.append(Rung.model_validate(parts))
     return rungs

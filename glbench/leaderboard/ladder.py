@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from glbench.leaderboard.statistics import Array, FrozenModel, Interval, estimate_difference, estimate_mean
+from glbench.quantities import pretty_unit
 
 Kind = Literal["ppo", "mpc", "other"]
 Answer = Literal["yes", "no", "not resolved"]
@@ -101,45 +102,35 @@ class Ladder(FrozenModel):
 
 def rows_of(rungs: Sequence[Rung]) -> tuple[Row, ...]:
     """The rows of the table, in the order of ``rungs``."""
-    by_name, rows = {rung.name: rung for rung in rungs}, []
+    by_name = {rung.name: rung for rung in rungs}
     zero = by_name.get(ZERO)
-    for rung in rungs:
-        before, leader = _before(rung.name, by_name), strongest_of(rung.kind, rungs)
-        has_share = zero is not None and leader is not None and rung is not leader and rung.kind != "other"
-        row = Row(
-            name=rung.name,
-            mean=estimate_mean([rung.matrix]).interval(),
-            lead=None if zero is None or rung is zero else _difference(rung, zero),
-            share=share_of(rung, leader, zero) if has_share and leader and zero else None,
-            before=None if before is None else before.name,
-            step=None if before is None else _difference(rung, before),
-        )
-        rows.append(row)
-    return tuple(rows)
+
+    def row(rung: Rung) -> Row:
+        before, leader = _before(rung.name, by_name), None if rung.kind == "other" else strongest_of(rung.kind, rungs)
+        return Row(
+            name=rung.name, mean=estimate_mean([rung.matrix]).interval(), lead=None if rung is zero else _difference(rung, zero),
+            share=None if rung is leader else share_of(rung, leader, zero), before=None if before is None else before.name,
+            step=_difference(rung, before),
+        )  # fmt: skip
+
+    return tuple(map(row, rungs))
 
 
 def verdicts_of(rungs: Sequence[Rung], rules: str) -> tuple[Verdict, ...]:
     """The verdict on every kind that has a blind agent and another one; ``rules`` names the rules that blind agents are compared with."""
     by_name, verdicts = {rung.name: rung for rung in rungs}, []
-    zero, ruled = by_name.get(ZERO), by_name.get(rules)
     kinds: tuple[Kind, ...] = ("ppo", "mpc")
     for kind in kinds:
         blind, strongest = strongest_of(kind, rungs, blind=True), strongest_of(kind, rungs)
         if blind is None or strongest is None:
             continue
-        share = None if zero is None else share_of(blind, strongest, zero)
+        share, ruled = share_of(blind, strongest, by_name.get(ZERO)), by_name.get(rules)
         gap = None if ruled is None else _difference(ruled, blind)
         most, least = (None, None) if share is None else (share.high, share.low)
-        verdict = Verdict(
-            kind=kind,
-            blind=blind.name,
-            strongest=strongest.name,
-            share=share,
-            at_most_half=_is_positive(None if most is None else HALF - most, None if least is None else HALF - least),
-            gap=gap,
-            below_rules="not resolved" if gap is None else _is_positive(gap.low, gap.high),
-        )
-        verdicts.append(verdict)
+        half = _is_positive(*(None if end is None else HALF - end for end in (most, least)))
+        below = _is_positive(*((None, None) if gap is None else (gap.low, gap.high)))
+        names = {"blind": blind.name, "strongest": strongest.name}
+        verdicts.append(Verdict(kind=kind, **names, share=share, at_most_half=half, gap=gap, below_rules=below))
     return tuple(verdicts)
 
 
@@ -149,8 +140,10 @@ def strongest_of(kind: Kind, rungs: Sequence[Rung], *, blind: bool = False) -> R
     return max(candidates, key=lambda rung: rung.matrix.mean(), default=None)
 
 
-def share_of(rung: Rung, strongest: Rung, zero: Rung) -> Share | None:
-    """The share of the lead of ``strongest`` over ``zero`` that ``rung`` has; ``None`` if ``strongest`` does not lead."""
+def share_of(rung: Rung, strongest: Rung | None, zero: Rung | None) -> Share | None:
+    """The share of the lead of ``strongest`` over ``zero`` that ``rung`` has; ``None`` if ``strongest`` does not lead, or is missing."""
+    if strongest is None or zero is None:
+        return None
     nothing = zero.matrix.mean(axis=0)
     lead, whole = rung.matrix - nothing, strongest.matrix - nothing
     if not whole.mean() > 0.0:
@@ -177,18 +170,14 @@ def share_of(rung: Rung, strongest: Rung, zero: Rung) -> Share | None:
 
 def table_cells(ladder: Ladder) -> list[list[str]]:
     """Headings and rows of the table in words, for a terminal or a page."""
-    rungs = {rung.name: rung for rung in ladder.rungs}
-    table = [["Rung", "Sees", "Trainings", f"Mean [{ladder.unit}]", "Lead over unlit", "Share of the lead", "Step"]]
+    rungs, unit = {rung.name: rung for rung in ladder.rungs}, pretty_unit(ladder.unit)
+    table = [["Rung", "Sees", "Trainings", f"Mean [{unit or '-'}]", "Lead over unlit", "Share of the lead", "Step"]]
     for row in ladder.rows:
         rung, step = rungs[row.name], "–"
         if row.step is not None:
             low, high = row.step.low, row.step.high
-            step = (
-                f"not resolved (below {max(-low, high):,.{ladder.digits}f} {ladder.unit})"
-                if low <= 0.0 <= high
-                else _words(row.step, ladder)
-            )
-            step += f" from {row.before}"
+            below = f"not resolved (below {max(-low, high):,.{ladder.digits}f} {unit})"
+            step = f"{below if low <= 0.0 <= high else _words(row.step, ladder)} from {row.before}"
         sees = "–" if rung.columns is None else f"{rung.columns} of {ladder.observed} columns"
         lead = "–" if row.lead is None else _words(row.lead, ladder)
         share = "–" if row.share is None else row.share.words
@@ -202,7 +191,7 @@ def verdict_words(verdict: Verdict, ladder: Ladder) -> str:
     words = f"{verdict.kind}: {verdict.blind} keeps {share} of the lead of {verdict.strongest}; at most half: {verdict.at_most_half}."
     if verdict.gap is None:
         return words
-    gap = f"{ladder.rules} earns {_words(verdict.gap, ladder)} {ladder.unit} more than {verdict.blind}"
+    gap = f"{ladder.rules} earns {_words(verdict.gap, ladder)} {pretty_unit(ladder.unit)} more than {verdict.blind}"
     return f"{words} {gap}; blind below rules: {verdict.below_rules}."
 
 
@@ -219,7 +208,9 @@ def _before(name: str, rungs: Mapping[str, Rung]) -> Rung | None:
     return None
 
 
-def _difference(first: Rung, second: Rung) -> Interval:
+def _difference(first: Rung, second: Rung | None) -> Interval | None:
+    if second is None:
+        return None
     return estimate_difference([first.matrix], [second.matrix], fixed=(not first.seeds, not second.seeds)).interval()
 
 

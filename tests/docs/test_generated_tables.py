@@ -13,6 +13,7 @@ from docs import (
     compartment_table,
     estimator_table,
     fresh_draws_table,
+    ladder_table,
     measured_columns,
     realism_board,
     realism_figure,
@@ -26,6 +27,7 @@ from docs import (
     weather_table,
     what_the_best_does,
 )
+from glbench.agents.views import VIEWS
 from glbench.env.generated import CO2_PERSISTENCE, GOLDEN
 from glbench.model import PARAMETER_SETS
 from glbench.realism import houses as realism
@@ -83,6 +85,16 @@ def test_the_table_of_unseen_springs_holds_the_measurements() -> None:
 def test_the_learning_curves_are_those_of_the_shipped_trainings() -> None:
     page = (DOCS / "training.md").read_text(encoding="utf-8")
     assert training_curve_table.filled(page) == page
+
+
+def test_the_ladders_are_those_that_were_measured() -> None:
+    page = (DOCS / "ladder.md").read_text(encoding="utf-8")
+    assert ladder_table.filled(page, ladder_table.read()) == page
+
+
+def test_every_view_is_explained() -> None:
+    page = (DOCS / "ladder.md").read_text(encoding="utf-8")
+    assert all(f"| `{name}` |" in page for name in VIEWS)
 
 
 def test_the_table_of_trajectories_holds_the_measurements() -> None:

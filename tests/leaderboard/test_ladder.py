@@ -124,7 +124,7 @@ def test_the_table_says_what_is_not_resolved() -> None:
     assert cells["sensors"]["Step"].endswith(") from outdoor")
     step = rows[2].step
     assert step is not None
-    assert cells["memory"]["Step"] == f"not resolved (below {max(-step.low, step.high):.2f} EUR m-2) from sensors"
+    assert cells["memory"]["Step"] == f"not resolved (below {max(-step.low, step.high):.2f} EUR/m²) from sensors"
     assert cells["memory"]["Share of the lead"] == "–", "the strongest itself"
     assert cells["without_co2"]["Step"].startswith("-1.00 (")
     assert cells["mpc"]["Share of the lead"] == "–", "the only one of its kind"
@@ -133,5 +133,5 @@ def test_the_table_says_what_is_not_resolved() -> None:
     words = verdict_words(ladder.verdicts[0], ladder)
     assert words.startswith("ppo: outdoor keeps 0.25 (")
     assert "of the lead of memory; at most half: yes. rule_based_tuned earns 2.00 (" in words
-    assert words.endswith("EUR m-2 more than outdoor; blind below rules: yes.")
+    assert words.endswith("EUR/m² more than outdoor; blind below rules: yes.")
     assert Ladder.model_validate_json(ladder.model_dump_json(by_alias=True)) == ladder

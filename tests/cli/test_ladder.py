@@ -1,0 +1,101 @@
+"""``glbench ladder``: it trains what is missing, continues what was interrupted, and says what went wrong."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from glbench.evaluation.jobs import Job, LocalEngine, Outcome, Report
+from glbench.kernel import why_not_compiled
+from glbench.leaderboard.ladder import Ladder
+from tests.cli.command_line import Command
+
+TINY = """
+default:
+  learner: compiled
+  n_envs: 8
+  n_steps: 12
+  batch_size: 48
+  net_arch: [8]
+  scenarios: 2
+  places: 4
+  evaluation: {every: 100, runs: 1, first_seed: 20_000_000_000}
+"""
+OF_DAY = ("day.toml", "--config", "tiny.yml", "--steps", "200", "--split", "test", "--runs", "3", "--out", "lad", "--workers", "1")
+
+
+@pytest.fixture
+def day(here: Path) -> Path:
+    (here / "tiny.yml").write_text(TINY, encoding="utf-8")
+    return here
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--views", "outdor"), r"--views: there is no view 'outdor'. Did you mean 'outdoor'?"),
+        (("--views", "without_co3"), "'co3'. Did you mean 'co2'"),
+        (("--split", "training"), "--split training is not evaluated"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_trained(day: Path, glbench: Command, arguments: tuple[str, str], words: str) -> None:
+    refused = glbench("ladder", *OF_DAY, *arguments)
+    assert refused.code == 1
+    assert words in refused.err.replace("\n", " ")
+    assert not (day / "lad").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.train
+@pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled()))
+def test_it_continues_what_was_interrupted_and_repeats_nothing(day: Path, glbench: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
+    run = LocalEngine.run
+
+    def interrupted(engine: LocalEngine, jobs: list[Job], report: Report) -> Iterator[Outcome]:
+        for number, outcome in enumerate(run(engine, jobs, report)):
+            if number == 2:
+                raise KeyboardInterrupt
+            yield outcome
+
+    monkeypatch.setattr(LocalEngine, "run", interrupted)
+    arguments = ("ladder", *OF_DAY, "--trainings", "2", "--agents", "steady.py", "--rules", "rule_based_fair")
+    stopped = glbench(*arguments, "--views", "outdoor")
+    assert stopped.code == 130
+    assert "Run the same command again to continue" in stopped.err
+    assert not (day / "lad" / "ladder.json").exists()
+    monkeypatch.undo()
+    monkeypatch.setenv("GLBENCH_SANDBOX", "none")
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.chdir(day)
+    policies = [day / "lad" / f"ppo-Day-v1-outdoor-seed{seed}" / "policy.npz" for seed in (0, 1)]
+    times = [file.stat().st_mtime_ns for file in policies]
+
+    whole = glbench(*arguments, "--views", "outdoor,without_co2")
+    assert whole.code == 0, whole.err
+    assert [file.stat().st_mtime_ns for file in policies] == times
+    assert whole.err.count("already there") == 3, "three evaluations were done before the interruption"
+    assert "choose nothing by them" in whole.err
+    ladder = Ladder.model_validate_json((day / "lad" / "ladder.json").read_text(encoding="utf-8"))
+    assert [rung.name for rung in ladder.rungs] == ["outdoor", "without_co2", "rule_based_unlit", "rule_based_fair", "steady"]
+    assert [rung.kind for rung in ladder.rungs] == ["ppo", "ppo", "other", "other", "other"]
+    assert [rung.columns for rung in ladder.rungs] == [15, 21, None, None, None]
+    assert {len(rung.seeds) for rung in ladder.rungs[:2]} == {2}
+    assert all(len(values) == 3 for rung in ladder.rungs for values in rung.values)
+    result = json.loads((day / "lad" / "results" / "Day-v1" / "ppo-Day-v1-outdoor-seed1.json").read_text(encoding="utf-8"))
+    assert list(ladder.rungs[0].values[1]) == [one["metrics"]["reward"] for one in result["runs"]]
+    assert ladder.verdicts[0].blind == "outdoor"
+    assert "ppo: outdoor keeps" in whole.out
+
+    (policies[0].parent / "settings.yml").unlink()
+    again = glbench(*arguments, "--views", "outdoor,without_co2", "--json")
+    assert again.code == 0
+    assert json.loads(again.out) == json.loads((day / "lad" / "ladder.json").read_text(encoding="utf-8"))
+    assert [file.stat().st_mtime_ns for file in policies] == times
+
+    other = glbench(*arguments, "--views", "outdoor", "--steps", "400")
+    assert other.code == 1, "another number of steps is another training"
+    assert "holds another training" in other.err
