@@ -238,7 +238,7 @@ def references_command(
                 f"There is no complete result in {out / 'results'} that a scale can be made from. Evaluate {zero_agent} and another agent."
             )
             raise GlbenchError(msg)
-        console.tell(f"Written: {write_references({**read_references(), **references})}")
+        console.tell(f"Written: {write_references({**read_references(), **references}, zero_agent)}")
         for book in best_known_from(stored, expected).values():
             console.tell(f"Written: {write_best_known(book)}")
         trainings = f"{ZERO_TRAININGS} trainings, if it was trained"

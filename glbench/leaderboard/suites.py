@@ -460,7 +460,7 @@ _ZERO = ("zero", "zero_agent", "zero_results_digest")
 def _zero_from(entries: Iterable[Entry], agent: str, metric: str) -> dict[str, Any] | None:
     """Zero of a task by the mean of an agent, of several trainings over all of them; ``None`` where it lacks results."""
     entry = next((one for one in entries if one.name == agent and one.complete and one.states(metric)), None)
-    if entry is None or not (entry.is_fixed or len(entry.trainings) >= ZERO_TRAININGS):
+    if entry is None or ((entry.training_seeds or not entry.is_fixed) and len(entry.trainings) < ZERO_TRAININGS):
         return None
     digests = " ".join(item.result.results_digest for item in entry.trainings)
     return dict(zip(_ZERO, (float(entry.by_training(metric).mean()), agent, digests), strict=True))

@@ -146,14 +146,20 @@ def scale_words(table: SuiteTable) -> str:
 def suite_note(table: SuiteTable) -> str:
     """What the intervals and the columns of a suite are."""
     words = of_published(table.tasks)
-    columns = AGAINST_NOTE * any(row.against_rules for row in table.rows)
-    columns += f" {REVERSAL_NOTE}" + f" {PRICES_NOTE}" * any(row.at_prices for row in table.rows)
-    if table.in_money:
-        return f"Intervals cover the {words.draws}, and trainings, if there are several; not {words.beyond}.{columns}"
+    columns = AGAINST_NOTE * any(row.against_rules for row in table.rows) + f" {REVERSAL_NOTE}"
+    columns += f" {PRICES_NOTE}" * any(row.at_prices for row in table.rows)
+    if not table.in_money:
+        return score_note(table.tasks) + columns
+    return f"Intervals cover the {words.draws}, and trainings, if there are several; they say nothing about {words.beyond}.{columns}"
+
+
+def score_note(task_ids: Iterable[str]) -> str:
+    """What the intervals of normalised scores over these tasks are."""
+    words = of_published(task_ids)
     return (
         f"Intervals cover the {words.draws}, and one training; if an agent has several trainings, the interval of its mean covers "
         f"trainings, too. Intervals narrower than {SCORE_STEP} are left out, because {words.beyond} or another training can move a score "
-        f"by more. {RANGE_MARK}: range from the lowest to the highest training of each task.{columns}"
+        f"by more. {RANGE_MARK}: range from the lowest to the highest training of each task."
     )
 
 
@@ -360,8 +366,8 @@ def shown_rank(table: SuiteTable, row: SuiteRow) -> int | None:
 
 
 def shown_interval(table: SuiteTable, row: SuiteRow, name: str) -> Interval | None:
-    """A score of an agent; over a suite in money its mean and difference to the rules are also those of agents that lack tasks."""
-    interval: Interval | None = getattr(row.money if table.in_money and name != "regret" else row, name, None)
+    """A score of an agent; over a suite in money only its mean and its difference to the rules, also of one that lacks tasks."""
+    interval: Interval | None = getattr(row.money if table.in_money else row, name, None)
     return interval
 
 
@@ -375,7 +381,7 @@ def suite_heads(table: SuiteTable, agent: Callable[[SuiteRow], str]) -> list[Tab
 
 def chance_column(value: Callable[[Any], float | None], gives_way: int = 0) -> TableColumn:
     """The probability that the order of neighbours reverses."""
-    return TableColumn("P(reversed)", lambda row: NONE if (p := value(row)) is None else chance_text(p), gives_way=gives_way)
+    return TableColumn("P(reversed)", lambda row: NONE if (p := value(row)) is None else chance_text(p), free=True, gives_way=gives_way)
 
 
 def suite_reversals(table: SuiteTable, gives_way: int = 0) -> TableColumn:

@@ -153,8 +153,7 @@ def suite_facts(table: SuiteTable) -> dict[str, Any]:
             "trainings": list(row.trainings),
             "missing": list(row.missing),
             **{name: _interval(one) for name in SCORES if (one := shown_interval(table, row, name)) is not None},
-            "regret": row.regret and _interval(row.regret),
-            "against_rules": (against := shown_interval(table, row, "against_rules")) and _interval(against),
+            **{name: (one := shown_interval(table, row, name)) and _interval(one) for name in ("regret", "against_rules")},
             "reversal": row.reversal if not table.in_money else row.money and row.money.reversal,
             **_at_prices(row),
             "figures": row.figures

@@ -157,8 +157,8 @@ class References(Table):
     """Whether all best known runs are of agents that know the season in advance. Where not, one is what some ranked agent scores itself."""
     best: float | None = None
     """``None`` where no plans are known."""
-    best_agent: str = ""
-    best_results_digest: str = ""
+    best_agent: str | None = None
+    best_results_digest: str | None = None
     """Digests of the results that the best known runs are taken from, with a space between two, by the agents' names."""
 
     @model_validator(mode="after")
@@ -220,18 +220,18 @@ def _toml(path: Path, advice: str) -> dict[str, Any]:
         refuse(f"{path} cannot be used: {error}. {advice}", TaskError, error)
 
 
-def write_references(references: Mapping[str, References]) -> Path:
-    """Write the file and return where it is.
+def write_references(references: Mapping[str, References], zero_agent: str) -> Path:
+    """Write the file, with the agent that is zero for new tasks at its top, and return where it is.
 
     Raises
     ------
     GlbenchError
         When it cannot be written.
     """
-    parts = [f"{_HEAD}\n{_ZERO_AGENT} = {json.dumps(zero_agent_of_new_tasks())}\n"]
+    parts = [f"{_HEAD}\n{_ZERO_AGENT} = {json.dumps(zero_agent)}\n"]
     for task_id, one in sorted(references.items()):
-        values = one.model_dump(exclude_none=True)
-        parts.append(f'["{task_id}"]\n' + "".join(f"{key} = {json.dumps(value)}\n" for key, value in values.items() if value != ""))
+        values = one.model_dump(exclude_none=True).items()
+        parts.append(f'["{task_id}"]\n' + "".join(f"{key} = {json.dumps(value)}\n" for key, value in values))
     write_atomically(references_path(), "\n".join(parts))
     read_references.cache_clear()
     return references_path()
