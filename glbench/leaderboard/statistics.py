@@ -664,7 +664,7 @@ def tiers(
     if not scores:
         return ()
     apart = pairs_apart(scores, resolutions, scenarios, fixed)
-    means = {agent: float(np.mean([np.mean(one) for one in values])) for agent, values in scores.items()}
+    means = {agent: mean_over_tasks(values) for agent, values in scores.items()}
     groups: list[list[str]] = []
     for agent in sorted(scores, key=lambda agent: (-means[agent], agent)):
         if groups and frozenset((groups[-1][0], agent)) not in apart:
@@ -672,6 +672,11 @@ def tiers(
         else:
             groups.append([agent])
     return tuple(tuple(tier) for tier in groups)
+
+
+def mean_over_tasks(values: Sequence[Array]) -> float:
+    """Mean over tasks of the mean over trainings and runs."""
+    return float(np.mean([np.mean(one) for one in values]))
 
 
 def reversals(
@@ -683,8 +688,7 @@ def reversals(
 ) -> dict[str, float]:
     """For every agent of ``order`` but the first, the probability that it is truly better than the one before it.
 
-    Half the p-value of their ``paired_test``, not corrected: what Student's t leaves on the other side of no difference, as if nothing were
-    known before. 0.5 for equal means, and where there is a single run. Arguments as for ``tiers``; raises as it does.
+    Half the p-value of their ``paired_test``, not corrected; 0.5 for equal means or a single run. Other arguments as for ``tiers``.
     """
     return {
         lower: paired_test(scores[upper], scores[lower], resolutions, scenarios, (upper in fixed, lower in fixed)).p_value / 2.0

@@ -26,7 +26,6 @@ from glbench.tasks.references import (
     read_best_known,
     read_references,
     write_best_known,
-    zero_agent_of_new_tasks,
 )
 from tests.leaderboard.synthetic import MONEY, TASK, digest_of, make_result, result_with, stored
 
@@ -223,7 +222,7 @@ def test_the_one_of_normalised_scores_is_the_mean_of_the_best_known_runs():
         result_with("bert", [5.0] * 4, [0.0] * 4),
     ]
     old = References(zero=-2.0, zero_agent="do_nothing", zero_results_digest="", best=6.0, best_agent="x", best_results_digest="")
-    found = references_from(map(stored, results), EXPECTED, {TASK: old}, "outdoor")[TASK]
+    found = references_from(map(stored, results), EXPECTED, {TASK: old})[TASK]
     assert (found.zero, found.best, found.best_agent, found.version) == (-2.0, 7.0, "several", 2)
     assert found.best_results_digest == f"{results[1].results_digest} {results[2].results_digest}"
 
@@ -236,7 +235,7 @@ def test_a_suite_has_a_mean_regret_where_all_its_tasks_count_money(known, unit, 
         TASK: {"anna": np.array([2.5, 4.0, 4.0, 7.0]), "half": np.array([0.0] * 4)},  # 1 below everywhere
         "glbench/Lawn-v1": {"anna": np.array([0.5, 2.0, 2.0, 5.0])},  # 3 below
     }
-    reference = References(zero=0.0, zero_agent="do_nothing", zero_results_digest="", best=6.0, best_agent="x", best_results_digest="")
+    reference = References(zero=0.0, zero_agent="do_nothing", zero_results_digest="", best=6.0, best_agent="x", plans=True)
     table = suite_table("gardens", tasks, scores, dict.fromkeys(tasks, reference), (), best)
     anna, half = table.rows
     assert half.regret is None
@@ -281,7 +280,7 @@ def test_what_is_shipped_follows_from_the_released_results():
     assert {task_id: read_best_known(task_id) for task_id in known} == known
     files = {path.stem for path in references_module.best_known_path(TASK).parent.glob("*.json")}
     assert files == {task_id.rpartition("/")[2] for task_id in known}
-    assert dict(read_references()) == references_from(released, expected, read_references(), zero_agent_of_new_tasks())
+    assert dict(read_references()) == references_from(released, expected, read_references())
     for task_id, one in read_references().items():
         assert one.best == pytest.approx(np.mean([run.reward for run in known[task_id].runs]), rel=1e-12)
         assert one.best_agent == known[task_id].agent

@@ -10,7 +10,7 @@ from glbench.leaderboard import Expectation, StoredResult, rank, statistics
 from glbench.leaderboard.suites import references_from, scores_by_task, suite_table
 from glbench.leaderboard.tables import suite_frame, suite_markdown
 from glbench.tasks import references as references_module
-from glbench.tasks.references import References, read_references, write_references, zero_agent_of_new_tasks
+from glbench.tasks.references import References, read_references, write_references
 from tests.leaderboard.synthetic import digest_of
 
 SEEDS = tuple(range(666, 696))
@@ -24,6 +24,9 @@ REFERENCES = {
         zero=1000.0, zero_agent="do_nothing", zero_results_digest="", best=3000.0, best_agent="x", best_results_digest=""
     ),
 }
+
+
+NEW = {TASKS[0]: References(zero_agent="outdoor")}
 
 
 @pytest.fixture
@@ -106,7 +109,7 @@ def of_outdoor(store, seeds, level=5.0):
 
 def test_zero_of_a_new_task_is_the_mean_of_five_trainings_and_names_them(stored, store):
     trainings = of_outdoor(store, range(5))
-    found = references_from([*stored, *trainings], EXPECTED, {}, "outdoor")[TASKS[0]]
+    found = references_from([*stored, *trainings], EXPECTED, NEW)[TASKS[0]]
     assert found.zero == pytest.approx(np.mean([item.result.values("reward") for item in trainings]), rel=1e-12)
     assert (found.zero_agent, found.version) == ("outdoor", 1)
     assert found.zero_results_digest.split() == [item.result.results_digest for item in trainings]
@@ -115,43 +118,44 @@ def test_zero_of_a_new_task_is_the_mean_of_five_trainings_and_names_them(stored,
 
 @pytest.mark.parametrize("seeds", [range(4), ()])
 def test_a_new_task_has_no_scale_without_five_trainings_of_the_agent_that_is_zero(stored, store, seeds):
-    assert references_from([*stored, *of_outdoor(store, seeds)], EXPECTED, {}, "outdoor") == {}
+    assert references_from([*stored, *of_outdoor(store, seeds)], EXPECTED, NEW) == NEW
+    assert NEW[TASKS[0]].ends is None
 
 
 def test_plans_that_know_the_season_make_the_one_of_a_new_task(stored, store):
     plan = store("plan", [200.0] * 30, task_id=TASKS[0], task_digest=digest_of(TASKS[0]), privileged=True)
     agent = plan.result.agent.model_copy(update={"name": "best_known", "kind": "baseline"})
     plan = StoredResult(plan.path, plan.result.model_copy(update={"agent": agent}))
-    found = references_from([*stored, plan, *of_outdoor(store, range(5))], EXPECTED, {}, "outdoor")[TASKS[0]]
+    found = references_from([*stored, plan, *of_outdoor(store, range(5))], EXPECTED, NEW)[TASKS[0]]
     assert (found.plans, found.best, found.best_agent) == (True, 200.0, "best_known")
 
 
-def test_a_stored_zero_is_kept_until_it_is_renewed_and_each_move_of_an_end_raises_the_version(stored, store):
-    known = {TASKS[0]: REFERENCES[TASKS[0]].model_copy(update={"best": 1.0})}
-    items = [*stored, *of_outdoor(store, range(5))]
-    first = references_from(items, EXPECTED, known, "outdoor")[TASKS[0]]
+def test_a_stored_zero_is_kept_and_a_move_of_one_raises_the_version(stored, store):
+    before = {TASKS[0]: REFERENCES[TASKS[0]].model_copy(update={"best": 1.0})}
+    items = [*stored, store("do_nothing", [5.0] * 30, task_id=TASKS[0], task_digest=digest_of(TASKS[0]))]
+    first = references_from(items, EXPECTED, before)[TASKS[0]]
     assert (first.zero, first.zero_agent, first.best_agent, first.version) == (0.0, "do_nothing", "patchy", 2)
-    again = references_from(items, EXPECTED, {TASKS[0]: first}, "outdoor")[TASKS[0]]
-    assert again == first, "nothing moved"
-    renewed = references_from(items, EXPECTED, {TASKS[0]: first}, "outdoor", [TASKS[0]])[TASKS[0]]
-    assert (renewed.zero_agent, renewed.version, renewed.best) == ("outdoor", 3, None)
+    assert references_from(items, EXPECTED, {TASKS[0]: first})[TASKS[0]] == first, "nothing moved"
+
+
+def test_tasks_without_an_entry_get_none(stored):
+    assert references_from(stored, EXPECTED, {}) == {}
 
 
 def test_references_are_written_and_read_again(tmp_path, monkeypatch):
     monkeypatch.setattr(references_module, "references_path", lambda: tmp_path / "references.toml")
     read_references.cache_clear()
     without_one = References(zero=3.0, zero_agent="outdoor", zero_results_digest="a b", version=4)
-    written = {**REFERENCES, "glbench/C-v1": without_one}
-    write_references(written, "outdoor")
-    assert read_references() == written
-    assert zero_agent_of_new_tasks() == "outdoor"
+    references = {**REFERENCES, "glbench/C-v1": without_one, "glbench/D-v1": References(zero_agent="outdoor")}
+    write_references(references)
+    assert read_references() == references
     read_references.cache_clear()
 
 
 def test_references_in_the_wrong_order_are_refused(tmp_path, monkeypatch):
     path = tmp_path / "references.toml"
     monkeypatch.setattr(references_module, "references_path", lambda: path)
-    write_references(REFERENCES, "outdoor")
+    write_references(REFERENCES)
     path.write_text(path.read_text().replace("best = 100.0", "best = -1.0"))
     with pytest.raises(TaskError, match="not above that of do_nothing"):
         read_references()

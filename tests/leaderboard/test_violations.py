@@ -10,7 +10,7 @@ import pytest
 from glbench.leaderboard import Expectation, rank, statistics, to_frame, to_markdown
 from glbench.leaderboard.suites import RULES, scores_by_task, suite_table
 from glbench.leaderboard.tables import missing_notes, suite_frame, suite_markdown, to_json, turn_notes
-from glbench.leaderboard.violations import frontier, scores_at, turns_of
+from glbench.leaderboard.violations import at_prices, scores_at
 from glbench.tasks.references import References
 from tests.leaderboard.synthetic import digest_of, make_result, result_with, stored
 
@@ -73,24 +73,29 @@ def test_who_changes_places_is_named_with_the_factor(items):
     assert turn_notes(table)[0] in to_markdown([table], {})
 
 
+def of_two(violations, order):
+    """First: reward 4, violations 1. Second: reward 3.5."""
+    rewards, penalties = {"a": [np.full(3, 4.0)], "b": [np.full(3, 3.5)]}, {"a": [np.full(3, 1.0)], "b": [np.full(3, violations)]}
+    return at_prices(rewards, penalties, order)[1]
+
+
 def test_agents_that_share_a_rank_are_no_conclusion_that_could_turn():
-    rewards, penalties = {"a": [np.array([4.0])], "b": [np.array([3.5])]}, {"a": [np.array([1.0])], "b": [np.array([2.5])]}
-    assert len(turns_of(rewards, penalties, {"a": 1, "b": 2})) == 1
-    assert turns_of(rewards, penalties, {"a": 1, "b": 1}) == ()
+    assert len(of_two(2.1, [("a",), ("b",)])) == 1
+    assert of_two(2.1, [("a", "b")]) == ()
 
 
-@pytest.mark.parametrize(("violations", "turns"), [(1.9, 0), (2.1, 1), (0.6, 0), (0.4, 1)])
+@pytest.mark.parametrize(("violations", "turns"), [(1.9, 0), (2.1, 1), (0.4, 1), (0.6, 0), (1.0, 0)])
 def test_only_orders_that_turn_between_half_and_double_the_price_are_named(violations, turns):
-    """First: reward 4, violations 1; second: reward 3.5 (turns at 1 + 0.5 / (1 - v): 0.44, 0.55, 2.25, 1.83)."""
-    rewards, penalties = {"a": [np.array([4.0])], "b": [np.array([3.5])]}, {"a": [np.array([1.0])], "b": [np.array([violations])]}
-    assert len(turns_of(rewards, penalties, {"a": 1, "b": 2})) == turns
+    """They turn at 1 + 0.5 / (1 - v): 0.44, 0.55, 1.83, 2.25, never."""
+    assert len(of_two(violations, [("a",), ("b",)])) == turns
 
 
 def test_the_frontier_has_who_is_not_beaten_in_both(items):
     (table,) = rank(items, EXPECTED)
     assert {row.agent: row.frontier for row in table.rows} == {"careful": True, "bold": True, "clumsy": False, "seer": None}
-    twins = {"a": {"epi": 1.0, "penalty": 1.0}, "b": {"epi": 1.0, "penalty": 1.0}, "c": {"epi": 1.0, "penalty": 2.0}}
-    assert frontier(twins) == {"a": True, "b": True, "c": False}
+    rewards, penalties = ({agent: [np.full(3, one)] for agent, one in zip("abc", of, strict=True)} for of in ((0, 0, -1.0), (1, 1, 2.0)))
+    twins, _ = at_prices(rewards, penalties, [("a", "b"), ("c",)])
+    assert [twins[agent]["frontier"] for agent in "abc"] == [True, True, False]
 
 
 def test_a_task_whose_score_is_no_money_has_no_prices():
@@ -196,7 +201,7 @@ def test_rules_that_lack_a_task_are_not_compared_with(both):
     lacking = [item for item in both if (item.result.agent.name, item.result.task.id) != (RULES, TASKS[1])]
     table = over_both(lacking)
     assert all(row.money.against_rules is None for row in table.rows)
-    assert f"{RULES} lacks tasks of the suite, so there are no differences to it." in "\n".join(suite_markdown(table))
+    assert f"{RULES} lacks tasks, so none is compared with it." in "\n".join(suite_markdown(table))
 
 
 def test_a_suite_has_orders_at_other_prices_and_a_frontier(both):
