@@ -664,7 +664,7 @@ def tiers(
     if not scores:
         return ()
     apart = pairs_apart(scores, resolutions, scenarios, fixed)
-    means = {agent: mean_over_tasks(values) for agent, values in scores.items()}
+    means = {agent: float(np.mean([np.mean(one) for one in values])) for agent, values in scores.items()}
     groups: list[list[str]] = []
     for agent in sorted(scores, key=lambda agent: (-means[agent], agent)):
         if groups and frozenset((groups[-1][0], agent)) not in apart:
@@ -672,11 +672,6 @@ def tiers(
         else:
             groups.append([agent])
     return tuple(tuple(tier) for tier in groups)
-
-
-def mean_over_tasks(values: Sequence[Array]) -> float:
-    """Mean over tasks of the mean over trainings and runs."""
-    return float(np.mean([np.mean(one) for one in values]))
 
 
 def reversals(

@@ -329,22 +329,21 @@ def _in_money(
     privileged: Collection[str],
 ) -> tuple[dict[str, dict[str, Any]], tuple[Turn, ...]]:
     """Of each agent its money over the tasks that it has and, if it has all, regret and places at other prices; and who changes places."""
-    rows: dict[str, dict[str, Any]] = {}
     having = {agent: [task for task in tasks if agent in scores[task]] for task in tasks for agent in scores[task]}
     names = {agent: None if scenarios is None else [scenarios[task] for task in of_agent] for agent, of_agent in having.items()}
     values = {agent: [scores[task][agent] for task in of_agent] for agent, of_agent in having.items()}
-    whole = {agent: values[agent] for agent, of_agent in having.items() if len(of_agent) == len(tasks)}
+    whole = {agent: of_agent for agent, of_agent in values.items() if len(of_agent) == len(tasks)}
     exact, every = [0.0] * len(tasks), None if scenarios is None else [scenarios[task] for task in tasks]
     order = statistics.tiers(whole, exact, every, fixed)
     ranks, reversals = ranks_of(order), statistics.reversals([one for tier in order for one in tier], whole, exact, every, fixed)
+    rows: dict[str, dict[str, Any]] = {}
     for agent, of_agent in having.items():
         against = None
         if RULES in set(whole) - {agent}:
             rules = [scores[task][RULES] for task in of_agent]
             against = statistics.estimate_difference(values[agent], rules, names[agent], (agent in fixed, RULES in fixed)).interval()
-        interval = statistics.aggregate(values[agent], "mean", names[agent])
-        money = Money(rank=ranks.get(agent), mean=interval, against_rules=against, reversal=reversals.get(agent))
-        rows[agent] = {"money": money}
+        mean = statistics.estimate_mean(values[agent], names[agent]).interval()
+        rows[agent] = {"money": Money(rank=ranks.get(agent), mean=mean, against_rules=against, reversal=reversals.get(agent))}
         if agent in whole and best_known.keys() >= set(tasks):
             gaps = [np.array([run.reward for run in best_known[task].runs]) - scores[task][agent] for task in tasks]
             rows[agent] |= {"regret": statistics.aggregate(gaps, "mean", every), "against_rules": against}

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 
 from pydantic import Field
 
-from glbench.leaderboard.statistics import Array, FrozenModel, mean_over_tasks, tiers
+from glbench.leaderboard.statistics import Array, FrozenModel, mean_score, tiers
 
 FACTORS = (0.5, 1.0, 2.0)
 """Multiples of the price of violations at which ranks are shown."""
@@ -61,7 +61,7 @@ def at_prices(
     for factor in set(FACTORS) - set(ranks):
         scores = {agent: scores_at(values, penalties[agent], factor) for agent, values in rewards.items()}
         ranks[factor] = ranks_of(tiers(scores, exact, scenarios, fixed))
-    means = {agent: (mean_over_tasks(values), mean_over_tasks(penalties[agent])) for agent, values in rewards.items()}
+    means = {agent: [float(mean_score([one.ravel() for one in of[agent]])) for of in (rewards, penalties)] for agent in rewards}
     points = {agent: (reward + penalty, -penalty) for agent, (reward, penalty) in means.items() if agent not in privileged}
     places: dict[str, dict[str, Any]] = {}
     for agent, (reward, penalty) in means.items():
@@ -77,7 +77,7 @@ def scores_at(rewards: Sequence[Array], penalties: Sequence[Array], factor: floa
     return [reward - (factor - 1.0) * penalty for reward, penalty in zip(rewards, penalties, strict=True)]
 
 
-def _turns(means: Mapping[str, tuple[float, float]], ranks: Mapping[str, int]) -> tuple[Turn, ...]:
+def _turns(means: Mapping[str, Sequence[float]], ranks: Mapping[str, int]) -> tuple[Turn, ...]:
     """Agents of different ranks that change places within ``FACTORS``: the best first, then those whose order turns near the task's price.
 
     With d the difference of the mean rewards and v that of the mean penalties, the means are equal at ``1 + d / v`` times the price.
