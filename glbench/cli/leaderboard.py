@@ -187,9 +187,7 @@ def _parts(tables: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members
                 yield _note(f"{entry.agent}: {entry.failed} of {entry.runs} runs failed.")
             if entry.remark:
                 yield _note(f"{entry.agent} is {entry.remark}.")
-        for note in t.turn_notes(table, _TURNS):
-            yield _note(note)
-        for note in (*t.card_notes(table), *t.fresh_notes(table)):
+        for note in (*t.turn_notes(table, _TURNS), *t.card_notes(table), *t.fresh_notes(table)):
             yield _note(note, "yellow")
         for note in t.regret_notes(table):
             yield _note(note, "green")
@@ -242,7 +240,8 @@ def _task_tables(table: TaskTable, *, members: bool) -> Iterator[console.Table]:
         *([replace(t.fresh_column(first), heading="Fresh\ndraws")] if t.has_fresh_draws(table) else []),
         *regrets[:1],
         t.worst_column(first, gives_way=5),
-        *_places(t.chance_column(lambda row: row.reversal, 9), t.price_columns(table.rows, 5)),
+        *t.price_columns(table.rows, 5),
+        t.reversal_column(9),
         *t.year_columns(table.rows, first, gives_way=6),
         *([replace(t.overall_column(first, gives_way=6), heading="Overall\n95 %")] if has("overall") else []),
         *([replace(t.deviation_column(first, gives_way=8), heading="SD of\ntrainings")] if has("deviation") else []),
@@ -276,38 +275,29 @@ def _suite_tables(table: SuiteTable) -> Iterator[console.Table]:
         return f"{t.suite_label(row)} {marks}" if marks else t.suite_label(row)
 
     def score(heading: str, name: str, gives_way: int) -> TableColumn:
-        return t.TableColumn(
-            heading, lambda row: t.score_text(getattr(row, name).value) if getattr(row, name) else t.NONE, gives_way=gives_way
-        )
-
-    def span(row: SuiteRow) -> str:
-        return t.span_text(row.mean, is_range=False) if row.mean else ""
+        return t.TableColumn(heading, lambda row: t.score_text(getattr(row, name).value), gives_way=gives_way)
 
     normalised = [
         score("Mean", "mean", 0),
-        t.TableColumn("95 %\ninterval", lambda row: span(row) or t.NONE, gives_way=2),
+        t.TableColumn("95 %\ninterval", lambda row: t.span_text(row.mean, is_range=False) or t.NONE, gives_way=2),
         score("IQM", "iqm", 1),
     ]
+    money = t.money_columns(table, (1, 2), spans=table.in_money)
     scores = [
-        *t.suite_heads(table, agent),
+        t.TableColumn("#", lambda row: t.NONE if row.rank is None else str(row.rank)),
+        t.TableColumn(_AGENT, agent),
         *([] if table.in_money else normalised),
-        *(replace(one, heading=one.heading.replace(" ", "\n")) for one in t.money_columns(table, (1, 2), spans=table.in_money)),
-        *_places(t.suite_reversals(table, 6), t.price_columns(table.rows, 7)),
+        *(replace(one, heading=one.heading.replace(" ", "\n")) for one in (*money, *t.price_columns(table.rows, 6), t.reversal_column(7))),
         *([] if table.in_money else [score("Median", "median", 5), score("Optimality\ngap", "optimality_gap", 3)]),
         t.TableColumn("Runs", lambda row: str(row.runs), gives_way=4),
         replace(t.SOURCE, cell=lambda row: "" if row.figures is None else str(row.figures.origin)),
     ]
     title = f"Suite {plain(table.suite)}, {len(table.tasks)} tasks\n{styled(t.scale_words(table), 'dim')}"
-    yield _table(title, scores, table.shown_rows, lambda row: bool(row.missing))
+    yield _table(title, scores, table.shown_rows, lambda row: row.rank is None)
     rows = [row for row in table.rows if row.figures is not None]
     figures = [t.of_figures(one) for one in _resources(t.resources(of_published(table.tasks)), before=1)]
     title = "Money, harvest, resources, climate: means over the tasks with results"
     yield _table(title, [t.TableColumn(_AGENT, agent), *figures], rows, lambda row: bool(row.missing))
-
-
-def _places(reversal: TableColumn, at_prices: Sequence[TableColumn]) -> list[TableColumn]:
-    """Columns that say how sure an order is, and what hangs on the price of violations, with their headings word below word."""
-    return [replace(column, heading=column.heading.replace(" [", "\n[").replace("(", "\n(")) for column in (*at_prices, reversal)]
 
 
 def _resources(metrics: Sequence[Any], before: int) -> list[TableColumn]:

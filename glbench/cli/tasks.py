@@ -212,47 +212,31 @@ def _summary(task: TaskSpec, digest: str | None) -> dict[str, Any]:
 @app.command("references")
 def references_command(
     write: Annotated[bool, typer.Option("--write", help="Write tasks/references.toml and tasks/best_known/.")] = False,
-    renew: Annotated[
-        list[str] | None, typer.Option("--renew", help="With --write: take the zero of this task again, too (repeatable).")
-    ] = None,
     out: Out = Path("reports/released"),
 ) -> None:
     """Show what scores are measured by: for each task the agent whose mean is zero, and the best known runs, whose mean is one.
 
-    Both come from results. A zero is stored once and kept; that of a new task is the mean of the agent named at the top of the file, over
-    five trainings or more. One is, for each seed, the best run of all agents that act through the task's actuation.
+    Both come from results. A zero is that of the agent that the file names, taken once and kept; one is, for each seed, the best run of all
+    agents that act through the task's actuation.
     """
     from glbench.leaderboard import collect_results
     from glbench.leaderboard.collect import published_expectations
     from glbench.leaderboard.regret import best_known_from
-    from glbench.leaderboard.suites import ZERO_TRAININGS, references_from
-    from glbench.tasks import get_task
-    from glbench.tasks.references import read_references, write_best_known, write_references, zero_agent_of_new_tasks
+    from glbench.leaderboard.suites import references_from
+    from glbench.tasks.references import read_references, write_best_known, write_references
 
-    notes = []
     if write:
-        stored, expected, zero_agent = collect_results([out / "results"]), published_expectations(), zero_agent_of_new_tasks()
-        references = references_from(stored, expected, read_references(), zero_agent, {get_task(name).id for name in renew or ()})
-        if not references:
-            msg = (
-                f"There is no complete result in {out / 'results'} that a scale can be made from. Evaluate {zero_agent} and another agent."
-            )
-            raise GlbenchError(msg)
-        console.tell(f"Written: {write_references({**read_references(), **references})}")
+        stored, expected = collect_results([out / "results"]), published_expectations()
+        console.tell(f"Written: {write_references(references_from(stored, expected, read_references()))}")
         for book in best_known_from(stored, expected).values():
             console.tell(f"Written: {write_best_known(book)}")
-        trainings = f"{ZERO_TRAININGS} trainings, if it was trained"
-        notes = [
-            f"{task_id} has no scale: it needs complete results of {zero_agent} (of {trainings}), and a better agent."
-            for task_id in sorted({item.board for item in stored} & set(expected) - set(references))
-        ]
-    headings, numbers = ("Task", "Version", "Zero", "is the mean of", "One", "is the mean of the runs of"), ("Version", "Zero", "One")
+    headings, numbers = ("Task", "Version", "Zero", "is the mean of", "One", "is that of the runs of"), ("Version", "Zero", "One")
     view = console.table("Zero and one of normalised scores", *headings, numbers=numbers, fold=("Task", "is the mean of"))
     for task_id, one in read_references().items():
-        best = "–" if one.best is None else f"{one.best:,.1f}"
-        whose = f"{one.best_agent}{'' if one.plans else ' (no plan)'}" if one.best_agent else "–"
-        view.add(task_id.rpartition("/")[2], f"{one.version}", f"{one.zero:,.1f}", one.zero_agent, best, whose)
-    console.show(console.View([view], notes=notes))
+        zero, best = ("–" if end is None else f"{end:,.1f}" for end in (one.zero, one.best))
+        runs = f"{one.best_agent or '–'}{'' if one.plans else ' (no plans)'}"
+        view.add(task_id.rpartition("/")[2], f"{one.version}", zero, one.zero_agent, best, runs)
+    console.show(console.View([view]))
 
 
 def listing(tasks: Sequence[TaskSpec], digests: Mapping[str, str | None]) -> Iterator[console.Part]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -16,9 +16,9 @@ from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests
 from glbench.leaderboard.entries import Entry, entries_by_task, expected_seeds, metric_of, resolution_of
 from glbench.leaderboard.fresh_draws import FreshScore, fresh_score, fresh_score_over
-from glbench.leaderboard.regret import PENALTY, PROFIT, BestKnownMeans, Regret, best_known_means, can_be_best_known, regret_of
+from glbench.leaderboard.regret import PENALTY, BestKnownMeans, Regret, best_known_means, can_be_best_known, regret_of
 from glbench.leaderboard.training_data import TrainingData, budget_of, contamination_warning, training_data_of, years_of_runs
-from glbench.leaderboard.violations import AtPrice, Turn, Values, at_prices, frontier, ranks_of, turns_of
+from glbench.leaderboard.violations import AtPrice, Turn, at_prices
 from glbench.quantities import MONEY
 from glbench.tasks import Round
 from glbench.untrusted import html_of
@@ -67,19 +67,9 @@ class Row(statistics.FrozenModel):
     regret: Regret | None = Field(
         default=None, description="how far it stays below the best known runs; null where one of its runs has none"
     )
-    reversal: float | None = Field(
-        default=None,
-        description="probability that it is truly better than the ranked row above it: half the p-value of their paired test; null for the "
-        "first, and where not ranked",
-    )
-    at_prices: tuple[AtPrice, ...] = Field(
-        default=(), description="rank and mean at multiples of the price of violations; empty where violations have no price in money"
-    )
-    frontier: bool | None = Field(
-        default=None,
-        description="whether no other agent that sees observations has as much profit with as few violations; null for the privileged, "
-        "where not ranked, and where violations have no price in money",
-    )
+    reversal: float | None = Field(default=None, description="probability that it is truly better than the ranked row above it")
+    at_prices: tuple[AtPrice, ...] = Field(default=(), description="places at other prices of violations; empty if they have none in money")
+    frontier: bool | None = Field(default=None, description="not privileged, and no such agent has its profit with fewer violations")
     fresh_draws: FreshScore | None = Field(default=None, description="score with fresh draws; null without them")
     by_year: tuple[OfYear, ...] = Field(
         default=(),
@@ -127,9 +117,7 @@ class TaskTable(statistics.FrozenModel):
     digest: str
     metric: str = Field(description="what the rows are ranked by")
     rows: tuple[Row, ...]
-    turns: tuple[Turn, ...] = Field(
-        default=(), description="agents of different ranks that change places between half and double the price of violations"
-    )
+    turns: tuple[Turn, ...] = Field(default=(), description="who changes places between half and double the price of violations")
     of_task: str = Field(default="", serialization_alias="task", description="id of the task; 'id' names the board")
     split: str | None = Field(default=None, description="split of the seasons; null of a task without splits")
     years: tuple[int, ...] = Field(default=(), description="years that the seasons are from")
@@ -228,8 +216,9 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
         shared = len(rows) + 1
         rows += [_row(complete[name], shared, "", metric) for name in tier]
     reversals = statistics.reversals([row.agent for row in rows], values, (resolution,), fixed=fixed)
-    rows = [row.model_copy(update={"reversal": reversals.get(row.agent)}) for row in rows]
-    rows, turns = _with_prices(rows, complete, metric, values, order, fixed)
+    penalties = {name: (entry.by_training(PENALTY),) for name, entry in complete.items()} if scores_money(metric, rows) else {}
+    places, turns = at_prices(values, penalties, order, {row.agent for row in rows if row.privileged}, fixed=fixed)
+    rows = [row.model_copy(update={"reversal": reversals.get(row.agent), **places.get(row.agent, {})}) for row in rows]
     for entry in (entry for entry in entries if entry.name not in complete):
         runs, reason = len(entry.seeds), "a trial"
         if not entry.states(metric):
@@ -256,27 +245,9 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
     )
 
 
-def _with_prices(
-    rows: list[Row],
-    entries: Mapping[str, Entry],
-    metric: str,
-    rewards: Values,
-    order: Sequence[Sequence[str]],
-    fixed: Collection[str],
-) -> tuple[list[Row], tuple[Turn, ...]]:
-    """Ranked rows with their places at other prices of violations, and who changes places; unchanged where they have no price in money."""
-    if metric != RANKING_METRIC or not rows or not all(map(in_money, rows)):
-        return rows, ()
-    penalties = {name: (entries[name].by_training(PENALTY),) for name in rewards}
-    places = at_prices(rewards, penalties, order, fixed=fixed)
-    unbeaten = frontier({row.agent: row.means for row in rows if not row.privileged})
-    added = {row.agent: {"at_prices": places[row.agent], "frontier": unbeaten.get(row.agent)} for row in rows}
-    return [row.model_copy(update=added[row.agent]) for row in rows], turns_of(rewards, penalties, ranks_of(order))
-
-
-def in_money(row: Row) -> bool:
-    """Whether its results state a score in money, profit and violations."""
-    return row.units.get(RANKING_METRIC) == MONEY and {PROFIT, PENALTY} <= row.means.keys()
+def scores_money(metric: str, rows: Sequence[Row]) -> bool:
+    """Whether all rows state a score in money, which ranks them, and the penalty in it."""
+    return bool(rows) and all(row.units.get(metric) == MONEY and PENALTY in row.means for row in rows) and metric == RANKING_METRIC
 
 
 def _row(entry: Entry, rank_: int | None, remark: str, metric: str) -> Row:

@@ -683,8 +683,7 @@ def reversals(
 ) -> dict[str, float]:
     """For every agent of ``order`` but the first, the probability that it is truly better than the one before it.
 
-    Half the p-value of their ``paired_test``, not corrected: what Student's t leaves on the other side of no difference, as if nothing were
-    known before. 0.5 for equal means, and where there is a single run. Arguments as for ``tiers``; raises as it does.
+    Half the p-value of their ``paired_test``, not corrected; 0.5 for equal means or a single run. Other arguments as for ``tiers``.
     """
     return {
         lower: paired_test(scores[upper], scores[lower], resolutions, scenarios, (upper in fixed, lower in fixed)).p_value / 2.0

@@ -1,13 +1,10 @@
-"""Agents over all tasks of a suite: normalised scores, or money where there is no scale, with aggregates and tiers.
+"""Agents over all tasks of a suite: normalised scores with aggregates and tiers.
 
-A normalised score is 0 for the mean of the agent that the scale of the task names, and 1 for the best known runs. If these are no plans, 1
-is what some ranked agent scores itself. So where all tasks score money and some have no plans, tables show money: the mean score, and
-the difference to the tuned rules.
+Without plans on a task, 1 is what some ranked agent scores itself. So where all tasks score money and some have no plans, money is shown.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from itertools import combinations
 from typing import Any
@@ -15,13 +12,14 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from glbench.evaluation.records import RANKING_METRIC
+from glbench.evaluation import Result
+from glbench.evaluation.records import RANKING_METRIC, RunResult
 from glbench.leaderboard import statistics
 from glbench.leaderboard.collect import Expectation, Origin, StoredResult
 from glbench.leaderboard.entries import Entry, entries_by_task, metric_of, of_one_version, resolution_of
-from glbench.leaderboard.ranking import Row, TaskTable, combined, in_money
+from glbench.leaderboard.ranking import Row, TaskTable, combined, scores_money
 from glbench.leaderboard.regret import PENALTY, best_runs
-from glbench.leaderboard.violations import AtPrice, Turn, at_prices, frontier, ranks_of, turns_of
+from glbench.leaderboard.violations import AtPrice, Turn, at_prices, ranks_of
 from glbench.quantities import MONEY
 from glbench.tasks import list_suites, published_task
 from glbench.tasks.references import SEVERAL, BestKnown, References, read_best_known, read_references
@@ -55,16 +53,14 @@ class SuiteFigures(statistics.FrozenModel):
 
 
 class Money(statistics.FrozenModel):
-    """An agent over a suite whose tasks all score money, at their prices, over the tasks that it has."""
+    """An agent over a suite whose tasks all score money, over the tasks that it has."""
 
     rank: int | None = Field(description="by the mean; null where it lacks tasks")
     mean: statistics.Interval = Field(description="mean over the tasks of its score [EUR m-2]")
     against_rules: statistics.Interval | None = Field(
-        default=None,
-        description=f"mean over the tasks of its score minus that of {RULES}, paired by run [EUR m-2]; null if {RULES} lacks tasks of "
-        "the suite",
+        description=f"mean over the tasks of its score minus that of {RULES}, paired by run [EUR m-2]; null if that one lacks tasks"
     )
-    reversal: float | None = Field(default=None, description="as of a row, of the order by the mean score in money")
+    reversal: float | None = Field(description="as that of the row, by the mean score in money")
 
 
 class SuiteRow(statistics.FrozenModel):
@@ -73,16 +69,10 @@ class SuiteRow(statistics.FrozenModel):
     rank: int | None = Field(description="by the mean normalised score; by the mean score in money if the suite has no scale")
     agent: str
     iqm: statistics.Interval | None
-    mean: statistics.Interval | None = Field(
-        description="as the other normalised scores null if a task has no scale, or no best known plans yet"
-    )
+    mean: statistics.Interval | None = Field(description="null, as the other normalised scores, if a task has no scale")
     median: statistics.Interval | None
     optimality_gap: statistics.Interval | None
-    reversal: float | None = Field(
-        default=None,
-        description="probability that it is truly better than the ranked row above it: half the p-value of their paired test; null for the "
-        "first, and where not ranked",
-    )
+    reversal: float | None = Field(default=None, description="as of a row of a task")
     regret: statistics.Interval | None = Field(
         default=None,
         description="mean over the tasks of the mean regret to the best known runs [EUR m-2]; null where it lacks tasks, or a task has "
@@ -94,12 +84,8 @@ class SuiteRow(statistics.FrozenModel):
         "tasks, or a task has no best known runs or does not score money",
     )
     money: Money | None = Field(default=None, description="null where a task does not score money")
-    at_prices: tuple[AtPrice, ...] = Field(
-        default=(), description="rank and mean in money at multiples of the price of violations; empty where it lacks tasks"
-    )
-    frontier: bool | None = Field(
-        default=None, description="as of a row of a task, of the means over the tasks; null where it is privileged or lacks tasks"
-    )
+    at_prices: tuple[AtPrice, ...] = Field(default=(), description="as of a row of a task, over the tasks; empty where it lacks tasks")
+    frontier: bool | None = Field(default=None, description="as of a row of a task, of the means over the tasks")
     trainings: tuple[int, int] = Field(description="fewest and most trainings on a task")
     missing: tuple[str, ...] = Field(serialization_alias="missing_tasks")
     figures: SuiteFigures | None = None
@@ -122,12 +108,8 @@ class SuiteTable(statistics.FrozenModel):
     tasks: tuple[str, ...]
     zero: tuple[str, ...] = Field(default=(), description="agents whose mean is 0 on a task; empty if a task has no scale")
     scale_versions: dict[str, int] = Field(default={}, description="version of the scale of each task that has one")
-    without_plans: tuple[str, ...] = Field(
-        default=(), description="tasks on which no plans are known for all runs: 1 is there what some ranked agent scores itself"
-    )
-    turns: tuple[Turn, ...] = Field(
-        default=(), description="agents of different ranks in money that change places between half and double the price of violations"
-    )
+    without_plans: tuple[str, ...] = Field(default=(), description="tasks without plans for all runs, where 1 is an agent's own score")
+    turns: tuple[Turn, ...] = Field(default=(), description="as of a task, by ranks in money")
     rows: tuple[SuiteRow, ...]
     improvements: tuple[Improvement, ...] = ()
     profiles: tuple[statistics.Profile, ...] = ()
@@ -139,14 +121,12 @@ class SuiteTable(statistics.FrozenModel):
 
     @property
     def shown_rows(self) -> list[SuiteRow]:
-        """The rows in the order of what is shown; agents that lack tasks last."""
+        """The rows as they are shown: in money with its ranks and no normalised score or regret, agents that lack tasks last."""
         if not self.in_money:
             return list(self.rows)
-
-        def place(row: SuiteRow) -> tuple[float, str]:
-            return (math.inf, "") if row.money is None or row.money.rank is None else (-row.money.mean.value, row.agent)
-
-        return sorted(self.rows, key=place)
+        none = dict.fromkeys((*statistics.SCORES, "regret"))
+        rows = [row.model_copy(update=none | dict(row.money)) for row in self.rows if row.money is not None]
+        return sorted(rows, key=lambda row: (row.rank is None, 0.0 if row.rank is None or row.mean is None else -row.mean.value))
 
 
 def scores_by_task(
@@ -220,7 +200,7 @@ def suite_table(
     scenarios
         For each task, a name for each run; runs of different tasks with the same name have the same draws. ``None``: all draws differ.
     penalties
-        Penalties as ``scores``, for orders at other prices of violations.
+        Penalties as ``scores``, for ranks at other prices of violations.
 
     Returns
     -------
@@ -229,7 +209,11 @@ def suite_table(
     """
     of_task = {table.task_id: table for table in tables}
     usable = tuple(task for task in tasks if task in scores)
-    money = bool(usable) and all(task in of_task and _scores_money(of_task[task]) for task in usable)
+    money = bool(usable) and all(
+        best_known[task].units["reward"] == MONEY if best_known and task in best_known
+        else task in of_task and scores_money(of_task[task].metric, [row for row in of_task[task].rows if row.rank is not None])
+        for task in usable
+    )  # fmt: skip
     ends = {task: both for task in usable if task in references and (both := references[task].ends) is not None}
     if not money:
         usable = tuple(ends)
@@ -239,31 +223,32 @@ def suite_table(
     by_agent: dict[str, dict[str, statistics.Array]] = {}
     for task in usable:
         for agent, rewards in scores[task].items():
-            values = statistics.normalise(rewards, *ends[task]) if scaled else rewards
-            by_agent.setdefault(agent, {})[task] = values
+            by_agent.setdefault(agent, {})[task] = statistics.normalise(rewards, *ends[task]) if scaled else rewards
     whole = {agent: by_task for agent, by_task in by_agent.items() if len(by_task) == len(usable)}
-    smallest = [resolution_of(of_task[task].metric, of_task[task].task) if task in of_task else statistics.RESOLUTION for task in usable]
-    spans = [ends[task][1] - ends[task][0] if scaled else 1.0 for task in usable]
-    resolutions = [resolution / span for resolution, span in zip(smallest, spans, strict=True)]
+    resolutions = [
+        (resolution_of(of_task[task].metric, of_task[task].task) if task in of_task else statistics.RESOLUTION)
+        / (ends[task][1] - ends[task][0] if scaled else 1.0)
+        for task in usable
+    ]
     names = None if scenarios is None else [scenarios[task] for task in usable]
     rows_of: dict[str, list[Row]] = {}
     for row in (row for table in tables if table.task_id in usable for row in table.rows if row.rank is not None):
         rows_of.setdefault(row.agent, []).append(row)
     fixed = {agent for agent, rows in rows_of.items() if not any(row.training_steps for row in rows)}
-    values_of = {agent: [by_task[task] for task in usable] for agent, by_task in whole.items()}
-    order = statistics.tiers(values_of, resolutions, names, fixed)
+    values = {agent: [by_task[task] for task in usable] for agent, by_task in whole.items()}
+    order = statistics.tiers(values, resolutions, names, fixed)
     ranks, ordered = ranks_of(order), [agent for tier in order for agent in tier]
-    reversals = statistics.reversals(ordered, values_of, resolutions, names, fixed)
-    more = _in_money(usable, scores, best_known or {}, names, fixed)
+    reversals = statistics.reversals(ordered, values, resolutions, names, fixed)
+    more: dict[str, dict[str, Any]] = {}
     turns: tuple[Turn, ...] = ()
     if money:
-        turns = _add_money(more, usable, scores, penalties or {}, scenarios, fixed)
+        privileged = {agent for agent, rows in rows_of.items() if any(row.privileged for row in rows)}
+        more, turns = _in_money(usable, scores, penalties or {task: {} for task in usable}, best_known or {}, scenarios, fixed, privileged)
     rows = [
-        _row(agent, ranks.get(agent), by_agent[agent], usable, rows_of.get(agent, ()), scenarios, scaled=scaled, **more.get(agent, {}))
+        _row(agent, ranks.get(agent), by_agent[agent], usable, rows_of.get(agent, ()), scenarios, scaled=scaled,
+             reversal=reversals.get(agent), **more.get(agent, {}))
         for agent in (*ordered, *sorted(set(by_agent) - set(whole)))
-    ]
-    unbeaten = frontier({row.agent: row.figures.means for row in rows if row.at_prices and row.figures and not row.figures.privileged})
-    rows = [row.model_copy(update={"reversal": reversals.get(row.agent), "frontier": unbeaten.get(row.agent)}) for row in rows]
+    ]  # fmt: skip
     improvements = []
     for first, other in combinations(ordered, 2):
         p = statistics.probability_of_improvement(whole[first], whole[other], scenarios)
@@ -272,22 +257,12 @@ def suite_table(
         improvements.append(Improvement(first=first, second=other, probability=p))
         improvements.append(Improvement(first=other, second=first, probability=back))
     return SuiteTable(
-        suite=suite,
-        tasks=usable,
+        suite=suite, tasks=usable, rows=tuple(rows), turns=turns, improvements=tuple(improvements),
         zero=tuple(sorted({references[task].zero_agent for task in ends})) if scaled else (),
         scale_versions={task: references[task].version for task in usable if task in ends},
         without_plans=tuple(task for task in usable if task not in ends or not references[task].plans),
-        turns=turns,
-        rows=tuple(rows),
-        improvements=tuple(improvements),
         profiles=_profiles(whole, usable) if scaled else (),
-    )
-
-
-def _scores_money(table: TaskTable) -> bool:
-    """Whether the ranked rows of a task state a score in money."""
-    ranked = [row for row in table.rows if row.rank is not None]
-    return table.metric == RANKING_METRIC and bool(ranked) and all(map(in_money, ranked))
+    )  # fmt: skip
 
 
 def suite_tables(
@@ -302,10 +277,8 @@ def suite_tables(
         and (best.task_digest, best.seeds, RANKING_METRIC) == (expected[task_id].digest, expected[task_id].seeds, expected[task_id].metric)
     }
     names = {task_id: scenario_names(task_id, expected[task_id].seeds) for task_id in scores}
-    penalties = scores_by_task(stored, expected, PENALTY)
-    suites = [
-        suite_table(name, tuple(ids), scores, references, tables, best_known, names, penalties) for name, ids in list_suites().items()
-    ]
+    others = references, tables, best_known, names, scores_by_task(stored, expected, PENALTY)
+    suites = [suite_table(name, tuple(ids), scores, *others) for name, ids in list_suites().items()]
     return tuple(table for table in suites if table is not None)
 
 
@@ -349,62 +322,34 @@ def _row(
 def _in_money(
     tasks: Sequence[str],
     scores: Mapping[str, Mapping[str, statistics.Array]],
-    best_known: Mapping[str, BestKnown],
-    scenarios: Sequence[Sequence[Hashable]] | None,
-    fixed: Collection[str],
-) -> dict[str, dict[str, Any]]:
-    """For agents with all tasks, if all tasks score money: mean regret, and mean score minus that of the tuned rules."""
-    if any(task not in best_known or best_known[task].units["reward"] != MONEY for task in tasks):
-        return {}
-    best = [np.array([run.reward for run in best_known[task].runs]) for task in tasks]
-    everywhere = set[str].intersection(*(set(scores[task]) for task in tasks))
-    intervals: dict[str, dict[str, Any]] = {}
-    for agent in everywhere:
-        own = [scores[task][agent] for task in tasks]
-        gaps = [top - values for top, values in zip(best, own, strict=True)]
-        intervals[agent] = {"regret": statistics.aggregate(gaps, "mean", scenarios)}
-        if RULES in everywhere - {agent}:
-            rules = [scores[task][RULES] for task in tasks]
-            intervals[agent]["against_rules"] = statistics.estimate_difference(
-                own, rules, scenarios, (agent in fixed, RULES in fixed)
-            ).interval()
-    return intervals
-
-
-def _add_money(
-    rows: dict[str, dict[str, Any]],
-    tasks: Sequence[str],
-    scores: Mapping[str, Mapping[str, statistics.Array]],
     penalties: Mapping[str, Mapping[str, statistics.Array]],
+    best_known: Mapping[str, BestKnown],
     scenarios: Mapping[str, Sequence[Hashable]] | None,
     fixed: Collection[str],
-) -> tuple[Turn, ...]:
-    """Add to ``rows`` each agent's money over the tasks that it has and, if it has all, its places at prices; return who changes places."""
+    privileged: Collection[str],
+) -> tuple[dict[str, dict[str, Any]], tuple[Turn, ...]]:
+    """Of each agent its money over the tasks that it has and, if it has all, regret and places at other prices; and who changes places."""
     having = {agent: [task for task in tasks if agent in scores[task]] for task in tasks for agent in scores[task]}
     names = {agent: None if scenarios is None else [scenarios[task] for task in of_agent] for agent, of_agent in having.items()}
     values = {agent: [scores[task][agent] for task in of_agent] for agent, of_agent in having.items()}
-    whole = {agent: values[agent] for agent, of_agent in having.items() if len(of_agent) == len(tasks)}
+    whole = {agent: of_agent for agent, of_agent in values.items() if len(of_agent) == len(tasks)}
     exact, every = [0.0] * len(tasks), None if scenarios is None else [scenarios[task] for task in tasks]
     order = statistics.tiers(whole, exact, every, fixed)
-    ranks = ranks_of(order)
-    reversals = statistics.reversals([agent for tier in order for agent in tier], whole, exact, every, fixed)
+    ranks, reversals = ranks_of(order), statistics.reversals([one for tier in order for one in tier], whole, exact, every, fixed)
+    rows: dict[str, dict[str, Any]] = {}
     for agent, of_agent in having.items():
         against = None
         if RULES in set(whole) - {agent}:
             rules = [scores[task][RULES] for task in of_agent]
             against = statistics.estimate_difference(values[agent], rules, names[agent], (agent in fixed, RULES in fixed)).interval()
-        rows.setdefault(agent, {})["money"] = Money(
-            rank=ranks.get(agent),
-            mean=statistics.aggregate(values[agent], "mean", names[agent]),
-            against_rules=against,
-            reversal=reversals.get(agent),
-        )
-    if not all(agent in penalties.get(task, {}) for task in tasks for agent in whole):
-        return ()
-    costs = {agent: [penalties[task][agent] for task in tasks] for agent in whole}
-    for agent, places in at_prices(whole, costs, order, every, fixed).items():
-        rows[agent]["at_prices"] = places
-    return turns_of(whole, costs, ranks)
+        mean = statistics.estimate_mean(values[agent], names[agent]).interval()
+        rows[agent] = {"money": Money(rank=ranks.get(agent), mean=mean, against_rules=against, reversal=reversals.get(agent))}
+        if agent in whole and best_known.keys() >= set(tasks):
+            gaps = [np.array([run.reward for run in best_known[task].runs]) - scores[task][agent] for task in tasks]
+            rows[agent] |= {"regret": statistics.aggregate(gaps, "mean", every), "against_rules": against}
+    costs = {agent: [penalties[task][agent] for task in tasks] for agent in whole if all(agent in penalties[task] for task in tasks)}
+    places, turns = at_prices(whole, costs, order, privileged, every, fixed)
+    return {agent: one | places.get(agent, {}) for agent, one in rows.items()}, turns
 
 
 def _profiles(whole: Mapping[str, Mapping[str, statistics.Array]], tasks: Sequence[str]) -> tuple[statistics.Profile, ...]:
@@ -423,44 +368,38 @@ def _profiles(whole: Mapping[str, Mapping[str, statistics.Array]], tasks: Sequen
 
 
 def references_from(
-    stored: Iterable[StoredResult],
-    expected: Mapping[str, Expectation],
-    known: Mapping[str, References],
-    zero_agent: str,
-    renewed: Collection[str] = (),
+    stored: Iterable[StoredResult], expected: Mapping[str, Expectation], before: Mapping[str, References]
 ) -> dict[str, References]:
-    """References of published tasks, in the metric that ranks, from complete results.
+    """References of the tasks in ``before``, in the metric that ranks, from complete results; what results do not change stays as it is.
 
-    A task in ``known`` keeps its zero, unless it is in ``renewed``. Otherwise zero is the mean of ``zero_agent``; without results of it, or
-    with fewer than ``ZERO_TRAININGS`` trainings of an agent that was trained, the task has no references. One is the mean of the best known
-    runs of all seeds, whichever agents they are of, if plans made them, or if one was stored before.
+    A zero that is there stays; else it is the mean of the agent that the entry names, over ``ZERO_TRAININGS`` trainings or more if it was
+    trained. One is the mean of the best known runs, whichever agents they are of, if plans made them or if one was there before.
     """
     items = tuple(stored)
-    entries, references = entries_by_task(items, expected), {}
-    for task_id, runs in best_runs(items, expected).items():
-        metric, owners = metric_of(task_id, expected), {one.agent.name: one.results_digest for one, _ in runs}
-        old = known.get(task_id)
-        kept = None if task_id in renewed else old
-        zero = _zero_from(entries[task_id], zero_agent, metric) if kept is None else kept.model_dump(include=set(_ZERO))
-        best, plans = float(np.mean([run.metrics[metric] for _, run in runs])), all(one.agent.privileged for one, _ in runs)
-        if zero is None or best <= zero["zero"]:
-            continue
-        if plans or (kept is not None and kept.best is not None):
-            owner = next(iter(owners)) if len(owners) == 1 else SEVERAL
-            zero |= {"best": best, "best_agent": owner, "best_results_digest": " ".join(owners[name] for name in sorted(owners))}
-        one = References(plans=plans, **zero)
-        moved = old is not None and (one.zero, one.best) != (old.zero, old.best)
-        references[task_id] = one.model_copy(update={"version": 1 if old is None else old.version + moved})
-    return references
+    entries, best = entries_by_task(items, expected), best_runs(items, expected)
+    return {
+        task_id: _references(old, entries[task_id], best[task_id], metric_of(task_id, expected)) if task_id in best else old
+        for task_id, old in before.items()
+    }
 
 
-_ZERO = ("zero", "zero_agent", "zero_results_digest")
-
-
-def _zero_from(entries: Iterable[Entry], agent: str, metric: str) -> dict[str, Any] | None:
-    """Zero of a task by the mean of an agent, of several trainings over all of them; ``None`` where it lacks results."""
-    entry = next((one for one in entries if one.name == agent and one.complete and one.states(metric)), None)
-    if entry is None or not (entry.is_fixed or len(entry.trainings) >= ZERO_TRAININGS):
-        return None
-    digests = " ".join(item.result.results_digest for item in entry.trainings)
-    return dict(zip(_ZERO, (float(entry.by_training(metric).mean()), agent, digests), strict=True))
+def _references(old: References, entries: Iterable[Entry], runs: Sequence[tuple[Result, RunResult]], metric: str) -> References:
+    """An entry with what results change; ``runs`` are the best known ones."""
+    changes: dict[str, Any] = {}
+    zero = next((one for one in entries if one.name == old.zero_agent and one.complete and one.states(metric)), None)
+    if old.zero is None and zero is not None and (len(zero.trainings) >= ZERO_TRAININGS or (zero.is_fixed and not zero.training_seeds)):
+        digests = " ".join(item.result.results_digest for item in zero.trainings)
+        changes = {"zero": float(zero.by_training(metric).mean()), "zero_results_digest": digests}
+    owners = {one.agent.name: one.results_digest for one, _ in runs}
+    plans = all(one.agent.privileged for one, _ in runs)
+    if plans or old.best is not None:
+        changes |= {
+            "plans": plans,
+            "best": float(np.mean([run.metrics[metric] for _, run in runs])),
+            "best_agent": next(iter(owners)) if len(owners) == 1 else SEVERAL,
+            "best_results_digest": " ".join(digest for _, digest in sorted(owners.items())),
+        }
+    new = old.model_copy(update=changes)
+    if new.ends is not None and new.ends[1] <= new.ends[0]:
+        return old
+    return new.model_copy(update={"version": old.version + (None is not old.best != new.best)})

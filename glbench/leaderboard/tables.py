@@ -56,10 +56,7 @@ REGRET_NOTE = (
     "given away and the violations that are added. Who made a best known run may have known the whole season in advance. It is no bound: "
     "a better one may exist, and who finds it has a negative regret."
 )
-REVERSAL_NOTE = (
-    "P(reversed): probability that the agent is truly better than the one above it, although its mean is lower: half the p-value of their "
-    "paired test, not corrected."
-)
+REVERSAL_NOTE = "P(reversed): probability that the agent is truly better than the one above it: half the p-value of their paired test."
 PRICES_NOTE = (
     "At 0.5×, at 2×: mean and, after #, rank at half and at double the price of violations. Agents act as they were made for the task's "
     "price. Frontier: no other agent that sees observations has as much profit with as few violations."
@@ -132,28 +129,28 @@ def scale_words(table: SuiteTable) -> str:
     """What the scores of a suite are: what 0 and 1 mean, or why money is shown instead."""
     tasks = f"over the {len(table.tasks)} tasks"
     if not table.in_money:
-        versions = " and ".join(map(str, sorted(set(table.scale_versions.values()))))
-        zero = " or ".join(table.zero)
+        versions, zero = " and ".join(map(str, sorted(set(table.scale_versions.values())))), " or ".join(table.zero)
         return f"Normalised score {tasks}: 0 is the mean of {zero}, 1 the best known result of each task (scale version {versions})."
     without = ", ".join(task.rpartition("/")[2] for task in table.without_plans)
-    differences = any(row.money and row.money.against_rules for row in table.rows)
-    return (
-        f"Mean score in money {tasks}, not normalised: for {without} no plans are known, so 1 would be some agent's own score."
-        f"{'' if differences else f' {RULES} lacks tasks of the suite, so there are no differences to it.'}"
-    )
+    lacking = f" {RULES} lacks tasks, so none is compared with it." * (not any(row.against_rules for row in table.shown_rows))
+    return f"Mean score in money {tasks}, not normalised: for {without} no plans are known, so 1 would be some agent's own score.{lacking}"
 
 
 def suite_note(table: SuiteTable) -> str:
     """What the intervals and the columns of a suite are."""
     words = of_published(table.tasks)
-    columns = AGAINST_NOTE * any(row.against_rules for row in table.rows)
-    columns += f" {REVERSAL_NOTE}" + f" {PRICES_NOTE}" * any(row.at_prices for row in table.rows)
-    if table.in_money:
-        return f"Intervals cover the {words.draws}, and trainings, if there are several; not {words.beyond}.{columns}"
+    money = f"Intervals cover the {words.draws}, and trainings, if there are several; they say nothing about {words.beyond}."
+    columns = AGAINST_NOTE * any(row.against_rules for row in table.rows) + f" {REVERSAL_NOTE}"
+    return (money if table.in_money else score_note(table.tasks)) + columns + f" {PRICES_NOTE}" * any(row.at_prices for row in table.rows)
+
+
+def score_note(task_ids: Iterable[str]) -> str:
+    """What the intervals of normalised scores over these tasks are."""
+    words = of_published(task_ids)
     return (
         f"Intervals cover the {words.draws}, and one training; if an agent has several trainings, the interval of its mean covers "
         f"trainings, too. Intervals narrower than {SCORE_STEP} are left out, because {words.beyond} or another training can move a score "
-        f"by more. {RANGE_MARK}: range from the lowest to the highest training of each task.{columns}"
+        f"by more. {RANGE_MARK}: range from the lowest to the highest training of each task."
     )
 
 
@@ -255,7 +252,7 @@ def _task_columns(table: TaskTable) -> list[TableColumn]:
         iqm_column(first, f"{first.heading}, IQM"),
         *([fresh_column(first)] if has_fresh_draws(table) else []),
         worst_column(first),
-        *([chance_column(lambda row: row.reversal)] if any(row.reversal is not None for row in table.rows) else []),
+        *([reversal_column()] if any(row.reversal is not None for row in table.rows) else []),
         *price_columns(table.rows),
         *year_columns(table.rows, first),
         *(regret_columns(table) if has_regret(table) else []),
@@ -345,75 +342,50 @@ def _score_columns(table: SuiteTable) -> list[TableColumn]:
         return TableColumn(heading, lambda row: format_interval(getattr(row, name), is_range=name != "mean" and row.trainings[1] > 1))
 
     return [
-        *suite_heads(table, suite_label),
+        TableColumn("#", lambda row: NONE if row.rank is None else str(row.rank)),
+        TableColumn("Agent", suite_label, words=True, free=True),
         *([] if table.in_money else map(score, SCORES)),
         *money_columns(table),
-        suite_reversals(table),
+        reversal_column(),
         *price_columns(table.rows),
         TableColumn("Runs", runs_of),
     ]
 
 
-def shown_rank(table: SuiteTable, row: SuiteRow) -> int | None:
-    """Rank by what the suite is shown in."""
-    return row.rank if not table.in_money else None if row.money is None else row.money.rank
-
-
-def shown_interval(table: SuiteTable, row: SuiteRow, name: str) -> Interval | None:
-    """A score of an agent; over a suite in money its mean and difference to the rules are also those of agents that lack tasks."""
-    interval: Interval | None = getattr(row.money if table.in_money and name != "regret" else row, name, None)
-    return interval
-
-
-def suite_heads(table: SuiteTable, agent: Callable[[SuiteRow], str]) -> list[TableColumn]:
-    """Rank and agent."""
-    return [
-        TableColumn("#", lambda row: NONE if (rank := shown_rank(table, row)) is None else str(rank)),
-        TableColumn("Agent", agent, words=True, free=True),
-    ]
-
-
-def chance_column(value: Callable[[Any], float | None], gives_way: int = 0) -> TableColumn:
+def reversal_column(gives_way: int = 0) -> TableColumn:
     """The probability that the order of neighbours reverses."""
-    return TableColumn("P(reversed)", lambda row: NONE if (p := value(row)) is None else chance_text(p), gives_way=gives_way)
-
-
-def suite_reversals(table: SuiteTable, gives_way: int = 0) -> TableColumn:
-    """The same in the order that the suite is shown in."""
-    return chance_column(lambda row: row.reversal if not table.in_money else row.money and row.money.reversal, gives_way)
+    chance = "P(reversed)"
+    return TableColumn(chance, lambda row: NONE if row.reversal is None else chance_text(row.reversal), free=True, gives_way=gives_way)
 
 
 def price_columns(rows: Iterable[Row | SuiteRow], gives_way: int = 0) -> list[TableColumn]:
-    """Mean and rank at half and double the price of violations, and whether an agent is on the frontier; none where they have no price."""
+    """Mean and rank at half and double the price of violations, and who is on the frontier; none where violations have no such price."""
     if not any(row.at_prices for row in rows):
         return []
 
     def at(factor: float) -> TableColumn:
         def text(row: Row | SuiteRow) -> str:
-            place = next((one for one in row.at_prices if one.factor == factor), None)
-            return NONE if place is None else f"{signless(number_text(place.mean, 2))} #{place.rank}"
+            return next((f"{signless(number_text(one.mean, 2))} #{one.rank}" for one in row.at_prices if one.factor == factor), NONE)
 
-        return TableColumn(f"At {factor:g}× [EUR/m²]", text, gives_way=gives_way and gives_way + (factor < 1.0))
+        return TableColumn(f"At {factor:g}× [EUR/m²]", text, gives_way=gives_way)
 
-    frontier = TableColumn("Frontier", lambda row: "yes" if row.frontier else NONE, gives_way=gives_way and gives_way + 2)
+    frontier = TableColumn("Frontier", lambda row: "yes" if row.frontier else NONE, gives_way=gives_way and gives_way + 1)
     return [*(at(factor) for factor in FACTORS if factor != 1.0), frontier]
 
 
 def turn_notes(table: TaskTable | SuiteTable, most: int | None = None) -> list[str]:
-    """A sentence that says which orders hang on the price of violations, those nearest to the task's price first; none where none does."""
+    """A sentence on the orders that hang on the price of violations; none where there are no such orders."""
     turns = [f"that of {turn.first} and {turn.second} at {turn.factor:.2g} times" for turn in table.turns[:most]]
-    if not turns:
-        return []
-    rest = f"; {len(table.turns) - len(turns)} more are in leaderboard.json" if len(table.turns) > len(turns) else ""
-    return [f"Orders that hang on the price of violations, and where they turn: {', '.join(turns)} the price{rest}."]
+    rest = f" (and {len(table.turns) - len(turns)} more)" * (len(table.turns) > len(turns))
+    return [f"Orders that hang on the price of violations, and where they turn: {', '.join(turns)} the price{rest}."] if turns else []
 
 
 def money_columns(table: SuiteTable, gives_way: tuple[int, int] = (0, 0), *, spans: bool = True) -> list[TableColumn]:
-    """Columns of a suite whose tasks all score money: the mean, if it is shown in money; the difference to the tuned rules; regret."""
+    """Columns of a suite whose tasks all score money: the mean, if it is shown in money, difference to the tuned rules, and regret."""
 
     def column(name: str, heading: str, gives_way: int) -> TableColumn:
         def text(row: SuiteRow) -> str:
-            interval = shown_interval(table, row, name)
+            interval: Interval | None = getattr(row, name)
             if interval is None:
                 return NONE
             center, low, high = (signless(number_text(part, 3)) for part in (interval.value, interval.low, interval.high))
@@ -421,10 +393,9 @@ def money_columns(table: SuiteTable, gives_way: tuple[int, int] = (0, 0), *, spa
 
         return TableColumn(heading, text, gives_way=gives_way)
 
-    columns = [("against_rules", f"More than {RULES} [EUR/m²]", gives_way[0]), ("regret", "Regret [EUR/m²]", gives_way[1])]
-    if table.in_money:
-        columns.insert(0, ("mean", "Mean [EUR/m²]", 0))
-    return [column(*one) for one in columns if any(shown_interval(table, row, one[0]) is not None for row in table.rows)]
+    columns = [("mean", "Mean [EUR/m²]", 0)] if table.in_money else []
+    columns += [("against_rules", f"More than {RULES} [EUR/m²]", gives_way[0]), ("regret", "Regret [EUR/m²]", gives_way[1])]
+    return [column(*one) for one in columns if any(getattr(row, one[0]) is not None for row in table.shown_rows)]
 
 
 def of_figures(column: TableColumn) -> TableColumn:
@@ -553,12 +524,8 @@ def suite_markdown(table: SuiteTable) -> list[str]:
 
 def missing_notes(table: SuiteTable) -> list[str]:
     """A sentence for each agent that lacks tasks of the suite."""
-    return [
-        f"{row.agent} is not ranked: it lacks {', '.join(task.rpartition('/')[2] for task in row.missing)}. Its figures are over the tasks "
-        "that it has."
-        for row in table.rows
-        if row.missing
-    ]
+    lacking = [(row.agent, ", ".join(task.rpartition("/")[2] for task in row.missing)) for row in table.rows if row.missing]
+    return [f"{agent} is not ranked: it lacks {tasks}. Its figures are over the tasks that it has." for agent, tasks in lacking]
 
 
 def to_latex(table: TaskTable) -> str:
@@ -640,7 +607,7 @@ def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *
     for part in PARTS:
         name, unit = "regret" if part == "total" else f"regret_{part}", " [EUR m-2]" if part == "profit" else ""
         record |= _cells(name, row.regret and getattr(row.regret, part), ("mean", "low", "high"), unit)
-    record |= {"entry_reversal": entry.reversal, **_places(entry, "entry_")}
+    record |= _places(entry, "entry_")
     record["regret_runs_ahead"] = row.regret and row.regret.runs_ahead
     record |= _cells("entry_regret", entry.regret and entry.regret.total, ends)
     if fresh:
@@ -649,14 +616,12 @@ def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *
 
 
 def _places(row: Row | SuiteRow, prefix: str = "") -> dict[str, object]:
-    """Rank and mean at other prices of violations, and the frontier; ``None`` where violations have no price."""
-    places = {place.factor: place for place in row.at_prices}
-    record: dict[str, object] = {}
+    """Rank and mean at other prices of violations, the frontier and the reversal; ``None`` where there is none."""
+    record: dict[str, object] = {f"{prefix}reversal": row.reversal, f"{prefix}frontier": row.frontier}
     for factor in (factor for factor in FACTORS if factor != 1.0):
-        record |= _cells(f"{prefix}at_{factor:g}x", places.get(factor), ("rank",)) | _cells(
-            f"{prefix}at_{factor:g}x", places.get(factor), ("mean",), " [EUR m-2]"
-        )
-    return {**record, f"{prefix}frontier": row.frontier}
+        place, name = next((one for one in row.at_prices if one.factor == factor), None), f"{prefix}at_{factor:g}x"
+        record |= {f"{name}_rank": place and place.rank, f"{name}_mean [EUR m-2]": place and place.mean}
+    return record
 
 
 def _cells(name: str, of: object, parts: Iterable[str] | Mapping[str, str], unit: str = "") -> dict[str, object]:
@@ -678,15 +643,15 @@ def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
             "low_and_high": "range over trainings" if row.trainings[1] > 1 else "95 % interval over runs",
             "low_and_high_of_mean": f"95 % interval over runs{' and trainings' if row.trainings[1] > 1 else ''}",
         }  # fmt: skip
-        scores = [(str(name), getattr(row, name), "") for name in SCORES]
-        in_money = [("regret", row.regret, " [EUR m-2]"), (f"more_than_{RULES}", row.against_rules, " [EUR m-2]")]
+        scores: list[tuple[str, Interval | None, str]] = [(str(name), getattr(row, name), "") for name in SCORES]
+        money, unit = row.money, " [EUR m-2]"
+        in_money = [("regret", row.regret, unit), (f"more_than_{RULES}", row.against_rules, unit)]
+        if money is not None:
+            in_money += [("money", money.mean, unit), (f"money_more_than_{RULES}", money.against_rules, unit)]
         for name, interval, unit in scores + in_money:
             record |= {f"{name}{unit}": interval and interval.value, **_cells(name, interval, ("low", "high"), unit)}
-        money = row.money
-        for name, interval in (("money", money and money.mean), (f"money_more_than_{RULES}", money and money.against_rules)):
-            record |= {f"{name} [EUR m-2]": interval and interval.value, **_cells(name, interval, ("low", "high"), " [EUR m-2]")}
-        record |= {"money_rank": money and money.rank, "money_reversal": money and money.reversal, "reversal": row.reversal}
-        record |= {**_places(row), "zero": " ".join(table.zero), "without_plans": " ".join(table.without_plans)}
+        record |= {"money_rank": money and money.rank, "money_reversal": money and money.reversal, **_places(row)}
+        record |= {"zero": " ".join(table.zero), "without_plans": " ".join(table.without_plans)}
         for metric in words.metrics.values():
             record[f"{metric.name}_mean [{metric.unit}]"] = figures and figures.metrics.get(metric.name)
         records.append(record | {
@@ -915,10 +880,8 @@ def span_text(interval: Interval, *, is_range: bool) -> str:
     return "" if high - low < SCORE_STEP else f"{low:.2f} to {high:.2f}"
 
 
-def format_interval(interval: Interval | None, *, is_range: bool) -> str:
-    """``0.912 [0.91 to 0.93]`` or ``0.912``, without unit; a dash for none."""
-    if interval is None:
-        return NONE
+def format_interval(interval: Interval, *, is_range: bool) -> str:
+    """``0.912 [0.91 to 0.93]`` or ``0.912``, without unit."""
     span = span_text(interval, is_range=is_range)
     return f"{score_text(interval.value)} [{span}]" if span else score_text(interval.value)
 

@@ -1,75 +1,40 @@
-"""What conclusions hang on the price of violations: orders at other prices, where two agents change places, and who is not beaten.
+"""What hangs on the price of violations: ranks at other prices, agents that change places, and who is not beaten at any price.
 
-The score of a task in money is the profit minus what violations of the limits cost, so at ``factor`` times their price a run scores
-``reward - (factor - 1) * penalty``. Results hold both, and nothing is simulated. Agents act as they were made for the task's price; one
-that was made for another price would act otherwise.
+A score in money is the profit minus what violations of the limits cost, so at ``factor`` times their price a run scores
+``reward - (factor - 1) * penalty``. Results hold both, and nothing is simulated: agents act as they were made for the task's price.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Hashable, Mapping, Sequence
-from typing import TypeAlias
+from itertools import combinations
+from typing import Any, TypeAlias
 
-import numpy as np
 from pydantic import Field
 
-from glbench.leaderboard import statistics
-from glbench.leaderboard.regret import PENALTY, PROFIT
-from glbench.leaderboard.statistics import Array, FrozenModel
+from glbench.leaderboard.statistics import Array, FrozenModel, mean_score, tiers
 
 FACTORS = (0.5, 1.0, 2.0)
-"""Multiples of the price of violations at which orders are shown."""
+"""Multiples of the price of violations at which ranks are shown."""
 Values: TypeAlias = Mapping[str, Sequence[Array]]
-"""By agent, ``(n,)`` or ``(trainings, n)`` for each task."""
+"""By agent, ``(n,)`` or ``(trainings, n)`` for each task [EUR m-2]."""
 
 
 class AtPrice(FrozenModel):
     """Rank and score of an agent at another price of violations."""
 
     factor: float = Field(description="multiple of the task's price of violations")
-    rank: int | None = Field(description="shared by agents that cannot be told apart at this price; null when not ranked")
+    rank: int = Field(description="shared by agents that cannot be told apart at this price")
     mean: float = Field(description="mean score at this price [EUR m-2]")
 
 
 class Turn(FrozenModel):
-    """Two agents that rank differently, and change places at another price of violations."""
+    """Two agents of different ranks that change places at another price of violations."""
 
     first: str = Field(description="has the higher mean at the task's price")
     second: str
     factor: float = Field(description="multiple of the task's price of violations at which their means are equal")
-
-
-def scores_at(rewards: Sequence[Array], penalties: Sequence[Array], factor: float) -> list[Array]:
-    """Scores of each task at ``factor`` times its price of violations, in the shape and unit of ``rewards``; at 1 the same bits."""
-    return [reward - (factor - 1.0) * penalty for reward, penalty in zip(rewards, penalties, strict=True)]
-
-
-def at_prices(
-    rewards: Values,
-    penalties: Values,
-    order: Sequence[Sequence[str]],
-    scenarios: Sequence[Sequence[Hashable]] | None = None,
-    fixed: Collection[str] = (),
-) -> dict[str, tuple[AtPrice, ...]]:
-    """Ranks and means of agents at ``FACTORS`` times the prices of violations [EUR m-2].
-
-    Parameters
-    ----------
-    rewards, penalties
-        Values of the agents in money, for the same tasks and runs.
-    order
-        Tiers of the agents by ``rewards``.
-    scenarios, fixed
-        As in ``statistics.tiers``.
-    """
-    found: dict[str, list[AtPrice]] = {agent: [] for agent in rewards}
-    for factor in FACTORS:
-        scores = {agent: scores_at(values, penalties[agent], factor) for agent, values in rewards.items()}
-        exact = [0.0] * len(next(iter(scores.values()), ()))  # money has no resolution
-        of_agents = ranks_of(order if factor == 1.0 else statistics.tiers(scores, exact, scenarios, fixed))
-        for agent, values in scores.items():
-            found[agent].append(AtPrice(factor=factor, rank=of_agents[agent], mean=mean_over_tasks(values)))
-    return {agent: tuple(places) for agent, places in found.items()}
 
 
 def ranks_of(order: Sequence[Sequence[str]]) -> dict[str, int]:
@@ -77,34 +42,50 @@ def ranks_of(order: Sequence[Sequence[str]]) -> dict[str, int]:
     return {agent: 1 + sum(map(len, order[:place])) for place, tier in enumerate(order) for agent in tier}
 
 
-def mean_over_tasks(values: Sequence[Array]) -> float:
-    """Mean over tasks of the mean over trainings and runs."""
-    return float(np.mean([one.mean() for one in values]))
+def at_prices(
+    rewards: Values,
+    penalties: Values,
+    order: Sequence[Sequence[str]],
+    privileged: Collection[str] = (),
+    scenarios: Sequence[Sequence[Hashable]] | None = None,
+    fixed: Collection[str] = (),
+) -> tuple[dict[str, dict[str, Any]], tuple[Turn, ...]]:
+    """Places of each agent at ``FACTORS`` times the price and on the frontier, and who changes places; nothing if penalties are missing.
+
+    ``order`` are the tiers by ``rewards``; ``scenarios`` and ``fixed`` are as in ``statistics.tiers``. Agents on the frontier are not
+    ``privileged``, and no other such agent has at least their profit with at most their violations, and one of them better.
+    """
+    if not rewards.keys() <= penalties.keys():
+        return {}, ()
+    ranks, exact = {1.0: ranks_of(order)}, [0.0] * len(next(iter(rewards.values()), ()))  # money has no resolution
+    for factor in set(FACTORS) - set(ranks):
+        scores = {agent: scores_at(values, penalties[agent], factor) for agent, values in rewards.items()}
+        ranks[factor] = ranks_of(tiers(scores, exact, scenarios, fixed))
+    means = {agent: [float(mean_score([one.ravel() for one in of[agent]])) for of in (rewards, penalties)] for agent in rewards}
+    points = {agent: (reward + penalty, -penalty) for agent, (reward, penalty) in means.items() if agent not in privileged}
+    places: dict[str, dict[str, Any]] = {}
+    for agent, (reward, penalty) in means.items():
+        of_agent = tuple(AtPrice(factor=one, rank=ranks[one][agent], mean=reward - (one - 1.0) * penalty) for one in FACTORS)
+        point = points.get(agent)
+        beaten = point and any(other != point and other[0] >= point[0] and other[1] >= point[1] for other in points.values())
+        places[agent] = {"at_prices": of_agent, "frontier": None if point is None else not beaten}
+    return places, _turns(means, ranks[1.0])
 
 
-def turns_of(rewards: Values, penalties: Values, ranks: Mapping[str, int]) -> tuple[Turn, ...]:
-    """Agents of different ranks whose means change places within ``FACTORS``: the best first, then whose order turns near the task's price.
+def scores_at(rewards: Sequence[Array], penalties: Sequence[Array], factor: float) -> list[Array]:
+    """Scores of each task at ``factor`` times its price of violations, in the shape and unit of ``rewards``; at 1 the same bits."""
+    return [reward - (factor - 1.0) * penalty for reward, penalty in zip(rewards, penalties, strict=True)]
+
+
+def _turns(means: Mapping[str, Sequence[float]], ranks: Mapping[str, int]) -> tuple[Turn, ...]:
+    """Agents of different ranks that change places within ``FACTORS``: the best first, then those whose order turns near the task's price.
 
     With d the difference of the mean rewards and v that of the mean penalties, the means are equal at ``1 + d / v`` times the price.
     """
-    means = {agent: (mean_over_tasks(values), mean_over_tasks(penalties[agent])) for agent, values in rewards.items()}
-    ordered = sorted(means, key=lambda agent: (-means[agent][0], agent))
-    turns = []
-    for place, first in enumerate(ordered):
-        for second in ordered[place + 1 :]:
-            gap, more = means[first][0] - means[second][0], means[first][1] - means[second][1]
-            if ranks[first] == ranks[second] or more == 0.0:
-                continue
-            factor = 1.0 + gap / more
-            if FACTORS[0] <= factor <= FACTORS[-1]:
-                turns.append(Turn(first=first, second=second, factor=factor))
-    return tuple(sorted(turns, key=lambda turn: (ranks[turn.first], abs(np.log(turn.factor)))))
-
-
-def frontier(means: Mapping[str, Mapping[str, float]]) -> dict[str, bool]:
-    """Of each agent, by its mean metrics, whether no other has at least its profit with at most its violations, and one of them better."""
-    points = {agent: (of[PROFIT], -of[PENALTY]) for agent, of in means.items()}
-    return {
-        agent: not any(other != point and other[0] >= point[0] and other[1] >= point[1] for other in points.values())
-        for agent, point in points.items()
-    }
+    turns, ordered = [], sorted(means, key=lambda agent: (-means[agent][0], agent))
+    for first, second in combinations(ordered, 2):
+        gap, more = (one - other for one, other in zip(means[first], means[second], strict=True))
+        factor = 1.0 + gap / more if more else math.inf
+        if ranks[first] != ranks[second] and FACTORS[0] <= factor <= FACTORS[-1]:
+            turns.append(Turn(first=first, second=second, factor=factor))
+    return tuple(sorted(turns, key=lambda turn: (ranks[turn.first], abs(math.log(turn.factor)))))

@@ -29,7 +29,7 @@ from glbench.leaderboard.catalogue import Catalogue, Charts
 from glbench.leaderboard.regret import PARTS
 from glbench.leaderboard.statistics import SCORES, Estimate, Interval
 from glbench.leaderboard.suites import SuiteRow, SuiteTable
-from glbench.leaderboard.tables import scale_words, shown_interval, shown_rank
+from glbench.leaderboard.tables import scale_words
 from glbench.quantities import capitalised, pretty_unit
 from glbench.report.task_words import clock_of, definition_in_words, figures, for_growers
 from glbench.resources import data_folder
@@ -107,7 +107,7 @@ def task_facts(table: TaskTable, steps: int, step_seconds: float) -> dict[str, A
         "steps": steps,
         "step_seconds": step_seconds,
         "best_known": None if table.best_known is None else table.best_known.model_dump(),
-        "turns": _turns(table),
+        "turns": [[one.first, one.second, one.factor] for one in table.turns],
         "published": table.task_id in lock and lock[table.task_id].digest == table.digest,
     }
     if spec is None:
@@ -148,14 +148,11 @@ def suite_facts(table: SuiteTable) -> dict[str, Any]:
     rows = [
         {
             "agent": row.agent,
-            "rank": shown_rank(table, row),
+            "rank": row.rank,
             "runs": row.runs,
             "trainings": list(row.trainings),
             "missing": list(row.missing),
-            **{name: _interval(one) for name in SCORES if (one := shown_interval(table, row, name)) is not None},
-            "regret": row.regret and _interval(row.regret),
-            "against_rules": (against := shown_interval(table, row, "against_rules")) and _interval(against),
-            "reversal": row.reversal if not table.in_money else row.money and row.money.reversal,
+            **{name: (one := getattr(row, name)) and _interval(one) for name in (*SCORES, "regret", "against_rules")},
             **_at_prices(row),
             "figures": row.figures
             and {
@@ -172,7 +169,7 @@ def suite_facts(table: SuiteTable) -> dict[str, Any]:
         "name": table.suite,
         "scale": scale_words(table),
         "in_money": table.in_money,
-        "turns": _turns(table),
+        "turns": [[one.first, one.second, one.factor] for one in table.turns],
         "tasks": list(table.tasks),
         "rows": rows,
         "thresholds": [round(x, 4) for x in profiles[0].thresholds] if profiles else [],
@@ -183,13 +180,8 @@ def suite_facts(table: SuiteTable) -> dict[str, Any]:
 
 def _at_prices(row: Row | SuiteRow) -> dict[str, Any]:
     """Places at other prices of violations, where they have one."""
-    if not row.at_prices:
-        return {}
-    return {"at_prices": [[one.factor, one.rank, _short(one.mean)] for one in row.at_prices], "frontier": row.frontier}
-
-
-def _turns(table: TaskTable | SuiteTable) -> list[list[Any]]:
-    return [[one.first, one.second, _short(one.factor)] for one in table.turns]
+    places = [[one.factor, one.rank, _short(one.mean)] for one in row.at_prices]
+    return {"reversal": row.reversal, **({"at_prices": places, "frontier": row.frontier} if places else {})}
 
 
 def _interval(interval: Interval) -> list[float]:
@@ -305,7 +297,6 @@ def _notes(row: Row) -> dict[str, Any]:
         "trained_on": row.trained_on.words,
         "saw_scored": row.saw_scored,
         "regret": regret,
-        "reversal": row.reversal,
         **_at_prices(row),
         **({} if row.fresh_draws is None else {"fresh_draws": row.fresh_draws.model_dump(include={"mean", "marked"})}),
     }
