@@ -95,7 +95,7 @@ class Samples:
         return len(self.columns)
 
     def traits(self, numbers: Floats) -> Floats:
-        """w of the first sample of each column, ``(n, columns)``, from ``trait_numbers`` uniform numbers a run."""
+        """The number w of the first sample of each column, ``(n, columns)``, from ``trait_numbers`` uniform numbers a run."""
         traits: Floats = approx_normal(*numbers.reshape(len(numbers), len(self.columns), UNIFORMS_PER_NORMAL).transpose(2, 0, 1))
         return traits
 
