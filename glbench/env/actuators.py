@@ -2,9 +2,9 @@
 
 An action moves the command c of a control, a fraction, within bounds and rate limit. In step k an actuator delivers
 
-    d(k) = 0                                              while it has failed,
-           d(k - 1)                                       while it sticks,
-           d(k - 1) + (1 - exp(-h / T)) (m(k) c(k) - d(k - 1))   else,        d(-1) = 0
+    d(k) = 0                                                     while it has failed
+    d(k) = d(k - 1)                                              while it sticks
+    d(k) = d(k - 1) + (1 - exp(-h / T)) (m(k) c(k) - d(k - 1))   otherwise, with d(-1) = 0
 
 over a step of h seconds with the lag T: a first-order lag, as motors and valves are usually modelled, with the position at the end of
 the step counted for all of it. m is what it can deliver at most: 1 - s, with a shortfall s drawn evenly once a run between 0 and the
