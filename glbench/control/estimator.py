@@ -12,8 +12,8 @@ The filter estimates, for every run,
 - bias and drift of every sensor: a reading is truth + noise + bias + drift k / N in step k of N, as ``glbench.env.air`` makes it.
 
 Parameters redrawn in each step are noise on the states along the derivatives of the step. A reading that is exactly the last one
-comes from a sensor that hangs, and is left out; so is one that is missing (NaN). Measured columns are taken one after the other in
-Joseph's form.
+comes from a sensor that hangs, or is a sample that is still shown, and is left out; so is one that is missing (NaN). Measured columns are
+taken one after the other in Joseph's form.
 """
 
 from __future__ import annotations
@@ -283,6 +283,10 @@ class StateEstimator:
                 expected = expected + around[:, at] + elapsed * around[:, at + 1]
                 if self._sensors.out > 0.0:  # what hangs shows its last reading, to the bit
                     use *= reading != self._last[:, place]
+            sample = self._model.samples[place]
+            if sample is not None:  # between two samples the last one is shown
+                noise = noise + (sample.noise * reading) ** 2
+                use *= reading != self._last[:, place]
             surprise = reading - expected - (row * (z - around)).sum(axis=1)
             row *= self._scale
             along = (cov * row[:, None, :]).sum(axis=2)

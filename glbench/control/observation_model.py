@@ -15,6 +15,7 @@ from glbench.kernel.tape import Recorder, TapeDerivatives
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
+    from glbench.tasks.tables import SampleTable
 
 Floats = NDArray[np.float64]
 
@@ -37,6 +38,8 @@ class ObservationModel:
     sensor
         For each column, the index of its sensor among the task's sensors with errors; -1 if it is observed without
         errors.
+    samples
+        For each column, how it is sampled by hand; ``None`` if it is observed in every step.
     """
 
     def __init__(self, task: TaskSpec) -> None:
@@ -47,6 +50,7 @@ class ObservationModel:
         columns: list[int] = []
         names: list[str] = []
         sensors: list[int] = []
+        samples: list[SampleTable | None] = []
         first = 0
         with Recorder() as recorder:
             states = [recorder.input("after", place) for place in range(self._states)]
@@ -74,9 +78,10 @@ class ObservationModel:
                         columns.append(first + place)
                         names.append(observed[place].name)
                         sensors.append(sensor)
+                        samples.append(task.samples.get(module))
                 first += len(observed)
         self.columns, self.names = np.array(columns, np.intp), tuple(names)
-        self.sensor = np.array(sensors, np.intp)
+        self.sensor, self.samples = np.array(sensors, np.intp), tuple(samples)
         self._derivatives = TapeDerivatives(recorder.tape(), [("observation", place) for place in range(len(columns))], ("after",))
 
         observed_names, capacities = [column.name for column in task.observed()], task.capacities()

@@ -95,6 +95,7 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
     info, names = info_columns(task), [quantity.name for quantity in task.quantities]
     with Recorder() as update:
         scenarios.sensors.update(update, _true_air(task, update), scenarios.memory_layout)
+        scenarios.samples.update(update, scenarios.memory_layout)
         outcome, lookups, columns, reward, observation = _outcome(task, scenarios, update)
     followers, python_followers = EMPTY, None
     if scenarios.in_step:
@@ -259,6 +260,11 @@ def _observation(
             width = len(task.observed_by(name))
             parts.append((slice(at, at + width), checked_part(task, name, make(task, tables))))
             at += width
+            continue
+        if name in task.samples:
+            for value in scenarios.samples.shown(recorder, name, layout):
+                recorder.output("observation", at, value)
+                at += 1
             continue
         for column in column_sources(name, task, tables):
             if isinstance(column, Lookup):

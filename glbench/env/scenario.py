@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env import actuation, actuators, air
+from glbench.env import actuation, actuators, air, samples
 from glbench.env.daily_sums import DAILY_SUMS, initial_memory
 from glbench.env.generated import SeasonMaker
 from glbench.env.memory_layout import DrawingPart, DrawPlaces, allocate
@@ -58,6 +58,8 @@ class RunScenarios:
         Those that err.
     actuators, actuator_draws
         Those that are not ideal, and where their draws begin.
+    samples
+        What is counted or weighed by hand.
     drawing_parts
         The parts that draw numbers of their own, in the order in which tapes read them (``DrawPlaces``).
     memory_layout
@@ -76,14 +78,16 @@ class RunScenarios:
         self.sensors = air.Sensors.of(task)
         self.outdoor_sensors = OutdoorSensors.of(task, DrawPlaces().after(self.sensors))
         self.actuators = actuators.Actuators.of(task)
-        self.drawing_parts: tuple[DrawingPart, ...] = (self.sensors, self.outdoor_sensors, self.actuators)
         self.actuator_draws = DrawPlaces().after(self.sensors).after(self.outdoor_sensors)
+        self.samples = samples.Samples.of(task, self.actuator_draws.after(self.actuators))
+        self.drawing_parts: tuple[DrawingPart, ...] = (self.sensors, self.outdoor_sensors, self.actuators, self.samples)
         self.memory_layout = allocate(
             **{
                 actuation.PART: actuation.actuation_memory(task),
                 air.PART: self.sensors.initial_memory(),
                 DAILY_SUMS: initial_memory(task),
                 actuators.PART: self.actuators.initial_memory(),
+                samples.PART: self.samples.initial_memory(),
             }
         )
         self._starts: dict[int, Floats] = {}  # by row of the pool: the state before factors

@@ -22,7 +22,7 @@ from glbench.leaderboard.catalogue import catalogue, charts_of
 from glbench.quantities import OUTDOOR, in_sentence, pretty_unit, sentence, unit_sold
 from glbench.tasks.ledger import FLOW, LIMITED, VIOLATION_PRICES
 from glbench.tasks.spreads import HEAT
-from glbench.tasks.tables import ActuatorTable, ForecastTable, OffsetSensorTable, ScaledSensorTable, SplitsTable, SplitTable
+from glbench.tasks.tables import ActuatorTable, ForecastTable, OffsetSensorTable, SampleTable, ScaledSensorTable, SplitsTable, SplitTable
 from glbench.tasks.vocabulary import FORECAST_ERRORS, OBSERVATION_MODULES
 
 _MOST_ROWS, _FIRST_ROWS = 64, 40
@@ -72,6 +72,7 @@ _TOPICS = {
     "sensors": "the errors of sensors",
     "outdoor_sensors": "the errors of sensors of the weather",
     "actuators": "what vents, screens and valves deliver of their commands",
+    "samples": "what is counted and weighed by hand",
     "observation": "what the agent sees",
     "actuation": "what the agent controls",
     "ledger": "what is sold and paid for",
@@ -135,6 +136,8 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
         yield plain("Errors of the weather station (the weather acts as it is)", definition[_OUTSIDE].lines)
     if _ACTUATORS in definition:
         yield plain(_ACTUATORS, definition[_ACTUATORS].lines)
+    if _BY_HAND in definition:
+        yield plain(_BY_HAND, definition[_BY_HAND].lines)
     observations = [
         model.observation_modules.get(name)
         or (OBSERVATION_MODULES[name].meaning if name in OBSERVATION_MODULES else name.replace("_", " "))
@@ -410,6 +413,8 @@ def _greenhouse(task: tasks.TaskSpec) -> Iterator[Section]:
     if task.actuators:
         meanings = {capacity.name: capacity.meaning for capacity in task.capacities()}
         yield Section(_ACTUATORS, [f"{name} ({meanings[name]}) {_actuator(one)}." for name, one in task.actuators.items()])
+    if task.samples:
+        yield Section(_BY_HAND, [_sample(name, table) for name, table in task.samples.items()])
 
 
 _OUTSIDE = "Sensors of the weather; what acts is the truth, and forecasts come from elsewhere"
@@ -438,6 +443,16 @@ def _actuator(table: ActuatorTable) -> str:
     if table.wind is not None:
         parts.append(f"delivers less above {table.wind.above:g} m/s of wind, {100 * table.wind.share:g} % from {table.wind.full:g} m/s on")
     return "; ".join(parts) or "is ideal"
+
+
+_BY_HAND = "Counted or weighed by hand; the agent sees the last sample until the next"
+
+
+def _sample(module: str, table: SampleTable) -> str:
+    """How often a module is sampled, and how far a sample is off."""
+    often = "every day" if table.every_days == 1 else f"every {table.every_days} days"
+    label = module.replace("_", " ").capitalize()
+    return f"{label}: {often}, first at the start; noise {100 * table.noise:g} % in each sample and column (standard deviation)."
 
 
 def _meaning(words: tasks.Registry[Any], name: str) -> str:

@@ -62,6 +62,8 @@ class TaskRecord:
     """Sensors of the weather with errors; ``None`` if it is observed without errors."""
     actuators: dict[str, tables.ActuatorTable]
     """By control, the actuators that do not follow their commands exactly."""
+    samples: dict[str, tables.SampleTable]
+    """By observation module, what is counted or weighed by hand."""
     reward: tables.RewardTable
     evaluation: tables.EvaluationTable
 

@@ -665,6 +665,13 @@ class ActuatorTable(Table):
     wind: WindLimitTable | None = None
 
 
+class SampleTable(Table):
+    """``[samples.<module>]``: an observation module whose columns are counted or weighed by hand, first at the start of a run."""
+
+    every_days: int = Field(ge=1, le=366, description="a whole number of days, 1 to 366")
+    noise: float = Field(default=0.0, ge=0.0, le=0.3, description="a fraction of the value from 0 to 0.3, such as 0.06 for 6 %")
+
+
 class ScenarioTable(Table):
     """``[scenario]``: what a run draws. Tasks of one family and salt share their random numbers."""
 
@@ -768,6 +775,7 @@ class TaskFile2(TaskFile):
     sensors: SensorsTable | None = None
     outdoor_sensors: OutdoorSensorsTable | None = None
     actuators: dict[str, ActuatorTable] = Field(default={}, description="tables [actuators.<control>]")
+    samples: dict[str, SampleTable] = Field(default={}, description="tables [samples.<module>]")
     reward: RewardTable
 
     _content: Mapping[str, Any] | None = PrivateAttr(default=None)
@@ -837,6 +845,14 @@ class TaskFile2(TaskFile):
                 refuse(f"[actuators.{name}] is about a control that the task does not grant.{did_you_mean(name, self.actuation.controls)}")
             if name in self.actuation.on_off and (table.lag_minutes or table.shortfall or table.wind):
                 refuse(f"[actuators.{name}] {name} is off or on ([actuation.on_off]): it can fail or stick, and has no other key.")
+        return self
+
+    @model_validator(mode="after")
+    def _samples_are_shown(self) -> Self:
+        for name in self.samples:
+            if name not in self.observation.modules:
+                near = did_you_mean(name, self.observation.modules)
+                refuse(f"[samples.{name}] is about an observation module that the task does not show.{near}")
         return self
 
     @model_validator(mode="after")

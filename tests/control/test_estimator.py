@@ -192,6 +192,27 @@ def test_a_missing_reading_is_left_out_for_its_run() -> None:
         assert np.abs(true - ours)[:, 0].max() < 2.0
 
 
+def test_a_sample_counts_once_and_with_its_noise() -> None:
+    task = short("SpringMismatch-v1").replace({"id": "my/Sampled-v1", "samples": {"crop": {"every_days": 1, "noise": 0.06}}})
+    given, names = watch(task, 2), [column.name for column in task.observed()]
+    sampled, fruit = [names.index(column.name) for column in task.observed_by("crop")], task.model_value.state_index("cFruit")
+    shown, once, spreads = StateEstimator(task), StateEstimator(task), []
+    shown.reset(2)
+    once.reset(2)
+    for k in range(A_DAY + 3):
+        seen, weather = given.seen[k].copy(), given.d[:, max(k - 1, 0)]
+        if k % A_DAY:  # between two samples
+            seen[:, sampled] = np.nan
+        assert shown.update(given.seen[k], weather).tobytes() == once.update(seen, weather).tobytes()
+        spreads.append(shown.deviations[:, fruit])
+    size, start = task.start_state(given.d[0, 0])[fruit], task.scenario.start_groups[0]
+    before = np.hypot(start.half_width / np.sqrt(3.0), estimator.START_ERROR) * size
+    noise = 0.06e6 * given.seen[0][:, names.index("fruit_dry_mass")].astype(float)
+    np.testing.assert_allclose(spreads[0], (before**-2 + noise**-2) ** -0.5, rtol=1e-3)
+    falls = (np.diff(spreads, axis=0) < -0.1 * spreads[0]).all(axis=1)
+    assert np.flatnonzero(falls).tolist() == [A_DAY - 1]
+
+
 def test_a_reading_that_cannot_be_used_is_named() -> None:
     given = watched("Spring-v1", 2)
     names = [column.name for column in given.task.observed()]
