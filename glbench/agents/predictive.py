@@ -179,7 +179,7 @@ class PredictiveAgent:
         spec, sees = task.task(), self.settings.sees
         if self.settings.parameters is not None:
             try:
-                changes = {"model.parameters": self.settings.parameters} | dict.fromkeys(["model.overrides"] if spec.model.overrides else [])
+                changes = {"model.parameters": self.settings.parameters} | ({"model.overrides": None} if spec.model.overrides else {})
                 spec = spec.replace(changes)
             except GlbenchError as error:
                 refuse(f"'parameters': {error}", SubmissionError, error)

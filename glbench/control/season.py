@@ -59,7 +59,7 @@ class SeasonPlan:
     values
         What the steps earn, by the kernel that planned; ``glbench evaluate`` scores with ``reference``.
     commands
-        What actuators are told ``(T, c)``, the controls where all are ideal; none changes by more than ``max_change`` in a step, but for
+        The actuators' commands ``(T, c)``, the controls where all are ideal; none changes by more than ``max_change`` in a step, but for
         scheduled ones.
     """
 

@@ -1,4 +1,4 @@
-"""Actuators that are not ideal: vents, screens and valves that lag, stick, fail, or deliver less than they are told.
+"""Actuators that are not ideal: vents, screens and valves that lag, stick, fail, or deliver less than their commands.
 
 An action moves the command c of a control, a fraction, within bounds and rate limit. In step k an actuator delivers
 

@@ -262,7 +262,7 @@ def _observation(
             at += width
             continue
         if name in task.samples:
-            for value in scenarios.samples.shown(recorder, name, layout):
+            for value in scenarios.samples.readings(recorder, name, layout):
                 recorder.output("observation", at, value)
                 at += 1
             continue

@@ -103,7 +103,7 @@ class Samples:
         """Numbers kept from step to step, with start values: steps since the last sample of each module, and its columns."""
         return {f"since {one.module}": 0.0 for one in self.columns} | {one.column.name: 0.0 for one in self.columns}
 
-    def shown(self, recorder: Recorder, module: str, layout: MemoryLayout) -> list[Any]:
+    def readings(self, recorder: Recorder, module: str, layout: MemoryLayout) -> list[Any]:
         """What the observation shows of the columns of ``module``, recorded: the first sample at the start, then the one in memory."""
         memory, states = layout.of(PART), [recorder.input("after", place) for place in range(self.states)]
         started = at_least(recorder.input("counter", 0), 1.0)

@@ -71,7 +71,7 @@ _TOPICS = {
     "uncertainty": "what is drawn at random",
     "sensors": "the errors of sensors",
     "outdoor_sensors": "the errors of sensors of the weather",
-    "actuators": "what vents, screens and valves deliver of what they are told",
+    "actuators": "what vents, screens and valves deliver of their commands",
     "samples": "what is counted and weighed by hand",
     "observation": "what the agent sees",
     "actuation": "what the agent controls",
@@ -429,7 +429,7 @@ def _outdoor_sensor(name: str, sensor: ScaledSensorTable | OffsetSensorTable) ->
     return f"{label}: bias {sensor.bias:g} {unit} for a run, noise {sensor.noise:g} {unit} at every step (both standard deviations)."
 
 
-_ACTUATORS = "Actuators; the agent sees what they are told, not what they deliver"
+_ACTUATORS = "Actuators; the agent sees their commands, not what they deliver"
 
 
 def _actuator(table: ActuatorTable) -> str:

@@ -61,7 +61,7 @@ class TaskRecord:
     outdoor_sensors: tables.OutdoorSensorsTable | None
     """Sensors of the weather with errors; ``None`` if it is observed without errors."""
     actuators: dict[str, tables.ActuatorTable]
-    """By control, the actuators that do not deliver what they are told."""
+    """By control, the actuators that do not follow their commands exactly."""
     samples: dict[str, tables.SampleTable]
     """By observation module, what is counted or weighed by hand."""
     reward: tables.RewardTable

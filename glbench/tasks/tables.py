@@ -642,7 +642,7 @@ _WindSpeed = Annotated[float, in_unit("m s-1")]
 
 
 class WindLimitTable(Table):
-    """``[actuators.<control>.wind]``: from a wind speed on, a control delivers less, down to a share of what it is told."""
+    """``[actuators.<control>.wind]``: from a wind speed on, a control delivers less, down to a share of its command."""
 
     above: Annotated[float, in_unit("m s-1")] = Field(ge=0.0, description='a wind speed, 0 or more: { value = 12.0, unit = "m s-1" }')
     full: Annotated[float, in_unit("m s-1")] = Field(description='a wind speed higher than above: { value = 16.0, unit = "m s-1" }')
@@ -656,7 +656,7 @@ class WindLimitTable(Table):
 
 
 class ActuatorTable(Table):
-    """``[actuators.<control>]``: how what an actuator delivers differs from what it is told; what is left out is ideal."""
+    """``[actuators.<control>]``: how what an actuator delivers differs from its command; what is left out is ideal."""
 
     lag_minutes: float = Field(default=0.0, ge=0.0, le=240.0, description="a number of minutes, 0 to 240")
     shortfall: float = Field(default=0.0, ge=0.0, lt=1.0, description="a fraction from 0 to below 1")

@@ -1,4 +1,4 @@
-"""What docs/tasks.md, task-file.md, schedule.md and observations.md show is true."""
+"""What docs/tasks.md, task-file.md, schedule.md, observations.md and uncertainty.md show is true."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from glbench.weather import load_weather, save_weather
 
 Write = Callable[[str], Path]
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = ("tasks.md", "task-file.md", "schedule.md", "observations.md")
+PAGES = ("tasks.md", "task-file.md", "schedule.md", "observations.md", "uncertainty.md")
 
 
 @pytest.fixture(scope="module")
