@@ -1,4 +1,4 @@
-"""Butterhead lettuce: price by weight class against a second implementation, samples, and growth as in van Henten's lettuce."""
+"""Butterhead lettuce: price by weight class against a second implementation, registration, and growth as in van Henten's lettuce."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from glbench.kernel import Kernel
 from glbench.model import BUTTERHEAD, LETTUCE, Horizon
 from glbench.model.crop.butterhead import FIFTHS, relative_price
 from glbench.model.crop.lettuce import start_state
@@ -20,8 +19,6 @@ from tests.model.conditions import reference_points
 POINTS = reference_points()
 P = BUTTERHEAD.parameters.default()
 WEATHER = POINTS.inputs.d[0]
-WEIGH = BUTTERHEAD.control_names.index("uWeigh")
-SAMPLE, AGE = (BUTTERHEAD.state_index(name) for name in ("sampleMass", "sampleAge"))
 
 
 def price_of_a_head(mass: float) -> float:
@@ -88,47 +85,17 @@ def test_the_heaviest_class_is_the_dearest_and_the_known_ratio_is_kept() -> None
         assert price_of_a_head(mass) == pytest.approx(power, abs=0.01)
 
 
-def test_a_sample_is_weighed_within_a_step_and_kept_until_the_next() -> None:
-    kernel, u = Kernel(BUTTERHEAD, 900.0), np.full(7, 0.2)
-    heavier = BUTTERHEAD.parameters.default(overrides={"sampleShare": 1.08})
-    state = planted(150.0)
-    state[SAMPLE] = 90.0
-
-    u[WEIGH] = 0.0
-    unseen = kernel.step(state, u, WEATHER, heavier)
-    u[WEIGH] = 1.0
-    weighed = kernel.step(unseen, u, WEATHER, heavier)
-    u[WEIGH] = 0.0
-    later = weighed
-    for _ in range(4):
-        later = kernel.step(later, u, WEATHER, heavier)
-
-    head = next(signal for signal in BUTTERHEAD.signals() if signal.path == "crop/head").of
-    assert head is not None
-    mass = head(BUTTERHEAD.State(*weighed), BUTTERHEAD.Parameters(*heavier))
-    assert unseen[SAMPLE] == pytest.approx(90.0, abs=1e-9)
-    assert unseen[AGE] == pytest.approx(1 / 96, rel=1e-6)
-    assert weighed[SAMPLE] == pytest.approx(1.08 * mass, rel=1e-3)
-    assert weighed[AGE] < 2e-3
-    assert later[SAMPLE] == pytest.approx(weighed[SAMPLE], abs=1e-9)
-    assert later[AGE] - weighed[AGE] == pytest.approx(4 / 96, rel=1e-6)
-
-
 def test_it_grows_as_van_hentens_lettuce_does() -> None:
     u = np.full(6, 0.3)
     for head in (3.0, 60.0, 300.0):
-        before, with_sample = planted(head, LETTUCE), planted(head)
-        rates = dict(zip(LETTUCE.state_names, LETTUCE.rhs(before, u, WEATHER, LETTUCE.parameters.default()), strict=True))
-        own = dict(zip(BUTTERHEAD.state_names, BUTTERHEAD.rhs(with_sample, np.append(u, 0.0), WEATHER, P), strict=True))
-        assert {name: own[name] for name in rates} == rates
-        assert (own["sampleMass"], own["sampleAge"]) == (0.0, 1 / 86400)
+        own, known = (model.rhs(planted(head, model), u, WEATHER, model.parameters.default()) for model in (BUTTERHEAD, LETTUCE))
+        assert own.tobytes() == known.tobytes()
 
 
-def test_what_is_registered_is_the_sample_and_nothing_else() -> None:
+def test_what_is_registered_is_the_mass_of_a_head_and_nothing_else() -> None:
     horizon = Horizon(38 * 96, 900.0, dict(zip(BUTTERHEAD.parameter_names, P.tolist(), strict=True)))
-    columns = BUTTERHEAD.observed("registration", horizon) or ()
-    assert [(column.name, column.unit, column.source) for column in columns] == [
-        ("sample_mass", "g", "sampleMass"), ("sample_age", "day", "sampleAge"),
-    ]  # fmt: skip
-    start = dict(zip(BUTTERHEAD.state_names, BUTTERHEAD.start("young_lettuce", WEATHER, 18.0, P), strict=True))
-    assert (start["sampleMass"], start["sampleAge"]) == (pytest.approx(3.0), 0.0)
+    (column,) = BUTTERHEAD.observed("registration", horizon) or ()
+    assert (column.name, column.unit) == ("mean_head_mass", "g")
+    assert column.of is not None
+    for head in (3.0, 250.0):
+        assert float(column.of(BUTTERHEAD.State(*planted(head)), BUTTERHEAD.Parameters(*P))) == pytest.approx(head)

@@ -60,7 +60,9 @@ LIGHTEST_SOLD = 180.0
 FULL_PRICE = 250.0
 """Fresh mass from which a head earns its full price [g]; the price rises linearly in between. Chosen, of the usual trade."""
 
-_LARGEST_HEAD = 2000.0  # g
+LARGEST_HEAD = 2000.0
+"""Largest fresh mass of a head that is shown [g]."""
+
 _MOST_DRY_MATTER = 5.0  # kg m-2; 25 heads of 2 kg are 2.4 kg m-2
 _LARGEST_LEAF_AREA = 350.0  # m2 m-2; all of that as leaves
 _BELOW_ZERO = 0.1  # kg m-2; the store is drawn below zero in long darkness
@@ -345,7 +347,7 @@ class VanHentenLettuce(Crop):
         if module != "crop":
             return None
         return (
-            ObservedColumn("head_fresh_mass", "g", "fresh mass of one head", "head", -10.0, _LARGEST_HEAD, of=head_mass),
+            ObservedColumn("head_fresh_mass", "g", "fresh mass of one head", "head", -10.0, LARGEST_HEAD, of=head_mass),
             ObservedColumn(
                 "dry_matter", "kg m-2", "dry matter of shoot and roots", "dry", -_BELOW_ZERO, 2 * _MOST_DRY_MATTER,
                 of=lambda x, p: dry_mass(x),
