@@ -5,6 +5,8 @@ Draws docs/images/uncertainty-*.png from the task glbench/Spring-v1 and rewrites
 
 from __future__ import annotations
 
+import re
+import tomllib
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from docs.tables import with_tables
+from glbench.control import Scenario
 from glbench.env import Simulation
 from glbench.env.forecast import LEVELS, PERSISTENCE, SPREAD
 from glbench.env.generated import SeasonMaker
@@ -42,6 +45,18 @@ SENSORS = (
     ("co2", "CO2", "ppm"),
     ("relative_humidity", "relative humidity", "%"),
 )
+
+ACTUATORS: Any = {
+    "uVent": {
+        "lag_minutes": 4.0,
+        "sticks": {"days_between": 6.0, "hours": 4.0},
+        "wind": {"above": {"value": 12.0, "unit": "m s-1"}, "full": {"value": 16.0, "unit": "m s-1"}, "share": 0.2},
+    },
+    "uBoil": {"fails": {"days_between": 20.0, "hours": 6.0}},
+    "uCo2": {"fails": {"days_between": 15.0, "hours": 24.0}},
+    "uThScr": {"shortfall": 0.1},
+}
+"""The example of the page."""
 
 STYLE: Any = {
     "font.size": 9,
@@ -72,6 +87,8 @@ def draw(task: TaskSpec) -> None:
     """Draw the pictures."""
     for name, figure in (
         ("sensors", sensors(task)),
+        ("actuators", actuators(task)),
+        ("outdoor", outdoor(task)),
         ("forecast", forecast(task)),
         ("forecast-error", forecast_error(task)),
         ("seasons", seasons(task)),
@@ -116,11 +133,19 @@ def tables(task: TaskSpec) -> dict[str, list[str]]:
         f"| quantity | mean of what came | {' | '.join(f'{hour} h' for hour in hours)} |",
         "|---|---:|" + "---:|" * len(hours),
     ]
-    for label, (came, errors) in forecast_bias(task).items():
+    unbiased = [f"{bias[0]} typical at {hours[-1]} h | clipped |", f"{bias[1]}---:|---:|"]
+    fair = forecast_bias(task.replace({"observation.forecast.unbiased": True}))
+    for label, (came, errors, clipped) in forecast_bias(task).items():
         digits = 1 if came > 100 else 2
-        cells = " | ".join(f"{round(float(error), digits) + 0.0:+.{digits}f}" for error in errors)
-        bias.append(f"| {label} | {came:.{0 if came > 10 else 1}f} | {cells} |")
-    return {"sensors": sensor, "errors": ahead, "bias": bias, "groups": groups, "splits": splits}
+
+        def row(errors: Floats, label: str = label, came: float = came, digits: int = digits) -> str:
+            cells = " | ".join(f"{round(float(error), digits) + 0.0:+.{digits}f}" for error in errors)
+            return f"| {label} | {came:.{0 if came > 10 else 1}f} | {cells} |"
+
+        bias.append(row(errors))
+        typical = " | ".join(f"{size:.{digits}f}" for size in (fair[label][2], clipped))
+        unbiased.append(f"{row(fair[label][1])} {typical} |")
+    return {"sensors": sensor, "errors": ahead, "bias": bias, "unbiased": unbiased, "groups": groups, "splits": splits}
 
 
 def error_sizes(task: TaskSpec) -> Floats:
@@ -131,10 +156,11 @@ def error_sizes(task: TaskSpec) -> Floats:
 
 
 @cache
-def forecast_bias(task: TaskSpec) -> dict[str, tuple[float, Floats]]:
-    """Of each quantity the mean of what came and the mean error by the task's hours ahead ``(hours,)``, over training seasons.
+def forecast_bias(task: TaskSpec) -> dict[str, tuple[float, Floats, float]]:
+    """Of each quantity the mean of what came, the mean error by the task's hours ahead ``(hours,)``, and the typical error at the last.
 
-    Radiation counts in hours in which any came: by night there is nothing to forecast.
+    Over training seasons; typical is the root mean square. Radiation counts in hours in which any came: by night there is nothing to
+    forecast.
     """
     hours, training = np.array(task.observation.forecast_hours), task.in_split("training")
     rows = task.steps // 4 - hours.max()
@@ -144,9 +170,11 @@ def forecast_bias(task: TaskSpec) -> dict[str, tuple[float, Floats]]:
     found = {}
     for place, (label, unit) in enumerate(FORECAST):
         counts = came[..., 0] > 0.0 if place == 0 else np.ones(came.shape[:-1], bool)
-        errors = np.mean(issued[..., place] - came[..., place], axis=(0, 2), where=counts)
+        off = issued[..., place] - came[..., place]
+        errors = np.mean(off, axis=(0, 2), where=counts)
+        typical = float(np.sqrt(np.mean(off[:, -1] ** 2, where=counts[:, -1])))
         by_day = " by day" if place == 0 else ""
-        found[f"{label}{by_day} [{unit}]"] = (float(came[..., place].mean(where=counts)), errors)
+        found[f"{label}{by_day} [{unit}]"] = (float(came[..., place].mean(where=counts)), errors, typical)
     return found
 
 
@@ -202,6 +230,96 @@ def sensors(task: TaskSpec) -> Any:
     axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     axes[-1].set_xlabel(f"days, from day {first // days + 1} of the run with seed {seed}")
     axes[-1].set_xlim(0, 3)
+    return figure
+
+
+def actuators(task: TaskSpec) -> Any:
+    """Commands, what is delivered of them and the temperature inside over a week in which vents, boiler and CO2 have faults."""
+    task = task.replace({"id": "docs/Actuators-v1", "actuators": ACTUATORS})
+    names, length, days = task.model_value.control_names, 7 * task.steps_per_day, task.steps_per_day
+    places = {name: names.index(name) for name in ("uBoil", "uVent", "uCo2")}
+    for seed in range(10000, 10400):
+        scenario = Scenario.of(task, seed)
+        assert scenario.delivery is not None
+        faults = {name: (scenario.delivery.gain[:, place] == 0.0) for name, place in places.items()}
+        weeks = {name: fault[: 5 * length].reshape(5, length).sum(axis=1) for name, fault in faults.items()}
+        by_day = faults["uVent"].reshape(-1, days)[:35, 40:64].sum(axis=1).reshape(5, 7).max(axis=1) >= 12
+        fit = by_day & (weeks["uBoil"] > 16) & (weeks["uCo2"] > 40) & (weeks["uCo2"] < 200)
+        if fit[2:].any():
+            first = (int(np.argmax(fit[2:])) + 2) * length
+            break
+    runs = {name: _thermostat(one, seed, first + length) for name, one in (("faults", task), ("ideal", task.replace(actuators=None)))}
+    figure, axes = plt.subplots(4, 1, figsize=(8.0, 7.2), sharex=True)
+    day, part = np.arange(length) / days, slice(first, first + length)
+    for axis, (name, label) in zip(axes, (("uBoil", "boiler"), ("uVent", "vents"), ("uCo2", "CO₂ supply")), strict=False):
+        commands, delivered, _ = runs["faults"]
+        axis.plot(day, commands[part, places[name]], color=ORANGE, lw=0.9, label="command, which the agent sees")
+        axis.plot(day, delivered[part, places[name]], color=BLUE, lw=1.4, label="delivered, which acts and is paid for")
+        shade = {"where": faults[name][part], "transform": axis.get_xaxis_transform(), "color": GREY, "alpha": 0.35, "lw": 0}
+        axis.fill_between(day, 0, 1, label="fault", **shade)
+        axis.set_ylabel(f"{label} [-]")
+        axis.set_ylim(*((-0.015, 0.515) if name == "uVent" else (-0.03, 1.03)))
+    for name, colour, words in (("ideal", GREEN, "with ideal actuators"), ("faults", BLACK, "with these")):
+        axes[3].plot(day, runs[name][2][part], color=colour, lw=1.2, label=words)
+    axes[3].set_ylabel("air temperature [°C]")
+    axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+    axes[3].set_ylim(4, 34)
+    axes[3].legend(loc="upper right", ncols=2)
+    axes[3].set_xlabel(f"days, from day {first // days + 1} of the run with seed {seed}")
+    axes[3].set_xlim(0, 7)
+    return figure
+
+
+def _thermostat(task: TaskSpec, seed: int, steps: int) -> tuple[Floats, Floats, Floats]:
+    """Commands and what is delivered ``(steps, c)``, and the air temperature, of a run in which simple rules heat, ventilate and dose."""
+    simulation, names = Simulation(task, 1, "fast"), task.model_value.control_names
+    simulation.reset([seed])
+    commands, rows = np.zeros((1, len(names))), []
+    for _ in range(steps):
+        (temperature, _, humidity), sun = simulation.air[:, 0], simulation.d[0, 0]
+        targets = {
+            "uBoil": (18.0 - temperature) / 5.0,
+            "uVent": max((temperature - 22.0) / 15.0, (humidity - 82.0) / 40.0),
+            "uCo2": 0.5 * (sun > 50.0),
+        }
+        for name, target in targets.items():
+            place = names.index(name)
+            commands[0, place] += np.clip(np.clip(target, 0.0, 1.0) - commands[0, place], -0.1, 0.1)
+        simulation.step_controls(commands)
+        rows.append((simulation.commands[0], simulation.u[0], simulation.air[0, 0]))
+    given, delivered, temperatures = (np.array(column) for column in zip(*rows, strict=True))
+    return given, delivered, temperatures
+
+
+def outdoor(task: TaskSpec) -> Any:
+    """What the weather station of the page's example shows to two runs in one season, over two days."""
+    block = next(
+        text for text in re.findall(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL) if "outdoor_sensors" in text
+    )
+    erring = task.replace(tomllib.loads(block))
+    assert erring.splits is not None
+    assert erring.splits.training is not None
+    apart, day = erring.splits.training.seasons or 1, task.steps_per_day
+    pair, names = Simulation(erring, 2, "fast"), [column.name for column in erring.observed()]
+    right = Simulation(task, 2, "fast")
+    rows: list[list[Floats]] = [[], []]
+    for simulation, of in zip((pair, right), rows, strict=True):
+        of.append(simulation.reset([10_007, 10_007 + apart]))
+        of += [simulation.step_controls(np.zeros((2, len(task.model_value.control_names)))).observations for _ in range(8 * day)]
+    shown, true = np.array(rows[0], float)[6 * day :], np.array(rows[1], float)[6 * day :, 0]
+    figure, axes = plt.subplots(2, 2, figsize=(8.0, 5.0), sharex=True)
+    columns = ("global_radiation", "wind_speed", "outdoor_temperature", "outdoor_relative_humidity")
+    labels = ("global radiation [W m⁻²]", "wind speed [m s⁻¹]", "temperature [°C]", "relative humidity [%]")
+    for axis, name, label in zip(axes.flat, columns, labels, strict=True):
+        place, days = names.index(name), np.arange(len(true)) / day
+        for run, (colour, said) in enumerate(((ORANGE, "reading of one run"), (GREEN, "reading of another"))):
+            axis.plot(days, shown[:, run, place], color=colour, lw=0.9, label=said)
+        axis.plot(days, true[:, place], color=BLACK, lw=1.4, label="truth, which acts")
+        axis.set_ylabel(label)
+    for axis in axes[-1]:
+        axis.set_xlabel("days")
+        axis.set_xlim(0, 2)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 

@@ -69,10 +69,7 @@ class StopJob(Exception):  # noqa: N818  a request, not an error
 class JobContext:
     """First argument of a job: its connection to the process that submitted it.
 
-    Attributes
-    ----------
-    folder
-        The job's working folder, with the files of an earlier try; ``None`` for a job that was submitted without a folder.
+    ``folder`` is the job's working folder, with the files of an earlier try; ``None`` for a job that was submitted without one.
     """
 
     def __init__(self, folder: Path | None, listener: Callable[[Any], object]) -> None:
@@ -120,12 +117,8 @@ class Future:
     def result(self) -> Any:
         """What the job returned.
 
-        Raises
-        ------
-        Exception
-            What the job or its listener raised. Errors of glbench from another process are unchanged; all others become ``JobError``.
-        WorkerLostError
-            When its workers were lost.
+        Raises what the job or its listener raised: errors of glbench from another process unchanged, all others as ``JobError``. Raises
+        ``WorkerLostError`` when its workers were lost.
         """
         if self._error is not None:
             raise self._error
@@ -152,15 +145,7 @@ class Future:
 
 
 class Executor(ABC):
-    """Runs jobs; a context manager.
-
-    Attributes
-    ----------
-    workers
-        Number of jobs that run at a time.
-    is_remote
-        Whether jobs may run on machines that do not have this machine's files.
-    """
+    """Runs ``workers`` jobs at a time; a context manager. If it ``is_remote``, on machines that may lack this machine's files."""
 
     is_remote = False
 
@@ -176,19 +161,10 @@ class Executor(ABC):
         folder: Path | None = None,
         save: Callable[[Path, Files], object] = _ignore,
     ) -> Future:
-        """Submit a job.
+        """Submit a job: ``function(context, *arguments)`` with a ``JobContext``. Only an ``InlineExecutor`` accepts what cannot be pickled.
 
-        Parameters
-        ----------
-        function, arguments
-            Called as ``function(context, *arguments)`` with a ``JobContext``. Only an ``InlineExecutor`` accepts
-            objects that cannot be pickled.
-        listener
-            Gets what the job reports and sends.
-        folder
-            The job's working folder. Executors that are not remote use it directly.
-        save
-            Called as ``save(folder, files)`` by a remote executor, to write the returned files.
+        ``listener`` gets what the job reports and sends. ``folder`` is the job's working folder: executors that are not remote use it
+        directly, and a remote one calls ``save(folder, files)`` to write the returned files.
         """
         future = Future(function, arguments, listener, folder, save)
         self._start(future)
@@ -414,16 +390,8 @@ def portable_error(error: Exception) -> GlbenchError:
 class RayExecutor(Executor):
     """Runs jobs on the Ray cluster at ``address``, or on one that is started on this machine with ``workers`` cores and stopped afterwards.
 
-    A job uses one core, and one thread for numerical libraries.
-
-    Parameters
-    ----------
-    address
-        The address of a running cluster.
-    workers
-        Number of jobs at a time; by default every core of the cluster.
-    initializer
-        Called on the worker before each job. It is sent once, with all the data that it holds.
+    A job uses one core, and one thread for numerical libraries; ``workers`` run at a time, by default one on every core of the cluster.
+    ``initializer`` is called on the worker before each job; it is sent once, with all the data that it holds.
     """
 
     is_remote = True

@@ -83,12 +83,8 @@ DateOrder = Literal["year first", "day first", "month first"]
 class Check:
     """How the check of an outside table ended, if it was not refused.
 
-    Attributes
-    ----------
-    notes
-        What was done to the figures on the way in: averaged, estimated, converted, filled.
-    doubts
-        What does not fit together and needs a person's eye. Empty: usable.
+    ``notes`` are what was done to the figures on the way in: averaged, estimated, converted, filled. ``doubts`` are what does not fit
+    together and needs a person's eye; empty: usable.
     """
 
     notes: tuple[str, ...] = ()
@@ -170,24 +166,10 @@ def _only_member(path: Path, refusal: type[GlbenchError]) -> bytes:
 class TextTable:
     """Titles and rows of a table, still as text.
 
-    Attributes
-    ----------
-    file
-        Where it comes from, for messages.
-    refusal
-        The type of error that its checks raise.
-    preamble
-        Lines above the titles, and comment lines.
-    titles
-        Titles of the columns. A line of units below the titles is joined to them: ``Temp [degC]``.
-    rows
-        Fields of each row, as many as titles, stripped.
-    lines
-        Number of each row's line in the file, from 1.
-    decimal
-        ``,`` where numbers have decimal commas.
-    notes
-        Rows that were left out, and the like.
+    ``file`` is where it comes from, for messages, and ``refusal`` the type of error that its checks raise. ``preamble`` has the lines above
+    the titles, and comment lines. A line of units below the ``titles`` is joined to them: ``Temp [degC]``. ``rows`` have as many fields as
+    titles, stripped; ``lines`` are the numbers of their lines in the file, from 1. ``decimal`` is ``,`` where numbers have decimal commas.
+    ``notes`` tell of rows that were left out, and the like.
     """
 
     file: str
@@ -203,8 +185,7 @@ class TextTable:
         """Raise the error for ``problem``, with the row (from 0, by its line in the file) and the column. Always raises ``refusal``."""
         where = "" if row is None else f", row {self.lines[row]}"
         column = "" if title is None else f", column '{visible(title)}'"
-        msg = f"{self.file}{where}{column}: {problem}"
-        raise self.refusal(msg)
+        refuse(f"{self.file}{where}{column}: {problem}", self.refusal)
 
     def texts(self, title: str) -> list[str]:
         """Texts of the column ``title``, a row each. Raises ``refusal`` when there is no such column; names the nearest."""
@@ -263,20 +244,12 @@ def split_table(
     is_titles: Callable[[Sequence[str]], bool] | None = None,
     decimal: str | None = None,
 ) -> TextTable:
-    """The table in ``text``: delimiter, titles and decimal sign are recognised.
+    """The table in ``text``, as of ``read_text``: delimiter, titles and decimal sign are recognised.
 
-    Raises ``refusal`` when there are no titles or no rows, a row has too few or too many fields, or the decimal sign is unclear; names the
-    row.
-
-    Parameters
-    ----------
-    text, file, refusal
-        The text as of ``read_text``, its name for messages, and the type of error for refusals.
-    is_titles
-        Tells the line of titles by its fields. By default it is the last line before the first one with numbers that has as many fields
-        as most lines; a line of units below it is joined to it.
-    decimal
-        The decimal sign, where the caller knows it.
+    ``is_titles`` tells the line of titles by its fields. By default it is the last line before the first one with numbers that has as many
+    fields as most lines; a line of units below it is joined to it. ``decimal`` is the decimal sign, where the caller knows it. Raises
+    ``refusal``, with the name of the ``file`` and the row, when there are no titles or no rows, a row has too few or too many fields, or
+    the decimal sign is unclear.
     """
     if re.match(r"\s*(\{|\[\s*\{)", text):
         text = _of_json(text, file, refusal)
@@ -439,18 +412,10 @@ def _decimal(table: TextTable, delimiter: str) -> str:
 class Stamps:
     """Moments of a table's rows.
 
-    Attributes
-    ----------
-    seconds
-        Seconds since 1970-01-01 UTC ``(rows,)``, or on the stamps' own unnamed clock where ``zoned`` is false.
-    zoned
-        Whether the stamps carry their offset from UTC (or are counts of seconds in UTC).
-    length
-        Length of the intervals [s], where a stamp is a beginning and an end; else ``None``.
-    order
-        In which order dates are written.
-    ends
-        Whether midnight is 24:00 and never 0:00: the stamps are ends of intervals.
+    ``seconds`` ``(rows,)`` are seconds since 1970-01-01 UTC, or on the stamps' own unnamed clock where ``zoned`` is false: they carry no
+    offset from UTC (and are no counts of seconds in UTC). ``length`` is that of the intervals [s], where a stamp is a beginning and an end;
+    else ``None``. ``order`` is the one in which dates are written. ``ends``: midnight is 24:00 and never 0:00, so that the stamps are ends
+    of intervals.
     """
 
     seconds: IntArray
@@ -507,15 +472,9 @@ def read_stamps(table: TextTable, titles: Sequence[str], order: DateOrder | None
 
     Dates may be ``2024-02-13``, ``2024/02/13``, ``20240213``, ``13-02-2024``, ``13.02.2024``, ``13/02/24`` or ``02/13/2024``, times
     ``23:00``, ``23:00:00``, ``2300`` or ``11:00 PM``, with or without an offset (``Z``, ``+01:00``); an interval as ENTSO-E writes it
-    (``01.01.2024 00:00 - 01.01.2024 01:00``), Excel's days and Unix seconds are read, too. Raises ``refusal`` for a stamp that does not
-    exist or cannot be read, and where day and month cannot be told apart; names the row.
-
-    Parameters
-    ----------
-    table, titles
-        The table, and one or two of its columns.
-    order
-        Whether day or month comes first, where the caller knows it. By default it is recognised from all dates.
+    (``01.01.2024 00:00 - 01.01.2024 01:00``), Excel's days and Unix seconds are read, too. ``order`` says whether day or month comes first,
+    where the caller knows it; by default it is recognised from all dates. Raises ``refusal``, with the row, for a stamp that does not exist
+    or cannot be read, and where day and month cannot be told apart.
     """
     columns = [table.texts(title) for title in titles]
     texts = columns[0] if len(columns) == 1 else [" ".join(parts) for parts in zip(*columns, strict=True)]
@@ -646,20 +605,11 @@ def oldest_first(table: TextTable, stamps: Stamps) -> tuple[TextTable, Stamps]:
 
 
 def utc_of_local(table: TextTable, seconds: IntArray, zone: ZoneInfo, name: str) -> IntArray:
-    """Seconds since 1970-01-01 UTC of stamps on the clock of ``zone``, in the order of the rows.
+    """Seconds since 1970-01-01 UTC of ``seconds`` ``(rows,)`` since then on the clock of ``zone``, in the order of the rows.
 
-    The hour that an autumn clock shows twice is told apart by the order: the first time in summer time, then in standard time. An hour
-    that it shows only once there (as a computer writes that overwrites the first) is summer time. Raises ``refusal`` for a stamp that a
-    spring clock skips; names the row.
-
-    Parameters
-    ----------
-    table, name
-        For messages: the table, and the column of the stamps.
-    seconds
-        Stamps as seconds since 1970-01-01 on the local clock ``(rows,)``.
-    zone
-        Zone of the clock.
+    The hour that an autumn clock shows twice is told apart by the order: the first time in summer time, then in standard time. An hour that
+    it shows only once there (as a computer writes that overwrites the first) is summer time. Raises ``refusal`` for a stamp that a spring
+    clock skips, with the row; ``table`` and ``name``, of the column of the stamps, are for messages.
     """
 
     @functools.lru_cache(maxsize=65536)

@@ -136,11 +136,10 @@ class GrowerSettings(Table):
         ):
             action = names.SET_POINTS[name]
             if not action.lowest <= value <= action.highest:
-                msg = (
+                refuse(
                     f"{words} is {value:g} {action.unit}, and the process computer takes a {name.replace('_', ' ')} "
                     f"from {action.lowest:g} to {action.highest:g} {action.unit}"
                 )
-                raise ValueError(msg)
         return self
 
 

@@ -94,7 +94,7 @@ class NetworkPolicy:
     Attributes
     ----------
     task_id, delta
-        The task that it was trained on, and half the width of that task's uncertainty.
+        The task that it was trained on, and half the width of that task's uncertainty: above 1 where houses differ as measured.
     observation_names, action_names
         Columns of the observations and actions, in order.
     low, high
@@ -159,7 +159,7 @@ class NetworkPolicy:
             (all(np.isfinite(array).all() for array in (*self.weights, *self.biases)), "A policy has weights that are not finite."),
             ((self.low < self.high).all(), "The policy has a lower bound that is not below the upper bound."),
             (self.clip >= SMALLEST_CLIP, f"The policy clips normalised observations at {self.clip:g}, expected {SMALLEST_CLIP:g} or more."),
-            (0.0 <= self.delta < 1.0, f"The policy's delta is {self.delta:g}, expected a fraction from 0 to below 1."),
+            (0.0 <= self.delta <= LARGEST, f"The policy's delta is {self.delta:g}, expected 0 to {LARGEST:g}."),
         ):
             if not is_right:
                 raise ShapeError(msg)

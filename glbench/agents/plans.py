@@ -42,18 +42,10 @@ _ADVICE = "`glbench bound` writes books of plans."
 class PlanBook:
     """Plans for some runs of a task. Runs in which the same is given share one.
 
-    Attributes
-    ----------
-    task_id, task_digest, split
-        The task, and the split of it whose runs these are; ``split`` is empty for a task without.
-    names, low, high, actuation
-        Of the actions, and how the task turns them into controls.
-    runs
-        Seed of a run to the place of its plan.
-    actions
-        ``(plans, actions, steps)``, uint16, from 0 for the lower bound to ``2 * HALF_SCALE`` for the upper one.
-    about
-        Of each plan how it was made and what it earns.
+    ``split`` is the one whose runs these are, empty for a task without. ``names``, ``low`` and ``high`` are those of the actions;
+    ``actuation`` is how the task turns them into controls. ``runs`` gives the place of the plan by the seed of a run. ``actions`` ``(plans,
+    actions, steps)``, uint16, go from 0 for the lower bound to ``2 * HALF_SCALE`` for the upper one. ``about`` says of each plan how it was
+    made and what it earns.
     """
 
     task_id: str
@@ -311,16 +303,9 @@ def _split(task: TaskSpec) -> str:
 class Recording:
     """Actions of one run, in the order in which they were taken.
 
-    Attributes
-    ----------
-    actions
-        ``(steps, actions)``, float32, all finite, at least one step.
-    names, low, high
-        Controls that the columns drive, and their bounds.
-    actuation
-        How the task turned them into controls.
-    about
-        Whose actions they are, for people: agent and its digest, task and its digest, seed.
+    ``actions`` ``(steps, actions)``, float32, are all finite, of at least one step. ``names``, ``low`` and ``high`` are the controls that
+    the columns drive, and their bounds; ``actuation`` is how the task turned them into controls. ``about`` says whose actions they are, for
+    people: agent and its digest, task and its digest, seed.
     """
 
     actions: NDArray[np.float32]

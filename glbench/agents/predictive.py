@@ -35,6 +35,7 @@ class PredictiveSettings(Table):
     """What ``baselines/mpc_true_state/settings.yml`` explains: how far, how often and how carefully is planned.
 
     ``sees`` is the view of ``mpc`` (``glbench.agents.views``): all other readings count as missing. Without it, it sees all of them.
+    ``parameters`` is the set of parameters that ``mpc`` plans and estimates with, such as "benchmark"; without it, the task's own.
     """
 
     horizon_hours: Annotated[float, Field(gt=0.0, le=240.0)]
@@ -46,6 +47,7 @@ class PredictiveSettings(Table):
     margin: dict[str, _Margin]
     end_values: dict[str, dict[str, Any]]
     sees: tuple[str, ...] | None = None
+    parameters: str | None = None
 
     def controller(self, task: TaskSpec) -> PredictiveController:
         """A controller for a task.
@@ -175,6 +177,12 @@ class PredictiveAgent:
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """``n_runs`` runs of ``task`` begin. Raises ``SubmissionError`` when the task cannot be planned for, or has no such view."""
         spec, sees = task.task(), self.settings.sees
+        if self.settings.parameters is not None:
+            try:
+                changes = {"model.parameters": self.settings.parameters} | dict.fromkeys(["model.overrides"] if spec.model.overrides else [])
+                spec = spec.replace(changes)
+            except GlbenchError as error:
+                refuse(f"'parameters': {error}", SubmissionError, error)
         try:
             self._hidden = None if sees is None else ~visible_columns(spec, sees)
         except UnknownNameError as error:

@@ -104,12 +104,8 @@ class ScenarioController(Protocol):
 class PerRunAgent:
     """Makes an ``Agent`` of single-run agents: one instance a run, each sees its own row.
 
-    Parameters
-    ----------
-    make : callable
-        Gives a new single-run agent for a task card.
-    first : SingleRunAgent, optional
-        One that was made already and becomes the first run's, so that ``make`` is called exactly once a run.
+    ``make`` gives a new single-run agent for a task card. ``first`` is one that was made already and becomes the first run's, so that
+    ``make`` is called exactly once a run.
     """
 
     def __init__(self, make: Callable[[TaskCard], SingleRunAgent], first: SingleRunAgent | None = None) -> None:

@@ -283,13 +283,14 @@ class RuleBasedController:
 
     def __init__(self, settings: RuleSettings) -> None:
         self.settings = settings
-        self._rules = Rules(settings)
+        self._rules, self._others = Rules(settings), 0
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
-        """Nothing to forget: the rules look at the present step only."""
+        """Nothing to forget: the rules look at the present step only. Controls of the model beyond the paper's six stay at 0."""
+        self._others = max(len(task.controls) - len(TOMATO.control_names), 0)
 
     def controls(self, x: Array, d: Array, hour_of_day: float | Array, day_of_year: float | Array, /) -> Array:
-        """Controls (n, 6) for the step that begins now, fractions of capacity.
+        """Controls (n, controls of the model) for the step that begins now, fractions of capacity.
 
         Raises ``ShapeError`` when x or d has another shape.
 
@@ -302,7 +303,8 @@ class RuleBasedController:
         hour_of_day, day_of_year : float or ndarray (n,)
             Clock at the start of the step [h], [day], one number or one a run.
         """
-        return self._rules.controls(privileged_inputs(x, d, hour_of_day, day_of_year))
+        controls = self._rules.controls(privileged_inputs(x, d, hour_of_day, day_of_year))
+        return np.pad(controls, ((0, 0), (0, self._others))) if self._others else controls
 
 
 def privileged_inputs(x: Array, d: Array, hour_of_day: float | Array, day_of_year: float | Array) -> RuleInputs:

@@ -111,14 +111,8 @@ def _check_columns(what: str, count: int, columns: int) -> None:
 class EvenRows:
     """``function`` asked so that row i of the answer depends on row i of the question only, to the last bit.
 
-    Parameters
-    ----------
-    function
-        A policy that takes ``(b, width)`` float32 for the ``b`` of a block.
-    width
-        Columns of a row.
-    block
-        Rows that are asked for at once; 1 for a policy that takes a single row only.
+    It is a policy that takes ``(b, width)`` float32 for the ``b`` of a ``block``: the rows that are asked for at once, 1 for a policy that
+    takes a single row.
     """
 
     def __init__(self, function: Function, width: int, block: int = BLOCK) -> None:
@@ -167,18 +161,9 @@ class EvenRows:
 class PolicyAgent:
     """An agent that asks a policy. Its rows do not know of each other, and a row has the same bits in every batch.
 
-    Parameters
-    ----------
-    ask
-        The policy: answers ``(n, actions + state)`` for ``(n, columns + state)``.
-    normalise
-        What is done to the observations first.
-    actions
-        Number of actions.
-    state
-        Numbers that a recurrent policy hands from one step of a run to the next, 0 at the run's start.
-    clip
-        Whether answers are clipped to the bounds of the actions.
+    ``ask`` answers ``(n, actions + state)`` for ``(n, columns + state)``, of observations that went through ``normalise``. ``state`` is how
+    many numbers a recurrent policy hands from one step of a run to the next, 0 at the run's start. ``clip``: whether answers are clipped to
+    the bounds of the actions.
     """
 
     def __init__(self, ask: EvenRows, normalise: Normalise, actions: int, state: int = 0, *, clip: bool = False) -> None:

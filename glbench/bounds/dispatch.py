@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from glbench.control import Scenario
 from glbench.env.accounts import flow_amounts
 from glbench.env.weather_pool import WeatherPool
-from glbench.errors import EpisodeError, GlbenchError
+from glbench.errors import EpisodeError, GlbenchError, refuse
 from glbench.model.equipment import BUFFER, Equipment, lacks_energy
 from glbench.model.greenlight import JOULES_PER_KWH
 from glbench.tasks.ledger import FLOW
@@ -67,18 +67,11 @@ _DEMANDS = ("electricity", "co2_dosed", "heat_to_pipes")
 
 @dataclass(frozen=True, eq=False)
 class EnergyDemand:
-    """What a run asked for and paid.
+    """What a run asked for and paid, in steps of ``seconds``.
 
-    Attributes
-    ----------
-    seconds
-        Length of a step [s].
-    flows
-        What flowed in each step, in the units of the flows.
-    prices
-        What each flow cost in each step, EUR per unit of the flow; below 0 where it was earned with. Only flows that the ledger prices.
-    start, end
-        Heat in the buffer at the start and at the end [MJ m-2].
+    ``flows`` are what flowed in each step, in the units of the flows. ``prices`` are what each flow cost in each step, EUR per unit of the
+    flow, below 0 where it was earned with; only flows that the ledger prices. ``start`` and ``end`` are the heat in the buffer then [MJ
+    m-2].
     """
 
     seconds: float
@@ -132,16 +125,10 @@ class EnergyDemand:
 
 @dataclass(frozen=True, eq=False)
 class Dispatch:
-    """A way to run the equipment.
+    """A way to run the equipment, with ``flows`` as those of a run.
 
-    Attributes
-    ----------
-    flows
-        As those of a run.
-    stored
-        Heat in the buffer at the end of each step [MJ m-2].
-    lent
-        Worth of the heat that the buffer had at the start and has no more at the end [EUR m-2].
+    ``stored`` is the heat in the buffer at the end of each step [MJ m-2], ``lent`` the worth of the heat that it had at the start and has
+    no more at the end [EUR m-2].
     """
 
     flows: Flows
@@ -171,8 +158,7 @@ def dispatch(equipment: Equipment, demand: EnergyDemand) -> Dispatch | None:
     if solution.status == _INFEASIBLE:
         return None
     if solution.status:
-        msg = f"The solver found no least cost for {len(demand.heat)} steps: {solution.message}"
-        raise GlbenchError(msg)
+        refuse(f"The solver found no least cost for {len(demand.heat)} steps: {solution.message}", GlbenchError)
     variables = dict(zip(_VARIABLES, solution.x.reshape(len(_VARIABLES), -1) / _FINE, strict=True))
     dosed, nothing = demand.flows["co2_dosed"], np.zeros_like(demand.heat)
     fixed = {"co2_from_flue": dosed, "co2_vented": -dosed}
@@ -251,6 +237,5 @@ def _prices(task: TaskSpec, episode: Episode) -> Flows:
             price = calendar[:, pool.price_column(item.price)] if isinstance(item.price, str) else item.price
             prices[item.flow] = prices.get(item.flow, np.zeros(episode.steps)) - item.sign * item.factor * price
     if not prices:
-        msg = f"The ledger of {task.id} prices neither energy nor CO2: there is no cost to compare."
-        raise GlbenchError(msg)
+        refuse(f"The ledger of {task.id} prices neither energy nor CO2: there is no cost to compare.", GlbenchError)
     return prices

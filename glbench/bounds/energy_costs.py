@@ -12,7 +12,7 @@ import numpy as np
 from glbench.bounds.dispatch import MJ_PER_KWH, EnergyDemand, cost, dispatch, equipment_of
 from glbench.episodes import replayed_episodes
 from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.evaluation.files import load_result
 from glbench.evaluation.saving import recorded_actions, task_of_result
 
@@ -87,31 +87,19 @@ def costs_of_result(
 ) -> Iterator[tuple[int, Costs]]:
     """Seed and costs of runs of a stored result, one after the other, from its recorded actions. Failed runs are left out.
 
-    Raises ``GlbenchError`` when the task has no energy system, no run has one of the seeds, or all of them failed, and ``EpisodeError``
-    when the recorded actions are missing, damaged, or of another result.
-
-    Parameters
-    ----------
-    result
-        A result file with its recorded actions beside it.
-    seeds
-        Of the runs; all if none are given.
-    buffer
-        As for :func:`costs`.
-    sealed
-        The round that the result belongs to, if any.
+    ``result`` is a result file with its recorded actions beside it, ``sealed`` the round that it belongs to, if any. ``seeds`` are those of
+    the runs; all if none are given. ``buffer`` is as for :func:`costs`. Raises ``GlbenchError`` when the task has no energy system, no run
+    has one of the seeds, or all of them failed, and ``EpisodeError`` when the recorded actions are missing, damaged, or of another result.
     """
     loaded = load_result(result)
     task, log = task_of_result(loaded, result, sealed), recorded_actions(loaded, result)
     equipment = equipment_of(task)
     unknown = set(seeds) - set(log.seeds)
     if unknown:
-        msg = f"{result} has no run with seed {min(unknown)}. Its seeds: {', '.join(map(str, log.seeds))}."
-        raise GlbenchError(msg)
+        refuse(f"{result} has no run with seed {min(unknown)}. Its seeds: {', '.join(map(str, log.seeds))}.", GlbenchError)
     rows = [row for row, run in enumerate(log.runs) if run.status == "ok" and (not seeds or run.seed in seeds)]
     if not rows:
-        msg = f"All of these runs of {result} failed: there is no whole run to dispatch."
-        raise GlbenchError(msg)
+        refuse(f"All of these runs of {result} failed: there is no whole run to dispatch.", GlbenchError)
     together = max(1, LARGEST_TRACE // (task.steps * bytes_a_step(task)))
     for first in range(0, len(rows), together):
         for episode in replayed_episodes(task, log, rows[first : first + together]):

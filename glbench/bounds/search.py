@@ -21,7 +21,7 @@ from glbench.agents.identity import CARD_FILE
 from glbench.agents.plans import PlanBook, read_book
 from glbench.control import Iteration, Scenario, plan_season
 from glbench.env import Simulation, StepResult
-from glbench.errors import EpisodeError, GlbenchError
+from glbench.errors import EpisodeError, GlbenchError, refuse
 from glbench.evaluation import prepare
 from glbench.evaluation.jobs import PackedTask, Payload
 from glbench.execution import Executor, JobContext, RayExecutor, local_executor
@@ -53,10 +53,7 @@ class PlanValue(NamedTuple):
 def replay_plans(task: TaskSpec, book: PlanBook, seeds: Sequence[int]) -> dict[int, PlanValue]:
     """What the plans of ``book`` earn in the runs of ``task`` with ``seeds``, with the same bits as an evaluation.
 
-    Raises
-    ------
-    EpisodeError
-        When a step of a plan cannot be simulated.
+    Raises ``EpisodeError`` when a step of a plan cannot be simulated.
     """
     simulation = Simulation(task, len(seeds))
     simulation.reset(list(seeds))
@@ -66,8 +63,7 @@ def replay_plans(task: TaskSpec, book: PlanBook, seeds: Sequence[int]) -> dict[i
         outcome = simulation.step(action)
         if outcome.failed:
             first = outcome.failed[0]
-            msg = f"Step {step + 1} of the plan for the seed {seeds[first.row]} cannot be simulated: {first.reason}."
-            raise EpisodeError(msg)
+            refuse(f"Step {step + 1} of the plan for the seed {seeds[first.row]} cannot be simulated: {first.reason}.", EpisodeError)
         sums += [outcome.quantities[name] for name in PlanValue._fields]
     return {seed: PlanValue(*column) for seed, column in zip(seeds, sums.T.tolist(), strict=True)}
 
@@ -112,29 +108,11 @@ class PlanOutcome:
 
 @dataclass(frozen=True)
 class Search:
-    """A search for plans for runs of a task, with perfect information.
+    """A search for plans for the runs of ``seeds`` of a task, in the split that it is in, with perfect information.
 
-    Attributes
-    ----------
-    task
-        The task, in the split whose runs are to be planned.
-    seeds
-        Seeds of the runs.
-    start
-        The agent whose controls each plan starts from.
-    folder
-        Where each plan is saved, as ``<seed>.npz``. Finished plans are skipped.
-    iterations
-        Iterations of ``glbench.control.plan_season``.
-    workers
-        Number of processes.
-    address
-        Address of the Ray cluster to plan on; without one, a cluster is started on this machine.
-
-    Raises
-    ------
-    GlbenchError
-        When the task has machines that are off or on, which the planner does not know.
+    Each plan starts from the controls of the agent ``start`` and takes ``iterations`` of ``glbench.control.plan_season``. It is saved in
+    ``folder``, as ``<seed>.npz``; finished plans are skipped. ``workers`` processes plan here, or on the Ray cluster at ``address``. Raises
+    ``GlbenchError`` when the task has machines that are off or on, which the planner does not know.
     """
 
     task: TaskSpec
@@ -162,13 +140,7 @@ class Search:
         return self.folder / f"{seeds[0]}.npz"
 
     def stored(self) -> list[PlanOutcome]:
-        """The plans found earlier.
-
-        Raises
-        ------
-        GlbenchError
-            When a plan was made for another version of the task, or its file is damaged.
-        """
+        """The plans found earlier. Raises ``GlbenchError`` when a plan was made for another version of the task, or its file is damaged."""
         outcomes = []
         for seeds in self.groups:
             file = self.place(seeds)
@@ -176,18 +148,14 @@ class Search:
                 book = read_book(file)
                 reason = book.why_not(self.task)
                 if reason is not None:
-                    msg = f"The plans in {file} are not for {self.task.id}: {reason}. Choose another folder with --out."
-                    raise GlbenchError(msg)
+                    refuse(f"The plans in {file} are not for {self.task.id}: {reason}. Choose another folder with --out.", GlbenchError)
                 outcomes.append(PlanOutcome.of_book(seeds, book, stored=True))
         return outcomes
 
     def save_card(self) -> None:
         """Write the card with which the folder of plans can be evaluated as an agent that sees everything.
 
-        Raises
-        ------
-        GlbenchError
-            When it cannot be written.
+        Raises ``GlbenchError`` when it cannot be written.
         """
         lines = {
             "title": f"Plans for {self.task.id}",
@@ -212,14 +180,10 @@ class Search:
     def run(self, jobs: Sequence[PlanJob], *, engine: str = "local", listener: Listener | None = None) -> Iterator[PlanOutcome]:
         """Search for plans, and save each one as soon as it is found.
 
-        Raises
-        ------
-        GlbenchError
-            When the engine does not exist, or a plan cannot be written.
+        Raises ``GlbenchError`` when the engine does not exist, or a plan cannot be written.
         """
         if engine not in _ENGINES:
-            msg = f"There is no engine '{engine}'. It is one of {', '.join(_ENGINES)}."
-            raise GlbenchError(msg)
+            refuse(f"There is no engine '{engine}'. It is one of {', '.join(_ENGINES)}.", GlbenchError)
         if not jobs:
             return
         executor: Executor
@@ -249,30 +213,29 @@ def group_by_conditions(task: TaskSpec, seeds: Sequence[int]) -> tuple[tuple[int
     groups: dict[str, list[int]] = {}
     for seed in seeds:
         scenario, digest = Scenario.of(task, seed), hashlib.sha256()
-        for values in (scenario.x0, scenario.u_before, scenario.d, scenario.p, scenario.calendar):
+        delivery = scenario.delivery
+        maps = () if delivery is None else (delivery.carry, delivery.gain)
+        for values in (scenario.x0, scenario.u_before, scenario.d, scenario.p, scenario.calendar, *maps):
             digest.update(values.tobytes())
         groups.setdefault(digest.hexdigest(), []).append(seed)
     return tuple(tuple(group) for group in groups.values())
 
 
 class _ControlsRecorder:
-    """Records the controls of each step."""
+    """Records the commands of each step."""
 
     def __init__(self) -> None:
         self.controls: list[Floats] = []
 
     def add(self, simulation: Simulation, outcome: StepResult) -> None:
-        """Record the controls of a step."""
-        self.controls.append(np.array(simulation.u))
+        """Record the commands of a step."""
+        self.controls.append(simulation.commands)
 
 
 def agent_controls(task: TaskSpec, agent: Protected, seeds: Sequence[int], progress: Callable[[Progress], None] | None = None) -> Floats:
-    """The controls of an agent in the runs of ``task`` with ``seeds``, ``(n, steps, controls)``.
+    """The controls of an agent in the runs of ``task`` with ``seeds``, ``(n, steps, controls)``: what it told the actuators.
 
-    Raises
-    ------
-    GlbenchError
-        When the agent cannot be evaluated, or one of its runs fails.
+    Raises ``GlbenchError`` when the agent cannot be evaluated, or one of its runs fails.
     """
     evaluation = replace(prepare(task.scored, agent), task=task, seeds=tuple(seeds), workers=1)
     recorder = _ControlsRecorder()

@@ -11,7 +11,7 @@ from glbench import __version__
 from glbench.agents.baselines import read_baseline
 from glbench.agents.plans import PlanBook, PlanFolder, read_book
 from glbench.bounds.search import PlanValue, replay_plans
-from glbench.errors import GlbenchError, SubmissionError, UnknownNameError
+from glbench.errors import GlbenchError, SubmissionError, UnknownNameError, refuse
 from glbench.evaluation import load_result
 from glbench.evaluation.saving import recorded_actions, task_of_result
 from glbench.resources import data_folder
@@ -47,24 +47,11 @@ def best_known() -> PlanFolder:
 
 
 def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[PlanComparison]:
-    """Replay plans, and replace the best known ones with those that earn more.
+    """Replay plans, replace the best known ones with those that earn more, and yield each run's comparison once the books are written.
 
-    Parameters
-    ----------
-    files
-        Books of plans (``.npz``), folders of such books, or results (``.json``) with recorded actions beside them.
-    folder
-        Where the best known plans are stored; by default the folder of the baseline ``best_known``.
-
-    Yields
-    ------
-    PlanComparison
-        The comparison for each run, once the books are written.
-
-    Raises
-    ------
-    GlbenchError
-        When a file cannot be read, was made for another version of its task, or a plan cannot be simulated.
+    ``files`` are books of plans (``.npz``), folders of such books, or results (``.json``) with recorded actions beside them. The best known
+    plans are in ``folder``; by default that of the baseline ``best_known``. Raises ``GlbenchError`` when a file cannot be read, was made
+    for another version of its task, or a plan cannot be simulated.
     """
     folder = folder or best_known()
     shipped = folder.folder.resolve().is_relative_to(data_folder("baselines").resolve())
@@ -75,8 +62,7 @@ def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[
         best_book = read_book(place) if place.is_file() else None
         reason = None if best_book is None else best_book.why_not(task)
         if reason is not None:
-            msg = f"The best known plans in {place} do not fit: {reason}. Remove the file first."
-            raise GlbenchError(msg)
+            refuse(f"The best known plans in {place} do not fit: {reason}. Remove the file first.", GlbenchError)
         values = replay_plans(task, book, book.seeds)
         common = [seed for seed in book.seeds if best_book is not None and seed in best_book.runs]
         best_values = replay_plans(task, best_book, common) if best_book is not None and common else {}
@@ -102,8 +88,7 @@ def _batches(files: Sequence[Path]) -> Iterator[tuple[TaskSpec, PlanBook]]:
     for file in files:
         plans = sorted(file.glob("*.npz")) if file.is_dir() else [file]
         if not plans:
-            msg = f"There are no plans in {file}. `glbench bound TASK` searches for some."
-            raise SubmissionError(msg)
+            refuse(f"There are no plans in {file}. `glbench bound TASK` searches for some.", SubmissionError)
         books += plans
     for file in books:
         for task, book in candidates(file):
@@ -119,13 +104,7 @@ def _batches(files: Sequence[Path]) -> Iterator[tuple[TaskSpec, PlanBook]]:
 
 
 def candidates(file: Path) -> Iterator[tuple[TaskSpec, PlanBook]]:
-    """The plans in a file, with their task.
-
-    Raises
-    ------
-    GlbenchError
-        When the file has no plans that can be replayed.
-    """
+    """The plans in a file, with their task. Raises ``GlbenchError`` when the file has no plans that can be replayed."""
     if file.suffix == ".json":
         result = load_result(file)
         log, task = recorded_actions(result, file), task_of_result(result, file)
@@ -136,8 +115,7 @@ def candidates(file: Path) -> Iterator[tuple[TaskSpec, PlanBook]]:
         about = {"method": f"actions of {agent.name}", "agent_digest": agent.digest, "glbench": __version__}
         whole = [row for row, run in enumerate(log.runs) if run.status == "ok"]
         if not whole:
-            msg = f"{file} holds no plans: all of its runs failed."
-            raise SubmissionError(msg)
+            refuse(f"{file} holds no plans: all of its runs failed.", SubmissionError)
         books = [PlanBook.of(task, [log.seeds[row]], log.actions[:, row], about) for row in whole]
         book = books[0]
         for other in books[1:]:
@@ -152,6 +130,5 @@ def candidates(file: Path) -> Iterator[tuple[TaskSpec, PlanBook]]:
     task = task.in_split(book.split) if book.split else task
     reason = book.why_not(task)
     if reason is not None:
-        msg = f"The plans in {file} are not for this version of {task.id}: {reason}."
-        raise SubmissionError(msg)
+        refuse(f"The plans in {file} are not for this version of {task.id}: {reason}.", SubmissionError)
     yield task, book

@@ -328,8 +328,7 @@ def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result
     except GlbenchError as error:
         if not evaluation.interrupted:
             raise
-        msg = f"{error}\n{consequence()}"
-        raise type(error)(msg) from error
+        refuse(f"{error}\n{consequence()}", type(error), error)
 
 
 @contextlib.contextmanager

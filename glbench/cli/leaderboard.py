@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from glbench.leaderboard.tables import TableColumn
 
 _AGENT = "Agent"
+_TURNS = 3  # Orders that hang on the price of violations that the terminal names
 _SPAN = "95 % interval\nor range ↔"
 
 
@@ -174,12 +175,9 @@ def _parts(tables: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members
 
     for suite in suites:
         yield from _suite_tables(suite)
-        for row in suite.rows:
-            if row.missing:
-                names = ", ".join(task.rpartition("/")[2] for task in row.missing)
-                yield _note(f"{row.agent} is not ranked: it lacks {names}.", "dim")
-        against = t.AGAINST_NOTE * any(row.against_rules for row in suite.rows)
-        yield _note(t.score_note(suite.tasks) + against, "dim")
+        for note in (*t.missing_notes(suite), *t.turn_notes(suite, _TURNS)):
+            yield _note(note)
+        yield _note(t.suite_note(suite), "dim")
         if not tables and any(row.regret is not None for row in suite.rows):
             yield _note(t.REGRET_NOTE, "dim")
     for table in tables:
@@ -189,7 +187,7 @@ def _parts(tables: Sequence[TaskTable], suites: Sequence[SuiteTable], *, members
                 yield _note(f"{entry.agent}: {entry.failed} of {entry.runs} runs failed.")
             if entry.remark:
                 yield _note(f"{entry.agent} is {entry.remark}.")
-        for note in (*t.card_notes(table), *t.fresh_notes(table)):
+        for note in (*t.turn_notes(table, _TURNS), *t.card_notes(table), *t.fresh_notes(table)):
             yield _note(note, "yellow")
         for note in t.regret_notes(table):
             yield _note(note, "green")
@@ -242,6 +240,8 @@ def _task_tables(table: TaskTable, *, members: bool) -> Iterator[console.Table]:
         *([replace(t.fresh_column(first), heading="Fresh\ndraws")] if t.has_fresh_draws(table) else []),
         *regrets[:1],
         t.worst_column(first, gives_way=5),
+        *t.price_columns(table.rows, 5),
+        t.reversal_column(9),
         *t.year_columns(table.rows, first, gives_way=6),
         *([replace(t.overall_column(first, gives_way=6), heading="Overall\n95 %")] if has("overall") else []),
         *([replace(t.deviation_column(first, gives_way=8), heading="SD of\ntrainings")] if has("deviation") else []),
@@ -277,23 +277,23 @@ def _suite_tables(table: SuiteTable) -> Iterator[console.Table]:
     def score(heading: str, name: str, gives_way: int) -> TableColumn:
         return t.TableColumn(heading, lambda row: t.score_text(getattr(row, name).value), gives_way=gives_way)
 
-    scores = [
-        t.TableColumn("#", lambda row: t.NONE if row.rank is None else str(row.rank)),
-        t.TableColumn(_AGENT, agent),
+    normalised = [
         score("Mean", "mean", 0),
         t.TableColumn("95 %\ninterval", lambda row: t.span_text(row.mean, is_range=False) or t.NONE, gives_way=2),
         score("IQM", "iqm", 1),
-        *(replace(one, heading=one.heading.replace(" ", "\n")) for one in t.money_columns(table.rows, (1, 2), spans=False)),
-        score("Median", "median", 5),
-        score("Optimality\ngap", "optimality_gap", 3),
+    ]
+    money = t.money_columns(table, (1, 2), spans=table.in_money)
+    scores = [
+        t.TableColumn("#", lambda row: t.NONE if row.rank is None else str(row.rank)),
+        t.TableColumn(_AGENT, agent),
+        *([] if table.in_money else normalised),
+        *(replace(one, heading=one.heading.replace(" ", "\n")) for one in (*money, *t.price_columns(table.rows, 6), t.reversal_column(7))),
+        *([] if table.in_money else [score("Median", "median", 5), score("Optimality\ngap", "optimality_gap", 3)]),
         t.TableColumn("Runs", lambda row: str(row.runs), gives_way=4),
         replace(t.SOURCE, cell=lambda row: "" if row.figures is None else str(row.figures.origin)),
     ]
-    title = (
-        f"Suite {plain(table.suite)}, {len(table.tasks)} tasks: normalised scores\n"
-        "[dim]0 is doing nothing, 1 the best known result of each task[/dim]"
-    )
-    yield _table(title, scores, table.rows, lambda row: row.rank is None)
+    title = f"Suite {plain(table.suite)}, {len(table.tasks)} tasks\n{styled(t.scale_words(table), 'dim')}"
+    yield _table(title, scores, table.shown_rows, lambda row: row.rank is None)
     rows = [row for row in table.rows if row.figures is not None]
     figures = [t.of_figures(one) for one in _resources(t.resources(of_published(table.tasks)), before=1)]
     title = "Money, harvest, resources, climate: means over the tasks with results"

@@ -214,10 +214,10 @@ def references_command(
     write: Annotated[bool, typer.Option("--write", help="Write tasks/references.toml and tasks/best_known/.")] = False,
     out: Out = Path("reports/released"),
 ) -> None:
-    """Show what scores are measured by: the reward of doing nothing, and that of the best known runs.
+    """Show what scores are measured by: for each task the agent whose mean is zero, and the best known runs, whose mean is one.
 
-    Both come from results: that of submissions/do_nothing.py, and for each seed the best one of all agents that act through the task's
-    actuation.
+    Both come from results. A zero is that of the agent that the file names, taken once and kept; one is, for each seed, the best run of all
+    agents that act through the task's actuation.
     """
     from glbench.leaderboard import collect_results
     from glbench.leaderboard.collect import published_expectations
@@ -227,17 +227,15 @@ def references_command(
 
     if write:
         stored, expected = collect_results([out / "results"]), published_expectations()
-        references = references_from(stored, expected)
-        if not references:
-            msg = f"There is no complete result of do_nothing in {out / 'results'}. Evaluate submissions/do_nothing.py first."
-            raise GlbenchError(msg)
-        console.tell(f"Written: {write_references({**read_references(), **references})}")
+        console.tell(f"Written: {write_references(references_from(stored, expected, read_references()))}")
         for book in best_known_from(stored, expected).values():
             console.tell(f"Written: {write_best_known(book)}")
-    headings, numbers = ("Task", "Doing nothing", "Best known", "by"), ("Doing nothing", "Best known")
-    view = console.table("Zero and one of normalised scores", *headings, numbers=numbers, fold=("Task", "by"))
+    headings, numbers = ("Task", "Version", "Zero", "is the mean of", "One", "is that of the runs of"), ("Version", "Zero", "One")
+    view = console.table("Zero and one of normalised scores", *headings, numbers=numbers, fold=("Task", "is the mean of"))
     for task_id, one in read_references().items():
-        view.add(task_id.rpartition("/")[2], f"{one.nothing:,.1f}", f"{one.best:,.1f}", one.best_agent)
+        zero, best = ("–" if end is None else f"{end:,.1f}" for end in (one.zero, one.best))
+        runs = f"{one.best_agent or '–'}{'' if one.plans else ' (no plans)'}"
+        view.add(task_id.rpartition("/")[2], f"{one.version}", zero, one.zero_agent, best, runs)
     console.show(console.View([view]))
 
 

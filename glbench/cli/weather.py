@@ -16,6 +16,7 @@ from glbench.cli import console
 from glbench.cli.console import Markup, styled
 from glbench.cli.options import AsJson, check_new, numbers_of
 from glbench.cli.progress import status_bar
+from glbench.errors import refuse
 from glbench.extras import require
 
 if TYPE_CHECKING:
@@ -258,8 +259,7 @@ def generate(
 
     for path, suffix in ((out, ".parquet"), (picture, ".png")):
         if path is not None and path.suffix != suffix:
-            msg = f"{path} should end with {suffix}."
-            raise WeatherError(msg)
+            refuse(f"{path} should end with {suffix}.", WeatherError)
         if path is not None:
             check_new(path, replace=replace)
     generator = SeasonGenerator(load_weather(source), numbers_of(years, "years", _EXAMPLE))
@@ -319,8 +319,7 @@ def _date(text: str) -> dt.date:
     try:
         return dt.date.fromisoformat(text)
     except ValueError as error:
-        msg = f"'{text}' is no date such as 2010-03-01."
-        raise WeatherError(msg) from error
+        refuse(f"'{text}' is no date such as 2010-03-01.", WeatherError, error)
 
 
 def _table(title: str, columns: list[str], padding: int = 1) -> console.Table:

@@ -8,7 +8,8 @@ shares are those that served best in the training years, by quantity and hours a
 Nobody observes the temperature of the sky. It follows from the means, the clearness of the recent daylight, temperature and humidity. The
 soil's is a sine of the time of the year. Columns that no equation of the model reads are 0.
 
-A reading that is missing (NaN) is taken to be what the outlook expected it to be.
+A reading that is missing (NaN) is taken to be what the outlook expected it to be. Where the task says that a sensor of the weather is off
+by a factor, its readings are divided by the middle of the factors.
 
 A run may be in another year than that of the task's dates, with other weekdays. They are learnt from the scheduled controls that are shown.
 """
@@ -26,7 +27,6 @@ from glbench.control.climatology import (
     CLEARNESS,
     CO2,
     HUMIDITY,
-    QUANTITIES,
     TEMPERATURE,
     WIND,
     Climatology,
@@ -36,6 +36,8 @@ from glbench.control.observation_model import ObservationModel, checked_observat
 from glbench.control.scenario import with_schedule
 from glbench.env.actuation import run_calendar
 from glbench.env.forecast import HOUR
+from glbench.env.memory_layout import DrawPlaces
+from glbench.env.outdoor import MEASURED, OutdoorSensors
 from glbench.env.spaces import the_task
 from glbench.env.weather_pool import DAYS_A_YEAR, HOURS_A_DAY
 from glbench.errors import TaskError, whole_number
@@ -57,7 +59,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_OBSERVED = ("global_radiation", *QUANTITIES[TEMPERATURE : WIND + 1])
 _UNUSED = ("dayRadSum", "isDay", "isDaySmooth")
 _BRIGHTEST = 1.1
 """Radiation is at most so much of that under a clear sky."""
@@ -116,11 +117,11 @@ class Outlook:
             )
             raise TaskError(msg)
         self._names = names = [column.name for column in task.observed()]
-        missing = [name for name in _OBSERVED if name not in names]
+        missing = [name for name in MEASURED if name not in names]
         if missing:
             msg = f"{task.id} does not show {', '.join(missing)}: an outlook needs the weather of now."
             raise TaskError(msg)
-        self._weather = [names.index(name) for name in _OBSERVED]
+        self._weather = [names.index(name) for name in MEASURED]
         by_module = (
             ("hour_of_day", "day_of_year"),
             ("sin_hour_of_day", "cos_hour_of_day", "sin_day_of_year", "cos_day_of_year"),
@@ -142,7 +143,7 @@ class Outlook:
         self._rows_ahead = [
             (ahead, quantity, names.index(f"{name}_ahead_{ahead}"))
             for ahead in range(1, task.observation.forecast_steps + 1)
-            for quantity, name in enumerate(_OBSERVED)
+            for quantity, name in enumerate(MEASURED)
             if f"{name}_ahead_{ahead}" in names
         ]
         predictable = ("iGlob", "tOut", "vpOut", "co2Out", "wind", "tSky", "tSoOut", *_UNUSED)
@@ -152,7 +153,7 @@ class Outlook:
             raise TaskError(msg)
         model = ObservationModel(task)
         self._controls = model if model.control_columns is not None and any(entry.weekdays for entry in task.schedule) else None
-        self._late = task.observation.timing == "published"
+        self._late, self._middles = task.observation.timing == "published", OutdoorSensors.of(task, DrawPlaces()).middles
         self._step = task.step_seconds
         self.reset(1)
 
@@ -185,6 +186,7 @@ class Outlook:
             self._k, self._observed = 0, observed
         # With the timing "published" the weather shown is that of the step just past.
         lag = 1 if self._late and not first else 0
+        observed[:, self._weather] /= self._middles
         if np.isnan(observed[:, self._weather]).any():
             since = 0 if first else 1 + self._lag - lag
             observed[:, self._weather] = _with_expected(observed[:, self._weather], self._values(np.array([since]))[0][:, 0])
@@ -265,7 +267,7 @@ class Outlook:
             forecast = climate.forecast_deviations(self._observed[:, self._forecast], issued, times, lately[:, 0])
             deviations = deviations + weights[..., 2] * forecast
         clear = climate.clear(times)
-        values = np.empty((n, len(lags), len(_OBSERVED)))
+        values = np.empty((n, len(lags), len(MEASURED)))
         share = np.maximum(1.0 + deviations[..., CLEARNESS], 0.0) * mean[..., CLEARNESS]
         values[..., 0] = np.minimum(clear * share, _BRIGHTEST * clear)
         values[..., 1:] = mean[..., TEMPERATURE : WIND + 1] + deviations[..., TEMPERATURE : WIND + 1]

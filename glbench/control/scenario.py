@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.control.delivery import Delivery
 from glbench.env import run_weather
 from glbench.env.actuation import off_position, run_calendar
 from glbench.env.program import calendar_columns
@@ -48,7 +49,9 @@ class Scenario:
     low, high
         Bounds of the controls ``(c,)``; those that the task does not grant stay at 0, or follow the schedule (``with_schedule``).
     max_change
-        The largest change of a control in a step.
+        The largest change of a control in a step; of its command, where actuators are not ideal.
+    delivery
+        What the actuators deliver of commands, with the run's faults; ``None`` where all are ideal.
     """
 
     task: TaskSpec
@@ -61,6 +64,7 @@ class Scenario:
     low: Floats
     high: Floats
     max_change: float
+    delivery: Delivery | None = None
 
     @classmethod
     def of(cls, task: TaskSpec | str, seed: int) -> Scenario:
@@ -75,18 +79,24 @@ class Scenario:
         scenarios = RunScenarios(task)
         scene, steps = scenarios.draw([seed]), np.arange(task.steps + 1)
         names, controls = task.model_value.control_names, task.actuation.controls
+        weather = run_weather(task, seed).values[: task.steps]
         return cls(
             task=task,
             seed=seed,
             x0=read_only(scene.states[0]),
             u_before=read_only(np.zeros(len(names))),
-            d=read_only(run_weather(task, seed).values[: task.steps]),
+            d=read_only(weather),
             p=read_only(run_parameters(task, seed)),
             calendar=read_only(run_calendar(task, scenarios.pool.calendar[scene.first[0] + steps], steps)),
             low=read_only(np.zeros(len(names))),
             high=read_only(np.array([float(name in controls) for name in names])),
             max_change=task.actuation.max_change,
+            delivery=Delivery.of(scenarios, scene, seed, weather),
         )
+
+    def delivered(self, commands: Floats) -> Floats:
+        """What the actuators deliver of commands ``(..., T, c)``: the commands where all are ideal."""
+        return commands if self.delivery is None else np.clip(self.delivery(commands), 0.0, 1.0)
 
 
 def with_schedule(task: TaskSpec, controls: Floats, calendar: Floats) -> Floats:

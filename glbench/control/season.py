@@ -53,17 +53,21 @@ class SeasonPlan:
     scenario
         The run, of which everything was known.
     controls
-        Fractions ``(T, c)``; none changes by more than ``max_change`` in a step, but for scheduled ones.
+        What acts, fractions ``(T, c)``: what actuators deliver of the commands.
     states
         Where they lead ``(T + 1, s)``.
     values
         What the steps earn, by the kernel that planned; ``glbench evaluate`` scores with ``reference``.
+    commands
+        What actuators are told ``(T, c)``, the controls where all are ideal; none changes by more than ``max_change`` in a step, but for
+        scheduled ones.
     """
 
     scenario: Scenario
     controls: Floats
     states: Floats
     values: StageValues
+    commands: Floats
 
     @property
     def reward(self) -> float:
@@ -71,14 +75,14 @@ class SeasonPlan:
         return float(self.values.reward.sum())
 
     def actions(self) -> Floats:
-        """What an agent has to do to get these controls ``(T, actions)``.
+        """What an agent has to do to give these commands ``(T, actions)``.
 
         Raises
         ------
         TaskError
             When the task's actions are not about single controls: set points of a process computer.
         """
-        return actions_of(self.scenario.task, np.vstack([self.scenario.u_before, self.controls[:-1]]), self.controls)
+        return actions_of(self.scenario.task, np.vstack([self.scenario.u_before, self.commands[:-1]]), self.commands)
 
 
 @dataclass(frozen=True)
@@ -118,7 +122,7 @@ def plan_season(
     scenario
         The run. Its task needs a reward with derivatives (``StageReward``).
     controls
-        Where the search begins, fractions ``(T, c)``: those of a good controller, brought within the bounds and the largest change.
+        Where the search begins, fractions ``(T, c)``: the commands of a good controller, brought within the bounds and the largest change.
     iterations
         How many; one takes about 3 s of one core for 5,760 steps.
     preset
@@ -181,17 +185,19 @@ class _Search:
         worth = linearisation.pull(slopes.states).costates
         worth[1:] -= slopes.after
         radius = self.radius[self.days, None] * radius_shares(stage, linearisation)
-        move = trust_region_step(stage, linearisation, plan.controls, calendar, radius, self._feasible, steps=_INNER)
+        delivery = self.scenario.delivery
+        move = trust_region_step(stage, linearisation, plan.commands, calendar, radius, self._feasible, steps=_INNER, delivery=delivery)
         # Second-order correction: the move is improved again where the states are that it really leads to.
         p = self.p if self.p.ndim == 1 else self.p[None]
-        there = self.plain.rollout(linearisation.x[:1], (plan.controls + move)[None], self.scenario.d, p)[0]
+        effect = move if delivery is None else delivery(move)
+        there = self.plain.rollout(linearisation.x[:1], self.scenario.delivered(plan.commands + move)[None], self.scenario.d, p)[0]
         bend = -move + trust_region_step(
-            stage, linearisation, plan.controls, calendar, radius, self._feasible, steps=_CORRECTING, rate=_CORRECTING_RATE,
-            start=move, x=there - linearisation.push(move),
+            stage, linearisation, plan.commands, calendar, radius, self._feasible, steps=_CORRECTING, rate=_CORRECTING_RATE,
+            start=move, x=there - linearisation.push(effect), delivery=delivery,
         )  # fmt: skip
 
         def at(length: float | Floats) -> Floats:
-            return self._feasible(plan.controls + length * move + length**2 * bend)
+            return self._feasible(plan.commands + length * move + length**2 * bend)
 
         candidates = self._simulated(np.array([at(length) for length in LENGTHS]))
         # The length that serves each day best, by what it earns and what its last state is worth to the days after.
@@ -207,12 +213,13 @@ class _Search:
         self.radius = np.where(best >= _LONG, np.minimum(self.radius * _GROW, _LARGEST_RADIUS), self.radius)
         return self.plan.reward - plan.reward
 
-    def _simulated(self, controls: Floats) -> list[SeasonPlan]:
-        """Plans of controls ``(n, T, c)``."""
-        scenario, n = self.scenario, len(controls)
+    def _simulated(self, commands: Floats) -> list[SeasonPlan]:
+        """Plans of commands ``(n, T, c)``."""
+        scenario, n, controls = self.scenario, len(commands), self.scenario.delivered(commands)
         p = scenario.p if scenario.p.ndim == 1 else scenario.p[None]
         states = self.kernel.rollout(np.tile(scenario.x0, (n, 1)), controls, scenario.d, p)
-        return [SeasonPlan(scenario, u, x, self.reward(x, u, scenario.calendar)) for u, x in zip(controls, states, strict=True)]
+        plans = zip(controls, states, commands, strict=True)
+        return [SeasonPlan(scenario, u, x, self.reward(x, u, scenario.calendar), command) for u, x, command in plans]
 
     def _feasible(self, controls: Floats) -> Floats:
         one = self.scenario

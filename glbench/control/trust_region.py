@@ -15,6 +15,7 @@ from glbench.control.stage import StageReward, air_of
 from glbench.env.air import AIR
 
 if TYPE_CHECKING:
+    from glbench.control.delivery import Delivery
     from glbench.kernel.trajectories import Trajectory
 
 Floats = NDArray[np.float64]
@@ -70,6 +71,7 @@ def trust_region_step(
     start: Floats | None = None,
     x: Floats | None = None,
     end: Floats | None = None,
+    delivery: Delivery | None = None,
 ) -> Floats:
     """Changes of the controls ``(..., T, c)`` that improve the rewards of linearised trajectories: gradient steps with momentum.
 
@@ -95,21 +97,25 @@ def trust_region_step(
         States where nothing changes ``(..., T + 1, s)``, in place of those of ``linearisation``.
     end
         What a unit of each state is worth at the end ``(..., s)``, in the unit of the reward.
+    delivery
+        What actuators deliver of ``controls``, which are commands then; by default all of it.
     """
-    still = linearisation.x if x is None else x
+    still, delivered = linearisation.x if x is None else x, controls if delivery is None else delivery(controls)
     move = best = np.zeros_like(controls) if start is None else start
     most = np.full(controls.shape[:-2], -np.inf)
     mean, square, flat = np.zeros_like(controls), np.zeros_like(controls), np.zeros(())
     for number in range(1, steps + 1):
-        changes = linearisation.push(move)
-        values, slopes = stage.gradient(still + changes, controls + move, calendar)
+        effect = move if delivery is None else delivery(move)
+        changes = linearisation.push(effect)
+        values, slopes = stage.gradient(still + changes, delivered + effect, calendar)
         total, cotangents = values.reward.sum(axis=-1), slopes.states
         if end is not None:
             total = total + (changes[..., -1, :] * end).sum(axis=-1)
             cotangents[..., -1, :] += end
         better = total > most
         best, most = np.where(better[..., None, None], move, best), np.maximum(most, total)
-        gradient = np.where(radius > 0.0, slopes.controls + linearisation.pull(cotangents).u, 0.0)
+        gradient = slopes.controls + linearisation.pull(cotangents).u
+        gradient = np.where(radius > 0.0, gradient if delivery is None else delivery.pull(gradient), 0.0)
         if number == 1:
             size = np.sqrt(np.mean((gradient**2).reshape(*gradient.shape[:-2], -1), axis=-1))
             flat = np.where(size > 0.0, _FLAT * size, 1.0)[..., None, None]

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import casadi
 import numpy as np
@@ -37,9 +37,6 @@ Floats = NDArray[np.float64]
 
 AIR = {name: entry.unit for name, entry in _AIR.items()}
 """Quantities of the air inside, with units."""
-
-STREAM = "sensors"
-"""Name of the stream of their noise."""
 
 PART = "sensors"
 """The sensors' part of a run's memory."""
@@ -113,6 +110,9 @@ class Sensors:
     stays_out: float
     steps: int
 
+    STREAM: ClassVar[str] = "sensors"
+    TRAIT_STREAM: ClassVar[str] = "sensor offsets"
+
     @staticmethod
     def of(task: TaskSpec) -> Sensors:
         """The sensors of a task; of a task without any, nothing.
@@ -142,9 +142,7 @@ class Sensors:
         )
         out = stays = 0.0
         if table.dropouts is not None:
-            hours = task.step_seconds / 3600.0
-            out = min(hours / (24.0 * table.dropouts.days_between), 1.0)
-            stays = max(1.0 - hours / table.dropouts.hours, 0.0)
+            out, stays = table.dropouts.chances(task.step_seconds)
         return Sensors(sensors, out, stays, task.steps)
 
     @property
@@ -160,6 +158,11 @@ class Sensors:
     def trait_numbers(self) -> int:
         """Random numbers needed once a run."""
         return (UNIFORMS_PER_NORMAL + 1) * len(self.sensors)
+
+    @property
+    def trait_count(self) -> int:
+        """Bias and drift of each sensor."""
+        return 2 * len(self.sensors)
 
     def traits(self, numbers: Floats) -> Floats:
         """Bias and drift of each sensor, ``(n, 2 sensors)``, from ``trait_numbers`` uniform numbers a run."""

@@ -7,8 +7,11 @@ hours after the issue, plus the error
 
 with one path a for each quantity and season. Forecasts of one hour that are issued after each other therefore agree the better the nearer
 that hour is, as those of a weather service do, and the error has the standard deviation s sqrt(1 - phi**(2 h)). Radiation errs in units of
-that under a clear sky, and stays between 0 and a clear sky: it is a little too low on average (docs/uncertainty.md has by how much, and
-pictures). Sizes are round numbers, chosen; they define the task and claim no more.
+that under a clear sky. Sizes are round numbers, chosen; they define the task and claim no more.
+
+A forecast stays within limits: radiation between 0 and a clear sky, humidity between 0 and 100 %, wind not below 0. Cut off there, it is
+off on average (docs/uncertainty.md has by how much, and pictures). An unbiased one limits the error instead, to the distance m of the
+truth q from the nearer limit: q + min(max(e, -m), m). Errors e and -e are equally likely, so the mean error is 0 whatever comes.
 """
 
 from __future__ import annotations
@@ -56,6 +59,8 @@ class ForecastTable:
         Hours ahead.
     level
         One of ``LEVELS``.
+    unbiased
+        Whether the error is limited alike on both sides.
     every
         Steps an hour.
     reach
@@ -71,6 +76,7 @@ class ForecastTable:
     columns: int
     task: TaskSpec
     place: Place
+    unbiased: bool = False
 
     @staticmethod
     def of(task: TaskSpec) -> ForecastTable | None:
@@ -89,8 +95,10 @@ class ForecastTable:
             msg = f"{task.source}: [observation.forecast] goes by the hour; step_seconds = {step} does not divide it. Use 900."
             raise TaskError(msg)
         reach = -(-hours[-1] // 24) * task.steps_per_day
-        level = task.observation.forecast.error  # type: ignore[union-attr]  # tasks with hours have the table
-        return ForecastTable(hours, level, HOUR // step, reach, len(FORECAST) * len(hours), task, task.season_record().place)
+        table = task.observation.forecast
+        assert table is not None  # tasks with hours have it
+        columns, place = len(FORECAST) * len(hours), task.season_record().place
+        return ForecastTable(hours, table.error, HOUR // step, reach, columns, task, place, table.unbiased)
 
     def _clear_sky(self, times: NDArray[np.datetime64]) -> Floats:
         """Global radiation under a clear sky [W m-2] in the hours that ``times`` begin, which may be half hours of UTC."""
@@ -130,18 +138,19 @@ class ForecastTable:
         forecasts = np.empty((issues, len(FORECAST), len(self.hours)))
         errors = self._errors(issues, len(hourly), season)
         now = weather[: issues * self.every : self.every]
+        least, most = np.array([0.0, -np.inf, 0.0, 0.0]), np.full(hourly.shape, np.inf)
+        most[:, _RADIATION], most[:, _HUMIDITY] = np.maximum(clear, hourly[:, _RADIATION]), 100.0
         for column, hour in enumerate(self.hours):
             if self.level == "none":
                 forecasts[:, :, column] = now
                 continue
             ahead = slice(hour - 1, hour - 1 + issues)  # the hour that ends ``hour`` hours after the issue
-            error = errors[:, :, column].copy()
+            true, error = hourly[ahead], errors[:, :, column].copy()
             error[:, _RADIATION] *= clear[ahead]
-            forecasts[:, :, column] = hourly[ahead] + error
-            most = np.maximum(clear[ahead], hourly[ahead, _RADIATION])
-            forecasts[:, _RADIATION, column] = np.clip(forecasts[:, _RADIATION, column], 0.0, most)
-        forecasts[:, _HUMIDITY] = np.clip(forecasts[:, _HUMIDITY], 0.0, 100.0)
-        forecasts[:, _WIND] = np.maximum(forecasts[:, _WIND], 0.0)
+            if self.unbiased:
+                room = np.minimum(true - least, most[ahead] - true)
+                error = np.clip(error, -room, room)
+            forecasts[:, :, column] = np.clip(true + error, least, most[ahead])
         at = first // self.every
         table[at : at + issues] = forecasts.reshape(issues, self.columns)
 

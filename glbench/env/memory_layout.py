@@ -1,4 +1,4 @@
-"""Per-run memory that the components of a task request by name, besides states and controls.
+"""Per-run memory that the components of a task request by name, besides states and controls, and the places of what they draw.
 
 A part says what it needs and with which value a run starts. ``allocate`` gives every number a place in the row of memory of a run
 (``glbench.kernel.environment``), which the part's tapes read and write:
@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,3 +69,37 @@ def allocate(**requests: Mapping[str, float]) -> MemoryLayout:
     array = np.array(start, dtype=np.float64)
     array.flags.writeable = False
     return MemoryLayout(MappingProxyType(parts), array)
+
+
+class DrawingPart(Protocol):
+    """A part of a task that draws numbers of its own: in every step, and once a run."""
+
+    STREAM: ClassVar[str]
+    TRAIT_STREAM: ClassVar[str]
+
+    @property
+    def numbers(self) -> int:
+        """Uniform numbers needed in a step."""
+
+    @property
+    def trait_numbers(self) -> int:
+        """Uniform numbers needed once a run."""
+
+    @property
+    def trait_count(self) -> int:
+        """Traits that are made of these."""
+
+    def traits(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Traits ``(n, trait_count)`` from uniform numbers ``(n, trait_numbers)``."""
+
+
+@dataclass(frozen=True)
+class DrawPlaces:
+    """Where the numbers of a part begin among those that tapes read: ``noise`` of the step, and ``trait`` of the run."""
+
+    noise: int = 0
+    trait: int = 0
+
+    def after(self, part: DrawingPart) -> DrawPlaces:
+        """Where those of the next part begin."""
+        return DrawPlaces(self.noise + part.numbers, self.trait + part.trait_count)

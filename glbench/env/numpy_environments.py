@@ -18,7 +18,7 @@ from glbench.env.random import uniforms
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters, Deviation
 from glbench.errors import TaskError
 from glbench.kernel.environment import ActionBounds, Environments, ParameterNoise, Program
-from glbench.kernel.tape import Source, Tape
+from glbench.kernel.tape import Read, Source, Tape
 
 if TYPE_CHECKING:
     from glbench.env.kernels import Stepper
@@ -92,13 +92,73 @@ class PythonParts:
 NO_PARTS = PythonParts(slice(0, 0))
 
 
+def weather_rows(program: Program, runs: Environments, steps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rows of the pool that are the weather of ``steps`` of ``runs``, ``(n,)`` or ``(n, m)``."""
+    rows = np.arange(len(runs.k))
+    return runs.days[rows if steps.ndim == 1 else rows[:, None], steps // program.day] + steps % program.day
+
+
+def shown_steps(program: Program, runs: Environments) -> NDArray[np.int64]:
+    """Steps whose weather is shown, ``(n,)``."""
+    return np.maximum(runs.k - program.lag, 0)
+
+
+def tape_reader(
+    program: Program,
+    runs: Environments,
+    tape: Tape,
+    before: Floats,
+    after: Floats,
+    controls: Floats,
+    steps_before: NDArray[np.int64],
+    *,
+    controls_before: Floats | None = None,
+    actions: Floats | None = None,
+    weather_steps: NDArray[np.int64] | None = None,
+) -> Read:
+    """What a tape reads of ``runs``, which may be any environments of ``program``.
+
+    ``weather_steps`` are the steps whose weather it reads, by default those shown; ``controls_before`` are by default the controls now.
+    """
+    noise = None
+    if tape.reads("noise"):  # the numbers of all streams in this step, side by side
+        streams = enumerate(program.streams, len(program.parameter_noise))
+        noise = np.hstack([uniforms(runs.keys[:, place], runs.k[:, None], count)[:, 0] for place, count in streams])
+    calendar = {"calendar": runs.first + runs.k, "calendar_before": runs.first + steps_before}
+    arrays = {
+        "before": before,
+        "after": after,
+        "controls": controls,
+        "controls_before": controls if controls_before is None else controls_before,
+        "given": actions,
+        "trait": runs.traits,
+        "memory": runs.memory.copy(),
+        "noise": noise,
+    }
+
+    def read(source: Source, index: int) -> Any:
+        if source in calendar:
+            return program.calendar[calendar[source], index]
+        if source == "weather":
+            steps = shown_steps(program, runs) if weather_steps is None else weather_steps
+            return program.weather[weather_rows(program, runs, steps), index]
+        if source == "weather_before":
+            return program.weather[weather_rows(program, runs, steps_before), index]
+        if source == "counter":
+            return (runs.k if index == 0 else shown_steps(program, runs)).astype(np.float64)
+        array = arrays[source]
+        assert array is not None
+        return array[:, index]
+
+    return read
+
+
 class NumpyEnvironments(Environments):
     """``n`` environments of ``program`` around ``kernel``, of a model with ``states``."""
 
     def __init__(self, program: Program, n: int, kernel: Stepper, states: int, parts: PythonParts = NO_PARTS) -> None:
         super().__init__(program, n, states)
         self._program, self._kernel, self._parts, self._n = program, kernel, parts, n
-        self._rows = np.arange(n)
         self._draws = ParameterDraws(program, parts, n)
         self._failures: list[StepFailure] = []
         self._forget()
@@ -117,8 +177,9 @@ class NumpyEnvironments(Environments):
             if not np.isfinite(controls[running]).all():
                 msg = "The task's kind of actuation, a registered part, returned controls that are not finite numbers (NaN or infinite)."
                 raise TaskError(msg)
-        read = self._reader(self.x, self.x, self.u, self._program.actuation, self.k, actions=actions, weather_steps=self.k)
-        for target, index, values in self._program.actuation.play(read):
+        tape = self._program.actuation
+        read = tape_reader(self._program, self, tape, self.x, self.x, self.u, self.k, actions=actions, weather_steps=self.k)
+        for target, index, values in tape.play(read):
             if target == "memory":
                 self.memory[running, index] = np.broadcast_to(values, self._n)[running]
             else:
@@ -161,7 +222,7 @@ class NumpyEnvironments(Environments):
         self.k[success] += 1
         self.x, self.u = after, controls
         if len(program.update.outputs) and success.any():
-            read = self._reader(before, after, controls, program.update, steps_before, controls_before=controls_before)
+            read = tape_reader(program, self, program.update, before, after, controls, steps_before, controls_before=controls_before)
             for _, index, values in program.update.play(read):
                 self.memory[success, index] = np.broadcast_to(values, self._n)[success]
         self._look(before, after, steps_before, controls_before=controls_before)
@@ -176,7 +237,7 @@ class NumpyEnvironments(Environments):
     def _flow(self, controls: Floats) -> tuple[Floats, list[StepFailure]]:
         """States after the step, and the rows that failed; rows that have ended are not integrated."""
         program = self._program
-        weather = program.weather[self._weather_rows(self.k)]
+        weather = program.weather[weather_rows(program, self, self.k)]
         if program.parameter_noise:
             parameters = self._draws.of_step(self.parameters, self.keys, self.k)
         else:  # ``(p,)`` where all share them
@@ -192,65 +253,6 @@ class NumpyEnvironments(Environments):
         after[rows] = moved
         return after, [replace(failure, row=int(rows[failure.row])) for failure in failed]
 
-    def _weather_rows(self, steps: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Rows of the pool that are the weather of ``steps``, ``(n,)`` or ``(n, m)``."""
-        day = self._program.day
-        rows = self._rows if steps.ndim == 1 else self._rows[:, None]
-        return self.days[rows, steps // day] + steps % day
-
-    def _shown_steps(self) -> NDArray[np.int64]:
-        """Steps whose weather is shown."""
-        return np.maximum(self.k - self._program.lag, 0)
-
-    def _reader(
-        self,
-        before: Floats,
-        after: Floats,
-        controls: Floats,
-        tape: Tape,
-        steps_before: NDArray[np.int64],
-        *,
-        controls_before: Floats | None = None,
-        actions: Floats | None = None,
-        weather_steps: NDArray[np.int64] | None = None,
-    ) -> Callable[[Source, int], Any]:
-        """What a tape reads.
-
-        ``weather_steps`` are the steps whose weather it reads, by default those shown; ``controls_before`` are by default the controls now.
-        """
-        program = self._program
-        noise = None
-        if tape.reads("noise"):  # the numbers of all streams in this step, side by side
-            streams = enumerate(program.streams, len(program.parameter_noise))
-            noise = np.hstack([uniforms(self.keys[:, place], self.k[:, None], count)[:, 0] for place, count in streams])
-        calendar = {"calendar": self.first + self.k, "calendar_before": self.first + steps_before}
-        arrays = {
-            "before": before,
-            "after": after,
-            "controls": controls,
-            "controls_before": controls if controls_before is None else controls_before,
-            "given": actions,
-            "trait": self.traits,
-            "memory": self.memory.copy(),
-            "noise": noise,
-        }
-
-        def read(source: Source, index: int) -> Any:
-            if source in calendar:
-                return program.calendar[calendar[source], index]
-            if source == "weather":
-                steps = self._shown_steps() if weather_steps is None else weather_steps
-                return program.weather[self._weather_rows(steps), index]
-            if source == "weather_before":
-                return program.weather[self._weather_rows(steps_before), index]
-            if source == "counter":
-                return (self.k if index == 0 else self._shown_steps()).astype(np.float64)
-            array = arrays[source]
-            assert array is not None
-            return array[:, index]
-
-        return read
-
     def _valid_rows(self) -> NDArray[np.bool_]:
         """Rows whose numbers count: neither ended before the step nor failed in it."""
         valid: NDArray[np.bool_] = ~self.ended
@@ -260,14 +262,14 @@ class NumpyEnvironments(Environments):
     def _look(self, before: Floats, after: Floats, steps_before: NDArray[np.int64], *, controls_before: Floats | None) -> None:
         """Fill table and observations after a step, or without one: then there are no ``controls_before``."""
         program, parts = self._program, self._parts
-        read = self._reader(before, after, self.u, program.outcome, steps_before, controls_before=controls_before)
+        read = tape_reader(program, self, program.outcome, before, after, self.u, steps_before, controls_before=controls_before)
         with np.errstate(over="ignore"):
             for target, index, values in program.outcome.play(read):
                 (self.table if target == "table" else self.observations)[:, index] = values
         for lookup in program.lookups:
             ahead = np.arange(lookup.rows) + lookup.ahead
-            clock, weather = (self.first + self.k)[:, None] + ahead, self._shown_steps()[:, None] + ahead
-            rows = clock if lookup.clocked else self._weather_rows(weather)
+            clock, weather = (self.first + self.k)[:, None] + ahead, shown_steps(program, self)[:, None] + ahead
+            rows = clock if lookup.clocked else weather_rows(program, self, weather)
             width = lookup.rows * lookup.table.shape[1]
             self.observations[:, lookup.at : lookup.at + width] = lookup.table[rows // lookup.every].reshape(self._n, width)
         if parts.reward is not None and controls_before is not None:
@@ -278,7 +280,7 @@ class NumpyEnvironments(Environments):
                 raise TaskError(msg)
         if parts.observation:
             air = self.table[:, parts.air].T.copy()
-            rows = self._weather_rows(self._shown_steps())
+            rows = weather_rows(program, self, shown_steps(program, self))
             inputs = ObservationInputs(after, self.u, air, self.k.copy(), rows, self.first + self.k)
             for columns, part in parts.observation:
                 self.observations[:, columns] = part(inputs, self._valid_rows())

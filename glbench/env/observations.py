@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from glbench.env.air import AIR
 from glbench.env.forecast import HOUR
 from glbench.env.numpy_environments import ObservationInputs
+from glbench.env.outdoor import MEASURED
 from glbench.env.weather_pool import CLOCK, WeatherTables
 from glbench.errors import TaskError, UnknownNameError, did_you_mean
 from glbench.kernel.environment import Lookup
@@ -32,14 +33,14 @@ from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
-Source = Literal["states", "air", "controls", "counter", "clock", "schedule"]
+Source = Literal["states", "air", "weather", "controls", "counter", "clock", "schedule"]
 
 
 @dataclass(frozen=True)
 class Numbers:
     """Columns that are numbers of the run times factors.
 
-    "counter" has the steps taken and the step whose weather is shown, "clock" hour of day and day of year, "schedule" what comes now.
+    "weather" is as read, "counter" has steps taken and the step whose weather is shown, "clock" hour and day, "schedule" what comes now.
     """
 
     source: Source
@@ -159,7 +160,9 @@ _SOURCES: dict[str, Callable[[TaskSpec, WeatherTables], tuple[ColumnSource, ...]
     "time": lambda task, tables: (Lookup(tables.clock, clocked=True),),
     "local_time": lambda task, tables: _plain("clock", *(1.0,) * len(CLOCK)),
     "controls": lambda task, tables: _plain("controls", *(capacity.at_one for capacity in task.capacities())),
-    "weather": lambda task, tables: (Lookup(tables.measured),),
+    "weather": lambda task, tables: (
+        (Lookup(tables.measured),) if task.outdoor_sensors is None else _plain("weather", *(1.0,) * len(MEASURED))
+    ),
     "forecast": lambda task, tables: _ahead(task, tables.measured),
     "weather_forecast": lambda task, tables: (Lookup(tables.forecast, every=max(HOUR // task.weather.step_seconds, 1)),),
     "full_state": lambda task, tables: _plain("states", *(1.0,) * len(task.model_value.state_names)),

@@ -6,6 +6,7 @@ Every part that glbench ships can be recorded. A registered part is Python: the 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -29,10 +30,8 @@ from glbench.kernel.environment import Lookup, ParameterNoise, Program
 from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, with_simplification
 from glbench.model import Air, humidity_deficit
 from glbench.tasks.ledger import TRAVEL
-from glbench.weather import COLUMNS
 
 if TYPE_CHECKING:
-    from glbench.env.memory_layout import MemoryLayout
     from glbench.model import ObservedColumn
     from glbench.tasks import TaskSpec
 
@@ -68,8 +67,7 @@ def record_quantities(task: TaskSpec) -> Tape | None:
     Unlike the program this needs no weather.
     """
     with Recorder() as recorder:
-        controls = [recorder.input("controls", index) for index in range(len(task.model_value.control_names))]
-        air = _true_air(task, recorder)
+        controls, air = _controls(task, recorder), _true_air(task, recorder)
         quantities, reward = _quantities(task, recorder, controls, air)
         if reward is not None:
             return None
@@ -130,8 +128,8 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
         ),
         followers=followers,
         update=update.tape(),
-        streams=(scenarios.sensors.numbers,) if scenarios.sensors.numbers else (),
-        traits=2 * len(scenarios.sensors.sensors),
+        streams=tuple(part.numbers for part in scenarios.drawing_parts if part.numbers),
+        traits=sum(part.trait_count for part in scenarios.drawing_parts),
         memory=scenarios.memory_layout.width,
         lookups=lookups,
         columns=columns,
@@ -163,21 +161,30 @@ def _actuation(task: TaskSpec, kind: actuation.RecordedActuation | None, scenari
                 recorder.output("controls", names.index(name), value)
             return recorder.tape()
         actions = {action.name: recorder.input("given", place) for place, action in enumerate(task.actions)}
-        controls = {name: recorder.input("controls", names.index(name)) for name in task.actuation.controls}
+        commands = scenarios.actuators.commands(recorder, _controls(task, recorder), scenarios.memory_layout)
+        controls = {name: commands[names.index(name)] for name in task.actuation.controls}
         memory = {name: recorder.input("memory", place) for name, place in places.items()}
         measured, air = None, _true_air(task, recorder, "before")
         if air:  # as the sensors show it
             temperature, co2, humidity = scenarios.sensors.readings(recorder, air, scenarios.memory_layout)
-            radiation, outside, wind = (recorder.input("weather", COLUMNS.index(name)) for name in ("iGlob", "tOut", "wind"))
+            weather = scenarios.outdoor_sensors.readings(recorder)
+            radiation, outside, wind = (weather[name] for name in ("global_radiation", "outdoor_temperature", "wind_speed"))
             hour = recorder.input("calendar", CLOCK.index("hour_of_day"))
             deficit = with_simplification(humidity_deficit, temperature, humidity)
             measured = Measured(temperature, co2, deficit, radiation, outside, wind, hour)
         next_controls, next_memory = kind.work(task, actuation.ActuationInputs(actions, controls, memory, measured))
         for index, name in enumerate(names):
-            recorder.output("controls", index, next_controls.get(name, schedule.get(name, 0.0)))
+            if name not in task.actuators:
+                recorder.output("controls", index, next_controls.get(name, schedule.get(name, 0.0)))
+        scenarios.actuators.record(recorder, next_controls, scenarios.memory_layout, scenarios.actuator_draws)
         for name, value in next_memory.items():
             recorder.output("memory", places[name], value)
     return recorder.tape()
+
+
+def _controls(task: TaskSpec, recorder: Recorder) -> list[Any]:
+    """Controls in force, all of the model's: what actuators deliver."""
+    return [recorder.input("controls", index) for index in range(len(task.model_value.control_names))]
 
 
 def _true_air(task: TaskSpec, recorder: Recorder, moment: Literal["before", "after"] = "after") -> list[Any]:
@@ -195,7 +202,8 @@ def _outcome(task: TaskSpec, scenarios: RunScenarios, update: Recorder) -> tuple
     """
     with Recorder() as recorder:
         air = _true_air(task, recorder)
-        controls = [recorder.input("controls", index) for index in range(len(task.model_value.control_names))]
+        controls = _controls(task, recorder)
+        commands = scenarios.actuators.commands(recorder, controls, scenarios.memory_layout)
         delivered = [control * capacity.at_one for control, capacity in zip(controls, task.capacities(), strict=True)]
         quantities, reward = _quantities(task, recorder, controls, air)
         rows = [
@@ -207,7 +215,7 @@ def _outcome(task: TaskSpec, scenarios: RunScenarios, update: Recorder) -> tuple
         for column, value in enumerate([*rows, *quantities]):
             recorder.output("table", column, value)
         measured = scenarios.sensors.readings(recorder, air, scenarios.memory_layout)
-        lookups, parts, columns = _observation(task, recorder, controls, measured, update, scenarios.memory_layout)
+        lookups, parts, columns = _observation(task, recorder, commands, measured, update, scenarios)
     return recorder.tape(), lookups, columns, reward, parts
 
 
@@ -238,9 +246,9 @@ def _quantities(task: TaskSpec, recorder: Recorder, controls: list[Any], air: li
 
 
 def _observation(
-    task: TaskSpec, recorder: Recorder, controls: list[Any], air: list[Any], update: Recorder, layout: MemoryLayout
+    task: TaskSpec, recorder: Recorder, controls: list[Any], air: list[Any], update: Recorder, scenarios: RunScenarios
 ) -> tuple[tuple[Lookup, ...], tuple[tuple[slice, Any], ...], int]:
-    tables, model = WeatherTables.of(task), task.model_value
+    tables, model, layout = WeatherTables.of(task), task.model_value, scenarios.memory_layout
     nominal = model.Parameters(*task.parameters().tolist())
     lookups: list[Lookup] = []
     parts: list[tuple[slice, Any]] = []
@@ -259,7 +267,8 @@ def _observation(
                 continue
             values: list[Any]
             if isinstance(column, Numbers):
-                values = _numbers(task, column, recorder, controls, air)
+                outside = list(scenarios.outdoor_sensors.readings(recorder).values()) if column.source == "weather" else []
+                values = _numbers(task, column, recorder, {"air": air, "weather": outside, "controls": controls})
             elif isinstance(column, Locked):  # for how many minutes a control still stays on or off
                 steps = recorder.input("memory", layout.of(actuation.PART)[actuation.hold_clock(column.control)])
                 rest: Any = actuation.hold_steps(task, task.on_off[column.control]) - steps
@@ -271,7 +280,8 @@ def _observation(
                 values = [with_simplification(lambda *entries, of=column.of_air: of(Air(*entries)), *air)]
             else:
                 place = layout.of(DAILY_SUMS)[column.name]
-                update.output("memory", place, _sum_since_midnight(task, column, update, place))
+                radiation = scenarios.outdoor_sensors.readings(update, "weather_before")["global_radiation"]
+                update.output("memory", place, _sum_since_midnight(task, column, update, place, radiation))
                 values = [recorder.input("memory", place)]
             for value in values:
                 recorder.output("observation", at, value)
@@ -282,12 +292,12 @@ def _observation(
     return tuple(lookups), tuple(parts), at
 
 
-def _sum_since_midnight(task: TaskSpec, column: ObservedColumn, recorder: Recorder, place: int) -> Any:
-    """What a column sums up since midnight, after the step, from what it had before it."""
+def _sum_since_midnight(task: TaskSpec, column: ObservedColumn, recorder: Recorder, place: int, radiation: Any) -> Any:
+    """What a column sums up since midnight, after the step, from what it had before it; ``radiation`` is the reading of the step."""
     model = task.model_value
     nominal = model.Parameters(*task.parameters().tolist())
-    controls = [recorder.input("controls", index) for index in range(len(model.controls))]
-    weather = [recorder.input("weather_before", index) for index in range(len(model.disturbances))]
+    controls, names = _controls(task, recorder), model.disturbance_names
+    weather = [radiation if name == "iGlob" else recorder.input("weather_before", names.index(name)) for name in names]
 
     def rate(*values: Any) -> Any:
         assert column.today is not None
@@ -299,8 +309,8 @@ def _sum_since_midnight(task: TaskSpec, column: ObservedColumn, recorder: Record
     return daily_sum(so_far, amount, before, now, task.step_seconds)
 
 
-def _numbers(task: TaskSpec, numbers: Numbers, recorder: Recorder, controls: list[Any], air: list[Any]) -> list[Any]:
-    """Observed numbers of the run, as recorded values."""
+def _numbers(task: TaskSpec, numbers: Numbers, recorder: Recorder, recorded: Mapping[str, list[Any]]) -> list[Any]:
+    """Observed numbers of the run, as recorded values; ``recorded`` are those of some sources."""
     values = []
     for index, factor in zip(numbers.indices, numbers.factors, strict=True):
         if numbers.source == "states":
@@ -312,6 +322,6 @@ def _numbers(task: TaskSpec, numbers: Numbers, recorder: Recorder, controls: lis
         elif numbers.source == "schedule":
             value = actuation.scheduled_controls(task, recorder.input)[list(task.scheduled_places)[index]]
         else:
-            value = (air if numbers.source == "air" else controls)[index]
+            value = recorded[numbers.source][index]
         values.append(value if factor == 1.0 else value * factor)
     return values

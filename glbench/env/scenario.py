@@ -14,10 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.env import actuation, air
+from glbench.env import actuation, actuators, air
 from glbench.env.daily_sums import DAILY_SUMS, initial_memory
 from glbench.env.generated import SeasonMaker
-from glbench.env.memory_layout import allocate
+from glbench.env.memory_layout import DrawingPart, DrawPlaces, allocate
+from glbench.env.outdoor import OutdoorSensors
 from glbench.env.random import uniforms
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters, spread_multipliers, stream_key
 from glbench.env.weather_pool import CLOCK, WeatherPool
@@ -53,8 +54,12 @@ class RunScenarios:
         Nominal parameters ``(p,)``.
     in_step, in_episode
         The groups of parameters that the step draws, and those that are drawn here.
-    sensors
+    sensors, outdoor_sensors
         Those that err.
+    actuators, actuator_draws
+        Those that are not ideal, and where their draws begin.
+    drawing_parts
+        The parts that draw numbers of their own, in the order in which tapes read them (``DrawPlaces``).
     memory_layout
         What the runs keep in memory.
     """
@@ -69,11 +74,16 @@ class RunScenarios:
         self._model = task.model_value
         self._derived = DerivedParameters(self._model, self.nominal, self.places(self.in_episode))
         self.sensors = air.Sensors.of(task)
+        self.outdoor_sensors = OutdoorSensors.of(task, DrawPlaces().after(self.sensors))
+        self.actuators = actuators.Actuators.of(task)
+        self.drawing_parts: tuple[DrawingPart, ...] = (self.sensors, self.outdoor_sensors, self.actuators)
+        self.actuator_draws = DrawPlaces().after(self.sensors).after(self.outdoor_sensors)
         self.memory_layout = allocate(
             **{
                 actuation.PART: actuation.actuation_memory(task),
                 air.PART: self.sensors.initial_memory(),
                 DAILY_SUMS: initial_memory(task),
+                actuators.PART: self.actuators.initial_memory(),
             }
         )
         self._starts: dict[int, Floats] = {}  # by row of the pool: the state before factors
@@ -98,8 +108,7 @@ class RunScenarios:
                 first += (share * (scenario.start_within_days + 1)).astype(np.int64) * pool.day
             weather = first
         names = [parameter_stream(group) for group in self.in_step]
-        if self.sensors.numbers:
-            names.append(air.STREAM)
+        names += [part.STREAM for part in self.drawing_parts if part.numbers]
         keys = np.array([[stream_key(scenario, seed, name) for name in names] for seed in seeds], np.uint64)
         return Scenes(
             self.start_states(seeds, weather),
@@ -107,7 +116,10 @@ class RunScenarios:
             first,
             keys.reshape(n, len(names), 2),
             self._episode_parameters(seeds),
-            self.sensors.traits(_episode_numbers(scenario, seeds, "sensor offsets", self.sensors.trait_numbers)),
+            np.concatenate(
+                [part.traits(_episode_numbers(scenario, seeds, part.TRAIT_STREAM, part.trait_numbers)) for part in self.drawing_parts],
+                axis=1,
+            ),
             self.memory_layout.rows(n),
         )
 

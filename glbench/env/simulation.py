@@ -15,7 +15,7 @@ from glbench.arrays import real_numbers
 from glbench.env.accounts import REWARD, make_accounts
 from glbench.env.actuation import ActionReader, run_calendar
 from glbench.env.kernels import SCORING_PRESET, Stepper, check_kernel, shared_kernel
-from glbench.env.numpy_environments import NO_PARTS, NumpyEnvironments, ParameterDraws
+from glbench.env.numpy_environments import NO_PARTS, NumpyEnvironments, ParameterDraws, tape_reader
 from glbench.env.program import air_columns, info_columns, make_program
 from glbench.env.scenario import RunScenarios
 from glbench.env.snapshot import Snapshot
@@ -23,6 +23,7 @@ from glbench.env.spaces import checked_seed, no_generators, the_task
 from glbench.errors import GlbenchError, ShapeError, TaskError
 from glbench.kernel.environment import Environments
 from glbench.kernel.records import all_finite
+from glbench.kernel.tape import Tape
 
 if TYPE_CHECKING:
     from glbench.kernel import StepFailure
@@ -147,7 +148,7 @@ class Simulation:
         self.n = n
         self.p_nominal = task.parameters()
         self.accounts = make_accounts(task)
-        make_program(task)  # raises for an unknown part, or one that does not fit the task
+        self._program = make_program(task)  # raises for an unknown part, or one that does not fit the task
         self.scenarios = RunScenarios(task)
         self.seeds = read_only(np.zeros(n, dtype=np.uint64))
         self.over = 0
@@ -170,7 +171,7 @@ class Simulation:
     @cached_property
     def _environments(self) -> Environments:
         """Made when first needed, because it may compile the kernel; before ``reset`` they stand at the start of seed 0."""
-        program, parts = make_program(self.task)
+        program, parts = self._program
         make = getattr(self.kernel, "environments", None)  # a custom kernel steps states only
         environments: Environments | None = None
         if self._may_fuse and make is not None and parts is NO_PARTS:
@@ -195,8 +196,16 @@ class Simulation:
 
     @property
     def u(self) -> Floats:
-        """Controls in force ``(n, controls)``, fractions; read-only, replaced in every step."""
+        """Controls in force ``(n, controls)``, fractions: what actuators deliver; read-only, replaced in every step."""
         return self._copy("u")
+
+    @property
+    def commands(self) -> Floats:
+        """What the actuators were told, ``(n, controls)``, fractions, read-only: ``u`` where they are ideal."""
+        commands = self.u.copy()
+        for index, place in self.scenarios.actuators.command_places(self.scenarios.memory_layout).items():
+            commands[:, index] = self._environments.memory[:, place]
+        return read_only(commands)
 
     @property
     def k(self) -> NDArray[np.int64]:
@@ -346,15 +355,31 @@ class Simulation:
     def step_controls(self, controls: ArrayLike) -> StepResult:
         """Take one step with ``controls`` ``(n, controls)``, fractions applied as they are: no actuation, no rate limit.
 
-        Scheduled ones follow the schedule, whatever is given. For privileged controllers and for replaying. Raises as ``step`` does.
+        They are commands where the task has actuators that are not ideal. Scheduled ones follow the schedule, whatever is given. For
+        privileged controllers and for replaying. Raises as ``step`` does.
         """
         self._check_running()
         self._write("direct_controls", controls)
         if places := [*self.task.scheduled_places.values()]:
             calendar = run_calendar(self.task, self.scenarios.pool.calendar[self._calendar_rows()], self._environments.k)
             self._environments.direct_controls[:, places] = calendar[:, -len(places) :]
+        if self.scenarios.actuators.actuators:
+            self._deliver()
         self._finish_step("direct_controls", self._environments.step_controls())
         return self._step_result()
+
+    @cached_property
+    def _delivery(self) -> Tape:
+        return self.scenarios.actuators.tape(self.scenarios.memory_layout, self.scenarios.actuator_draws)
+
+    def _deliver(self) -> None:
+        """Replace the commands among the controls given by what actuators deliver, as the program does in a step with actions."""
+        runs, tape, running = self._environments, self._delivery, ~self._environments.ended
+        commands = self._readers["direct_controls"](runs.direct_controls, self.n, runs.ended)
+        read = tape_reader(self._program[0], runs, tape, runs.x, runs.x, runs.u, runs.k, actions=commands, weather_steps=runs.k)
+        for target, index, values in tape.play(read):
+            array = runs.memory if target == "memory" else runs.direct_controls
+            array[running, index] = values[running]
 
     def end(self, rows: ArrayLike) -> None:
         """End the runs in ``rows`` (numbers or a mask) where they stand, for a reason outside the simulation."""

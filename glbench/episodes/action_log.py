@@ -55,16 +55,9 @@ class RunTable(Facts):
 class ActionLog:
     """Raw actions and rewards of all runs of an evaluation.
 
-    Attributes
-    ----------
-    provenance, definition, runs
-        Where it comes from, the task's definition as JSON, and how each run ended.
-    actions
-        What the agent answered, ``(steps, n, m)``, float32 if that holds them exactly, else float64; 0 after a run's end.
-    rewards
-        Reward of every step, ``(steps, n)``; 0 after a run's end.
-    final_states
-        States at the end of each run, ``(n, states)``.
+    ``actions`` ``(steps, n, m)`` are what the agent answered: float32 if that holds them exactly, else float64. ``rewards`` are those of
+    every step ``(steps, n)``; both are 0 after a run's end. ``final_states`` ``(n, states)`` are those at the end of each run.
+    ``definition`` is the task's, as JSON; ``provenance`` and ``runs`` say where the log comes from and how each run ended.
     """
 
     provenance: Provenance
@@ -205,10 +198,9 @@ def _log(content: Scan, provenance: Provenance, runs: tuple[RunFacts, ...], numb
         if row not in ended:
             refuse(f"the run with seed {run.seed} has no final state")
         if tuple(counted[:, row]) != (run.actions, run.steps):
-            msg = (
+            refuse(
                 f"the run with seed {run.seed} has {counted[0, row]} of {run.actions} actions and {counted[1, row]} of {run.steps} rewards"
             )
-            raise ValueError(msg)
     return ActionLog(provenance, content.attachments[TASK], runs, actions, rewards, final)
 
 

@@ -46,24 +46,12 @@ _SHORTEST, _LONGEST = 4, 96
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """One run.
+    """One run: where it comes from, how it ended, and its numbers.
 
-    Attributes
-    ----------
-    provenance, run
-        Where it comes from, and how it ended.
-    definition
-        The task's definition as JSON; ``task()`` makes the task of it.
-    groups
-        The groups of columns, with units and meanings.
-    tables
-        Values ``(steps, columns)`` by name of the group, float64; raw actions may be float32.
-    start
-        Values ``(columns,)`` at step 0 of the groups that have some.
-    times
-        UTC at the start and at the end of every step, ``(steps + 1,)`` datetime64[ns].
-    problem
-        In words, when the file was cut or damaged and this is what could be recovered; else ``None``.
+    ``definition`` is the task as JSON; ``task()`` makes the task of it. ``groups`` are those of the columns, with units and meanings.
+    ``tables`` holds the values ``(steps, columns)`` by name of the group, float64; raw actions may be float32. ``start`` holds those at
+    step 0 ``(columns,)`` of the groups that have some. ``times`` is UTC at the start and at the end of every step, ``(steps + 1,)``
+    datetime64[ns]. ``problem`` says in words that the file was cut or damaged and this is what could be recovered; else it is ``None``.
     """
 
     provenance: Provenance
@@ -140,14 +128,9 @@ class Episode:
     def to_frame(self, by: Literal["step", "time"] = "step") -> pd.DataFrame:
         """One row a step: ``utc_start`` and ``utc_end``, then every column.
 
-        ``frame.attrs`` holds units and meanings by column, the values at step 0 under ``"start"``, and task, agent and seed. Raises
-        ``EpisodeError`` when ``by`` is neither.
-
-        Parameters
-        ----------
-        by
-            The index: the number of the ``"step"``, from 1, or the ``"time"`` in UTC at its end, when the climate was as the row says.
-            Controls and weather of the row act until then, from ``utc_start`` on.
+        The index is ``by`` the number of the ``"step"``, from 1, or the ``"time"`` in UTC at its end, when the climate was as the row says;
+        controls and weather of the row act until then, from ``utc_start`` on. ``frame.attrs`` holds units and meanings by column, the
+        values at step 0 under ``"start"``, and task, agent and seed. Raises ``EpisodeError`` when ``by`` is neither.
         """
         import pandas as pd
 
@@ -178,20 +161,11 @@ class Episode:
 
 
 class EpisodeWriter:
-    """Writes one episode into a binary file, chunk by chunk, as a context manager.
+    """Writes one episode into a binary file that is open for writing, as a context manager.
 
-    What was written is handed to the system chunk by chunk: a killed writer loses the chunk it was at.
-
-    Parameters
-    ----------
-    file
-        A binary file, open for writing.
-    provenance, run, definition
-        As in ``Episode``; ``run.steps`` is the number of steps that are to come.
-    groups
-        The groups of columns.
-    action
-        float32 or float64: the type of the raw actions.
+    What was written is handed to the system chunk by chunk: a killed writer loses the chunk it was at. ``provenance``, ``run`` and
+    ``definition`` are as in ``Episode``, where ``run.steps`` is the number of steps that are to come; ``action`` is the type of the raw
+    actions, float32 or float64.
     """
 
     def __init__(
@@ -487,16 +461,10 @@ def local_days(local: NDArray[np.datetime64]) -> Places:
 
 @dataclass(frozen=True, eq=False)
 class Weeks:
-    """The accounts of a run by week.
+    """The accounts of a run by week: ``sums`` ``(weeks, lines)``, of light the mean of a day.
 
-    Attributes
-    ----------
-    first
-        First day of each week on the clock of the greenhouse, ``(weeks,)`` datetime64[D].
-    days
-        Days that each week has, ``(weeks,)``; of the last one perhaps fewer than seven.
-    sums
-        ``(weeks, lines)``; of light the mean of a day.
+    ``first`` is the first day of each week on the clock of the greenhouse, ``(weeks,)`` datetime64[D]. ``days`` is how many days each has,
+    ``(weeks,)``; the last one may have fewer than seven.
     """
 
     first: NDArray[np.datetime64]
@@ -516,16 +484,11 @@ def weeks_of(run: Recorded, signals: Signals, local: NDArray[np.datetime64]) -> 
 
 
 def by_week(episode: Episode) -> pd.DataFrame:
-    """The accounts of a run, one row a week, indexed by its first day on the clock of the greenhouse.
+    """The accounts of a run as a DataFrame, one row a week, indexed by its first day on the clock of the greenhouse.
 
-    Raises ``EpisodeError`` when the record lacks a column that it needs.
-
-    Returns
-    -------
-    pandas.DataFrame
-        ``days`` that the week has, and a column for each line of the accounts: light is the mean of a day [mol m-2 d-1], all else the sum
-        of the week, which for a last week of fewer days is not scaled up. ``frame.attrs`` holds ``units`` and ``titles`` by column. Heat is
-        also given as natural gas: 31.65 MJ m-3, its lower heating value.
+    It has the ``days`` of the week, and a column for each line of the accounts: light is the mean of a day [mol m-2 d-1], all else the sum
+    of the week, which for a last week of fewer days is not scaled up. ``frame.attrs`` holds ``units`` and ``titles`` by column. Heat is
+    also given as natural gas: 31.65 MJ m-3, its lower heating value. Raises ``EpisodeError`` when the record lacks a column that it needs.
     """
     import pandas as pd
 

@@ -52,16 +52,10 @@ class Drawing(Figure):
 
 
 def climate(*episodes: Episode, days: Days | None = None) -> Drawing:
-    """Temperature, humidity and CO2 of the air, with the band between the task's limits.
+    """Temperature, humidity and CO2 of the air in runs of one task, with the band between the task's limits.
 
-    Raises ``EpisodeError`` without an episode, with episodes of several tasks, or when there is nothing between ``days``.
-
-    Parameters
-    ----------
-    episodes
-        Runs of one task.
-    days
-        First and last moment to show [days from the start of the run]; by default the whole run.
+    ``days`` are the first and last moment to show [days from the start of the run]; by default the whole run. Raises ``EpisodeError``
+    without an episode, with episodes of several tasks, or when there is nothing between ``days``.
     """
     signals = _of_one_task(episodes)
     limits = dict(episodes[0].task().constraints.items())

@@ -73,20 +73,9 @@ LIMITS = Colour("green", (96, 176, 96))
 class Trajectory:
     """One run of one controller.
 
-    Attributes
-    ----------
-    controller
-        Name of the agent.
-    seed
-        Seed of the run.
-    times
-        UTC at the start and at the end of every step, ``(steps + 1,)`` datetime64[ns].
-    columns
-        Values of each step by column name, ``(steps,)`` float64 each.
-    remark
-        Why the run ended early, in words; empty when it did not.
-    began
-        Day on which it began, where that is not the day from which its curves are drawn.
+    ``times`` is UTC at the start and at the end of every step, ``(steps + 1,)`` datetime64[ns]; ``columns`` holds the values of each step
+    by column name, ``(steps,)`` float64 each. ``remark`` says why the run ended early, if it did. ``began`` is the day on which it began,
+    where that is not the day from which its curves are drawn.
     """
 
     controller: str
@@ -106,16 +95,8 @@ class Trajectory:
 class RunSet:
     """Trajectories of one task to be shown together.
 
-    Attributes
-    ----------
-    task, trajectories
-        The task and what was done in it.
-    labels
-        What the curves of each trajectory are called.
-    signals
-        What is shown of them; every trajectory has the columns that it needs.
-    first_day, days
-        The days that fast quantities show first; without a first day those with most violations.
+    ``labels`` are what the curves of each trajectory are called. ``signals`` are what is shown; every trajectory has the columns that it
+    needs. ``first_day`` and ``days`` are what fast quantities show first; without a first day those with most violations.
     """
 
     task: TaskSpec
@@ -357,19 +338,9 @@ def load_rerun() -> Any:
 def save_recording(runs: RunSet, path: Path, properties: Mapping[str, str] | None = None, *, plain: bool = False) -> None:
     """Write ``runs`` with their blueprint to ``path`` (.rrd), whole or not at all.
 
-    Raises ``GlbenchError`` without the viewer's package, when the chosen days are none of the episode's, or when the file cannot be
-    written.
-
-    Parameters
-    ----------
-    runs
-        What is shown.
-    path
-        The file.
-    properties
-        Provenance in words, kept in the recording: digests, versions.
-    plain
-        Without the viewer's menu, for pictures.
+    ``properties`` are the provenance in words, kept in the recording: digests, versions. A ``plain`` one has no menu of the viewer, for
+    pictures. Raises ``GlbenchError`` without the viewer's package, when the chosen days are none of the episode's, or when the file cannot
+    be written.
     """
     rerun = load_rerun()
     runs.closeup()  # an impossible choice of days raises before anything is made

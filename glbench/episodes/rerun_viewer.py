@@ -132,18 +132,9 @@ def stream_address(port: int) -> str:
 
 
 def take_picture(recording: Path, picture: Path, size: tuple[int, int] = PICTURE_SIZE) -> None:
-    """Write a PNG of the viewer showing ``recording``; needs no screen, but something that draws.
+    """Write a PNG of the viewer showing ``recording`` (.rrd), ``size`` pixels wide and high; needs no screen, but something that draws.
 
     Raises ``GlbenchError`` without the package, when nothing on this machine can draw, or when the file cannot be written.
-
-    Parameters
-    ----------
-    recording
-        A recording (.rrd).
-    picture
-        The file to write.
-    size
-        Width and height in pixels.
     """
     program = viewer_program()
     port = free_port()
@@ -235,19 +226,10 @@ class Viewer:
 
 
 class LiveView:
-    """Streams one run of an evaluation to a viewer, several times a second.
+    """Streams the run in ``row`` of an evaluation to the viewer at ``address`` (see ``rerun_viewer``), several times a second.
 
     Closing the viewer does not disturb the evaluation. After an interruption it shows the steps from there on, and its sums count from
     there.
-
-    Parameters
-    ----------
-    task, controller, seed
-        What is run.
-    row
-        The run that is shown, among those of the simulation.
-    address
-        Where the viewer takes streams (see ``rerun_viewer``).
     """
 
     def __init__(self, task: TaskSpec, controller: str, seed: int, address: str, row: int = 0) -> None:

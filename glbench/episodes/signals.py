@@ -117,30 +117,15 @@ class Signal:
 class Curve:
     """One curve for each controller. Nothing is recomputed but sums over time, differences, and factors of units.
 
-    Attributes
-    ----------
-    path
-        Place in the recording, ``group/quantity``; the controller's name follows, unless the curve is ``shared``.
-    title, unit
-        As shown.
-    columns
-        Names of the columns that it is made of.
-    form
-        ``value`` of the column; its ``sum`` from the first step on, in the order of the steps, so that the last value is the run's
-        metric (of several columns the sum of their sums); ``beyond``: the second of two columns minus the first, of which one is 0 in
-        every step; ``any``: the sum of the largest of several columns, such as the hours with at least one limit broken.
-    factor
-        From the column's unit to the one shown.
-    moment
-        Whether a value belongs to the ``start`` of its step, from where it holds, or to its ``end``.
-    limits
-        The task's constraint that belongs to it, if any.
-    shared
-        Whether it is the same for all controllers, such as the weather.
-    slow
-        Whether it is first shown over the whole episode, as sums are, and not over a few days.
-    span
-        Range of values shown first; ``None``: as the values are.
+    ``path`` is its place in the recording, ``group/quantity``; the controller's name follows, unless the curve is ``shared``, the same for
+    all, such as the weather. The ``form`` of its ``columns`` is the ``value``; the ``sum`` from the first step on, in the order of the
+    steps, so that the last value is the run's metric (of several columns the sum of their sums); ``beyond``: the second of two columns
+    minus the first, of which one is 0 in every step; or ``any``: the sum of the largest of several columns, such as the hours with at least
+    one limit broken. ``factor`` converts the column's unit to the one shown.
+
+    The ``moment`` says whether a value belongs to the ``start`` of its step, from where it holds, or to its ``end``. ``limits`` names the
+    task's constraint that belongs to it, if any. A ``slow`` curve is first shown over the whole episode, as sums are, and not over a few
+    days. ``span`` is the range of values shown first; ``None``: as the values are.
     """
 
     path: str
@@ -201,20 +186,9 @@ LineKind = Literal["light", "grown", "used", "earned", "paid", "violations", "pr
 class Line:
     """One line of a run's accounts: what is summed over the steps of a week, or of any other part of the run.
 
-    Attributes
-    ----------
-    name
-        Unique among the lines.
-    title, unit
-        As shown.
-    kind
-        ``light`` is shown as the mean of a day; ``grown`` and ``used`` are amounts, the others money or points.
-    column
-        Column of the record.
-    factor
-        From the column's unit to ``unit``.
-    formula
-        What is summed instead of a column: the amount of each step ``(steps,)`` from ``control`` and ``disturbance``.
+    ``name`` is unique among the lines. The ``kind`` ``light`` is shown as the mean of a day; ``grown`` and ``used`` are amounts, the others
+    money or points. ``factor`` converts the ``column`` of the record to ``unit``. A ``formula`` is summed instead of a column: the amount
+    of each step ``(steps,)`` from ``control`` and ``disturbance``.
     """
 
     name: str
@@ -238,30 +212,14 @@ class Amount:
 class Signals:
     """What is recorded and shown of runs of one task.
 
-    Attributes
-    ----------
-    recorded
-        Every column but the agent's actions, in the order of the record.
-    formulas
-        What is derived, in the order of its source; see ``derived``.
-    clock
-        Column with the hour of day of the greenhouse's clock at the end of each step.
-    pages
-        The curves, page by page.
-    overview
-        Paths of the curves of the overview, column by column: outcome, climate, controls.
-    worst
-        Column that tells the days to look at closely: those with its largest sum.
-    names
-        How the card calls a constraint.
-    prices
-        The task's prices in words, as in ``heat 0.09 EUR/kWh``.
-    total, income, costs, harvest, reward
-        Columns whose sums the card tells of every controller.
-    set_points
-        Entries of the task's actions that are no controls.
-    accounts
-        What a run grew, used and earned, line by line.
+    ``recorded`` are all columns but the agent's actions, in the order of the record; ``formulas`` what is ``derived``, in the order of its
+    source; ``clock`` the column with the hour of day of the greenhouse's clock at the end of each step.
+
+    ``pages`` have the curves; ``overview`` has the paths of its own, column by column: outcome, climate, controls. ``worst`` is the column
+    with whose largest sums the days to look at closely are found. ``names`` is how the card calls a constraint, ``prices`` the task's
+    prices in words, as in ``heat 0.09 EUR/kWh``; ``total``, ``income``, ``costs``, ``harvest`` and ``reward`` are columns whose sums it
+    tells of every controller. ``set_points`` are the entries of the task's actions that are no controls, ``accounts`` what a run grew, used
+    and earned, line by line.
     """
 
     recorded: tuple[Signal, ...]
@@ -299,11 +257,8 @@ class Signals:
     def derived(self, vectors: Vectors) -> Floats:
         """What follows from the numbers of a run, ``(rows, formulas)``.
 
-        Parameters
-        ----------
-        vectors
-            ``state`` and ``air`` of ``steps + 1`` moments, the start included, or of the ``steps`` after it: these are the rows. ``clock``
-            of all ``steps + 1`` moments, hours of day. ``control`` and ``disturbance`` of the ``steps``.
+        ``vectors`` has ``state`` and ``air`` of ``steps + 1`` moments, the start included, or of the ``steps`` after it: these are the
+        rows. It has ``clock`` of all ``steps + 1`` moments [hours of day], and ``control`` and ``disturbance`` of the ``steps``.
         """
         rows = len(vectors["state"])
         values = np.empty((rows, len(self.formulas)))

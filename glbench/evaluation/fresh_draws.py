@@ -60,22 +60,11 @@ def check_fresh_draws(job: Job) -> None:
 
 
 def add_fresh_draws(job: Job, run: Run) -> Result:
-    """Evaluate the agent of the finished ``job`` again with fresh draws, and save them in its result.
+    """Evaluate the agent of the finished ``job`` again with fresh draws, and save them in its result, which is returned.
 
-    Calling it again continues an interrupted evaluation. A result that already has fresh draws is returned unchanged. Raises
-    ``GlbenchError`` when an evaluation or a file fails, or no reference agent fits the task. Other errors as for ``check_fresh_draws``.
-
-    Parameters
-    ----------
-    job
-        The evaluation with the published draws, whose result is saved.
-    run
-        Does a job and returns its result.
-
-    Returns
-    -------
-    Result
-        With ``fresh_draws``.
+    ``job`` has the published draws, and its result is saved; ``run`` does a job and returns its result. Calling it again continues an
+    interrupted evaluation. A result that already has fresh draws is returned unchanged. Raises ``GlbenchError`` when an evaluation or a
+    file fails, or no reference agent fits the task. Other errors as for ``check_fresh_draws``.
     """
     check_fresh_draws(job)
     evaluation = replace(job, options=replace(job.options, fresh=False)).prepare()

@@ -120,14 +120,9 @@ class PackedAgent:
 
 @dataclass(frozen=True)
 class Payload:
-    """Files of this machine that tasks need: weather that the user imported, and the compiled kernels.
+    """Files of this machine that tasks need, by the names that they need: weather that the user imported, and the compiled kernels.
 
-    Attributes
-    ----------
-    weather, kernels
-        By the names that the files need.
-    processor
-        Features of the processor that the kernels were compiled for.
+    ``processor`` has the features of the processor that the kernels were compiled for.
     """
 
     weather: Mapping[str, bytes]

@@ -49,22 +49,9 @@ _TOGETHER = 32  # Seasons that are stepped together: enough for the kernel's spe
 class Trajectory:
     """One season of T steps, with the types and, for the same seed and actions, the bits of the Gymnasium environment.
 
-    Attributes
-    ----------
-    agent
-        Name of the agent that acted.
-    seed
-        Seed of the season, which ``reset`` takes.
-    observations
-        ``(T + 1, columns)`` float32, from the first to the one after the last step.
-    actions
-        ``(T, m)`` float32, as they were taken: with the noise, within their bounds.
-    rewards
-        ``(T,)`` float64.
-    terminations
-        ``(T,)``; true in the last step only.
-    profit
-        Sum of the season's EPI [EUR m-2].
+    ``seed`` is what ``reset`` takes. ``observations`` ``(T + 1, columns)`` float32 go from the first to the one after the last step;
+    ``actions`` ``(T, m)`` float32 are as they were taken: with the noise, within their bounds; ``rewards`` ``(T,)`` are float64;
+    ``terminations`` ``(T,)`` are true in the last step only. ``profit`` is the sum of the season's EPI [EUR m-2].
     """
 
     agent: str
@@ -113,17 +100,10 @@ def trajectories(
 ) -> Iterator[Trajectory]:
     """Seasons of ``agent`` on ``task``, one for each of ``seeds``, in their order; the bits do not depend on the other seeds.
 
-    Raises ``SubmissionError`` when the agent fails: data from a broken agent are useless.
-
-    Parameters
-    ----------
-    task, agent, seeds
-        Who acts where; ``check_learnable`` and ``check_agent`` say what can be learned from.
-    noise
-        Standard deviation of Gaussian noise on every action, in halves of its range, which belongs to the season's seed. The agent
-        sees its effect, and the noisy action is kept.
-    progress
-        Called after every step with the number of seasons that took it.
+    ``check_learnable`` and ``check_agent`` say what can be learned from. ``noise`` is the standard deviation of Gaussian noise on every
+    action, in halves of its range, which belongs to the season's seed; the agent sees its effect, and the noisy action is kept.
+    ``progress`` is called after every step with the number of seasons that took it. Raises ``SubmissionError`` when the agent fails: data
+    from a broken agent are useless.
     """
     for first in range(0, len(seeds), _TOGETHER):
         together = list(seeds[first : first + _TOGETHER])

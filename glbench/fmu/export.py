@@ -53,21 +53,11 @@ class {name}(GreenhouseSlave):
 
 
 def export_fmu(task: TaskSpec, file: Path, *, seed: int = 1, split: str | None = None, replace: bool = False) -> None:
-    """Write the greenhouse of ``task`` to ``file`` as an FMU for FMI 2.0 co-simulation.
+    """Write the greenhouse of ``task`` to ``file``, with the ending ``.fmu``, as an FMU for FMI 2.0 co-simulation.
 
-    Raises ``GlbenchError`` without PythonFMU; for another ending, a file that is there, a test season or an impossible seed; when the file
-    cannot be written.
-
-    Parameters
-    ----------
-    task
-        The task.
-    file
-        The FMU, with the ending ``.fmu``.
-    seed, split
-        Start values of its parameters, which an importer can change. Without a split: validation if the task has it, else training.
-    replace
-        Replace a file that is there.
+    ``seed`` and ``split`` are start values of its parameters, which an importer can change; without a split it is validation if the task
+    has it, else training. Raises ``GlbenchError`` without PythonFMU; for another ending, a file that is there unless ``replace``, a test
+    season or an impossible seed; when the file cannot be written.
     """
     require("An FMU", "fmu", "pythonfmu")
     if file.suffix != ".fmu":

@@ -18,18 +18,9 @@ LARGEST_SEED = 2**53  # FMI 2.0 has no integers of 64 bits: a seed is a real num
 
 @dataclass(frozen=True)
 class FmuSetup:
-    """What an FMU was exported with.
+    """What an FMU was exported with: its task by id and digest, start values of its parameters, and the version of glbench.
 
-    Attributes
-    ----------
-    task, digest
-        Id and digest of the task.
-    definition
-        The task as JSON (``TaskSpec.attachment``), if it does not come with glbench; otherwise empty.
-    seed, split
-        Start values of the parameters.
-    version
-        Of glbench.
+    ``definition`` is the task as JSON (``TaskSpec.attachment``), if it does not come with glbench; otherwise empty.
     """
 
     task: str

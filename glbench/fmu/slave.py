@@ -74,17 +74,7 @@ class _Real(pythonfmu.Real):  # type: ignore[misc]  # PythonFMU has no types
 
 
 class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
-    """One greenhouse of a task. A subclass in the FMU states ``setup``.
-
-    Attributes
-    ----------
-    setup
-        What the FMU was exported with.
-    task
-        Its task, in any split.
-    inputs
-        Its inputs (``fmu_inputs``).
-    """
+    """One greenhouse of a task, in any split. A subclass in the FMU states ``setup``, what it was exported with."""
 
     setup: ClassVar[FmuSetup]
 
@@ -249,7 +239,7 @@ class GreenhouseSlave(Fmi2Slave):  # type: ignore[misc]
         for _ in range(steps):
             change = shares
             if task.actuation.kind == "rate":
-                change = np.clip((shares - simulation.u[0, moved]) / task.actuation.max_change, -1.0, 1.0)
+                change = np.clip((shares - simulation.commands[0, moved]) / task.actuation.max_change, -1.0, 1.0)
             _, numbers, ended = simulation.step_single(change)
             rows.append(numbers[first:])
             if not simulation.over:

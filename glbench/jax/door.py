@@ -41,18 +41,10 @@ _OPEN: dict[str, object] = {}
 
 @dataclass(frozen=True)
 class Door:
-    """What the calls need, and the sizes of what they return.
+    """What the calls need, and the sizes of what they return. They find the door by ``name``.
 
-    Attributes
-    ----------
-    name
-        By which the calls find the door.
-    states, controls, memory
-        How many of them an environment has.
-    columns, actions
-        Of an observation and of an action.
-    scenarios, places
-        How many scenarios there are, and at how many places of each an episode may begin.
+    An environment has so many numbers of ``states``, ``controls`` and ``memory``, an observation ``columns``, an action ``actions``; an
+    episode may begin at ``places`` places of each of ``scenarios`` scenarios.
     """
 
     name: str

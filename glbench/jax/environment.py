@@ -51,17 +51,9 @@ class Box:
 class State(NamedTuple):
     """One environment; with ``vmap`` each has further axes in front.
 
-    Attributes
-    ----------
-    step
-        Steps taken, int32.
-    scenario
-        Number of the scenario in the environment's ``seeds``, int32.
-    ended
-        Whether the episode has ended.
-    numbers
-        State of the model, controls in force and memory ``(words,)`` uint32: halves of float64 numbers, which JAX need not understand.
-        ``Environment.unpack`` reads them.
+    ``step`` is the steps taken, ``scenario`` the number of the scenario in the environment's ``seeds``, both int32; ``ended`` says whether
+    the episode has ended. ``numbers`` ``(words,)`` uint32 are the state of the model, controls in force and memory: halves of float64
+    numbers, which JAX need not understand. ``Environment.unpack`` reads them.
     """
 
     step: jax.Array
@@ -185,13 +177,7 @@ class Environment:
         return self._actions
 
     def reset(self, key: jax.Array, params: Params | None = None) -> tuple[jax.Array, State]:
-        """Begin an episode in a random scenario, at one of its places.
-
-        Returns
-        -------
-        observation, state
-            ``(columns,)`` float32, and the environment.
-        """
+        """Begin an episode in a random scenario, at one of its places: the observation ``(columns,)`` float32, and the environment."""
         if self._door.places == 1:
             return self.reset_env(key, params)
         key, key_place = jax.random.split(key)

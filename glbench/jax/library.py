@@ -13,10 +13,10 @@ from importlib.metadata import version
 from pathlib import Path
 
 import jax
-from filelock import FileLock, Timeout
 
-from glbench.kernel.compiled import CompiledUnavailable, binding
+from glbench.kernel.compiled import binding
 from glbench.kernel.compiled.compiler import find_compiler, machine_digest
+from glbench.kernel.compiled.library import build_lock
 from glbench.resources import cache_folder
 
 RESET, STEP = "glbench_reset", "glbench_step"  # Names under which XLA knows the calls
@@ -60,21 +60,10 @@ def _build() -> Path:
     facts = (compiler.command, compiler.version, flags, machine_digest(), version("jaxlib"), _SOURCE.read_bytes())
     folder = cache_folder() / "kernel"
     path = folder / f"jax-{hashlib.sha256(repr(facts).encode()).hexdigest()[:20]}.so"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with FileLock(path.with_suffix(".lock"), timeout=_LOCK_SECONDS):
-            if not path.is_file():
-                with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=folder) as work:
-                    target = Path(work) / "door.so"
-                    compiler.compile(_SOURCE, target, (Path(jax.ffi.include_dir()),), flags)
-                    target.replace(path)
-    except Timeout as error:
-        msg = f"Another process has been building the library for JAX for {_LOCK_SECONDS:g} s (lock {error.lock_file}). Try again later."
-        raise CompiledUnavailable(msg) from error
-    except OSError as error:
-        msg = (
-            f"The kernel's cache folder {folder} cannot be used: {error.strerror or error}. "
-            "Set GLBENCH_CACHE to a folder that you may write to."
-        )
-        raise CompiledUnavailable(msg) from error
+    with build_lock(path.with_suffix(".lock"), "the library for JAX", _LOCK_SECONDS):
+        if not path.is_file():
+            with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=folder) as work:
+                target = Path(work) / "door.so"
+                compiler.compile(_SOURCE, target, (Path(jax.ffi.include_dir()),), flags)
+                target.replace(path)
     return path

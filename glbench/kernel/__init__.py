@@ -9,16 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from glbench.extras import lazy_names
-from glbench.kernel.kernel import (
-    BACKENDS,
-    Backend,
-    Kernel,
-    available,
-    built_libraries,
-    make_kernel,
-    why_not_compiled,
-    will_compile,
-)
+from glbench.kernel.kernel import BACKENDS, Backend, Kernel, available, built_libraries, make_kernel, why_not_compiled, will_compile
 from glbench.kernel.records import BoundStep, Rows, StepFailure
 from glbench.kernel.sensitivities import Adjoint, Linearisation
 from glbench.kernel.trajectories import RolloutError, Trajectory, TrajectoryGradient

@@ -25,7 +25,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import StepError, UnknownNameError, did_you_mean
+from glbench.errors import StepError, UnknownNameError, did_you_mean, refuse
 from glbench.kernel.environment import Program
 from glbench.kernel.records import BoundStep, Description, FloatArray, Rows, StepFailure, all_finite, inputs_in_words
 from glbench.kernel.sensitivities import Differentiator, Directions, Forward, Reverse
@@ -45,18 +45,9 @@ def state_scale(model: Model) -> FloatArray:
 class ReducedModel:
     """Scaled rates ``dz/dt`` of ``z = x[moving] / scale``, as CasADi SX expressions.
 
-    Attributes
-    ----------
-    moving, clocks : IndexArray
-        States that are integrated, and those that run at a constant rate.
-    scale : FloatArray
-        Typical sizes of the moving states.
-    z, constants : casadi.SX
-        Scaled moving states, and symbols for all values that are constant within a step.
-    rate : casadi.SX
-        dz/dt [s-1] as an expression of ``z`` and ``constants``.
-    prepare : casadi.Function
-        (u, d, p) -> (values of ``constants``, rates of the clocks [unit of the state per s]).
+    ``moving`` are the states that are integrated, ``scale`` their typical sizes; ``clocks`` are those that run at a constant rate.
+    ``constants`` are symbols for all values that are constant within a step; ``rate`` is dz/dt [s-1] as an expression of ``z`` and
+    ``constants``. ``prepare`` goes from (u, d, p) to the values of ``constants`` and the rates of the clocks [unit of the state per s].
     """
 
     moving: IndexArray
@@ -102,14 +93,9 @@ SUBSTEP_LIMIT = 20_000
 class CvodesSettings:
     """How CVODES is run: tolerances on states divided by their scale.
 
-    Attributes
-    ----------
-    absolute, relative : float
-        Local error allowed for each internal step, weighted root mean square over the states.
-    newton : float
-        Share of the tolerance left to the Newton iterations (CVODES' own default is 0.1).
-    hoist : bool
-        Whether the reduced model is integrated instead of the model as written.
+    ``absolute`` and ``relative`` are the local error allowed for each internal step, weighted root mean square over the states, and
+    ``newton`` is the share of it left to the Newton iterations (CVODES' own default is 0.1). With ``hoist``, the reduced model is
+    integrated instead of the model as written.
     """
 
     absolute: float
@@ -142,8 +128,7 @@ class CvodesBackend:
 
     def __init__(self, name: str, model: Model, *, step_seconds: float, preset: str) -> None:
         if preset not in PRESETS:
-            msg = f"The kernel has no preset '{preset}'.{did_you_mean(preset, PRESETS)}"
-            raise UnknownNameError(msg)
+            refuse(f"The kernel has no preset '{preset}'.{did_you_mean(preset, PRESETS)}", UnknownNameError)
         self.name = name
         self._settings = SETTINGS[name, preset]
         self._model = model
@@ -198,8 +183,7 @@ class CvodesBackend:
         def step() -> None:
             failures = self.advance(rows, out)
             if failures:
-                msg = f"The step failed in row {failures[0].row} of {len(out)}: {failures[0].reason}."
-                raise StepError(msg)
+                refuse(f"The step failed in row {failures[0].row} of {len(out)}: {failures[0].reason}.", StepError)
 
         return step
 

@@ -24,20 +24,10 @@ from glbench.kernel.tape import EMPTY, Tape
 class Lookup:
     """Rows of a table that are observed as they are.
 
-    Attributes
-    ----------
-    table
-        ``(rows, width)`` float32, C-contiguous; its rows are those of the pool of the weather or of the calendar.
-    at
-        First column of the observation.
-    rows
-        How many rows are shown, side by side. Those of the weather follow the environment's own sequence of days.
-    clocked
-        Whether the row is that of the calendar; otherwise that of the weather shown.
-    ahead
-        How many rows after it the first one is.
-    every
-        How many rows of the pool share a row of the table.
+    ``table`` is ``(rows, width)`` float32, C-contiguous; its rows are those of the pool of the weather or, if ``clocked``, of the calendar.
+    ``at`` is the first column of the observation; ``rows`` is how many are shown, side by side, and those of the weather follow the
+    environment's own sequence of days. The first one is that of the calendar now, or of the weather shown, or the one ``ahead`` rows later.
+    ``every`` is how many rows of the pool share a row of the table.
     """
 
     table: npt.NDArray[np.float32]

@@ -15,7 +15,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean, whole_number
+from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean, refuse, whole_number
 from glbench.kernel.environment import Environments, Program
 from glbench.kernel.records import BoundStep, Description, FloatArray, Rows, StepFailure, as_rows, bound_rows
 from glbench.kernel.sensitivities import Differentiator
@@ -64,32 +64,19 @@ def available(model: Model = TOMATO) -> tuple[str, ...]:
 
 
 def choose(name: str, model: Model = TOMATO) -> str:
-    """Name of the backend meant by ``name``, which may be ``auto``.
-
-    Raises
-    ------
-    UnknownNameError
-        When there is no backend of that name.
-    """
+    """Name of the backend meant by ``name``, which may be ``auto``. Raises ``UnknownNameError`` when there is no backend of that name."""
     if name == "auto":
         return available(model)[0]
     if name not in BACKENDS:
-        msg = f"The kernel has no backend '{name}'.{did_you_mean(name, ('auto', *BACKENDS))}"
-        raise UnknownNameError(msg)
+        refuse(f"The kernel has no backend '{name}'.{did_you_mean(name, ('auto', *BACKENDS))}", UnknownNameError)
     return name
 
 
 def make_backend(name: str, model: Model, *, step_seconds: float, preset: str, threads: int = 1) -> Backend:
     """Build the backend meant by ``name``.
 
-    CasADi's integrators are not made for ``threads``: only the compiled backend takes more than one.
-
-    Raises
-    ------
-    UnknownNameError
-        When backend or preset do not exist.
-    GlbenchError
-        When the backend does not work on this machine, with the reason.
+    CasADi's integrators are not made for ``threads``: only the compiled backend takes more than one. Raises
+    ``UnknownNameError`` when backend or preset do not exist, and ``GlbenchError``, with the reason, when the backend does not work here.
     """
     name = choose(name, model)
     if name == "compiled":
@@ -134,7 +121,8 @@ class Kernel(Trajectories):
     """x(t + h) from x(t) with controls, weather and parameters held constant in between.
 
     Row i of a batch gives the same bits as the row stepped alone, whatever the other rows and earlier calls were. Not
-    thread-safe.
+    thread-safe. Raises ``UnknownNameError`` when backend or preset do not exist, and ``ShapeError`` when ``step_seconds`` is not positive
+    and finite, or ``model`` is none.
 
     Parameters
     ----------
@@ -156,34 +144,19 @@ class Kernel(Trajectories):
         As given.
     backend : str
         Name of the backend that steps: ``"compiled"``, ``"casadi"`` or ``"cvodes"``.
-
-    Raises
-    ------
-    UnknownNameError
-        When backend or preset do not exist.
-    ShapeError
-        When ``step_seconds`` is not a positive, finite number, or ``model`` is none.
     """
 
     def __init__(
-        self,
-        model: Model,
-        step_seconds: float = 900.0,
-        *,
-        backend: str = "auto",
-        preset: str = "reference",
-        threads: int = 1,
+        self, model: Model, step_seconds: float = 900.0, *, backend: str = "auto", preset: str = "reference", threads: int = 1
     ) -> None:
         if not isinstance(model, Model):
-            msg = f"A kernel steps a model, such as Kernel(glbench.model.TOMATO, 900.0); got {model!r} in its place."
-            raise ShapeError(msg)
+            refuse(f"A kernel steps a model, such as Kernel(glbench.model.TOMATO, 900.0); got {model!r} in its place.", ShapeError)
         self.model = model
         self.step_seconds = _positive_seconds(step_seconds)
         self.preset = preset
         self.threads = whole_number(threads, "The number of threads")
         if self.threads < 1:
-            msg = f"The number of threads is at least 1, not {self.threads}."
-            raise ShapeError(msg)
+            refuse(f"The number of threads is at least 1, not {self.threads}.", ShapeError)
         self._backend = make_backend(backend, model, step_seconds=self.step_seconds, preset=preset, threads=self.threads)
         self.backend = self._backend.name
         self._names = model.names
@@ -195,27 +168,12 @@ class Kernel(Trajectories):
         return partial(type(self), **settings), (self.model, self.step_seconds)
 
     def step(self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> FloatArray:
-        """State after one control step.
+        """State after one control step: a new array in the shape of ``x``.
 
-        Parameters
-        ----------
-        x : array_like
-            States, (states,) or (n, states), in the order and units of ``model.states``.
-        u, d, p : array_like
-            Controls (controls,) [0..1], disturbances (disturbances,), parameters (parameters,), each with or without a leading
-            axis of n.
-
-        Returns
-        -------
-        ndarray
-            A new array in the shape of ``x``.
-
-        Raises
-        ------
-        ShapeError, ActionError
-            When an input has the wrong shape or is not finite, or a control lies outside 0..1.
-        StepError
-            When a row could not be integrated; says which, at which model time and with which inputs.
+        ``x`` is (states,) or (n, states), in the order and units of ``model.states``; ``u`` (controls,) [0..1], ``d`` (disturbances,) and
+        ``p`` (parameters,) are each with or without a leading axis of n. Raises ``ShapeError`` or ``ActionError`` when an input has the
+        wrong shape or is not finite, or a control lies outside 0..1. Raises ``StepError`` when a row could not be integrated; says which,
+        at which model time and with which inputs.
         """
         rows = as_rows(self._names, x, u, d, p)
         stepped, failures = self.advance(rows)
@@ -230,8 +188,7 @@ class Kernel(Trajectories):
         """
         if np.ndim(x) != 2:
             width = self.model.sizes["x"]
-            msg = f"try_step wants a batch of states (rows, {width}), not the shape {np.shape(x)}; use step for one state."
-            raise ShapeError(msg)
+            refuse(f"try_step wants a batch of states (rows, {width}), not the shape {np.shape(x)}; use step for one state.", ShapeError)
         return self.advance(as_rows(self._names, x, u, d, p))
 
     def advance(self, rows: Rows) -> tuple[FloatArray, list[StepFailure]]:
@@ -246,17 +203,8 @@ class Kernel(Trajectories):
     def step_into(self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike, out: FloatArray) -> None:
         """The same as ``step``, with the result in an array of the caller's.
 
-        Parameters
-        ----------
-        x, u, d, p : array_like
-            As for ``step``.
-        out : ndarray
-            States after the step, in the shape of ``x``: C-contiguous float64; may be ``x``. Rows that fail keep their state.
-
-        Raises
-        ------
-        ShapeError, ActionError, StepError
-            As for ``step``; ShapeError also for an ``out`` that does not fit.
+        ``out`` takes the states after the step, in the shape of ``x``: C-contiguous float64; it may be ``x``. Rows that fail keep their
+        state. Raises ``ShapeError``, ``ActionError`` or ``StepError`` as for ``step``; ShapeError also for an ``out`` that does not fit.
         """
         rows = as_rows(self._names, x, u, d, p)
         _, result = bound_rows(self._names, *rows, out)
@@ -267,25 +215,13 @@ class Kernel(Trajectories):
     def bind(self, x: FloatArray, u: FloatArray, d: FloatArray, p: FloatArray, out: FloatArray) -> BoundStep:
         """A step of these very arrays, for loops in which every microsecond counts.
 
-        ``step = kernel.bind(x, u, d, p, out)`` looks at shapes once; each ``step()`` then takes the values that the arrays hold
-        at that time. Controls outside 0..1 are not refused: whoever binds a step keeps them inside.
+        ``step = kernel.bind(x, u, d, p, out)`` looks at shapes once; each ``step()`` then takes the values that the arrays hold at that
+        time, and raises StepError when a row fails; the other rows have been stepped then. Controls outside 0..1 are not refused: whoever
+        binds a step keeps them inside.
 
-        Parameters
-        ----------
-        x, u, d, p : ndarray
-            As for ``step``, C-contiguous float64; ``u`` and ``d`` have as many rows as ``x``.
-        out : ndarray
-            States after the step, in the shape of ``x``; may be ``x``: then every call continues from the last.
-
-        Returns
-        -------
-        BoundStep
-            Call it without arguments. It raises StepError when a row fails; the other rows have been stepped then.
-
-        Raises
-        ------
-        ShapeError
-            When an array has another shape, type or layout.
+        The arrays are as for ``step``, C-contiguous float64; ``u`` and ``d`` have as many rows as ``x``. ``out`` takes the states after the
+        step, in the shape of ``x``; if it is ``x``, every call continues from the last. Raises ``ShapeError`` when an array has another
+        shape, type or layout.
         """
         rows, result = bound_rows(self._names, x, u, d, p, out)
         return self._backend.bind(rows, result)
@@ -331,14 +267,7 @@ class Kernel(Trajectories):
         )
 
 
-def make_kernel(
-    model: Model,
-    step_seconds: float = 900.0,
-    *,
-    workers: int = 1,
-    backend: str = "auto",
-    preset: str = "reference",
-) -> Kernel:
+def make_kernel(model: Model, step_seconds: float = 900.0, *, workers: int = 1, backend: str = "auto", preset: str = "reference") -> Kernel:
     """Kernel whose rows ``workers`` cores share, where it is compiled; the bits are the same. Errors as for ``Kernel``."""
     return Kernel(model, step_seconds, backend=backend, preset=preset, threads=whole_number(workers, "The number of workers"))
 
@@ -350,6 +279,5 @@ def _positive_seconds(step_seconds: float) -> float:
     except (TypeError, ValueError):
         seconds = math.nan
     if not (math.isfinite(seconds) and seconds > 0.0):
-        msg = f"The control step lasts {step_seconds!r} s; it must be a positive, finite number (usual: 300 or 900 s)."
-        raise ShapeError(msg)
+        refuse(f"The control step lasts {step_seconds!r} s; it must be a positive, finite number (usual: 300 or 900 s).", ShapeError)
     return seconds

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import ActionError, ShapeError
+from glbench.errors import ActionError, ShapeError, refuse
 from glbench.model import Model
 from glbench.model.model import refuse_expression
 
@@ -27,14 +27,9 @@ and took the other processors from whoever used them."""
 
 @dataclass(frozen=True)
 class StepFailure:
-    """One row of a batch that could not be stepped.
+    """The ``row`` of a batch, from 0, that could not be stepped.
 
-    Attributes
-    ----------
-    row : int
-        Position in the batch, from 0.
-    reason : str
-        A sentence: what went wrong, at which model time, with which controls and disturbances.
+    The ``reason`` is a sentence: what went wrong, at which model time, with which controls and disturbances.
     """
 
     row: int
@@ -44,12 +39,8 @@ class StepFailure:
 class Rows(NamedTuple):
     """Inputs of one control step for ``n`` greenhouses: finite, C-contiguous float64, controls within 0..1.
 
-    Attributes
-    ----------
-    x, u, d : FloatArray
-        States (n, states), controls (n, controls) [fraction of capacity], disturbances (n, disturbances).
-    p : FloatArray
-        Parameters, (n, parameters), or (1, parameters) when all rows share them.
+    ``x`` (n, states), ``u`` (n, controls) [fraction of capacity], ``d`` (n, disturbances), and ``p`` (n, parameters), or (1, parameters)
+    when all rows share them.
     """
 
     x: FloatArray
@@ -66,11 +57,7 @@ class BoundStep(Protocol):
     """One control step of the arrays that it was made for, as they are at the time of the call.
 
     Rows that fail keep their state in ``out``, the others are stepped.
-
-    Raises
-    ------
-    StepError
-        When a row could not be integrated, or an input is not finite.
+    Raises ``StepError`` when a row could not be integrated, or an input is not finite.
     """
 
     def __call__(self) -> None:
@@ -88,12 +75,8 @@ def all_finite(values: npt.NDArray[np.floating[Any]]) -> bool:
 def as_rows(names: Names, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> Rows:
     """Check the inputs of a step and give them as rows; an input without a leading axis serves every row.
 
-    Raises
-    ------
-    ShapeError
-        When a shape does not fit, or a value is not finite; names the row and the variable.
-    ActionError
-        When a control lies outside 0..1.
+    Raises ``ShapeError`` when a shape does not fit, or a value is not finite, and ``ActionError`` when a control lies outside 0..1;
+    both name the row and the variable.
     """
     states = _table(names, "x", x)
     count = states.shape[0]
@@ -125,10 +108,7 @@ def as_rows(names: Names, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, 
 def bound_rows(names: Names, x: FloatArray, u: FloatArray, d: FloatArray, p: FloatArray, out: FloatArray) -> tuple[Rows, FloatArray]:
     """The same memory as rows (n, ·) and results (n, states).
 
-    Raises
-    ------
-    ShapeError
-        When an array is not C-contiguous float64, has another shape, or ``out`` cannot be written.
+    Raises ``ShapeError`` when an array is not C-contiguous float64, has another shape, or ``out`` cannot be written.
     """
     count = len(x) if np.ndim(x) == 2 else 1
     arrays = {"x": x, "u": u, "d": d, "p": p, "out": out}
@@ -167,8 +147,7 @@ def _table(names: Names, key: str, values: npt.ArrayLike) -> FloatArray:
     try:
         table = np.ascontiguousarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        msg = f"The {_KINDS[key]}s {key} are not numbers ({error}). Give {width} of them, or a table (rows, {width})."
-        raise ShapeError(msg) from error
+        refuse(f"The {_KINDS[key]}s {key} are not numbers ({error}). Give {width} of them, or a table (rows, {width}).", ShapeError, error)
     if table.ndim not in (1, 2) or table.shape[-1] != width:
         listed = names[key] if width <= 3 else (*names[key][:2], "...", names[key][-1])
         msg = (

@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean
+from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean, refuse
 from glbench.kernel.records import FloatArray, Rows, StepFailure, all_finite, as_rows
 from glbench.model import Model
 
@@ -30,16 +30,10 @@ INPUTS = ("x", "u", "d")
 class Linearisation:
     """A control step and its Jacobians; a batch has a leading axis of n everywhere.
 
-    Attributes
-    ----------
-    x_next : ndarray
-        State after the step (states,), the same bits as from ``step``.
-    dx, du, dd : ndarray
-        Derivatives of ``x_next`` with respect to states (states, states), controls (states, controls) and disturbances
-        (states, disturbances); element [i, j] is in units of state i per unit of input j. One that was not asked for has no
-        columns: (states, 0).
-    dp : ndarray
-        The same for the parameters that were asked for (states, q), in their order.
+    ``x_next`` (states,) has the same bits as from ``step``. ``dx`` (states, states), ``du`` (states, controls) and ``dd`` (states,
+    disturbances) are its derivatives with respect to states, controls and disturbances; element [i, j] is in units of state i per unit of
+    input j. One that was not asked for has no columns: (states, 0). ``dp`` (states, q) is the same for the parameters that were asked for,
+    in their order.
     """
 
     x_next: FloatArray
@@ -53,12 +47,8 @@ class Linearisation:
 class Adjoint:
     """Gradient of ``cotangent . x_next`` with respect to the inputs of a step; a batch has a leading axis of n everywhere.
 
-    Attributes
-    ----------
-    x, u, d : ndarray
-        (states,), (controls,), (disturbances,) [unit of ``cotangent . x_next`` per unit of the input].
-    p : ndarray or None
-        (parameters,), when it was asked for. Rows that share inputs have a gradient each: add them up for that of the shared input.
+    ``x`` (states,), ``u`` (controls,), ``d`` (disturbances,) and, when it was asked for, ``p`` (parameters,) [unit of ``cotangent .
+    x_next`` per unit of the input]. Rows that share inputs have a gradient each: add them up for that of the shared input.
     """
 
     x: FloatArray
@@ -69,16 +59,9 @@ class Adjoint:
 
 @dataclass(frozen=True)
 class Directions:
-    """Directions of differentiation.
+    """Directions of differentiation: ``count`` for each row, ``shared`` when all rows have the same.
 
-    Attributes
-    ----------
-    count : int
-        How many for each row.
-    shared : bool
-        Whether all rows have the same.
-    seeds : dict
-        For each input ("x", "u", "d", "p") that is not held, a table (rows, or 1 when shared; count; size of the input).
+    ``seeds`` has for each input ("x", "u", "d", "p") that is not held a table (rows, or 1 when shared; count; size of the input).
     """
 
     count: int
@@ -158,30 +141,18 @@ class Differentiable(ABC):
         inputs: Sequence[str] = INPUTS,
         parameters: Sequence[str] = (),
     ) -> Linearisation:
-        """One control step and its Jacobians.
+        """One control step and its Jacobians, of one state or a batch, as for ``step``.
 
-        Parameters
-        ----------
-        x, u, d, p : array_like
-            As for ``step``: one state (states,) or a batch (n, states).
-        inputs : sequence of str
-            Which of ``"x"``, ``"u"`` and ``"d"`` to differentiate with respect to; the fewer, the cheaper.
-        parameters : sequence of str
-            Names of parameters to differentiate with respect to, see ``Model.parameter_names``.
-
-        Raises
-        ------
-        ShapeError, ActionError, StepError
-            As for ``step``; StepError also when a derivative is not finite.
-        UnknownNameError
-            When there is no such input or parameter.
+        ``inputs`` are which of ``"x"``, ``"u"`` and ``"d"`` to differentiate with respect to; the fewer, the cheaper. ``parameters`` are
+        names of parameters to differentiate with respect to, see ``Model.parameter_names``. Raises ``ShapeError``, ``ActionError`` or
+        ``StepError`` as for ``step``; StepError also when a derivative is not finite. Raises ``UnknownNameError`` when there is no such
+        input or parameter.
         """
         rows = as_rows(self.model.names, x, u, d, p)
         names = self.model.parameter_names
         for name in parameters:
             if name not in names:
-                msg = f"The model has no parameter '{name}'.{did_you_mean(name, names)}"
-                raise UnknownNameError(msg)
+                refuse(f"The model has no parameter '{name}'.{did_you_mean(name, names)}", UnknownNameError)
         numbers = tuple(map(names.index, parameters))
         sizes = self.model.sizes
         keys = checked_inputs(inputs)
@@ -205,26 +176,12 @@ class Differentiable(ABC):
         dd: npt.ArrayLike | None = None,
         dp: npt.ArrayLike | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """One control step, and how its result changes along directions of the inputs.
+        """One control step, as for ``step``, and how its result changes along directions of the inputs.
 
-        Parameters
-        ----------
-        x, u, d, p : array_like
-            As for ``step``: one state (states,) or a batch (n, states).
-        dx, du, dd, dp : array_like, optional
-            Direction in each input, in its units. For one state (size,), or (m, size) for m directions at once; for a batch
-            (size,) for all rows, (n, size), (n, m, size), or (1, m, size) for all rows. Inputs without one are held.
-
-        Returns
-        -------
-        x_next, tangent : ndarray
-            State after the step, and its derivative along the direction in the same shape, or with an axis of m before the
-            last one.
-
-        Raises
-        ------
-        ShapeError, ActionError, StepError
-            As for ``step``; StepError also when a derivative is not finite.
+        ``dx``, ``du``, ``dd`` and ``dp`` are the direction in each input, in its units; inputs without one are held. For one state it is
+        (size,), or (m, size) for m directions at once; for a batch (size,) for all rows, (n, size), (n, m, size), or (1, m, size) for all
+        rows. Returns the state after the step, and its derivative along the direction in the same shape, or with an axis of m before the
+        last one. Raises ``ShapeError``, ``ActionError`` or ``StepError`` as for ``step``; StepError also when a derivative is not finite.
         """
         rows = as_rows(self.model.names, x, u, d, p)
         one = np.ndim(x) == 1
@@ -232,12 +189,10 @@ class Differentiable(ABC):
         tables = {key: self._seeds(key, seed, len(rows.x), one=one) for key, seed in seeds.items() if seed is not None}
         counts = {table.shape[1] for table in tables.values()}
         if not counts:
-            msg = "forward needs a direction: give at least one of dx, du, dd, dp."
-            raise ShapeError(msg)
+            refuse("forward needs a direction: give at least one of dx, du, dd, dp.", ShapeError)
         if len(counts) > 1:
             listed = ", ".join(f"d{key} {table.shape[1]}" for key, table in tables.items())
-            msg = f"The numbers of directions differ ({listed}). Give every input as many, or leave it out to hold it."
-            raise ShapeError(msg)
+            refuse(f"The numbers of directions differ ({listed}). Give every input as many, or leave it out to hold it.", ShapeError)
         shared = all(len(table) == 1 for table in tables.values())
         if not shared:
             tables = {key: np.ascontiguousarray(_for_each(table, len(rows.x))) for key, table in tables.items()}
@@ -247,37 +202,13 @@ class Differentiable(ABC):
         return (result.x_next[0], tangents[0]) if one else (result.x_next, tangents)
 
     def adjoint(
-        self,
-        x: npt.ArrayLike,
-        u: npt.ArrayLike,
-        d: npt.ArrayLike,
-        p: npt.ArrayLike,
-        cotangent: npt.ArrayLike,
-        *,
-        parameters: bool = False,
+        self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike, cotangent: npt.ArrayLike, *, parameters: bool = False
     ) -> tuple[FloatArray, Adjoint]:
-        """One control step, and the gradient of ``cotangent . x_next`` with respect to its inputs.
+        """One control step, as for ``step``, and the gradient of ``cotangent . x_next`` with respect to its inputs.
 
-        Parameters
-        ----------
-        x, u, d, p : array_like
-            As for ``step``: one state (states,) or a batch (n, states).
-        cotangent : array_like
-            In the shape of ``x``, or (states,) for all rows: weight of each state after the step.
-        parameters : bool
-            Whether to give the gradient with respect to the parameters as well.
-
-        Returns
-        -------
-        x_next : ndarray
-            State after the step, the same bits as from ``step``.
-        gradient : Adjoint
-            Gradients with respect to x, u, d and, if asked for, p.
-
-        Raises
-        ------
-        ShapeError, ActionError, StepError
-            As for ``step``; StepError also when a derivative is not finite.
+        ``cotangent`` is the weight of each state after the step, in the shape of ``x``, or (states,) for all rows. Returns the state after
+        the step, with the same bits as from ``step``, and the gradients with respect to x, u, d and, with ``parameters``, p. Raises
+        ``ShapeError``, ``ActionError`` or ``StepError`` as for ``step``; StepError also when a derivative is not finite.
         """
         rows = as_rows(self.model.names, x, u, d, p)
         one = np.ndim(x) == 1
@@ -298,8 +229,7 @@ class Differentiable(ABC):
         try:
             table = np.asarray(values, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            msg = f"The {what} in {key} is not made of numbers ({error})."
-            raise ShapeError(msg) from error
+            refuse(f"The {what} in {key} is not made of numbers ({error}).", ShapeError, error)
         shape = table.shape
         if shape == (size,):
             table = table[None, None]
@@ -309,11 +239,9 @@ class Differentiable(ABC):
             table = table[:, None] if table.ndim == 2 else table
         else:
             expected = f"({size},) or (m, {size})" if one else f"({size},), ({count}, {size}) or ({count}, m, {size})"
-            msg = f"The {what} in {key} has the shape {shape}; expected {expected}."
-            raise ShapeError(msg)
+            refuse(f"The {what} in {key} has the shape {shape}; expected {expected}.", ShapeError)
         if not np.isfinite(table).all():
-            msg = f"The {what} in {key} has values that are not finite."
-            raise ShapeError(msg)
+            refuse(f"The {what} in {key} has values that are not finite.", ShapeError)
         return np.ascontiguousarray(table)
 
     def _forward(self, rows: Rows, directions: Directions) -> Forward:
@@ -329,8 +257,7 @@ class Differentiable(ABC):
         if failed.any():
             _, failures = self.advance(rows)
             reason = failures[0] if failures else StepFailure(0, "it could be stepped, but not differentiated")
-            msg = f"The step of {self.step_seconds:g} s failed in row {reason.row} of {len(rows.x)}: {reason.reason}."
-            raise StepError(msg)
+            refuse(f"The step of {self.step_seconds:g} s failed in row {reason.row} of {len(rows.x)}: {reason.reason}.", StepError)
         if all(map(all_finite, derivatives)):
             return
         bad = [~np.isfinite(table).all(axis=tuple(range(1, table.ndim))) for table in derivatives]

@@ -30,7 +30,7 @@ import casadi
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.model.expressions import simplification
 
 Source = Literal[
@@ -55,17 +55,9 @@ class RecordingError(GlbenchError):
 class Tape:
     """Operations on registers.
 
-    Attributes
-    ----------
-    constants
-        Values of the first registers, float64.
-    inputs
-        Source and index of the registers after these, ``(inputs, 2)`` int32.
-    operations
-        Operator and operands; the result of operation i is in register i, counted from the end of the inputs,
-        ``(operations, 3)`` int32.
-    outputs
-        Target, index and register, ``(outputs, 3)`` int32.
+    ``constants`` are the values of the first registers, float64; ``inputs`` ``(inputs, 2)`` int32 are source and index of those after
+    these. ``operations`` ``(operations, 3)`` int32 are operator and operands; the result of operation i is in register i, counted from the
+    end of the inputs. ``outputs`` ``(outputs, 3)`` int32 are target, index and register.
     """
 
     constants: npt.NDArray[np.float64]
@@ -87,17 +79,10 @@ class Tape:
         return [(_IN_NUMPY[op], a, b) for op, a, b in self.operations.tolist()]
 
     def play(self, read: Read) -> list[tuple[str, int, Any]]:
-        """Do the operations with NumPy, with the bits of the compiled kernel.
+        """Do the operations with NumPy, with the bits of the compiled kernel: target, index and values of each output.
 
-        Parameters
-        ----------
-        read
-            Gives the values of an input, ``(n,)`` or another shape, from its source and index.
-
-        Returns
-        -------
-        list
-            Target, index and values of each output; an output that depends on no input is a plain number.
+        ``read`` gives the values of an input, ``(n,)`` or another shape, from its source and index. An output that depends on no input is a
+        plain number.
         """
         registers: list[Any] = self.constants.tolist()
         registers += [read(SOURCES[source], index) for source, index in self.inputs.tolist()]
@@ -110,10 +95,7 @@ class Tape:
 class Recorder:
     """Records formulas inside its ``with`` block. Only one thread records at a time; blocks may be nested.
 
-    Raises
-    ------
-    RecordingError
-        At the end of the block, when a formula did something that a tape cannot hold.
+    The end of the block raises ``RecordingError`` when a formula did something that a tape cannot hold.
     """
 
     def __init__(self) -> None:
@@ -133,14 +115,12 @@ class Recorder:
         self._recording = False
         if isinstance(error, RuntimeError | TypeError | NotImplementedError) and not isinstance(error, GlbenchError):
             what = "decides by a number that is known only in the step" if "truth value" in str(error) else f"fails ({error})"
-            msg = f"A formula {what}, which cannot be recorded."
-            raise RecordingError(msg) from error
+            refuse(f"A formula {what}, which cannot be recorded.", RecordingError, error)
 
     def input(self, source: Source, index: int) -> Any:
         """Number ``index`` of a row of ``source``, a symbol."""
         if not self._recording:
-            msg = "A Recorder records inside its with block only."
-            raise RecordingError(msg)
+            refuse("A Recorder records inside its with block only.", RecordingError)
         key = source, index
         if key not in self._inputs:
             self._inputs[key] = casadi.SX.sym(f"{source}{index}")
@@ -149,8 +129,7 @@ class Recorder:
     def output(self, target: Target, index: int, value: Any) -> None:
         """Record ``value``, an expression or a plain number, as number ``index`` of a row of ``target``."""
         if not isinstance(value, casadi.SX | int | float | np.floating | np.integer) or isinstance(value, bool):
-            msg = f"A formula makes a {type(value).__name__}, which cannot be recorded."
-            raise RecordingError(msg)
+            refuse(f"A formula makes a {type(value).__name__}, which cannot be recorded.", RecordingError)
         number = casadi.SX(value)
         if number.shape != (1, 1):
             msg = f"A formula makes an array of shape {number.shape}, which cannot be recorded: a tape works on single numbers."
@@ -161,10 +140,7 @@ class Recorder:
     def tape(self) -> Tape:
         """The recorded operations that the outputs need.
 
-        Raises
-        ------
-        RecordingError
-            When a formula uses a CasADi operation that tapes do not have.
+        Raises ``RecordingError`` when a formula uses a CasADi operation that tapes do not have.
         """
         return _read(list(self._inputs), list(self._inputs.values()), self._outputs, self._values)
 
@@ -255,12 +231,7 @@ class TapeDerivatives:
         return played[: self._count]
 
 
-def _read(
-    keys: Sequence[tuple[Source, int]],
-    symbols: Sequence[Any],
-    outputs: Sequence[tuple[Target, int]],
-    values: Sequence[Any],
-) -> Tape:
+def _read(keys: Sequence[tuple[Source, int]], symbols: Sequence[Any], outputs: Sequence[tuple[Target, int]], values: Sequence[Any]) -> Tape:
     """The tape of ``outputs`` with these ``values``; repeated operations on the same operands are done once."""
     if not values:
         return EMPTY
@@ -290,8 +261,7 @@ def _read(
                 sources = [first, sources[0]]
             if code not in _PLACES:
                 name = next((name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code), code)
-                msg = f"A formula uses CasADi's operation {name}, which cannot be recorded."
-                raise RecordingError(msg)
+                refuse(f"A formula uses CasADi's operation {name}, which cannot be recorded.", RecordingError)
             # An operation with one operand has it in both places.
             key = ("operation", _PLACES[code], sources[0], sources[-1])
         register[to[0]] = numbers.setdefault(key, len(numbers))
@@ -364,11 +334,7 @@ _OPERATIONS: tuple[tuple[str, int, int, Callable[[Any, Any], Any]], ...] = (
 OPERATORS = tuple(name for name, *_ in _OPERATIONS)
 _IN_NUMPY = tuple(function for *_, function in _OPERATIONS)
 _PLACES = {code: place for place, (_, code, _, _) in enumerate(_OPERATIONS)} | {casadi.OP_CONSTPOW: OPERATORS.index("power")}
-_SHORT = {
-    casadi.OP_SQ: (casadi.OP_MUL, 0.0),
-    casadi.OP_TWICE: (casadi.OP_MUL, 2.0),
-    casadi.OP_INV: (casadi.OP_DIV, 1.0),
-}
+_SHORT = {casadi.OP_SQ: (casadi.OP_MUL, 0.0), casadi.OP_TWICE: (casadi.OP_MUL, 2.0), casadi.OP_INV: (casadi.OP_DIV, 1.0)}
 """CasADi's one-operand operations written with two operands: the constant first; 0.0 stands for the operand itself."""
 
 

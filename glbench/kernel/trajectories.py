@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import ActionError, ShapeError, StepError
+from glbench.errors import ActionError, ShapeError, StepError, refuse
 from glbench.kernel.records import FloatArray, Names, Rows, StepFailure, all_finite
 from glbench.kernel.sensitivities import ORDER, Differentiable, Differentiator, Reverse, all_directions, checked_inputs
 
@@ -23,14 +23,8 @@ _KINDS = {"x": "state", "u": "control", "d": "disturbance", "p": "parameter"}
 class Horizons:
     """Inputs of ``n`` horizons of T steps: finite float64, controls within 0..1.
 
-    Attributes
-    ----------
-    x : FloatArray
-        States at the start (n, states).
-    u, d : FloatArray
-        Controls (n, T, controls) and disturbances (n, T, disturbances); horizons may share memory.
-    p : FloatArray
-        Parameters (n or 1, T or 1, parameters): 1 where they are shared.
+    ``x`` (n, states) are the states at the start. ``u`` (n, T, controls) and ``d`` (n, T, disturbances) may share memory between horizons.
+    ``p`` is (n or 1, T or 1, parameters): 1 where they are shared.
     """
 
     x: FloatArray
@@ -64,12 +58,8 @@ class Horizons:
 def as_horizons(names: Names, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> Horizons:
     """Check the inputs of a rollout.
 
-    Raises
-    ------
-    ShapeError
-        When a shape does not fit, or a value is not finite; names horizon, step and variable.
-    ActionError
-        When a control lies outside 0..1.
+    Raises ``ShapeError`` when a shape does not fit, or a value is not finite, and ``ActionError`` when a control lies outside 0..1;
+    both name horizon, step and variable.
     """
     inputs = {key: _numbers(key, values) for key, values in (("x", x0), ("u", u), ("d", d), ("p", p))}
     size = {key: len(names[key]) for key in inputs}
@@ -109,10 +99,7 @@ def as_horizons(names: Names, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayL
 def by_horizon(what: str, values: npt.ArrayLike, count: int | None, shape: tuple[int, ...]) -> FloatArray:
     """A table (horizons, *shape); ``count`` is None for one horizon without an axis of its own.
 
-    Raises
-    ------
-    ShapeError
-        When ``values`` have neither ``shape`` nor, in a batch, (count, *shape).
+    Raises ``ShapeError`` when ``values`` have neither ``shape`` nor, in a batch, (count, *shape).
     """
     table = _numbers(what, values)
     if table.shape == shape:
@@ -150,8 +137,7 @@ def _numbers(key: str, values: npt.ArrayLike) -> FloatArray:
     try:
         return np.asarray(values, dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
-        msg = f"The {_KINDS.get(key, key)}s {key} of a rollout are not a table of numbers ({error})."
-        raise ShapeError(msg) from error
+        refuse(f"The {_KINDS.get(key, key)}s {key} of a rollout are not a table of numbers ({error}).", ShapeError, error)
 
 
 def _wrong_shape(what: str, shape: tuple[int, ...], expected: str) -> str:
@@ -161,12 +147,8 @@ def _wrong_shape(what: str, shape: tuple[int, ...], expected: str) -> str:
 class RolloutError(StepError):
     """A step of a rollout could not be integrated.
 
-    Attributes
-    ----------
-    horizon, step : int
-        Which step of which horizon, from 0; of several, the first of the earliest step.
-    states : ndarray
-        What all horizons had reached by then: (step + 1, states), or (n, step + 1, states) of a batch.
+    It is ``step`` of ``horizon``, from 0; of several, the first of the earliest step. ``states`` are what all horizons had reached by then:
+    (step + 1, states), or (n, step + 1, states) of a batch.
     """
 
     horizon: int
@@ -178,16 +160,11 @@ class RolloutError(StepError):
 class TrajectoryGradient:
     """Gradient of ``sum_t cotangents[t] . x[t]``; a batch has a leading axis of n everywhere.
 
-    Attributes
-    ----------
-    x0, u, d : ndarray
-        With respect to the state at the start (states,), controls (T, controls) and disturbances (T, disturbances) [unit of the sum
-        per unit of the input]. Without columns where the trajectory has no such derivatives. Horizons that share inputs have a
-        gradient each: add them up for that of the shared input.
-    p : ndarray or None
-        With respect to the parameters, when it was asked for: (parameters,), or (T, parameters) where they differ by step.
-    costates : ndarray
-        With respect to each state x[t], its own cotangent included (T + 1, states).
+    ``x0`` (states,), ``u`` (T, controls) and ``d`` (T, disturbances) are with respect to the state at the start, controls and disturbances
+    [unit of the sum per unit of the input], without columns where the trajectory has no such derivatives. Horizons that share inputs have a
+    gradient each: add them up for that of the shared input. ``p``, when it was asked for, is with respect to the parameters: (parameters,),
+    or (T, parameters) where they differ by step. ``costates`` (T + 1, states) are with respect to each state x[t], its own cotangent
+    included.
     """
 
     x0: FloatArray
@@ -201,16 +178,8 @@ class TrajectoryGradient:
 class Trajectory:
     """Consecutive control steps and their Jacobians, made by ``linearise_trajectory``; a batch has a leading axis of n everywhere.
 
-    Attributes
-    ----------
-    x : ndarray
-        States (T + 1, states), the same bits as from ``step``.
-    inputs : tuple of str
-        With respect to what there are derivatives.
-    jacobians : ndarray
-        How the sweeps read them: (n, T, directions, states), directions in u, then d, then x.
-    kernel : Differentiable
-        What made it.
+    ``x`` (T + 1, states) are the states, with the same bits as from ``step``; ``inputs`` are with respect to what there are derivatives.
+    ``jacobians`` are how the sweeps read them: (n, T, directions, states), directions in u, then d, then x. ``kernel`` made it.
     """
 
     x: FloatArray
@@ -234,25 +203,11 @@ class Trajectory:
         return self._columns("d")
 
     def push(self, du: npt.ArrayLike | None = None, dx0: npt.ArrayLike | None = None, dd: npt.ArrayLike | None = None) -> FloatArray:
-        """How all states change, to first order, when the inputs do.
+        """Changes of the states (T + 1, states) in their units, to first order, for changes of the inputs; the first is ``dx0``.
 
-        Parameters
-        ----------
-        du, dd : array_like, optional
-            Changes of controls (T, controls) and disturbances (T, disturbances) in their units; for a batch, one for all or with a
-            leading axis of n. Inputs without one are held.
-        dx0 : array_like, optional
-            Change of the state at the start (states,); for a batch, one for all or (n, states).
-
-        Returns
-        -------
-        ndarray
-            Changes of the states (T + 1, states) in their units; the first is ``dx0``.
-
-        Raises
-        ------
-        ShapeError
-            When a shape does not fit, or there are no derivatives with respect to an input that changes.
+        ``du`` (T, controls), ``dd`` (T, disturbances) and ``dx0`` (states,), at the start, are the changes in their units; for a batch, one
+        for all or with a leading axis of n. Inputs without one are held. Raises ``ShapeError`` when a shape does not fit, or there are no
+        derivatives with respect to an input that changes.
         """
         tables = {"u": du, "d": dd}
         size, steps = self._sizes, self.jacobians.shape[1]
@@ -261,12 +216,7 @@ class Trajectory:
                 msg = f"There are no derivatives with respect to {key}: linearise_trajectory(..., inputs={(*self.inputs, key)}) has them."
                 raise ShapeError(msg)
         moves = [
-            by_horizon(
-                f"changes d{key}",
-                np.zeros((steps, size[key])) if table is None else table,
-                self._count,
-                (steps, size[key]),
-            )
+            by_horizon(f"changes d{key}", np.zeros((steps, size[key])) if table is None else table, self._count, (steps, size[key]))
             for key, table in tables.items()
         ]
         start = np.zeros(size["x"]) if dx0 is None else dx0
@@ -277,15 +227,8 @@ class Trajectory:
     def pull(self, cotangents: npt.ArrayLike) -> TrajectoryGradient:
         """Gradient of ``sum_t cotangents[t] . x[t]``, to first order.
 
-        Parameters
-        ----------
-        cotangents : array_like
-            Weight of each state (T + 1, states); for a batch, one table for all or (n, T + 1, states).
-
-        Raises
-        ------
-        ShapeError
-            When the shape does not fit.
+        ``cotangents`` are the weight of each state (T + 1, states); for a batch, one table for all or (n, T + 1, states). Raises
+        ``ShapeError`` when the shape does not fit.
         """
         size, steps = self._sizes, self.jacobians.shape[1]
         table = by_horizon("cotangents", cotangents, self._count, (steps + 1, size["x"]))
@@ -335,61 +278,28 @@ class Trajectories(Differentiable):
         """Step checked horizons: write ``states`` (T + 1, n, states), whose first is there; gives how many steps all of them took."""
 
     def rollout(self, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> FloatArray:
-        """States along consecutive control steps, the same bits as from ``step`` in a loop.
+        """States (T + 1, states), or (n, T + 1, states) of a batch, along consecutive control steps; the first is ``x0``.
 
-        Parameters
-        ----------
-        x0, u, d, p : array_like
-            State at the start, controls [0..1], disturbances and parameters; shapes as above.
-
-        Returns
-        -------
-        ndarray
-            States (T + 1, states), or (n, T + 1, states) of a batch; the first is ``x0``.
-
-        Raises
-        ------
-        ShapeError, ActionError
-            When an input has the wrong shape or is not finite, or a control lies outside 0..1.
-        RolloutError
-            When a step could not be integrated: a StepError with horizon, step and the states that were reached.
+        They have the same bits as from ``step`` in a loop; controls are within 0..1, and the shapes of the inputs are as above. Raises
+        ``ShapeError`` or ``ActionError`` when an input has the wrong shape or is not finite, or a control lies outside 0..1. Raises
+        ``RolloutError`` when a step could not be integrated: a StepError with horizon, step and the states that were reached.
         """
         states = self._rollout(as_horizons(self.model.names, x0, u, d, p), one=np.ndim(x0) == 1)
         return states[0] if np.ndim(x0) == 1 else states
 
     def linearise_trajectory(
-        self,
-        x0: npt.ArrayLike,
-        u: npt.ArrayLike,
-        d: npt.ArrayLike,
-        p: npt.ArrayLike,
-        *,
-        inputs: Sequence[str] = ("x", "u"),
+        self, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike, *, inputs: Sequence[str] = ("x", "u")
     ) -> Trajectory:
-        """A rollout with the Jacobians of all its steps.
+        """A rollout, as for ``rollout``, with the Jacobians of all its steps.
 
-        They take 8 bytes times T times states times directions: 44 MB for 5,760 steps of the tomato model, in x and u.
-
-        Parameters
-        ----------
-        x0, u, d, p : array_like
-            As for ``rollout``.
-        inputs : sequence of str
-            Which of ``"x"``, ``"u"`` and ``"d"`` to differentiate with respect to; ``"x"`` is always one of them.
-
-        Raises
-        ------
-        ShapeError, ActionError, RolloutError
-            As for ``rollout``; ShapeError also when ``"x"`` is missing.
-        StepError
-            When a derivative is not finite.
-        UnknownNameError
-            When there is no such input.
+        ``inputs`` are which of ``"x"``, ``"u"`` and ``"d"`` to differentiate with respect to; ``"x"`` is always one. Jacobians take 8
+        bytes times T times states times directions: 44 MB for 5,760 steps of the tomato model, in x and u. Raises ``ShapeError``,
+        ``ActionError`` or ``RolloutError`` as for ``rollout``; ShapeError also when ``"x"`` is missing. Raises ``StepError`` when a
+        derivative is not finite, and ``UnknownNameError`` when there is no such input.
         """
         keys = checked_inputs(inputs)
         if "x" not in keys:
-            msg = f'A trajectory is linearised with respect to its states: add "x" to the inputs {keys}.'
-            raise ShapeError(msg)
+            refuse(f'A trajectory is linearised with respect to its states: add "x" to the inputs {keys}.', ShapeError)
         one = np.ndim(x0) == 1
         horizons = as_horizons(self.model.names, x0, u, d, p)
         x = self._rollout(horizons, one=one)
@@ -411,36 +321,17 @@ class Trajectories(Differentiable):
     ) -> tuple[FloatArray, TrajectoryGradient]:
         """A rollout and the gradient of ``sum_t cotangents[t] . x[t]`` with respect to its inputs; keeps states, no Jacobians.
 
-        Parameters
-        ----------
-        x0, u, d, p : array_like
-            As for ``rollout``.
-        cotangents : array_like
-            Weight of each state (T + 1, states); for a batch, one table for all or (n, T + 1, states).
-        parameters : bool
-            Whether to give the gradient with respect to the parameters as well.
-
-        Returns
-        -------
-        x : ndarray
-            States, as from ``rollout``.
-        gradient : TrajectoryGradient
-            Gradients with respect to x0, u, d and, if asked for, p, and the costates.
-
-        Raises
-        ------
-        ShapeError, ActionError, RolloutError
-            As for ``rollout``.
-        StepError
-            When a derivative is not finite.
+        The inputs are as for ``rollout``. ``cotangents`` are the weight of each state (T + 1, states); for a batch, one table for all or
+        (n, T + 1, states). Returns the states, as from ``rollout``, and the gradients with respect to x0, u, d and, with ``parameters``, p,
+        and the costates. Raises ``ShapeError``, ``ActionError`` or ``RolloutError`` as for ``rollout``, and ``StepError`` when a derivative
+        is not finite.
         """
         one = np.ndim(x0) == 1
         horizons = as_horizons(self.model.names, x0, u, d, p)
         n, steps = horizons.count, horizons.steps
         table = by_horizon("cotangents", cotangents, None if one else n, (steps + 1, horizons.x.shape[1]))
         if not all_finite(table):
-            msg = "The cotangents of a rollout have values that are not finite."
-            raise ShapeError(msg)
+            refuse("The cotangents of a rollout have values that are not finite.", ShapeError)
         x = self._rollout(horizons, one=one)
         rows = horizons.rows(x)
         ends = table[:, 1:].reshape(rows.x.shape)

@@ -10,13 +10,16 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from pydantic import Field
 
+from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard import statistics
 from glbench.leaderboard.catalogue import Catalogue, catalogue
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, refuse_mixed_digests
 from glbench.leaderboard.entries import Entry, entries_by_task, expected_seeds, metric_of, resolution_of
 from glbench.leaderboard.fresh_draws import FreshScore, fresh_score, fresh_score_over
-from glbench.leaderboard.regret import BestKnownMeans, Regret, best_known_means, can_be_best_known, regret_of
+from glbench.leaderboard.regret import PENALTY, BestKnownMeans, Regret, best_known_means, can_be_best_known, regret_of
 from glbench.leaderboard.training_data import TrainingData, budget_of, contamination_warning, training_data_of, years_of_runs
+from glbench.leaderboard.violations import AtPrice, Turn, at_prices
+from glbench.quantities import MONEY
 from glbench.tasks import Round
 from glbench.untrusted import html_of
 
@@ -64,6 +67,9 @@ class Row(statistics.FrozenModel):
     regret: Regret | None = Field(
         default=None, description="how far it stays below the best known runs; null where one of its runs has none"
     )
+    reversal: float | None = Field(default=None, description="probability that it is truly better than the ranked row above it")
+    at_prices: tuple[AtPrice, ...] = Field(default=(), description="places at other prices of violations; empty if they have none in money")
+    frontier: bool | None = Field(default=None, description="not privileged, and no such agent has its profit with fewer violations")
     fresh_draws: FreshScore | None = Field(default=None, description="score with fresh draws; null without them")
     by_year: tuple[OfYear, ...] = Field(
         default=(),
@@ -111,6 +117,7 @@ class TaskTable(statistics.FrozenModel):
     digest: str
     metric: str = Field(description="what the rows are ranked by")
     rows: tuple[Row, ...]
+    turns: tuple[Turn, ...] = Field(default=(), description="who changes places between half and double the price of violations")
     of_task: str = Field(default="", serialization_alias="task", description="id of the task; 'id' names the board")
     split: str | None = Field(default=None, description="split of the seasons; null of a task without splits")
     years: tuple[int, ...] = Field(default=(), description="years that the seasons are from")
@@ -204,9 +211,14 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
     rows: list[Row] = []
     fixed = {name for name, entry in complete.items() if entry.is_fixed}
     values = {name: (entry.by_training(metric),) for name, entry in complete.items()}
-    for tier in statistics.tiers(values, (resolution,), fixed=fixed):
+    order = statistics.tiers(values, (resolution,), fixed=fixed)
+    for tier in order:
         shared = len(rows) + 1
         rows += [_row(complete[name], shared, "", metric) for name in tier]
+    reversals = statistics.reversals([row.agent for row in rows], values, (resolution,), fixed=fixed)
+    penalties = {name: (entry.by_training(PENALTY),) for name, entry in complete.items()} if scores_money(metric, rows) else {}
+    places, turns = at_prices(values, penalties, order, {row.agent for row in rows if row.privileged}, fixed=fixed)
+    rows = [row.model_copy(update={"reversal": reversals.get(row.agent), **places.get(row.agent, {})}) for row in rows]
     for entry in (entry for entry in entries if entry.name not in complete):
         runs, reason = len(entry.seeds), "a trial"
         if not entry.states(metric):
@@ -222,6 +234,7 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
         title=first.title,
         digest=first.digest,
         rows=tuple(rows),
+        turns=turns,
         metric=metric,
         of_task=first.id,
         split=first.split,
@@ -230,6 +243,11 @@ def _table(task_id: str, entries: Sequence[Entry], expected: Mapping[str, Expect
         best_known=best_known_means(entries[0].first),
         task=task,
     )
+
+
+def scores_money(metric: str, rows: Sequence[Row]) -> bool:
+    """Whether all rows state a score in money, which ranks them, and the penalty in it."""
+    return bool(rows) and all(row.units.get(metric) == MONEY and PENALTY in row.means for row in rows) and metric == RANKING_METRIC
 
 
 def _row(entry: Entry, rank_: int | None, remark: str, metric: str) -> Row:

@@ -4,7 +4,8 @@ Means have intervals of Student's t. The random effects are runs (which two agen
 where a recipe has several. They are crossed, and their variances are added with the degrees of freedom of Welch and Cochran.
 IQM, median and worst tenth have the percentile bootstrap over runs that Agarwal et al. (2021, "Deep reinforcement learning
 at the edge of the statistical precipice", NeurIPS 34) recommend. Rewards of different tasks cannot be averaged as they are: a run's
-normalised score is 0 for what doing nothing earns on the task and 1 for the best result known there (``tasks/references.toml``).
+normalised score is 0 for the mean of the agent that the task's scale names and 1 for the best result known there
+(``tasks/references.toml``).
 
 Runs of two agents with the same seed have the same weather and the same draws of the crop's parameters, so agents are compared run by run;
 several trainings of a recipe are a second source of variance. The test is of the number that ranks: the
@@ -24,7 +25,7 @@ import math
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -391,12 +392,11 @@ def _ends(values: Array, confidence: float = CONFIDENCE) -> Array:
     return np.asarray(np.percentile(values, [tail, 100.0 - tail], axis=0), dtype=np.float64)
 
 
-def normalise(values: Array, nothing: float, best: float) -> Array:
-    """Rewards ``(n,)`` as normalised scores. Raises ``ResultError`` when the best known reward is not above that of doing nothing."""
-    if not best > nothing:
-        msg = f"The best known reward ({best:g}) is not above that of doing nothing ({nothing:g}): scores cannot be normalised."
-        raise ResultError(msg)
-    return (values - nothing) / (best - nothing)
+def normalise(values: Array, zero: float, best: float) -> Array:
+    """Rewards ``(n,)`` as normalised scores. Raises ``ResultError`` when the best known reward is not above the scale's zero."""
+    if not best > zero:
+        refuse(f"The best known reward ({best:g}) is not above the scale's zero ({zero:g}): scores cannot be normalised.", ResultError)
+    return (values - zero) / (best - zero)
 
 
 def mean_score(tasks: Sequence[Array]) -> Array:
@@ -672,3 +672,20 @@ def tiers(
         else:
             groups.append([agent])
     return tuple(tuple(tier) for tier in groups)
+
+
+def reversals(
+    order: Sequence[str],
+    scores: Mapping[str, Sequence[Array]],
+    resolutions: Sequence[float] | None = None,
+    scenarios: Sequence[Sequence[Hashable]] | None = None,
+    fixed: Collection[str] = (),
+) -> dict[str, float]:
+    """For every agent of ``order`` but the first, the probability that it is truly better than the one before it.
+
+    Half the p-value of their ``paired_test``, not corrected; 0.5 for equal means or a single run. Other arguments as for ``tiers``.
+    """
+    return {
+        lower: paired_test(scores[upper], scores[lower], resolutions, scenarios, (upper in fixed, lower in fixed)).p_value / 2.0
+        for upper, lower in pairwise(order)
+    }

@@ -1,24 +1,30 @@
-"""Agents over all tasks of a suite: normalised scores, aggregates and tiers."""
+"""Agents over all tasks of a suite: normalised scores with aggregates and tiers.
+
+Without plans on a task, 1 is what some ranked agent scores itself. So where all tasks score money and some have no plans, money is shown.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from pydantic import Field
 
-from glbench.evaluation.records import RANKING_METRIC
+from glbench.evaluation import Result
+from glbench.evaluation.records import RANKING_METRIC, RunResult
 from glbench.leaderboard import statistics
 from glbench.leaderboard.collect import Expectation, Origin, StoredResult
-from glbench.leaderboard.entries import entries_by_task, metric_of, of_one_version, resolution_of
-from glbench.leaderboard.ranking import Row, TaskTable, combined
-from glbench.leaderboard.regret import best_runs
+from glbench.leaderboard.entries import Entry, entries_by_task, metric_of, of_one_version, resolution_of
+from glbench.leaderboard.ranking import Row, TaskTable, combined, scores_money
+from glbench.leaderboard.regret import PENALTY, best_runs
+from glbench.leaderboard.violations import AtPrice, Turn, at_prices, ranks_of
 from glbench.quantities import MONEY
 from glbench.tasks import list_suites, published_task
 from glbench.tasks.references import SEVERAL, BestKnown, References, read_best_known, read_references
 
-NOTHING = "do_nothing"  # Name of the agent whose reward is the zero of normalised scores
+ZERO_TRAININGS = 5  # Fewest trainings of a trained agent whose mean is the zero of a task
 
 RULES = "rule_based_tuned"  # Name of the agent that suites show the difference to
 
@@ -46,15 +52,27 @@ class SuiteFigures(statistics.FrozenModel):
         return self.metrics
 
 
-class SuiteRow(statistics.FrozenModel):
-    """One agent over a suite, in normalised scores: 0 is doing nothing, 1 the best known result of each task."""
+class Money(statistics.FrozenModel):
+    """An agent over a suite whose tasks all score money, over the tasks that it has."""
 
-    rank: int | None
+    rank: int | None = Field(description="by the mean; null where it lacks tasks")
+    mean: statistics.Interval = Field(description="mean over the tasks of its score [EUR m-2]")
+    against_rules: statistics.Interval | None = Field(
+        description=f"mean over the tasks of its score minus that of {RULES}, paired by run [EUR m-2]; null if that one lacks tasks"
+    )
+    reversal: float | None = Field(description="as that of the row, by the mean score in money")
+
+
+class SuiteRow(statistics.FrozenModel):
+    """One agent over a suite, in normalised scores: 0 is the agent that the scale names, 1 the best known result of each task."""
+
+    rank: int | None = Field(description="by the mean normalised score; by the mean score in money if the suite has no scale")
     agent: str
-    iqm: statistics.Interval
-    mean: statistics.Interval
-    median: statistics.Interval
-    optimality_gap: statistics.Interval
+    iqm: statistics.Interval | None
+    mean: statistics.Interval | None = Field(description="null, as the other normalised scores, if a task has no scale")
+    median: statistics.Interval | None
+    optimality_gap: statistics.Interval | None
+    reversal: float | None = Field(default=None, description="as of a row of a task")
     regret: statistics.Interval | None = Field(
         default=None,
         description="mean over the tasks of the mean regret to the best known runs [EUR m-2]; null where it lacks tasks, or a task has "
@@ -65,6 +83,9 @@ class SuiteRow(statistics.FrozenModel):
         description=f"mean over the tasks of its score minus that of {RULES}, paired by run [EUR m-2]; null if one of the two lacks "
         "tasks, or a task has no best known runs or does not score money",
     )
+    money: Money | None = Field(default=None, description="null where a task does not score money")
+    at_prices: tuple[AtPrice, ...] = Field(default=(), description="as of a row of a task, over the tasks; empty where it lacks tasks")
+    frontier: bool | None = Field(default=None, description="as of a row of a task, of the means over the tasks")
     trainings: tuple[int, int] = Field(description="fewest and most trainings on a task")
     missing: tuple[str, ...] = Field(serialization_alias="missing_tasks")
     figures: SuiteFigures | None = None
@@ -85,15 +106,36 @@ class SuiteTable(statistics.FrozenModel):
 
     suite: str = Field(serialization_alias="name")
     tasks: tuple[str, ...]
+    zero: tuple[str, ...] = Field(default=(), description="agents whose mean is 0 on a task; empty if a task has no scale")
+    scale_versions: dict[str, int] = Field(default={}, description="version of the scale of each task that has one")
+    without_plans: tuple[str, ...] = Field(default=(), description="tasks without plans for all runs, where 1 is an agent's own score")
+    turns: tuple[Turn, ...] = Field(default=(), description="as of a task, by ranks in money")
     rows: tuple[SuiteRow, ...]
     improvements: tuple[Improvement, ...] = ()
     profiles: tuple[statistics.Profile, ...] = ()
 
+    @property
+    def in_money(self) -> bool:
+        """Whether it is shown in money, because it scores money and some of its tasks have no plans to measure by."""
+        return bool(self.without_plans) and any(row.money is not None for row in self.rows)
 
-def scores_by_task(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, dict[str, statistics.Array]]:
+    @property
+    def shown_rows(self) -> list[SuiteRow]:
+        """The rows as they are shown: in money with its ranks and no normalised score or regret, agents that lack tasks last."""
+        if not self.in_money:
+            return list(self.rows)
+        none = dict.fromkeys((*statistics.SCORES, "regret"))
+        rows = [row.model_copy(update=none | dict(row.money)) for row in self.rows if row.money is not None]
+        return sorted(rows, key=lambda row: (row.rank is None, 0.0 if row.rank is None or row.mean is None else -row.mean.value))
+
+
+def scores_by_task(
+    stored: Iterable[StoredResult], expected: Mapping[str, Expectation], metric: str | None = None
+) -> dict[str, dict[str, statistics.Array]]:
     """What ranks of complete entries of published tasks ``(trainings, n)``, by task id and entry, in the order of the task's seeds.
 
-    A training with one seed is in the same row of all tasks, as far as their numbers of trainings allow it.
+    ``metric`` is another metric in its place, of the entries that state it. A training with one seed is in the same row of all tasks, as
+    far as their numbers of trainings allow it.
     """
     complete = {
         task_id: {entry.name: entry for entry in entries if entry.complete and entry.states(metric_of(task_id, expected))}
@@ -108,8 +150,9 @@ def scores_by_task(stored: Iterable[StoredResult], expected: Mapping[str, Expect
     orders = {name: _same_rows(by_task) for name, by_task in trained.items()}
     return {
         task_id: {
-            name: entry.by_training(metric_of(task_id, expected))[orders.get(name, {}).get(task_id, slice(None))]
+            name: entry.by_training(metric or metric_of(task_id, expected))[orders.get(name, {}).get(task_id, slice(None))]
             for name, entry in entries.items()
+            if metric is None or entry.states(metric)
         }
         for task_id, entries in complete.items()
         if entries
@@ -138,6 +181,7 @@ def suite_table(
     tables: Sequence[TaskTable] = (),
     best_known: Mapping[str, BestKnown] | None = None,
     scenarios: Mapping[str, Sequence[Hashable]] | None = None,
+    penalties: Mapping[str, Mapping[str, statistics.Array]] | None = None,
 ) -> SuiteTable | None:
     """Aggregates of every agent over the tasks of a suite.
 
@@ -148,30 +192,44 @@ def suite_table(
     scores
         Rewards by task and entry, ``(n,)`` or ``(trainings, n)``, see ``scores_by_task``.
     references
-        Zero and one of each task's normalised score.
+        Zero and one of each task's normalised score. If all tasks score money, some may lack it: then no score is normalised.
     tables
-        Ranked rows of the tasks, for what agents earned, grew and used.
+        Ranked rows of the tasks, for what agents earned, grew and used, and in which unit.
     best_known
         Best known runs of the tasks, with the seeds of ``scores`` in their order, for regrets.
     scenarios
         For each task, a name for each run; runs of different tasks with the same name have the same draws. ``None``: all draws differ.
+    penalties
+        Penalties as ``scores``, for ranks at other prices of violations.
 
     Returns
     -------
     SuiteTable or None
-        ``None`` when no task of the suite has both results and references.
+        ``None`` when no task of the suite has both results and references, and not all score money.
     """
-    usable = tuple(task for task in tasks if task in references and task in scores)
+    of_task = {table.task_id: table for table in tables}
+    usable = tuple(task for task in tasks if task in scores)
+    money = bool(usable) and all(
+        best_known[task].units["reward"] == MONEY if best_known and task in best_known
+        else task in of_task and scores_money(of_task[task].metric, [row for row in of_task[task].rows if row.rank is not None])
+        for task in usable
+    )  # fmt: skip
+    ends = {task: both for task in usable if task in references and (both := references[task].ends) is not None}
+    if not money:
+        usable = tuple(ends)
     if not usable:
         return None
-    normalised: dict[str, dict[str, statistics.Array]] = {}
+    scaled = len(ends) == len(usable)
+    by_agent: dict[str, dict[str, statistics.Array]] = {}
     for task in usable:
-        reference = references[task]
         for agent, rewards in scores[task].items():
-            normalised.setdefault(agent, {})[task] = statistics.normalise(rewards, reference.nothing, reference.best)
-    whole = {agent: by_task for agent, by_task in normalised.items() if len(by_task) == len(usable)}
-    of_task = {table.task_id: resolution_of(table.metric, table.task) for table in tables}
-    resolutions = [of_task.get(task, statistics.RESOLUTION) / (references[task].best - references[task].nothing) for task in usable]
+            by_agent.setdefault(agent, {})[task] = statistics.normalise(rewards, *ends[task]) if scaled else rewards
+    whole = {agent: by_task for agent, by_task in by_agent.items() if len(by_task) == len(usable)}
+    resolutions = [
+        (resolution_of(of_task[task].metric, of_task[task].task) if task in of_task else statistics.RESOLUTION)
+        / (ends[task][1] - ends[task][0] if scaled else 1.0)
+        for task in usable
+    ]
     names = None if scenarios is None else [scenarios[task] for task in usable]
     rows_of: dict[str, list[Row]] = {}
     for row in (row for table in tables if table.task_id in usable for row in table.rows if row.rank is not None):
@@ -179,28 +237,38 @@ def suite_table(
     fixed = {agent for agent, rows in rows_of.items() if not any(row.training_steps for row in rows)}
     values = {agent: [by_task[task] for task in usable] for agent, by_task in whole.items()}
     order = statistics.tiers(values, resolutions, names, fixed)
-    in_money = _in_money(usable, scores, best_known or {}, names, fixed)
-    rows: list[SuiteRow] = []
-    for tier in order:
-        shared = len(rows) + 1
-        rows += [_row(agent, shared, whole[agent], usable, rows_of.get(agent, ()), scenarios, **in_money.get(agent, {})) for agent in tier]
-    rows += [
-        _row(agent, None, normalised[agent], usable, rows_of.get(agent, ()), scenarios) for agent in sorted(set(normalised) - set(whole))
-    ]
+    ranks, ordered = ranks_of(order), [agent for tier in order for agent in tier]
+    reversals = statistics.reversals(ordered, values, resolutions, names, fixed)
+    more: dict[str, dict[str, Any]] = {}
+    turns: tuple[Turn, ...] = ()
+    if money:
+        privileged = {agent for agent, rows in rows_of.items() if any(row.privileged for row in rows)}
+        more, turns = _in_money(usable, scores, penalties or {task: {} for task in usable}, best_known or {}, scenarios, fixed, privileged)
+    rows = [
+        _row(agent, ranks.get(agent), by_agent[agent], usable, rows_of.get(agent, ()), scenarios, scaled=scaled,
+             reversal=reversals.get(agent), **more.get(agent, {}))
+        for agent in (*ordered, *sorted(set(by_agent) - set(whole)))
+    ]  # fmt: skip
     improvements = []
-    for one, other in combinations([agent for tier in order for agent in tier], 2):
-        p = statistics.probability_of_improvement(whole[one], whole[other], scenarios)
+    for first, other in combinations(ordered, 2):
+        p = statistics.probability_of_improvement(whole[first], whole[other], scenarios)
         # What one has above the other is what the other has below it.
         back = statistics.Interval(value=1.0 - p.value, low=1.0 - p.high, high=1.0 - p.low)
-        improvements.append(Improvement(first=one, second=other, probability=p))
-        improvements.append(Improvement(first=other, second=one, probability=back))
-    return SuiteTable(suite=suite, tasks=usable, rows=tuple(rows), improvements=tuple(improvements), profiles=_profiles(whole, usable))
+        improvements.append(Improvement(first=first, second=other, probability=p))
+        improvements.append(Improvement(first=other, second=first, probability=back))
+    return SuiteTable(
+        suite=suite, tasks=usable, rows=tuple(rows), turns=turns, improvements=tuple(improvements),
+        zero=tuple(sorted({references[task].zero_agent for task in ends})) if scaled else (),
+        scale_versions={task: references[task].version for task in usable if task in ends},
+        without_plans=tuple(task for task in usable if task not in ends or not references[task].plans),
+        profiles=_profiles(whole, usable) if scaled else (),
+    )  # fmt: skip
 
 
 def suite_tables(
     stored: Sequence[StoredResult], expected: Mapping[str, Expectation], tables: Sequence[TaskTable]
 ) -> tuple[SuiteTable, ...]:
-    """Tables of all published suites that have results and references."""
+    """Tables of all published suites that have results, and references or scores in money."""
     scores, references = scores_by_task(stored, expected), read_references()
     best_known = {
         task_id: best
@@ -209,7 +277,8 @@ def suite_tables(
         and (best.task_digest, best.seeds, RANKING_METRIC) == (expected[task_id].digest, expected[task_id].seeds, expected[task_id].metric)
     }
     names = {task_id: scenario_names(task_id, expected[task_id].seeds) for task_id in scores}
-    suites = [suite_table(name, tuple(ids), scores, references, tables, best_known, names) for name, ids in list_suites().items()]
+    others = references, tables, best_known, names, scores_by_task(stored, expected, PENALTY)
+    suites = [suite_table(name, tuple(ids), scores, *others) for name, ids in list_suites().items()]
     return tuple(table for table in suites if table is not None)
 
 
@@ -227,7 +296,9 @@ def _row(
     tasks: Sequence[str],
     table_rows: Sequence[Row],
     scenarios: Mapping[str, Sequence[Hashable]] | None,
-    **in_money: statistics.Interval,
+    *,
+    scaled: bool,
+    **more: Any,
 ) -> SuiteRow:
     arrays = [scores[task] for task in tasks if task in scores]
     names = None if scenarios is None else [scenarios[task] for task in tasks if task in scores]
@@ -235,11 +306,11 @@ def _row(
     rows = [row for row in table_rows if row.task_id in scores]
     names_of_all = [name for name in rows[0].means if all(name in row.means for row in rows)] if rows else []
     means = {name: float(np.mean([row.means[name] for row in rows])) for name in names_of_all}
+    more |= {score: statistics.aggregate(arrays, score, names) if scaled else None for score in statistics.SCORES}
     return SuiteRow(
         rank=rank,
         agent=agent,
-        **{score: statistics.aggregate(arrays, score, names) for score in statistics.SCORES},
-        **in_money,
+        **more,
         trainings=(min(counts), max(counts)),
         missing=tuple(task for task in tasks if task not in scores),
         figures=SuiteFigures(metrics=means, **combined(rows)) if rows else None,
@@ -251,26 +322,34 @@ def _row(
 def _in_money(
     tasks: Sequence[str],
     scores: Mapping[str, Mapping[str, statistics.Array]],
+    penalties: Mapping[str, Mapping[str, statistics.Array]],
     best_known: Mapping[str, BestKnown],
-    scenarios: Sequence[Sequence[Hashable]] | None,
+    scenarios: Mapping[str, Sequence[Hashable]] | None,
     fixed: Collection[str],
-) -> dict[str, dict[str, statistics.Interval]]:
-    """For agents with all tasks, if all tasks score money: mean regret, and mean score minus that of the tuned rules."""
-    if any(task not in best_known or best_known[task].units["reward"] != MONEY for task in tasks):
-        return {}
-    best = [np.array([run.reward for run in best_known[task].runs]) for task in tasks]
-    everywhere = set[str].intersection(*(set(scores[task]) for task in tasks))
-    intervals: dict[str, dict[str, statistics.Interval]] = {}
-    for agent in everywhere:
-        own = [scores[task][agent] for task in tasks]
-        gaps = [top - values for top, values in zip(best, own, strict=True)]
-        intervals[agent] = {"regret": statistics.aggregate(gaps, "mean", scenarios)}
-        if RULES in everywhere - {agent}:
-            rules = [scores[task][RULES] for task in tasks]
-            intervals[agent]["against_rules"] = statistics.estimate_difference(
-                own, rules, scenarios, (agent in fixed, RULES in fixed)
-            ).interval()
-    return intervals
+    privileged: Collection[str],
+) -> tuple[dict[str, dict[str, Any]], tuple[Turn, ...]]:
+    """Of each agent its money over the tasks that it has and, if it has all, regret and places at other prices; and who changes places."""
+    having = {agent: [task for task in tasks if agent in scores[task]] for task in tasks for agent in scores[task]}
+    names = {agent: None if scenarios is None else [scenarios[task] for task in of_agent] for agent, of_agent in having.items()}
+    values = {agent: [scores[task][agent] for task in of_agent] for agent, of_agent in having.items()}
+    whole = {agent: of_agent for agent, of_agent in values.items() if len(of_agent) == len(tasks)}
+    exact, every = [0.0] * len(tasks), None if scenarios is None else [scenarios[task] for task in tasks]
+    order = statistics.tiers(whole, exact, every, fixed)
+    ranks, reversals = ranks_of(order), statistics.reversals([one for tier in order for one in tier], whole, exact, every, fixed)
+    rows: dict[str, dict[str, Any]] = {}
+    for agent, of_agent in having.items():
+        against = None
+        if RULES in set(whole) - {agent}:
+            rules = [scores[task][RULES] for task in of_agent]
+            against = statistics.estimate_difference(values[agent], rules, names[agent], (agent in fixed, RULES in fixed)).interval()
+        mean = statistics.estimate_mean(values[agent], names[agent]).interval()
+        rows[agent] = {"money": Money(rank=ranks.get(agent), mean=mean, against_rules=against, reversal=reversals.get(agent))}
+        if agent in whole and best_known.keys() >= set(tasks):
+            gaps = [np.array([run.reward for run in best_known[task].runs]) - scores[task][agent] for task in tasks]
+            rows[agent] |= {"regret": statistics.aggregate(gaps, "mean", every), "against_rules": against}
+    costs = {agent: [penalties[task][agent] for task in tasks] for agent in whole if all(agent in penalties[task] for task in tasks)}
+    places, turns = at_prices(whole, costs, order, privileged, every, fixed)
+    return {agent: one | places.get(agent, {}) for agent, one in rows.items()}, turns
 
 
 def _profiles(whole: Mapping[str, Mapping[str, statistics.Array]], tasks: Sequence[str]) -> tuple[statistics.Profile, ...]:
@@ -288,31 +367,39 @@ def _profiles(whole: Mapping[str, Mapping[str, statistics.Array]], tasks: Sequen
     return tuple(statistics.performance_profile(agent, each, thresholds) for agent, each in lists.items())
 
 
-def references_from(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, References]:
-    """References of every published task that has a complete result of ``do_nothing`` and a better one, in the metric that ranks.
+def references_from(
+    stored: Iterable[StoredResult], expected: Mapping[str, Expectation], before: Mapping[str, References]
+) -> dict[str, References]:
+    """References of the tasks in ``before``, in the metric that ranks, from complete results; what results do not change stays as it is.
 
-    The best is the mean of the best known runs of all seeds, whichever agents they are of.
+    A zero that is there stays; else it is the mean of the agent that the entry names, over ``ZERO_TRAININGS`` trainings or more if it was
+    trained. One is the mean of the best known runs, whichever agents they are of, if plans made them or if one was there before.
     """
     items = tuple(stored)
-    nothing = {
-        item.board: item.result
-        for item in items
-        if item.board in expected and item.result.agent.name == NOTHING and item.result.evaluation.seeds == expected[item.board].seeds
+    entries, best = entries_by_task(items, expected), best_runs(items, expected)
+    return {
+        task_id: _references(old, entries[task_id], best[task_id], metric_of(task_id, expected)) if task_id in best else old
+        for task_id, old in before.items()
     }
-    references = {}
-    for task_id, runs in best_runs(items, expected).items():
-        if task_id not in nothing:
-            continue
-        metric, owners = metric_of(task_id, expected), {one.agent.name: one.results_digest for one, _ in runs}
-        zero, best = (float(np.mean(values)) for values in (
-            nothing[task_id].values(metric), [run.metrics[metric] for _, run in runs]
-        ))  # fmt: skip
-        if best > zero:
-            references[task_id] = References(
-                nothing=zero,
-                nothing_results_digest=nothing[task_id].results_digest,
-                best=best,
-                best_agent=next(iter(owners)) if len(owners) == 1 else SEVERAL,
-                best_results_digest=" ".join(digest for _, digest in sorted(owners.items())),
-            )
-    return references
+
+
+def _references(old: References, entries: Iterable[Entry], runs: Sequence[tuple[Result, RunResult]], metric: str) -> References:
+    """An entry with what results change; ``runs`` are the best known ones."""
+    changes: dict[str, Any] = {}
+    zero = next((one for one in entries if one.name == old.zero_agent and one.complete and one.states(metric)), None)
+    if old.zero is None and zero is not None and (len(zero.trainings) >= ZERO_TRAININGS or (zero.is_fixed and not zero.training_seeds)):
+        digests = " ".join(item.result.results_digest for item in zero.trainings)
+        changes = {"zero": float(zero.by_training(metric).mean()), "zero_results_digest": digests}
+    owners = {one.agent.name: one.results_digest for one, _ in runs}
+    plans = all(one.agent.privileged for one, _ in runs)
+    if plans or old.best is not None:
+        changes |= {
+            "plans": plans,
+            "best": float(np.mean([run.metrics[metric] for _, run in runs])),
+            "best_agent": next(iter(owners)) if len(owners) == 1 else SEVERAL,
+            "best_results_digest": " ".join(digest for _, digest in sorted(owners.items())),
+        }
+    new = old.model_copy(update=changes)
+    if new.ends is not None and new.ends[1] <= new.ends[0]:
+        return old
+    return new.model_copy(update={"version": old.version + (None is not old.best != new.best)})

@@ -25,6 +25,7 @@ from glbench.leaderboard.ranking import Row, TaskTable
 from glbench.leaderboard.regret import PARTS
 from glbench.leaderboard.statistics import RESOLUTION, SCORES, Estimate, FrozenModel, Interval
 from glbench.leaderboard.suites import RULES, SuiteRow, SuiteTable
+from glbench.leaderboard.violations import FACTORS
 from glbench.resources import write_atomically
 from glbench.tasks import PAPER_TASK, get_task
 from glbench.untrusted import visible
@@ -54,6 +55,11 @@ REGRET_NOTE = (
     "Regret: reward of the best known run with the same seed minus that of the run, mean over the runs. Its parts are the profit that is "
     "given away and the violations that are added. Who made a best known run may have known the whole season in advance. It is no bound: "
     "a better one may exist, and who finds it has a negative regret."
+)
+REVERSAL_NOTE = "P(reversed): probability that the agent is truly better than the one above it: half the p-value of their paired test."
+PRICES_NOTE = (
+    "At 0.5×, at 2×: mean and, after #, rank at half and at double the price of violations. Agents act as they were made for the task's "
+    "price. Frontier: no other agent that sees observations has as much profit with as few violations."
 )
 FOOTNOTES = (
     "Mean over the task's seeded runs, with the 95 % interval of the mean (Student's t); IQM is the mean of the middle half of the runs. "
@@ -93,6 +99,7 @@ def footnotes(tables: Sequence[TaskTable]) -> list[str]:
     extra += [FAILED_NOTE] * any(row.failed for row in rows)
     extra += [FRESH_NOTE] * any(map(has_fresh_draws, tables))
     extra += [REGRET_NOTE] * any(map(has_regret, tables))
+    extra += [PRICES_NOTE] * any(row.at_prices for row in rows) + [REVERSAL_NOTE] * any(row.reversal is not None for row in rows)
     profit = profit or (_PROFIT if name == "Profit" else f"the profit: {_PROFIT}")
     words = catalogue(*tasks)
     notes = [note.format(name=name, profit=profit, units=units, draws=words.draws, beyond=words.beyond) for note in FOOTNOTES]
@@ -116,6 +123,25 @@ def _has_overall(row: Row) -> bool:
 
 
 SCORE_STEP = 0.01  # Narrower intervals of normalised scores are not shown: another season or training can move a score by more
+
+
+def scale_words(table: SuiteTable) -> str:
+    """What the scores of a suite are: what 0 and 1 mean, or why money is shown instead."""
+    tasks = f"over the {len(table.tasks)} tasks"
+    if not table.in_money:
+        versions, zero = " and ".join(map(str, sorted(set(table.scale_versions.values())))), " or ".join(table.zero)
+        return f"Normalised score {tasks}: 0 is the mean of {zero}, 1 the best known result of each task (scale version {versions})."
+    without = ", ".join(task.rpartition("/")[2] for task in table.without_plans)
+    lacking = f" {RULES} lacks tasks, so none is compared with it." * (not any(row.against_rules for row in table.shown_rows))
+    return f"Mean score in money {tasks}, not normalised: for {without} no plans are known, so 1 would be some agent's own score.{lacking}"
+
+
+def suite_note(table: SuiteTable) -> str:
+    """What the intervals and the columns of a suite are."""
+    words = of_published(table.tasks)
+    money = f"Intervals cover the {words.draws}, and trainings, if there are several; they say nothing about {words.beyond}."
+    columns = AGAINST_NOTE * any(row.against_rules for row in table.rows) + f" {REVERSAL_NOTE}"
+    return (money if table.in_money else score_note(table.tasks)) + columns + f" {PRICES_NOTE}" * any(row.at_prices for row in table.rows)
 
 
 def score_note(task_ids: Iterable[str]) -> str:
@@ -226,6 +252,8 @@ def _task_columns(table: TaskTable) -> list[TableColumn]:
         iqm_column(first, f"{first.heading}, IQM"),
         *([fresh_column(first)] if has_fresh_draws(table) else []),
         worst_column(first),
+        *([reversal_column()] if any(row.reversal is not None for row in table.rows) else []),
+        *price_columns(table.rows),
         *year_columns(table.rows, first),
         *(regret_columns(table) if has_regret(table) else []),
         *([overall_column(first)] if any(map(_has_overall, table.rows)) else []),
@@ -316,14 +344,44 @@ def _score_columns(table: SuiteTable) -> list[TableColumn]:
     return [
         TableColumn("#", lambda row: NONE if row.rank is None else str(row.rank)),
         TableColumn("Agent", suite_label, words=True, free=True),
-        *map(score, SCORES),
-        *money_columns(table.rows),
+        *([] if table.in_money else map(score, SCORES)),
+        *money_columns(table),
+        reversal_column(),
+        *price_columns(table.rows),
         TableColumn("Runs", runs_of),
     ]
 
 
-def money_columns(rows: Sequence[SuiteRow], gives_way: tuple[int, int] = (0, 0), *, spans: bool = True) -> list[TableColumn]:
-    """Columns of a suite whose tasks all score money: score minus that of the tuned rules, and regret, with intervals or without."""
+def reversal_column(gives_way: int = 0) -> TableColumn:
+    """The probability that the order of neighbours reverses."""
+    chance = "P(reversed)"
+    return TableColumn(chance, lambda row: NONE if row.reversal is None else chance_text(row.reversal), free=True, gives_way=gives_way)
+
+
+def price_columns(rows: Iterable[Row | SuiteRow], gives_way: int = 0) -> list[TableColumn]:
+    """Mean and rank at half and double the price of violations, and who is on the frontier; none where violations have no such price."""
+    if not any(row.at_prices for row in rows):
+        return []
+
+    def at(factor: float) -> TableColumn:
+        def text(row: Row | SuiteRow) -> str:
+            return next((f"{signless(number_text(one.mean, 2))} #{one.rank}" for one in row.at_prices if one.factor == factor), NONE)
+
+        return TableColumn(f"At {factor:g}× [EUR/m²]", text, gives_way=gives_way)
+
+    frontier = TableColumn("Frontier", lambda row: "yes" if row.frontier else NONE, gives_way=gives_way and gives_way + 1)
+    return [*(at(factor) for factor in FACTORS if factor != 1.0), frontier]
+
+
+def turn_notes(table: TaskTable | SuiteTable, most: int | None = None) -> list[str]:
+    """A sentence on the orders that hang on the price of violations; none where there are no such orders."""
+    turns = [f"that of {turn.first} and {turn.second} at {turn.factor:.2g} times" for turn in table.turns[:most]]
+    rest = f" (and {len(table.turns) - len(turns)} more)" * (len(table.turns) > len(turns))
+    return [f"Orders that hang on the price of violations, and where they turn: {', '.join(turns)} the price{rest}."] if turns else []
+
+
+def money_columns(table: SuiteTable, gives_way: tuple[int, int] = (0, 0), *, spans: bool = True) -> list[TableColumn]:
+    """Columns of a suite whose tasks all score money: the mean, if it is shown in money, difference to the tuned rules, and regret."""
 
     def column(name: str, heading: str, gives_way: int) -> TableColumn:
         def text(row: SuiteRow) -> str:
@@ -335,12 +393,9 @@ def money_columns(rows: Sequence[SuiteRow], gives_way: tuple[int, int] = (0, 0),
 
         return TableColumn(heading, text, gives_way=gives_way)
 
-    columns = (("against_rules", f"More than {RULES} [EUR/m²]"), ("regret", "Regret [EUR/m²]"))
-    return [
-        column(name, heading, way)
-        for (name, heading), way in zip(columns, gives_way, strict=True)
-        if any(getattr(row, name) is not None for row in rows)
-    ]
+    columns = [("mean", "Mean [EUR/m²]", 0)] if table.in_money else []
+    columns += [("against_rules", f"More than {RULES} [EUR/m²]", gives_way[0]), ("regret", "Regret [EUR/m²]", gives_way[1])]
+    return [column(*one) for one in columns if any(getattr(row, one[0]) is not None for row in table.shown_rows)]
 
 
 def of_figures(column: TableColumn) -> TableColumn:
@@ -394,7 +449,7 @@ def to_markdown(
         parts += [*markdown(_task_columns(table), shown_rows(table, members=True)), ""]
         parts += [
             line
-            for note in [kernel_note(table), *card_notes(table), *fresh_notes(table), *regret_notes(table)]
+            for note in [*turn_notes(table), kernel_note(table), *card_notes(table), *fresh_notes(table), *regret_notes(table)]
             if note
             for line in (markdown_text(note), "")
         ]
@@ -438,13 +493,13 @@ def suite_markdown(table: SuiteTable) -> list[str]:
         *map(of_figures, (*metrics, DECISION, TRAINING, *WORDS, _CHECKED)),
     ]
     lines = [
-        f"Normalised score over the {len(table.tasks)} tasks: 0 is doing nothing, 1 the best known result of each task. "
-        f"Ranks go by the mean.{AGAINST_NOTE * any(row.against_rules for row in table.rows)}",
+        f"{scale_words(table)} Ranks go by the mean.",
         "",
-        score_note(table.tasks),
+        suite_note(table),
         "",
-        *markdown(_score_columns(table), table.rows),
+        *markdown(_score_columns(table), table.shown_rows),
         "",
+        *(line for note in (*missing_notes(table), *turn_notes(table)) for line in (markdown_text(note), "")),
         "Means over the tasks:",
         "",
         *markdown(figures, [row for row in table.rows if row.figures is not None]),
@@ -465,6 +520,12 @@ def suite_markdown(table: SuiteTable) -> list[str]:
         *markdown([TableColumn("", str, words=True), *map(against, agents)], agents),
         "",
     ]
+
+
+def missing_notes(table: SuiteTable) -> list[str]:
+    """A sentence for each agent that lacks tasks of the suite."""
+    lacking = [(row.agent, ", ".join(task.rpartition("/")[2] for task in row.missing)) for row in table.rows if row.missing]
+    return [f"{agent} is not ranked: it lacks {tasks}. Its figures are over the tasks that it has." for agent, tasks in lacking]
 
 
 def to_latex(table: TaskTable) -> str:
@@ -501,8 +562,8 @@ def suite_latex(table: SuiteTable) -> str:
         return suite_label(row) + PRIVILEGED_MARK * bool(row.figures and row.figures.privileged)
 
     columns = [replace(one, cell=agent) if one.heading == "Agent" else one for one in _score_columns(table)]
-    tasks = f"normalised scores over {len(table.tasks)} tasks; needs \\usepackage{{booktabs}}"
-    return "\n".join([f"% suite {visible(table.suite)}, {tasks}", *latex(columns, table.rows), ""])
+    tasks = f"{'money' if table.in_money else 'normalised scores'} over {len(table.tasks)} tasks; needs \\usepackage{{booktabs}}"
+    return "\n".join([f"% suite {visible(table.suite)}, {tasks}", *latex(columns, table.shown_rows), ""])
 
 
 def to_frame(tables: Sequence[TaskTable]) -> pd.DataFrame:
@@ -546,11 +607,21 @@ def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *
     for part in PARTS:
         name, unit = "regret" if part == "total" else f"regret_{part}", " [EUR m-2]" if part == "profit" else ""
         record |= _cells(name, row.regret and getattr(row.regret, part), ("mean", "low", "high"), unit)
+    record |= _places(entry, "entry_")
     record["regret_runs_ahead"] = row.regret and row.regret.runs_ahead
     record |= _cells("entry_regret", entry.regret and entry.regret.total, ends)
     if fresh:
         record |= _cells("fresh_draws", row.fresh_draws, ("mean", "drop", "low", "margin", "reference", "failed", "marked"))
     return {**record, "task_digest": row.task_digest, "results_digest": row.results_digest}
+
+
+def _places(row: Row | SuiteRow, prefix: str = "") -> dict[str, object]:
+    """Rank and mean at other prices of violations, the frontier and the reversal; ``None`` where there is none."""
+    record: dict[str, object] = {f"{prefix}reversal": row.reversal, f"{prefix}frontier": row.frontier}
+    for factor in (factor for factor in FACTORS if factor != 1.0):
+        place, name = next((one for one in row.at_prices if one.factor == factor), None), f"{prefix}at_{factor:g}x"
+        record |= {f"{name}_rank": place and place.rank, f"{name}_mean [EUR m-2]": place and place.mean}
+    return record
 
 
 def _cells(name: str, of: object, parts: Iterable[str] | Mapping[str, str], unit: str = "") -> dict[str, object]:
@@ -572,10 +643,15 @@ def suite_frame(tables: Sequence[SuiteTable]) -> pd.DataFrame:
             "low_and_high": "range over trainings" if row.trainings[1] > 1 else "95 % interval over runs",
             "low_and_high_of_mean": f"95 % interval over runs{' and trainings' if row.trainings[1] > 1 else ''}",
         }  # fmt: skip
-        scores = [(str(name), getattr(row, name), "") for name in SCORES]
-        in_money = [("regret", row.regret, " [EUR m-2]"), (f"more_than_{RULES}", row.against_rules, " [EUR m-2]")]
+        scores: list[tuple[str, Interval | None, str]] = [(str(name), getattr(row, name), "") for name in SCORES]
+        money, unit = row.money, " [EUR m-2]"
+        in_money = [("regret", row.regret, unit), (f"more_than_{RULES}", row.against_rules, unit)]
+        if money is not None:
+            in_money += [("money", money.mean, unit), (f"money_more_than_{RULES}", money.against_rules, unit)]
         for name, interval, unit in scores + in_money:
             record |= {f"{name}{unit}": interval and interval.value, **_cells(name, interval, ("low", "high"), unit)}
+        record |= {"money_rank": money and money.rank, "money_reversal": money and money.reversal, **_places(row)}
+        record |= {"zero": " ".join(table.zero), "without_plans": " ".join(table.without_plans)}
         for metric in words.metrics.values():
             record[f"{metric.name}_mean [{metric.unit}]"] = figures and figures.metrics.get(metric.name)
         records.append(record | {
@@ -601,6 +677,9 @@ def _frame(records: Sequence[Mapping[str, object]]) -> pd.DataFrame:
         "training [steps]": "Int64",
         "training [h]": "Float64",
         "regret_runs_ahead": "Int64",
+        "money_rank": "Int64",
+        **{f"{entry}at_{factor:g}x_rank": "Int64" for entry in ("", "entry_") for factor in FACTORS},
+        **{f"{entry}frontier": "boolean" for entry in ("", "entry_")},
     }
     if "suite" in frame:
         types["failed_runs"] = "Int64"

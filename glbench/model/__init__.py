@@ -1,8 +1,7 @@
 """Models of greenhouses as values: the GreenLight climate with its tomato crop, and what else is composed.
 
-The physics is written once, in one module a process, for floats, NumPy arrays and CasADi symbols. A
-:class:`Model` is made of submodels by :func:`compose`; names, units and signs are in docs/nomenclature.md and
-docs/model-symbols.md.
+The physics is written once, in one module a process, for floats, NumPy arrays and CasADi symbols. A :class:`Model` is made of submodels by
+:func:`compose`; names, units and signs are in docs/nomenclature.md and docs/model-symbols.md.
 
 Sources: Vanthoor (2011) greenhouse and crop, Katzin et al. (2020) and Katzin (2021) lamps, blackout screen and the
 GreenLight model as a whole.
@@ -21,6 +20,7 @@ from glbench.model.air import (
     vapour_pressure_deficit,
 )
 from glbench.model.bounds import Horizon
+from glbench.model.crop.butterhead import Butterhead
 from glbench.model.crop.lettuce import VanHentenLettuce
 from glbench.model.crop.tomato import VanthoorTomato
 from glbench.model.crop.trusses import TrussTomato
@@ -32,6 +32,7 @@ from glbench.model.heat_harvesting import HARVEST_METERS, HeatHarvesting
 from glbench.model.model import Capacity, Evaluation, Flow, Model, ObservedColumn, Signal, Step, Stock
 from glbench.model.paper import (
     AUXILIARIES,
+    BUTTERHEAD,
     CO2_DOSED,
     COMPARTMENT,
     CONTROL_NAMES,
@@ -74,17 +75,11 @@ from glbench.model.quantities import Quantity, Variable
 from glbench.model.submodels import Addition, Around, Climate, Crop, Nothing
 from glbench.model.surroundings import AirExchange, CropExchange, Surroundings
 from glbench.model.variants import VARIANTS
-from glbench.model.violation_meters import (
-    NO_LIMIT,
-    SIDES,
-    Side,
-    limit_parameter,
-    violation_meter,
-    with_violation_meters,
-)
+from glbench.model.violation_meters import NO_LIMIT, SIDES, Side, limit_parameter, violation_meter, with_violation_meters
 
 __all__ = [
     "AUXILIARIES",
+    "BUTTERHEAD",
     "CO2_DOSED",
     "COMPARTMENT",
     "CONTROLS",
@@ -116,6 +111,7 @@ __all__ = [
     "Air",
     "AirExchange",
     "Around",
+    "Butterhead",
     "Capacity",
     "ChpBoilerBuffer",
     "Climate",

@@ -38,15 +38,7 @@ _RESPIRED_CO2 = 2.0e5  # mg m-3; all carbohydrate of a mature crop breathed into
 
 @dataclass(frozen=True)
 class Horizon:
-    """What bounds may depend on.
-
-    Attributes
-    ----------
-    steps, step_seconds
-        Control steps of the episode, and the length of one [s].
-    parameters
-        All parameters by public name, nominal values.
-    """
+    """What bounds may depend on: the control steps of an episode, and all parameters by public name, nominal values."""
 
     steps: int
     step_seconds: float

@@ -1,7 +1,4 @@
-"""CO2 carried by the air. Dosing is in actuators.py, uptake by the crop in crop/.
-
-Source: Vanthoor (2011) eq. 8.46 and p. 216.
-"""
+"""CO2 carried by the air. Dosing is in actuators.py, uptake by the crop in crop/. Source: Vanthoor (2011) eq. 8.46 and p. 216."""
 
 from __future__ import annotations
 

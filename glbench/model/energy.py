@@ -288,15 +288,7 @@ def _engine_starts(step: Step) -> Expr:
     return np.sign(step.controls.u_chp) * (1.0 - np.sign(step.controls_before.u_chp))
 
 
-PIPE_HEAT = Meter(
-    "h_buf_pipe",
-    "heat_to_pipes",
-    "J m-2",
-    "heat of the buffer to the rail pipes",
-    "Heat to the pipes",
-    scale=1e6,
-    small=1e4,
-)
+PIPE_HEAT = Meter("h_buf_pipe", "heat_to_pipes", "J m-2", "heat of the buffer to the rail pipes", "Heat to the pipes", scale=1e6, small=1e4)
 """The heat that the greenhouse gets."""
 
 DUMPED = Meter("h_dump_out", "heat_dumped", "J m-2", "heat that a full buffer refused", "Heat dumped", scale=1e6, small=1e4)

@@ -24,10 +24,7 @@ ENERGY_FLOWS = (
 def lacks_energy(model: Model) -> tuple[str, ...]:
     """What a model lacks of an energy system with a buffer whose balances are known: nothing if it has one."""
     flows = {flow.name for flow in model.flows()}
-    return (
-        *(() if BUFFER in model.state_names else (BUFFER,)),
-        *(name for name in ENERGY_FLOWS if name not in flows),
-    )
+    return (*(() if BUFFER in model.state_names else (BUFFER,)), *(name for name in ENERGY_FLOWS if name not in flows))
 
 
 @dataclass(frozen=True)

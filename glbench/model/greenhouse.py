@@ -10,7 +10,7 @@ from itertools import chain
 from keyword import iskeyword
 from typing import Annotated, Any, get_type_hints
 
-from glbench.errors import GlbenchError, did_you_mean
+from glbench.errors import GlbenchError, did_you_mean, refuse
 from glbench.model.balances import DAY
 from glbench.model.bounds import Horizon
 from glbench.model.disturbances import Disturbances
@@ -28,16 +28,9 @@ from glbench.model.units import parse_unit
 class Meter:
     """A state that adds up a flux, so that what flows within a control step is known exactly.
 
-    Attributes
-    ----------
-    flux
-        Name of the flux in the equations, such as ``mc_fruit_har``: the meter is the state ``sum_mc_fruit_har``.
-    flow
-        Name of the flow that a ledger can price, such as ``fruit_harvested``.
-    unit, meaning, label
-        Of the amount of a step; ``unit`` is that of the flux without ``s-1`` (``J m-2`` for ``W m-2``), and no other.
-    scale, small
-        As for ``Variable``.
+    ``flux`` is its name in the equations, such as ``mc_fruit_har``: the meter is the state ``sum_mc_fruit_har``. ``flow`` is the name of
+    the flow that a ledger can price, such as ``fruit_harvested``. ``unit``, ``meaning`` and ``label`` are of the amount of a step; ``unit``
+    is that of the flux without ``s-1`` (``J m-2`` for ``W m-2``), and no other. ``scale`` and ``small`` are as for ``Variable``.
     """
 
     flux: str
@@ -240,7 +233,8 @@ class Greenhouse(Model):
 
     @cached_property
     def _metered(self) -> type[Any]:
-        return _annotated("Metered", {m.attribute: Variable(m.unit, m.meaning, scale=m.scale, small=m.small) for m in self.meters})
+        notes = {m.attribute: Variable(m.unit, m.meaning, scale=m.scale, small=m.small) for m in self.meters}
+        return typed_record("Metered", {attribute: Annotated[Any, note] for attribute, note in notes.items()})
 
     def _states_of(self, x: Record) -> Iterator[Record]:
         """The state of each submodel."""
@@ -261,14 +255,12 @@ class Greenhouse(Model):
 
 
 def compose(
-    climate: Climate,
-    crop: Crop,
-    *additions: Addition,
-    meters: tuple[Meter, ...] = (),
-    version: str = "1.0.0",
-    name: str = "",
+    climate: Climate, crop: Crop, *additions: Addition, meters: tuple[Meter, ...] = (), version: str = "1.0.0", name: str = ""
 ) -> Greenhouse:
     """A greenhouse model of these submodels.
+
+    Raises ``GlbenchError`` when two submodels are called the same, or have a state, a control, a parameter, a flow or a stock of the same
+    name.
 
     Parameters
     ----------
@@ -285,11 +277,6 @@ def compose(
     -------
     Greenhouse
         The same for equal arguments.
-
-    Raises
-    ------
-    GlbenchError
-        When two submodels are called the same, or have a state, a control, a parameter, a flow or a stock of the same name.
     """
     return _composed(climate, crop, additions, meters, version, name)
 
@@ -318,14 +305,12 @@ def _check_part_names(parts: tuple[Submodel, ...]) -> None:
     for part in parts:
         name = getattr(part, "name", None)
         if not isinstance(name, str) or not name:
-            msg = f'{type(part).__name__} has no name. Give its class a line such as `name: ClassVar[str] = "water"`.'
-            raise GlbenchError(msg)
+            refuse(f'{type(part).__name__} has no name. Give its class a line such as `name: ClassVar[str] = "water"`.', GlbenchError)
         if isinstance(part, Addition) and (not name.isidentifier() or iskeyword(name) or name.startswith("_")):
             msg = f"An addition is called '{name}', which cannot be the name of a field. Use letters, digits and underscores."
             raise GlbenchError(msg)
         if name in names:
-            msg = f"Two parts of the model are called '{name}'. Give one of them another name."
-            raise GlbenchError(msg)
+            refuse(f"Two parts of the model are called '{name}'. Give one of them another name.", GlbenchError)
         names.add(name)
 
 
@@ -352,8 +337,7 @@ def _values(part: Submodel, method: str, values: Any) -> tuple[Expr, ...]:
     if not isinstance(values, tuple) or len(values) != len(fields) or getattr(values, "_fields", fields) != fields:
         got = f"{type(values).__name__} of {len(values)} values" if isinstance(values, tuple) else repr(values)
         expected = f"{part.State.__name__} of {len(fields)}" + (f" ({names})" if fields else "")
-        msg = f"`{method}` of {part.name} returns {got}; expected {expected}."
-        raise GlbenchError(msg)
+        refuse(f"`{method}` of {part.name} returns {got}; expected {expected}.", GlbenchError)
     return values
 
 
@@ -362,8 +346,7 @@ def _homes(names: tuple[str, ...], records: tuple[type[Any], ...], meters: tuple
     """Place of the record that has each flux, after a check of names and of the meters' units."""
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        msg = f"Two records of fluxes are called '{twice}'. Give one of the parts, or of the processes, another name."
-        raise GlbenchError(msg)
+        refuse(f"Two records of fluxes are called '{twice}'. Give one of the parts, or of the processes, another name.", GlbenchError)
     for name, record in zip(names, records, strict=True):
         if not hasattr(record, "_fields"):
             msg = (
@@ -407,10 +390,6 @@ def record_of(name: str, records: tuple[type[Any], ...]) -> type[Any]:
     for record in records:
         fields |= get_type_hints(record, include_extras=True)
     return typed_record(name, fields)
-
-
-def _annotated(name: str, notes: Mapping[str, Any]) -> type[Any]:
-    return typed_record(name, {attribute: Annotated[Any, note] for attribute, note in notes.items()})
 
 
 def typed_record(name: str, fields: Mapping[str, Any]) -> type[Any]:

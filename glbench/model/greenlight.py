@@ -222,11 +222,7 @@ class GreenLightClimate(Climate):
         )
 
     def bounds(self, horizon: Horizon) -> Mapping[str, tuple[float, float]]:
-        by_unit = {
-            "mg m-3": (0.0, highest_co2_density(horizon)),
-            "Pa": (0.0, LARGEST_VAPOUR_PRESSURE),
-            "°C": (COLDEST, HOTTEST),
-        }
+        by_unit = {"mg m-3": (0.0, highest_co2_density(horizon)), "Pa": (0.0, LARGEST_VAPOUR_PRESSURE), "°C": (COLDEST, HOTTEST)}
         return {state.name: (COLDEST, HOTTEST_METAL) if state.name in _METAL else by_unit[state.unit] for state in states_of(ClimateState)}
 
     def observed(self, module: str, horizon: Horizon) -> tuple[ObservedColumn, ...] | None:
@@ -248,10 +244,7 @@ class GreenLightClimate(Climate):
         brightest = highest_light_sums(horizon)
         radiation, par = (
             ObservedColumn(name, LIGHT[name].unit, f"{LIGHT[name].meaning}, summed since midnight", "", 0.0, most, today=rate)
-            for name, most, rate in (
-                ("radiation_today", brightest[0], _radiation),
-                ("par_today", brightest[1], _photons),
-            )
+            for name, most, rate in (("radiation_today", brightest[0], _radiation), ("par_today", brightest[1], _photons))
         )
         return {
             "vapour_deficit": (vpd, deficit),

@@ -178,8 +178,7 @@ class HeatHarvesting(Addition):
         """Katzin (2021) eqs 7.60 and 7.61."""
         f = fluxes
         return HarvestState(
-            e_buf_cold=MEGA * (f.h_mech_buf_cold - f.h_buf_cold_heat_pump),
-            e_buf_hot=MEGA * (f.h_heat_pump_buf_hot - f.h_buf_hot_pipe),
+            e_buf_cold=MEGA * (f.h_mech_buf_cold - f.h_buf_cold_heat_pump), e_buf_hot=MEGA * (f.h_heat_pump_buf_hot - f.h_buf_hot_pipe)
         )
 
     def start(self, d: Disturbances, air_temperature: float, p: HarvestParameters) -> HarvestState:
@@ -236,15 +235,7 @@ class HeatHarvesting(Addition):
             for word, source, filled in (("cold", "eBufCold", cold_filled), ("hot", "eBufHot", hot_filled))
             for column in (
                 ObservedColumn(f"{word}_buffer_heat", "MJ m-2", f"heat in the {word} buffer", source, *bounds[source]),
-                ObservedColumn(
-                    f"{word}_buffer_share",
-                    "%",
-                    f"how full the {word} buffer is",
-                    "",
-                    -outside,
-                    100 + outside,
-                    of=filled,
-                ),
+                ObservedColumn(f"{word}_buffer_share", "%", f"how full the {word} buffer is", "", -outside, 100 + outside, of=filled),
             )
         )
 

@@ -19,7 +19,7 @@ import casadi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.errors import ShapeError, UnknownNameError, did_you_mean
+from glbench.errors import ShapeError, UnknownNameError, did_you_mean, refuse
 from glbench.model.air import Air
 from glbench.model.bounds import Horizon
 from glbench.model.digest import digest_of
@@ -65,19 +65,11 @@ class Step(NamedTuple):
 class Flow:
     """An amount per m2 of floor that is used, made or harvested in a control step: what a ledger can price.
 
-    Attributes
-    ----------
-    name, unit, meaning
-        ``heat``, ``kWh m-2``, heat of the boiler.
-    label
-        Heading in tables and plots.
-    amount
-        The amount of a step, of numbers, arrays or CasADi's symbols: it is recorded for the kernel. It may use arithmetic, powers,
-        comparisons, ``np.minimum``, ``np.maximum``, ``np.sign``, and ``exp``, ``sqrt`` and ``if_else`` of ``glbench.model.expressions``.
-    potential
-        The amount at the rate that the parameters allow at best, where there is one: what a profit can be scaled by.
-    total
-        The amount since the start from the states, where a meter counts it: what a price can depend on.
+    ``label`` is the heading in tables and plots. ``amount`` is that of a step, of numbers, arrays or CasADi's symbols: it is recorded for
+    the kernel. It may use arithmetic, powers, comparisons, ``np.minimum``, ``np.maximum``, ``np.sign``, and ``exp``, ``sqrt`` and
+    ``if_else`` of ``glbench.model.expressions``. ``potential`` is the amount at the rate that the parameters allow at best, where there is
+    one: what a profit can be scaled by. ``total`` is the amount since the start from the states, where a meter counts it: what a price can
+    depend on.
     """
 
     name: str
@@ -93,12 +85,8 @@ class Flow:
 class Stock:
     """An amount per m2 of floor that stands in the greenhouse: what a ledger can value at the start and at the end.
 
-    Attributes
-    ----------
-    name, unit, meaning, label
-        As for :class:`Flow`.
-    amount
-        The amount, from state and nominal parameters. It may use what the amount of a :class:`Flow` may.
+    The ``amount`` is made from state and nominal parameters. It may use what the amount of a :class:`Flow` may; the other fields are as
+    there.
     """
 
     name: str
@@ -110,19 +98,7 @@ class Stock:
 
 @dataclass(frozen=True)
 class Capacity:
-    """What a control is and what it delivers at 1.
-
-    Attributes
-    ----------
-    name
-        The control in the model.
-    quantity
-        What it delivers, as observations name it.
-    unit, capacity
-        Unit, and what is delivered at 1.
-    meaning, label
-        In words; heading in tables and plots.
-    """
+    """What the control ``name`` of the model is, and what it delivers at 1: the ``capacity`` of ``quantity``, as observations name it."""
 
     name: str
     quantity: str
@@ -360,7 +336,7 @@ class Model(ABC):
     @cached_property
     def auxiliaries(self) -> tuple[NamedQuantity, ...]:
         """Name, unit and meaning of every quantity computed on the way to the rates."""
-        fluxes = self._symbolic("SX")[1].fluxes
+        fluxes = _symbolic_model(self, "SX")[1].fluxes
         return tuple(entry for record in fluxes for entry in table_of(type(record)))
 
     @cached_property
@@ -373,13 +349,7 @@ class Model(ABC):
         return digest_of(self.rhs_function())
 
     def state_index(self, name: str) -> int:
-        """Place of a state in the vector.
-
-        Raises
-        ------
-        UnknownNameError
-            When there is none of that name; the message names the nearest.
-        """
+        """Place of a state in the vector. Raises ``UnknownNameError`` when there is none of that name; the message names the nearest."""
         try:
             return self.state_names.index(name)
         except ValueError:
@@ -387,35 +357,15 @@ class Model(ABC):
             raise UnknownNameError(msg) from None
 
     def start(self, kind: str, first: ArrayLike, air_temperature: float, p: ArrayLike) -> Array:
-        """State at the start of an episode.
+        """State ``(states,)`` at the start of an episode.
 
-        Parameters
-        ----------
-        kind
-            One of ``starts``.
-        first
-            The first row of the weather, ``(disturbances,)``.
-        air_temperature
-            Temperature of air and surfaces [°C].
-        p
-            Nominal parameters.
-
-        Returns
-        -------
-        ndarray
-            Shape ``(states,)``.
-
-        Raises
-        ------
-        UnknownNameError
-            When the model has no such start.
-        ShapeError
-            When an input has another shape or is not finite.
+        ``kind`` is one of ``starts``, ``first`` the first row of the weather ``(disturbances,)``, ``air_temperature`` that of air and
+        surfaces [°C], ``p`` the nominal parameters. Raises ``UnknownNameError`` when there is no such start, ``ShapeError`` when an input
+        has another shape or is not finite.
         """
         starts = self.starts()
         if kind not in starts:
-            msg = f"{self.id} has no start '{kind}'.{did_you_mean(kind, starts)}"
-            raise UnknownNameError(msg)
+            refuse(f"{self.id} has no start '{kind}'.{did_you_mean(kind, starts)}", UnknownNameError)
         row = np.asarray(first, dtype=np.float64)
         if row.shape != (len(self.disturbances),) or not np.isfinite(row).all() or not np.isfinite(air_temperature):
             msg = (
@@ -426,12 +376,10 @@ class Model(ABC):
             raise ShapeError(msg)
         values = np.asarray(p, dtype=np.float64)
         if values.shape != (len(self.table),):
-            msg = f"The initial state needs {len(self.table)} nominal parameters; got shape {values.shape}."
-            raise ShapeError(msg)
+            refuse(f"The initial state needs {len(self.table)} nominal parameters; got shape {values.shape}.", ShapeError)
         state = starts[kind](self.Disturbances(*row.tolist()), float(air_temperature), self.Parameters(*values.tolist()))
         if len(state) != len(self.states):
-            msg = f"The start '{kind}' of {self.id} gives {len(state)} values for {len(self.states)} states."
-            raise ShapeError(msg)
+            refuse(f"The start '{kind}' of {self.id} gives {len(state)} values for {len(self.states)} states.", ShapeError)
         start = np.array(state, dtype=np.float64)
         self._refuse_not_finite(start, f"The start '{kind}' of {self.id} gives")
         return start
@@ -439,10 +387,7 @@ class Model(ABC):
     def check_rates(self, x: ArrayLike, d: ArrayLike, p: ArrayLike) -> None:
         """See that the equations give finite rates in the state ``x``, with all controls at 0.
 
-        Raises
-        ------
-        ShapeError
-            When a rate is not finite; the message names model, state and value.
+        Raises ``ShapeError`` when a rate is not finite; the message names model, state and value.
         """
         rates = self.rhs(x, np.zeros(len(self.controls)), d, p)
         self._refuse_not_finite(rates, f"At the start, with all controls at 0, the equations of {self.id} give as rate of")
@@ -450,8 +395,7 @@ class Model(ABC):
     def _refuse_not_finite(self, values: Array, opening: str) -> None:
         for name, value in zip(self.state_names, values.tolist(), strict=True):
             if not np.isfinite(value):
-                msg = f"{opening} {name} = {value}, which is not a finite number."
-                raise ShapeError(msg)
+                refuse(f"{opening} {name} = {value}, which is not a finite number.", ShapeError)
 
     def rhs_function(self, symbolic: Symbolic = "SX") -> casadi.Function:
         """CasADi function ``rhs`` of x, u, d, p that gives ``dxdt``, the time derivative of the state.
@@ -467,18 +411,16 @@ class Model(ABC):
     def jacobian_function(self, wrt: str = "x") -> casadi.Function:
         """CasADi function of x, u, d, p that gives the derivative of ``dxdt`` to one of the inputs, a dense matrix.
 
-        Raises
-        ------
-        UnknownNameError
-            When ``wrt`` is none of the inputs.
+        Raises ``UnknownNameError`` when ``wrt`` is none of the inputs.
         """
         if wrt not in self.INPUTS:
-            msg = f"The model has no input '{wrt}'.{did_you_mean(wrt, self.INPUTS)}"
-            raise UnknownNameError(msg)
+            refuse(f"The model has no input '{wrt}'.{did_you_mean(wrt, self.INPUTS)}", UnknownNameError)
         return _jacobian_function(self, wrt)
 
     def rhs(self, x: ArrayLike, u: ArrayLike, d: ArrayLike, p: ArrayLike) -> Array:
         """Time derivative of the state.
+
+        Raises ``ShapeError`` when an input has another shape, other batch sizes than the rest, or values that are not finite.
 
         Parameters
         ----------
@@ -491,11 +433,6 @@ class Model(ABC):
         -------
         ndarray
             Shape ``(states,)``, or ``(n, states)`` when any input has a batch axis; unit of the state per second.
-
-        Raises
-        ------
-        ShapeError
-            When an input has another shape, other batch sizes than the rest, or values that are not finite.
         """
         return _evaluate(self.names, self.rhs_function(), x, u, d, p)[..., 0]
 
@@ -524,10 +461,6 @@ class Model(ABC):
         """
         return _evaluate(self.names, self.jacobian_function(wrt), x, u, d, p)
 
-    def _symbolic(self, symbolic: str) -> tuple[dict[str, Any], Evaluation]:
-        """Symbols of the inputs, and the model evaluated with them."""
-        return _symbolic_model(self, symbolic)
-
     def __getstate__(self) -> dict[str, Any]:
         """The fields: what follows from them is computed anew by who takes a copy."""
         return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
@@ -541,8 +474,7 @@ class Model(ABC):
 def _symbolic_model(model: Model, symbolic: str) -> tuple[dict[str, Any], Evaluation]:
     kinds: dict[str, Callable[..., Any]] = {"SX": casadi.SX.sym, "MX": casadi.MX.sym}
     if symbolic not in kinds:
-        msg = f"There is no kind of CasADi symbols '{symbolic}'.{did_you_mean(symbolic, kinds)}"
-        raise UnknownNameError(msg)
+        refuse(f"There is no kind of CasADi symbols '{symbolic}'.{did_you_mean(symbolic, kinds)}", UnknownNameError)
     vectors = {name: kinds[symbolic](name, len(entries)) for name, entries in model.names.items()}
     x, u, d, p = (casadi.vertsplit(vector) for vector in vectors.values())
     records = model.State(*x), model.Controls(*u), model.Disturbances(*d), model.Parameters(*p)
@@ -605,10 +537,7 @@ def _over_rows(function: casadi.Function, n: int) -> casadi.Function:
 def refuse_expression(what: str, value: object) -> None:
     """Refuse a CasADi expression where numbers are expected, and name the functions that take one.
 
-    Raises
-    ------
-    ShapeError
-        For an expression.
+    Raises ``ShapeError`` for an expression.
     """
     if isinstance(value, casadi.SX | casadi.MX):
         msg = (
@@ -627,21 +556,17 @@ def _checked(names: Mapping[str, Sequence[str]], inputs: tuple[ArrayLike, ...]) 
         try:
             array = np.asarray(value, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            msg = f"Input {name} is not an array of numbers: {error}."
-            raise ShapeError(msg) from error
+            refuse(f"Input {name} is not an array of numbers: {error}.", ShapeError, error)
         if array.ndim not in (1, 2) or array.shape[-1] != len(entries):
-            msg = f"Input {name} has shape {array.shape}; expected ({len(entries)},) or (n, {len(entries)})."
-            raise ShapeError(msg)
+            refuse(f"Input {name} has shape {array.shape}; expected ({len(entries)},) or (n, {len(entries)}).", ShapeError)
         if not np.isfinite(array).all():
             *row, column = (int(index) for index in np.argwhere(~np.isfinite(array))[0])
             where = f" of row {row[0]}" if row else ""
-            msg = f"Input {name} is not finite: {entries[column]}{where} is {array[*row, column]}."
-            raise ShapeError(msg)
+            refuse(f"Input {name} is not finite: {entries[column]}{where} is {array[*row, column]}.", ShapeError)
         if array.ndim == 2:
             sizes[name] = array.shape[0]
         arrays.append(array)
     if len(set(sizes.values())) > 1:
         counts = ", ".join(f"{name} has {size}" for name, size in sizes.items())
-        msg = f"The inputs have different numbers of rows: {counts}. Give each the same number, or no batch axis."
-        raise ShapeError(msg)
+        refuse(f"The inputs have different numbers of rows: {counts}. Give each the same number, or no batch axis.", ShapeError)
     return arrays

@@ -73,20 +73,14 @@ def cover_optics(u: Controls, p: ClimateParameters) -> Optics:
     """
     par = stack(
         stack(
-            stack(
-                symmetric(p.tau_rf_par, p.rho_rf_par),
-                screen(u.u_th_scr, p.tau_th_scr_par, p.rho_th_scr_par),
-            ),
+            stack(symmetric(p.tau_rf_par, p.rho_rf_par), screen(u.u_th_scr, p.tau_th_scr_par, p.rho_th_scr_par)),
             screen(u.u_bl_scr, p.tau_bl_scr_par, p.rho_bl_scr_par),
         ),
         symmetric(p.tau_lamp_par, p.rho_lamp_par),
     )
     nir = stack(
         stack(
-            stack(
-                symmetric(p.tau_rf_nir, p.rho_rf_nir),
-                screen(u.u_th_scr, p.tau_th_scr_nir, p.rho_th_scr_nir),
-            ),
+            stack(symmetric(p.tau_rf_nir, p.rho_rf_nir), screen(u.u_th_scr, p.tau_th_scr_nir, p.rho_th_scr_nir)),
             screen(u.u_bl_scr, p.tau_bl_scr_nir, p.rho_bl_scr_nir),
         ),
         symmetric(p.tau_lamp_nir, p.rho_lamp_nir),

@@ -3,7 +3,8 @@
 ``greenlight-tomato-1.0.0`` is the GreenLight greenhouse with its tomato crop: 28 states, 6 controls, 10 disturbances, 208
 parameters. ``greenlight-tomato-harvest-1.0.0`` also has a meter on the harvest, ``greenlight-tomato-harvest-energy-1.0.0`` an
 engine and a hot-water buffer besides, ``greenlight-tomato-harvest-heat-pump-1.0.0`` a cooler, a heat pump and two buffers instead;
-``greenlight-lettuce-1.0.0`` has lettuce as its crop, and ``greenlight-tomato-compartment-1.0.0`` is a compartment as it was measured.
+``greenlight-lettuce-1.0.0`` has lettuce as its crop, ``greenlight-lettuce-2-1.0.0`` sells it by weight class, and
+``greenlight-tomato-compartment-1.0.0`` is a compartment as it was measured.
 ``greenlight-tomato-2-1.0.0`` has a crop with trusses in stages, and three more whose ids begin with ``greenlight-tomato-2`` have it, too.
 ``STATES``, ``rhs`` and the other names and functions here are those of the first; code that serves any model asks the model.
 """
@@ -17,8 +18,9 @@ import casadi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.errors import UnknownNameError, did_you_mean
+from glbench.errors import UnknownNameError, did_you_mean, refuse
 from glbench.model.compartment import MassAndNeighbours, RisingVents, ToppedTomato
+from glbench.model.crop.butterhead import Butterhead
 from glbench.model.crop.lettuce import VanHentenLettuce
 from glbench.model.crop.tomato import VanthoorTomato
 from glbench.model.crop.trusses import TrussTomato
@@ -36,25 +38,13 @@ Array = NDArray[np.float64]
 
 @cache
 def tomato(variant: str = "author") -> Greenhouse:
-    """The tomato greenhouse in one of the two readings of its equations.
-
-    Raises
-    ------
-    UnknownNameError
-        When there is no such variant.
-    """
+    """The tomato greenhouse in one of the two readings of its equations. Raises ``UnknownNameError`` when there is no such variant."""
     reading = get_variant(variant)
     return compose(GreenLightClimate(reading), VanthoorTomato(reading))
 
 
 HARVEST = Meter(
-    "mc_fruit_har",
-    "fruit_harvested",
-    "mg m-2",
-    "carbohydrate of the fruit harvested",
-    "Fruit harvested",
-    scale=1e5,
-    small=100.0,
+    "mc_fruit_har", "fruit_harvested", "mg m-2", "carbohydrate of the fruit harvested", "Fruit harvested", scale=1e5, small=100.0
 )
 """The harvest of a control step: what is picked can be paid when it is picked."""
 
@@ -67,10 +57,7 @@ CO2_DOSED = Meter("mc_ext_air", "co2_metered", "mg m-2", "CO2 dosed, metered sin
 def tomato_harvest(variant: str = "author") -> Greenhouse:
     """The tomato greenhouse with a meter on its harvest: ``greenlight-tomato-harvest-1.0.0``.
 
-    Raises
-    ------
-    UnknownNameError
-        When there is no such variant.
+    Raises ``UnknownNameError`` when there is no such variant.
     """
     reading = get_variant(variant)
     return compose(GreenLightClimate(reading), VanthoorTomato(reading), meters=(HARVEST,), name="greenlight-tomato-harvest")
@@ -82,24 +69,19 @@ TOMATO = tomato()
 LETTUCE = compose(GreenLightClimate(), VanHentenLettuce())
 """The same greenhouse with lettuce in it."""
 
+BUTTERHEAD = compose(GreenLightClimate(), Butterhead(), name="greenlight-lettuce-2")
+"""That lettuce, sold by weight class and weighed in samples."""
+
 TOMATO_SEASON = compose(GreenLightClimate(), VanthoorTomato(), meters=(HARVEST, CO2_DOSED), name="greenlight-tomato-season")
 """The tomato greenhouse with meters on harvest and CO2."""
 
 TOMATO_ENERGY = compose(
-    GreenLightClimate(),
-    VanthoorTomato(),
-    ChpBoilerBuffer(),
-    meters=(HARVEST, PIPE_HEAT, DUMPED),
-    name="greenlight-tomato-harvest-energy",
+    GreenLightClimate(), VanthoorTomato(), ChpBoilerBuffer(), meters=(HARVEST, PIPE_HEAT, DUMPED), name="greenlight-tomato-harvest-energy"
 )
 """The tomato greenhouse with boiler, engine and hot-water buffer, and meters on harvest, heat to the pipes and heat dumped."""
 
 TOMATO_HEAT_PUMP = compose(
-    GreenLightClimate(),
-    VanthoorTomato(),
-    HeatHarvesting(),
-    meters=(HARVEST, *HARVEST_METERS),
-    name="greenlight-tomato-harvest-heat-pump",
+    GreenLightClimate(), VanthoorTomato(), HeatHarvesting(), meters=(HARVEST, *HARVEST_METERS), name="greenlight-tomato-harvest-heat-pump"
 )
 """The tomato greenhouse with boiler, cooler, heat pump, cold and hot buffer, and meters on harvest, heat pump and harvested heat."""
 
@@ -185,11 +167,8 @@ _SHIPPED: frozenset[str] = frozenset()
 def register_model(model: Model) -> Model:
     """Make ``model`` known to task files by its id, in its variant, and return it.
 
-    Raises
-    ------
-    UnknownNameError
-        When another model has that id and variant; the message says what differs. A model with the same equations and variables
-        takes the place of the one before, as when the cell of a notebook is run again, unless that came with glbench.
+    Raises ``UnknownNameError`` when another model has that id and variant; the message says what differs. A model with the same equations
+    and variables takes the place of the one before, as when the cell of a notebook is run again, unless that came with glbench.
     """
     other = _MODELS.get(model.id, {}).get(model.variant, model)
     if other != model and (model.id in _SHIPPED or _differences(other, model)):
@@ -219,10 +198,7 @@ def _differences(other: Model, model: Model) -> list[str]:
 def get_model(model_id: str, variant: str = "author") -> Model:
     """Model of that id, such as ``greenlight-tomato-1.0.0``.
 
-    Raises
-    ------
-    UnknownNameError
-        When there is no such model or variant; the message names the nearest.
+    Raises ``UnknownNameError`` when there is no such model or variant; the message names the nearest.
     """
     if model_id not in _MODELS:
         broken = _load_plugins()
@@ -238,8 +214,7 @@ def get_model(model_id: str, variant: str = "author") -> Model:
         raise UnknownNameError(problem + "".join(broken or (own,)))
     variants = _MODELS[model_id]
     if variant not in variants:
-        msg = f"There is no variant '{variant}' of the model '{model_id}'.{did_you_mean(variant, variants)}"
-        raise UnknownNameError(msg)
+        refuse(f"There is no variant '{variant}' of the model '{model_id}'.{did_you_mean(variant, variants)}", UnknownNameError)
     return variants[variant]
 
 
@@ -247,10 +222,7 @@ def get_model(model_id: str, variant: str = "author") -> Model:
 def _load_plugins() -> tuple[str, ...]:
     """Call what installed packages name in the entry points ``glbench.models``: functions that register models.
 
-    Returns
-    -------
-    tuple of str
-        A sentence for each that failed, for whoever misses a model.
+    Returns a sentence for each that failed, for whoever misses a model.
     """
     failed = []
     for entry in entry_points(group="glbench.models"):
@@ -273,6 +245,7 @@ for _variant in VARIANTS:
     register_model(tomato(_variant))
     register_model(tomato_harvest(_variant))
 register_model(LETTUCE)
+register_model(BUTTERHEAD)
 register_model(TOMATO_ENERGY)
 register_model(TOMATO_SEASON)
 register_model(TOMATO_HEAT_PUMP)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from glbench.errors import ParameterError
+from glbench.errors import ParameterError, refuse
 from glbench.model.parameter_table import ParameterInfo
 
 ROUNDING = 1e-9
@@ -31,13 +31,7 @@ class Order:
 
 
 def check_value(info: ParameterInfo, value: float) -> None:
-    """Refuse a value that the parameter cannot have.
-
-    Raises
-    ------
-    ParameterError
-        With the value, the unit and what is possible.
-    """
+    """Refuse a value that the parameter cannot have. Raises ``ParameterError`` with the value, the unit and what is possible."""
     possible, words = {
         "fraction": (0 <= value <= 1, "between 0 and 1"),
         "positive": (value > 0, "above 0"),
@@ -59,32 +53,17 @@ def check_together(
     shares: Sequence[Shares] = (),
     orders: Sequence[Order] = (),
 ) -> None:
-    """Refuse a complete vector whose entries contradict each other.
+    """Refuse a complete ``vector`` of the entries of ``table`` that contradict each other, by ``shares`` and ``orders``.
 
-    Shares are checked where one of them was changed: the published benchmark itself lets its thermal screen transmit 0.75
-    and reflect 0.35 of the light, and its results rest on that.
-
-    Parameters
-    ----------
-    table, vector
-        What the entries are, and their values.
-    changed
-        Names of the entries that differ from those of the named set.
-    shares, orders
-        What must hold between them.
-
-    Raises
-    ------
-    ParameterError
-        With the values that contradict each other.
+    Shares are checked where one of them was ``changed`` from the named set: the published benchmark itself lets its thermal screen transmit
+    0.75 and reflect 0.35 of the light, and its results rest on that. Raises ``ParameterError`` with the values that contradict each other.
     """
     values = {info.name: value for info, value in zip(table, vector, strict=True)}
     for whole in shares:
         total = sum(values[name] for name in whole.parts)
         if total > 1 + ROUNDING and not set(whole.parts).isdisjoint(changed):
             parts = " + ".join(f"{name} {values[name]:g}" for name in whole.parts)
-            msg = f"More than all of {whole.whole} would be used: {parts} = {total:g}. Their sum cannot exceed 1."
-            raise ParameterError(msg)
+            refuse(f"More than all of {whole.whole} would be used: {parts} = {total:g}. Their sum cannot exceed 1.", ParameterError)
     for order in orders:
         if not values[order.smaller] < values[order.larger]:
             msg = f"{order.smaller} ({values[order.smaller]:g}) must be below {order.larger} ({values[order.larger]:g}): {order.reason}."

@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.errors import ParameterError, ShapeError, UnknownNameError, did_you_mean
+from glbench.errors import ParameterError, ShapeError, UnknownNameError, did_you_mean, refuse
 from glbench.model.parameter_checks import Order, Shares, check_together, check_value
 from glbench.model.parameter_table import BENCHMARK, DRAWN_SETS, ParameterInfo
 from glbench.model.units import same_unit
@@ -57,16 +57,8 @@ PARAMETER_SETS: Mapping[str, ParameterSet] = MappingProxyType(
 class ParameterValues:
     """The values that the parameters of a model can have.
 
-    Attributes
-    ----------
-    table
-        The parameters, in the order of the vector.
-    record
-        Their record, as the equations name them.
-    formulas
-        Completes a record: every derived entry computed from the base entries.
-    shares, orders, refuse
-        What must hold between them.
+    ``table`` has the parameters in the order of the vector, ``record`` their record, as the equations name them. ``formulas`` completes a
+    record: every derived entry computed from the base entries. ``shares``, ``orders`` and ``refuse`` are what must hold between them.
     """
 
     table: tuple[ParameterInfo, ...]
@@ -84,6 +76,9 @@ class ParameterValues:
     def default(self, set_name: str = BENCHMARK, overrides: Mapping[str, Override] | None = None) -> NDArray[np.float64]:
         """Parameter vector of a named set, with overrides and with the derived entries computed from the base entries.
 
+        Raises ``UnknownNameError`` when there is no such set or parameter, with the nearest name, and ``ParameterError`` when a
+        value is impossible, has the wrong unit, or contradicts the formula of a derived entry.
+
         Parameters
         ----------
         set_name
@@ -97,13 +92,6 @@ class ParameterValues:
         -------
         ndarray
             Shape (parameters,), in the order of the table; a new array at every call.
-
-        Raises
-        ------
-        UnknownNameError
-            When there is no such set or parameter; the message names the nearest.
-        ParameterError
-            When a value is impossible, has the wrong unit, or contradicts the formula of a derived entry.
         """
         _require_set(set_name)
         values = {name: _number(self.info(name), value) for name, value in (overrides or {}).items()}
@@ -119,6 +107,7 @@ class ParameterValues:
         """Base entries of one part of a named set, to be used as overrides on another set.
 
         ``values.default("benchmark", values.group("lamps", "hps_2020"))`` is the benchmark with other lamps.
+        Raises ``UnknownNameError`` when there is no such group or set.
 
         Parameters
         ----------
@@ -127,75 +116,42 @@ class ParameterValues:
             ``group`` of the table).
         set_name
             One of ``PARAMETER_SETS``.
-
-        Raises
-        ------
-        UnknownNameError
-            When there is no such group or set.
         """
         _require_set(set_name)
         members = {info.name: _own_value(info, set_name) for info in self.table if info.group == group and not info.is_derived}
         if not members:
             groups = dict.fromkeys(info.group for info in self.table)
-            msg = f"There is no group of parameters '{group}'.{did_you_mean(group, groups)}"
-            raise UnknownNameError(msg)
+            refuse(f"There is no group of parameters '{group}'.{did_you_mean(group, groups)}", UnknownNameError)
         return members
 
     def drawn_set(self, name: str) -> tuple[str, ...]:
         """Names of the parameters of a set of uncertain ones, in the order of the vector.
 
-        ``crop28`` is the recommended reading of the benchmark's 28 parameters; ``crop34`` is what the published code
-        perturbs, including conversions, molar masses, a reference temperature and the derived ``cLeafMax``. After a draw from
-        either, ``cLeafMax`` must be computed anew (``complete``).
-
-        Raises
-        ------
-        UnknownNameError
-            When there is no such set.
+        ``crop28`` is the recommended reading of the benchmark's 28 parameters; ``crop34`` is what the published code perturbs, including
+        conversions, molar masses, a reference temperature and the derived ``cLeafMax``. After a draw from either, ``cLeafMax`` must be
+        computed anew (``complete``). Raises ``UnknownNameError`` when there is no such set.
         """
         sets = {entry: tuple(info.name for info in self.table if entry in info.drawn_in) for entry in DRAWN_SETS}
         sets = {entry: members for entry, members in sets.items() if members}
         if name not in sets:
-            msg = f"There is no set of crop parameters '{name}'.{did_you_mean(name, sets)}"
-            raise UnknownNameError(msg)
+            refuse(f"There is no set of crop parameters '{name}'.{did_you_mean(name, sets)}", UnknownNameError)
         return sets[name]
 
     def complete(self, parameters: ArrayLike) -> NDArray[np.float64]:
-        """Copy of parameter vectors with the derived entries computed from the base entries.
+        """Copy of parameter vectors ``(parameters,)`` or ``(n, parameters)`` with the derived entries computed from the base entries.
 
-        Parameters
-        ----------
-        parameters
-            Shape (parameters,) or (n, parameters).
-
-        Returns
-        -------
-        ndarray
-            Same shape.
-
-        Raises
-        ------
-        ShapeError
-            When the last axis has another length.
+        Raises ``ShapeError`` when the last axis has another length.
         """
         p = np.asarray(parameters, dtype=np.float64)
         if p.ndim == 0 or p.shape[-1] != len(self.table):
-            msg = f"Parameters have shape {p.shape}; expected ({len(self.table)},) or (n, {len(self.table)})."
-            raise ShapeError(msg)
+            refuse(f"Parameters have shape {p.shape}; expected ({len(self.table)},) or (n, {len(self.table)}).", ShapeError)
         columns = self.formulas(self.record(*np.moveaxis(p, -1, 0)))
         return np.stack(columns, axis=-1)
 
     def info(self, name: str) -> ParameterInfo:
-        """Row of the table.
-
-        Raises
-        ------
-        UnknownNameError
-            When there is no such parameter; the message names the nearest.
-        """
+        """Row of the table. Raises ``UnknownNameError`` when there is no such parameter; the message names the nearest."""
         if name not in self.names:
-            msg = f"The model has no parameter '{name}'.{did_you_mean(name, self.names)}"
-            raise UnknownNameError(msg)
+            refuse(f"The model has no parameter '{name}'.{did_you_mean(name, self.names)}", UnknownNameError)
         return self.table[self.names.index(name)]
 
     def _check_derived(self, values: Mapping[str, float], vector: NDArray[np.float64]) -> None:
@@ -220,16 +176,14 @@ def _own_value(info: ParameterInfo, set_name: str) -> float:
 
 def _require_set(name: str) -> None:
     if name not in PARAMETER_SETS:
-        msg = f"There is no parameter set '{name}'.{did_you_mean(name, PARAMETER_SETS)}"
-        raise UnknownNameError(msg)
+        refuse(f"There is no parameter set '{name}'.{did_you_mean(name, PARAMETER_SETS)}", UnknownNameError)
 
 
 def _number(info: ParameterInfo, override: Override) -> float:
     """Value of an override in the table's unit."""
     value, unit = _split(info, override)
     if unit is not None and not same_unit(unit, info.unit):
-        msg = f"Parameter {info.name} ({info.meaning}) is in {info.unit}, not in '{unit}'. Convert the value first."
-        raise ParameterError(msg)
+        refuse(f"Parameter {info.name} ({info.meaning}) is in {info.unit}, not in '{unit}'. Convert the value first.", ParameterError)
     check_value(info, value)
     return value
 

@@ -16,8 +16,7 @@ class ClimateState(NamedTuple):
 
     co2_air: Annotated[Expr, Variable("mg m-3", "CO2 density of the main air", scale=1000.0, small=1.0)]
     co2_top: Annotated[
-        Expr,
-        Variable("mg m-3", "CO2 density of the top air, above the screens", scale=1000.0, small=1.0, balance=0.5, fast=True),
+        Expr, Variable("mg m-3", "CO2 density of the top air, above the screens", scale=1000.0, small=1.0, balance=0.5, fast=True)
     ]
     t_air: Annotated[Expr, Variable("°C", "temperature of the main air", balance=2.0)]
     t_top: Annotated[Expr, Variable("°C", "temperature of the top air", balance=0.4, fast=True)]
@@ -46,13 +45,7 @@ class TomatoState(NamedTuple):
     t_can24: Annotated[Expr, Variable("°C", "canopy temperature averaged over about 24 h (first-order low-pass)", balance=1e-3)]
     c_buf: Annotated[
         Expr,
-        Variable(
-            "mg m-2",
-            "carbohydrates (CH2O) in the buffer; may be slightly negative at night",
-            scale=1e4,
-            small=100.0,
-            balance=0.2,
-        ),
+        Variable("mg m-2", "carbohydrates (CH2O) in the buffer; may be slightly negative at night", scale=1e4, small=100.0, balance=0.2),
     ]
     c_leaf: Annotated[Expr, Variable("mg m-2", "carbohydrates (CH2O) in the leaves", scale=1e5, small=100.0)]
     c_stem: Annotated[Expr, Variable("mg m-2", "carbohydrates (CH2O) in stems and roots", scale=1e5, small=100.0)]

@@ -111,13 +111,7 @@ class Climate(Submodel):
         """Time derivatives of the climate's states."""
 
     def without(self, rates: Record, fluxes: Record, extraction: AirExchange, p: Record) -> Record:
-        """``rates`` less what an addition takes from the main air.
-
-        Raises
-        ------
-        GlbenchError
-            When the climate does not say how.
-        """
+        """``rates`` less what an addition takes from the main air. Raises ``GlbenchError`` when the climate does not say how."""
         msg = (
             f"{self.name} has no method `without`, so no addition can take heat, vapour or CO2 from its air. "
             "Write one that returns its rates less what is taken, as GreenLightClimate does."

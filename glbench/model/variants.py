@@ -77,13 +77,7 @@ VARIANTS: tuple[str, ...] = (AUTHOR.name, GL_GYM2.name)
 
 
 def get_variant(name: str) -> Variant:
-    """Variant of that name.
-
-    Raises
-    ------
-    UnknownNameError
-        When there is none.
-    """
+    """Variant of that name. Raises ``UnknownNameError`` when there is none."""
     for variant in (AUTHOR, GL_GYM2):
         if variant.name == name:
             return variant

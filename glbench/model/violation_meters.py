@@ -15,7 +15,7 @@ from operator import attrgetter
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.model.air import co2_ppm, relative_humidity
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr, fmax
@@ -172,12 +172,7 @@ def with_violation_meters(model: Model) -> WithViolationMeters:
     """The same model with meters on how far air temperature [°C s], CO2 [ppm s] and relative humidity [% s] are outside limits.
 
     The limits are parameters (``limit_parameter``) with values that are never reached, the meters states (``violation_meter``), both after
-    those of ``model``.
-
-    Raises
-    ------
-    GlbenchError
-        When the model has no air, or a state or parameter that is called like a meter or a limit.
+    those of ``model``. Raises ``GlbenchError`` when the model has no air, or a state or parameter that is called like a meter or a limit.
     """
     return model if isinstance(model, WithViolationMeters) else _with_violation_meters(model)
 
@@ -185,8 +180,7 @@ def with_violation_meters(model: Model) -> WithViolationMeters:
 @lru_cache(maxsize=64)
 def _with_violation_meters(model: Model) -> WithViolationMeters:
     if model.air is None:
-        msg = f"{model.id} has no air whose climate could be judged: its `air` is None. Name its states there."
-        raise GlbenchError(msg)
+        refuse(f"{model.id} has no air whose climate could be judged: its `air` is None. Name its states there.", GlbenchError)
     metered = WithViolationMeters(model)
     states = (model.state_names, [violation_meter(*place) for place in _PLACES])
     parameters = (model.parameter_names, [info.name for info in _LIMITS])

@@ -160,14 +160,10 @@ def compare(
     warmer: float = 0.0,
     progress: Progress | None = None,
 ) -> tuple[Comparison, tuple[Season, ...]]:
-    """Simulate ``archive`` in each of ``houses`` and compare. Errors as for ``outdoors`` and ``simulate``.
+    """Simulate ``archive`` in each of ``houses`` and compare: what can be stored and passed on, and the simulated days.
 
-    With ``own_set_points``, compartments that have set points of heating and vents in their indoor climate are driven by them.
-
-    Returns
-    -------
-    comparison, seasons
-        What can be stored and passed on; and the simulated days.
+    With ``own_set_points``, compartments that have set points of heating and vents in their indoor climate are driven by them. Errors as
+    for ``outdoors`` and ``simulate``.
     """
     if archive.own:
         msg = "An export has no heat and harvest of a day to compare a simulation by set points with. Compare it with --by actuators."

@@ -105,22 +105,12 @@ class Indoor:
 def read_indoor(
     path: Path, clock: str = "Europe/Amsterdam", *, first: dt.date | None = None, days: int | None = None, lamp_power: float | None = None
 ) -> Indoor:
-    """Read the indoor climate of a compartment.
+    """Read the indoor climate of a compartment: ``GreenhouseClimate`` (.csv, .parquet) of the archive, or ``indoor.csv`` of an export.
 
-    Raises ``ArchiveError`` when the file cannot be read, lacks a column of ``REQUIRED``, or has a text for a number; names file, row and
-    column.
-
-    Parameters
-    ----------
-    path
-        ``GreenhouseClimate.csv`` or ``.parquet`` of the archive, or ``indoor.csv`` of an export: ``Compartment.indoor``.
-    clock
-        IANA zone of its stamps. The hour that summer time skips does not exist; the hour that comes twice is read twice, of an export
-        in its order.
-    first, days
-        First day and number of days, such as those of the archive; by default all that the file has.
-    lamp_power
-        Installed electric power [W m-2] of an export's lamps, where they come in per cent; by default the most that they took.
+    ``clock`` is the IANA zone of its stamps: the hour that summer time skips does not exist; the hour that comes twice is read twice, of an
+    export in its order. ``first`` and ``days`` are those to read; by default all that the file has. ``lamp_power`` is the installed
+    electric power [W m-2] of an export's lamps, where they come in per cent; by default the most that they took. Raises ``ArchiveError``,
+    with file, row and column, when the file cannot be read, lacks a column of ``REQUIRED``, or has a text for a number.
     """
     if path.name == EXPORT:
         return _indoor_of_export(path, clock, first, days, lamp_power)

@@ -74,19 +74,11 @@ def simulate(
     warmer: float = 0.0,
     progress: Progress | None = None,
 ) -> Season:
-    """Simulate all compartments of ``archive`` in ``house``.
+    """Simulate all compartments of ``archive`` in ``house`` under its weather ``outside``.
 
-    Raises ``ArchiveError`` when an indoor climate lacks a set point of heating or ventilation, or has other days, and ``StepError`` when a
-    step cannot be integrated.
-
-    Parameters
-    ----------
-    outside
-        Its weather.
-    indoors
-        By name of a compartment: its indoor climate over the days of the archive, whose set points drive it. All else is the page's.
-    warmer
-        Added to all temperatures of heating and ventilation [K].
+    ``indoors`` has by name of a compartment its indoor climate over the days of the archive, whose set points drive it; all else is the
+    page's. ``warmer`` is added to all temperatures of heating and ventilation [K]. Raises ``ArchiveError`` when an indoor climate lacks a
+    set point of heating or ventilation, or has other days, and ``StepError`` when a step cannot be integrated.
     """
     greenhouse, p, count = model(house.model), parameters(house, settings), len(archive.compartments)
     # Of the process computer's task only its defaults and the house count.

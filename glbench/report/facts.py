@@ -28,7 +28,8 @@ from glbench.leaderboard import Row, StoredResult, TaskTable
 from glbench.leaderboard.catalogue import Catalogue, Charts
 from glbench.leaderboard.regret import PARTS
 from glbench.leaderboard.statistics import SCORES, Estimate, Interval
-from glbench.leaderboard.suites import SuiteTable
+from glbench.leaderboard.suites import SuiteRow, SuiteTable
+from glbench.leaderboard.tables import scale_words
 from glbench.quantities import capitalised, pretty_unit
 from glbench.report.task_words import clock_of, definition_in_words, figures, for_growers
 from glbench.resources import data_folder
@@ -106,6 +107,7 @@ def task_facts(table: TaskTable, steps: int, step_seconds: float) -> dict[str, A
         "steps": steps,
         "step_seconds": step_seconds,
         "best_known": None if table.best_known is None else table.best_known.model_dump(),
+        "turns": [[one.first, one.second, one.factor] for one in table.turns],
         "published": table.task_id in lock and lock[table.task_id].digest == table.digest,
     }
     if spec is None:
@@ -142,6 +144,7 @@ def families(tables: Sequence[TaskTable]) -> list[dict[str, Any]]:
 
 def suite_facts(table: SuiteTable) -> dict[str, Any]:
     """Agents over a suite: scores with intervals, means over the tasks, profiles and probabilities of improvement."""
+    profiles = () if table.in_money else table.profiles  # their axis is a normalised score
     rows = [
         {
             "agent": row.agent,
@@ -149,9 +152,8 @@ def suite_facts(table: SuiteTable) -> dict[str, Any]:
             "runs": row.runs,
             "trainings": list(row.trainings),
             "missing": list(row.missing),
-            **{name: _interval(getattr(row, name)) for name in SCORES},
-            "regret": row.regret and _interval(row.regret),
-            "against_rules": row.against_rules and _interval(row.against_rules),
+            **{name: (one := getattr(row, name)) and _interval(one) for name in (*SCORES, "regret", "against_rules")},
+            **_at_prices(row),
             "figures": row.figures
             and {
                 **{name: _short(value) for name, value in row.figures.metrics.items()},
@@ -161,16 +163,25 @@ def suite_facts(table: SuiteTable) -> dict[str, Any]:
                 **row.figures.model_dump(include={"privileged", "sandbox", "reproduced", "origin"}),
             },
         }
-        for row in table.rows
+        for row in table.shown_rows
     ]
     return {
         "name": table.suite,
+        "scale": scale_words(table),
+        "in_money": table.in_money,
+        "turns": [[one.first, one.second, one.factor] for one in table.turns],
         "tasks": list(table.tasks),
         "rows": rows,
-        "thresholds": [round(x, 4) for x in table.profiles[0].thresholds] if table.profiles else [],
-        "profiles": {one.agent: [[round(1000 * x) for x in line] for line in (one.share, one.low, one.high)] for one in table.profiles},
+        "thresholds": [round(x, 4) for x in profiles[0].thresholds] if profiles else [],
+        "profiles": {one.agent: [[round(1000 * x) for x in line] for line in (one.share, one.low, one.high)] for one in profiles},
         "improvements": [[one.first, one.second, *_interval(one.probability)] for one in table.improvements],
     }
+
+
+def _at_prices(row: Row | SuiteRow) -> dict[str, Any]:
+    """Places at other prices of violations, where they have one."""
+    places = [[one.factor, one.rank, _short(one.mean)] for one in row.at_prices]
+    return {"reversal": row.reversal, **({"at_prices": places, "frontier": row.frontier} if places else {})}
 
 
 def _interval(interval: Interval) -> list[float]:
@@ -286,6 +297,7 @@ def _notes(row: Row) -> dict[str, Any]:
         "trained_on": row.trained_on.words,
         "saw_scored": row.saw_scored,
         "regret": regret,
+        **_at_prices(row),
         **({} if row.fresh_draws is None else {"fresh_draws": row.fresh_draws.model_dump(include={"mean", "marked"})}),
     }
 

@@ -19,10 +19,10 @@ from zoneinfo import ZoneInfo
 from glbench import tasks
 from glbench.errors import GlbenchError
 from glbench.leaderboard.catalogue import catalogue, charts_of
-from glbench.quantities import in_sentence, pretty_unit, sentence, unit_sold
+from glbench.quantities import OUTDOOR, in_sentence, pretty_unit, sentence, unit_sold
 from glbench.tasks.ledger import FLOW, LIMITED, VIOLATION_PRICES
 from glbench.tasks.spreads import HEAT
-from glbench.tasks.tables import ForecastTable, SplitsTable, SplitTable
+from glbench.tasks.tables import ActuatorTable, ForecastTable, OffsetSensorTable, ScaledSensorTable, SplitsTable, SplitTable
 from glbench.tasks.vocabulary import FORECAST_ERRORS, OBSERVATION_MODULES
 
 _MOST_ROWS, _FIRST_ROWS = 64, 40
@@ -70,6 +70,8 @@ _TOPICS = {
     "scenario": "what is drawn at random",
     "uncertainty": "what is drawn at random",
     "sensors": "the errors of sensors",
+    "outdoor_sensors": "the errors of sensors of the weather",
+    "actuators": "what vents, screens and valves deliver of what they are told",
     "observation": "what the agent sees",
     "actuation": "what the agent controls",
     "ledger": "what is sold and paid for",
@@ -129,6 +131,10 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
     sensors = "Sensors inside; what is judged is the truth"
     if sensors in definition:
         yield plain("Errors of the sensors (the climate is judged by its true values)", definition[sensors].lines)
+    if _OUTSIDE in definition:
+        yield plain("Errors of the weather station (the weather acts as it is)", definition[_OUTSIDE].lines)
+    if _ACTUATORS in definition:
+        yield plain(_ACTUATORS, definition[_ACTUATORS].lines)
     observations = [
         model.observation_modules.get(name)
         or (OBSERVATION_MODULES[name].meaning if name in OBSERVATION_MODULES else name.replace("_", " "))
@@ -399,6 +405,39 @@ def _greenhouse(task: tasks.TaskSpec) -> Iterator[Section]:
             every = f"every {out.days_between:g} days for {out.hours:g} h"
             lines.append(f"Each hangs at its last value {every}, both on average.")
         yield Section("Sensors inside; what is judged is the truth", lines)
+    if task.outdoor_sensors is not None:
+        yield Section(_OUTSIDE, [_outdoor_sensor(name, sensor) for name, sensor in task.outdoor_sensors.items()])
+    if task.actuators:
+        meanings = {capacity.name: capacity.meaning for capacity in task.capacities()}
+        yield Section(_ACTUATORS, [f"{name} ({meanings[name]}) {_actuator(one)}." for name, one in task.actuators.items()])
+
+
+_OUTSIDE = "Sensors of the weather; what acts is the truth, and forecasts come from elsewhere"
+
+
+def _outdoor_sensor(name: str, sensor: ScaledSensorTable | OffsetSensorTable) -> str:
+    """How far one is off."""
+    unit, label = OUTDOOR[name].unit, name.replace("_", " ").capitalize()
+    if isinstance(sensor, ScaledSensorTable):
+        scale = f"reads {sensor.scale.low:g} to {sensor.scale.high:g} times the truth, drawn evenly for a run"
+        return f"{label}: {scale}; noise {100 * sensor.noise:g} % at every step (standard deviation)."
+    return f"{label}: bias {sensor.bias:g} {unit} for a run, noise {sensor.noise:g} {unit} at every step (both standard deviations)."
+
+
+_ACTUATORS = "Actuators; the agent sees what they are told, not what they deliver"
+
+
+def _actuator(table: ActuatorTable) -> str:
+    """What an actuator does to its commands."""
+    parts = [f"follows with a lag of {table.lag_minutes:g} minutes"] if table.lag_minutes else []
+    if table.shortfall:
+        parts.append(f"delivers less by 0 to {100 * table.shortfall:g} %, drawn once a run")
+    for fault, words in ((table.sticks, "stays where it is"), (table.fails, "delivers nothing")):
+        if fault is not None:
+            parts.append(f"{words} every {fault.days_between:g} days for {fault.hours:g} h, both on average")
+    if table.wind is not None:
+        parts.append(f"delivers less above {table.wind.above:g} m/s of wind, {100 * table.wind.share:g} % from {table.wind.full:g} m/s on")
+    return "; ".join(parts) or "is ideal"
 
 
 def _meaning(words: tasks.Registry[Any], name: str) -> str:
@@ -422,7 +461,8 @@ def _interface(task: tasks.TaskSpec, card: tasks.TaskCard) -> Iterator[Section]:
     hours, forecast, lines = task.observation.forecast_hours, task.observation.forecast, []
     if hours and isinstance(forecast, ForecastTable):
         ahead, error = ", ".join(map(str, hours)), forecast.error
-        lines = [f"Forecast by the hour, {ahead} h ahead; errors '{error}': {FORECAST_ERRORS[error].meaning}."]
+        mean = "; zero on average" if forecast.unbiased else ""
+        lines = [f"Forecast by the hour, {ahead} h ahead; errors '{error}': {FORECAST_ERRORS[error].meaning}{mean}."]
     heading = f"What the agent sees: {count} values after every step, float32, in this order"
     bounds = ("", "Name", "Unit", "Lowest", "Highest", "Meaning")
     yield Section(heading, lines, bounds, ("", "Lowest", "Highest"), rows)

@@ -228,16 +228,10 @@ class Guard:
 
 
 def application(sessions: Sessions, hosts: Sequence[str] = ("localhost",), origins: Sequence[str] = ()) -> FastAPI:
-    """The application that serves ``sessions``.
+    """The application that serves ``sessions``, in a thread of its own from now on.
 
-    Parameters
-    ----------
-    sessions
-        Used in a thread of the application's own from now on.
-    hosts
-        Names that requests may be addressed to, besides IP addresses.
-    origins
-        Origins of web pages that may call the API, such as ``http://localhost:1880``, besides its own page.
+    Requests may be addressed to IP addresses and the names ``hosts``. Besides its own page, web pages of ``origins`` may call the API, such
+    as ``http://localhost:1880``.
     """
     thread = ThreadPoolExecutor(1, thread_name_prefix="simulation")
 

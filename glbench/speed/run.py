@@ -115,14 +115,9 @@ def references(subjects: Iterable[Subject]) -> Iterator[dict[float, Reference]]:
 
 
 class Comparisons:
-    """Sets subjects against references, each of which is prepared once.
+    """Sets subjects against references, each of which is prepared once: one for each step length [s].
 
-    Parameters
-    ----------
-    by_length
-        A reference for each step length [s].
-    rounds
-        How often a subject and its reference are timed in turn.
+    A subject and its reference are timed in turn, ``rounds`` times.
     """
 
     def __init__(self, by_length: Mapping[float, Reference], rounds: int) -> None:
@@ -163,18 +158,10 @@ class Comparisons:
 def measure(
     subjects: Sequence[Subject], *, rounds: int = ROUNDS, processes: bool = True, progress: ProgressCallback | None = None
 ) -> SpeedRecord:
-    """Measure subjects against the reference.
+    """Set each of ``subjects`` (see ``choose_subjects``) against the reference, ``rounds`` times, 1 or more.
 
-    Parameters
-    ----------
-    subjects
-        What to measure, see ``choose_subjects``.
-    rounds
-        How often each is set against the reference, 1 or more.
-    processes
-        Whether first use and memory are measured too, in processes of their own (some seconds).
-    progress
-        Told before each subject.
+    With ``processes``, first use and memory are measured too, in processes of their own (some seconds). ``progress`` is told before each
+    subject.
     """
     tell = progress or (lambda words, number, total: None)
     measurements = []

@@ -111,26 +111,11 @@ def points(kind: Controls, step_seconds: float, count: int = 512, seed: int = 0)
 
 @dataclass(frozen=True)
 class Subject:
-    """Something to measure.
+    """Something to measure, which ``make`` prepares: ``name`` is the group, then what tells it from the others of the group.
 
-    Attributes
-    ----------
-    name : str
-        Group, then what tells it from the others of the group.
-    title : str
-        In words.
-    make : callable
-        Prepares it.
-    step_seconds : float
-        Length of its steps [s]; the reference has the same.
-    controls : str
-        How controls move, for it and for the reference.
-    follows_season : bool
-        Whether the reference, too, steps the season of the paper's setting instead of scattered points.
-    quick : bool
-        Whether ``--quick`` measures it.
-    on_the_wall : bool
-        Whether time on the wall counts, as for what several threads share, and not processor time.
+    The reference has the same ``step_seconds``; ``controls`` is how controls move, for both. ``follows_season``: the reference, too, steps
+    the season of the paper's setting instead of scattered points. ``quick``: ``--quick`` measures it. ``on_the_wall``: time on the wall
+    counts, as for what several threads share, and not processor time.
     """
 
     name: str

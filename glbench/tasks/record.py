@@ -58,6 +58,10 @@ class TaskRecord:
     """The years of training, validation and test; ``None`` where all runs share their seasons."""
     sensors: tables.SensorsTable | None
     """Sensors with errors; ``None`` if the air is observed without errors."""
+    outdoor_sensors: tables.OutdoorSensorsTable | None
+    """Sensors of the weather with errors; ``None`` if it is observed without errors."""
+    actuators: dict[str, tables.ActuatorTable]
+    """By control, the actuators that do not deliver what they are told."""
     reward: tables.RewardTable
     evaluation: tables.EvaluationTable
 

@@ -2,8 +2,8 @@
 
 - ``tasks/best_known/<Task>.json`` holds, for each seed that a published task is scored by, the highest reward that any released result
   has there: what a score's regret is measured by. A best known run is not a bound: better ones may exist.
-- ``tasks/references.toml`` holds zero and one of normalised scores for every published task: the reward of doing nothing, and the mean
-  over the best known runs.
+- ``tasks/references.toml`` holds zero and one of normalised scores for every published task: the mean reward of the agent that the entry
+  names, which is stored once, and the mean over the best known runs.
 - ``tasks/deprecated.toml`` lists published tasks that new work should not use, with the reason and a replacement. Such a task still runs,
   and its results load and can be reproduced. A warning is logged, once a process.
 
@@ -133,26 +133,45 @@ def write_best_known(best: BestKnown) -> Path:
     return path
 
 
-_HEAD = """# Zero and one of normalised scores: the mean reward of doing nothing (submissions/do_nothing.py) and that of the best known
-# run of each seed (tasks/best_known), over the task's runs. Written by `glbench tasks references --write` from reports/released.
+_HEAD = """\
+# Zero and one of normalised scores: means over the task's runs of what ranks, of zero_agent and of the best known run of each seed
+# (tasks/best_known). For a new task write its id and zero_agent; `glbench tasks references --write` takes the rest from reports/released,
+# and keeps every zero that is here. plans: whether plans that know the season made all best known runs, so that one is no agent's own
+# score. version: of the scale of the task, raised when zero or one moves.
 """
 
 
 class References(Table):
-    """Zero and one of a task's normalised score; rewards have no unit."""
+    """Zero and one of a task's normalised score, in the unit of what ranks there."""
 
-    nothing: float
-    nothing_results_digest: str
-    best: float
-    best_agent: str
-    best_results_digest: str
+    version: int = Field(default=1, ge=1)
+    """Of the scale: raised when zero or one moves. Scores on scales of different versions cannot be compared."""
+    zero_agent: str
+    """Whose mean is zero; a maintainer writes it, and the rest follows from results."""
+    zero: float | None = None
+    """Mean of that agent, of several trainings over all of them; stored once and kept, whatever results are added later."""
+    zero_results_digest: str | None = None
+    """Digests of its results, by the seeds of the trainings, with a space between two."""
+    plans: bool = False
+    """Whether all best known runs are of agents that know the season in advance. If not, one is what some ranked agent scores itself."""
+    best: float | None = None
+    """``None`` where no plans are known."""
+    best_agent: str | None = None
+    best_results_digest: str | None = None
     """Digests of the results that the best known runs are taken from, with a space between two, by the agents' names."""
 
     @model_validator(mode="after")
     def _in_order(self) -> References:
-        if not self.best > self.nothing:
-            refuse(f"the best known reward {self.best:g} is not above that of doing nothing, {self.nothing:g}")
+        if self.ends is not None and not self.ends[1] > self.ends[0]:
+            refuse(f"the best known reward {self.best:g} is not above that of {self.zero_agent}, {self.zero:g}")
+        if self.plans and self.best is None:
+            refuse("there are plans, but no best known reward")
         return self
+
+    @property
+    def ends(self) -> tuple[float, float] | None:
+        """Zero and one; ``None`` where one of them is missing."""
+        return None if self.zero is None or self.best is None else (self.zero, self.best)
 
 
 def references_path() -> Path:
@@ -169,7 +188,7 @@ def read_references() -> Mapping[str, References]:
     TaskError
         When the file cannot be used.
     """
-    return _entries(references_path(), References, "`glbench tasks references --write` makes it again from the results.")
+    return _entries(references_path(), References, "Restore the file: `glbench tasks references --write` takes what is missing.")
 
 
 Entry = TypeVar("Entry", bound=BaseModel)
@@ -197,7 +216,8 @@ def write_references(references: Mapping[str, References]) -> Path:
     """
     parts = [_HEAD]
     for task_id, one in sorted(references.items()):
-        parts.append(f'["{task_id}"]\n' + "".join(f"{key} = {json.dumps(value)}\n" for key, value in one.model_dump().items()))
+        values = one.model_dump(exclude_none=True).items()
+        parts.append(f'["{task_id}"]\n' + "".join(f"{key} = {json.dumps(value)}\n" for key, value in values))
     write_atomically(references_path(), "\n".join(parts))
     read_references.cache_clear()
     return references_path()

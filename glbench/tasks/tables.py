@@ -17,6 +17,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from glbench.errors import TaskError, did_you_mean, refuse
+from glbench.quantities import OUTDOOR
 from glbench.tasks import vocabulary as words
 from glbench.tasks.fields import (
     ClimateQuantityTable,
@@ -165,6 +166,7 @@ class ForecastTable(Table):
         default=(), description="a list of whole hours ahead, such as [1, 2, 3, 6, 12, 18, 24]"
     )
     error: Annotated[str, one_of(words.FORECAST_ERRORS)] = Field(default=PERFECT, description="how much the forecast errs")
+    unbiased: bool = Field(default=False, description="true or false")
 
     @model_validator(mode="after")
     def _hours_rise(self) -> Self:
@@ -543,11 +545,16 @@ class SplitsTable(Table):
         return self
 
 
-class SensorTable(Table):
-    """``[sensors.<quantity>]``: how far a sensor is off; what is 0 may be left out."""
+class OffsetSensorTable(Table):
+    """``[outdoor_sensors.<quantity>]`` of a sensor that is off by an amount; what is 0 may be left out."""
 
     noise: float = Field(default=0.0, ge=0.0, description="0 or more")
     bias: float = Field(default=0.0, ge=0.0, description="0 or more")
+
+
+class SensorTable(OffsetSensorTable):
+    """``[sensors.<quantity>]``: how far a sensor is off; what is 0 may be left out."""
+
     drift: float = Field(default=0.0, ge=0.0, description="0 or more")
 
 
@@ -570,11 +577,16 @@ def _sensor_in(unit: str) -> BeforeValidator:
     return BeforeValidator(sensor)
 
 
-class DropoutsTable(Table):
-    """``[sensors.dropouts]``: how often a sensor hangs at its last value, and for how long; both are means."""
+class FaultsTable(Table):
+    """How often a sensor or an actuator has a fault, and for how long; both are means."""
 
     days_between: float = Field(gt=0.0, le=3660.0, description="a number of days above 0")
     hours: float = Field(gt=0.0, le=240.0, description="a number of hours above 0, up to 240")
+
+    def chances(self, step_seconds: float) -> tuple[float, float]:
+        """Chance in a step that a fault begins, and that one lasts."""
+        hours = step_seconds / 3600.0
+        return min(hours / (24.0 * self.days_between), 1.0), max(1.0 - hours / self.hours, 0.0)
 
 
 class SensorsTable(ClimateQuantityTable):
@@ -583,13 +595,74 @@ class SensorsTable(ClimateQuantityTable):
     air_temperature: Annotated[SensorTable | None, _sensor_in(LIMITED["air_temperature"])] = None
     co2: Annotated[SensorTable | None, _sensor_in(LIMITED["co2"])] = None
     relative_humidity: Annotated[SensorTable | None, _sensor_in(LIMITED["relative_humidity"])] = None
-    dropouts: DropoutsTable | None = None
+    dropouts: FaultsTable | None = None
 
     @model_validator(mode="after")
     def _something_drops_out(self) -> Self:
         if self.dropouts is not None and not self.items():
             refuse("There are [sensors.dropouts], but no sensor that could drop out: add [sensors.air_temperature].")
         return self
+
+
+class ScaleTable(Table):
+    """Lowest and highest factor that a sensor is off by."""
+
+    low: float = Field(gt=0.0, le=10.0, description="a factor above 0, up to 10")
+    high: float = Field(gt=0.0, le=10.0, description="a factor above 0, up to 10")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.low > self.high:
+            refuse(f"low = {self.low:g} must not be above high = {self.high:g}.")
+        return self
+
+
+class ScaledSensorTable(Table):
+    """``[outdoor_sensors.<quantity>]`` of a sensor that is off by a factor; what is left out is right."""
+
+    scale: ScaleTable = ScaleTable(low=1.0, high=1.0)
+    noise: float = Field(default=0.0, ge=0.0, le=0.3, description="a fraction of the reading from 0 to 0.3, such as 0.02 for 2 %")
+
+
+class OutdoorSensorsTable(Table):
+    """``[outdoor_sensors]``: sensors of the weather that err. What acts on the greenhouse is the truth."""
+
+    global_radiation: ScaledSensorTable | None = None
+    outdoor_temperature: Annotated[OffsetSensorTable | None, _sensor_in(OUTDOOR["outdoor_temperature"].unit)] = None
+    outdoor_relative_humidity: Annotated[OffsetSensorTable | None, _sensor_in(OUTDOOR["outdoor_relative_humidity"].unit)] = None
+    wind_speed: ScaledSensorTable | None = None
+
+    def items(self) -> tuple[tuple[str, ScaledSensorTable | OffsetSensorTable], ...]:
+        """Names and entries of those that the table has, in the order above."""
+        entries = ((name, getattr(self, name)) for name in type(self).model_fields)
+        return tuple((name, entry) for name, entry in entries if entry is not None)
+
+
+_WindSpeed = Annotated[float, in_unit("m s-1")]
+
+
+class WindLimitTable(Table):
+    """``[actuators.<control>.wind]``: from a wind speed on, a control delivers less, down to a share of what it is told."""
+
+    above: Annotated[float, in_unit("m s-1")] = Field(ge=0.0, description='a wind speed, 0 or more: { value = 12.0, unit = "m s-1" }')
+    full: Annotated[float, in_unit("m s-1")] = Field(description='a wind speed higher than above: { value = 16.0, unit = "m s-1" }')
+    share: float = Field(default=0.0, ge=0.0, lt=1.0, description="a fraction from 0 to below 1")
+
+    @model_validator(mode="after")
+    def _speeds_rise(self) -> Self:
+        if self.full <= self.above:
+            refuse(f"full = {self.full:g} m s-1 must be higher than above = {self.above:g} m s-1.")
+        return self
+
+
+class ActuatorTable(Table):
+    """``[actuators.<control>]``: how what an actuator delivers differs from what it is told; what is left out is ideal."""
+
+    lag_minutes: float = Field(default=0.0, ge=0.0, le=240.0, description="a number of minutes, 0 to 240")
+    shortfall: float = Field(default=0.0, ge=0.0, lt=1.0, description="a fraction from 0 to below 1")
+    sticks: FaultsTable | None = None
+    fails: FaultsTable | None = None
+    wind: WindLimitTable | None = None
 
 
 class ScenarioTable(Table):
@@ -693,6 +766,8 @@ class TaskFile2(TaskFile):
     scenario: ScenarioTable
     splits: SplitsTable | None = None
     sensors: SensorsTable | None = None
+    outdoor_sensors: OutdoorSensorsTable | None = None
+    actuators: dict[str, ActuatorTable] = Field(default={}, description="tables [actuators.<control>]")
     reward: RewardTable
 
     _content: Mapping[str, Any] | None = PrivateAttr(default=None)
@@ -754,6 +829,15 @@ class TaskFile2(TaskFile):
         for group in widest:
             facts = {"distribution": group.distribution, "delta": group.width, "parameters": group.parameters, "redraw": group.redraw}
         return UncertaintyTable.model_construct(half_width_factor=1.0, **facts)
+
+    @model_validator(mode="after")
+    def _actuators_are_moved(self) -> Self:
+        for name, table in self.actuators.items():
+            if name not in self.actuation.controls:
+                refuse(f"[actuators.{name}] is about a control that the task does not grant.{did_you_mean(name, self.actuation.controls)}")
+            if name in self.actuation.on_off and (table.lag_minutes or table.shortfall or table.wind):
+                refuse(f"[actuators.{name}] {name} is off or on ([actuation.on_off]): it can fail or stick, and has no other key.")
+        return self
 
     @model_validator(mode="after")
     def _prices_follow_each_other(self) -> Self:

@@ -75,31 +75,17 @@ Floats = NDArray[np.floating]
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on one result.
+    """The verdict on one result, in the file ``path``.
 
-    Attributes
-    ----------
-    path
-        The result's file.
-    outcome
-        ``"reproduced"``, ``"refuted"``, ``"unknown"`` when it cannot be verified here, or ``"sealed"`` when it cannot be before the
-        host of the round publishes its secret.
-    cause
-        A short name of the reason why it is not reproduced, such as ``"reward"`` or ``"dropped_run"``; empty when it is.
-    reason
-        In words: how closely it was reproduced, or what differs where, or what is missing to verify it.
-    exactness
-        Whether it was reproduced to the last bit or within the tolerance; ``None`` when it was not.
-    largest_difference
-        Largest relative difference found, 0 when all bits are the same.
-    notes
-        What else a reader should know.
-    runs, steps
-        Runs and steps that were simulated again.
-    episodes
-        Seeds of the full episodes that were compared, too.
-    reproduced, stated
-        Fields of the result that were reproduced, and those that it merely states; see ``coverage``.
+    The ``outcome`` is ``"reproduced"``, ``"refuted"``, ``"unknown"`` when it cannot be verified here, or ``"sealed"`` when it cannot be
+    before the host of the round publishes its secret. If it is not reproduced, ``cause`` is a short name of the reason, such as
+    ``"reward"`` or ``"dropped_run"``. The ``reason`` says in words how closely it was reproduced, or what differs where, or what is missing
+    to verify it; ``notes`` are what else a reader should know.
+
+    ``exactness`` says whether it was reproduced to the last bit or within the tolerance, if it was; ``largest_difference`` is the largest
+    relative one, 0 when all bits are the same. ``runs`` and ``steps`` were simulated again; ``episodes`` are seeds of the full episodes
+    that were compared, too. ``reproduced`` and ``stated`` are the fields of the result that were reproduced, and those that it merely
+    states; see ``coverage``.
     """
 
     path: Path
@@ -173,16 +159,9 @@ class Difference:
 
 @dataclass(frozen=True)
 class Agreement:
-    """What was compared so far.
+    """What was compared so far: the ``largest`` relative difference and the ``first`` value of which a bit differs.
 
-    Attributes
-    ----------
-    largest
-        Largest relative difference.
-    first
-        The first value of which a bit differs.
-    first_large
-        The first value that differs by more than the tolerance.
+    ``first_large`` is the first value that differs by more than the tolerance.
     """
 
     largest: float = 0.0

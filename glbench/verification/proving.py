@@ -241,7 +241,7 @@ def _stay_sealed(path: Path, result: Result, log: ActionLog, spec: TaskSpec, wor
     # Whether runs draw numbers, which another salt changes, rather than one of a few seasons and days.
     has_numbers = any(group.half_width > 0.0 for group in scenario.groups)
     has_numbers = has_numbers or any(group.half_width > 0.0 for group in scenario.start_groups)
-    has_numbers = has_numbers or scenario.generated is not None or spec.sensors is not None
+    has_numbers = has_numbers or scenario.generated is not None or spec.sensors is not None or spec.outdoor_sensors is not None
     if has_numbers:
         facts = log.provenance.task.model_copy(update={"salt_commitment": None})
         public = replace(log, provenance=log.provenance.model_copy(update={"task": facts}))

@@ -119,24 +119,11 @@ class PlaceEntry(Table):
 class ColumnMap(Table):
     """Which column of a table is what.
 
-    Attributes
-    ----------
-    time
-        The column of stamps, or those of dates and of times of day.
-    stamps
-        Whether a stamp is the start, the middle or the end of the interval that its row covers.
-    clock
-        IANA zone of the stamps, where they carry no offset from UTC.
-    dates
-        Whether day or month comes first; recognised by default.
-    decimal
-        The decimal sign; recognised by default.
-    columns
-        The column of each quantity, by the quantity's name.
-    timezone
-        IANA zone of the greenhouse's clock; by default that of the stamps.
-    place
-        Where the station is.
+    ``time`` is the column of stamps, or those of dates and of times of day; ``stamps`` says whether a stamp is the start, the middle or the
+    end of the interval that its row covers. ``clock`` is the IANA zone of the stamps, where they carry no offset from UTC. ``dates``,
+    whether day or month comes first, and ``decimal``, the decimal sign, are recognised by default. ``columns`` has the column of each
+    quantity, by the quantity's name. ``timezone`` is the IANA zone of the greenhouse's clock, by default that of the stamps, and ``place``
+    where the station is.
     """
 
     time: tuple[str, ...] = Field(min_length=1, max_length=2)

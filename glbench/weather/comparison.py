@@ -67,18 +67,9 @@ class Figure:
 class Resemblance:
     """What was compared, and the figures.
 
-    Attributes
-    ----------
-    source, digest : str
-        Name and SHA-256 of the record.
-    years : tuple of int
-        Years drawn from, and compared with.
-    start : str
-        First possible first day, month and day (``02-15``).
-    within_days, days, seasons, seed : int
-        Further possible first days, length of a season, number of generated seasons, seed of their random numbers.
-    figures : tuple of Figure
-        The page.
+    ``source`` and ``digest`` are name and SHA-256 of the record, ``years`` those drawn from, and compared with. ``start`` is the first
+    possible first day, month and day (``02-15``), and ``within_days`` the further ones; ``days`` is the length of a season, ``seasons`` the
+    number of generated ones, and ``seed`` that of their random numbers.
     """
 
     source: str
@@ -116,18 +107,11 @@ def resemblance(
     seasons: int = 1000,
     seed: int = 1,
 ) -> Resemblance:
-    """Figures of ``seasons`` generated seasons against the real years.
+    """Figures of ``seasons`` generated seasons, at least 20, against the real years of ``generator``.
 
-    Raises ``WeatherError`` when there are too few seasons, or no real season lies wholly inside the years.
-
-    Parameters
-    ----------
-    generator : SeasonGenerator
-        Its years are the real ones.
-    start, within_days, days
-        First possible first day (of any year), how many later days are possible, and the length of a season.
-    seasons, seed : int
-        Number of generated seasons, at least 20, and the seed of their random numbers.
+    ``start`` is the first possible first day (of any year), ``within_days`` how many later days are possible, ``days`` the length of a
+    season, and ``seed`` that of their random numbers. Raises ``WeatherError`` when there are too few seasons, or no real season lies wholly
+    inside the years.
     """
     if seasons < 20 or within_days < 0:
         msg = f"Statistics need at least 20 seasons and no negative spread of first days; got {seasons} seasons, {within_days} days."

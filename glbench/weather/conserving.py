@@ -50,16 +50,10 @@ def sine_of_elevation(times: FloatArray, place: Place) -> FloatArray:
 
 
 class Means:
-    """Means over the intervals ``[starts, ends)`` of functions given cell by cell.
+    """Means over the intervals ``[starts, ends)`` ``(n,)`` [s], int64, of functions given cell by cell.
 
-    Parameters
-    ----------
-    starts, ends : ndarray (n,) of int64
-        Seconds; every interval is at least 1 s long and lies inside the cells.
-    begin, cell : int
-        Start of the first cell and length of every cell, seconds.
-
-    An interval inside one cell is never computed as a difference of long running sums, so nothing is lost to rounding.
+    Every interval is at least 1 s long and lies inside the cells, the first of which starts at ``begin``; ``cell`` is the length of each
+    [s]. An interval inside one cell is never computed as a difference of long running sums, so nothing is lost to rounding.
     """
 
     def __init__(self, starts: IntArray, ends: IntArray, begin: int, cell: int) -> None:

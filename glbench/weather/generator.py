@@ -69,18 +69,11 @@ class Blocks:
 
 @dataclass(frozen=True, eq=False)
 class GeneratedSeason:
-    """One season.
+    """One season, which starts on the day ``start``.
 
-    Attributes
-    ----------
-    start : datetime.date
-        First day of the season; the record begins ``MARGIN_DAYS`` earlier.
-    record : WeatherRecord
-        Hourly weather from two days before the first day to two days after the last; its dates are nominal.
-    sources : ndarray (days + 4,) of int64
-        For each day of the record, the day that it was taken from, in days since 1970-01-01 (``sources.astype("datetime64[D]")``).
-    joints : ndarray (days + 4,) of bool
-        Whether a block begins with this day; false for the first.
+    ``record`` is hourly weather from ``MARGIN_DAYS``, two, before the first day to two days after the last; its dates are nominal.
+    ``sources`` ``(days + 4,)`` int64 are the days that those of the record were taken from, in days since 1970-01-01
+    (``sources.astype("datetime64[D]")``). ``joints`` ``(days + 4,)`` says whether a block begins with a day; false for the first.
     """
 
     start: dt.date
@@ -92,16 +85,9 @@ class GeneratedSeason:
 class SeasonGenerator:
     """Seasons from some years of a record.
 
-    Raises ``WeatherError`` when there are no years, or one of them is not wholly in the record; names it.
-
-    Parameters
-    ----------
-    record : WeatherRecord
-        Whole calendar years of hourly weather. A single year, such as a typical year, works; its seasons resemble each other more.
-    years : sequence of int
-        Years to draw from, in any order. No hour of another year is read.
-    blocks : Blocks
-        How blocks are cut and matched.
+    ``record`` has whole calendar years of hourly weather; no hour of a year other than ``years`` is read. A single year, such as a typical
+    year, works; its seasons resemble each other more. ``blocks`` says how blocks are cut and matched. Raises ``WeatherError``, with the
+    year, when there are no years, or one of them is not wholly in the record.
     """
 
     def __init__(self, record: WeatherRecord, years: Sequence[int], blocks: Blocks = Blocks()) -> None:
@@ -124,16 +110,9 @@ class SeasonGenerator:
     def season(self, start: dt.date, days: int, numbers: npt.NDArray[np.float64]) -> GeneratedSeason:
         """The season that ``numbers`` stand for; the same arguments give the same season, to the last bit.
 
-        Raises ``WeatherError`` when an argument is impossible.
-
-        Parameters
-        ----------
-        start : datetime.date
-            First day; the time of the year counts, the year itself names the hours.
-        days : int
-            Length, at least 1.
-        numbers : ndarray (self.numbers(days),) of float64
-            Uniform random numbers from 0 to 1, 1 excluded.
+        Of ``start``, the first day, the time of the year counts; the year itself names the hours. ``days`` is the length, at least 1.
+        ``numbers`` ``(self.numbers(days),)`` are uniform random numbers from 0 to 1, 1 excluded. Raises ``WeatherError`` when an argument
+        is impossible.
         """
         first, calendar, chain, joints = self._chained(start, days, numbers)
         sources = self._days.numbers[chain]
@@ -236,16 +215,9 @@ def _length(days: int) -> int:
 class _Days:
     """The days of some years of a record, and what matching and joining need to know of them.
 
-    Attributes
-    ----------
-    numbers, calendar : ndarray (n,) of int64
-        Days since 1970-01-01, and days of the calendar.
-    follows : ndarray (n,) of bool
-        Whether the day before is the one before in these arrays.
-    runs : ndarray (n,) of int64
-        How many days in a row begin here.
-    ahead : int
-        Seconds by which the clock of these days is ahead of UTC.
+    All arrays are ``(n,)``: ``numbers`` are days since 1970-01-01 and ``calendar`` days of the calendar, int64; ``follows`` says whether
+    the day before is the one before in these arrays, and ``runs`` how many days in a row begin here. ``ahead`` is how far the clock of
+    these days is ahead of UTC [s].
     """
 
     def __init__(self, record: WeatherRecord, years: tuple[int, ...]) -> None:

@@ -56,12 +56,8 @@ SKY_ESTIMATED = (
 def hourly_record(rows: Rows, origin: Origin, *, fill_gaps: int = 0) -> WeatherRecord:
     """Checked hourly record of the rows of an outside file, whatever their step up to an hour, with a sky.
 
-    Raises ``WeatherError`` for rows out of order, coarser than an hour, or otherwise as ``assemble`` does.
-
-    Parameters
-    ----------
-    rows, origin, fill_gaps
-        As for ``assemble``, with ``slot_ends`` the end of each row's interval.
+    The arguments are those of ``assemble``, with ``slot_ends`` the end of each row's interval. Raises ``WeatherError`` for rows out of
+    order, coarser than an hour, or otherwise as ``assemble`` does.
     """
     present = {name: values for name, values in rows.columns.items() if name in REQUIRED or not np.isnan(values).all()}
     rows, notes = _sensors_within_limits(replace(rows, columns=present))

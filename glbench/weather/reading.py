@@ -47,24 +47,12 @@ _FIXED_ZONES = {
 
 @dataclass(frozen=True)
 class Reading:
-    """A weather file as read.
+    """A weather file as read: ``rows`` in canonical units, of any regular step from 5 to 60 minutes.
 
-    Attributes
-    ----------
-    rows
-        Values in canonical units. The slots' ends are seconds since 1970-01-01 on the file's clock; any regular step from 5 to 60 minutes.
-    station, source, licence
-        As in ``record.Origin``.
-    coordinates
-        Degrees north and east, metres above sea level; ``None`` where the file does not say.
-    utc_offset
-        By how many hours the file's clock is ahead of UTC.
-    zone
-        IANA name of the local clock; ``None`` where the file names none.
-    typical
-        Whether the file is known to be a typical year. Otherwise the rows tell.
-    notes
-        What was done to the figures.
+    The slots' ends are seconds since 1970-01-01 on the file's clock, which is ``utc_offset`` hours ahead of UTC; ``zone`` is the IANA name
+    of the local clock. ``station``, ``source`` and ``licence`` are as in ``record.Origin``, ``coordinates`` degrees north and east, and
+    metres above sea level. What the file does not say is ``None``. ``typical``: the file is known to be a typical year; otherwise the rows
+    tell. ``notes`` are what was done to the figures.
     """
 
     rows: record.Rows
@@ -87,25 +75,13 @@ def record_of(
     coordinates: record.Coordinates | None = None,
     fill_gaps: int = 0,
 ) -> record.WeatherRecord:
-    """Checked hourly record of a file.
+    """Checked hourly record called ``name`` of a file as read.
 
-    Raises ``WeatherError`` when the place is unknown, an option does not fit, or the rows have gaps or impossible values; names file, row
-    and value.
-
-    Parameters
-    ----------
-    reading
-        The file as read.
-    name
-        Name of the record.
-    timezone
-        IANA zone of the local clock. By default what the file names, or its fixed offset from UTC, which has no summer time.
-    year
-        Nominal (common) year of a typical year; 2001 by default. Not for weather of real years.
-    coordinates
-        Latitude [deg north], longitude [deg east] and altitude [m], instead of what the file says.
-    fill_gaps
-        Fill up to so many missing hours in a row linearly (recorded in the notes); 0 fills nothing.
+    ``timezone`` is the IANA zone of the local clock; by default what the file names, or its fixed offset from UTC, which has no summer
+    time. ``year`` is the nominal (common) year of a typical year, 2001 by default, and not for weather of real years. ``coordinates`` are
+    latitude [deg north], longitude [deg east] and altitude [m], instead of what the file says. Up to ``fill_gaps`` missing hours in a row
+    are filled linearly (recorded in the notes). Raises ``WeatherError``, with file, row and value, when the place is unknown, an option
+    does not fit, or the rows have gaps or impossible values.
     """
     rows, notes, file = reading.rows, list(reading.notes), reading.rows.file
     latitude, longitude, altitude = coordinates or reading.coordinates

@@ -141,18 +141,10 @@ class Place:
 class Origin:
     """Who measured something where.
 
-    Attributes
-    ----------
-    name : str
-        The name used by ``load_weather``.
-    place : Place
-        Station, coordinates and clock; of a record also reachable as ``record.latitude`` and so on.
-    source, licence : str
-        Where the figures come from, and the terms under which they may be used.
-    typical_year : bool
-        The months come from different years and carry one nominal year (EPW and TMY files).
-    notes : tuple of str
-        What was done to the figures on the way in (gaps filled, columns left out).
+    ``name`` is used by ``load_weather``; ``place`` has station, coordinates and clock, of a record also reachable as ``record.latitude``
+    and so on. ``source`` and ``licence`` say where the figures come from, and the terms under which they may be used. The months of a
+    ``typical_year`` come from different years and carry one nominal year (EPW and TMY files). ``notes`` are what was done to the figures on
+    the way in (gaps filled, columns left out).
     """
 
     name: str
@@ -274,18 +266,9 @@ class WeatherInfo(Origin):
 class Rows:
     """The rows of one file, as read: NaN where the file has no value.
 
-    Attributes
-    ----------
-    file : str
-        Where the rows come from, for messages.
-    slot_ends : ndarray of int64
-        End of each row's slot, seconds since 1970-01-01 UTC.
-    columns : Mapping[str, ndarray of float64]
-        Values in the units of ``QUANTITIES``.
-    timing : Mapping[str, Timing]
-        What each column's value means.
-    row_numbers : ndarray of int64
-        Line (or row) of the file, counted from 1, for messages.
+    ``file`` is where they come from, and ``row_numbers`` are their lines (or rows) in it, counted from 1; both are for messages.
+    ``slot_ends`` are the ends of the rows' slots, int64 seconds since 1970-01-01 UTC. ``columns`` holds the values in the units of
+    ``QUANTITIES``; ``timing`` says what those of a column mean.
     """
 
     file: str
@@ -296,17 +279,10 @@ class Rows:
 
 
 def assemble(rows: Rows, origin: Origin, *, fill_gaps: int = 0) -> WeatherRecord:
-    """Checked canonical record of ``rows``.
+    """Checked canonical record of ``rows``, with what ``origin`` knows about them.
 
-    Raises ``WeatherError`` for an empty file, hours out of order or twice, gaps, missing or impossible values, an impossible place. The
-    message names the file, the row and the value.
-
-    Parameters
-    ----------
-    rows, origin : Rows, Origin
-        The figures, and what is known about them.
-    fill_gaps : int
-        Fill up to so many missing hours in a row linearly and say so in the record's notes; 0 fills nothing.
+    Up to ``fill_gaps`` missing hours in a row are filled linearly, which the record's notes say. Raises ``WeatherError``, with file, row
+    and value, for an empty file, hours out of order or twice, gaps, missing or impossible values, an impossible place.
     """
     place = origin.place
     limits = (("latitude", place.latitude, 90.0, "deg"), ("longitude", place.longitude, 180.0, "deg"))

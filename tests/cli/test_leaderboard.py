@@ -254,7 +254,7 @@ def test_agents_over_a_suite_are_shown_with_scores_and_resources(monkeypatch):
         "ppo (1 to 3",
         "IQM",
         "rule_based_fair",
-        "0 is doing nothing",
+        "0 is the mean of do_nothing",
         "means over the tasks",
     ):
         assert words in result.stdout

@@ -297,7 +297,7 @@ def played(task: TaskSpec, agent: PredictiveAgent | TrueStateController, seeds: 
         action = agent.act(simulation.x) if isinstance(agent, TrueStateController) else agent.act(observations)
         found.append(action)
         observations = simulation.step(action).observations
-        assert simulation.u == pytest.approx(agent._steering.controls, abs=1e-15)
+        assert simulation.commands == pytest.approx(agent._steering.controls, abs=1e-15)
     return np.array(found), simulation
 
 
@@ -353,6 +353,18 @@ def test_a_view_of_mpc_that_is_none_is_refused() -> None:
         agent.reset(task_card(short()), 1)
 
 
+@pytest.mark.parametrize("name", ["mpc", "mpc_true_state"])
+def test_the_baselines_live_with_actuators_that_are_not_ideal(name: str) -> None:
+    """They take what they told for what is delivered."""
+    often = {"days_between": 0.2, "hours": 3.0}
+    actuators = {"uVent": {"lag_minutes": 20.0, "sticks": often}, "uBoil": {"fails": often}, "uThScr": {"shortfall": 0.2}}
+    task = short().replace({"id": "test/Actuators-v1", "actuators": actuators})
+    kind = {"mpc": PredictiveAgent, "mpc_true_state": TrueStateController}[name]
+    _, simulation = played(task, kind(quick(name)), [SEED, SEED + 1], 24)
+    assert np.isfinite(simulation.x).all()
+    assert (simulation.u != simulation.commands).any()
+
+
 @pytest.mark.parametrize("task_id", ["Lettuce-v1", "WinterLED-v1", "SpringEnergy-v1"])
 def test_a_task_that_cannot_be_planned_for_says_why(task_id: str) -> None:
     agent = PredictiveAgent(settings("mpc"))
@@ -387,3 +399,14 @@ def test_the_digest_of_a_baseline_names_the_version_of_its_controller(monkeypatc
     assert read_baseline("mpc_true_state").digest != before
     monkeypatch.setitem(controllers.CONTROLLERS, "mpc", replace(controllers.find_controller("mpc"), version="2"))
     assert read_baseline("mpc").digest != before
+
+
+def test_mpc_plans_with_the_set_of_parameters_that_it_is_told() -> None:
+    """The task's own set gives its bits; another house makes other plans; one that the model does not have is refused."""
+    task = short()
+    own, book, other = (PredictiveAgent(quick("mpc").model_copy(update={"parameters": name})) for name in (None, "benchmark", "led_2020"))
+    actions = [played(task, agent, [SEED], 5)[0].tobytes() for agent in (own, book, other)]
+    assert actions[0] == actions[1]
+    assert actions[0] != actions[2]
+    with pytest.raises(SubmissionError, match=r"'parameters': .*'bench'.*'benchmark'"):
+        PredictiveAgent(quick("mpc").model_copy(update={"parameters": "bench"})).reset(task_card(task), 1)

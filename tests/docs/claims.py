@@ -507,8 +507,13 @@ def calm_midnights() -> tuple[float, float]:
 
 def radiation_bias() -> tuple[float, float]:
     """How much too low radiation is forecast a day ahead, by day, on training seasons [W m-2], and in percent of what comes."""
-    came, errors = next(iter(uncertainty_figures.forecast_bias(get_task(str(uncertainty_figures.TASK))).values()))
+    came, errors, _ = next(iter(uncertainty_figures.forecast_bias(get_task(str(uncertainty_figures.TASK))).values()))
     return float(-errors[-1]), float(-100.0 * errors[-1] / came)
+
+
+def wind_profile(height: float) -> float:
+    """Wind over grass at ``height`` [m] by that at 10 m: FAO 56, equation 47."""
+    return float(np.log(67.8 * height - 5.42) / np.log(67.8 * 10.0 - 5.42))
 
 
 CLAIMS: dict[str, list[Claim]] = {
@@ -1042,6 +1047,7 @@ CLAIMS: dict[str, list[Claim]] = {
             "by hours ahead, over {} seasons of the [training split](glossary.md#split)",
             lambda: uncertainty_figures.BIAS_SEASONS,
         ),
+        ("the wind at 3 m is {} times, and at 20 m {} times,", lambda: (wind_profile(3.0), wind_profile(20.0))),
     ],
     "baselines/ppo_long/card.toml": [
         (
@@ -1146,6 +1152,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     "docs/uncertainty.md": [
         ("at `factor` 0.5, 1 and 2", "definition: the factors that belong together"),
         ("less than 0.5 or more than 1.5 times", "definition: glbench/tasks/spreads.py"),
+        ("share of the reading, up to 0.3;", "definition: glbench/tasks/tables.py"),
     ],
     "docs/realism.md": [
         ("as a mean of 24 h", "definition: a state of the model"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from glbench.env.forecast import LEVELS, PERSISTENCE, SPREAD, ForecastTable
 from glbench.env.random import ar1_paths, key_of, uniforms
 from glbench.env.weather_pool import WeatherPool
 from glbench.errors import TaskError
+from glbench.report.task_words import definition_in_words
 from glbench.tasks import TaskSpec
 from glbench.weather import COLUMNS, Place
 from glbench.weather.generator import clear_sky
@@ -242,6 +244,86 @@ def test_values_stay_within_their_columns(folder: Path) -> None:
     assert (table >= np.array([q.low for q in bounds], np.float32)).all()
     assert (table <= np.array([q.high for q in bounds], np.float32)).all()
     assert np.isfinite(table).all()
+
+
+def of_many_paths(task: TaskSpec, unbiased: bool, sign: float = 1.0) -> tuple[Floats, Floats]:
+    """Forecasts of one season with 400 paths of errors ``(paths, issues, quantities, hours)``, and what comes."""
+    found = ForecastTable.of(task)
+    assert found is not None
+    found = replace(found, unbiased=unbiased)
+    errors = type(found)._errors
+    season, hours = task.season(task.scenario.seasons[0], found.reach), task.weather.days * 24
+    measured = measured_weather(season.values)[: 4 * hours + found.reach]
+    truth = measured[:, [0, 1, 2, 4]].reshape(-1, 4, QUANTITIES).mean(axis=1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(found), "_errors", lambda self, *of: sign * errors(self, *of))
+        tables = np.zeros((400, hours, found.columns), np.float32)
+        for path, table in enumerate(tables):
+            found.fill(table, 0, 4 * hours, measured, season.times, path)
+    came = np.stack([truth[ahead - 1 : ahead - 1 + hours] for ahead in HOURS], axis=-1)
+    return tables.reshape(400, hours, QUANTITIES, len(HOURS)).astype(float), came
+
+
+def measured_weather(values: Floats) -> Floats:
+    radiation, temperature, pressure, co2, wind = (
+        np.ascontiguousarray(values[:, COLUMNS.index(name)]) for name in ("iGlob", "tOut", "vpOut", "co2Out", "wind")
+    )
+    _, ppm, humidity = read_air(temperature, co2, pressure)
+    return np.stack([radiation, temperature, humidity, ppm, wind], axis=1)
+
+
+@pytest.fixture(scope="module")
+def real(folder: Path) -> TaskSpec:
+    scenario = SCENARIO.replace("generated = true\n", "").replace('co2_range = { low = 390.0, high = 420.0, unit = "ppm" }\n', "")
+    splits = "\n".join(line for line in SPLITS.splitlines() if not line.startswith("seasons"))
+    return spring(folder / "of-a-year.toml", days=12, scenario=scenario, splits=splits, observation=forecast("high"), sensors="")
+
+
+def test_an_unbiased_forecast_is_right_on_average_and_the_other_is_not(real: TaskSpec) -> None:
+    """By quantity over 400 paths of errors: the mean error in standard errors, paths being independent."""
+    for unbiased in (True, False):
+        issued, came = of_many_paths(real, unbiased)
+        error = (issued - came).mean(axis=(1, 3))  # of a path
+        off = error.mean(axis=0) / (error.std(axis=0) / np.sqrt(len(error)))
+        if unbiased:
+            assert np.abs(off).max() < 4.0
+        else:
+            assert off[0] < -8.0
+            assert off[2] < -8.0
+            assert off[3] > 4.0
+            assert abs(off[1]) < 4.0
+
+
+def test_errors_of_an_unbiased_forecast_are_alike_on_both_sides_and_within_limits(real: TaskSpec) -> None:
+    (up, came), (down, _) = (of_many_paths(real, unbiased=True, sign=sign) for sign in (1.0, -1.0))
+    np.testing.assert_allclose((up + down) / 2.0, np.broadcast_to(came, up.shape), rtol=1e-6, atol=1e-4)
+    assert up.min(axis=(0, 1, 3))[[0, 2, 3]] == pytest.approx(0.0, abs=60.0)
+    assert (up[:, :, [0, 2, 3]] >= 0.0).all()
+    assert (up[:, :, 2] <= 100.0).all()
+    dark = came[:, 0] == 0.0
+    assert (up[:, :, 0][:, dark] == 0.0).all()
+    limited = np.isclose(up[:, :, 3], 2.0 * came[:, 3]) | (up[:, :, 3] < 1e-6)  # the wind doubles, or goes down
+    assert 0.01 < limited.mean() < 0.6
+
+
+def test_temperature_and_far_limits_are_the_same_biased_or_not(real: TaskSpec) -> None:
+    (free, came), (cut, _) = (of_many_paths(real, unbiased) for unbiased in (True, False))
+    assert free[:, :, 1].tobytes() == cut[:, :, 1].tobytes()
+    calm = came[:, 3] > 15.0  # m s-1: further from 0 than any error goes
+    assert (free[:, :, 3][:, calm] == cut[:, :, 3][:, calm]).all()
+    assert (free != cut).any()
+
+
+def test_a_task_file_says_whether_its_forecast_is_unbiased(folder: Path) -> None:
+    text = forecast("medium")
+    plain, unbiased = (spring(folder / "said.toml", observation=text + more) for more in ("", "unbiased = true\n"))
+    assert "unbiased" not in plain.definition()["observation"]["forecast"]
+    assert unbiased.definition()["observation"]["forecast"]["unbiased"] is True
+    assert plain.digest != unbiased.digest
+    made = ForecastTable.of(plain), ForecastTable.of(unbiased)
+    assert [one.unbiased for one in made if one is not None] == [False, True]
+    (section,) = (one for one in definition_in_words(unbiased) if one.heading.startswith("What the agent sees"))
+    assert "zero on average" in section.lines[0]
 
 
 def test_real_years_have_forecasts_too(folder: Path) -> None:

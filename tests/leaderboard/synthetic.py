@@ -24,6 +24,7 @@ from glbench.leaderboard import StoredResult
 from glbench.leaderboard.entries import Entry, entry_of
 
 TASK = "glbench/Meadow-v1"
+MONEY = {"reward": "EUR m-2", "epi": "EUR m-2", "penalty": "EUR m-2"}
 CARD = {"name": "x", "authors": ["y"], "licence": "MIT", "information": ["observations"]}
 
 
@@ -128,3 +129,21 @@ def of_another_version(result: Result, lacks: tuple[str, ...], more: dict[str, t
         "results_digest": results_digest(result.task.digest, result.agent, runs),
     }
     return result.model_copy(update=changes)
+
+
+def result_with(agent: str, epi: list[float], penalty: list[float], rewards: list[float] | None = None, **more: object) -> Result:
+    """A result with these profits and penalties, and their differences as rewards unless told otherwise."""
+    rewards = rewards or [p - v for p, v in zip(epi, penalty, strict=True)]
+    result = make_result(agent, rewards, **more)  # type: ignore[arg-type]
+    runs = tuple(
+        run.model_copy(update={"metrics": run.metrics | {"epi": p, "penalty": v}})
+        for run, p, v in zip(result.runs, epi, penalty, strict=True)
+    )
+    digest = results_digest(result.task.digest, result.agent, runs, result.task.salt_commitment)
+    changes = {"runs": runs, "summary": summarise(runs), "results_digest": digest, "units": result.units | MONEY}
+    return result.model_copy(update=changes)
+
+
+def stored(result: Result) -> StoredResult:
+    """The result as if it were read from a file."""
+    return StoredResult(Path(f"{result.agent.name}.json"), result)

@@ -221,7 +221,9 @@ def test_exports_keep_every_training_with_its_entry(trainings):
 
 
 def test_over_a_suite_trainings_have_a_range_and_all_their_runs_count(trainings):
-    references = {TASK: References(nothing=0.0, nothing_results_digest="", best=40.0, best_agent="x", best_results_digest="")}
+    references = {
+        TASK: References(zero=0.0, zero_agent="do_nothing", zero_results_digest="", best=40.0, best_agent="x", best_results_digest="")
+    }
     scores = scores_by_task(trainings, EXPECTED)
     assert scores[TASK]["ppo"].shape == (3, 4)
     table = suite_table("meadows", (TASK,), scores, references, rank(trainings, EXPECTED))

@@ -24,7 +24,7 @@ def tables(store):
 
 @pytest.fixture
 def suite(store):
-    references = References(nothing=0.0, nothing_results_digest="", best=60.0, best_agent="x", best_results_digest="")
+    references = References(zero=0.0, zero_agent="do_nothing", zero_results_digest="", best=60.0, best_agent="x", best_results_digest="")
     scores = {TASK: {"first_agent": store("first_agent", [50.0, 51.0, 52.0]).result.values("reward")}}
     return suite_table("meadows", (TASK,), {k: {a: _array(v) for a, v in s.items()} for k, s in scores.items()}, {TASK: references})
 

@@ -57,7 +57,9 @@ def test_programs_get_unknown_metrics_by_their_names_and_units(mixed, tmp_path):
 
 
 def test_suites_average_what_all_tasks_have(mixed):
-    references = {TASK: References(nothing=0.0, nothing_results_digest="", best=60.0, best_agent="x", best_results_digest="")}
+    references = {
+        TASK: References(zero=0.0, zero_agent="do_nothing", zero_results_digest="", best=60.0, best_agent="x", best_results_digest="")
+    }
     table = suite_table("s", (TASK,), scores_by_task(mixed, EXPECTED), references, rank(mixed, EXPECTED))
     assert table is not None
     assert [row.agent for row in table.rows] == ["usual", "gassy"]

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from glbench.errors import TaskError
-from glbench.evaluation.records import Result, results_digest, summarise
-from glbench.leaderboard import Expectation, StoredResult, collect_results, rank, to_frame, to_markdown
+from glbench.leaderboard import Expectation, collect_results, rank, to_frame, to_markdown
 from glbench.leaderboard.collect import published_expectations
 from glbench.leaderboard.entries import entry_of
 from glbench.leaderboard.pairs import compare_entries
@@ -20,13 +19,19 @@ from glbench.leaderboard.suites import references_from, suite_table
 from glbench.leaderboard.tables import regret_notes, suite_frame, suite_markdown, to_json, to_latex
 from glbench.resources import data_folder
 from glbench.tasks import references as references_module
-from glbench.tasks.references import BestKnown, KnownRun, References, read_best_known, read_references, write_best_known
-from tests.leaderboard.synthetic import TASK, digest_of, make_result
+from glbench.tasks.references import (
+    BestKnown,
+    KnownRun,
+    References,
+    read_best_known,
+    read_references,
+    write_best_known,
+)
+from tests.leaderboard.synthetic import MONEY, TASK, digest_of, make_result, result_with, stored
 
 SEEDS = (666, 667, 668, 669)
 EXPECTED = {TASK: Expectation(digest_of("meadow"), SEEDS)}
 EPI, PENALTY = (4.0, 5.0, 6.0, 8.0), (0.5, 0.0, 1.0, 0.0)
-MONEY = {"reward": "EUR m-2", "epi": "EUR m-2", "penalty": "EUR m-2"}
 
 
 @pytest.fixture
@@ -51,23 +56,6 @@ def stored_known(runs: tuple[KnownRun, ...], units: dict[str, str] | None = None
     found = BestKnown(task=TASK, task_digest=digest_of("meadow"), units=units or MONEY, agents={"champion": digest_of("c")}, runs=runs)
     write_best_known(found)
     return found
-
-
-def result_with(agent: str, epi: list[float], penalty: list[float], rewards: list[float] | None = None, **more: object) -> Result:
-    """A result with these profits and penalties, and their differences as rewards unless told otherwise."""
-    rewards = rewards or [p - v for p, v in zip(epi, penalty, strict=True)]
-    result = make_result(agent, rewards, **more)  # type: ignore[arg-type]
-    runs = tuple(
-        run.model_copy(update={"metrics": run.metrics | {"epi": p, "penalty": v}})
-        for run, p, v in zip(result.runs, epi, penalty, strict=True)
-    )
-    digest = results_digest(result.task.digest, result.agent, runs, result.task.salt_commitment)
-    changes = {"runs": runs, "summary": summarise(runs), "results_digest": digest, "units": result.units | MONEY}
-    return result.model_copy(update=changes)
-
-
-def stored(result: Result) -> StoredResult:
-    return StoredResult(Path(f"{result.agent.name}.json"), result)
 
 
 def test_regret_is_the_best_known_minus_the_score_seed_by_seed_and_its_parts_add_up(known):
@@ -233,8 +221,9 @@ def test_the_one_of_normalised_scores_is_the_mean_of_the_best_known_runs():
         result_with("anna", [1.0, 9.0, 1.0, 9.0], [0.0] * 4),
         result_with("bert", [5.0] * 4, [0.0] * 4),
     ]
-    found = references_from(map(stored, results), EXPECTED)[TASK]
-    assert (found.nothing, found.best, found.best_agent) == (-1.0, 7.0, "several")
+    old = References(zero=-2.0, zero_agent="do_nothing", zero_results_digest="", best=6.0, best_agent="x", best_results_digest="")
+    found = references_from(map(stored, results), EXPECTED, {TASK: old})[TASK]
+    assert (found.zero, found.best, found.best_agent, found.version) == (-2.0, 7.0, "several", 2)
     assert found.best_results_digest == f"{results[1].results_digest} {results[2].results_digest}"
 
 
@@ -246,7 +235,7 @@ def test_a_suite_has_a_mean_regret_where_all_its_tasks_count_money(known, unit, 
         TASK: {"anna": np.array([2.5, 4.0, 4.0, 7.0]), "half": np.array([0.0] * 4)},  # 1 below everywhere
         "glbench/Lawn-v1": {"anna": np.array([0.5, 2.0, 2.0, 5.0])},  # 3 below
     }
-    reference = References(nothing=0.0, nothing_results_digest="", best=6.0, best_agent="x", best_results_digest="")
+    reference = References(zero=0.0, zero_agent="do_nothing", zero_results_digest="", best=6.0, best_agent="x", plans=True)
     table = suite_table("gardens", tasks, scores, dict.fromkeys(tasks, reference), (), best)
     anna, half = table.rows
     assert half.regret is None
@@ -291,7 +280,7 @@ def test_what_is_shipped_follows_from_the_released_results():
     assert {task_id: read_best_known(task_id) for task_id in known} == known
     files = {path.stem for path in references_module.best_known_path(TASK).parent.glob("*.json")}
     assert files == {task_id.rpartition("/")[2] for task_id in known}
-    assert dict(read_references()) == references_from(released, expected)
+    assert dict(read_references()) == references_from(released, expected, read_references())
     for task_id, one in read_references().items():
         assert one.best == pytest.approx(np.mean([run.reward for run in known[task_id].runs]), rel=1e-12)
         assert one.best_agent == known[task_id].agent

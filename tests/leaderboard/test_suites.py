@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from glbench.errors import TaskError
-from glbench.leaderboard import Expectation, rank, statistics
+from glbench.leaderboard import Expectation, StoredResult, rank, statistics
 from glbench.leaderboard.suites import references_from, scores_by_task, suite_table
 from glbench.leaderboard.tables import suite_frame, suite_markdown
 from glbench.tasks import references as references_module
@@ -17,9 +17,16 @@ SEEDS = tuple(range(666, 696))
 TASKS = ("glbench/A-v1", "glbench/B-v1")
 EXPECTED = {task: Expectation(digest_of(task), SEEDS) for task in TASKS}
 REFERENCES = {
-    "glbench/A-v1": References(nothing=0.0, nothing_results_digest="", best=100.0, best_agent="x", best_results_digest=""),
-    "glbench/B-v1": References(nothing=1000.0, nothing_results_digest="", best=3000.0, best_agent="x", best_results_digest=""),
+    "glbench/A-v1": References(
+        zero=0.0, zero_agent="do_nothing", zero_results_digest="", best=100.0, best_agent="x", best_results_digest=""
+    ),
+    "glbench/B-v1": References(
+        zero=1000.0, zero_agent="do_nothing", zero_results_digest="", best=3000.0, best_agent="x", best_results_digest=""
+    ),
 }
+
+
+NEW = {TASKS[0]: References(zero_agent="outdoor")}
 
 
 @pytest.fixture
@@ -94,19 +101,54 @@ def test_without_references_there_is_no_suite_table(stored):
     assert suite_table("s", TASKS, scores_by_task(stored, EXPECTED), {}) is None
 
 
-def test_references_are_the_mean_of_doing_nothing_and_the_best_mean(stored, store):
-    nothing = store("do_nothing", [5.0] * 30, task_id=TASKS[0], task_digest=digest_of(TASKS[0]))
-    found = references_from([*stored, nothing], EXPECTED)
-    assert set(found) == {TASKS[0]}
-    assert found[TASKS[0]].nothing == 5.0
-    assert found[TASKS[0]].best_agent == "patchy"
+def of_outdoor(store, seeds, level=5.0):
+    noise = np.random.default_rng(2).normal(0.0, 1.0, (len(seeds), 30))
+    names = {"task_id": TASKS[0], "task_digest": digest_of(TASKS[0])}
+    return [store(f"outdoor_seed{seed}", list(level + noise[i]), recipe=("outdoor", seed), **names) for i, seed in enumerate(seeds)]
+
+
+def test_zero_of_a_new_task_is_the_mean_of_five_trainings_and_names_them(stored, store):
+    trainings = of_outdoor(store, range(5))
+    found = references_from([*stored, *trainings], EXPECTED, NEW)[TASKS[0]]
+    assert found.zero == pytest.approx(np.mean([item.result.values("reward") for item in trainings]), rel=1e-12)
+    assert (found.zero_agent, found.version) == ("outdoor", 1)
+    assert found.zero_results_digest.split() == [item.result.results_digest for item in trainings]
+    assert (found.plans, found.best, found.ends) == (False, None, None), "no plans are known, so there is no one"
+
+
+@pytest.mark.parametrize("seeds", [range(4), ()])
+def test_a_new_task_has_no_scale_without_five_trainings_of_the_agent_that_is_zero(stored, store, seeds):
+    assert references_from([*stored, *of_outdoor(store, seeds)], EXPECTED, NEW) == NEW
+    assert NEW[TASKS[0]].ends is None
+
+
+def test_plans_that_know_the_season_make_the_one_of_a_new_task(stored, store):
+    plan = store("plan", [200.0] * 30, task_id=TASKS[0], task_digest=digest_of(TASKS[0]), privileged=True)
+    agent = plan.result.agent.model_copy(update={"name": "best_known", "kind": "baseline"})
+    plan = StoredResult(plan.path, plan.result.model_copy(update={"agent": agent}))
+    found = references_from([*stored, plan, *of_outdoor(store, range(5))], EXPECTED, NEW)[TASKS[0]]
+    assert (found.plans, found.best, found.best_agent) == (True, 200.0, "best_known")
+
+
+def test_a_stored_zero_is_kept_and_a_move_of_one_raises_the_version(stored, store):
+    before = {TASKS[0]: REFERENCES[TASKS[0]].model_copy(update={"best": 1.0})}
+    items = [*stored, store("do_nothing", [5.0] * 30, task_id=TASKS[0], task_digest=digest_of(TASKS[0]))]
+    first = references_from(items, EXPECTED, before)[TASKS[0]]
+    assert (first.zero, first.zero_agent, first.best_agent, first.version) == (0.0, "do_nothing", "patchy", 2)
+    assert references_from(items, EXPECTED, {TASKS[0]: first})[TASKS[0]] == first, "nothing moved"
+
+
+def test_tasks_without_an_entry_get_none(stored):
+    assert references_from(stored, EXPECTED, {}) == {}
 
 
 def test_references_are_written_and_read_again(tmp_path, monkeypatch):
     monkeypatch.setattr(references_module, "references_path", lambda: tmp_path / "references.toml")
     read_references.cache_clear()
-    write_references(REFERENCES)
-    assert read_references() == REFERENCES
+    without_one = References(zero=3.0, zero_agent="outdoor", zero_results_digest="a b", version=4)
+    references = {**REFERENCES, "glbench/C-v1": without_one, "glbench/D-v1": References(zero_agent="outdoor")}
+    write_references(references)
+    assert read_references() == references
     read_references.cache_clear()
 
 
@@ -115,7 +157,7 @@ def test_references_in_the_wrong_order_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(references_module, "references_path", lambda: path)
     write_references(REFERENCES)
     path.write_text(path.read_text().replace("best = 100.0", "best = -1.0"))
-    with pytest.raises(TaskError, match="not above that of doing nothing"):
+    with pytest.raises(TaskError, match="not above that of do_nothing"):
         read_references()
     read_references.cache_clear()
 

@@ -17,13 +17,15 @@ import pytest
 from glbench.errors import GlbenchError
 from glbench.evaluation.metrics import METRIC_NAMES
 from glbench.evaluation.profiles import load_profile, profile_path
-from glbench.leaderboard import StoredResult, collect_results
+from glbench.leaderboard import Expectation, StoredResult, collect_results, rank
 from glbench.leaderboard.catalogue import catalogue
+from glbench.leaderboard.suites import scores_by_task, suite_table
 from glbench.report import build_report, complete_profiles
-from glbench.report.facts import families, optional_facts
+from glbench.report.facts import families, optional_facts, suite_facts
 from glbench.report.page import asset, script_names
 from glbench.report.profile_encoding import LEVELS
 from glbench.tasks import PAPER_TASK, get_task, list_tasks
+from tests.leaderboard.synthetic import digest_of, result_with, stored
 
 
 def blocks_of(html: str) -> dict:
@@ -270,3 +272,19 @@ def test_a_result_that_shares_its_digest_under_another_task_does_not_speak_for_t
 def test_what_is_sold_and_bought_has_colours_of_its_own(task):
     colours = [item.colour for item in catalogue(get_task(task)).items]
     assert len(set(colours)) == len(colours)
+
+
+def test_a_suite_in_money_has_its_ranks_places_at_prices_and_no_normalised_scores():
+    task = "glbench/Meadow-v1"
+    made_up = [stored(result_with(name, [p, p + 0.1], [v, v])) for name, p, v in (("careful", 5.0, 1.0), ("bold", 6.0, 2.5))]
+    expected = {task: Expectation(digest_of("meadow"), (666, 667))}
+    tables, scores, penalties = rank(made_up, expected), scores_by_task(made_up, expected), scores_by_task(made_up, expected, "penalty")
+    facts = suite_facts(suite_table("meadows", (task,), scores, {}, tables, penalties=penalties))
+    assert facts["in_money"]
+    assert "no plans are known" in facts["scale"]
+    assert (facts["thresholds"], facts["profiles"]) == ([], {})
+    assert facts["turns"] == [["careful", "bold", pytest.approx(2 / 3)]]
+    first = facts["rows"][0]
+    assert (first["agent"], first["rank"], first["iqm"], first["regret"]) == ("careful", 1, None, None)
+    assert first["mean"][0] == pytest.approx(4.05)
+    assert first["at_prices"] == [[0.5, 2, pytest.approx(4.55)], [1.0, 1, pytest.approx(4.05)], [2.0, 1, pytest.approx(3.05)]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -303,6 +304,7 @@ def test_check_names_a_rate_that_is_not_finite_at_the_start(tmp_path: Path, monk
 
 def test_references_are_written_again_as_they_are_shipped_with_the_best_known_runs(tmp_path, monkeypatch):
     shipped = data_folder("tasks")
+    shutil.copy(shipped / "references.toml", tmp_path)
     monkeypatch.setattr(references, "references_path", lambda: tmp_path / "references.toml")
     monkeypatch.setattr(references, "best_known_path", lambda task_id: tmp_path / "best_known" / f"{task_id.rpartition('/')[2]}.json")
     references.read_references.cache_clear()

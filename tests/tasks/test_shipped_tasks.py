@@ -140,8 +140,8 @@ def test_a_list_of_tasks_needs_neither_weather_nor_digest(monkeypatch: pytest.Mo
 def test_drafts_can_be_used_and_are_not_published() -> None:
     drafts = list_drafts()
 
-    names = ("SpringCrew", "SpringSetpoints", "SpringTrusses", "WinterTrusses")
-    assert {task.id for task in drafts} == {f"glbench/{name}-v1" for name in names}
+    names = ("Lettuce-v2", "SpringCrew-v1", "SpringSetpoints-v1", "SpringTrusses-v1", "WinterTrusses-v1")
+    assert {task.id for task in drafts} == {f"glbench/{name}" for name in names}
     for task in drafts:
         assert get_task(task.short_id).digest == task.digest
         assert not task.locked

@@ -20,15 +20,18 @@ from glbench.tasks import TaskFile1, get_task, list_drafts, list_tasks
 from glbench.tasks.prices import PriceTableTable
 from glbench.tasks.schedule import ScheduleEntry
 from glbench.tasks.tables import (
-    DropoutsTable,
+    ActuatorTable,
+    FaultsTable,
     ForecastTable,
     ItemTable,
     ParameterGroupTable,
     RewardTable,
+    ScaledSensorTable,
     ScenarioTable,
     SensorTable,
     SplitTable,
     StartGroupTable,
+    WindLimitTable,
 )
 from glbench.weather import load_weather, save_weather
 
@@ -118,7 +121,7 @@ def test_the_schedule_shown_is_what_the_words_say(page: str, write: Write) -> No
 def test_every_key_of_schema_2_is_explained(page: str) -> None:
     for record in (
         ItemTable, PriceTableTable, ScenarioTable, ParameterGroupTable, StartGroupTable, RewardTable, SplitTable, SensorTable,
-        DropoutsTable, ForecastTable, ScheduleEntry,
+        FaultsTable, ForecastTable, ScheduleEntry, ActuatorTable, WindLimitTable, ScaledSensorTable,
     ):  # fmt: skip
         for name, field in record.model_fields.items():
             assert field.exclude or f"`{field.alias or name}`" in page, name

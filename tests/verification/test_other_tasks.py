@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from glbench.evaluation import evaluate, result_path
+from glbench.tasks import get_task
 from glbench.verification import verify
 from tests.evaluation.agent_files import agent_writer
 from tests.support import lettuce_task
@@ -33,6 +34,17 @@ def test_it_is_reproduced_from_its_records_alone(result: Path) -> None:
     verdict = verify(result)
 
     assert (verdict.outcome, verdict.exactness, verdict.runs, len(verdict.episodes)) == ("reproduced", "bits", 3, 1)
+
+
+@pytest.mark.parametrize("kind", ["actions", "controls"])
+def test_runs_with_faults_of_actuators_are_reproduced(tmp_path: Path, kind: str) -> None:
+    often = {"days_between": 0.2, "hours": 2.0}
+    actuators = {"uVent": {"lag_minutes": 10.0, "sticks": often}, "uBoil": {"fails": often}, "uThScr": {"shortfall": 0.2}}
+    changes = {"id": "test/Faults-v1", "weather.days": 1, "evaluation.runs": 2, "actuators": actuators}
+    agent = agent_writer(tmp_path)() if kind == "actions" else "rule_based"
+    result = evaluate(get_task("Spring-v1").replace(changes), agent, out=tmp_path / "reports", episodes="best")
+    verdict = verify(result_path(tmp_path / "reports", "test/Faults-v1", result.agent.name))
+    assert (verdict.outcome, verdict.exactness, verdict.runs, len(verdict.episodes)) == ("reproduced", "bits", 2, 1)
 
 
 def _metric(name: str) -> Callable[[Document], None]:

@@ -135,24 +135,11 @@ class LostError(Exception):
 
 
 class AgentProcess:
-    """A process with the submission in it, ready to be asked.
+    """A process with the ``submission`` in it, ready to be asked.
 
-    Raises ``SandboxError`` when the sandbox cannot be built, or does not start.
-
-    Parameters
-    ----------
-    submission : Identity
-        Whose files it sees.
-    sizes : SandboxLimits
-        How much of the machine it may take.
-    prints : Prints
-        Takes in what it prints.
-    largest_answer : int
-        Bytes of the longest answer there can be.
-    walls : bool
-        Whether it runs in a sandbox; without, it has all rights of this process.
-    libraries : mapping
-        Compiled kernels that it sees, by their names inside.
+    ``sizes`` limit how much of the machine it may take, and ``prints`` takes in what it prints; ``largest_answer`` is the longest answer
+    there can be [bytes]. Without ``walls`` it runs in no sandbox and has all rights of this process. ``libraries`` are the compiled kernels
+    that it sees, by their names inside. Raises ``SandboxError`` when the sandbox cannot be built, or does not start.
     """
 
     def __init__(
@@ -210,18 +197,9 @@ class AgentProcess:
             self._wait(until, select.POLLOUT, "the agent's process does not take its observations")
 
     def answer(self, number: int, until: float, late: str) -> tuple[int, memoryview]:
-        """Kind and body of the next answer; the body is valid until the next call.
+        """Kind and body of the answer to question ``number``; the body is valid until the next call.
 
-        Raises ``LostError`` when there is no such answer in time; the process is ended.
-
-        Parameters
-        ----------
-        number : int
-            Number of the question.
-        until : float
-            ``time.monotonic()`` at which it is too late.
-        late : str
-            The reason when it is.
+        Raises ``LostError`` with the reason ``late`` when there is none by ``until`` (``time.monotonic()``); the process is ended.
         """
         self._still_there()
         if self._from == self._to:

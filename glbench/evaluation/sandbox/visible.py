@@ -74,19 +74,11 @@ def place_inside(submission: Identity) -> Path:
 
 
 def visible_files(submission: Identity, staging: Callable[[], Path], kernels: Mapping[str, Path] | None = None) -> list[str]:
-    """Arguments for bubblewrap that make the files visible.
+    """Arguments for bubblewrap that make the files of ``submission`` visible, as copies.
 
-    Raises ``SubmissionError`` when the submission contains data of glbench or of the user, or changed after its digest was computed, and
-    ``GlbenchError`` when its files cannot be copied.
-
-    Parameters
-    ----------
-    submission : Identity
-        The submission whose files are copied.
-    staging : callable
-        Called without arguments; makes a folder for copies and returns its path.
-    kernels : mapping
-        Compiled kernels by their names inside; the rest of the cache stays hidden.
+    ``staging`` makes a folder for the copies and returns its path; ``kernels`` are the compiled kernels by their names inside, and the rest
+    of the cache stays hidden. Raises ``SubmissionError`` when the submission contains data of glbench or of the user, or changed after its
+    digest was computed, and ``GlbenchError`` when its files cannot be copied.
     """
     covered = _covered()
     bounds = _visible_files(covered)

@@ -51,21 +51,11 @@ _WHERE: dict[Protection, str] = {"bubblewrap": "in a sandbox (bubblewrap)", "uns
 def check_submission(
     ref: str | Path, task: str | Path | TaskSpec = DEFAULT_TASK, *, seconds: float = SECONDS, sandbox: SandboxChoice = "auto"
 ) -> Report:
-    """Find out what will be wrong with a submission in an evaluation on ``task``.
+    """Find out what will be wrong with the submission at the path ``ref`` in an evaluation on ``task``: a task, its id, or a task file.
 
-    Raises ``SubmissionError`` when there is no such file or folder, or it is a baseline.
-
-    Parameters
-    ----------
-    ref
-        Path of the submission.
-    task
-        Task, its id, or the path of a task file.
-    seconds
-        Time for the steps of the check. Loading and first decisions do not count, because a planning agent needs most of its time there.
-    sandbox
-        Where the agent runs, as for ``glbench.evaluation.evaluate``. Where it wants a sandbox and there can be none, only files are
-        looked at, and the report says so.
+    ``seconds`` is the time for the steps of the check; loading and first decisions do not count, because a planning agent needs most of its
+    time there. ``sandbox`` is as for ``glbench.evaluation.evaluate``; where there can be none that it asks for, only files are looked at,
+    and the report says so. Raises ``SubmissionError`` when there is no such file or folder, or it is a baseline.
     """
     began = time.monotonic()
     spec = task if isinstance(task, TaskSpec) else get_task(task)

@@ -11,13 +11,4 @@ from glbench.kernel.compiled.compiler import CompiledUnavailable
 from glbench.kernel.compiled.library import absent_equipment
 from glbench.kernel.compiled.stepper import PRESETS, CompiledStepper, Preset, availability
 
-__all__ = [
-    "PRESETS",
-    "CompiledStepper",
-    "CompiledUnavailable",
-    "Failure",
-    "Preset",
-    "absent_equipment",
-    "availability",
-    "failed_with",
-]
+__all__ = ["PRESETS", "CompiledStepper", "CompiledUnavailable", "Failure", "Preset", "absent_equipment", "availability", "failed_with"]

@@ -120,16 +120,9 @@ class EnvironmentCall(ctypes.Structure):
 
 
 class Library:
-    """A loaded library of ``model``. Calls release Python's global lock.
+    """A loaded library of ``model``, with ``width`` lanes a batch. Calls release Python's global lock.
 
-    Attributes
-    ----------
-    model : Model
-        What it steps.
-    width : int
-        Lanes of a batch.
-    most_registers, most_drawn : int
-        What the program of environments has room for.
+    ``most_registers`` and ``most_drawn`` are what the program of environments has room for.
     """
 
     def __init__(self, path: str, model: Model) -> None:
@@ -179,10 +172,7 @@ def of_another_version(path: str) -> CompiledUnavailable:
 def load(path: str, model: Model) -> Library:
     """The library of ``model`` at ``path``, loaded once in a process.
 
-    Raises
-    ------
-    CompiledUnavailable
-        When it cannot be loaded or does not belong to this version.
+    Raises ``CompiledUnavailable`` when it cannot be loaded or does not belong to this version.
     """
     return Library(path, model)
 

@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 
 from glbench import children
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 
 # No fused multiply-add but the written ones; no -ffast-math in any form. The two "no-" flags give up errno and
 # floating-point exceptions, neither of which has a value.
@@ -55,18 +55,14 @@ class Compiler:
     def compile(self, source: Path, library: Path, include: tuple[Path, ...], flags: tuple[str, ...]) -> None:
         """Compile one source file into a shared library.
 
-        Raises
-        ------
-        CompiledUnavailable
-            When the compiler fails or takes too long; the message has the end of what it said.
+        Raises ``CompiledUnavailable`` when the compiler fails or takes too long; the message has the end of what it said.
         """
         folders = [word for folder in include for word in ("-I", str(folder))]
         command = [*self.command, *flags, *folders, str(source), "-o", str(library)]
         try:
             result = children.run(command, timeout=_TIMEOUT_SECONDS)
         except (OSError, subprocess.TimeoutExpired) as error:
-            msg = f"The compiler '{' '.join(self.command)}' could not build the kernel: {error}."
-            raise CompiledUnavailable(msg) from error
+            refuse(f"The compiler '{' '.join(self.command)}' could not build the kernel: {error}.", CompiledUnavailable, error)
         if result.returncode != 0:
             lines = (result.stderr or result.stdout).strip().splitlines()
             reason = " | ".join(([line for line in lines if "error" in line.lower()] or lines)[:4])
@@ -80,10 +76,7 @@ class Compiler:
 def find_compiler() -> Compiler:
     """The compiler named by CXX, else the C++ companion of CC, else the first of c++, g++, clang++ that runs.
 
-    Raises
-    ------
-    CompiledUnavailable
-        When there is none, or the one that CXX or CC names does not run, or ``CXX=none`` asks for none.
+    Raises ``CompiledUnavailable`` when there is none, or the one that CXX or CC names does not run, or ``CXX=none`` asks for none.
     """
     return _find(os.environ.get("CXX", ""), os.environ.get("CC", ""), os.environ.get("PATH", ""))
 

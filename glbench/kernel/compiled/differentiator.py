@@ -9,7 +9,7 @@ from functools import cache, cached_property
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import StepError
+from glbench.errors import StepError, refuse
 from glbench.kernel.compiled import binding
 from glbench.kernel.compiled.library import absent_equipment, build, traits_of
 from glbench.kernel.records import FloatArray, Rows
@@ -54,12 +54,7 @@ class SensitivityLibrary:
     def run(self, settings: binding.Settings, rows: Rows, request: Request, horizon: int = 0) -> tuple[FloatArray, binding.Status]:
         """States after the step (n, states) and status (n,); with ``horizon`` > 0, in reverse through horizons of so many rows.
 
-        The request's cotangents gather what comes from later rows, then.
-
-        Raises
-        ------
-        StepError
-            When there is not enough memory.
+        The request's cotangents gather what comes from later rows, then. Raises ``StepError`` when there is not enough memory.
         """
         count = len(rows.x)
         out = np.empty_like(rows.x)
@@ -76,8 +71,7 @@ class SensitivityLibrary:
         further = (horizon, request.cotangents) if horizon else ()
         differentiate = self._reverse_horizons if horizon else self._differentiate
         if differentiate(ctypes.byref(settings), ctypes.byref(pointers), ctypes.byref(request), *further) != 0:
-            msg = f"There is not enough memory to differentiate {count} rows. Give fewer rows at a time."
-            raise StepError(msg)
+            refuse(f"There is not enough memory to differentiate {count} rows. Give fewer rows at a time.", StepError)
         return out, status
 
 
@@ -91,11 +85,7 @@ class CompiledDifferentiator:
 
     The usual library knows no equipment that the benchmark's greenhouse lacks. Rows that have such are left to the library of the
     full model; so are derivatives with respect to its parameters, which add to the others because derivatives are linear.
-
-    Raises
-    ------
-    CompiledUnavailable
-        When a library can be neither loaded nor built, here or in a call.
+    Raises ``CompiledUnavailable`` when a library can be neither loaded nor built, here or in a call.
     """
 
     def __init__(self, model: Model, settings: binding.Settings, width: int | None = None) -> None:

@@ -152,16 +152,10 @@ def fits(library: binding.Library, program: Program) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """Addresses of the library's function and of its arguments but the environments themselves; valid as long as this object.
+    """Addresses of ``glb_environment`` (native/environment.hpp) and of its arguments but the environments themselves.
 
-    Attributes
-    ----------
-    function
-        ``glb_environment`` of native/environment.hpp.
-    settings, program
-        What an ``EnvironmentCall`` of it holds.
-    parameters
-        How many parameters the model has.
+    They are valid as long as this object. ``settings`` and ``program`` are what an ``EnvironmentCall`` of it holds; the model has so many
+    ``parameters``.
     """
 
     function: int

@@ -21,7 +21,8 @@ import re
 import sys
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -30,7 +31,7 @@ from pathlib import Path
 import numpy as np
 from filelock import FileLock, Timeout
 
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.kernel.compiled.compiler import CompiledUnavailable, find_compiler, machine_digest
 from glbench.kernel.compiled.generate import Traits, generate
 from glbench.model import Model
@@ -47,20 +48,10 @@ _X86_LEVELS = {"x86-64-v4": _V4, "x86-64-v3": _V3}
 
 @dataclass(frozen=True)
 class Prebuilt:
-    """A library in the wheel.
+    """A library in the wheel: its ``file`` name in the folder, and what built it.
 
-    Attributes
-    ----------
-    file : str
-        Name in the folder.
-    key : str
-        Digest of the model, its equations and traits, and all sources.
-    level : str
-        Processor level it was compiled for.
-    digest : str
-        SHA-256 of its bytes.
-    compiler, flags : str
-        What built it.
+    ``key`` is the digest of the model, its equations and traits, and all sources; ``level`` the processor level it was compiled for;
+    ``digest`` the SHA-256 of its bytes.
     """
 
     file: str
@@ -131,19 +122,7 @@ _SENSITIVITY_SOURCE = '#include "model.hpp"\n#include "sensitivity_model.hpp"\n#
 
 @dataclass(frozen=True)
 class Build:
-    """A library on disk and how it came there.
-
-    Attributes
-    ----------
-    path : str
-        The shared library.
-    digest : str
-        SHA-256 of its bytes.
-    compiler, flags : str
-        What built it.
-    seconds : float
-        How long generating and compiling took [s].
-    """
+    """A library on disk at ``path``, with the SHA-256 of its bytes, and what built it in how many ``seconds``."""
 
     path: str
     digest: str
@@ -155,22 +134,10 @@ class Build:
 def build(model: Model, traits: Traits, width: int | None = None, *, sensitivities: bool = False) -> Build:
     """The library of a model: lent by another process, from the installed wheel, from the cache, or built now.
 
-    Parameters
-    ----------
-    model
-        What it steps.
-    traits
-        What is known of the model beyond its equations.
-    width
-        Number of lanes; None for what suits this processor.
-    sensitivities
-        Whether to build the library that steps and differentiates, instead of the one that steps.
-
-    Raises
-    ------
-    CompiledUnavailable
-        When it is not in the cache and cannot be built: no compiler, a failing one, a cache that cannot be written, equations with an
-        operation that the generator does not know.
+    ``traits`` are what is known of the model beyond its equations. ``width`` is the number of lanes; None for what suits this processor.
+    With ``sensitivities``, the library is one that steps and differentiates, instead of the one that steps. Raises ``CompiledUnavailable``
+    when it is not in the cache and cannot be built: no compiler, a failing one, a cache that cannot be written, equations with an operation
+    that the generator does not know.
     """
     lent = _lent(model, traits, width, sensitivities=sensitivities)
     if lent is not None:
@@ -185,35 +152,36 @@ def build(model: Model, traits: Traits, width: int | None = None, *, sensitiviti
     if intact is not None:
         return intact
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with FileLock(folder / f"{name}.lock", timeout=_LOCK_SECONDS):
+        with build_lock(folder / f"{name}.lock", "the kernel", _LOCK_SECONDS):
             intact = _intact(folder, name)  # another process may have built it meanwhile
-            if intact is not None:
-                return intact
-            return _build(folder, name, model, traits, flags, sensitivities=sensitivities)
-    except Timeout as error:
-        msg = f"Another process has been building the kernel for {_LOCK_SECONDS:g} s (lock {error.lock_file}). Try again later."
-        raise CompiledUnavailable(msg) from error
-    except OSError as error:
-        msg = (
-            f"The kernel's cache folder {folder} cannot be used: {error.strerror or error}. "
-            "Set GLBENCH_CACHE to a folder that you may write to."
-        )
-        raise CompiledUnavailable(msg) from error
+            return intact or _build(folder, name, model, traits, flags, sensitivities=sensitivities)
     except CompiledUnavailable:
         raise
     except (GlbenchError, ValueError) as error:
-        msg = f"The model {model} cannot be compiled: {error}"
-        raise CompiledUnavailable(msg) from error
+        refuse(f"The model {model} cannot be compiled: {error}", CompiledUnavailable, error)
+
+
+@contextmanager
+def build_lock(lock: Path, what: str, seconds: float) -> Iterator[None]:
+    """Hold ``lock`` while ``what`` is built in its folder of the cache.
+
+    Raises ``CompiledUnavailable`` when another process holds it for ``seconds``, or the folder cannot be used.
+    """
+    try:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        with FileLock(lock, timeout=seconds):
+            yield
+    except Timeout as error:
+        refuse(f"Another process has been building {what} for {seconds:g} s (lock {lock}). Try again later.", CompiledUnavailable, error)
+    except OSError as error:
+        reason = f"The kernel's cache folder {lock.parent} cannot be used: {error.strerror or error}."
+        refuse(f"{reason} Set GLBENCH_CACHE to a folder that you may write to.", CompiledUnavailable, error)
 
 
 def library_is_built(model: Model, traits: Traits, width: int | None = None) -> bool:
     """Whether ``build`` with these arguments finds the library in the wheel or in the cache.
 
-    Raises
-    ------
-    CompiledUnavailable
-        When there is no compiler.
+    Raises ``CompiledUnavailable`` when there is no compiler.
     """
     if _lent(model, traits, width, sensitivities=False) is not None:
         return True
@@ -226,10 +194,7 @@ def library_is_built(model: Model, traits: Traits, width: int | None = None) -> 
 def built_files(model: Model, traits: Traits) -> dict[str, Path]:
     """The files in the cache that ``build`` would take for stepping and for derivatives, by the names that they need in a lent folder.
 
-    Raises
-    ------
-    CompiledUnavailable
-        When there is no compiler, by which libraries in the cache are named.
+    Raises ``CompiledUnavailable`` when there is no compiler, by which libraries in the cache are named.
     """
     files: dict[str, Path] = {}
     for sensitivities in (False, True):
@@ -237,10 +202,7 @@ def built_files(model: Model, traits: Traits) -> dict[str, Path]:
         intact = _intact(folder, name)
         if intact is not None:
             path = Path(intact.path)
-            files |= {
-                path.name: path,
-                f"{_lent_name(model, traits, sensitivities=sensitivities)}.json": folder / f"{name}.json",
-            }
+            files |= {path.name: path, f"{_lent_name(model, traits, sensitivities=sensitivities)}.json": folder / f"{name}.json"}
     return files
 
 
@@ -305,10 +267,7 @@ def _build(folder: Path, name: str, model: Model, traits: Traits, flags: tuple[s
 def prebuild(folder: Path, model: Model, traits: Traits) -> list[Prebuilt]:
     """Compile a model for every processor level that a wheel carries, into ``folder``, which exists.
 
-    Raises
-    ------
-    CompiledUnavailable
-        When there is no compiler, or it fails.
+    Raises ``CompiledUnavailable`` when there is no compiler, or it fails.
     """
     compiler, key = find_compiler(), prebuilt_key(model, traits)
     libraries = []

@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean
+from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean, refuse
 from glbench.kernel.compiled import binding
 from glbench.kernel.compiled.compiler import CompiledUnavailable
 from glbench.kernel.compiled.differentiator import CompiledDifferentiator
@@ -91,18 +91,11 @@ SMALLEST_SUBSTEP = 1e-7
 
 
 def get_preset(name: str | Preset) -> Preset:
-    """Preset of that name; a preset of the caller's own is given back.
-
-    Raises
-    ------
-    UnknownNameError
-        When there is none.
-    """
+    """Preset of that name; a preset of the caller's own is given back. Raises ``UnknownNameError`` when there is none."""
     if isinstance(name, Preset):
         return name
     if name not in PRESETS:
-        msg = f"The compiled kernel has no preset '{name}'.{did_you_mean(name, PRESETS)}"
-        raise UnknownNameError(msg)
+        refuse(f"The compiled kernel has no preset '{name}'.{did_you_mean(name, PRESETS)}", UnknownNameError)
     return PRESETS[name]
 
 
@@ -123,6 +116,8 @@ _COPIED_ROWS = 64
 class CompiledStepper:
     """Rosenbrock methods in generated C++, see docs/kernel-compiled.md: a backend of the kernel. Not thread-safe.
 
+    Raises ``UnknownNameError`` when there is no such preset, ``CompiledUnavailable`` when the library can be neither loaded nor built.
+
     Parameters
     ----------
     model : Model
@@ -140,25 +135,12 @@ class CompiledStepper:
     ----------
     settings : Settings
         Step length and tolerances, fixed for the library.
-
-    Raises
-    ------
-    UnknownNameError
-        When there is no such preset.
-    CompiledUnavailable
-        When the library can be neither loaded nor built.
     """
 
     name = "compiled"
 
     def __init__(
-        self,
-        model: Model,
-        step_seconds: float,
-        *,
-        preset: str | Preset = "reference",
-        threads: int = 1,
-        width: int | None = None,
+        self, model: Model, step_seconds: float, *, preset: str | Preset = "reference", threads: int = 1, width: int | None = None
     ) -> None:
         self.model = model
         self.preset = get_preset(preset)
@@ -204,6 +186,8 @@ class CompiledStepper:
     def step_rows(self, x: Array, u: Array, d: Array, p: Array, out: Array) -> binding.Status:
         """Advance all rows by one control step.
 
+        Raises ``ShapeError`` when an array has another shape or type, or, with more than 64 rows, another layout.
+
         Parameters
         ----------
         x, u, d : ndarray
@@ -217,11 +201,6 @@ class CompiledStepper:
         -------
         ndarray
             Status (n,), 0 for rows that were stepped, else for ``explain``. Overwritten by the next call.
-
-        Raises
-        ------
-        ShapeError
-            When an array has another shape or type, or, with more than 64 rows, another layout.
         """
         batch = self._batch
         if batch.n != len(x):
@@ -296,10 +275,7 @@ class CompiledStepper:
     def differentiator(self) -> CompiledDifferentiator:
         """What differentiates the steps: a second library, built now if need be.
 
-        Raises
-        ------
-        CompiledUnavailable
-            When it can be neither loaded nor built.
+        Raises ``CompiledUnavailable`` when it can be neither loaded nor built.
         """
         return CompiledDifferentiator(self.model, self.settings, self.width)
 
@@ -307,11 +283,7 @@ class CompiledStepper:
         """``n`` environments that run ``program`` around steps of this stepper's length and tolerances.
 
         None for a program that is too large.
-
-        Raises
-        ------
-        CompiledUnavailable
-            When its greenhouse has equipment that the usual library leaves out, and the other cannot be built.
+        Raises ``CompiledUnavailable`` when its greenhouse has equipment that the usual library leaves out, and the other cannot be built.
         """
         equipped = bool(program.nominal[list(absent_equipment(self.model))].any())
         library = self._full_library if equipped else self._library
@@ -421,12 +393,7 @@ class CompiledBoundStep:
     """
 
     def __init__(
-        self,
-        stepper: CompiledStepper,
-        call: functools.partial[int],
-        pointers: binding.RowPointers,
-        rows: Rows,
-        out: Array,
+        self, stepper: CompiledStepper, call: functools.partial[int], pointers: binding.RowPointers, rows: Rows, out: Array
     ) -> None:
         self._stepper, self._call, self._rows, self._out = stepper, call, rows, out
         n = len(out)
@@ -439,10 +406,7 @@ class CompiledBoundStep:
     def __call__(self) -> None:
         """Step the rows.
 
-        Raises
-        ------
-        StepError
-            When a row could not be integrated, or an input is not finite; the other rows have been stepped.
+        Raises ``StepError`` when a row could not be integrated, or an input is not finite; the other rows have been stepped.
         """
         if not self._call():
             return
@@ -454,8 +418,7 @@ class CompiledBoundStep:
         failed = np.flatnonzero(status)
         if failed.size:
             reason = self._stepper.explain(int(failed[0]))
-            msg = f"The step of {self._stepper.step_seconds:g} s failed in row {rows[failed[0]]}: {reason}."
-            raise StepError(msg)
+            refuse(f"The step of {self._stepper.step_seconds:g} s failed in row {rows[failed[0]]}: {reason}.", StepError)
 
 
 def is_built(model: Model) -> bool:

@@ -44,8 +44,7 @@ class Photosynthesis(NamedTuple):
 def potential_electron_transport(at_25: Expr, t_can: Expr, molar: Expr, p: TomatoParameters) -> Expr:
     """Electron transport without limitation by light [umol m-2 s-1] at a canopy temperature [°C].
 
-    ``molar`` is the gas constant [J kmol-1 K-1].
-    Arrhenius rise, and deactivation at high temperature. Vanthoor (2011) eq. 9.15.
+    ``molar`` is the gas constant [J kmol-1 K-1]. Arrhenius rise, and deactivation at high temperature. Vanthoor (2011) eq. 9.15.
     """
     gas_constant = JOULES_PER_MOL * molar
     t_can_k = kelvin(t_can)

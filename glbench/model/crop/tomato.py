@@ -141,15 +141,7 @@ class VanthoorTomato(Crop):
         )
 
     def stocks(self) -> tuple[Stock, ...]:
-        return (
-            Stock(
-                "fruit",
-                "mg m-2",
-                "carbohydrate in the fruit on the plants",
-                "Fruit on the plants",
-                lambda x, p: x.c_fruit,
-            ),
-        )
+        return (Stock("fruit", "mg m-2", "carbohydrate in the fruit on the plants", "Fruit on the plants", lambda x, p: x.c_fruit),)
 
     def signals(self) -> tuple[Signal, ...]:
         return (

@@ -19,18 +19,7 @@ from glbench.model.balances import DAY
 from glbench.model.bounds import COLDEST, HOTTEST, Horizon
 from glbench.model.crop.allocation import Allocation, allocation
 from glbench.model.crop.harvest import removal
-from glbench.model.crop.health import (
-    CREW,
-    HOUR,
-    HealthParameters,
-    Injury,
-    Wetness,
-    infection,
-    injury_growth,
-    light_on,
-    rotting,
-    wet_share,
-)
+from glbench.model.crop.health import CREW, HOUR, HealthParameters, Injury, Wetness, infection, injury_growth, light_on, rotting, wet_share
 from glbench.model.crop.photosynthesis import Photosynthesis, photosynthesis
 from glbench.model.crop.respiration import Respiration, maintenance_level, respiration
 from glbench.model.crop.stages import (
@@ -135,11 +124,7 @@ class _OwnParameters(NamedTuple):
     c_truss1: Annotated[
         Expr,
         Parameter(
-            "s-1",
-            "truss appearance at 0 °C",
-            -1.708e-7 / 9,
-            "Vanthoor (2011) table 9.1, of 9 flowers",
-            sets=(("bleiswijk_2020", 5.94e-7),),
+            "s-1", "truss appearance at 0 °C", -1.708e-7 / 9, "Vanthoor (2011) table 9.1, of 9 flowers", sets=(("bleiswijk_2020", 5.94e-7),)
         ),
     ]
     c_truss2: Annotated[Expr, Parameter("s-1 K-1", "truss appearance per kelvin", 7.3125e-7 / 9, "Vanthoor (2011) table 9.1, of 9 flowers")]
@@ -327,10 +312,7 @@ class TrussTomato(VanthoorTomato):
             "mould": p.growth_mould / DAY * infection(x.wet_hours, x.t_can24, p) * (x.mould + p.arriving_mould) * (1 - x.mould) - loss,
             "n_ripe": passing * number[-1] - (picking + loss) * x.n_ripe,
         }
-        followers = {
-            "source_sink": (al.h_buf_org - x.source_sink) / SUPPLY_MEMORY,
-            "c_week": fr.mc_fruit_har - x.c_week / WEEK,
-        }
+        followers = {"source_sink": (al.h_buf_org - x.source_sink) / SUPPLY_MEMORY, "c_week": fr.mc_fruit_har - x.c_week / WEEK}
         curve = growth_curve(x.t_can24, p.g_max)
         first = curve.weight[0] * fs.mn_fruit_set
         gain = fr.mc_grow_fruit / (sink_strength(number, curve.growth) + NO_FRUIT)

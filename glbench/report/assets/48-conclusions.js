@@ -65,6 +65,7 @@ const suiteWords = (suite) => {
   if (!first) return ["No agent has results on all tasks of this suite yet."];
   const tied = others.filter((row) => row.rank === first.rank), next = others.find((row) => row.rank !== first.rank), tasks = plural(suite.tasks.length, "task");
   const worth = ({ against_rules: rules, regret, mean: normalised }) => {
+    if (!rules && suite.in_money) return `earns ${withUnit(normalised[0], 2, "EUR/m\u00b2")} in the mean`;
     if (!rules) return regret ? `stays ${withUnit(regret[0], 2, "EUR/m\u00b2")} below the best known runs${betweenWords({ low: regret[1], high: regret[2] }, 2, "", false)}` : `has a normalised score of ${score(normalised[0])}`;
     const between = betweenWords({ low: rules[1], high: rules[2] }, 2);
     return isClear({ mean: rules[0], low: rules[1], high: rules[2] }) ? `earns ${withUnit(Math.abs(rules[0]), 2, "EUR/m\u00b2")} ${rules[0] > 0 ? "more" : "less"} than the tuned rules${between}` : `cannot be told apart from the tuned rules in money, ${withUnit(rules[0], 2, "EUR/m\u00b2", true)}${between}`;

@@ -150,6 +150,7 @@ const leaderboardPage = (short) => {
       priceField(task, (focus) => show(focus)),
       table.element,
       h("p", { class: "small" }, h("a", { href: link("task", task.short) }, "What exactly is this task?"), " \u00b7 ", h("a", { href: link("guide") }, "How to read this page")),
+      violationsOf(task, rows),
       regretFigure(task, rows),
       family ? familyFigure(family) : null,
       aboutTable(rows, { ...columns[1], cell: (row) => h("th", { scope: "row", class: "agent" }, swatch(row.result.agent), breakable(row.result.agent)) }, (row) => ({ ...row.result, steps: row.result.training?.steps, hours: trainingWords(row.result.training) })),

@@ -1,6 +1,6 @@
 // All tasks of a suite together: normalised scores, how often an agent reaches a score, and who beats whom.
 
-const overallState = { key: "mean", direction: "descending" };
+const overallState = { key: "rank", direction: "ascending" };
 const usedState = { key: PROFIT, direction: "descending" };
 const suiteHidden = new Set();
 let closeUp = true;
@@ -13,7 +13,7 @@ const trainingsWords = ({ trainings: [fewest, most] }) => (most < 2 ? "" : fewes
 const chance = (p) => (p > 0.99 ? ">\u00a099\u00a0%" : p < 0.01 ? "<\u00a01\u00a0%" : `${number(100 * p, 0)}\u00a0%`);
 const agentHead = (name, extra = null) => h("th", { scope: "row", class: "agent" }, swatch(name), h("a", { href: link("agent", name) }, breakable(name)), extra);
 
-const suiteAgent = (row) => agentHead(row.agent, [row.missing.length ? h("span", { class: "of" }, `lacks ${plural(row.missing.length, "task")}`) : null, trainingsWords(row) ? h("span", { class: "of" }, trainingsWords(row)) : null]);
+const suiteAgent = (row) => agentHead(row.agent, [row.missing.length ? h("span", { class: "of", title: sentence(row.missing.map((id) => TASKS[id]?.short ?? id)) }, `lacks ${row.missing.length > 2 ? plural(row.missing.length, "task") : sentence(row.missing.map((id) => TASKS[id]?.short ?? id))}`) : null, trainingsWords(row) ? h("span", { class: "of" }, trainingsWords(row)) : null]);
 
 const AGENT_COLUMN = { key: "agent", label: "Agent", value: (row) => row.agent, left: true, start: "ascending", className: "agent", explain: [h("b", {}, "Agent"), ": open one to see its days, its season and its money."], cell: suiteAgent };
 const SCORE_COLUMNS = [["mean", "Mean", "Score"], ["iqm", "IQM", "IQM"], ["median", "Median", "Median"], ["optimality_gap", "Optimality gap", "Optimality gap"]];
@@ -37,13 +37,14 @@ const scoreTable = (suite) => {
     };
   };
   return sortable({
-    caption: `${suiteTitle(suite.name)}: normalised scores over ${plural(suite.tasks.length, "task")} and all their runs. 0 is doing nothing, 1 the best known result of each task. Numbers below a score are a 95 % interval over ${wordsOf(suite).draws}, of a mean also over trainings, or the lowest and the highest training (\u2194); intervals narrower than ${D.score_step} are left out, because ${wordsOf(suite).beyond} can move a score by more.`,
+    caption: `${suiteTitle(suite.name)}: ${suite.scale} ${suite.in_money ? `Numbers below a score are its 95 % interval over ${wordsOf(suite).draws}, and over trainings, if there are several.` : `Numbers below a score are a 95 % interval over ${wordsOf(suite).draws}, of a mean also over trainings, or the lowest and the highest training (\u2194); intervals narrower than ${D.score_step} are left out, because ${wordsOf(suite).beyond} can move a score by more.`}`,
     rows, state: overallState, className: "ranks scores board", rowClass: (row) => (row.rank === null ? "unranked" : null),
     columns: [
       { key: "rank", label: "#", value: (row) => row.rank, start: "ascending", className: "rank", explain: otherWords("Rank"), cell: (row) => h("td", { class: "rank" }, row.rank ?? "\u2013") },
       AGENT_COLUMN,
-      ...SCORE_COLUMNS.map(column),
+      ...(suite.in_money ? [["mean", "Mean score", "descending"]].map((one) => moneyColumn(one, shown.length ? shown : rows)) : SCORE_COLUMNS.map(column)),
       ...[["against_rules", "More than the rules", "descending"], ["regret", "Regret", "ascending"]].filter(([key]) => rows.some((row) => row[key])).map((one) => moneyColumn(one, shown.length ? shown : rows)),
+      { key: "reversal", label: "P(reversed)", value: (row) => row.reversal, start: "ascending", explain: otherWords("P(reversed)"), cell: (row) => h("td", {}, row.reversal === null ? "\u2013" : chance(row.reversal)) },
       { key: "runs", label: "Runs", value: (row) => row.runs, explain: [h("b", {}, "Runs"), ": of all tasks together. Failed ones count."], cell: (row) => h("td", {}, number(row.runs, 0), row.figures?.failed ? h("span", { class: "of" }, `${row.figures.failed} failed`) : null) },
     ],
   });
@@ -82,7 +83,7 @@ const profileDrawing = (suite, width, height) => {
   return svg("svg", { viewBox: `0 0 ${width} ${height}`, width, height, "aria-hidden": "true", class: "drawing" },
     [0, 250, 500, 750, 1000].map((share) => [svg("line", { x1: left, x2: width - right, y1: y(share), y2: y(share), class: "rule" }), svg("text", { x: left - 8, y: y(share) + 4, "text-anchor": "end" }, `${share / 10} %`)]),
     ticks.map((value) => [svg("line", { x1: x(value), x2: x(value), y1: top, y2: height - bottom, class: "rule" }), svg("text", { x: x(value), y: height - bottom + 17, "text-anchor": "middle" }, number(value, step < 0.01 ? 3 : step < 0.1 ? 2 : step === 0.25 ? 2 : 1))]),
-    svg("text", { x: (left + width - right) / 2, y: height - 5, "text-anchor": "middle" }, width < 480 ? "normalised score" : "normalised score: 0 is doing nothing, 1 the best known"),
+    svg("text", { x: (left + width - right) / 2, y: height - 5, "text-anchor": "middle" }, width < 480 ? "normalised score" : "normalised score: 1 is the best known"),
     agents.map((name) => {
       const [share, low, high] = suite.profiles[name];
       return svg("g", { "data-agent": name, style: `--colour: ${colourOf(name)}` },
@@ -145,7 +146,7 @@ const improvementPart = (suite, chosen) => {
 };
 
 const suitePage = (name, chosen) => {
-  if (!D.suites.length) return { title: "Overall", content: [h("h1", {}, "Who is best over all tasks?"), h("p", {}, "No suite has results that can be averaged yet. It takes a result of doing nothing and a better one on a published task.")] };
+  if (!D.suites.length) return { title: "Overall", content: [h("h1", {}, "Who is best over all tasks?"), h("p", {}, "No suite has results that can be averaged yet. It takes results on a published task that scores money, or has a scale.")] };
   const suite = D.suites.find((one) => one.name === name) ?? D.suites[0];
   return {
     title: "Overall",
@@ -154,7 +155,7 @@ const suitePage = (name, chosen) => {
       h("p", { class: "story" }, suiteWords(suite)),
       D.suites.length > 1 ? h("div", { class: "fields" }, select("Suite", D.suites.map((one) => ({ value: one.name, text: `${suiteTitle(one.name)} (${plural(one.tasks.length, "task")})` })), suite.name, (value) => go("overall", value), "choose-suite")) : null,
       suite.tasks.some((id) => pricesDiffer(TASKS[id])) ? h("p", { class: "note" }, "These scores are at the tasks\u2019 prices; the other prices hold on the leaderboard of each task.") : null,
-      scoreTable(suite).element, usedTable(suite).element, profilePart(suite), improvementPart(suite, chosen),
+      scoreTable(suite).element, usedTable(suite).element, suiteViolations(suite), suite.thresholds.length ? profilePart(suite) : null, improvementPart(suite, chosen),
       aboutTable(suite.rows.filter((row) => row.figures), AGENT_COLUMN, (row) => ({ ...row.figures, steps: row.figures.training })),
     ],
   };
