@@ -163,7 +163,7 @@ def _train(
 def _evaluate(
     task: TaskSpec, refs: Sequence[str], out: Path, runs: int, workers: int | None, printer: console.Printer
 ) -> dict[str, Result]:
-    """Results by agent, stored in ``out``. An agent that fails is reported and stops no other."""
+    """Results by agent, stored in ``out``. An agent that cannot be used, or fails in all runs, is reported and left out."""
     from glbench.evaluation.jobs import Job, LocalEngine, Options
 
     usable, unusable = load_agents(refs, "auto")
@@ -175,7 +175,7 @@ def _evaluate(
         for number, outcome in enumerate(LocalEngine().run(jobs, bar.report), 1):
             bar.ended(outcome)
             printer.say(*outcome_view(outcome, f"{number}/{len(jobs)}", prints=False).parts)
-            if outcome.result is not None:
+            if outcome.result is not None and len(outcome.result.failed) < len(outcome.result.runs):
                 results[outcome.job.ref] = outcome.result
     if not results:
         refuse("No agent of the ladder could be evaluated; the reasons are above.", GlbenchError)

@@ -90,6 +90,13 @@ def test_it_continues_what_was_interrupted_and_repeats_nothing(day: Path, glbenc
     assert ladder.verdicts[0].blind == "outdoor"
     assert "ppo: outdoor keeps" in whole.out
 
+    (day / "broken.py").write_text("def make_agent(task):\n    raise ValueError('no')\n", encoding="utf-8")
+    broken = glbench(*arguments[:-4], "--agents", "broken.py", "--rules", "rule_based_fair", "--views", "outdoor")
+    assert broken.code == 1
+    assert "ValueError: no" in broken.err
+    names = [rung["name"] for rung in json.loads((day / "lad" / "ladder.json").read_text(encoding="utf-8"))["rungs"]]
+    assert names == ["outdoor", "rule_based_unlit", "rule_based_fair"], "what failed in all runs is left out"
+
     (policies[0].parent / "settings.yml").unlink()
     again = glbench(*arguments, "--views", "outdoor,without_co2", "--json")
     assert again.code == 0
