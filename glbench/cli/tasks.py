@@ -231,7 +231,7 @@ def references_command(
         for book in best_known_from(stored, expected).values():
             console.tell(f"Written: {write_best_known(book)}")
     headings, numbers = ("Task", "Version", "Zero", "is the mean of", "One", "is that of the runs of"), ("Version", "Zero", "One")
-    view = console.table("Zero and one of normalised scores", *headings, numbers=numbers, fold=("Task", "is the mean of"))
+    view = console.table("Zero and one of normalised scores", *headings, numbers=numbers, fold=("Task", "is that of the runs of"))
     for task_id, one in read_references().items():
         zero, best = ("–" if end is None else f"{end:,.1f}" for end in (one.zero, one.best))
         runs = f"{one.best_agent or '–'}{'' if one.plans else ' (no plans)'}"

@@ -57,9 +57,7 @@ class Money(statistics.FrozenModel):
 
     rank: int | None = Field(description="by the mean; null where it lacks tasks")
     mean: statistics.Interval = Field(description="mean over the tasks of its score [EUR m-2]")
-    against_rules: statistics.Interval | None = Field(
-        description=f"mean over the tasks of its score minus that of {RULES}, paired by run [EUR m-2]; null if that one lacks tasks"
-    )
+    against_rules: statistics.Interval | None = Field(description=f"its mean minus that of {RULES} [EUR m-2]; null if that one lacks tasks")
     reversal: float | None = Field(description="as that of the row, by the mean score in money")
 
 
