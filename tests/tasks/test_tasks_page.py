@@ -26,6 +26,7 @@ from glbench.tasks.tables import (
     ItemTable,
     ParameterGroupTable,
     RewardTable,
+    SampleTable,
     ScaledSensorTable,
     ScenarioTable,
     SensorTable,
@@ -122,6 +123,7 @@ def test_every_key_of_schema_2_is_explained(page: str) -> None:
     for record in (
         ItemTable, PriceTableTable, ScenarioTable, ParameterGroupTable, StartGroupTable, RewardTable, SplitTable, SensorTable,
         FaultsTable, ForecastTable, ScheduleEntry, ActuatorTable, WindLimitTable, ScaledSensorTable,
+        SampleTable,
     ):  # fmt: skip
         for name, field in record.model_fields.items():
             assert field.exclude or f"`{field.alias or name}`" in page, name
