@@ -57,9 +57,15 @@ def _id_in(path: Path, _changed: int, _size: int) -> object:
 
 
 def register_tasks() -> None:
-    """Make every shipped task known to Gymnasium, for ``make`` and ``make_vec``; a second call changes nothing."""
-    for task_id in task_ids():
-        if task_id not in gymnasium.registry:
+    """Make the shipped tasks known to Gymnasium, for ``make`` and ``make_vec``; a second call changes nothing.
+
+    A draft of a published task's next version is left out: beside it, Gymnasium would call the published one out of date.
+    """
+    ids = task_ids()
+    published = {task_id.rpartition("-v")[0] for task_id, path in ids.items() if path.parent.name != DRAFTS}
+    for task_id, path in ids.items():
+        is_next = path.parent.name == DRAFTS and task_id.rpartition("-v")[0] in published
+        if task_id not in gymnasium.registry and not is_next:
             gymnasium.register(
                 id=task_id, entry_point=ENTRY_POINT, vector_entry_point=VECTOR_ENTRY_POINT, max_episode_steps=None, kwargs={"task": task_id}
             )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import datetime as dt
 import json
+import math
 import re
 import tomllib
 from collections.abc import Callable
@@ -53,6 +54,7 @@ from glbench.model import (
     vapour_pressure_deficit,
 )
 from glbench.model.air import humidity_deficit
+from glbench.model.crop.butterhead import PRICE_BY_MASS
 from glbench.model.crop.stages import STAGES
 from glbench.realism import HouseComparison, identify
 from glbench.realism.export import FIVE_MINUTES, LONGEST, SHORTEST
@@ -111,6 +113,20 @@ def score(agent: str, task: str) -> float:
     """Mean reward of a released result."""
     result = json.loads((RESULTS / task / f"{agent}.json").read_text(encoding="utf-8"))
     return float(np.mean([run["metrics"]["reward"] for run in result["runs"]]))
+
+
+def turn(task: str, *pair: str) -> float:
+    """Times the price of violations at which two agents change places in the released leaderboard."""
+    tables = json.loads((RESULTS.parent / "leaderboard.json").read_text(encoding="utf-8"))["tasks"]
+    turns = next(table["turns"] for table in tables if table["id"] == f"glbench/{task}")
+    return next(float(one["factor"]) for one in turns if {one["first"], one["second"]} == set(pair))
+
+
+def mean_of_ten_heads() -> tuple[float, float]:
+    """Standard deviation of the mass of a head of Lettuce-v2, and of the mean of ten, in percent of the mass."""
+    task = get_task("Lettuce-v2")
+    share = 100.0 * float(task.parameters()[task.model_value.parameter_names.index("cvHead")])
+    return share, share / math.sqrt(10.0)
 
 
 def lamp_hours(agent: str) -> float:
@@ -986,6 +1002,14 @@ CLAIMS: dict[str, list[Claim]] = {
         ("With fewer than {} runs there is no mark", lambda: FEWEST),
         ("with 100 runs, the lower end is {} to {} EUR/m² below", width_of_drops),
         ("Differences of the reward up to {} count as none", lambda: RESOLUTION),
+        ('"that of mpc and ppo_fast at {} times the price"', lambda: turn("SpringYears-v1", "mpc", "ppo_fast")),
+        ("doing nothing earns {} EUR/m²", lambda: score("do_nothing", "Spring-v1")),
+    ],
+    "docs/lettuce.md": [
+        ("relative to a head of 440 g |" + " {} |" * len(PRICE_BY_MASS), lambda: tuple(PRICE_BY_MASS.values())),
+        ("the power {}, which is that ratio", lambda: math.log(0.81 / 0.64) / math.log(44 / 37)),
+        ("It is off by {} % (standard deviation", lambda: 100.0 * get_task("Lettuce-v2").samples["registration"].noise),
+        ("ten heads that vary by {} % give {} %", mean_of_ten_heads),
     ],
     "docs/prices.md": [
         ("[EUR kWh-1] | {} | {} | | `shape`", lambda: both_markets("level")),
@@ -1048,6 +1072,7 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: uncertainty_figures.BIAS_SEASONS,
         ),
         ("the wind at 3 m is {} times, and at 20 m {} times,", lambda: (wind_profile(3.0), wind_profile(20.0))),
+        ("ten heads or stems that differ by {} % have a mean that is off by {} %", mean_of_ten_heads),
     ],
     "baselines/ppo_long/card.toml": [
         (
@@ -1153,6 +1178,42 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("at `factor` 0.5, 1 and 2", "definition: the factors that belong together"),
         ("less than 0.5 or more than 1.5 times", "definition: glbench/tasks/spreads.py"),
         ("share of the reading, up to 0.3;", "definition: glbench/tasks/tables.py"),
+        ("up to s = 0.3", "definition: glbench/tasks/tables.py"),
+    ],
+    "docs/ladder.md": [("95 % interval", "definition: CONFIDENCE")],
+    "docs/lettuce.md": [
+        ("coefficient of variation of 15 %", "definition: glbench/model/crop/butterhead.py"),
+        ("a tenth more at 500 g, 15 %", "definition: glbench/model/crop/butterhead.py"),
+        ("a 44 earns 0.81 EUR and a 37 earns 0.64 EUR", "source: Boonekamp (2018), cited beside it"),
+        ("0.80 EUR for a head of 440 g", "definition: tasks/drafts/lettuce-v2.toml"),
+        ("went from 0.14 to 1.24 EUR", "source: Boonekamp (2018), cited beside it"),
+        ("plants by up to 20 %, the young plants by up to 20 %", "definition: tasks/drafts/lettuce-v2.toml"),
+        ("Heat costs 0.05 EUR kWh⁻¹, CO2 0.20 EUR kg⁻¹", "definition: tasks/drafts/lettuce-v2.toml"),
+        ("50 to 85 % of relative humidity", "definition: tasks/drafts/lettuce-v2.toml"),
+        *(
+            (f"| {agent} | {{}} | {{}} | {runs} | {{}} | {{}} | {{}} |", "measured over 12 runs of the validation split of a draft")
+            for agent, runs in (
+                ("tuned rules (`rule_based_tuned`)", "{} to {}"),
+                ("`my_agent`", "{} to {}"),
+                ("`pi_controller`", "{} to {}"),
+                ("`constant_setpoints`", "{} to {}"),
+                ("tuned rules, blind", ""),
+                ("unlit rules, from observations", "{} to {}"),
+                ("recording of one run of the tuned rules", "{} to {}"),
+                ("`do_nothing`", ""),
+            )
+        ),
+        ("They keep 23 % of the lead", "arithmetic from the table"),
+        (
+            "the measured one it is 49 %, and with twice that 12 %",
+            "measured over 12 runs of the validation split of drafts before this one",
+        ),
+        ("differs between runs by 14 EUR/m²", "arithmetic from the table"),
+        (
+            "this task in 1.5 million steps: one training each earns 1.75 with all columns and 1.96 with",
+            "measured over 12 runs of the validation split of a draft",
+        ),
+        ("the standard error is 1.1", "measured over 12 runs of the validation split of a draft"),
     ],
     "docs/realism.md": [
         ("as a mean of 24 h", "definition: a state of the model"),
@@ -1453,6 +1514,10 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     ],
     "docs/statistics.md": [
         ("overall 95 %", "definition: CONFIDENCE"),
+        ("at 0.5×, at 2×, frontier", "definition: glbench/leaderboard/violations.py"),
+        ("do so between 0.5 and 2", "definition: glbench/leaderboard/violations.py"),
+        ("0.5 says that the order of the two is a toss-up; 0.03 that one", "arithmetic"),
+        ("every sane agent scores above 0.9.", "the case of the sentence before"),
         ("t(0.999, ν)", "definition: glbench/leaderboard/fresh_draws.py"),
         ("at most 1 of 1,000 evaluations", "definition: glbench/leaderboard/fresh_draws.py"),
         ("and the lower end by ranks in 1 of 100,000", "definition: glbench/leaderboard/fresh_draws.py"),

@@ -140,7 +140,10 @@ def test_a_list_of_tasks_needs_neither_weather_nor_digest(monkeypatch: pytest.Mo
 def test_drafts_can_be_used_and_are_not_published() -> None:
     drafts = list_drafts()
 
-    names = ("Lettuce-v2", "SpringCrew-v1", "SpringSetpoints-v1", "SpringTrusses-v1", "WinterTrusses-v1")
+    names = (
+        "GreenhouseReal-v1", "GreenhouseSetpoints-v1", "GreenhouseYears-v1", "Lettuce-v2", "SpringCrew-v1", "SpringSetpoints-v1",
+        "SpringTrusses-v1", "WinterTrusses-v1",
+    )  # fmt: skip
     assert {task.id for task in drafts} == {f"glbench/{name}" for name in names}
     for task in drafts:
         assert get_task(task.short_id).digest == task.digest
