@@ -33,9 +33,7 @@ def leaderboard(
         list[str] | None,
         typer.Option("--task", "-t", help="Show this task: id or file (.toml); repeatable. Default: the one evaluated last."),
     ] = None,
-    suite: Annotated[
-        list[str] | None, typer.Option("--suite", "-s", help="Show agents over all tasks of this suite (repeatable).")
-    ] = None,
+    suite: Annotated[list[str] | None, typer.Option("--suite", "-s", help="Show agents over all tasks of this suite (repeatable).")] = None,
     members: Annotated[
         bool, typer.Option("--members", "--trainings", help="Show each training below the entry that it belongs to.")
     ] = False,
