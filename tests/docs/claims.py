@@ -45,6 +45,7 @@ from glbench.kernel.cvodes import SUBSTEP_LIMIT, paper_cvodes
 from glbench.leaderboard.fresh_draws import ERROR, FEWEST
 from glbench.leaderboard.statistics import RESAMPLES, RESOLUTION, estimate_mean
 from glbench.model import (
+    BUTTERHEAD,
     CONTROL_NAMES,
     STATE_NAMES,
     TOMATO,
@@ -53,6 +54,7 @@ from glbench.model import (
     vapour_pressure_deficit,
 )
 from glbench.model.air import humidity_deficit
+from glbench.model.crop.butterhead import PRICE_BY_MASS
 from glbench.model.crop.stages import STAGES
 from glbench.realism import HouseComparison, identify
 from glbench.realism.export import FIVE_MINUTES, LONGEST, SHORTEST
@@ -111,6 +113,23 @@ def score(agent: str, task: str) -> float:
     """Mean reward of a released result."""
     result = json.loads((RESULTS / task / f"{agent}.json").read_text(encoding="utf-8"))
     return float(np.mean([run["metrics"]["reward"] for run in result["runs"]]))
+
+
+def lettuce_measured() -> dict[str, Any]:
+    """What was measured on the validation split of Lettuce-v2."""
+    measured: dict[str, Any] = json.loads((ROOT / "docs" / "measurements" / "lettuce.json").read_text(encoding="utf-8"))
+    return measured
+
+
+def lettuce_agent(agent: str) -> tuple[float, ...]:
+    """Score, revenue and what made it, of an agent [EUR m-2]."""
+    return tuple(lettuce_measured()["agents"][agent])
+
+
+def blind_share(factor: str) -> float:
+    """How much of their lead over the unlit rules the tuned rules keep blind [%], with houses so many times as far apart as measured."""
+    score = lettuce_measured()["loop_and_blind_by_factor"][factor]
+    return float(100.0 * (score["blind"] - score["unlit"]) / (score["loop"] - score["unlit"]))
 
 
 def lamp_hours(agent: str) -> float:
@@ -913,6 +932,24 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: (make_accounts(TASK).lowest_epi, make_accounts(TASK).highest_epi),
         ),
     ],
+    "docs/lettuce.md": [
+        (
+            "| price relative to a head of 440 g | 0 | {} | {} | {} | {} | {} | {} | {} | {} | {} |",
+            lambda: tuple(PRICE_BY_MASS.values())[1:],
+        ),
+        ("a coefficient of variation of {} %", lambda: 100.0 * BUTTERHEAD.parameters.default()[BUTTERHEAD.parameter_names.index("cvHead")]),
+        ("a tenth more at 500 g, {} %", lambda: 100.0 * BUTTERHEAD.parameters.default()[BUTTERHEAD.parameter_names.index("cvHead")]),
+        ("`rule_based_tuned`) | {} | {} | {} to {} | {} | {} | {} |", lambda: lettuce_agent("rule_based_tuned")),
+        ("| `my_agent` | {} | {} | {} to {} | {} | {} | {} |", lambda: lettuce_agent("my_agent")),
+        ("| `pi_controller` | {} | {} | {} to {} | {} | {} | {} |", lambda: lettuce_agent("pi_controller")),
+        ("| `constant_setpoints` | {} | {} | {} to {} | {} | {} | {} |", lambda: lettuce_agent("constant_setpoints")),
+        ("| tuned rules, blind | {} | {} | | {} | {} | {} |", lambda: lettuce_agent("rule_based_tuned, blind")),
+        ("from observations | {} | {} | {} to {} | {} | {} | {} |", lambda: lettuce_agent("rule_based_fair without lamps")),
+        ("of the tuned rules | {} | {} | {} to {} | {} | {} | {} |", lambda: lettuce_agent("recording")),
+        ("| `do_nothing` | {} | {} | | {} | {} | {} |", lambda: lettuce_agent("do_nothing")),
+        ("They keep {} % of the lead", lambda: blind_share("1.5")),
+        ("as the measured one it is {} %, and with twice that {} %", lambda: (blind_share("1.0"), blind_share("2.0"))),
+    ],
     "docs/crop.md": [
         ("A fruit passes {} stages from set to ripe", lambda: STAGES),
         ("Each is left at {} times the development rate", lambda: STAGES),
@@ -1301,6 +1338,24 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("*Computers and Electronics in Agriculture* 162, 1035-1048", "source: pages of an article"),
         ("an action is 0.5 or more", "definition: tests/env/test_on_off.py holds it"),
         ("stops when it is below -0.5", "definition: tests/env/test_on_off.py holds it"),
+    ],
+    "docs/lettuce.md": [
+        ("a 44 earns 0.81 EUR and a 37 earns 0.64 EUR", "source: Groenten & Fruit, December 2018"),
+        ("to the power 1.36", "tests/model/test_butterhead.py holds it"),
+        ("went from 0.14 to 1.24 EUR", "source: Groenten & Fruit"),
+        ("0.80 EUR for a head of 440 g", "definition: tasks/drafts/lettuce-v2.toml"),
+        ("Every Monday at 9 h the crew weighs ten heads", "definition: tasks/drafts/lettuce-v2.toml"),
+        ("is off by up to 10 %, drawn", "definition: tasks/drafts/lettuce-v2.toml"),
+        (
+            "5.8 % as a standard deviation, where ten heads that vary by 15 % give 4.7 %",
+            "of an even draw of 10 %, and 15 % over the root of ten",
+        ),
+        ("plants by up to 20 %, the young plants by up to 20 %", "definition: tasks/drafts/lettuce-v2.toml"),
+        ("Heat costs 0.05 EUR kWh⁻¹, CO2 0.20 EUR kg⁻¹", "definition: tasks/drafts/lettuce-v2.toml"),
+        ("10 to 26 °C and 50 to 85 % of relative humidity", "definition: tasks/drafts/lettuce-v2.toml"),
+        ("Revenue differs between runs by 14 EUR/m²", "difference of two figures of the table"),
+        ("1.5 million steps: one training each earns 1.75 with all columns and 1.96", "docs/measurements/lettuce.json"),
+        ("the standard error is 1.1", "docs/measurements/lettuce.json"),
     ],
     "docs/crop.md": [
         ("when 10, 50 and 90 % of", "definition: docs.crop_effects.SHARES"),
