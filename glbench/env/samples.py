@@ -100,13 +100,16 @@ class Samples:
         return traits
 
     def initial_memory(self) -> dict[str, float]:
-        """Numbers kept from step to step, with start values: steps since the last sample of each module, and its columns."""
+        """Numbers kept from step to step: of each module the steps since its last sample, 0 while there is none, and its columns.
+
+        An episode may begin in the midst of a season (``glbench.jax``): the first sample is taken where it begins.
+        """
         return {f"since {one.module}": 0.0 for one in self.columns} | {one.column.name: 0.0 for one in self.columns}
 
     def readings(self, recorder: Recorder, module: str, layout: MemoryLayout) -> list[Any]:
         """What the observation shows of the columns of ``module``, recorded: the first sample at the start, then the one in memory."""
         memory, states = layout.of(PART), [recorder.input("after", place) for place in range(self.states)]
-        started = at_least(recorder.input("counter", 0), 1.0)
+        started = at_least(recorder.input("memory", memory[f"since {module}"]), 1.0)
         return [
             select(started, recorder.input("memory", memory[one.column.name]), one.sample(states, self._first(recorder, place)))
             for place, one in enumerate(self.columns)
@@ -117,13 +120,15 @@ class Samples:
         """Record the samples in memory after a step: at first that of the start, then a new one where one is due."""
         if not self.columns:
             return
-        memory, first, due = layout.of(PART), below(recorder.input("counter", 0), 1.5), {}
+        memory, due = layout.of(PART), {}
+        first = below(recorder.input("memory", memory[f"since {self.columns[0].module}"]), 1.0)
         states = [select(first, recorder.input("before", place), recorder.input("after", place)) for place in range(self.states)]
         for module, every in {one.module: float(one.table.every_days * self.day) for one in self.columns}.items():
             place = memory[f"since {module}"]
-            since = recorder.input("memory", place) + 1.0
-            due[module] = at_least(since, every)
-            recorder.output("memory", place, since * (1.0 - due[module]))
+            since = recorder.input("memory", place)
+            now = since - every * at_least(since, every) + 1.0
+            due[module] = at_least(now, every)
+            recorder.output("memory", place, now)
         for number, one in enumerate(self.columns):
             place, start = memory[one.column.name], self.places.noise + UNIFORMS_PER_NORMAL * number
             w = approx_normal(*(recorder.input("noise", start + offset) for offset in range(UNIFORMS_PER_NORMAL)))

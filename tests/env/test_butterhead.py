@@ -28,7 +28,10 @@ MASS = NAMES.index("mean_head_mass")
 @pytest.mark.filterwarnings("error")
 def test_both_checkers_are_silent(recwarn: pytest.WarningsRecorder) -> None:
     name = "tests/butterhead-of-a-test"
-    make = lambda render_mode=None: GreenhouseEnv(get_task("Lettuce-v2"), kernel="fast", split="training", render_mode=render_mode)  # noqa: E731
+
+    def make(**options: Any) -> GreenhouseEnv:
+        return GreenhouseEnv(get_task("Lettuce-v2"), kernel="fast", split="training", **options)
+
     gymnasium.register(name, entry_point=make, disable_env_checker=True)
     try:
         check_env(gymnasium.make(name, render_mode="ansi").unwrapped)

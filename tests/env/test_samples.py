@@ -115,6 +115,17 @@ def test_compiled_and_numpy_alone_and_in_a_batch_give_the_same_bits(task: TaskSp
     assert plain.restore(saved).tobytes() == fused.observe().tobytes()
 
 
+def test_an_episode_that_begins_in_the_midst_of_a_season_begins_with_a_sample(task: TaskSpec) -> None:
+    simulation, start = Simulation(task, 3, StillKernel()), 40
+    simulation.reset([1, 2, 3])
+    simulation._environments.k[:] = start
+    simulation._observe()
+    seen = [simulation.observe()[:, :3]] + [simulation.step(np.zeros((3, 6))).observations[:, :3] for _ in range(DAY + 1)]
+    assert (np.abs(seen[0] / (simulation.scenarios.draw([1, 2, 3]).states[:, STATES] * FACTORS) - 1.0) < 0.18).all()
+    changed = np.flatnonzero((np.diff(np.array(seen), axis=0) != 0.0).any(axis=(1, 2))) + 1
+    assert changed.tolist() == [DAY]
+
+
 def test_a_sample_stays_within_its_column(folder: Path) -> None:
     wild = spring(folder / "wild.toml", observation=NOW, sensors=SAMPLES.replace("0.06", "0.3"))
     column, place = wild.observed()[1], STATES[1]
