@@ -33,9 +33,7 @@ def leaderboard(
         list[str] | None,
         typer.Option("--task", "-t", help="Show this task: id or file (.toml); repeatable. Default: the one evaluated last."),
     ] = None,
-    suite: Annotated[
-        list[str] | None, typer.Option("--suite", "-s", help="Show agents over all tasks of this suite: normalised scores (repeatable).")
-    ] = None,
+    suite: Annotated[list[str] | None, typer.Option("--suite", "-s", help="Show agents over all tasks of this suite (repeatable).")] = None,
     members: Annotated[
         bool, typer.Option("--members", "--trainings", help="Show each training below the entry that it belongs to.")
     ] = False,
@@ -262,7 +260,7 @@ def _task_tables(table: TaskTable, *, members: bool) -> Iterator[console.Table]:
 
 
 def _suite_tables(table: SuiteTable) -> Iterator[console.Table]:
-    """Agents over a suite: normalised scores, then what they earned, grew and used."""
+    """Agents over a suite: scores, then what they earned, grew and used."""
     from glbench.leaderboard import tables as t
     from glbench.leaderboard.catalogue import of_published
 

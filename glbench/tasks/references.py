@@ -136,8 +136,8 @@ def write_best_known(best: BestKnown) -> Path:
 _HEAD = """\
 # Zero and one of normalised scores: means over the task's runs of what ranks, of zero_agent and of the best known run of each seed
 # (tasks/best_known). For a new task write its id and zero_agent; `glbench tasks references --write` takes the rest from reports/released,
-# and keeps every zero that is here. plans: whether plans that know the season made all best known runs, so that one is not an agent's own
-# score. version: of the scale of the task, raised when zero or one moves.
+# and keeps every zero that is here. plans: whether plans that know the season made all best known runs. Where not, one is what ranked
+# agents scored themselves. version: of the scale of the task, raised when zero or one moves.
 """
 
 

@@ -967,7 +967,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("from observations | {} | {} | {} to {} | {} | {} | {} |", lambda: lettuce_agent("rule_based_fair without lamps")),
         ("of the tuned rules | {} | {} | {} to {} | {} | {} | {} |", lambda: lettuce_agent("recording")),
         ("| `do_nothing` | {} | {} | | {} | {} | {} |", lambda: lettuce_agent("do_nothing")),
-        ("the power {}, which is that ratio", lambda: math.log(0.81 / 0.64) / math.log(44 / 37)),
+        ("the power {}, which gives that ratio", lambda: math.log(0.81 / 0.64) / math.log(44 / 37)),
         ("It is off by {} % (standard deviation", lambda: 100.0 * get_task("Lettuce-v2").samples["registration"].noise),
         ("ten heads that vary by {} % give {} %", mean_of_ten_heads),
         ("They keep {} % of the lead", lambda: blind_share("1.5")),
