@@ -8,9 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from glbench.cli.console import Printer
+from glbench.cli.ladder import _evaluate, _rungs
 from glbench.evaluation.jobs import Job, LocalEngine, Outcome, Report
 from glbench.kernel import why_not_compiled
 from glbench.leaderboard.ladder import Ladder
+from glbench.tasks import get_task
 from tests.cli.command_line import Command
 
 TINY = """
@@ -46,6 +49,19 @@ def test_what_cannot_be_is_refused_before_anything_is_trained(day: Path, glbench
     assert refused.code == 1
     assert words in refused.err.replace("\n", " ")
     assert not (day / "lad").exists()
+
+
+def test_an_agent_that_fails_in_all_runs_is_reported_and_left_out(day: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (day / "broken.py").write_text("def make_agent(task):\n    raise ValueError('no')\n", encoding="utf-8")
+    task = get_task(str(day / "day.toml"))
+    results = _evaluate(task, ["steady.py", "broken.py"], day / "lad", 2, 1, Printer())
+    assert list(results) == ["steady.py"]
+    assert "ValueError: no" in capfd.readouterr().err
+    rungs = _rungs(task, results, {Path("steady.py"): ("outdoor", 4)})
+    assert [(rung.name, rung.kind, rung.columns, rung.seeds) for rung in rungs] == [("outdoor", "ppo", 15, (4,))]
+    assert rungs[0].values == (results["steady.py"].values("reward"),)
+    (other,) = _rungs(task, results, {})
+    assert (other.name, other.kind, other.columns, other.seeds) == ("steady", "other", None, ())
 
 
 @pytest.mark.slow
@@ -89,13 +105,6 @@ def test_it_continues_what_was_interrupted_and_repeats_nothing(day: Path, glbenc
     assert list(ladder.rungs[0].values[1]) == [one["metrics"]["reward"] for one in result["runs"]]
     assert ladder.verdicts[0].blind == "outdoor"
     assert "ppo: outdoor keeps" in whole.out
-
-    (day / "broken.py").write_text("def make_agent(task):\n    raise ValueError('no')\n", encoding="utf-8")
-    broken = glbench(*arguments[:-4], "--agents", "broken.py", "--rules", "rule_based_fair", "--views", "outdoor")
-    assert broken.code == 1
-    assert "ValueError: no" in broken.err
-    names = [rung["name"] for rung in json.loads((day / "lad" / "ladder.json").read_text(encoding="utf-8"))["rungs"]]
-    assert names == ["outdoor", "rule_based_unlit", "rule_based_fair"], "what failed in all runs is left out"
 
     (policies[0].parent / "settings.yml").unlink()
     again = glbench(*arguments, "--views", "outdoor,without_co2", "--json")
