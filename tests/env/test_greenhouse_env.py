@@ -24,7 +24,7 @@ SPLITS = {task.id: None if task.splits is None or "training" in task.splits.name
 """Where to make a task of which there is nothing to train on."""
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("name", [name for name in TASKS if name in gymnasium.registry])
 def test_gymnasiums_checker_has_nothing_to_say(name: str) -> None:
     check_env(gymnasium.make(name, render_mode="ansi", split=SPLITS[name]).unwrapped)
 
