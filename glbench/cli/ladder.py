@@ -72,7 +72,7 @@ def ladder(
     rules_name = results[rules].agent.name if rules in results else rules
     document = Ladder(
         task=spec.id, task_digest=spec.digest, split=split, seeds=next(iter(results.values())).evaluation.seeds, metric=metric.name,
-        unit=metric.unit, digits=metric.digits, steps=steps, observed=len(spec.observed()), rules=rules_name, rungs=tuple(rungs),
+        unit=metric.unit, digits=min(metric.digits, 2), steps=steps, observed=len(spec.observed()), rules=rules_name, rungs=tuple(rungs),
         rows=rows_of(rungs), verdicts=verdicts_of(rungs, rules_name),
     )  # fmt: skip
     write_atomically(folder / "ladder.json", document.model_dump_json(by_alias=True, indent=1) + "\n")
@@ -91,7 +91,7 @@ def ladder_view(ladder: Ladder, code: int) -> console.View:
         title = f"{ladder.task}, {ladder.split} split, {len(ladder.seeds)} runs; trainings of {ladder.steps:,} steps"
         table = console.table(title, *headings, numbers=headings[2:3], fold=headings[3:], caption="In brackets: 95 % intervals.")
         for cells in rows:
-            table.add(*cells)
+            table.add(*(cell.replace(" (", "\n(").replace(" from ", "\nfrom ") for cell in cells))
         yield table
         yield from (console.paragraph(verdict_words(verdict, ladder)) for verdict in ladder.verdicts)
 

@@ -171,14 +171,14 @@ def share_of(rung: Rung, strongest: Rung | None, zero: Rung | None) -> Share | N
 def table_cells(ladder: Ladder) -> list[list[str]]:
     """Headings and rows of the table in words, for a terminal or a page."""
     rungs, unit = {rung.name: rung for rung in ladder.rungs}, pretty_unit(ladder.unit)
-    table = [["Rung", "Sees", "Trainings", f"Mean [{unit or '-'}]", "Lead over unlit", "Share of the lead", "Step"]]
+    table = [["Rung", "Columns", "Trainings", f"Mean [{unit or '-'}]", "Lead over unlit", "Share of the lead", "Step"]]
     for row in ladder.rows:
         rung, step = rungs[row.name], "–"
         if row.step is not None:
             low, high = row.step.low, row.step.high
             below = f"not resolved (below {max(-low, high):,.{ladder.digits}f} {unit})"
             step = f"{below if low <= 0.0 <= high else _words(row.step, ladder)} from {row.before}"
-        sees = "–" if rung.columns is None else f"{rung.columns} of {ladder.observed} columns"
+        sees = "–" if rung.columns is None else f"{rung.columns} of {ladder.observed}"
         lead = "–" if row.lead is None else _words(row.lead, ladder)
         share = "–" if row.share is None else row.share.words
         table.append([row.name, sees, str(len(rung.seeds) or "–"), _words(row.mean, ladder), lead, share, step])

@@ -118,7 +118,7 @@ def test_the_table_says_what_is_not_resolved() -> None:
     )  # fmt: skip
     headings, *table = table_cells(ladder)
     cells = {row[0]: dict(zip(headings, row, strict=True)) for row in table}
-    assert cells["outdoor"]["Sees"] == "43 of 50 columns"
+    assert cells["outdoor"]["Columns"] == "43 of 50"
     assert cells["outdoor"]["Share of the lead"].startswith("0.25 (")
     assert cells["sensors"]["Step"].startswith("3.00 (")
     assert cells["sensors"]["Step"].endswith(") from outdoor")
