@@ -62,7 +62,10 @@ def ladder(
 
     spec, scored = options.task_or_default(task), select_tasks([task] if task else [], [], None, split)[0]
     names, printer, folder = _view_names(spec, views), console.Printer(as_json), out or Path("runs") / f"ladder-{spec.short_id}"
-    others = list(dict.fromkeys([_UNLIT, rules, *(_agent(folder, name.strip()) for name in agents.split(",") if name.strip())]))
+    refs = [_UNLIT, rules, *(name.strip() for name in agents.split(",") if name.strip())]
+    for ref, reason in load_agents([ref for ref in refs if not _is_view_of_mpc(ref)], "auto")[1].items():
+        refuse(f"{ref}: {reason}", GlbenchError)
+    others = list(dict.fromkeys(_agent(folder, ref) for ref in refs))
     if split == "test":
         console.print_warning("These are the runs of the test split: choose nothing by them.")
     with console.interruption("Run the same command again to continue: nothing that is finished is repeated."):
@@ -112,12 +115,18 @@ def _view_names(task: TaskSpec, text: str) -> list[str]:
     return list(dict.fromkeys(names))
 
 
+def _is_view_of_mpc(name: str) -> bool:
+    """Whether an agent is called ``mpc_VIEW``."""
+    from glbench.agents.views import VIEWS
+
+    return name.startswith(_MPC) and name.removeprefix(_MPC) in VIEWS
+
+
 def _agent(folder: Path, name: str) -> str:
     """The agent that ``--agents`` names; ``mpc_VIEW`` is written to ``folder``."""
     from glbench.agents.predictive import write_predictive_agent
-    from glbench.agents.views import VIEWS
 
-    if not name.startswith(_MPC) or name.removeprefix(_MPC) not in VIEWS:
+    if not _is_view_of_mpc(name):
         return name
     write_predictive_agent(folder / name, name.removeprefix(_MPC))
     return str(folder / name)
@@ -194,7 +203,7 @@ def _rungs(task: TaskSpec, results: Mapping[str, Result], policies: Policies) ->
     rungs = []
     for name, by_seed in by_name.items():
         seeds, view = [seed for seed in by_seed if seed is not None], name.removeprefix(_MPC)
-        is_mpc = name == "mpc" or (name != view and view in VIEWS)
+        is_mpc = name == "mpc" or _is_view_of_mpc(name)
         columns = int(visible_columns(task, (view,)).sum()) if seeds or (is_mpc and view in VIEWS) else None
         kind = "ppo" if seeds else "mpc" if is_mpc else "other"
         parts = {"name": name, "kind": kind, "columns": columns, "seeds": seeds, "values": list(by_seed.values())}

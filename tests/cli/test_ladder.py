@@ -42,6 +42,8 @@ def day(here: Path) -> Path:
         (("--views", "outdor"), r"--views: there is no view 'outdor'. Did you mean 'outdoor'?"),
         (("--views", "without_co3"), "'co3'. Did you mean 'co2'"),
         (("--split", "training"), "--split training is not evaluated"),
+        (("--agents", "my_agent"), "my_agent: 'my_agent' is neither a file or folder here nor a baseline"),
+        (("--rules", "runs/tuned"), "runs/tuned: "),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_is_trained(day: Path, glbench: Command, arguments: tuple[str, str], words: str) -> None:
