@@ -160,6 +160,7 @@ def test_a_task_without_them_keeps_its_digest_and_one_with_them_says_so(task: Ta
     assert task_card(task).task().samples == task.samples  # an agent knows how far a sample is off
 
 
+@pytest.mark.usefixtures("own_words")
 def test_mistakes_are_named(folder: Path) -> None:
     def read(text: str, modules: str = MODULES) -> TaskSpec:
         return spring(folder / "wrong.toml", observation=f"[observation]\nmodules = [{modules}]\n", sensors=text)
