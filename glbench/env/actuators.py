@@ -10,8 +10,8 @@ over a step of h seconds with the lag T: a first-order lag, as motors and valves
 the step counted for all of it. m is what it can deliver at most: 1 - s, with a shortfall s drawn evenly once a run between 0 and the
 stated one, times a factor that falls in a straight line from 1 at one wind speed to a share at a higher one.
 
-Faults are Markov chains of two states, the textbook model of a unit that is repaired (Birolini, Reliability Engineering, 8th ed., 2017,
-chapter 6): one begins with the chance h / (mean time between faults) in each step, and ends with the chance h / (mean time of a fault).
+Faults are Markov chains of two states, the textbook model of a unit that is repaired (such as doi 10.1007/978-3-030-76904-8, chapter 6):
+one begins with the chance h / (mean time between faults) in each step, and ends with the chance h / (mean time of a fault).
 
 The kernel steps and the ledger charges what is delivered. Agents are shown the command only. docs/uncertainty.md has a picture.
 """

@@ -638,9 +638,6 @@ class OutdoorSensorsTable(Table):
         return tuple((name, entry) for name, entry in entries if entry is not None)
 
 
-_WindSpeed = Annotated[float, in_unit("m s-1")]
-
-
 class WindLimitTable(Table):
     """``[actuators.<control>.wind]``: from a wind speed on, a control delivers less, down to a share of its command."""
 

@@ -23,6 +23,7 @@ from glbench.agents.daylight import Daylight
 from glbench.agents.rules import privileged_inputs
 from glbench.env import Simulation
 from glbench.errors import SubmissionError
+from glbench.model import TOMATO
 from glbench.tasks import TaskCard, get_task, task_card
 
 POINTS = np.load(Path(__file__).parents[1] / "golden" / "agents_rule_based_points.npz")
@@ -152,6 +153,18 @@ def test_the_published_controller_is_the_rules_on_the_true_state(card: TaskCard,
     np.testing.assert_allclose(controls, POINTS["u_glgym2"], rtol=0, atol=1e-12)
     inputs = privileged_inputs(POINTS["x"], POINTS["d"], POINTS["hour"], POINTS["day_of_year"])
     assert np.array_equal(controls, rule_controls(inputs, published))
+
+
+@pytest.mark.parametrize("task_id", ["GreenhouseYears-v1", "FullSeasonEnergy-v1"])
+def test_the_published_controller_leaves_the_controls_of_larger_models_at_zero(task_id: str, published: RuleSettings) -> None:
+    """Those of a crew, or of an engine: what it gives is as wide as the model's controls, and the paper's six come first."""
+    controller, task = RuleBasedController(published), get_task(task_id)
+    controller.reset(task_card(task), len(POINTS["x"]))
+    controls = controller.controls(POINTS["x"], POINTS["d"], POINTS["hour"], POINTS["day_of_year"])
+    assert controls.shape == (len(POINTS["x"]), len(task.model_value.control_names))
+    assert task.model_value.control_names[:6] == TOMATO.control_names
+    np.testing.assert_allclose(controls[:, :6], POINTS["u_glgym2"], rtol=0, atol=1e-12)
+    assert not controls[:, 6:].any()
 
 
 # Reward and EPI [EUR m-2] over the first six hours, and reward over the first two days, run 666. The first are sharp. The
