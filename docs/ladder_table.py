@@ -1,24 +1,42 @@
 """The tables of ladder.md: ``python -m docs.ladder_table [runs/ladder-TASK/ladder.json ...]``.
 
-Files that are named are copied to measurements/ladder-TASK.json; the page then has a table for each file there.
+Files that are named are kept as measurements/ladder-TASK.json, with rounded values of runs; the page then has a table for each file there.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from docs.tables import with_tables
-from glbench.leaderboard.ladder import Ladder, table_cells, verdict_words
+from glbench.errors import refuse
+from glbench.leaderboard.ladder import Ladder, table_cells, table_notes, verdict_lines
 
 PAGE = Path(__file__).parent / "ladder.md"
 MEASUREMENTS = Path(__file__).parent / "measurements"
+LARGEST = 30_000
+"""Most bytes of a ladder that is kept."""
 
 
 def read() -> list[Ladder]:
     """The ladders that are kept, by the names of their files."""
     return [Ladder.model_validate_json(file.read_text(encoding="utf-8")) for file in sorted(MEASUREMENTS.glob("ladder-*.json"))]
+
+
+def kept(ladder: Ladder) -> str:
+    """What is kept of a ladder: all of it, the values of runs with one decimal more than the table has.
+
+    Raises ``ValueError`` when that is more than ``LARGEST``.
+    """
+    document = ladder.model_dump(by_alias=True)
+    for rung in document["rungs"]:
+        rung["values"] = [[round(value, ladder.digits + 1) for value in values] for values in rung["values"]]
+    text = json.dumps(document, separators=(",", ":")) + "\n"
+    if len(text) > LARGEST:
+        refuse(f"The ladder of {ladder.task} has {len(text):,} bytes of at most {LARGEST:,}: keep fewer rungs, trainings or runs.")
+    return text
 
 
 def section(ladder: Ladder) -> str:
@@ -27,9 +45,9 @@ def section(ladder: Ladder) -> str:
     lines = [f"| {' | '.join(cells)} |" for cells in (headings, ["---"] * len(headings), *rows)]
     made = (
         f"{len(ladder.seeds)} runs of the {ladder.split} split (seeds {ladder.seeds[0]} to {ladder.seeds[-1]}), trainings of "
-        f"{ladder.steps:,} steps, task digest `{ladder.task_digest[:12]}`. In brackets: 95 % intervals over scenarios and trainings."
+        f"{ladder.steps:,} steps, task digest `{ladder.task_digest[:12]}`. {table_notes(ladder)}"
     )
-    verdicts = [f"- {verdict_words(verdict, ladder)}" for verdict in ladder.verdicts]
+    verdicts = [f"- {line}" for line in verdict_lines(ladder)]
     return "\n".join([f"### {ladder.task.rpartition('/')[2]}", "", *lines, "", made, "", *verdicts]).rstrip()
 
 
@@ -41,9 +59,8 @@ def filled(page: str, ladders: Sequence[Ladder]) -> str:
 def main() -> None:
     """Keep, fill."""
     for name in sys.argv[1:]:
-        text = Path(name).read_text(encoding="utf-8")
-        task = Ladder.model_validate_json(text).task.rpartition("/")[2]
-        (MEASUREMENTS / f"ladder-{task}.json").write_text(text, encoding="utf-8")
+        ladder = Ladder.model_validate_json(Path(name).read_text(encoding="utf-8"))
+        (MEASUREMENTS / f"ladder-{ladder.task.rpartition('/')[2]}.json").write_text(kept(ladder), encoding="utf-8")
     PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), read()), encoding="utf-8")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -22,7 +24,9 @@ if TYPE_CHECKING:
 
 Policies = Mapping[Path, tuple[str, int]]
 """View and seed of each training, by its folder."""
-_UNLIT, _MPC = "rule_based_unlit", "mpc_"
+_BREAKS = re.compile(r" \(| (?=from )")  # Where the lines of a cell break
+_MPC = "mpc_"
+_RULES = ("rule_based_unlit", "rule_based_fair", "rule_based_tuned", "grower")  # What --zero and --rules may be on one task or another
 
 
 def ladder(
@@ -43,6 +47,7 @@ def ladder(
     rules: Annotated[
         str, typer.Option("--rules", help="The rules that blind agents are compared with: a name, or a folder of glbench tune rules.")
     ] = "rule_based_tuned",
+    zero: Annotated[str, typer.Option("--zero", help="The agent over which leads are counted: a name or a path.")] = "rule_based_unlit",
     workers: Annotated[
         int | None, typer.Option("--workers", "-w", min=1, help="Trainings at a time, and cores of an evaluation. Default: all.")
     ] = None,
@@ -57,14 +62,16 @@ def ladder(
     be added later. Exits with 1 when a training failed, or an agent could not be evaluated.
     """
     from glbench.leaderboard.catalogue import catalogue
-    from glbench.leaderboard.ladder import Ladder, rows_of, verdicts_of
+    from glbench.leaderboard.ladder import Ladder, rows_of, separation_of, verdicts_of
     from glbench.resources import write_atomically
 
     spec, scored = options.task_or_default(task), select_tasks([task] if task else [], [], None, split)[0]
     names, printer, folder = _view_names(spec, views), console.Printer(as_json), out or Path("runs") / f"ladder-{spec.short_id}"
-    refs = [_UNLIT, rules, *(name.strip() for name in agents.split(",") if name.strip())]
+    refs = [zero, rules, *(name.strip() for name in agents.split(",") if name.strip())]
     for ref, reason in load_agents([ref for ref in refs if not _is_view_of_mpc(ref)], "auto")[1].items():
         refuse(f"{ref}: {reason}", GlbenchError)
+    for option, ref in (("--zero", zero), ("--rules", rules)):
+        _check_start(scored, option, ref)
     others = list(dict.fromkeys(_agent(folder, ref) for ref in refs))
     if split == "test":
         console.print_warning("These are the runs of the test split: choose nothing by them.")
@@ -72,11 +79,12 @@ def ladder(
         policies = _train(spec, {name: folder / f"ppo-{spec.short_id}-{name}" for name in names}, config, steps, trainings, workers)
         results = _evaluate(scored, [*map(str, policies), *others], folder, runs, workers, printer)
     rungs, metric = _rungs(spec, results, policies), catalogue(spec).metrics[spec.evaluation.metric]
-    rules_name = results[rules].agent.name if rules in results else rules
+    zero_name, rules_name = (results[ref].agent.name if ref in results else ref for ref in (zero, rules))
     document = Ladder(
         task=spec.id, task_digest=spec.digest, split=split, seeds=next(iter(results.values())).evaluation.seeds, metric=metric.name,
-        unit=metric.unit, digits=min(metric.digits, 2), steps=steps, observed=len(spec.observed()), rules=rules_name, rungs=tuple(rungs),
-        rows=rows_of(rungs), verdicts=verdicts_of(rungs, rules_name),
+        unit=metric.unit, digits=min(metric.digits, 2), steps=steps, observed=len(spec.observed()), zero=zero_name,
+        rules=rules_name, rungs=tuple(rungs), rows=rows_of(rungs, zero_name), verdicts=verdicts_of(rungs, rules_name, zero_name),
+        separation=separation_of(rungs, rules_name),
     )  # fmt: skip
     write_atomically(folder / "ladder.json", document.model_dump_json(by_alias=True, indent=1) + "\n")
     printer.say(console.aside(f"Saved: {folder / 'ladder.json'}"))
@@ -88,17 +96,39 @@ def ladder_view(ladder: Ladder, code: int) -> console.View:
     """The table of a ladder and its verdicts, or its JSON; ``code`` is that of the exit."""
 
     def parts() -> Iterator[console.Part]:
-        from glbench.leaderboard.ladder import table_cells, verdict_words
+        from glbench.leaderboard.ladder import table_cells, table_notes, verdict_lines
+        from glbench.quantities import pretty_unit
 
-        headings, *rows = table_cells(ladder)
-        title = f"{ladder.task}, {ladder.split} split, {len(ladder.seeds)} runs; trainings of {ladder.steps:,} steps"
-        table = console.table(title, *headings, numbers=headings[2:3], fold=headings[3:], caption="In brackets: 95 % intervals.")
-        for cells in rows:
-            table.add(*(cell.replace(" (", "\n(").replace(" from ", "\nfrom ") for cell in cells))
+        (rung, _, _, *numbers), *rows = table_cells(ladder)
+        title = f"{ladder.task.rpartition('/')[2]}, {ladder.split} split, {len(ladder.seeds)} runs; trainings of {ladder.steps:,} steps"
+        table = console.table(title, rung, *numbers, fold=numbers, padding=(0, 1, 0, 0))
+        unit = pretty_unit(ladder.unit)  # stands in the heading
+        for name, _, trainings, *cells in rows:
+            trained = "" if trainings == "–" else "\n" + console.count(int(trainings), "training")
+            table.add(name + trained, *(_BREAKS.sub("\n", cell.replace(f" {unit}", "")).replace(")", "") for cell in cells))
         yield table
-        yield from (console.paragraph(verdict_words(verdict, ladder)) for verdict in ladder.verdicts)
+        yield from map(console.paragraph, (table_notes(ladder), *verdict_lines(ladder)))
 
     return console.View(parts(), lambda: ladder.model_dump_json(by_alias=True), code=code)
+
+
+def _check_start(task: TaskSpec, option: str, ref: str) -> None:
+    """Refuse rules that cannot run on the task, and name some that can: without them a ladder has no leads, or no verdict."""
+    reason = _why_not(task, ref)
+    if reason is not None:
+        able = [f"{option} {name}" for name in _RULES if _why_not(task, name) is None]
+        refuse(f"{option} {ref}: {reason} Rules that run there: {', '.join(able) or 'none of glbench'}.", GlbenchError)
+
+
+def _why_not(task: TaskSpec, ref: str) -> str | None:
+    """Why an agent cannot begin a run of the task; ``None`` if it can."""
+    from glbench.evaluation import prepare, protect
+
+    try:
+        prepare(task, protect(ref, "auto"), runs=1).check_start()
+    except GlbenchError as error:
+        return str(error)
+    return None
 
 
 def _view_names(task: TaskSpec, text: str) -> list[str]:
@@ -172,7 +202,10 @@ def _train(
 def _evaluate(
     task: TaskSpec, refs: Sequence[str], out: Path, runs: int, workers: int | None, printer: console.Printer
 ) -> dict[str, Result]:
-    """Results by agent, stored in ``out``. An agent that cannot be used, or fails in all runs, is reported and left out."""
+    """Results by agent, stored in ``out``. An agent that cannot be used, or fails in all runs, is reported and left out.
+
+    What failed before in all runs is tried again: there may have been too little time for it.
+    """
     from glbench.evaluation.jobs import Job, LocalEngine, Options
 
     usable, unusable = load_agents(refs, "auto")
@@ -182,13 +215,21 @@ def _evaluate(
     results: dict[str, Result] = {}
     with JobsBar(len(jobs)) as bar:
         for number, outcome in enumerate(LocalEngine().run(jobs, bar.report), 1):
+            if outcome.stored and _is_lost(outcome.result):
+                again = dataclasses.replace(outcome.job, options=dataclasses.replace(outcome.job.options, fresh=True))
+                (outcome,) = LocalEngine().run([again], bar.report)
             bar.ended(outcome)
             printer.say(*outcome_view(outcome, f"{number}/{len(jobs)}", prints=False).parts)
-            if outcome.result is not None and len(outcome.result.failed) < len(outcome.result.runs):
+            if outcome.result is not None and not _is_lost(outcome.result):
                 results[outcome.job.ref] = outcome.result
     if not results:
         refuse("No agent of the ladder could be evaluated; the reasons are above.", GlbenchError)
     return results
+
+
+def _is_lost(result: Result | None) -> bool:
+    """Whether there is no run that did not fail."""
+    return result is None or len(result.failed) == len(result.runs)
 
 
 def _rungs(task: TaskSpec, results: Mapping[str, Result], policies: Policies) -> list[Rung]:
@@ -196,16 +237,18 @@ def _rungs(task: TaskSpec, results: Mapping[str, Result], policies: Policies) ->
     from glbench.agents.views import VIEWS, visible_columns
     from glbench.leaderboard.ladder import Rung
 
-    by_name: dict[str, dict[int | None, tuple[float, ...]]] = {}
+    by_name: dict[str, dict[int | None, Result]] = {}
     for ref, result in results.items():
         name, seed = policies.get(Path(ref), (result.agent.name, None))
-        by_name.setdefault(name, {})[seed] = result.values(task.evaluation.metric)
+        by_name.setdefault(name, {})[seed] = result
     rungs = []
     for name, by_seed in by_name.items():
         seeds, view = [seed for seed in by_seed if seed is not None], name.removeprefix(_MPC)
         is_mpc = name == "mpc" or _is_view_of_mpc(name)
         columns = int(visible_columns(task, (view,)).sum()) if seeds or (is_mpc and view in VIEWS) else None
         kind = "ppo" if seeds else "mpc" if is_mpc else "other"
-        parts = {"name": name, "kind": kind, "columns": columns, "seeds": seeds, "values": list(by_seed.values())}
+        values = [result.values(task.evaluation.metric) for result in by_seed.values()]
+        failed = sum(len(result.failed) for result in by_seed.values())
+        parts = {"name": name, "kind": kind, "columns": columns, "seeds": seeds, "values": values, "failed": failed}
         rungs.append(Rung.model_validate(parts))
     return rungs

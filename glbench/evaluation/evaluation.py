@@ -304,6 +304,12 @@ class Evaluation:
         if self.folder is not None:
             discard(self.folder)
 
+    def check_start(self) -> None:
+        """Raises ``SubmissionError`` when the agent cannot be made for the task, or cannot begin a run of it."""
+        with closing(self._runner()) as runner:
+            for failure in runner.start():
+                refuse(f"'{self.agent.name}' cannot begin {self.task.id}: {failure.reason}.", SubmissionError)
+
     def run(self, progress: ProgressCallback | None = None, callback: StepCallback | None = None) -> records.Result:
         """Run it, from its checkpoint if there is one, and save the result; ``callback`` looks on.
 

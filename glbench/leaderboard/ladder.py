@@ -7,6 +7,7 @@ differences of means; its interval has every share that the runs do not refute a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -17,8 +18,10 @@ from glbench.quantities import pretty_unit
 
 Kind = Literal["ppo", "mpc", "other"]
 Answer = Literal["yes", "no", "not resolved"]
-ZERO, HALF = "rule_based_unlit", 0.5
-"""The agent over which leads are counted, and the share of one that a blind agent may keep."""
+KINDS: tuple[Kind, ...] = ("ppo", "mpc")
+"""Kinds that have a ladder of their own."""
+HALF = 0.5
+"""The share of a lead that a blind agent may keep."""
 BLIND = ("clock", "outdoor", "blind", "mpc_clock", "mpc_outdoor", "mpc_blind")
 """Rungs that see nothing of what is inside the greenhouse."""
 _LARGEST_SHARE = 100.0  # An end of an interval that is farther away does not exist
@@ -36,6 +39,7 @@ class Rung(FrozenModel):
     columns: int | None = Field(description="observed columns in its view; null: what such agents see")
     seeds: tuple[int, ...] = Field(description="of its trainings; none if it is not trained")
     values: tuple[tuple[float, ...], ...] = Field(description="by training, of each run, in the order of the ladder's seeds")
+    failed: int = Field(default=0, description="runs that failed; their missing steps count at the task's price")
 
     @property
     def matrix(self) -> Array:
@@ -80,6 +84,24 @@ class Verdict(FrozenModel):
     below_rules: Answer
 
 
+class Pair(FrozenModel):
+    """What an agent earns more than one of another kind."""
+
+    first: str
+    second: str
+    difference: Interval
+    resolved: bool = Field(description="whether the interval is above 0")
+
+
+class Separation(FrozenModel):
+    """Whether agents of different kind separate: the rules, and the strongest agent of each other kind that looks inside."""
+
+    pairs: tuple[Pair, ...] = Field(description="of all of them, the one with the higher mean first")
+    strongest: str
+    weakest: str
+    separate: Answer = Field(description="whether the strongest and the weakest are resolved apart")
+
+
 class Ladder(FrozenModel):
     """The ladder of a task in one of its splits."""
 
@@ -94,37 +116,41 @@ class Ladder(FrozenModel):
     digits: int = Field(description="decimals of the metric in tables")
     steps: int = Field(description="environment steps of each training")
     observed: int = Field(description="columns that the task shows")
+    zero: str = Field(description="the agent over which leads are counted")
     rules: str = Field(description="the rules that blind agents are compared with")
     rungs: tuple[Rung, ...]
     rows: tuple[Row, ...]
     verdicts: tuple[Verdict, ...]
+    separation: Separation | None = Field(description="null: fewer than two of rules, PPO and predictive control are there")
 
 
-def rows_of(rungs: Sequence[Rung]) -> tuple[Row, ...]:
-    """The rows of the table, in the order of ``rungs``."""
+def rows_of(rungs: Sequence[Rung], zero: str) -> tuple[Row, ...]:
+    """The rows of the table, in the order of ``rungs``; leads are over the rung that ``zero`` names."""
     by_name = {rung.name: rung for rung in rungs}
-    zero = by_name.get(ZERO)
+    nothing = by_name.get(zero)
 
     def row(rung: Rung) -> Row:
         before, leader = _before(rung.name, by_name), None if rung.kind == "other" else strongest_of(rung.kind, rungs)
         return Row(
-            name=rung.name, mean=estimate_mean([rung.matrix]).interval(), lead=None if rung is zero else _difference(rung, zero),
-            share=None if rung is leader else share_of(rung, leader, zero), before=None if before is None else before.name,
+            name=rung.name, mean=estimate_mean([rung.matrix]).interval(), lead=None if rung is nothing else _difference(rung, nothing),
+            share=None if rung is leader else share_of(rung, leader, nothing), before=None if before is None else before.name,
             step=_difference(rung, before),
         )  # fmt: skip
 
     return tuple(map(row, rungs))
 
 
-def verdicts_of(rungs: Sequence[Rung], rules: str) -> tuple[Verdict, ...]:
-    """The verdict on every kind that has a blind agent and another one; ``rules`` names the rules that blind agents are compared with."""
+def verdicts_of(rungs: Sequence[Rung], rules: str, zero: str) -> tuple[Verdict, ...]:
+    """The verdict on every kind that has a blind agent and another one; ``rules`` names the rules that blind agents are compared with.
+
+    Leads are over the rung that ``zero`` names.
+    """
     by_name, verdicts = {rung.name: rung for rung in rungs}, []
-    kinds: tuple[Kind, ...] = ("ppo", "mpc")
-    for kind in kinds:
+    for kind in KINDS:
         blind, strongest = strongest_of(kind, rungs, blind=True), strongest_of(kind, rungs)
         if blind is None or strongest is None:
             continue
-        share, ruled = share_of(blind, strongest, by_name.get(ZERO)), by_name.get(rules)
+        share, ruled = share_of(blind, strongest, by_name.get(zero)), by_name.get(rules)
         gap = None if ruled is None else _difference(ruled, blind)
         most, least = (None, None) if share is None else (share.high, share.low)
         half = _is_positive(*(None if end is None else HALF - end for end in (most, least)))
@@ -132,6 +158,22 @@ def verdicts_of(rungs: Sequence[Rung], rules: str) -> tuple[Verdict, ...]:
         names = {"blind": blind.name, "strongest": strongest.name}
         verdicts.append(Verdict(kind=kind, **names, share=share, at_most_half=half, gap=gap, below_rules=below))
     return tuple(verdicts)
+
+
+def separation_of(rungs: Sequence[Rung], rules: str) -> Separation | None:
+    """Whether agents of different kind separate; ``rules`` names the rules. ``None`` with agents of fewer than two kinds."""
+    compared = [*(strongest_of(kind, rungs) for kind in KINDS), *(rung for rung in rungs if rung.name == rules)]
+    by_name = {rung.name: rung for rung in compared if rung is not None}
+    ranked = sorted(by_name.values(), key=lambda rung: -rung.matrix.mean())
+    pairs = []
+    for first, second in combinations(ranked, 2):
+        difference = _paired(first, second)
+        pairs.append(Pair(first=first.name, second=second.name, difference=difference, resolved=difference.low > 0.0))
+    if not pairs:
+        return None
+    widest = pairs[len(ranked) - 2]  # the last of the pairs of the strongest
+    separate: Answer = "yes" if widest.resolved else "not resolved"
+    return Separation(pairs=tuple(pairs), strongest=widest.first, weakest=widest.second, separate=separate)
 
 
 def strongest_of(kind: Kind, rungs: Sequence[Rung], *, blind: bool = False) -> Rung | None:
@@ -171,18 +213,38 @@ def share_of(rung: Rung, strongest: Rung | None, zero: Rung | None) -> Share | N
 def table_cells(ladder: Ladder) -> list[list[str]]:
     """Headings and rows of the table in words, for a terminal or a page."""
     rungs, unit = {rung.name: rung for rung in ladder.rungs}, pretty_unit(ladder.unit)
-    table = [["Rung", "Columns", "Trainings", f"Mean [{unit or '-'}]", "Lead over unlit", "Share of the lead", "Step"]]
+    table = [["Rung", "Columns", "Trainings", f"Mean [{unit or '-'}]", "Lead", "Share", "Step"]]
     for row in ladder.rows:
         rung, step = rungs[row.name], "–"
         if row.step is not None:
-            low, high = row.step.low, row.step.high
-            below = f"not resolved (below {max(-low, high):,.{ladder.digits}f} {unit})"
-            step = f"{below if low <= 0.0 <= high else _words(row.step, ladder)} from {row.before}"
+            is_open = row.step.low <= 0.0 <= row.step.high
+            step = f"{_not_resolved(row.step, ladder) if is_open else _words(row.step, ladder)} from {row.before}"
         sees = "–" if rung.columns is None else f"{rung.columns} of {ladder.observed}"
         lead = "–" if row.lead is None else _words(row.lead, ladder)
         share = "–" if row.share is None else row.share.words
-        table.append([row.name, sees, str(len(rung.seeds) or "–"), _words(row.mean, ladder), lead, share, step])
+        table.append(
+            [row.name + ("*" if rung.failed else ""), sees, str(len(rung.seeds) or "–"), _words(row.mean, ladder), lead, share, step]
+        )
     return table
+
+
+def table_notes(ladder: Ladder) -> str:
+    """What has to be known to read the table."""
+    failed = [f"{rung.failed} of {rung.name}" for rung in ladder.rungs if rung.failed]
+    marked = f" * Runs failed ({', '.join(failed)}); their missing steps count at the task's price." if failed else ""
+    return f"Leads are over {ladder.zero}. Intervals are those of 95 %, over scenarios and trainings.{marked}"
+
+
+def verdict_lines(ladder: Ladder) -> list[str]:
+    """The verdicts on all kinds, what agents of different kind earn more than each other, and whether they separate."""
+    lines, separation = [verdict_words(verdict, ladder) for verdict in ladder.verdicts], ladder.separation
+    if separation is None:
+        return lines
+    for pair in separation.pairs:
+        more = f"{pair.first} earns {_words(pair.difference, ladder)} {pretty_unit(ladder.unit)} more than {pair.second}"
+        lines.append(f"{more}: {'resolved' if pair.resolved else _not_resolved(pair.difference, ladder)}.")
+    ends = f"{separation.strongest} from {separation.weakest}"
+    return [*lines, f"Agents of different kind separate ({ends}): {separation.separate}."]
 
 
 def verdict_words(verdict: Verdict, ladder: Ladder) -> str:
@@ -200,6 +262,10 @@ def _words(interval: Interval, ladder: Ladder) -> str:
     return f"{value} ({low} to {high})"
 
 
+def _not_resolved(interval: Interval, ladder: Ladder) -> str:
+    return f"not resolved (below {max(-interval.low, interval.high):,.{ladder.digits}f} {pretty_unit(ladder.unit)})"
+
+
 def _before(name: str, rungs: Mapping[str, Rung]) -> Rung | None:
     """The rung that a rung is compared with: the nearest below it that is there."""
     while name := _BEFORE.get(name, "sensors" if name.startswith("without_") else ""):
@@ -209,8 +275,10 @@ def _before(name: str, rungs: Mapping[str, Rung]) -> Rung | None:
 
 
 def _difference(first: Rung, second: Rung | None) -> Interval | None:
-    if second is None:
-        return None
+    return None if second is None else _paired(first, second)
+
+
+def _paired(first: Rung, second: Rung) -> Interval:
     return estimate_difference([first.matrix], [second.matrix], fixed=(not first.seeds, not second.seeds)).interval()
 
 

@@ -7,7 +7,19 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from glbench.leaderboard.ladder import Ladder, Rung, rows_of, share_of, table_cells, verdict_words, verdicts_of
+from glbench.leaderboard.ladder import (
+    Ladder,
+    Rung,
+    rows_of,
+    separation_of,
+    share_of,
+    table_cells,
+    table_notes,
+    verdict_lines,
+    verdict_words,
+    verdicts_of,
+)
+from glbench.leaderboard.statistics import estimate_difference
 
 RUNS = 30
 NOISE = np.random.default_rng(7).normal(size=(8, RUNS))
@@ -24,6 +36,16 @@ def rung(name: str, mean: float, *, kind: str = "other", trainings: int = 0, sca
 
 
 UNLIT, RULES = rung("rule_based_unlit", -1.0), rung("rule_based_tuned", 2.0)
+ZERO_AND_RULES = ("rule_based_unlit", "rule_based_tuned")
+
+
+def ladder_of(rungs: list[Rung], zero: str, rules: str) -> Ladder:
+    """A ladder of these rungs."""
+    return Ladder(
+        task="test/T-v1", task_digest="0", split="validation", seeds=tuple(range(RUNS)), metric="reward", unit="EUR m-2", digits=2,
+        steps=10, observed=50, zero=zero, rules=rules, rungs=tuple(rungs), rows=rows_of(rungs, zero),
+        verdicts=verdicts_of(rungs, rules, zero), separation=separation_of(rungs, rules),
+    )  # fmt: skip
 
 
 def fieller(lead: NDArray[np.float64], whole: NDArray[np.float64]) -> tuple[float, float]:
@@ -83,7 +105,7 @@ def test_the_verdict_is_yes_no_or_not_resolved(blind: float, scatter: float, hal
         UNLIT,
         RULES,
     ]
-    (verdict,) = verdicts_of(rungs, "rule_based_tuned")
+    (verdict,) = verdicts_of(rungs, "rule_based_tuned", "rule_based_unlit")
     assert (verdict.kind, verdict.blind, verdict.strongest) == ("ppo", "outdoor", "sensors")
     assert (verdict.at_most_half, verdict.below_rules) == (half, below)
     assert verdict.share is not None
@@ -94,7 +116,7 @@ def test_the_verdict_is_yes_no_or_not_resolved(blind: float, scatter: float, hal
 
 def test_there_is_no_verdict_without_a_blind_agent_and_no_gap_without_rules() -> None:
     rungs = [rung("sensors", 3.0, kind="ppo", trainings=2), rung("mpc", 3.0, kind="mpc"), rung("mpc_blind", 0.0, kind="mpc"), UNLIT]
-    (verdict,) = verdicts_of(rungs, "rule_based_tuned")
+    (verdict,) = verdicts_of(rungs, "rule_based_tuned", "rule_based_unlit")
     assert verdict.kind == "mpc"
     assert verdict.gap is None
     assert verdict.below_rules == "not resolved"
@@ -110,28 +132,96 @@ def test_the_table_says_what_is_not_resolved() -> None:
         UNLIT,
         RULES,
     ]
-    rows = rows_of(rungs)
+    ladder = ladder_of(rungs, *ZERO_AND_RULES)
+    rows = ladder.rows
     assert [row.before for row in rows] == [None, "outdoor", "sensors", "sensors", None, None, None], "the nearest rung that is there"
-    ladder = Ladder(
-        task="test/T-v1", task_digest="0", split="validation", seeds=tuple(range(RUNS)), metric="reward", unit="EUR m-2", digits=2,
-        steps=10, observed=50, rules="rule_based_tuned", rungs=tuple(rungs), rows=rows, verdicts=verdicts_of(rungs, "rule_based_tuned"),
-    )  # fmt: skip
     headings, *table = table_cells(ladder)
     cells = {row[0]: dict(zip(headings, row, strict=True)) for row in table}
     assert cells["outdoor"]["Columns"] == "43 of 50"
-    assert cells["outdoor"]["Share of the lead"].startswith("0.25 (")
+    assert cells["outdoor"]["Share"].startswith("0.25 (")
     assert cells["sensors"]["Step"].startswith("3.00 (")
     assert cells["sensors"]["Step"].endswith(") from outdoor")
     step = rows[2].step
     assert step is not None
     assert cells["memory"]["Step"] == f"not resolved (below {max(-step.low, step.high):.2f} EUR/m²) from sensors"
-    assert cells["memory"]["Share of the lead"] == "–", "the strongest itself"
+    assert cells["memory"]["Share"] == "–", "the strongest itself"
     assert cells["without_co2"]["Step"].startswith("-1.00 (")
-    assert cells["mpc"]["Share of the lead"] == "–", "the only one of its kind"
-    assert cells["rule_based_unlit"]["Lead over unlit"] == "–"
-    assert cells["rule_based_tuned"]["Lead over unlit"].startswith("3.00 (")
+    assert cells["mpc"]["Share"] == "–", "the only one of its kind"
+    assert cells["rule_based_unlit"]["Lead"] == "–"
+    assert cells["rule_based_tuned"]["Lead"].startswith("3.00 (")
     words = verdict_words(ladder.verdicts[0], ladder)
     assert words.startswith("ppo: outdoor keeps 0.25 (")
     assert "of the lead of memory; at most half: yes. rule_based_tuned earns 2.00 (" in words
     assert words.endswith("EUR/m² more than outdoor; blind below rules: yes.")
     assert Ladder.model_validate_json(ladder.model_dump_json(by_alias=True)) == ladder
+
+
+def test_kinds_separate_when_the_strongest_and_the_weakest_are_resolved_apart() -> None:
+    rungs = [
+        rung("blind", 3.5, kind="ppo", trainings=3, scatter=0.05),
+        rung("memory", 3.0, kind="ppo", trainings=3, scatter=0.05),
+        rung("sensors", 2.9, kind="ppo", trainings=3, scatter=0.05),
+        rung("mpc_blind", 5.0, kind="mpc"),
+        rung("mpc", 3.01, kind="mpc"),
+        UNLIT,
+        rung("my_agent", 9.0),
+        RULES,
+    ]
+    ladder = ladder_of(rungs, *ZERO_AND_RULES)
+    apart = ladder.separation
+    assert apart is not None
+    assert [(pair.first, pair.second, pair.resolved) for pair in apart.pairs] == [
+        ("mpc", "memory", False),
+        ("mpc", "rule_based_tuned", True),
+        ("memory", "rule_based_tuned", True),
+    ], "blind agents, the zero and agents of no kind do not count"
+    assert (apart.strongest, apart.weakest, apart.separate) == ("mpc", "rule_based_tuned", "yes")
+    difference = apart.pairs[0].difference
+    assert difference.value == pytest.approx(0.01)
+    *_, close, first, second, last = verdict_lines(ladder)
+    assert close.startswith("mpc earns 0.01 (")
+    assert close.endswith(f") EUR/m² more than memory: not resolved (below {difference.high:.2f} EUR/m²).")
+    assert first.startswith("mpc earns 1.01 (")
+    assert first.endswith(") EUR/m² more than rule_based_tuned: resolved.")
+    assert second.startswith("memory earns 1.00 (")
+    assert last == "Agents of different kind separate (mpc from rule_based_tuned): yes."
+
+
+def test_pairs_of_kinds_are_paired_by_scenario_and_draw_over_trainings() -> None:
+    pair = [rung("sensors", 2.4, kind="ppo", trainings=4, scatter=1.0, noise=0.5), rung("rule_based_tuned", 2.0, noise=0.5)]
+    apart = separation_of(pair, "rule_based_tuned")
+    assert apart is not None
+    expected = estimate_difference([pair[0].matrix], [pair[1].matrix], fixed=(False, True)).interval()
+    assert apart.pairs[0].difference == expected
+    assert apart.separate == "not resolved", "trainings scatter by more than the rules are behind"
+    alike = [rung("sensors", 2.1, kind="ppo", trainings=2, noise=0.05), rung("rule_based_tuned", 2.0, noise=0.05)]
+    season = separation_of(alike, "rule_based_tuned")
+    assert season is not None
+    assert season.separate == "yes", "the seasons, whose scatter is ten times the difference, are the same for both"
+
+
+def test_kinds_are_not_compared_where_there_is_one() -> None:
+    rungs = [rung("sensors", 3.0, kind="ppo", trainings=2), rung("mpc_blind", 0.0, kind="mpc"), UNLIT]
+    ladder = ladder_of(rungs, *ZERO_AND_RULES)
+    assert ladder.separation is None
+    assert verdict_lines(ladder) == []
+
+
+def test_leads_are_over_the_agent_that_is_named() -> None:
+    rungs = [
+        rung("blind", 2.5, kind="ppo", trainings=2),
+        rung("sensors", 4.0, kind="ppo", trainings=2),
+        UNLIT,
+        RULES.model_copy(update={"failed": 3}),
+    ]
+    ladder = ladder_of(rungs, "rule_based_tuned", "rule_based_unlit")
+    assert [None if row.lead is None else round(row.lead.value, 9) for row in ladder.rows] == [0.5, 2.0, -3.0, None]
+    share = ladder.verdicts[0].share
+    assert share is not None
+    assert share.value == pytest.approx(0.25)
+    assert ladder.verdicts[0].gap is not None
+    assert ladder.verdicts[0].gap.value == pytest.approx(-3.5)
+    assert table_cells(ladder)[-1][0] == "rule_based_tuned*"
+    notes = table_notes(ladder)
+    assert notes.startswith("Leads are over rule_based_tuned.")
+    assert notes.endswith("* Runs failed (3 of rule_based_tuned); their missing steps count at the task's price.")
