@@ -26,7 +26,6 @@ Policies = Mapping[Path, tuple[str, int]]
 """View and seed of each training, by its folder."""
 _BREAKS = re.compile(r" \(| (?=from )")  # Where the lines of a cell break
 _MPC = "mpc_"
-_RULES = ("rule_based_unlit", "rule_based_fair", "rule_based_tuned", "grower")  # What --zero and --rules may be on one task or another
 
 
 def ladder(
@@ -70,8 +69,7 @@ def ladder(
     refs = [zero, rules, *(name.strip() for name in agents.split(",") if name.strip())]
     for ref, reason in load_agents([ref for ref in refs if not _is_view_of_mpc(ref)], "auto")[1].items():
         refuse(f"{ref}: {reason}", GlbenchError)
-    for option, ref in (("--zero", zero), ("--rules", rules)):
-        _check_start(scored, option, ref)
+    _check_start(scored, {"--zero": zero, "--rules": rules})
     others = list(dict.fromkeys(_agent(folder, ref) for ref in refs))
     if split == "test":
         console.print_warning("These are the runs of the test split: choose nothing by them.")
@@ -97,38 +95,29 @@ def ladder_view(ladder: Ladder, code: int) -> console.View:
 
     def parts() -> Iterator[console.Part]:
         from glbench.leaderboard.ladder import table_cells, table_notes, verdict_lines
-        from glbench.quantities import pretty_unit
 
         (rung, _, _, *numbers), *rows = table_cells(ladder)
         title = f"{ladder.task.rpartition('/')[2]}, {ladder.split} split, {len(ladder.seeds)} runs; trainings of {ladder.steps:,} steps"
         table = console.table(title, rung, *numbers, fold=numbers, padding=(0, 1, 0, 0))
-        unit = pretty_unit(ladder.unit)  # stands in the heading
         for name, _, trainings, *cells in rows:
             trained = "" if trainings == "–" else "\n" + console.count(int(trainings), "training")
-            table.add(name + trained, *(_BREAKS.sub("\n", cell.replace(f" {unit}", "")).replace(")", "") for cell in cells))
+            table.add(name + trained, *(_BREAKS.sub("\n", cell).replace(")", "") for cell in cells))
         yield table
         yield from map(console.paragraph, (table_notes(ladder), *verdict_lines(ladder)))
 
     return console.View(parts(), lambda: ladder.model_dump_json(by_alias=True), code=code)
 
 
-def _check_start(task: TaskSpec, option: str, ref: str) -> None:
-    """Refuse rules that cannot run on the task, and name some that can: without them a ladder has no leads, or no verdict."""
-    reason = _why_not(task, ref)
-    if reason is not None:
-        able = [f"{option} {name}" for name in _RULES if _why_not(task, name) is None]
-        refuse(f"{option} {ref}: {reason} Rules that run there: {', '.join(able) or 'none of glbench'}.", GlbenchError)
+def _check_start(task: TaskSpec, refs: Mapping[str, str]) -> None:
+    """Refuse agents, by their option, that cannot begin a run of the task: without them a ladder has no leads, or no verdict."""
+    from glbench.evaluation import prepare
 
-
-def _why_not(task: TaskSpec, ref: str) -> str | None:
-    """Why an agent cannot begin a run of the task; ``None`` if it can."""
-    from glbench.evaluation import prepare, protect
-
-    try:
-        prepare(task, protect(ref, "auto"), runs=1).check_start()
-    except GlbenchError as error:
-        return str(error)
-    return None
+    for option, ref in refs.items():
+        try:
+            prepare(task, ref, runs=1, sandbox="auto").check_start()
+        except GlbenchError as error:
+            remedy = f"Name others: {option} rule_based_fair, or {option} grower where a process computer works the actuators."
+            refuse(f"{option} {ref}: {error} {remedy}", GlbenchError, error)
 
 
 def _view_names(task: TaskSpec, text: str) -> list[str]:
@@ -202,10 +191,7 @@ def _train(
 def _evaluate(
     task: TaskSpec, refs: Sequence[str], out: Path, runs: int, workers: int | None, printer: console.Printer
 ) -> dict[str, Result]:
-    """Results by agent, stored in ``out``. An agent that cannot be used, or fails in all runs, is reported and left out.
-
-    What failed before in all runs is tried again: there may have been too little time for it.
-    """
+    """Results by agent, stored in ``out``. One that cannot be used, or fails in all runs, is left out, and tried again the next time."""
     from glbench.evaluation.jobs import Job, LocalEngine, Options
 
     usable, unusable = load_agents(refs, "auto")

@@ -18,8 +18,7 @@ from glbench.quantities import pretty_unit
 
 Kind = Literal["ppo", "mpc", "other"]
 Answer = Literal["yes", "no", "not resolved"]
-KINDS: tuple[Kind, ...] = ("ppo", "mpc")
-"""Kinds that have a ladder of their own."""
+KINDS: tuple[Kind, ...] = ("ppo", "mpc")  # With a ladder of their own
 HALF = 0.5
 """The share of a lead that a blind agent may keep."""
 BLIND = ("clock", "outdoor", "blind", "mpc_clock", "mpc_outdoor", "mpc_blind")
@@ -96,10 +95,8 @@ class Pair(FrozenModel):
 class Separation(FrozenModel):
     """Whether agents of different kind separate: the rules, and the strongest agent of each other kind that looks inside."""
 
-    pairs: tuple[Pair, ...] = Field(description="of all of them, the one with the higher mean first")
-    strongest: str
-    weakest: str
-    separate: Answer = Field(description="whether the strongest and the weakest are resolved apart")
+    pairs: tuple[Pair, ...] = Field(description="of all of them; the one with the higher mean is first, the widest pair last")
+    separate: Answer = Field(description="whether the widest pair is resolved")
 
 
 class Ladder(FrozenModel):
@@ -141,10 +138,7 @@ def rows_of(rungs: Sequence[Rung], zero: str) -> tuple[Row, ...]:
 
 
 def verdicts_of(rungs: Sequence[Rung], rules: str, zero: str) -> tuple[Verdict, ...]:
-    """The verdict on every kind that has a blind agent and another one; ``rules`` names the rules that blind agents are compared with.
-
-    Leads are over the rung that ``zero`` names.
-    """
+    """The verdict on every kind that has a blind agent and another one; ``rules`` names what is to earn more, leads are over ``zero``."""
     by_name, verdicts = {rung.name: rung for rung in rungs}, []
     for kind in KINDS:
         blind, strongest = strongest_of(kind, rungs, blind=True), strongest_of(kind, rungs)
@@ -169,11 +163,8 @@ def separation_of(rungs: Sequence[Rung], rules: str) -> Separation | None:
     for first, second in combinations(ranked, 2):
         difference = _paired(first, second)
         pairs.append(Pair(first=first.name, second=second.name, difference=difference, resolved=difference.low > 0.0))
-    if not pairs:
-        return None
-    widest = pairs[len(ranked) - 2]  # the last of the pairs of the strongest
-    separate: Answer = "yes" if widest.resolved else "not resolved"
-    return Separation(pairs=tuple(pairs), strongest=widest.first, weakest=widest.second, separate=separate)
+    pairs.sort(key=lambda pair: pair.difference.value)
+    return Separation(pairs=tuple(pairs), separate="yes" if pairs[-1].resolved else "not resolved") if pairs else None
 
 
 def strongest_of(kind: Kind, rungs: Sequence[Rung], *, blind: bool = False) -> Rung | None:
@@ -212,13 +203,13 @@ def share_of(rung: Rung, strongest: Rung | None, zero: Rung | None) -> Share | N
 
 def table_cells(ladder: Ladder) -> list[list[str]]:
     """Headings and rows of the table in words, for a terminal or a page."""
-    rungs, unit = {rung.name: rung for rung in ladder.rungs}, pretty_unit(ladder.unit)
-    table = [["Rung", "Columns", "Trainings", f"Mean [{unit or '-'}]", "Lead", "Share", "Step"]]
+    rungs, unit = {rung.name: rung for rung in ladder.rungs}, pretty_unit(ladder.unit) or "-"
+    table = [["Rung", "Columns", "Trainings", f"Mean [{unit}]", f"Lead [{unit}]", "Share", f"Step [{unit}]"]]
     for row in ladder.rows:
         rung, step = rungs[row.name], "–"
         if row.step is not None:
             is_open = row.step.low <= 0.0 <= row.step.high
-            step = f"{_not_resolved(row.step, ladder) if is_open else _words(row.step, ladder)} from {row.before}"
+            step = f"{_open(row.step, ladder) if is_open else _words(row.step, ladder)} from {row.before}"
         sees = "–" if rung.columns is None else f"{rung.columns} of {ladder.observed}"
         lead = "–" if row.lead is None else _words(row.lead, ladder)
         share = "–" if row.share is None else row.share.words
@@ -240,11 +231,11 @@ def verdict_lines(ladder: Ladder) -> list[str]:
     lines, separation = [verdict_words(verdict, ladder) for verdict in ladder.verdicts], ladder.separation
     if separation is None:
         return lines
+    unit = f" {pretty_unit(ladder.unit)}"
     for pair in separation.pairs:
-        more = f"{pair.first} earns {_words(pair.difference, ladder)} {pretty_unit(ladder.unit)} more than {pair.second}"
-        lines.append(f"{more}: {'resolved' if pair.resolved else _not_resolved(pair.difference, ladder)}.")
-    ends = f"{separation.strongest} from {separation.weakest}"
-    return [*lines, f"Agents of different kind separate ({ends}): {separation.separate}."]
+        is_resolved = "resolved" if pair.resolved else _open(pair.difference, ladder, unit)
+        lines.append(f"{pair.first} earns {_words(pair.difference, ladder)}{unit} more than {pair.second}: {is_resolved}.")
+    return [*lines, f"Agents of different kind separate ({pair.first} from {pair.second}): {separation.separate}."]
 
 
 def verdict_words(verdict: Verdict, ladder: Ladder) -> str:
@@ -262,8 +253,8 @@ def _words(interval: Interval, ladder: Ladder) -> str:
     return f"{value} ({low} to {high})"
 
 
-def _not_resolved(interval: Interval, ladder: Ladder) -> str:
-    return f"not resolved (below {max(-interval.low, interval.high):,.{ladder.digits}f} {pretty_unit(ladder.unit)})"
+def _open(interval: Interval, ladder: Ladder, unit: str = "") -> str:
+    return f"not resolved (below {max(-interval.low, interval.high):,.{ladder.digits}f}{unit})"
 
 
 def _before(name: str, rungs: Mapping[str, Rung]) -> Rung | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from glbench.agents.rules import FairRuleBasedAgent
 from glbench.cli.console import Printer
 from glbench.cli.ladder import _evaluate, _rungs
 from glbench.evaluation.jobs import Job, LocalEngine, Outcome, Report
@@ -44,6 +45,8 @@ def day(here: Path) -> Path:
         (("--split", "training"), "--split training is not evaluated"),
         (("--agents", "my_agent"), "my_agent: 'my_agent' is neither a file or folder here nor a baseline"),
         (("--rules", "runs/tuned"), "runs/tuned: "),
+        (("--rules", "grower"), "--rules grower: The grower works at a process computer"),
+        (("--zero", "grower"), "has the actuation 'rate'. Name others: --zero rule_based_fair, or --zero grower where"),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_is_trained(day: Path, glbench: Command, arguments: tuple[str, str], words: str) -> None:
@@ -64,6 +67,29 @@ def test_an_agent_that_fails_in_all_runs_is_reported_and_left_out(day: Path, cap
     assert rungs[0].values == (results["steady.py"].values("reward"),)
     (other,) = _rungs(task, results, {})
     assert (other.name, other.kind, other.columns, other.seeds) == ("steady", "other", None, ())
+
+
+def test_an_agent_that_fails_stops_no_other_and_is_tried_again(day: Path, glbench: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def too_late(*_: object) -> None:
+        raise TimeoutError
+
+    monkeypatch.setattr("glbench.cli.ladder._train", lambda *_: {day / "steady.py": ("outdoor", 0)})
+    arguments = ("ladder", *OF_DAY, "--views", "outdoor", "--trainings", "1", "--rules", "rule_based_fair", "--agents", "", "--json")
+    with monkeypatch.context() as slow:
+        slow.setattr(FairRuleBasedAgent, "act", too_late)
+        part = glbench(*arguments)
+    assert part.code == 1
+    ladder = Ladder.model_validate_json(part.out)
+    assert [(rung.name, rung.failed) for rung in ladder.rungs] == [("outdoor", 0), ("rule_based_unlit", 0)]
+    assert ladder.rows[0].lead is not None
+    assert (ladder.zero, ladder.rules, ladder.separation) == ("rule_based_unlit", "rule_based_fair", None)
+    files = {file.name: file.stat().st_mtime_ns for file in (day / "lad" / "results" / "Day-v1").glob("*.json")}
+
+    whole = glbench(*arguments)
+    assert whole.code == 0, whole.err
+    assert [rung.name for rung in Ladder.model_validate_json(whole.out).rungs] == ["outdoor", "rule_based_unlit", "rule_based_fair"]
+    again = {file.name for file in (day / "lad" / "results" / "Day-v1").glob("*.json") if file.stat().st_mtime_ns != files[file.name]}
+    assert again == {"rule_based_fair.json"}
 
 
 @pytest.mark.slow
