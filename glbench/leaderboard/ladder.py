@@ -157,11 +157,11 @@ def verdicts_of(rungs: Sequence[Rung], rules: str, zero: str) -> tuple[Verdict, 
 def separation_of(rungs: Sequence[Rung], rules: str) -> Separation | None:
     """Whether agents of different kind separate; ``rules`` names the rules. ``None`` with agents of fewer than two kinds."""
     compared = [*(strongest_of(kind, rungs) for kind in KINDS), *(rung for rung in rungs if rung.name == rules)]
-    by_name = {rung.name: rung for rung in compared if rung is not None}
-    ranked = sorted(by_name.values(), key=lambda rung: -rung.matrix.mean())
+    ranked = sorted({rung.name: rung for rung in compared if rung is not None}.values(), key=lambda rung: -rung.matrix.mean())
     pairs = []
     for first, second in combinations(ranked, 2):
-        difference = _paired(first, second)
+        difference = _difference(first, second)
+        assert difference is not None
         pairs.append(Pair(first=first.name, second=second.name, difference=difference, resolved=difference.low > 0.0))
     pairs.sort(key=lambda pair: pair.difference.value)
     return Separation(pairs=tuple(pairs), separate="yes" if pairs[-1].resolved else "not resolved") if pairs else None
@@ -266,10 +266,8 @@ def _before(name: str, rungs: Mapping[str, Rung]) -> Rung | None:
 
 
 def _difference(first: Rung, second: Rung | None) -> Interval | None:
-    return None if second is None else _paired(first, second)
-
-
-def _paired(first: Rung, second: Rung) -> Interval:
+    if second is None:
+        return None
     return estimate_difference([first.matrix], [second.matrix], fixed=(not first.seeds, not second.seeds)).interval()
 
 

@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from docs.ladder_table import LARGEST, kept, section
 from glbench.leaderboard.ladder import (
     Ladder,
     Rung,
@@ -225,3 +226,18 @@ def test_leads_are_over_the_agent_that_is_named() -> None:
     notes = table_notes(ladder)
     assert notes.startswith("Leads are over rule_based_tuned.")
     assert notes.endswith("* Runs failed (3 of rule_based_tuned); their missing steps count at the task's price.")
+
+
+def test_what_is_kept_of_a_ladder_is_small_and_makes_the_same_section() -> None:
+    seven = [rung(f"view_{number}", number, kind="ppo", trainings=10, scatter=0.1) for number in range(7)]
+    ladder = ladder_of([*seven, rung("mpc_blind", 2.0, kind="mpc"), rung("mpc", 3.0, kind="mpc"), UNLIT, RULES], *ZERO_AND_RULES)
+    text = kept(ladder)
+    assert len(text) <= LARGEST < len(ladder.model_dump_json(by_alias=True))
+    again = Ladder.model_validate_json(text)
+    assert section(again) == section(ladder)
+    assert "- Agents of different kind separate (view_6 from rule_based_tuned): yes." in section(again)
+    for small, whole in zip(again.rungs, ladder.rungs, strict=True):
+        assert small.matrix == pytest.approx(whole.matrix, abs=0.0005001)
+    crowd = [one.model_copy(update={"name": f"{one.name}_{number}"}) for one in seven for number in range(3)]
+    with pytest.raises(ValueError, match="keep fewer rungs, trainings or runs"):
+        kept(ladder.model_copy(update={"rungs": tuple(crowd)}))
