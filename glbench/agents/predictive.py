@@ -209,7 +209,8 @@ class PredictiveAgent:
         if k % self.settings.plan_every:
             return self._steering.towards(self._controller.follow())
         steps = min(self._controller.horizon, self._task.steps - k)
-        ahead, off = self._outlook.ahead(steps), self._estimator.weather_errors(steps)
+        ahead = self._outlook.ahead(steps)
+        off = self._estimator.weather_errors(steps, ahead.d)
         days_left = (self._task.steps - k) / self._task.steps_per_day
         return self._steering.towards(
             self._controller.decide(states, controls, ahead.d + off, self._estimator.parameters, ahead.calendar, days_left)

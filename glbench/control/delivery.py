@@ -1,4 +1,6 @@
-"""What the actuators of one run deliver of a plan's commands: a linear map, once its faults and its wind are known.
+"""What actuators deliver of commands: in a run whose faults are known, and as far as one can expect.
+
+In a run whose faults and wind are known it is a linear map of a plan's commands:
 
     d(k) = a(k) d(k - 1) + b(k) c(k)        d(-1) = 0
 
@@ -22,8 +24,12 @@ from glbench.env.uncertainty import stream_key
 
 if TYPE_CHECKING:
     from glbench.env.scenario import RunScenarios, Scenes
+    from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
+
+VARIANCE = {"sticks": 1.0 / 6.0, "fails": 1.0 / 3.0}
+"""Mean square of what an actuator is off during a fault: the difference of two even numbers, and an even number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +74,44 @@ class Delivery:
         """Derivatives with respect to commands ``(..., T, c)`` from those with respect to what is delivered."""
         back = np.concatenate([np.zeros_like(self.carry[:1]), self.carry[:0:-1]])
         return self.gain * _accumulated(back, slopes[..., ::-1, :])[..., ::-1, :]
+
+
+class ExpectedDelivery:
+    """What the actuators of a task deliver in runs while none has a fault, and how far off it may be.
+
+    Attributes
+    ----------
+    places
+        Controls whose actuators are not ideal.
+    spread
+        Of each, the standard deviation of what it delivers from what is expected: over time with and without faults, with commands and
+        positions spread evenly.
+    hours
+        The mean time of its faults, in which the deviation is forgotten to 1/e; without faults, that of the run.
+    """
+
+    def __init__(self, task: TaskSpec) -> None:
+        self._actuators, self._count = Actuators.of(task).actuators if task.actuators else (), len(task.model_value.controls)
+        self.places, self.spread, self.hours = [one.place for one in self._actuators], np.zeros(0), np.zeros(0)
+        for one in self._actuators:
+            share = {kind: begins / (begins + 1.0 - lasts) for kind, (begins, lasts) in one.faults.items()}
+            variance = one.shortfall**2 / 36.0 + sum(share[kind] * VARIANCE[kind] for kind in share)
+            hours = [task.step_seconds / 3600.0 / (1.0 - lasts) for _, lasts in one.faults.values()]
+            self.spread = np.append(self.spread, np.sqrt(variance))
+            self.hours = np.append(self.hours, max(hours, default=task.steps * task.step_seconds / 3600.0))
+
+    def reset(self, n: int) -> None:
+        """Begin with ``n`` new runs."""
+        self._delivered = np.zeros((n, self._count))
+
+    def __call__(self, commands: Floats, d: Floats) -> Floats:
+        """What is delivered of commands ``(n, c)`` in the coming step with disturbances ``d`` ``(n, d)``."""
+        delivered = commands.copy()
+        for one in self._actuators:
+            most = one.most(1.0 - one.shortfall / 2.0, d[:, WIND])
+            delivered[:, one.place] = one.delivered(self._delivered[:, one.place], commands[:, one.place], most, {})
+        self._delivered = delivered
+        return delivered.copy()
 
 
 def _accumulated(carry: Floats, values: Floats) -> Floats:

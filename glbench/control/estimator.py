@@ -8,7 +8,9 @@ The filter estimates, for every run,
 - the states x, stepped by the kernel with its Jacobians;
 - the relative deviation of every parameter that the task draws for the episode, and of those that it draws daily, which are forgotten
   within a day;
-- how far an unseen column of the weather is off (``UNSEEN``), which is forgotten within hours;
+- how far an unseen column of the weather is off (``UNSEEN``), which is forgotten within hours, and how far one is whose sensor errs,
+  which stays for the run;
+- how far what an actuator delivers is off from what it would without faults, which is forgotten in the mean time of a fault;
 - bias and drift of every sensor: a reading is truth + noise + bias + drift k / N in step k of N, as ``glbench.env.air`` makes it.
 
 Parameters redrawn in each step are noise on the states along the derivatives of the step. A reading that is exactly the last one
@@ -23,8 +25,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glbench.control.delivery import ExpectedDelivery
 from glbench.control.observation_model import ObservationModel, checked_observations, refuse_missing
 from glbench.env.air import Sensors
+from glbench.env.memory_layout import DrawPlaces
+from glbench.env.outdoor import OutdoorSensors
 from glbench.env.spaces import the_task
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters
 from glbench.errors import ShapeError, StepError, TaskError, whole_number
@@ -43,6 +48,8 @@ MODEL_ERROR = 3e-4
 """Standard deviation of the error that a step makes in each state, as a share of the state's size."""
 START_ERROR = 5e-3
 """The same of the start, for states whose start the task does not draw."""
+SHUT = 0.01
+"""Below so much of it, a control counts as shut: how it differs from its command then says nothing, and derivatives may be infinite."""
 ROUNDING = 2.0**-22
 """Relative standard deviation of a column that is observed as it is: the rounding of float32, four times."""
 _A_DAY = 24.0
@@ -102,8 +109,12 @@ class StateEstimator:
         groups = [group for group in task.scenario.groups if group.half_width > 0.0]
         self._episode = _UncertainParameters(task, [group for group in groups if parameters and group.redraw != "step"])
         self._by_step = _UncertainParameters(task, [group for group in groups if not parameters or group.redraw == "step"])
-        unseen = {name: UNSEEN[name] for name in model.disturbance_names if name in UNSEEN}
-        self._unseen = [model.disturbance_names.index(name) for name in unseen]
+        self._delivery = ExpectedDelivery(task)
+        weather = {name: (*error, False) for name, error in UNSEEN.items()}
+        weather |= {name: (spread, _EVER, scaled) for name, (spread, scaled) in OutdoorSensors.of(task, DrawPlaces()).spreads.items()}
+        wrong = {name: weather[name] for name in model.disturbance_names if name in weather}
+        self._wrong = [model.disturbance_names.index(name) for name in wrong]
+        self._scaled = np.array([scaled for _, _, scaled in wrong.values()], np.bool_)
         self._sensors = Sensors.of(task)
         hours, count = task.step_seconds / 3600.0, len(self._sensors.sensors)
         offsets = [(one.bias, one.drift / np.sqrt(3.0)) for one in self._sensors.sensors]
@@ -111,14 +122,18 @@ class StateEstimator:
         self._first = np.array(
             [
                 *self._episode.spread,
-                *(spread for spread, _ in unseen.values()),
+                *(spread for spread, _, _ in wrong.values()),
+                *self._delivery.spread,
                 *(size for pair in offsets for size in pair),
             ]
         )
         self._fading = np.exp(
-            -hours / np.array([*self._episode.hours, *(hours_left for _, hours_left in unseen.values()), *([np.inf] * 2 * count)])
+            -hours
+            / np.array(
+                [*self._episode.hours, *(left for _, left, _ in wrong.values()), *self._delivery.hours, *([np.inf] * 2 * count)]
+            )
         )
-        self._places = np.cumsum([self._s, len(self._episode.spread), len(self._unseen), 2 * count])
+        self._places = np.cumsum([self._s, len(self._episode.spread), len(wrong), len(self._delivery.places), 2 * count])
         self._start_spread = _start_spread(task)
         self.reset(1)
 
@@ -126,8 +141,10 @@ class StateEstimator:
         """Begin with ``n`` new runs."""
         self._n, self._step = whole_number(n, "The number of runs"), 0
         self._z = np.zeros((self._n, int(self._places[-1])))
+        self._delivery.reset(self._n)
         self._covariance = np.zeros((self._n, 0, 0))
         self._last = np.full((self._n, len(self._model.names)), np.nan)
+        self._delivery.reset(self._n)
 
     @property
     def states(self) -> Floats:
@@ -146,16 +163,19 @@ class StateEstimator:
         """Parameters as estimated ``(n, p)``: nominal where the task draws none, derived ones made to fit."""
         return self._episode.complete(self._z[:, self._s : self._places[1]])
 
-    def weather_errors(self, steps: int) -> Floats:
+    def weather_errors(self, steps: int, ahead: Floats | None = None) -> Floats:
         """How far the weather of the coming steps is expected to be off ``(n, steps, d)``; to be added to ``Outlook.ahead(steps).d``.
 
-        Only columns that nobody sees are (``UNSEEN``): by as much as is estimated now, and less with every hour.
+        Columns that nobody sees are (``UNSEEN``): by as much as is estimated now, and less with every hour. So are those whose sensors
+        err; of a sensor that is off by a factor, the error is a share of the disturbances ``ahead`` ``(n, steps, d)``, and 0 without them.
         """
         count = whole_number(steps, "The number of steps ahead")
         start, end = int(self._places[1]), int(self._places[2])
         errors = np.zeros((self._n, count, len(self.task.model_value.disturbances)))
         fading = self._fading[start - self._s : end - self._s] ** np.arange(count)[:, None]
-        errors[:, :, self._unseen] = self._z[:, None, start:end] * fading
+        errors[:, :, self._wrong] = self._z[:, None, start:end] * fading
+        if self._scaled.any():
+            errors[:, :, self._wrong] *= np.where(self._scaled, 0.0 if ahead is None else ahead[:, :, self._wrong], 1.0)
         return errors
 
     def update(self, observations: ArrayLike, d: ArrayLike, controls: ArrayLike | None = None) -> Floats:
@@ -220,14 +240,19 @@ class StateEstimator:
 
     def _predict(self, d: Floats, u: Floats) -> None:
         """A step of the model, and of the covariance along its derivatives; in units of ``self._scale``."""
-        s, (_, of_weather, of_sensors, _) = self._s, self._places.tolist()
+        s, (_, of_weather, of_delivery, of_sensors, _) = self._s, self._places.tolist()
         p = self.parameters
-        d[:, self._unseen] += self._z[:, of_weather:of_sensors]
-        x_next, dx, dd, dp = self._linearise(self._z[:, :s], u, d, p)
+        size = np.where(self._scaled, d[:, self._wrong], 1.0)
+        d[:, self._wrong] += self._z[:, of_weather:of_delivery] * size
+        places = self._delivery.places
+        u = self._delivery(u, d)
+        u[:, places] = np.clip(u[:, places] + self._z[:, of_delivery:of_sensors], 0.0, 1.0)
+        x_next, dx, du, dd, dp = self._linearise(self._z[:, :s], u, d, p)
         forward = np.zeros((self._n, s, self._z.shape[1]))
         forward[:, :, :s] = dx
         forward[:, :, s:of_weather] = dp[:, :, : len(self._episode.names)] @ self._episode.chain
-        forward[:, :, of_weather:of_sensors] = dd[:, :, self._unseen]
+        forward[:, :, of_weather:of_delivery] = dd[:, :, self._wrong] * size[:, None]
+        forward[:, :, of_delivery:of_sensors] = np.where(u[:, None, places] > SHUT, du[:, :, places], 0.0)
         forward *= self._scale[:, None, :] / self._scale[:, :s, None]
         self._z[:, :s] = x_next
         self._z[:, s:] *= self._fading
@@ -243,30 +268,29 @@ class StateEstimator:
             gusts = dp[:, :, len(self._episode.names) :] @ (self._by_step.chain * self._by_step.spread)
             gusts /= self._scale[:, :s, None]
             new[:, :s, :s] += gusts @ gusts.transpose(0, 2, 1)
-        places = np.arange(new.shape[1])
-        new[:, places[:s], places[:s]] += MODEL_ERROR**2
-        new[:, places[s:], places[s:]] += (self._first > 0.0) * (1.0 - self._fading**2)
+        diagonal = np.arange(new.shape[1])
+        new[:, diagonal[:s], diagonal[:s]] += MODEL_ERROR**2
+        new[:, diagonal[s:], diagonal[s:]] += (self._first > 0.0) * (1.0 - self._fading**2)
         self._covariance = new
 
-    def _linearise(self, x: Floats, u: Floats, d: Floats, p: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    def _linearise(self, x: Floats, u: Floats, d: Floats, p: Floats) -> tuple[Floats, ...]:
         """States after a step and their derivatives; a run whose step fails stays where it is."""
         names = (*self._episode.names, *self._by_step.names)
-        inputs = ("x", "d") if self._unseen else ("x",)
+        inputs = ("x", *("u" for _ in self._delivery.places[:1]), *("d" for _ in self._wrong[:1]))
         try:
             step = self.kernel.linearise(x, u, d, p, inputs=inputs, parameters=names)
         except StepError:
             if len(x) > 1:
                 rows = [self._linearise(*(values[row : row + 1] for values in (x, u, d, p))) for row in range(len(x))]
-                x_next, dx, dd, dp = (np.concatenate(parts) for parts in zip(*rows, strict=True))
-                return x_next, dx, dd, dp
-            flat = np.zeros((1, self._s, d.shape[1] if self._unseen else 0)), np.zeros((1, self._s, len(names)))
-            return x.copy(), np.eye(self._s)[None], *flat
-        return step.x_next, step.dx, step.dd, step.dp
+                return tuple(np.concatenate(parts) for parts in zip(*rows, strict=True))
+            widths = (u.shape[1] if "u" in inputs else 0, d.shape[1] if "d" in inputs else 0, len(names))
+            return x.copy(), np.eye(self._s)[None], *(np.zeros((1, self._s, width)) for width in widths)
+        return step.x_next, step.dx, step.du, step.dd, step.dp
 
     def _correct(self, readings: Floats) -> None:
         """Take in the readings one after the other, as functions of the states linearised around the prediction."""
         around = z = self._z
-        cov, s, first = self._covariance, self._s, int(self._places[2])
+        cov, s, first = self._covariance, self._s, int(self._places[3])
         values, slopes = self._model.of(around[:, :s])
         elapsed, gaps = self._step / self.task.steps, np.isnan(readings)
         for place, sensor in enumerate(self._model.sensor.tolist()):

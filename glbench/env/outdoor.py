@@ -70,6 +70,18 @@ class OutdoorSensors:
         return np.array([scales.get(name, 1.0) for name in MEASURED])
 
     @property
+    def spreads(self) -> dict[str, tuple[float, bool]]:
+        """How far weather is from readings over ``middles``: by column a standard deviation, and whether it is a share."""
+        spreads = {}
+        for name, column in (("global_radiation", "iGlob"), ("outdoor_temperature", "tOut"), ("wind_speed", "wind")):
+            match self.sensors.get(name):
+                case ScaledSensorTable(scale=scale):
+                    spreads[column] = ((scale.high - scale.low) / (scale.high + scale.low) / np.sqrt(3.0), True)
+                case OffsetSensorTable(bias=bias):
+                    spreads[column] = (bias, False)
+        return spreads
+
+    @property
     def numbers(self) -> int:
         """Random numbers needed in a step, and as many once a run."""
         return UNIFORMS_PER_NORMAL * len(self.sensors)
