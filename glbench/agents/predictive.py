@@ -30,6 +30,9 @@ Floats = NDArray[np.float64]
 _Count = Annotated[int, Field(ge=1, le=10_000)]
 _Margin = Annotated[float, Field(ge=0.0)]
 
+PREDICTIVE_BASELINES = ("mpc", "mpc_greenhouse")
+"""The shipped settings of the controller "mpc": each has end values for models of its own."""
+
 
 class PredictiveSettings(Table):
     """What ``baselines/mpc_true_state/settings.yml`` explains: how far, how often and how carefully is planned.
@@ -87,9 +90,15 @@ def read_predictive_settings(path: Path) -> PredictiveSettings:
     return settings
 
 
-def write_predictive_agent(folder: Path, view: str) -> None:
-    """Write the baseline ``mpc`` with a view (``glbench.agents.views``) to ``folder``, as an agent."""
-    shipped = data_folder("baselines") / "mpc"
+def predictive_baseline(task: TaskSpec) -> str:
+    """The baseline of ``PREDICTIVE_BASELINES`` with an end value for the task's model; the first where none has one."""
+    settings = {name: read_predictive_settings(data_folder("baselines") / name / "settings.yml") for name in PREDICTIVE_BASELINES}
+    return next((name for name, one in settings.items() if task.model_id in one.end_values), PREDICTIVE_BASELINES[0])
+
+
+def write_predictive_agent(folder: Path, view: str, task: TaskSpec) -> None:
+    """Write the baseline that plans for a task, with a view (``glbench.agents.views``), to ``folder``, as an agent."""
+    shipped = data_folder("baselines") / predictive_baseline(task)
     settings = f"{(shipped / 'settings.yml').read_text(encoding='utf-8')}\nsees: [{view}]\n"
     card = (shipped / "card.toml").read_text(encoding="utf-8").replace('title = "', f'title = "View {view}: ', 1)
     for name, text in (("settings.yml", settings), ("card.toml", card)):

@@ -41,7 +41,7 @@ def ladder(
     ] = "validation",
     runs: Annotated[int, typer.Option("--runs", "-n", min=2, help="Runs of each evaluation.")] = 30,
     agents: Annotated[
-        str, typer.Option("--agents", help="Agents besides: names or paths; mpc_VIEW is mpc that sees a view.")
+        str, typer.Option("--agents", help="Agents besides: names or paths; mpc is the one for the task's model, mpc_VIEW sees a view.")
     ] = "mpc_blind,mpc",
     rules: Annotated[
         str, typer.Option("--rules", help="The rules that blind agents are compared with: a name, or a folder of glbench tune rules.")
@@ -70,7 +70,7 @@ def ladder(
     for ref, reason in load_agents([ref for ref in refs if not _is_view_of_mpc(ref)], "auto")[1].items():
         refuse(f"{ref}: {reason}", GlbenchError)
     _check_start(scored, {"--zero": zero, "--rules": rules})
-    others = list(dict.fromkeys(_agent(folder, ref) for ref in refs))
+    others = list(dict.fromkeys(_agent(folder, ref, spec) for ref in refs))
     if split == "test":
         console.print_warning("These are the runs of the test split: choose nothing by them.")
     with console.interruption("Run the same command again to continue: nothing that is finished is repeated."):
@@ -141,13 +141,13 @@ def _is_view_of_mpc(name: str) -> bool:
     return name.startswith(_MPC) and name.removeprefix(_MPC) in VIEWS
 
 
-def _agent(folder: Path, name: str) -> str:
-    """The agent that ``--agents`` names; ``mpc_VIEW`` is written to ``folder``."""
-    from glbench.agents.predictive import write_predictive_agent
+def _agent(folder: Path, name: str, task: TaskSpec) -> str:
+    """The agent that ``--agents`` names: ``mpc`` is the baseline that plans for the task, and ``mpc_VIEW`` is written to ``folder``."""
+    from glbench.agents.predictive import predictive_baseline, write_predictive_agent
 
     if not _is_view_of_mpc(name):
-        return name
-    write_predictive_agent(folder / name, name.removeprefix(_MPC))
+        return predictive_baseline(task) if name == "mpc" else name
+    write_predictive_agent(folder / name, name.removeprefix(_MPC), task)
     return str(folder / name)
 
 
@@ -219,13 +219,15 @@ def _is_lost(result: Result | None) -> bool:
 
 
 def _rungs(task: TaskSpec, results: Mapping[str, Result], policies: Policies) -> list[Rung]:
-    """The rungs: views, then agents that are not trained."""
+    """The rungs: views, then agents that are not trained; of predictive control that sees everything the name is ``mpc``."""
+    from glbench.agents.predictive import PREDICTIVE_BASELINES
     from glbench.agents.views import VIEWS, visible_columns
     from glbench.leaderboard.ladder import Rung
 
     by_name: dict[str, dict[int | None, Result]] = {}
     for ref, result in results.items():
         name, seed = policies.get(Path(ref), (result.agent.name, None))
+        name = "mpc" if name in PREDICTIVE_BASELINES else name
         by_name.setdefault(name, {})[seed] = result
     rungs = []
     for name, by_seed in by_name.items():

@@ -141,10 +141,10 @@ class StateEstimator:
         """Begin with ``n`` new runs."""
         self._n, self._step = whole_number(n, "The number of runs"), 0
         self._z = np.zeros((self._n, int(self._places[-1])))
-        self._delivery.reset(self._n)
         self._covariance = np.zeros((self._n, 0, 0))
         self._last = np.full((self._n, len(self._model.names)), np.nan)
         self._delivery.reset(self._n)
+        self._u = np.zeros((self._n, len(self.task.model_value.controls)))
 
     @property
     def states(self) -> Floats:
@@ -157,6 +157,13 @@ class StateEstimator:
         spread: Floats = np.sqrt(np.maximum(np.diagonal(self._covariance, axis1=1, axis2=2)[:, : self._s], 0.0))
         deviations: Floats = spread * self._scale[:, : self._s]
         return deviations
+
+    @property
+    def controls(self) -> Floats:
+        """Controls ``(n, c)`` as delivered in the step just past: those in force, corrected by what is found of actuators."""
+        u, places, errors = self._u.copy(), self._delivery.places, self._z[:, self._places[2] : self._places[3]]
+        u[:, places] = np.clip(u[:, places] + errors, 0.0, 1.0)
+        return u
 
     @property
     def parameters(self) -> Floats:
@@ -244,9 +251,8 @@ class StateEstimator:
         p = self.parameters
         size = np.where(self._scaled, d[:, self._wrong], 1.0)
         d[:, self._wrong] += self._z[:, of_weather:of_delivery] * size
-        places = self._delivery.places
-        u = self._delivery(u, d)
-        u[:, places] = np.clip(u[:, places] + self._z[:, of_delivery:of_sensors], 0.0, 1.0)
+        places, self._u = self._delivery.places, self._delivery(u, d)
+        u = self.controls
         x_next, dx, du, dd, dp = self._linearise(self._z[:, :s], u, d, p)
         forward = np.zeros((self._n, s, self._z.shape[1]))
         forward[:, :, :s] = dx

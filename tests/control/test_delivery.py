@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from glbench.agents.plans import PlanBook
 from glbench.bounds.search import group_by_conditions, replay_plans
 from glbench.control import Scenario, SeasonPlan, StageReward, feasible, plan_season
+from glbench.control.delivery import ExpectedDelivery
 from glbench.control.trust_region import trust_region_step
 from glbench.env import Simulation
 from glbench.env.program import info_columns
 from glbench.kernel import Kernel
 from glbench.tasks import TaskSpec, get_task
+from tests.env.stepping import StillKernel
 
 Floats = NDArray[np.float64]
 
@@ -29,9 +31,13 @@ ACTUATORS = {
 START = [0.3, 0.3, 0.5, 0.1, 0.1, 0.0]
 
 
+def with_actuators(actuators: dict[str, object]) -> TaskSpec:
+    return get_task("Spring-v1").replace({"id": "tests/Actuators-v1", "weather.days": 2, "actuators": actuators})
+
+
 @pytest.fixture(scope="module")
 def task() -> TaskSpec:
-    return get_task("Spring-v1").replace({"id": "tests/Actuators-v1", "weather.days": 2, "actuators": ACTUATORS})
+    return with_actuators(ACTUATORS)
 
 
 @pytest.fixture(scope="module")
@@ -137,3 +143,48 @@ def test_a_trust_region_step_moves_nothing_that_is_not_delivered(task: TaskSpec,
     assert np.abs(move[scenario.delivery.gain == 0.0]).max() == 0.0
     assert np.abs(move).max() > 0.0
     assert info_columns(task) > 0
+
+
+def told_and_delivered(task: TaskSpec, seeds: list[int], commands: Floats) -> tuple[ExpectedDelivery, Floats, Floats]:
+    """What was expected of ``commands`` ``(T, runs, c)``, and what the simulation delivered."""
+    simulation, expected = Simulation(task, len(seeds), StillKernel()), ExpectedDelivery(task)
+    simulation.reset(seeds)
+    expected.reset(len(seeds))
+    told, delivered = [], []
+    for command in commands:
+        told.append(expected(command, simulation.d))
+        simulation.step_controls(command)
+        delivered.append(simulation.u)
+    return expected, np.array(told), np.array(delivered)
+
+
+def test_what_is_expected_is_what_is_delivered_while_nothing_fails() -> None:
+    sound = {"uVent": {"lag_minutes": 20.0, "wind": ACTUATORS["uVent"]["wind"]}, "uBoil": {"lag_minutes": 10.0}}
+    windy = with_actuators(sound)
+    commands = np.random.default_rng(1).uniform(0.0, 1.0, (windy.steps, 2, 6))
+    expected, told, delivered = told_and_delivered(windy, [SEED, SEED + 1], commands)
+    np.testing.assert_allclose(told, delivered, atol=1e-14)
+    assert np.abs(told - commands).max(axis=(0, 1))[expected.places].min() > 0.2
+    assert (expected.spread == 0.0).all()
+    expected.reset(2)
+    assert expected(commands[0], np.tile(Scenario.of(windy, SEED).d[0], (2, 1)))[0].tobytes() == told[0, 0].tobytes()
+
+    _, told, _ = told_and_delivered(with_actuators({"uThScr": {"shortfall": 0.3}}), [SEED], commands[:5, :1])
+    np.testing.assert_allclose(told[..., 2], 0.85 * commands[:5, :1, 2], rtol=1e-15)
+
+
+def test_its_spread_is_that_of_many_runs_with_faults() -> None:
+    """Commands are drawn evenly in each step, in 400 runs; faults need some hours to become as frequent as they stay."""
+    actuators = {
+        "uBoil": {"fails": OFTEN},
+        "uCo2": {"sticks": {"days_between": 1.0, "hours": 2.0}, "fails": {"days_between": 2.0, "hours": 4.0}},
+        "uThScr": {"shortfall": 0.3},
+        "uVent": {"sticks": {"days_between": 0.6, "hours": 1.5}},
+    }
+    faulty = with_actuators(actuators)
+    commands = np.random.default_rng(4).uniform(0.0, 1.0, (faulty.steps, 400, 6))
+    expected, told, delivered = told_and_delivered(faulty, [SEED + run for run in range(400)], commands)
+    off = (delivered - told)[60:, :, expected.places]
+    assert np.sqrt(np.mean(off**2, axis=(0, 1))) == pytest.approx(expected.spread, rel=0.06)
+    assert (expected.spread > 0.03).all()
+    assert expected.hours == pytest.approx([3.0, 4.0, 48.0, 1.5])

@@ -55,8 +55,8 @@ def watched(task_id: str, runs: int = 2) -> Watched:
     return watch(short(task_id).chosen_on, runs)
 
 
-def watch(task: TaskSpec, runs: int) -> Watched:
-    """Runs of a task whose controls wander."""
+def watch(task: TaskSpec, runs: int, shut: tuple[int, ...] = ()) -> Watched:
+    """Runs of a task whose controls wander, but for those in the places ``shut``. ``u`` is what is delivered."""
     seeds = [10000 + run for run in range(runs)]
     simulation, rng = Simulation(task, runs, kernel="fast"), np.random.default_rng(5)
     seen, x, u = [simulation.reset(seeds)], [], []
@@ -64,7 +64,8 @@ def watch(task: TaskSpec, runs: int) -> Watched:
     for step in range(task.steps):
         if step % 24 == 0:
             wanted = np.clip(usual + rng.normal(0.0, 0.15, 6), 0.0, 1.0)
-        near = np.clip((wanted - simulation.u) / task.actuation.max_change, -1.0, 1.0)
+            wanted[[*shut]] = 0.0
+        near = np.clip((wanted - simulation.commands) / task.actuation.max_change, -1.0, 1.0)
         simulation.step(near)
         seen.append(simulation.observe())
         x.append(simulation.x)
