@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 VARIANCE = {"sticks": 1.0 / 6.0, "fails": 1.0 / 3.0}
-"""Mean square of what an actuator is off during a fault: of the difference of two numbers drawn evenly from 0 to 1, and of one such number."""
+"""Mean square of what an actuator is off during a fault: of the difference of two numbers drawn evenly from 0 to 1, and of one of them."""
 
 
 @dataclass(frozen=True, eq=False)

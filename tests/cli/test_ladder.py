@@ -8,12 +8,15 @@ from pathlib import Path
 
 import pytest
 
+from glbench.agents.predictive import read_predictive_settings
 from glbench.agents.rules import FairRuleBasedAgent
 from glbench.cli.console import Printer
-from glbench.cli.ladder import _evaluate, _rungs
+from glbench.cli.ladder import _agent, _evaluate, _rungs
+from glbench.evaluation import load_result, result_path
 from glbench.evaluation.jobs import Job, LocalEngine, Outcome, Report
 from glbench.kernel import why_not_compiled
 from glbench.leaderboard.ladder import Ladder
+from glbench.resources import data_folder
 from glbench.tasks import get_task
 from tests.cli.command_line import Command
 
@@ -67,6 +70,23 @@ def test_an_agent_that_fails_in_all_runs_is_reported_and_left_out(day: Path, cap
     assert rungs[0].values == (results["steady.py"].values("reward"),)
     (other,) = _rungs(task, results, {})
     assert (other.name, other.kind, other.columns, other.seeds) == ("steady", "other", None, ())
+
+
+def test_mpc_is_the_baseline_that_plans_for_the_model_of_the_task(day: Path) -> None:
+    """Its name, its settings with a view, and its rung, which is called mpc whichever it is."""
+    baselines = {"mpc": get_task("Spring-v1"), "mpc_greenhouse": get_task("GreenhouseReal-v1")}
+    for name, task in baselines.items():
+        assert _agent(day, "mpc", task) == name
+        assert read_predictive_settings(Path(_agent(day, "mpc_blind", task)) / "settings.yml").end_values.keys() == {
+            *read_predictive_settings(data_folder("baselines") / name / "settings.yml").end_values
+        }
+        assert _agent(day, "grower", task) == "grower"
+    assert _agent(day, "mpc", get_task("Lettuce-v1")) == "mpc", "whose error says which models there are"
+    result = load_result(result_path(data_folder("reports/released"), "glbench/Spring-v1", "mpc"))
+    for name in baselines:
+        agent = result.agent.model_copy(update={"name": name})
+        (rung,) = _rungs(get_task("Spring-v1"), {name: result.model_copy(update={"agent": agent})}, {})
+        assert (rung.name, rung.kind) == ("mpc", "mpc")
 
 
 def test_an_agent_that_fails_stops_no_other_and_is_tried_again(day: Path, glbench: Command, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glbench.control import Outlook, StateEstimator, air_of, estimator
+from glbench.control import Outlook, StateEstimator, air_of, delivery, estimator
 from glbench.env import Simulation, scenario, weather_pool
 from glbench.env.air import AIR
 from glbench.errors import ShapeError, StepError, TaskError
@@ -293,3 +293,77 @@ def test_what_it_finds_of_the_sky_improves_the_outlook() -> None:
     without, corrected = np.sqrt(np.mean(np.square(errors[24:]), axis=(0, 2)))
     assert corrected[0] < 0.6 * without[0]
     assert (corrected < without).all()
+
+
+FAULTS = {
+    "uBoil": {"fails": {"days_between": 0.5, "hours": 6.0}},
+    "uVent": {"sticks": {"days_between": 0.5, "hours": 6.0}},
+}
+
+
+def faulty(actuators: dict[str, object], days: int) -> TaskSpec:
+    return get_task("Spring-v1").chosen_on.replace({"id": "my/Faults-v1", "weather.days": days, "actuators": actuators})
+
+
+def test_it_finds_what_actuators_deliver_that_nobody_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A filter that expects no faults is misled by them: in the air, and in what is delivered."""
+    given = watch(faulty(FAULTS, 2), 2)
+    places = [0, 3]
+
+    def off(given: Watched) -> tuple[Floats, Floats]:
+        outlook, known, air, delivered = Outlook(given.task, climatology("Spring-v1")), StateEstimator(given.task), [], []
+        outlook.reset(2)
+        known.reset(2)
+        for seen in given.seen:
+            outlook.update(seen)
+            air.append(air_of(given.task.model_value, known.update(seen, outlook.past)).values)
+            delivered.append(known.controls[:, places])
+        errors = np.array(air[1:]) - air_of(given.task.model_value, given.x).values, np.array(delivered[1:]) - given.u[:, :, places]
+        return tuple(np.sqrt(np.mean(error**2, axis=(0, 1))) for error in errors)  # type: ignore[return-value]
+
+    air, delivered = off(given)
+    monkeypatch.setattr(delivery, "VARIANCE", dict.fromkeys(delivery.VARIANCE, 0.0))
+    misled, expected = off(given)
+    assert (air < 0.2 * misled).all()
+    assert air[0] < 0.3
+    assert (delivered < 0.6 * expected).all()
+
+
+def test_a_control_that_is_shut_leaves_the_covariances_finite() -> None:
+    """A screen that is never drawn, at any of its steps."""
+    given = watch(faulty({"uThScr": {"shortfall": 0.1, "sticks": {"days_between": 5.0, "hours": 6.0}}}, 1), 2, shut=(2,))
+    known = StateEstimator(given.task)
+    known.reset(2)
+    assert not given.u[..., 2].any()
+    for k, seen in enumerate(given.seen):
+        known.update(seen, given.d[:, max(k - 1, 0)])
+        assert np.isfinite(known._covariance).all()
+    assert (known.deviations[:, given.task.model_value.state_index("tAir")] < 1.0).all()
+    assert (known.controls[:, 2] < 0.05).all()
+
+
+def test_it_finds_how_far_sensors_outside_are_off() -> None:
+    """A thermometer outside that reads 0.8 K too much or 0.6 K too little, and a pyranometer at 0.85 or 1 times the radiation."""
+    plain = get_task("Spring-v1").chosen_on.replace({"id": "my/Outside-v1", "weather.days": 3, "scenario.parameters": []})
+    sensors = {
+        "outdoor_temperature": {"bias": {"value": 0.5, "unit": "degC"}},
+        "global_radiation": {"scale": {"low": 0.85, "high": 1.0}},
+    }
+    given, task = watch(plain, 2), plain.replace({"id": "my/Sensors-v1", "outdoor_sensors": sensors})
+    names, weather = [column.name for column in task.observed()], task.model_value.disturbance_names
+    seen, bias, scale = given.seen.copy(), np.float32([0.8, -0.6]), np.float32([0.85, 1.0])
+    seen[..., names.index("outdoor_temperature")] += bias
+    seen[..., names.index("global_radiation")] *= scale
+    outlook, known, found = Outlook(task, climatology("Spring-v1")), StateEstimator(task), []
+    outlook.reset(2)
+    known.reset(2)
+    for row in seen:
+        outlook.update(row)
+        known.update(row, outlook.past)
+        found.append(known.weather_errors(2, np.ones((2, 2, len(weather)))))
+    assert (found[0] == 0.0).all()
+    errors = np.mean(found[-A_DAY:], axis=0)
+    np.testing.assert_allclose(errors[:, 0, weather.index("tOut")], -bias, atol=0.3)
+    np.testing.assert_allclose(errors[:, 0, weather.index("iGlob")], 0.925 / scale - 1.0, atol=0.03)
+    assert errors[:, 1, weather.index("iGlob")].tobytes() == errors[:, 0, weather.index("iGlob")].tobytes()
+    assert (known.weather_errors(2)[..., weather.index("iGlob")] == 0.0).all()

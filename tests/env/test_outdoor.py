@@ -128,6 +128,19 @@ def test_a_scale_holds_for_the_run_and_is_drawn_evenly(folder: Path) -> None:
     assert abs(np.corrcoef(both.T)[0, 1]) < 0.15
 
 
+def test_spreads_are_those_of_what_is_drawn(task: TaskSpec, folder: Path) -> None:
+    """How far the truth is from a reading over the middle of its scale: of scales as a share, of the bias as a difference."""
+    erring = OutdoorSensors.of(task, DrawPlaces())
+    traits = erring.traits(np.random.default_rng(2).uniform(size=(20_000, erring.trait_numbers)))
+    radiation, temperature, _, wind = traits.T  # in the order of the task's tables
+    shares = (scale / middle - 1.0 for scale, middle in ((radiation, 0.94), (wind, 1.0)))
+    measured = [*(float(share.std()) for share in shares), float(temperature.std())]
+    spreads = erring.spreads
+    assert [spreads[name][0] for name in ("iGlob", "wind", "tOut")] == pytest.approx(measured, rel=0.03)
+    assert {name: scaled for name, (_, scaled) in spreads.items()} == {"iGlob": True, "tOut": False, "wind": True}
+    assert OutdoorSensors.of(spring(folder / "none.toml", observation=NOW), DrawPlaces()).spreads == {}
+
+
 def test_noise_and_bias_have_the_sizes_stated(task: TaskSpec) -> None:
     shown, true = followed(task, list(range(1000)), 40)
     temperature = (shown - true)[..., TEMPERATURE]
