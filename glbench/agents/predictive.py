@@ -92,8 +92,10 @@ def read_predictive_settings(path: Path) -> PredictiveSettings:
 
 def predictive_baseline(task: TaskSpec) -> str:
     """The baseline of ``PREDICTIVE_BASELINES`` with an end value for the task's model; the first where none has one."""
-    settings = {name: read_predictive_settings(data_folder("baselines") / name / "settings.yml") for name in PREDICTIVE_BASELINES}
-    return next((name for name, one in settings.items() if task.model_id in one.end_values), PREDICTIVE_BASELINES[0])
+    for name in PREDICTIVE_BASELINES:
+        if task.model_id in read_predictive_settings(data_folder("baselines") / name / "settings.yml").end_values:
+            return name
+    return PREDICTIVE_BASELINES[0]
 
 
 def write_predictive_agent(folder: Path, view: str, task: TaskSpec) -> None:

@@ -48,8 +48,8 @@ MODEL_ERROR = 3e-4
 """Standard deviation of the error that a step makes in each state, as a share of the state's size."""
 START_ERROR = 5e-3
 """The same of the start, for states whose start the task does not draw."""
-SHUT = 0.01
-"""Below so much of it, a control counts as shut: how it differs from its command then says nothing, and derivatives may be infinite."""
+STEEP = 100.0
+"""Derivatives of a state by a control are left out above so many times the state's size: of a screen that is not drawn they have no bound."""
 ROUNDING = 2.0**-22
 """Relative standard deviation of a column that is observed as it is: the rounding of float32, four times."""
 _A_DAY = 24.0
@@ -256,7 +256,8 @@ class StateEstimator:
         forward[:, :, :s] = dx
         forward[:, :, s:of_weather] = dp[:, :, : len(self._episode.names)] @ self._episode.chain
         forward[:, :, of_weather:of_delivery] = dd[:, :, self._wrong] * size[:, None]
-        forward[:, :, of_delivery:of_sensors] = np.where(u[:, None, places] > SHUT, du[:, :, places], 0.0)
+        slopes = du[:, :, places]
+        forward[:, :, of_delivery:of_sensors] = np.where(np.abs(slopes) <= STEEP * self._scale[:, :s, None], slopes, 0.0)
         forward *= self._scale[:, None, :] / self._scale[:, :s, None]
         self._z[:, :s] = x_next
         self._z[:, s:] *= self._fading
