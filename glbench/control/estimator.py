@@ -49,7 +49,7 @@ MODEL_ERROR = 3e-4
 START_ERROR = 5e-3
 """The same of the start, for states whose start the task does not draw."""
 STEEP = 100.0
-"""Derivatives of a state by a control are left out above so many times the state's size: of a screen that is not drawn they have no bound."""
+"""Derivatives of a state by a control above so many times its size are left out: for a screen that is not drawn they have no bound."""
 ROUNDING = 2.0**-22
 """Relative standard deviation of a column that is observed as it is: the rounding of float32, four times."""
 _A_DAY = 24.0
