@@ -146,6 +146,12 @@ def lettuce_ppo_above(agent: str, what: str = "revenue") -> tuple[float, ...]:
     return tuple(lettuce_measured()[f"{what}_of_ppo_above"][agent])
 
 
+def lettuce_share() -> float:
+    """How much of the lead of PPO with sensors over the unlit rules the blind PPO keeps [%]."""
+    sighted, blind, zero = (lettuce_agent(agent)[0] for agent in ("ppo", "ppo, blind", "rule_based_fair"))
+    return 100.0 * (blind - zero) / (sighted - zero)
+
+
 def lettuce_revenue_gaps() -> tuple[float, float]:
     """Least and most by which PPO with sensors sells more than rules [EUR m-2]."""
     gaps = [gap[0] for agent, gap in lettuce_measured()["revenue_of_ppo_above"].items() if agent != "ppo, blind"]
@@ -973,7 +979,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("(view `blind`) | {} | {} | {} to {} | {} | {} | {} |", lambda: lettuce_agent("ppo, blind")),
         ("sells for {} to {} EUR/m² more", lettuce_revenue_gaps),
         ("and for {} EUR/m² ({} to {}) more than the blind PPO", lambda: lettuce_ppo_above("ppo, blind")),
-        ("none begins below {})", lambda: min(gap[1] for gap in lettuce_measured()["revenue_of_ppo_above"].values())),
+        ("so it keeps {} % of the lead", lettuce_share),
         ("blind PPO earns {} EUR/m² ({} to {}) less than", lambda: lettuce_ppo_above("ppo, blind", "score")),
         ("From the unlit rules it differs by {} EUR/m² ({} to {})", lambda: tuple(lettuce_measured()["score_of_blind_above_zero"])),
         ("PPO with sensors then differs by {} EUR/m² ({} to {})", lambda: lettuce_ppo_above(lettuce_measured()["best_rules"], "score")),
