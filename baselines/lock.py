@@ -1,7 +1,7 @@
 """Freeze the shipped baselines: their digests, and their actions on recorded inputs.
 
     python baselines/lock.py           # compare with baselines/lock.toml; exit 1 where something differs
-    python baselines/lock.py --write   # add new baselines; existing entries stay as they are
+    python baselines/lock.py --write   # add new baselines, and tasks that they have new results of; what is there stays as it is
     python baselines/lock.py --record  # record the inputs again (only for a new task; existing tasks keep theirs)
 
 ``lock.toml`` holds, for every baseline, its digest and two numbers for each task that it is recorded on: a weighted sum of its actions
@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tomllib
+from collections.abc import Container
 from pathlib import Path
 from typing import Any
 
@@ -109,11 +110,11 @@ def actions_of(baseline: str, name: str, inputs: NDArray[Any]) -> Number:
     return weighted_sum(np.stack(rows).ravel())
 
 
-def behaviour(baseline: str) -> dict[str, Number]:
-    """The two numbers of every task that the baseline is recorded on."""
+def behaviour(baseline: str, but: Container[str] = ()) -> dict[str, Number]:
+    """The two numbers of every task that the baseline is recorded on, without the tasks in ``but``."""
     sight = load_agent(baseline).sees
     with np.load(INPUTS) as archive:
-        return {name: actions_of(baseline, name, archive[f"{name}.{sight}"]) for name in tasks_of(baseline)}
+        return {name: actions_of(baseline, name, archive[f"{name}.{sight}"]) for name in tasks_of(baseline) if name not in but}
 
 
 def read_lock() -> dict[str, dict[str, Any]]:
@@ -145,7 +146,7 @@ def problems_of(baseline: str, entry: dict[str, Any]) -> list[str]:
 def main() -> int:
     """Compare the shipped baselines with the lock, or write what is new."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="add baselines that have no entry")
+    parser.add_argument("--write", action="store_true", help="add baselines that have no entry, and tasks that an entry lacks")
     parser.add_argument("--record", action="store_true", help="record inputs of tasks that have none")
     options = parser.parse_args()
     if options.record:
@@ -156,12 +157,13 @@ def main() -> int:
         np.savez_compressed(INPUTS, **archive)
     entries = read_lock()
     if options.write:
-        for baseline in set(baseline_names()) - set(entries):
-            actions = {name: list(number) for name, number in behaviour(baseline).items()}
+        for baseline in baseline_names():
+            actions = entries.get(baseline, {}).get("actions", {})
+            actions |= {name: list(number) for name, number in behaviour(baseline, but=actions).items()}
             if not actions:
                 print(f"{baseline}: not locked, as it has no released results. Commit it and make them first: {_RELEASE}")
                 continue
-            entries[baseline] = {"digest": shipped_digest(baseline), "actions": actions}
+            entries[baseline] = entries.get(baseline, {"digest": shipped_digest(baseline)}) | {"actions": actions}
         blocks = [
             f'[{name}]\ndigest = "{entries[name]["digest"]}"\n\n[{name}.actions]\n'
             + "".join(f'"{task}" = [{value!r}, {size!r}]\n' for task, (value, size) in entries[name]["actions"].items())

@@ -156,8 +156,8 @@ class Learner:
         shares = -np.expm1(-task.step_seconds / (3600.0 * np.array(hours, np.float64)))
         accrual = settings.accrual
         if accrual is not None:
-            accrual.place(task)
-        privileged = settings.critic_sees if accrual is None else (accrual.state, *settings.critic_sees)
+            accrual.places(task)
+        privileged = settings.critic_sees if accrual is None else (*accrual.states, *settings.critic_sees)
         try:
             environment = Environment(
                 task, settings.kernel_preset, seeds=settings.seeds, places=settings.places, info=tuple(dict.fromkeys(privileged))
@@ -288,7 +288,7 @@ class Learner:
         observation, state, reward, ended, info = jax.vmap(self.environment.step)(keys[1:], now.state, action)
         paid = reward
         if s.accrual is not None:  # the state before the first step is not known
-            grown = info[s.accrual.state] - now.info[s.accrual.state]
+            grown = sum(info[state] - now.info[state] for state in s.accrual.states)
             paid += jnp.where(now.is_first, 0.0, s.accrual.price * grown)
         discounted = now.discounted * s.gamma + paid
         traces = now.observations[:, self.environment.obs_shape[0] :].reshape(s.n_envs, len(self.shares), len(self.traced))

@@ -120,24 +120,31 @@ class Accrual(FrozenSettings):
     later, beyond the discount horizon. Scores, evaluations and learning curves never contain it.
     """
 
-    state: str
-    """Public name of the state."""
+    state: str | tuple[str, ...]
+    """Public name of the state, or of several of one unit, of which the sum counts."""
     price: float = Field(gt=0)
     """Reward for one unit of the state."""
 
-    def place(self, task: TaskSpec) -> int:
-        """Place of the state in the model of ``task``. Raises ``TrainingError`` when the model has no such state."""
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Public names of the states."""
+        return (self.state,) if isinstance(self.state, str) else self.state
+
+    def places(self, task: TaskSpec) -> list[int]:
+        """Places of the states in the model of ``task``. Raises ``TrainingError`` when the model lacks one."""
         names = task.model_value.state_names
-        if self.state not in names:
-            msg = f"'accrual': the model of {task.id} has no state '{self.state}'.{did_you_mean(self.state, names)}"
-            raise TrainingError(msg)
-        return names.index(self.state)
+        for state in self.states:
+            if state not in names:
+                msg = f"'accrual': the model of {task.id} has no state '{state}'.{did_you_mean(state, names)}"
+                raise TrainingError(msg)
+        return [names.index(state) for state in self.states]
 
     def in_words(self, task: TaskSpec) -> str:
-        """What a card says of it: the state, what it is, and what a unit of it earns in the task's reward."""
-        state = task.model_value.states[self.place(task)]
-        price = f"{self.price:g} of the reward for 1 {state.unit}".removesuffix(" -")
-        return f"In training, growth of {state.name} was paid for as well: {state.meaning}, {price}."
+        """What a card says of it: the states, what they are, and what a unit of them earns in the task's reward."""
+        states = [task.model_value.states[place] for place in self.places(task)]
+        price = f"{self.price:g} of the reward for 1 {states[0].unit}".removesuffix(" -")
+        names, meanings = (" and ".join(words) for words in zip(*((one.name, one.meaning) for one in states), strict=True))
+        return f"In training, growth of {names} was paid for as well: {meanings}, {price}."
 
 
 class TrainingSettings(FrozenSettings):

@@ -47,6 +47,23 @@ def test_the_lock_holds_every_baseline_and_the_digests_of_released_results() -> 
             assert json.loads(file.read_bytes())["agent"]["digest"] == ENTRIES[name]["digest"], file
 
 
+def test_writing_adds_tasks_that_an_entry_lacks_and_keeps_the_others(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    name, other = "rule_based_fair", "Lettuce-v1"
+    whole = ENTRIES[name]["actions"]
+    rows = [f'"{task}" = {numbers}' for task, numbers in whole.items() if task != other]
+    file = tmp_path / "lock.toml"
+    file.write_text("\n".join([f"[{name}]", 'digest = "as it was"', f"[{name}.actions]", *rows]), encoding="utf-8")
+    monkeypatch.setattr(LOCK, "LOCK", file)
+    monkeypatch.setattr(LOCK, "baseline_names", lambda: [name])
+    monkeypatch.setattr(sys, "argv", ["lock.py", "--write"])
+    assert LOCK.main() == 1, "the digest is another one, and stays"
+    entry = LOCK.read_lock()[name]
+    assert entry["digest"] == "as it was"
+    assert entry["actions"].keys() == whole.keys()
+    for task, (value, size) in whole.items():
+        assert entry["actions"][task] == pytest.approx([value, size], rel=0.0, abs=0.0 if task != other else LOCK.TOLERANCE * size)
+
+
 def test_every_controller_is_recorded() -> None:
     cards = {name: baselines._read_card(ROOT / "baselines" / name / "card.toml").controller for name in ENTRIES}
     assert {cards[name] for name, entry in ENTRIES.items() if entry["actions"]} == set(controllers.MODULES)

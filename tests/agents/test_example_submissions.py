@@ -22,9 +22,9 @@ ENERGY = SUBMISSIONS / "energy_agent.py"
 EXAMPLES = [SUBMISSIONS / f"{name}.py" for name in sorted(choosing.EXAMPLES)]  # a public copy has those of others, too
 FOR_ACTUATORS = [path for path in EXAMPLES if path != SET_POINTS]
 TASKS = [
-    *((path, id_) for path in FOR_ACTUATORS for id_ in ("Schiphol2010-Delta10-v1", "Spring-v1")),
+    *((path, id_) for path in FOR_ACTUATORS for id_ in ("Schiphol2010-Delta10-v1", "Spring-v1", "GreenhouseReal-v1")),
     *((ENERGY, id_) for id_ in ("WinterLED-v1", "SpringEnergy-v1", "FullSeasonEnergy-v1")),
-    (SET_POINTS, "SpringSetpoints-v1"),
+    *((SET_POINTS, id_) for id_ in ("SpringSetpoints-v1", "GreenhouseSetpoints-v1")),
 ]
 ON_A_TASK = pytest.mark.parametrize(("path", "task_id"), TASKS, ids=lambda one: getattr(one, "stem", one))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from glbench.agents import action_problems, load_agent, read_card
 from glbench.agents.loading import KINDS, Kind, new_submission
 from glbench.env import Simulation
 from glbench.errors import SubmissionError
-from glbench.tasks import TaskCard, get_task
+from glbench.tasks import DEFAULT_TASK, TaskCard, get_task, task_card
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -23,8 +24,16 @@ def test_a_template_bears_the_name_of_its_folder(tmp_path: Path, kind: Kind) -> 
     assert not any("template-name" in file.read_text(encoding="utf-8") for file in files)
 
 
+def test_templates_that_are_trained_name_the_default_task(tmp_path: Path) -> None:
+    written = [*new_submission(tmp_path / "anna", "sb3"), *new_submission(tmp_path / "bert", "torch")]
+    named = [task for file in written for task in re.findall(r"glbench/\w+-v\d+", file.read_text(encoding="utf-8"))]
+    assert named == [DEFAULT_TASK] * 3
+
+
+@pytest.mark.parametrize("task_id", ["Schiphol2010-Delta10-v1", "Spring-v1", "GreenhouseReal-v1"])
 @pytest.mark.parametrize("kind", ["rule", "mpc", "torch"])
-def test_a_template_with_code_runs_at_once_and_decides_every_run_by_itself(tmp_path: Path, card: TaskCard, kind: Kind) -> None:
+def test_a_template_with_code_runs_at_once_and_decides_every_run_by_itself(tmp_path: Path, task_id: str, kind: Kind) -> None:
+    card = task_card(get_task(task_id))
     if kind == "torch" and importlib.util.find_spec("torch") is None:
         pytest.skip("torch is not installed")
     new_submission(tmp_path / "anna", kind)

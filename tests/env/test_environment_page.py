@@ -59,10 +59,10 @@ def test_the_table_has_every_quantity_of_a_step_with_its_unit_and_no_other(colum
 
 def test_the_page_says_what_the_reward_is_made_of_and_which_seeds_are_scored() -> None:
     text = PAGE.replace("\n", " ")
-    for task, words in ((DEFAULT_TASK, "`Spring-v1` has"), (PAPER, "The paper's tasks have")):
+    for task, words in ((DEFAULT_TASK, f"`{get_task(DEFAULT_TASK).short_id}` has"), (PAPER, "The paper's tasks have")):
         assert f"{words} {' and '.join(f'`{name}`' for name in get_task(task).file.reward.modules)}" in text
-    spring, paper = (get_task(task).evaluation.seeds for task in (DEFAULT_TASK, PAPER))
-    assert f"{spring[0]} to {spring[-1]} in `Spring-v1`" in text
+    usual, paper = (get_task(task).evaluation.seeds for task in (DEFAULT_TASK, PAPER))
+    assert f"{usual[0]} to {usual[-1]} in `{get_task(DEFAULT_TASK).short_id}`" in text
     assert f"{paper[0]} to {paper[-1]} in the paper's tasks" in text
 
 

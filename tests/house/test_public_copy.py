@@ -18,7 +18,7 @@ import yaml
 
 from glbench.cli.app import main
 from glbench.evaluation.sandbox.choosing import EXAMPLES
-from glbench.tasks import get_task, list_suites
+from glbench.tasks import DEFAULT_TASK, get_task, list_suites
 
 ROOT = Path(__file__).resolve().parents[2]
 WORKFLOWS = {file.name: file for file in sorted((ROOT / ".github" / "workflows").glob("*.yml"))}
@@ -478,7 +478,7 @@ def test_a_submission_without_a_result_of_its_name_is_no_success(tmp_path: Path)
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({}, "badge anna --task glbench/Spring-v1"),
+        ({}, f"badge anna --task {DEFAULT_TASK}"),
         ({"TASK": "tasks/own.toml"}, "badge anna --task tasks/own.toml"),
         ({"SUITE": "paper"}, "badge anna"),
     ],

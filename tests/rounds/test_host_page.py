@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
-from glbench.tasks import read_round
+from glbench.tasks import DEFAULT_TASK, read_round
 from glbench.weather import load_weather, save_weather
 from tests.cli.command_line import Answer, Command
 from tests.evaluation.agent_files import agent_writer
@@ -39,7 +39,7 @@ def run(glbench: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ob
         for line in block.strip().splitlines():
             words = shlex.split(line)
             assert words[0] == "glbench", line
-            for placeholder, value in {"glbench/Spring-v1": "tiny.toml", **filled}.items():
+            for placeholder, value in {DEFAULT_TASK: "tiny.toml", **filled}.items():
                 words = [word.replace(placeholder, value) for word in words]
             answers.append(glbench(*words[1:]))
         return answers

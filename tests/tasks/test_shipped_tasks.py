@@ -140,16 +140,12 @@ def test_a_list_of_tasks_needs_neither_weather_nor_digest(monkeypatch: pytest.Mo
 def test_drafts_can_be_used_and_are_not_published() -> None:
     drafts = list_drafts()
 
-    names = (
-        "GreenhouseReal-v1", "GreenhouseSetpoints-v1", "GreenhouseYears-v1", "Lettuce-v2", "SpringCrew-v1", "SpringSetpoints-v1",
-        "SpringTrusses-v1", "WinterTrusses-v1",
-    )  # fmt: skip
-    assert {task.id for task in drafts} == {f"glbench/{name}" for name in names}
+    assert "glbench/SpringSetpoints-v1" in {task.id for task in drafts}
+    assert [f"{task.short_id.lower()}.toml" for task in drafts] == [path.name for path in draft_files()]
     for task in drafts:
         assert get_task(task.short_id).digest == task.digest
         assert not task.locked
         assert task.id not in {published.id for published in list_tasks()}
-        assert f"{task.short_id.lower()}.toml" in {path.name for path in draft_files()}
 
 
 def test_the_lettuce_draft_draws_season_start_and_crop_for_each_run() -> None:

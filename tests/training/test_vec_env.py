@@ -60,6 +60,18 @@ def test_growth_of_a_state_is_paid_for_in_rewards_but_not_in_the_sums_of_an_epis
     assert infos[1]["episode"] == told[1]["episode"]
 
 
+def test_growth_of_several_states_is_paid_for_by_their_sum(day: TaskSpec) -> None:
+    plain, paid = TrainingVecEnv(day, 2), TrainingVecEnv(day, 2, accrual=Accrual(state=("cBuf", "cLeaf"), price=1e-3))
+    places = [day.model_value.state_index(name) for name in ("cBuf", "cLeaf")]
+    plain.reset()
+    paid.reset()
+    before, chosen = paid.environment.simulation.x[:, places].copy(), actions(1, 2)[0]
+    paid_more = paid.step(chosen)[1] - plain.step(chosen)[1]
+    grown = paid.environment.simulation.x[:, places] - before
+    assert abs(grown).min() > 0
+    np.testing.assert_allclose(paid_more, 1e-3 * grown.sum(axis=1), rtol=1e-3)
+
+
 @pytest.mark.parametrize("state", ["cBuf", "nFruit1", "cRipe"])
 def test_growth_of_a_state_of_trusses_is_paid_for_from_the_second_step_to_the_last(state: str) -> None:
     task = get_task("SpringTrusses-v1").replace(id="test/Trusses-v1", weather={"days": 1})
@@ -83,9 +95,17 @@ def test_words_of_a_state_that_is_paid_for_say_what_it_is_and_the_price_of_its_u
     assert mould == "In training, growth of mould was paid for as well: diseased share of the crop, 2 of the reward for 1."
 
 
+def test_words_of_several_states_name_each(day: TaskSpec) -> None:
+    words = Accrual(state=("xN", "xS"), price=45.0).in_words(get_task("Lettuce-v1"))
+    assert words.startswith("In training, growth of xN and xS was paid for as well: non-structural dry matter; ")
+    assert words.endswith(" and structural dry matter, 45 of the reward for 1 kg m-2.")
+
+
 def test_growth_of_a_state_that_the_model_lacks_cannot_be_paid_for(day: TaskSpec) -> None:
     with pytest.raises(TrainingError, match=r"no state 'cBuff'\. Did you mean 'cBuf'"):
         TrainingVecEnv(day, 1, accrual=Accrual(state="cBuff", price=1.0))
+    with pytest.raises(TrainingError, match=r"no state 'cBuff'"):
+        TrainingVecEnv(day, 1, accrual=Accrual(state=("cLeaf", "cBuff"), price=1.0))
 
 
 def test_the_end_of_the_season_is_no_time_limit(day: TaskSpec) -> None:
