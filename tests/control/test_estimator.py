@@ -380,7 +380,7 @@ def test_it_finds_how_far_sensors_outside_are_off() -> None:
     }
     given, task = watch(plain, 2), plain.replace({"id": "my/Sensors-v1", "outdoor_sensors": sensors})
     names, weather = [column.name for column in task.observed()], task.model_value.disturbance_names
-    seen, bias, scale = given.seen.copy(), np.float32([0.8, -0.6]), np.float32([0.85, 1.0])
+    seen, bias, scale = given.seen.copy(), np.array([0.8, -0.6], np.float32), np.array([0.85, 1.0], np.float32)
     seen[..., names.index("outdoor_temperature")] += bias
     seen[..., names.index("global_radiation")] *= scale
     outlook, known, found = Outlook(task, climatology("Spring-v1")), StateEstimator(task), []
