@@ -129,7 +129,7 @@ class StateEstimator:
         )
         self._fading = np.exp(
             -hours
-            / np.array([*self._episode.hours, *(left for _, left, _ in wrong.values()), *self._delivery.hours, *([np.inf] * 2 * count)])
+            / np.array([*self._episode.hours, *(fading for _, fading, _ in wrong.values()), *self._delivery.hours, *([np.inf] * 2 * count)])
         )
         self._places = np.cumsum([self._s, len(self._episode.spread), len(wrong), len(self._delivery.places), 2 * count])
         self._start_spread = _start_spread(task)
