@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -40,6 +40,9 @@ def ladder(
         str, typer.Option("--split", help="Scenarios to evaluate in: validation, or test, by which nothing may be chosen.")
     ] = "validation",
     runs: Annotated[int, typer.Option("--runs", "-n", min=2, help="Runs of each evaluation.")] = 30,
+    mpc_runs: Annotated[
+        int | None, typer.Option("--mpc-runs", min=2, help="The first of them only for predictive control, which takes long. Default: all.")
+    ] = None,
     agents: Annotated[
         str, typer.Option("--agents", help="Agents besides: names or paths; mpc is the one for the task's model, mpc_VIEW sees a view.")
     ] = "mpc_blind,mpc",
@@ -75,14 +78,16 @@ def ladder(
         console.print_warning("These are the runs of the test split: choose nothing by them.")
     with console.interruption("Run the same command again to continue: nothing that is finished is repeated."):
         policies = _train(spec, {name: folder / f"ppo-{spec.short_id}-{name}" for name in names}, config, steps, trainings, workers)
-        results = _evaluate(scored, [*map(str, policies), *others], folder, runs, workers, printer)
+        few = [_agent(folder, ref, spec) for ref in refs if ref == "mpc" or _is_view_of_mpc(ref)]
+        counts = {ref: mpc_runs if ref in few and mpc_runs else runs for ref in (*map(str, policies), *others)}
+        results = _evaluate(scored, counts, folder, workers, printer)
     rungs, metric = _rungs(spec, results, policies), catalogue(spec).metrics[spec.evaluation.metric]
+    seeds = max((result.evaluation.seeds for result in results.values()), key=len)
     zero_name, rules_name = (results[ref].agent.name if ref in results else ref for ref in (zero, rules))
     document = Ladder(
-        task=spec.id, task_digest=spec.digest, split=split, seeds=next(iter(results.values())).evaluation.seeds, metric=metric.name,
-        unit=metric.unit, digits=min(metric.digits, 2), steps=steps, observed=len(spec.observed()), zero=zero_name,
-        rules=rules_name, rungs=tuple(rungs), rows=rows_of(rungs, zero_name), verdicts=verdicts_of(rungs, rules_name, zero_name),
-        separation=separation_of(rungs, rules_name),
+        task=spec.id, task_digest=spec.digest, split=split, seeds=seeds, metric=metric.name, unit=metric.unit, digits=min(metric.digits, 2),
+        steps=steps, observed=len(spec.observed()), zero=zero_name, rules=rules_name, rungs=tuple(rungs), rows=rows_of(rungs, zero_name),
+        verdicts=verdicts_of(rungs, rules_name, zero_name), separation=separation_of(rungs, rules_name),
     )  # fmt: skip
     write_atomically(folder / "ladder.json", document.model_dump_json(by_alias=True, indent=1) + "\n")
     printer.say(console.aside(f"Saved: {folder / 'ladder.json'}"))
@@ -188,16 +193,17 @@ def _train(
     return policies
 
 
-def _evaluate(
-    task: TaskSpec, refs: Sequence[str], out: Path, runs: int, workers: int | None, printer: console.Printer
-) -> dict[str, Result]:
-    """Results by agent, stored in ``out``. One that cannot be used, or fails in all runs, is left out, and tried again the next time."""
+def _evaluate(task: TaskSpec, runs: Mapping[str, int], out: Path, workers: int | None, printer: console.Printer) -> dict[str, Result]:
+    """Results by agent of ``runs``, which has the number for each, stored in ``out``.
+
+    One that cannot be used, or fails in all runs, is left out, and tried again the next time.
+    """
     from glbench.evaluation.jobs import Job, LocalEngine, Options
 
-    usable, unusable = load_agents(refs, "auto")
+    usable, unusable = load_agents(list(runs), "auto")
     for ref, reason in unusable.items():
         console.print_warning(f"{ref}: {reason}")
-    jobs = [Job(task, ref, agent, Options(out, runs, workers=workers)) for ref, agent in usable.items()]
+    jobs = [Job(task, ref, agent, Options(out, runs[ref], workers=workers)) for ref, agent in usable.items()]
     results: dict[str, Result] = {}
     with JobsBar(len(jobs)) as bar:
         for number, outcome in enumerate(LocalEngine().run(jobs, bar.report), 1):

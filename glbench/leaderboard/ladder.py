@@ -37,7 +37,9 @@ class Rung(FrozenModel):
     kind: Kind
     columns: int | None = Field(description="observed columns in its view; null: what such agents see")
     seeds: tuple[int, ...] = Field(description="of its trainings; none if it is not trained")
-    values: tuple[tuple[float, ...], ...] = Field(description="by training, of each run, in the order of the ladder's seeds")
+    values: tuple[tuple[float, ...], ...] = Field(
+        description="by training, of each run, in the order of the ladder's seeds, of which it may have the first only"
+    )
     failed: int = Field(default=0, description="runs that failed; their missing steps count at the task's price")
 
     @property
@@ -156,8 +158,10 @@ def verdicts_of(rungs: Sequence[Rung], rules: str, zero: str) -> tuple[Verdict, 
 
 def separation_of(rungs: Sequence[Rung], rules: str) -> Separation | None:
     """Whether agents of different kind separate; ``rules`` names the rules. ``None`` with agents of fewer than two kinds."""
-    compared = [*(strongest_of(kind, rungs) for kind in KINDS), *(rung for rung in rungs if rung.name == rules)]
-    ranked = sorted({rung.name: rung for rung in compared if rung is not None}.values(), key=lambda rung: -rung.matrix.mean())
+    strongest = [*(strongest_of(kind, rungs) for kind in KINDS), *(rung for rung in rungs if rung.name == rules)]
+    compared = list({rung.name: rung for rung in strongest if rung is not None}.values())
+    means = {rung.name: matrix.mean() for rung, matrix in zip(compared, _matrices(*compared), strict=True)}
+    ranked = sorted(compared, key=lambda rung: -means[rung.name])
     pairs = []
     for first, second in combinations(ranked, 2):
         difference = _difference(first, second)
@@ -177,8 +181,8 @@ def share_of(rung: Rung, strongest: Rung | None, zero: Rung | None) -> Share | N
     """The share of the lead of ``strongest`` over ``zero`` that ``rung`` has; ``None`` if ``strongest`` does not lead, or is missing."""
     if strongest is None or zero is None:
         return None
-    nothing = zero.matrix.mean(axis=0)
-    lead, whole = rung.matrix - nothing, strongest.matrix - nothing
+    own, best, nothing = _matrices(rung, strongest, zero)
+    lead, whole = own - nothing.mean(axis=0), best - nothing.mean(axis=0)
     if not whole.mean() > 0.0:
         return None
     value, fixed = float(lead.mean() / whole.mean()), (not rung.seeds, not strongest.seeds)
@@ -221,9 +225,14 @@ def table_cells(ladder: Ladder) -> list[list[str]]:
 
 def table_notes(ladder: Ladder) -> str:
     """What has to be known to read the table."""
+    fewer = [
+        f" {rung.name} has the first {rung.matrix.shape[1]} runs only, and so has what is compared with it."
+        for rung in ladder.rungs
+        if rung.matrix.shape[1] < len(ladder.seeds)
+    ]
     failed = [f"{rung.failed} of {rung.name}" for rung in ladder.rungs if rung.failed]
     marked = f" * Runs failed ({', '.join(failed)}); their missing steps count at the task's price." if failed else ""
-    return f"Leads are over {ladder.zero}. Intervals are those of 95 %, over scenarios and trainings.{marked}"
+    return f"Leads are over {ladder.zero}. Intervals are those of 95 %, over scenarios and trainings.{''.join(fewer)}{marked}"
 
 
 def verdict_lines(ladder: Ladder) -> list[str]:
@@ -268,7 +277,14 @@ def _before(name: str, rungs: Mapping[str, Rung]) -> Rung | None:
 def _difference(first: Rung, second: Rung | None) -> Interval | None:
     if second is None:
         return None
-    return estimate_difference([first.matrix], [second.matrix], fixed=(not first.seeds, not second.seeds)).interval()
+    one, other = _matrices(first, second)
+    return estimate_difference([one], [other], fixed=(not first.seeds, not second.seeds)).interval()
+
+
+def _matrices(*rungs: Rung) -> list[Array]:
+    """Values ``(trainings, runs)`` of each, of the runs that all of them have."""
+    runs = min((rung.matrix.shape[1] for rung in rungs), default=0)
+    return [rung.matrix[:, :runs] for rung in rungs]
 
 
 def _is_positive(low: float | None, high: float | None) -> Answer:

@@ -208,6 +208,24 @@ def test_kinds_are_not_compared_where_there_is_one() -> None:
     assert verdict_lines(ladder) == []
 
 
+def test_an_agent_with_fewer_runs_is_compared_in_those_that_it_has() -> None:
+    few = rung("mpc", 3.0, kind="mpc")
+    few = few.model_copy(update={"values": tuple(values[:5] for values in few.values)})
+    blind = rung("mpc_blind", 1.0, kind="mpc")
+    blind = blind.model_copy(update={"values": tuple(values[:5] for values in blind.values)})
+    ladder = ladder_of([few, blind, rung("sensors", 2.6, kind="ppo", trainings=2), UNLIT, RULES], *ZERO_AND_RULES)
+    lead = ladder.rows[0].lead
+    assert lead is not None
+    assert lead == estimate_difference([few.matrix], [UNLIT.matrix[:, :5]], fixed=(True, True)).interval()
+    share = ladder.verdicts[-1].share
+    assert share is not None
+    nothing = UNLIT.matrix[0, :5].mean()
+    assert share.value == pytest.approx((blind.matrix.mean() - nothing) / (few.matrix.mean() - nothing))
+    assert "mpc has the first 5 runs only, and so has what is compared with it." in table_notes(ladder)
+    assert ladder.separation is not None
+    assert [(pair.first, pair.second) for pair in ladder.separation.pairs][-1] == ("mpc", "rule_based_tuned")
+
+
 def test_leads_are_over_the_agent_that_is_named() -> None:
     rungs = [
         rung("blind", 2.5, kind="ppo", trainings=2),
