@@ -62,7 +62,7 @@ def test_what_cannot_be_is_refused_before_anything_is_trained(day: Path, glbench
 def test_an_agent_that_fails_in_all_runs_is_reported_and_left_out(day: Path, capfd: pytest.CaptureFixture[str]) -> None:
     (day / "broken.py").write_text("def make_agent(task):\n    raise ValueError('no')\n", encoding="utf-8")
     task = get_task(str(day / "day.toml"))
-    results = _evaluate(task, ["steady.py", "broken.py"], day / "lad", 2, 1, Printer())
+    results = _evaluate(task, {"steady.py": 2, "broken.py": 2}, day / "lad", 1, Printer())
     assert list(results) == ["steady.py"]
     assert "ValueError: no" in capfd.readouterr().err
     rungs = _rungs(task, results, {Path("steady.py"): ("outdoor", 4)})
