@@ -40,12 +40,13 @@ def ladder(
         str, typer.Option("--split", help="Scenarios to evaluate in: validation, or test, by which nothing may be chosen.")
     ] = "validation",
     runs: Annotated[int, typer.Option("--runs", "-n", min=2, help="Runs of each evaluation.")] = 30,
-    mpc_runs: Annotated[
-        int | None, typer.Option("--mpc-runs", min=2, help="The first of them only for predictive control, which takes long. Default: all.")
-    ] = None,
     agents: Annotated[
         str, typer.Option("--agents", help="Agents besides: names or paths; mpc is the one for the task's model, mpc_VIEW sees a view.")
     ] = "mpc_blind,mpc",
+    agent_runs: Annotated[
+        int | None,
+        typer.Option("--agent-runs", min=2, help="Runs of these agents, the first of --runs, where they take long. Default: all."),
+    ] = None,
     rules: Annotated[
         str, typer.Option("--rules", help="The rules that blind agents are compared with: a name, or a folder of glbench tune rules.")
     ] = "rule_based_tuned",
@@ -69,7 +70,8 @@ def ladder(
 
     spec, scored = options.task_or_default(task), select_tasks([task] if task else [], [], None, split)[0]
     names, printer, folder = _view_names(spec, views), console.Printer(as_json), out or Path("runs") / f"ladder-{spec.short_id}"
-    refs = [zero, rules, *(name.strip() for name in agents.split(",") if name.strip())]
+    besides = [name.strip() for name in agents.split(",") if name.strip()]
+    refs = [zero, rules, *besides]
     for ref, reason in load_agents([ref for ref in refs if not _is_view_of_mpc(ref)], "auto")[1].items():
         refuse(f"{ref}: {reason}", GlbenchError)
     _check_start(scored, {"--zero": zero, "--rules": rules})
@@ -78,8 +80,8 @@ def ladder(
         console.print_warning("These are the runs of the test split: choose nothing by them.")
     with console.interruption("Run the same command again to continue: nothing that is finished is repeated."):
         policies = _train(spec, {name: folder / f"ppo-{spec.short_id}-{name}" for name in names}, config, steps, trainings, workers)
-        few = [_agent(folder, ref, spec) for ref in refs if ref == "mpc" or _is_view_of_mpc(ref)]
-        counts = {ref: mpc_runs if ref in few and mpc_runs else runs for ref in (*map(str, policies), *others)}
+        fewer = {_agent(folder, ref, spec) for ref in besides if ref not in (zero, rules)}
+        counts = {ref: agent_runs if agent_runs and ref in fewer else runs for ref in (*map(str, policies), *others)}
         results = _evaluate(scored, counts, folder, workers, printer)
     rungs, metric = _rungs(spec, results, policies), catalogue(spec).metrics[spec.evaluation.metric]
     seeds = max((result.evaluation.seeds for result in results.values()), key=len)
