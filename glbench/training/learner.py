@@ -288,8 +288,8 @@ class Learner:
         observation, state, reward, ended, info = jax.vmap(self.environment.step)(keys[1:], now.state, action)
         paid = reward
         if s.accrual is not None:  # the state before the first step is not known
-            grown = sum(info[state] - now.info[state] for state in s.accrual.states)
-            paid += jnp.where(now.is_first, 0.0, s.accrual.price * grown)
+            states = zip(s.accrual.states, s.accrual.prices, strict=True)
+            paid += jnp.where(now.is_first, 0.0, sum(price * (info[state] - now.info[state]) for state, price in states))
         discounted = now.discounted * s.gamma + paid
         traces = now.observations[:, self.environment.obs_shape[0] :].reshape(s.n_envs, len(self.shares), len(self.traced))
         traces += self.shares[:, None].astype(np.float32) * (observation[:, None, self.traced] - traces)

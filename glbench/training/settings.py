@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from glbench.errors import TrainingError, did_you_mean, refuse
 from glbench.resources import data_folder
@@ -121,14 +121,25 @@ class Accrual(FrozenSettings):
     """
 
     state: str | tuple[str, ...]
-    """Public name of the state, or of several of one unit, of which the sum counts."""
-    price: float = Field(gt=0)
-    """Reward for one unit of the state."""
+    """Public name of the state, or of several."""
+    price: float | tuple[float, ...]
+    """Reward for one unit of each state, or of one after the other; below 0 for what does harm later, such as mould."""
 
     @property
     def states(self) -> tuple[str, ...]:
         """Public names of the states."""
         return (self.state,) if isinstance(self.state, str) else self.state
+
+    @property
+    def prices(self) -> tuple[float, ...]:
+        """Reward for one unit of each of ``states``."""
+        return (self.price,) * len(self.states) if isinstance(self.price, float) else self.price
+
+    @model_validator(mode="after")
+    def _has_a_price_for_each(self) -> Self:
+        if len(self.prices) != len(self.states) or 0.0 in self.prices:
+            refuse(f"'price' has {len(self.prices)} prices for {len(self.states)} states; each state has one that is not 0.")
+        return self
 
     def places(self, task: TaskSpec) -> list[int]:
         """Places of the states in the model of ``task``. Raises ``TrainingError`` when the model lacks one."""
@@ -142,9 +153,11 @@ class Accrual(FrozenSettings):
     def in_words(self, task: TaskSpec) -> str:
         """What a card says of it: the states, what they are, and what a unit of them earns in the task's reward."""
         states = [task.model_value.states[place] for place in self.places(task)]
-        price = f"{self.price:g} of the reward for 1 {states[0].unit}".removesuffix(" -")
-        names, meanings = (" and ".join(words) for words in zip(*((one.name, one.meaning) for one in states), strict=True))
-        return f"In training, growth of {names} was paid for as well: {meanings}, {price}."
+        parts = [
+            f"{one.name} ({one.meaning}), {price:g} of the reward for 1 {one.unit}".removesuffix(" -")
+            for one, price in zip(states, self.prices, strict=True)
+        ]
+        return f"In training, growth was paid for as well: {'; '.join(parts)}."
 
 
 class TrainingSettings(FrozenSettings):

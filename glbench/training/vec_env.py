@@ -70,9 +70,7 @@ class TrainingVecEnv(VecEnv):
         workers: int = 1,
         accrual: Accrual | None = None,
     ) -> None:
-        self._price, self._stored = 0.0, [0]
-        if accrual is not None:
-            self._price, self._stored = accrual.price, accrual.places(task)
+        self._prices, self._stored = ((), []) if accrual is None else (accrual.prices, accrual.places(task))
         kernel = make_kernel(task.model_value, task.step_seconds, preset=kernel_preset, workers=workers)
         self.environment = GreenhouseVectorEnv(task, n_envs, kernel=kernel, autoreset_mode="Disabled")
         self.first_seed = first_seed
@@ -94,12 +92,12 @@ class TrainingVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Take the step: observations, rewards, whether episodes ended, infos."""
-        began, before = time.perf_counter(), self.environment.simulation.x[:, self._stored].sum(axis=1)
+        began, before = time.perf_counter(), self.environment.simulation.x[:, self._stored]
         observations, rewards, terminated, _, info = self.environment.step(self._actions)
         self.simulator_seconds += time.perf_counter() - began
         paid = rewards
-        if self._price:
-            paid = rewards + self._price * (self.environment.simulation.x[:, self._stored].sum(axis=1) - before)
+        if self._prices:
+            paid = rewards + ((self.environment.simulation.x[:, self._stored] - before) * self._prices).sum(axis=1)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         self._sums += (rewards, info["epi"], info["penalty"])
         self._lengths += 1
