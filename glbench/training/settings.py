@@ -152,12 +152,9 @@ class Accrual(FrozenSettings):
 
     def in_words(self, task: TaskSpec) -> str:
         """What a card says of it: the states, what they are, and what a unit of them earns in the task's reward."""
-        states = [task.model_value.states[place] for place in self.places(task)]
-        parts = [
-            f"{one.name} ({one.meaning}), {price:g} of the reward for 1 {one.unit}".removesuffix(" -")
-            for one, price in zip(states, self.prices, strict=True)
-        ]
-        return f"In training, growth was paid for as well: {'; '.join(parts)}."
+        states = zip((task.model_value.states[place] for place in self.places(task)), self.prices, strict=True)
+        parts = [f"{one.meaning}, {price:g} of the reward for 1 {one.unit}".removesuffix(" -") for one, price in states]
+        return f"In training, growth of {' and '.join(self.states)} was paid for as well: {'; '.join(parts)}."
 
 
 class TrainingSettings(FrozenSettings):

@@ -60,8 +60,9 @@ def test_growth_of_a_state_is_paid_for_in_rewards_but_not_in_the_sums_of_an_epis
     assert infos[1]["episode"] == told[1]["episode"]
 
 
-def test_growth_of_several_states_is_paid_for_by_their_sum(day: TaskSpec) -> None:
-    plain, paid = TrainingVecEnv(day, 2), TrainingVecEnv(day, 2, accrual=Accrual(state=("cBuf", "cLeaf"), price=1e-3))
+@pytest.mark.parametrize("price", [1e-3, (1e-3, -4e-3)])
+def test_growth_of_several_states_is_paid_for_by_one_price_or_by_that_of_each(day: TaskSpec, price: float | tuple[float, ...]) -> None:
+    plain, paid = TrainingVecEnv(day, 2), TrainingVecEnv(day, 2, accrual=Accrual(state=("cBuf", "cLeaf"), price=price))
     places = [day.model_value.state_index(name) for name in ("cBuf", "cLeaf")]
     plain.reset()
     paid.reset()
@@ -69,7 +70,13 @@ def test_growth_of_several_states_is_paid_for_by_their_sum(day: TaskSpec) -> Non
     paid_more = paid.step(chosen)[1] - plain.step(chosen)[1]
     grown = paid.environment.simulation.x[:, places] - before
     assert abs(grown).min() > 0
-    np.testing.assert_allclose(paid_more, 1e-3 * grown.sum(axis=1), rtol=1e-3)
+    np.testing.assert_allclose(paid_more, (np.asarray(price) * grown).sum(axis=1), rtol=1e-3)
+
+
+@pytest.mark.parametrize("price", [(1.0,), (1.0, 2.0, 3.0), (1.0, 0.0), 0.0])
+def test_each_state_that_is_paid_for_has_a_price(price: float | tuple[float, ...]) -> None:
+    with pytest.raises(ValueError, match="each state has one that is not 0"):
+        Accrual(state=("cBuf", "mould"), price=price)
 
 
 @pytest.mark.parametrize("state", ["cBuf", "nFruit1", "cRipe"])
@@ -98,7 +105,10 @@ def test_words_of_a_state_that_is_paid_for_say_what_it_is_and_the_price_of_its_u
 def test_words_of_several_states_name_each(day: TaskSpec) -> None:
     words = Accrual(state=("xN", "xS"), price=45.0).in_words(get_task("Lettuce-v1"))
     assert words.startswith("In training, growth of xN and xS was paid for as well: non-structural dry matter; ")
-    assert words.endswith(" and structural dry matter, 45 of the reward for 1 kg m-2.")
+    assert words.endswith("; structural dry matter, 45 of the reward for 1 kg m-2.")
+    mould = Accrual(state=("cBuf", "mould"), price=(2.0, -12.0)).in_words(get_task("SpringTrusses-v1"))
+    assert mould.startswith("In training, growth of cBuf and mould was paid for as well: carbohydrates (CH2O) in the buffer")
+    assert mould.endswith(", 2 of the reward for 1 mg m-2; diseased share of the crop, -12 of the reward for 1.")
 
 
 def test_growth_of_a_state_that_the_model_lacks_cannot_be_paid_for(day: TaskSpec) -> None:
