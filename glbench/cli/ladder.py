@@ -70,19 +70,18 @@ def ladder(
 
     spec, scored = options.task_or_default(task), select_tasks([task] if task else [], [], None, split)[0]
     names, printer, folder = _view_names(spec, views), console.Printer(as_json), out or Path("runs") / f"ladder-{spec.short_id}"
-    besides = [name.strip() for name in agents.split(",") if name.strip()]
-    refs = [zero, rules, *besides]
+    refs = [zero, rules, *(name.strip() for name in agents.split(",") if name.strip())]
     for ref, reason in load_agents([ref for ref in refs if not _is_view_of_mpc(ref)], "auto")[1].items():
         refuse(f"{ref}: {reason}", GlbenchError)
     _check_start(scored, {"--zero": zero, "--rules": rules})
-    others = list(dict.fromkeys(_agent(folder, ref, spec) for ref in refs))
+    others: dict[str, int] = {}
+    for ref in refs:
+        others.setdefault(_agent(folder, ref, spec), runs if ref in (zero, rules) else min(agent_runs or runs, runs))
     if split == "test":
         console.print_warning("These are the runs of the test split: choose nothing by them.")
     with console.interruption("Run the same command again to continue: nothing that is finished is repeated."):
         policies = _train(spec, {name: folder / f"ppo-{spec.short_id}-{name}" for name in names}, config, steps, trainings, workers)
-        fewer = {_agent(folder, ref, spec) for ref in besides if ref not in (zero, rules)}
-        counts = {ref: agent_runs if agent_runs and ref in fewer else runs for ref in (*map(str, policies), *others)}
-        results = _evaluate(scored, counts, folder, workers, printer)
+        results = _evaluate(scored, {**dict.fromkeys(map(str, policies), runs), **others}, folder, workers, printer)
     rungs, metric = _rungs(spec, results, policies), catalogue(spec).metrics[spec.evaluation.metric]
     seeds = max((result.evaluation.seeds for result in results.values()), key=len)
     zero_name, rules_name = (results[ref].agent.name if ref in results else ref for ref in (zero, rules))

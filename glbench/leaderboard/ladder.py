@@ -160,12 +160,13 @@ def separation_of(rungs: Sequence[Rung], rules: str) -> Separation | None:
     """Whether agents of different kind separate; ``rules`` names the rules. ``None`` with agents of fewer than two kinds."""
     strongest = [*(strongest_of(kind, rungs) for kind in KINDS), *(rung for rung in rungs if rung.name == rules)]
     compared = list({rung.name: rung for rung in strongest if rung is not None}.values())
-    means = {rung.name: matrix.mean() for rung, matrix in zip(compared, _matrices(*compared), strict=True)}
-    ranked = sorted(compared, key=lambda rung: -means[rung.name])
     pairs = []
-    for first, second in combinations(ranked, 2):
+    for first, second in combinations(compared, 2):
         difference = _difference(first, second)
         assert difference is not None
+        if difference.value < 0.0:
+            first, second, difference = second, first, _difference(second, first)
+            assert difference is not None
         pairs.append(Pair(first=first.name, second=second.name, difference=difference, resolved=difference.low > 0.0))
     pairs.sort(key=lambda pair: pair.difference.value)
     return Separation(pairs=tuple(pairs), separate="yes" if pairs[-1].resolved else "not resolved") if pairs else None
@@ -226,7 +227,7 @@ def table_cells(ladder: Ladder) -> list[list[str]]:
 def table_notes(ladder: Ladder) -> str:
     """What has to be known to read the table."""
     fewer = [
-        f" {rung.name} has the first {rung.matrix.shape[1]} runs only, and so has what is compared with it."
+        f" {rung.name} played the first {rung.matrix.shape[1]} runs only, and others are compared with it in those runs."
         for rung in ladder.rungs
         if rung.matrix.shape[1] < len(ladder.seeds)
     ]

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from glbench.errors import TrainingError, did_you_mean, refuse
 from glbench.resources import data_folder
@@ -122,7 +122,7 @@ class Accrual(FrozenSettings):
 
     state: str | tuple[str, ...]
     """Public name of the state, or of several."""
-    price: float | tuple[float, ...]
+    price: FiniteFloat | tuple[FiniteFloat, ...]
     """Reward for one unit of each state, or of one after the other; below 0 for what does harm later, such as mould."""
 
     @property
@@ -138,7 +138,7 @@ class Accrual(FrozenSettings):
     @model_validator(mode="after")
     def _has_a_price_for_each(self) -> Self:
         if len(self.prices) != len(self.states) or 0.0 in self.prices:
-            refuse(f"'price' has {len(self.prices)} prices for {len(self.states)} states; each state has one that is not 0.")
+            refuse(f"'price' is {self.price} for {', '.join(self.states)}: give one price for all, or one for each, and none that is 0.")
         return self
 
     def places(self, task: TaskSpec) -> list[int]:

@@ -126,7 +126,7 @@ def test_it_continues_what_was_interrupted_and_repeats_nothing(day: Path, glbenc
             yield outcome
 
     monkeypatch.setattr(LocalEngine, "run", interrupted)
-    arguments = ("ladder", *OF_DAY, "--trainings", "2", "--agents", "steady.py", "--rules", "rule_based_fair")
+    arguments = ("ladder", *OF_DAY, "--trainings", "2", "--agents", "steady.py", "--agent-runs", "2", "--rules", "rule_based_fair")
     stopped = glbench(*arguments, "--views", "outdoor")
     assert stopped.code == 130
     assert "Run the same command again to continue" in stopped.err
@@ -148,7 +148,8 @@ def test_it_continues_what_was_interrupted_and_repeats_nothing(day: Path, glbenc
     assert [rung.kind for rung in ladder.rungs] == ["ppo", "ppo", "other", "other", "other"]
     assert [rung.columns for rung in ladder.rungs] == [15, 21, None, None, None]
     assert {len(rung.seeds) for rung in ladder.rungs[:2]} == {2}
-    assert all(len(values) == 3 for rung in ladder.rungs for values in rung.values)
+    assert [len(values) for rung in ladder.rungs for values in rung.values] == [3, 3, 3, 3, 3, 3, 2]
+    assert len(ladder.seeds) == 3
     result = json.loads((day / "lad" / "results" / "Day-v1" / "ppo-Day-v1-outdoor-seed1.json").read_text(encoding="utf-8"))
     assert list(ladder.rungs[0].values[1]) == [one["metrics"]["reward"] for one in result["runs"]]
     assert ladder.verdicts[0].blind == "outdoor"

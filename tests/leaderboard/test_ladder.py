@@ -221,9 +221,24 @@ def test_an_agent_with_fewer_runs_is_compared_in_those_that_it_has() -> None:
     assert share is not None
     nothing = UNLIT.matrix[0, :5].mean()
     assert share.value == pytest.approx((blind.matrix.mean() - nothing) / (few.matrix.mean() - nothing))
-    assert "mpc has the first 5 runs only, and so has what is compared with it." in table_notes(ladder)
+    assert "mpc played the first 5 runs only, and others are compared with it in those runs." in table_notes(ladder)
     assert ladder.separation is not None
     assert [(pair.first, pair.second) for pair in ladder.separation.pairs][-1] == ("mpc", "rule_based_tuned")
+
+
+def test_a_pair_is_in_the_order_of_the_runs_that_both_have() -> None:
+    good_start = [(9.0,) * 3 + (0.0,) * (RUNS - 3)]
+    early = rung("sensors", 1.0, kind="ppo").model_copy(update={"values": tuple(good_start)})
+    few = rung("mpc", 3.0, kind="mpc")
+    few = few.model_copy(update={"values": tuple(values[:3] for values in few.values)})
+    apart = separation_of([early, few, RULES], "rule_based_tuned")
+    assert apart is not None
+    assert {(pair.first, pair.second) for pair in apart.pairs} == {
+        ("sensors", "mpc"),
+        ("rule_based_tuned", "sensors"),
+        ("mpc", "rule_based_tuned"),
+    }
+    assert all(pair.difference.value > 0.0 for pair in apart.pairs)
 
 
 def test_leads_are_over_the_agent_that_is_named() -> None:

@@ -372,6 +372,15 @@ def test_impossible_settings_are_refused_in_words(day: TaskSpec, tmp_path: Path)
         Learner.of(day, settings)
 
 
+def test_in_measured_greenhouses_carbohydrate_is_paid_at_the_same_share_of_the_fruit_price() -> None:
+    for name in ("GreenhouseYears-v1", "GreenhouseReal-v1"):
+        accrual = read_compiled_settings(None, get_task(name)).accrual
+        assert accrual is not None
+        assert accrual.states == ("cBuf", "mould")
+        assert accrual.prices[0] == pytest.approx(0.45 * 4.0 / 0.09 * 1e-6)
+        assert accrual.prices[1] < 0.0, "mould is charged"
+
+
 @pytest.mark.parametrize(("name", "updates"), [("Spring-v1", 2), ("Schiphol2010-Delta10-v1", 3)])
 def test_the_shipped_settings_hold_for_shipped_tasks(name: str, updates: int) -> None:
     task = get_task(name)

@@ -75,7 +75,7 @@ def test_growth_of_several_states_is_paid_for_by_one_price_or_by_that_of_each(da
 
 @pytest.mark.parametrize("price", [(1.0,), (1.0, 2.0, 3.0), (1.0, 0.0), 0.0])
 def test_each_state_that_is_paid_for_has_a_price(price: float | tuple[float, ...]) -> None:
-    with pytest.raises(ValueError, match="each state has one that is not 0"):
+    with pytest.raises(ValueError, match="cBuf, mould: give one price for all, or one for each, and none that is 0"):
         Accrual(state=("cBuf", "mould"), price=price)
 
 
