@@ -7,7 +7,7 @@ The filter estimates, for every run,
 
 - the states x, stepped by the kernel with its Jacobians;
 - the relative deviation of every parameter that the task draws for the episode, and of those that it draws daily, which are forgotten
-  within a day;
+  within a day; of a ``Spread``, whose houses lie far apart, the logarithm;
 - how far an unseen column of the weather is off (``UNSEEN``), which is forgotten within hours, and how far one is whose sensor errs,
   which stays for the run;
 - how far what an actuator delivers is off from what it would without faults, which is forgotten in the mean time of a fault;
@@ -254,7 +254,7 @@ class StateEstimator:
         x_next, dx, du, dd, dp = self._linearise(self._z[:, :s], u, d, p)
         forward = np.zeros((self._n, s, self._z.shape[1]))
         forward[:, :, :s] = dx
-        forward[:, :, s:of_weather] = dp[:, :, : len(self._episode.names)] @ self._episode.chain
+        forward[:, :, s:of_weather] = self._episode.along(dp[:, :, : len(self._episode.names)], self._z[:, s:of_weather])
         forward[:, :, of_weather:of_delivery] = dd[:, :, self._wrong] * size[:, None]
         slopes = du[:, :, places]
         forward[:, :, of_delivery:of_sensors] = np.where(np.abs(slopes) <= STEEP * self._scale[:, :s, None], slopes, 0.0)
@@ -327,51 +327,76 @@ class StateEstimator:
             cov = cov - after[:, :, None] * gain[:, None, :] + (noise[:, None] * gain)[:, :, None] * gain[:, None, :]
         self._covariance = 0.5 * (cov + cov.transpose(0, 2, 1))
         of_parameters = slice(s, int(self._places[1]))
-        z[:, of_parameters] = np.clip(z[:, of_parameters], -self._episode.most, self._episode.most)
+        z[:, of_parameters] = np.clip(z[:, of_parameters], self._episode.low, self._episode.high)
         self._z, self._last = z, np.where(gaps, self._last, readings)
 
 
 class _UncertainParameters:
-    """Parameters that a task draws, as relative deviations with a spread.
+    """Parameters that a task draws, by deviations with a spread: one for every parameter, or for every number that a ``Spread`` draws.
+
+    A parameter is its nominal value times 1 + its deviation; those of a ``Spread`` are theirs times exp(size deviation), of which the
+    standard deviation is 1.
 
     Attributes
     ----------
     names
         Parameters that change with them, derived ones among them.
     chain
-        How: derivatives of the parameters by the deviations ``(names, deviations)``.
-    spread, most, hours
-        Standard deviation of each deviation, its largest size, and the hours in which it is forgotten to 1/e.
+        How, where all deviations are 0: derivatives of the parameters by the deviations ``(names, deviations)``.
+    spread, low, high, hours
+        Standard deviation of each deviation, its limits, and the hours in which it is forgotten to 1/e.
     """
 
     def __init__(self, task: TaskSpec, groups: list[ParameterGroup]) -> None:
         model, self._nominal = task.model_value, task.parameters()
-        uncertain = [(name, group) for group in groups for name in group.parameters]
-        self._places = [model.parameter_names.index(name) for name, _ in uncertain]
-        self._derived = DerivedParameters(model, self._nominal, tuple(self._places))
-        sizes: list[tuple[float, float]] = []
+        rows: list[tuple[str, int, float]] = []  # a parameter, the place of its deviation, the size of its logarithm or 0
+        ranges: list[tuple[float, float, float, float]] = []
         for group in groups:
+            hours = _EVER if group.redraw == "episode" else _A_DAY
             if group.spread is None:
                 grid = DISTRIBUTIONS[group.distribution](_GRID, group.half_width)
-                sizes += [(float(np.std(grid)), float(np.max(np.abs(grid))))] * len(group.parameters)
-            else:
-                limits = group.spread.limits()
-                sizes += [(group.spread.factor * row.log_sd, 1.0 - limits[row.parameter][0]) for row in group.spread.rows]
-        self.spread, self.most = np.array(sizes).reshape(-1, 2).T
-        self.hours = [_EVER if group.redraw == "episode" else _A_DAY for _, group in uncertain]
+                farthest = float(np.max(np.abs(grid)))
+                rows += [(name, len(ranges) + place, 0.0) for place, name in enumerate(group.parameters)]
+                ranges += [(float(np.std(grid)), -farthest, farthest, hours)] * len(group.parameters)
+                continue
+            limits = group.spread.limits()
+            for draw in dict.fromkeys(row.draw for row in group.spread.rows):
+                drawn = [(row.parameter, group.spread.factor * row.log_sd) for row in group.spread.rows if row.draw == draw]
+                low, high = np.array([np.log(limits[name]) / size for name, size in drawn]).T
+                rows += [(name, len(ranges), size) for name, size in drawn]
+                ranges.append((1.0, float(np.max(low)), float(np.min(high)), hours))
+        self._places = [model.parameter_names.index(name) for name, _, _ in rows]
+        self._deviation, self._sizes = np.array([place for _, place, _ in rows], np.intp), np.array([size for *_, size in rows])
+        self._derived = DerivedParameters(model, self._nominal, tuple(self._places))
+        self.spread, self.low, self.high, hours_of = np.array(ranges).reshape(-1, 4).T
+        self.hours = hours_of.tolist()
         changed = sorted({*self._places, *self._derived.followers})
         self.names = tuple(model.parameter_names[place] for place in changed)
-        steps = _SMALL * np.eye(len(uncertain))
+        steps = _SMALL * np.eye(len(ranges))
         ahead, behind = self.complete(steps), self.complete(-steps)
         self.chain: Floats = np.ascontiguousarray(((ahead - behind) / (2.0 * _SMALL))[:, changed].T)
+
+    def along(self, slopes: Floats, deviations: Floats) -> Floats:
+        """Derivatives ``(n, ..., deviations)`` at ``deviations``, from those by the parameters of ``names``."""
+        forward: Floats = slopes @ self.chain
+        if self._sizes.any():  # a parameter of a spread, and what is derived of it in proportion, changes by a share of itself
+            growth = np.ones((len(deviations), len(self.spread)))
+            growth[:, self._deviation] = np.where(self._sizes > 0.0, self._multipliers(deviations), 1.0)
+            forward *= growth[:, None]
+        return forward
 
     def complete(self, deviations: Floats) -> Floats:
         """All parameters ``(n, p)`` with ``deviations`` ``(n, deviations)``."""
         parameters = np.tile(self._nominal, (len(deviations), 1))
         if self._places:
-            parameters[:, self._places] *= 1.0 + deviations
+            parameters[:, self._places] *= self._multipliers(deviations)
             self._derived.complete(parameters)
         return parameters
+
+    def _multipliers(self, deviations: Floats) -> Floats:
+        """By what each drawn parameter is multiplied ``(n, parameters)``."""
+        own = deviations[:, self._deviation]
+        return np.where(self._sizes > 0.0, np.exp(self._sizes * own), 1.0 + own)
 
 
 def _start_spread(task: TaskSpec) -> Floats:

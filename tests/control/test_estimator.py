@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glbench.control import Outlook, StateEstimator, air_of, delivery, estimator
+from glbench.control import Climatology, Outlook, Scenario, StateEstimator, air_of, delivery, estimator
 from glbench.env import Simulation, scenario, weather_pool
 from glbench.env.air import AIR
 from glbench.errors import ShapeError, StepError, TaskError
 from glbench.kernel import Kernel, available
 from glbench.model import paper, register_model
 from glbench.tasks import TaskSpec, get_task
+from glbench.tasks.spreads import read_spread
 from tests.control.watched import Floats, Watched, climatology, estimates, short, watch, watched
 from tests.tasks.toy import TASK as TOY_TASK
 from tests.tasks.toy import Toy
@@ -397,3 +398,50 @@ def test_it_finds_how_far_sensors_outside_are_off() -> None:
     assert (np.abs(errors[:, 0, weather.index("iGlob")] - wanted) < 0.7 * np.abs(wanted)).all()
     np.testing.assert_allclose(errors[:, 1, weather.index("tOut")], errors[:, 0, weather.index("tOut")], rtol=0.01)  # they stay for the run
     assert (known.weather_errors(2)[..., weather.index("iGlob")] == 0.0).all()
+
+
+MEASURED = [{"name": "house", "spread": "measured", "factor": 2.0, "redraw": "episode"}]
+
+
+def measured(days: int) -> TaskSpec:
+    """Houses that differ twice as much as measured ones, and nothing else."""
+    return get_task("Spring-v1").chosen_on.replace({"id": "my/Houses-v1", "weather.days": days, "scenario.parameters": MEASURED})
+
+
+def test_houses_of_a_spread_are_estimated_between_their_limits() -> None:
+    """The smallest and the largest multiplier of each parameter; those of one draw have one deviation."""
+    task = measured(1)
+    known, nominal, names = StateEstimator(task)._episode, task.parameters(), task.model_value.parameter_names
+    spread = read_spread("measured", 2.0)
+    assert len(known.spread) == len({row.draw for row in spread.rows}) < len(spread.rows)
+    places = [names.index(row.parameter) for row in spread.rows]
+    ends = known.complete(np.array([known.low, known.high]))[:, places] / nominal[places]
+    np.testing.assert_allclose(ends, np.array([spread.limits()[row.parameter] for row in spread.rows]).T, rtol=1e-12)
+    assert ends[1, [row.parameter for row in spread.rows].index("rSMin")] > 2.0  # more than twice the nominal value
+
+
+def test_derivatives_by_a_spread_are_those_of_its_house() -> None:
+    known = StateEstimator(measured(1))._episode
+    house = np.random.default_rng(3).uniform(known.low, known.high)[None]
+    steps = 1e-5 * np.eye(len(known.spread))
+    wanted = (known.complete(house + steps) - known.complete(house - steps)) / 2e-5
+    names = get_task("Spring-v1").model_value.parameter_names
+    wanted = wanted[:, [names.index(name) for name in known.names]].T
+    np.testing.assert_allclose(known.along(np.eye(len(known.names))[None], house)[0], wanted, rtol=1e-6, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_a_house_far_from_the_nominal_one_is_estimated() -> None:
+    """Two runs whose leaves are much tighter than those of the nominal house: what the air is, and how tight they are."""
+    task = measured(4)
+    place = task.model_value.parameter_names.index("rSMin")
+    resistance = {seed: float(Scenario.of(task, seed).p[place]) for seed in range(10000, 10040)}
+    tight = [seed for seed, value in resistance.items() if value > 1.7 * task.parameters()[place]][:2]
+    given = watch(task, 2, seeds=tight)
+    known, outlook, states = StateEstimator(task), Outlook(task, Climatology.of(task)), []
+    known.reset(2)
+    outlook.reset(2)
+    for seen in given.seen:
+        outlook.update(seen)
+        states.append(known.update(seen, outlook.past))
+    assert (errors(given, np.array(states[1:])) < [0.1, 6.0, 1.2]).all()
+    np.testing.assert_allclose(known.parameters[:, place], [resistance[seed] for seed in tight], rtol=0.15)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -55,9 +56,9 @@ def watched(task_id: str, runs: int = 2) -> Watched:
     return watch(short(task_id).chosen_on, runs)
 
 
-def watch(task: TaskSpec, runs: int, shut: tuple[int, ...] = ()) -> Watched:
-    """Runs of a task whose controls wander, but for those in the places ``shut``. ``u`` is what is delivered."""
-    seeds = [10000 + run for run in range(runs)]
+def watch(task: TaskSpec, runs: int, shut: tuple[int, ...] = (), seeds: Sequence[int] = ()) -> Watched:
+    """Runs of a task, of ``seeds`` or the first: controls wander, but for those in the places ``shut``; ``u`` is what is delivered."""
+    seeds = [*seeds] or [10000 + run for run in range(runs)]
     simulation, rng = Simulation(task, runs, kernel="fast"), np.random.default_rng(5)
     seen, x, u = [simulation.reset(seeds)], [], []
     usual = wanted = np.array([0.3, 0.2, 0.5, 0.15, 0.3, 0.2])
