@@ -361,9 +361,9 @@ class _UncertainParameters:
                 continue
             limits = group.spread.limits()
             for draw in dict.fromkeys(row.draw for row in group.spread.rows):
-                drawn = [(row.parameter, group.spread.factor * row.log_sd) for row in group.spread.rows if row.draw == draw]
-                low, high = np.array([np.log(limits[name]) / size for name, size in drawn]).T
-                rows += [(name, len(ranges), size) for name, size in drawn]
+                sizes = {row.parameter: group.spread.factor * row.log_sd for row in group.spread.rows if row.draw == draw}
+                low, high = np.array([np.log(limits[name]) / size for name, size in sizes.items()]).T
+                rows += [(name, len(ranges), size) for name, size in sizes.items()]
                 ranges.append((1.0, float(np.max(low)), float(np.min(high)), hours))
         self._places = [model.parameter_names.index(name) for name, _, _ in rows]
         self._deviation, self._sizes = np.array([place for _, place, _ in rows], np.intp), np.array([size for *_, size in rows])
