@@ -42,13 +42,20 @@ SETTINGS = {
     "ppo_memory": "ppo/memory.yml",
     "ppo_long": "ppo/long.yml",
     "sac_fast": "sac/fast.yml",
+    "outdoor": "ppo/memory.yml",
+    "ppo_greenhouse": "ppo/fast.yml",
+    "ppo_memory_greenhouse": "ppo/memory.yml",
 }
 """Settings of each recipe, in this folder."""
-COMPILED = ("ppo_fast", "ppo_memory", "ppo_long")
+VIEWS = {"outdoor": ("blind",), "ppo_greenhouse": ("sensors",), "ppo_memory_greenhouse": ("memory",)}
+"""What the agents of a recipe look at (docs/ladder.md), where it is not all that a task shows."""
+COMPILED = ("ppo_fast", "ppo_memory", "ppo_long", *VIEWS)
 ALGORITHMS = {"ppo": "ppo", "sac": "sac", "sac_fast": "sac"}
 """Algorithms of Stable-Baselines3 by the recipes that use them."""
 OF_CONTROL = ("Spring-v1", "SpringYears-v1", "SpringMismatch-v1", "Lettuce-v1")
-"""The suite ``control``, on which the compiled PPO, with and without a memory, and SAC are trained; for long only where tomatoes grow."""
+"""The suite ``control-2025``, on which the compiled PPO, with and without a memory, and SAC are trained; for long only where tomatoes grow."""
+OF_GREENHOUSE = {"GreenhouseReal-v1": 10, "GreenhouseYears-v1": 5}
+"""The suite ``control``, and how many trainings a rung of the ladder has there."""
 CARD_OF_RECIPE = "card.in.toml"
 """Becomes the agent's card with the first policy: an agent without weights is none."""
 log = logging.getLogger("train_all")
@@ -95,7 +102,8 @@ def plan() -> list[Job]:
     memory = [Job("ppo_memory", task, seed) for task in OF_CONTROL for seed in range(3)]
     long = [Job("ppo_long", task, seed) for task in OF_CONTROL[:3] for seed in range(3)]
     off_policy = [Job("sac_fast", task, 0) for task in OF_CONTROL]
-    return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, *long, *off_policy]
+    greenhouse = [Job(recipe, task, seed) for task, trainings in OF_GREENHOUSE.items() for recipe in VIEWS for seed in range(trainings)]
+    return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, *long, *off_policy, *greenhouse]
 
 
 def _paper(level: str) -> str:
@@ -162,7 +170,7 @@ def _train(job: Job, folder: Path) -> None:
     task = get_task(job.task)
     listeners = [LogLines(job.name)]
     if job.recipe in COMPILED:
-        compiled = read_compiled_settings(job.settings, task)
+        compiled = read_compiled_settings(job.settings, task, view=VIEWS.get(job.recipe))
         trained = train_compiled(task, compiled, folder, seed=job.seed, resume=True, listeners=listeners)
     elif job.recipe in ALGORITHMS:
         settings = read_settings(job.settings, ALGORITHMS[job.recipe], task.id)
@@ -220,7 +228,7 @@ def _state(job: Job, folder: Path) -> str:
         return "begun" if folder.exists() else "-"
     task = get_task(job.task)
     if job.recipe in COMPILED:
-        compiled = read_compiled_settings(job.settings, task)
+        compiled = read_compiled_settings(job.settings, task, view=VIEWS.get(job.recipe))
         digest, goal, reached = compiled.digest, compiled.updates * compiled.rollout, card["training"]["steps"]
     elif job.recipe in ALGORITHMS:
         settings = read_settings(job.settings, ALGORITHMS[job.recipe], task.id)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 FOLDERS = ("baselines", "reports/released/results")
-LARGEST_POLICY = 200 * 1024
+LARGEST_POLICY = 90 * 1024
 """Size of a baseline's policies or plans from which on they are only in ``glbench-data`` [bytes]."""
 _PROFILE = ".profile.json.gz"
 
