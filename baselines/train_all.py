@@ -54,7 +54,7 @@ ALGORITHMS = {"ppo": "ppo", "sac": "sac", "sac_fast": "sac"}
 """Algorithms of Stable-Baselines3 by the recipes that use them."""
 OF_CONTROL = ("Spring-v1", "SpringYears-v1", "SpringMismatch-v1", "Lettuce-v1")
 """The suite ``control-2025``, on which the compiled PPO, with and without a memory, and SAC are trained; for long only where tomatoes grow."""
-OF_GREENHOUSE = {"GreenhouseReal-v1": 10, "GreenhouseYears-v1": 5}
+OF_GREENHOUSE = {"GreenhouseReal-v1": 10}
 """The suite ``control``, and how many trainings a rung of the ladder has there."""
 CARD_OF_RECIPE = "card.in.toml"
 """Becomes the agent's card with the first policy: an agent without weights is none."""

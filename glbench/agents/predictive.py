@@ -224,5 +224,7 @@ class PredictiveAgent:
         off = self._estimator.weather_errors(steps, ahead.d)
         days_left = (self._task.steps - k) / self._task.steps_per_day
         return self._steering.towards(
-            self._controller.decide(states, controls, ahead.d + off, self._estimator.parameters, ahead.calendar, days_left)
+            self._controller.decide(
+                states, controls, ahead.d + off, self._estimator.parameters, ahead.calendar, days_left, self._estimator.delivery(steps)
+            )
         )

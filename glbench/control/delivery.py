@@ -6,6 +6,14 @@ In a run whose faults and wind are known it is a linear map of a plan's commands
 
 with a and b of each control from ``glbench.env.actuators``: an ideal one has a = 0 and b = 1, one that sticks a = 1 and b = 0. Plans are
 searched among commands; gradients come back through the transposed map.
+
+Of the steps to come nobody knows the faults. An actuator that was off by e in the step just past, when it delivered d, is expected to
+deliver in the k-th step from then
+
+    d(k) = w(k) d + (1 - w(k)) c(k)         w(k) = e^2 / (e^2 + OFF^2) exp(-k h / T)
+
+with the mean time T of its faults: what is far off hangs where it is, and is repaired in time. This is a filter's estimate at hand, no
+theory of faults; docs/adr/0020-predictive-control.md has what it is worth.
 """
 
 from __future__ import annotations
@@ -30,6 +38,8 @@ Floats = NDArray[np.float64]
 
 VARIANCE = {"sticks": 1.0 / 6.0, "fails": 1.0 / 3.0}
 """Mean square of what an actuator is off during a fault: of the difference of two numbers drawn evenly from 0 to 1, and of one of them."""
+OFF = 0.15
+"""Off by as much, an actuator has a fault as likely as not: the most that shipped tasks let it fall short without one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +50,23 @@ class Delivery:
     ----------
     carry, gain
         a and b ``(T, c)``.
+    rest
+        What is delivered besides, whatever the commands are.
     """
 
     carry: Floats
     gain: Floats
+    rest: Floats | float = 0.0
+
+    @classmethod
+    def ahead(cls, delivered: Floats, commands: Floats, fading: Floats) -> Delivery:
+        """That of the coming steps in ``n`` runs, from what was ``delivered`` of ``commands`` ``(n, c)`` in the step just past.
+
+        ``fading`` is what is left ``(T, c)``, by step, of the chance that a fault lasts.
+        """
+        off = (delivered - commands) ** 2
+        hangs = (off / (off + OFF**2))[:, None] * fading
+        return cls(np.zeros_like(fading), 1.0 - hangs, hangs * delivered[:, None])
 
     @classmethod
     def of(cls, scenarios: RunScenarios, scene: Scenes, seed: int, d: Floats) -> Delivery | None:
@@ -66,8 +89,12 @@ class Delivery:
                 column[:, actuator.place] = actuator.delivered(before, command, most, faults)
         return cls(carry, gain)
 
+    def of_rows(self, rows: NDArray[np.intp]) -> Delivery:
+        """That of some runs, of one that has runs."""
+        return Delivery(self.carry, self.gain[rows], self.rest if isinstance(self.rest, float) else self.rest[rows])
+
     def __call__(self, commands: Floats) -> Floats:
-        """What is delivered of commands ``(..., T, c)``."""
+        """What is delivered of commands ``(..., T, c)``, without ``rest``; of a change of commands, what it changes."""
         return _accumulated(self.carry, self.gain * commands)
 
     def pull(self, slopes: Floats) -> Floats:

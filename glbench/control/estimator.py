@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.control.delivery import ExpectedDelivery
+from glbench.control.delivery import Delivery, ExpectedDelivery
 from glbench.control.observation_model import ObservationModel, checked_observations, refuse_missing
 from glbench.env.air import Sensors
 from glbench.env.memory_layout import DrawPlaces
@@ -142,7 +142,7 @@ class StateEstimator:
         self._covariance = np.zeros((self._n, 0, 0))
         self._last = np.full((self._n, len(self._model.names)), np.nan)
         self._delivery.reset(self._n)
-        self._u = np.zeros((self._n, len(self.task.model_value.controls)))
+        self._u = self._commands = np.zeros((self._n, len(self.task.model_value.controls)))
 
     @property
     def states(self) -> Floats:
@@ -162,6 +162,15 @@ class StateEstimator:
         u, places, errors = self._u.copy(), self._delivery.places, self._z[:, self._places[2] : self._places[3]]
         u[:, places] = np.clip(u[:, places] + errors, 0.0, 1.0)
         return u
+
+    def delivery(self, steps: int) -> Delivery | None:
+        """What actuators are expected to deliver of the commands of the coming steps; ``None`` where all are ideal."""
+        places = self._delivery.places
+        if not places:
+            return None
+        left = np.ones((whole_number(steps, "The number of steps ahead"), self._u.shape[1]))
+        left[:, places] = self._fading[self._places[2] - self._s : self._places[3] - self._s] ** np.arange(1, steps + 1)[:, None]
+        return Delivery.ahead(self.controls, self._commands, left)
 
     @property
     def parameters(self) -> Floats:
@@ -249,7 +258,7 @@ class StateEstimator:
         p = self.parameters
         size = np.where(self._scaled, d[:, self._wrong], 1.0)
         d[:, self._wrong] += self._z[:, of_weather:of_delivery] * size
-        places, self._u = self._delivery.places, self._delivery(u, d)
+        places, self._u, self._commands = self._delivery.places, self._delivery(u, d), u
         u = self.controls
         x_next, dx, du, dd, dp = self._linearise(self._z[:, :s], u, d, p)
         forward = np.zeros((self._n, s, self._z.shape[1]))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glbench.control.delivery import Delivery
 from glbench.control.scenario import with_schedule
 from glbench.control.season import EndValue
 from glbench.control.stage import StageReward, judged_at_the_end, with_constraints
@@ -167,6 +168,7 @@ class PredictiveController:
         p: ArrayLike,
         calendar: ArrayLike,
         days_left: float | None = None,
+        delivery: Delivery | None = None,
     ) -> Floats:
         """Replan, and give the controls of the coming step.
 
@@ -189,6 +191,8 @@ class PredictiveController:
             ``(T + 1, columns)``, for each run or for all, as in ``Scenario.calendar``.
         days_left
             From now to the end of the season, which an end value needs.
+        delivery
+            What actuators are expected to deliver of the plan, which is of commands then (``StateEstimator.delivery``); by default all of it.
 
         Returns
         -------
@@ -235,7 +239,7 @@ class PredictiveController:
         for first in range(0, len(rows), _TOGETHER):
             some = rows[first : first + _TOGETHER]
             for _ in range(self._iterations if self._decisions else self._first_iterations):
-                some = self._improve(plan, some, states, before, weather, parameters, dates, end)
+                some = self._improve(plan, some, states, before, weather, parameters, dates, end, delivery)
             self._renewed[some] = True
         self._plan, self._at, self._decisions = plan, 0, self._decisions + 1
         return self.follow()
@@ -264,11 +268,12 @@ class PredictiveController:
         p: Floats,
         calendar: Floats,
         end: Floats,
+        delivery: Delivery | None,
     ) -> Rows:
         """One iteration on some rows of ``plan``, in place; gives those that can be improved further."""
 
         def linearise(some: Rows) -> Trajectory:
-            return self._linearise(some, x[some], plan[some], d[some], _of(p, some))
+            return self._linearise(some, x[some], _delivered(plan[some], delivery, some), d[some], _of(p, some))
 
         linearisation, rows = _of_those_that_can(linearise, rows)
         if linearisation is None:
@@ -284,10 +289,12 @@ class PredictiveController:
             lambda controls: self._feasible(controls, u0, dates),
             steps=self._ascent_steps,
             end=worth,
+            delivery=None if delivery is None else delivery.of_rows(rows),
         )
         candidates = np.stack([self._feasible(u + share * move, u0, dates) for share in LENGTHS], axis=1)
-        ends = self._rollouts(candidates, x[rows], d[rows], _of(p, rows))
-        earned = self._stage(ends, candidates, np.repeat(dates[:, None], len(LENGTHS), axis=1)).reward.sum(axis=-1)
+        controls = np.stack([_delivered(candidates[:, place], delivery, rows) for place in range(len(LENGTHS))], axis=1)
+        ends = self._rollouts(controls, x[rows], d[rows], _of(p, rows))
+        earned = self._stage(ends, controls, np.repeat(dates[:, None], len(LENGTHS), axis=1)).reward.sum(axis=-1)
         # Relative to where the plan leads, so that what the whole plants are worth does not hide what differs.
         last = ends[:, :, -1, : self._states]
         ahead = ((last - linearisation.x[:, None, -1]) * worth[:, None]).sum(axis=-1)
@@ -373,6 +380,14 @@ def _of_those_that_can(make: Callable[[Rows], _Result], rows: Rows) -> tuple[_Re
             return None, rows[:0]
     able = np.concatenate([_of_those_that_can(make, rows[i : i + 1])[1] for i in range(len(rows))])
     return _of_those_that_can(make, able)
+
+
+def _delivered(commands: Floats, delivery: Delivery | None, rows: Rows) -> Floats:
+    """What actuators deliver of the commands of some rows."""
+    if delivery is None:
+        return commands
+    of_rows = delivery.of_rows(rows)
+    return np.clip(of_rows(commands) + of_rows.rest, 0.0, 1.0)
 
 
 def _of(p: Floats, rows: Rows) -> Floats:

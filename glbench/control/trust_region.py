@@ -100,7 +100,7 @@ def trust_region_step(
     delivery
         What actuators deliver of ``controls``, which are commands then; by default all of it.
     """
-    still, delivered = linearisation.x if x is None else x, controls if delivery is None else delivery(controls)
+    still, delivered = linearisation.x if x is None else x, controls if delivery is None else delivery(controls) + delivery.rest
     move = best = np.zeros_like(controls) if start is None else start
     most = np.full(controls.shape[:-2], -np.inf)
     mean, square, flat = np.zeros_like(controls), np.zeros_like(controls), np.zeros(())

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from glbench.agents.plans import PlanBook
 from glbench.bounds.search import group_by_conditions, replay_plans
-from glbench.control import Scenario, SeasonPlan, StageReward, feasible, plan_season
-from glbench.control.delivery import ExpectedDelivery
+from glbench.control import Scenario, SeasonPlan, StageReward, StateEstimator, feasible, plan_season
+from glbench.control.delivery import Delivery, ExpectedDelivery
 from glbench.control.trust_region import trust_region_step
 from glbench.env import Simulation
 from glbench.env.program import info_columns
@@ -121,6 +121,30 @@ def test_plans_of_ideal_actuators_have_no_map(task: TaskSpec) -> None:
     assert plain.delivery is None
     assert isinstance(plan, SeasonPlan)
     assert plan.controls is plan.commands or plan.controls.tobytes() == plan.commands.tobytes()
+
+
+def test_an_actuator_that_was_far_off_is_expected_to_hang_and_to_be_repaired_in_time() -> None:
+    delivered, commands = np.array([[0.0, 0.5, 0.30]]), np.array([[0.6, 0.5, 0.35]])
+    ahead = Delivery.ahead(delivered, commands, 0.9 ** np.arange(1.0, 4.0)[:, None] * np.ones(3))
+    chance = 0.36 / (0.36 + 0.0225)
+    assert ahead.gain[0, :, 0].tolist() == pytest.approx([1.0 - chance * 0.9**k for k in (1, 2, 3)])
+    told = np.full((1, 3, 3), 0.8)
+    expected = (ahead(told) + ahead.rest)[0]
+    assert expected[0].tolist() == pytest.approx([0.8 * (1.0 - 0.9 * chance), 0.8, 0.8 - 0.5 * 0.9 * 0.1])
+    assert expected[2, 0] > expected[0, 0]
+    two = Delivery.ahead(np.vstack([commands, delivered]), np.vstack([commands, commands]), np.full((3, 3), 0.9))
+    assert two.of_rows(np.array([0])).gain.min() == 1.0
+    assert two.of_rows(np.array([1])).gain.min() < 0.2
+
+
+def test_only_actuators_that_are_not_ideal_are_expected_to_hang(task: TaskSpec) -> None:
+    assert StateEstimator(ideal(task)).delivery(4) is None
+    estimator = StateEstimator(task)
+    ahead = estimator.delivery(4)
+    assert ahead is not None
+    assert ahead.gain.shape == (1, 4, len(task.model_value.controls))
+    assert ahead.gain.min() == 1.0
+    assert np.abs(ahead.rest).max() == 0.0
 
 
 def test_runs_with_other_faults_are_planned_by_themselves(task: TaskSpec) -> None:

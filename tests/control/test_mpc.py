@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from glbench.agents.baselines import read_baseline
 from glbench.agents.predictive import PredictiveAgent, PredictiveSettings, TrueStateController
 from glbench.control import EndValue, PredictiveController, Scenario, StageReward, plan_season
+from glbench.control.delivery import Delivery
 from glbench.control.season import _worth
 from glbench.env import Simulation
 from glbench.errors import GlbenchError, ShapeError, StepError, SubmissionError, TaskError, UnknownNameError
@@ -95,6 +96,39 @@ def test_derivatives_are_kept_for_some_decisions_and_made_anew_in_turn(monkeypat
     # 40 steps: 8 of the next, 2 new ones at the end, and a quarter of the 30 between; the first plan makes all in one call.
     assert {16, 17, 18} >= set(steps[: 20 // 2 - 1]) != set()
     assert max(steps) < 20
+
+
+def planned_day(task: TaskSpec, delivery: Delivery | None) -> Floats:
+    """Commands ``(T, c)`` for a whole day, of which the controller is told everything, and what to expect of actuators."""
+    scenario = Scenario.of(task, SEED)
+    controller = PredictiveController(task, horizon=task.steps, first_iterations=8)
+    controller.reset(1, np.tile(START, (task.steps, 1)))
+    controller.decide(scenario.x0[None], scenario.u_before[None], scenario.d, scenario.p, scenario.calendar, delivery=delivery)
+    return controller._plan[0]
+
+
+def test_where_all_is_delivered_the_plan_has_the_bits_of_one_without_a_map() -> None:
+    task = short()
+    whole = Delivery(np.zeros((task.steps, 6)), np.ones((1, task.steps, 6)), np.zeros((1, task.steps, 6)))
+    assert planned_day(task, whole).tobytes() == planned_day(task, None).tobytes()
+
+
+def test_a_plan_takes_into_account_that_a_vent_hangs_and_a_boiler_delivers_half() -> None:
+    task = short()
+    gain, rest = np.ones((1, task.steps, 6)), np.zeros((1, task.steps, 6))
+    boiler, vent = (task.model_value.control_names.index(name) for name in ("uBoil", "uVent"))
+    gain[..., vent], rest[..., vent], gain[..., boiler] = 0.0, 0.4, 0.5
+    hanging = Delivery(np.zeros((task.steps, 6)), gain, rest)
+    scenario, stage, kernel = Scenario.of(task, SEED), StageReward(task), Kernel(task.model_value, task.step_seconds)
+
+    def earned(commands: Floats) -> float:
+        delivered = np.clip(hanging(commands[None]) + rest, 0.0, 1.0)
+        states = kernel.rollout(scenario.x0[None], delivered, scenario.d[None], scenario.p)
+        return float(stage(states, delivered, scenario.calendar[None]).reward.sum())
+
+    knowing, unaware = planned_day(task, hanging), planned_day(task, None)
+    assert earned(knowing) > earned(unaware) + 0.02
+    assert knowing[:, boiler].sum() > unaware[:, boiler].sum()
 
 
 @pytest.mark.slow
