@@ -74,7 +74,7 @@ def test_an_agent_that_fails_in_all_runs_is_reported_and_left_out(day: Path, cap
 
 def test_mpc_is_the_baseline_that_plans_for_the_model_of_the_task(day: Path) -> None:
     """Its name, its settings with a view, and its rung, which is called mpc whichever it is."""
-    baselines = {"mpc": get_task("Spring-v1")}
+    baselines = {"mpc": get_task("Spring-v1"), "mpc_greenhouse": get_task("GreenhouseReal-v1")}
     for name, task in baselines.items():
         assert _agent(day, "mpc", task) == name
         assert read_predictive_settings(Path(_agent(day, "mpc_blind", task)) / "settings.yml").end_values.keys() == {
