@@ -28,7 +28,7 @@ from glbench.training.settings import PAPER, read_settings
 
 ROOT = Path(__file__).resolve().parents[2]
 RECORDS = sorted((ROOT / "baselines").glob("*/training/*.toml"))
-TUNED_RULES = [file for file in RECORDS if file.parts[-3] in ("rule_based_tuned", "rule_based_energy")]
+TUNED_RULES = [file for file in RECORDS if file.parts[-3] in ("rule_based_tuned", "rule_based_energy", "rule_based_greenhouse")]
 TRAININGS = [file for file in RECORDS if file not in TUNED_RULES]
 
 
@@ -151,6 +151,7 @@ def test_a_page_of_tuned_rules_is_of_the_search_that_is_told(file: Path) -> None
     [
         ("rule_based_tuned", {"paper", "spring"}),
         ("rule_based_energy", {"winterled", "springenergy", "fullseason", "fullseasonenergy"}),
+        ("rule_based_greenhouse", {"greenhousereal"}),
     ],
 )
 def test_every_page_of_tuned_rules_has_a_search_that_is_told(baseline: str, names: set[str]) -> None:
