@@ -53,7 +53,7 @@ def test_a_shipped_training_is_of_the_settings_beside_it_but_for_their_seeds_and
     algorithm = training["algorithm"]
     # model_copy: seeds as small as these are refused today
     if algorithm == NAME:
-        compiled = read_compiled_settings(settings, task)
+        compiled = read_compiled_settings(settings, task, view=training.get("view"))
         assert training["settings_digest"] == compiled.digest
         assert training["first_env_seed"] >= FIRST_TRAINING_SEED
         assert training.get("split", "training") == "training"
