@@ -687,6 +687,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("doing nothing | {} | {} |", lambda: (score("do_nothing", "Spring-v1"), mean("do_nothing", 0))),
         ("{} states, {} controls", lambda: (len(STATE_NAMES), len(CONTROL_NAMES))),
+        ("it has {} states", lambda: len(HEADLINE.model_value.states)),
         ("{} parameters", lambda: len(default_parameters())),
         ("over the {} runs of the default task", lambda: HEADLINE.evaluation.runs),
         ("over {} seeded runs", lambda: HEADLINE.evaluation.runs),
