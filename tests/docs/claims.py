@@ -1135,7 +1135,11 @@ CLAIMS: dict[str, list[Claim]] = {
         ("over {} runs instead of {}.", lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory"))),
     ],
     "docs/training.md": [
-        ("number of seasons ({} for training on `Spring-v1`)", lambda: training_seasons("long")),
+        (f"number of seasons ({{}} for training on `{HEADLINE.short_id}`)", lambda: training_seasons("fast", HEADLINE.id)),
+        (
+            f"are means of {{}} seasons of the validation split ({{}} on `{HEADLINE.short_id}`)",
+            lambda: tuple(recipe("fast", task).evaluation.runs for task in ("Spring-v1", HEADLINE.id)),
+        ),
         (
             "chosen over {} runs instead of {} (`ppo_long`",
             lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory")),
