@@ -928,7 +928,7 @@ CLAIMS: dict[str, list[Claim]] = {
     "docs/observations.md": [
         ("{} kPa at 20 degC and {} %", lambda: (float(vapour_pressure_deficit(20.0, 80.0)), 80)),
         ("{} g m-3 there", lambda: float(humidity_deficit(20.0, 80.0))),
-        ("(CO2 up to {} ppm in `Spring-v1`)", lambda: _bound("Spring-v1", "co2")),
+        (f"(CO2 up to {{}} ppm in `{HEADLINE.short_id}`)", lambda: _bound(HEADLINE.id, "co2")),
     ],
     "docs/environment.md": [
         *(
