@@ -119,7 +119,7 @@ def evaluate(
     reason = None if as_json else why_not_compiled()
     if reason is not None:
         console.print_warning(
-            f"{reason} Until then CasADi's own integrator steps the model: half an hour instead of seconds for the default task."
+            f"{reason} Until then CasADi's own integrator steps the model: an hour instead of seconds for the default task."
         )
     has_steps = True
     if single is not None:

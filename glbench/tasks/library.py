@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 _State = tuple[int, int]
 """When a file was changed, and its size."""
 
-DEFAULT_TASK = "glbench/Spring-v1"
+DEFAULT_TASK = "glbench/GreenhouseReal-v1"
 """The task that is meant when none is named."""
 
 PAPER_TASK = "glbench/Schiphol2010-Delta10-v1"

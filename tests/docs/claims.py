@@ -687,6 +687,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("doing nothing | {} | {} |", lambda: (score("do_nothing", "Spring-v1"), mean("do_nothing", 0))),
         ("{} states, {} controls", lambda: (len(STATE_NAMES), len(CONTROL_NAMES))),
+        ("it has {} states", lambda: len(HEADLINE.model_value.states)),
         ("{} parameters", lambda: len(default_parameters())),
         ("over the {} runs of the default task", lambda: HEADLINE.evaluation.runs),
         ("over {} seeded runs", lambda: HEADLINE.evaluation.runs),
@@ -927,7 +928,8 @@ CLAIMS: dict[str, list[Claim]] = {
     "docs/observations.md": [
         ("{} kPa at 20 degC and {} %", lambda: (float(vapour_pressure_deficit(20.0, 80.0)), 80)),
         ("{} g m-3 there", lambda: float(humidity_deficit(20.0, 80.0))),
-        ("(CO2 up to {} ppm in `Spring-v1`)", lambda: _bound("Spring-v1", "co2")),
+        (f"(CO2 up to {{}} ppm in `{HEADLINE.short_id}`)", lambda: _bound(HEADLINE.id, "co2")),
+        ("(fruits up to {} m-2)", lambda: _bound(HEADLINE.id, "fruits")),
     ],
     "docs/environment.md": [
         *(
@@ -1134,7 +1136,11 @@ CLAIMS: dict[str, list[Claim]] = {
         ("over {} runs instead of {}.", lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory"))),
     ],
     "docs/training.md": [
-        ("number of seasons ({} for training on `Spring-v1`)", lambda: training_seasons("long")),
+        (f"number of seasons ({{}} for training on `{HEADLINE.short_id}`)", lambda: training_seasons("fast", HEADLINE.id)),
+        (
+            f"are means of {{}} seasons of the validation split ({{}} on `{HEADLINE.short_id}`)",
+            lambda: tuple(recipe("fast", task).evaluation.runs for task in ("Spring-v1", HEADLINE.id)),
+        ),
         (
             "chosen over {} runs instead of {} (`ppo_long`",
             lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory")),

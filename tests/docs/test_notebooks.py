@@ -116,14 +116,18 @@ def the_money(names: dict[str, Any]) -> None:
 @pytest.mark.timeout(1800)
 @pytest.mark.skipif("compiled" not in available(), reason="no compiled kernel here")
 def test_first_agent_runs_and_says_what_holds() -> None:
-    """Colder air earns more profit and costs more penalty; the best score lies in between."""
+    """Warmer air costs more heat and fewer penalties, the coldest fruit; profit and score are highest in between."""
     names = executed("first_agent.ipynb")
     assert names["task"].split == "validation"
     assert names["result"].summary.ok == 2
     table = names["table"]
-    assert (np.diff(table["epi"]) < 0.0).all()
     assert (np.diff(table["penalty"]) < 0.0).all()
-    assert 0 < table["reward"].to_numpy().argmax() < len(table) - 1
+    best = table["reward"].to_numpy().argmax()
+    assert 0 < best == table["epi"].to_numpy().argmax() < len(table) - 1
+    means = list(names["scores"].values())
+    assert (np.diff([one["cost_heat"] for one in means]) > 0.0).all()
+    fruit = [one["revenue_growth"] + one["revenue_harvest"] for one in means]
+    assert fruit[0] < fruit[best]
     committed_table_is_computed("change", table, notebook="first_agent.ipynb", within=0.03, index=1)
 
 
@@ -131,14 +135,14 @@ def test_first_agent_runs_and_says_what_holds() -> None:
 @pytest.mark.timeout(1800)
 @pytest.mark.skipif("compiled" not in available(), reason="no compiled kernel here")
 def test_own_task_runs_and_says_what_holds() -> None:
-    """Dear heat hurts, a bright roof pays, with right sensors the limits are kept better; the file is the task."""
+    """Dear heat hurts, a bright roof and right sensors pay; the file is the task."""
     names = executed("own_task.ipynb")
     table, agents = names["table"], ("rule_based_tuned", "my_agent")
     for agent in agents:
         usual, dear, right, bright = (table.loc[(name, agent)] for name in names["tasks"])
         assert dear["reward"] < usual["reward"] < bright["reward"]
         assert bright["revenue_growth"] + bright["revenue_harvest"] > usual["revenue_growth"] + usual["revenue_harvest"]
-        assert right["penalty"] < usual["penalty"]
+        assert right["reward"] > usual["reward"]
     assert names["spring_2009"].season_years == (2009,)
     assert names["get_task"](names["file"]).digest == names["spring_2009"].digest
     shown = table[["epi", "penalty", "reward"]]
@@ -149,7 +153,7 @@ def test_own_task_runs_and_says_what_holds() -> None:
 @pytest.mark.timeout(1800)
 @pytest.mark.skipif("compiled" not in available(), reason="no compiled kernel here")
 def test_read_a_season_runs_and_says_what_holds() -> None:
-    """The rules light and move much, the tuned ones do not; the electricity is most of the difference in profit."""
+    """The rules light and move much, the tuned ones do not; electricity is most of the difference in profit; vents stick one morning."""
     names = executed("read_a_season.ipynb")
     assert names["task"].split == "validation"
     usual, tuned = (names["seasons"][name] for name in ("rule_based", "rule_based_tuned"))
@@ -157,6 +161,9 @@ def test_read_a_season_runs_and_says_what_holds() -> None:
     assert usual["cost_electricity"].sum() > 0.5 * (tuned["epi"].sum() - usual["epi"].sum()) > 0.0
     moved = [one[["uBoil", "uVent", "uCo2"]].diff().abs().sum().sum() for one in (usual, tuned)]
     assert moved[0] > 3.0 * moved[1]
+    stuck = tuned["uVent"].loc["2010-03-22 06:45":"2010-03-22 09:30"]
+    assert len(stuck) == 12
+    assert stuck.max() == stuck.min() > 0.0
     assert names["season"].index.name == "time"
     assert names["units"]["heat"] == "kWh m-2"
 
@@ -165,7 +172,7 @@ def test_read_a_season_runs_and_says_what_holds() -> None:
 @pytest.mark.timeout(1800)
 @pytest.mark.skipif("compiled" not in available(), reason="no compiled kernel here")
 def test_train_and_beat_the_rules_runs_and_says_what_holds() -> None:
-    """The policy learns and beats the paper's rules in every run, from both sides; the weights may differ between machines."""
+    """The policy learns and beats the paper's rules in most runs, by their electricity; the weights may differ between machines."""
     pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
     names = executed("train_and_beat_the_rules.ipynb")
     assert names["task"].split == "training"
@@ -182,11 +189,14 @@ def test_train_and_beat_the_rules_runs_and_says_what_holds() -> None:
     runs, ahead = names["runs"], names["ahead"]
     assert (runs["status"] == "ok").all()
     assert len(ahead) == 4
-    assert (ahead[["score", "from profit", "from fewer violations"]] > 0.0).all(axis=None)
+    assert (ahead["score"] > 0.0).sum() > len(ahead) / 2
+    assert ahead["score"].mean() > 0.0
+    assert ahead["from fewer violations"].mean() < 0.1
     parts = ahead[[name for name in ahead if name.startswith("of it")]]
     assert parts.sum(axis=1).to_numpy() == pytest.approx(ahead["from profit"].to_numpy())
-    assert (ahead["of it electricity"] > 0.5 * ahead["from profit"]).all()
-    assert (ahead["of it electricity"] > -ahead["of it fruit"]).all()
+    gained = ahead[[name for name in ahead if name.startswith("of it") and "fruit" not in name]].mean()
+    assert gained["of it electricity"] > 0.9 * gained.sum()
+    assert (ahead["of it electricity"] > -ahead["of it fruit"]).sum() > len(ahead) / 2
     means = runs["reward"].groupby(level="agent").mean()
     assert means["rule_based_tuned"] > means["small-ppo"]
 

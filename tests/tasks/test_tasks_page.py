@@ -69,13 +69,13 @@ def test_a_task_of_ones_own_is_five_lines_in_a_file_and_the_same_in_python(page:
     assert (ours.digest, ours.changes, ours.id) == (theirs.digest, theirs.changes, theirs.id)
     assert [change.key for change in ours.changes] == ["weather.days", "ledger.cost_heat.price", "sensors"]
     assert ours.schema_version == 2
-    assert (ours.weather.days, ours.file.ledger["cost_heat"].price, ours.sensors) == (30, 0.15, None)
+    assert (ours.weather.days, ours.file.ledger["cost_heat"].price, ours.sensors) == (30, 0.06, None)
 
 
 def test_the_overrides_shown_run_in_gymnasium(page: str) -> None:
     names = run_block(page, "overrides=")
     env, envs = names["env"], names["envs"]
-    assert env.unwrapped.task == get_task("Spring-v1").replace({"weather.days": 30, "sensors": None})
+    assert env.unwrapped.task == get_task("GreenhouseReal-v1").replace({"weather.days": 30, "sensors": None})
     assert envs.unwrapped.task.observation.forecast.error == "perfect"
     env.reset(seed=1)
     envs.close()

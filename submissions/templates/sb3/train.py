@@ -16,7 +16,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 HERE = Path(__file__).parent
-TASK = "glbench:glbench/Spring-v1"  # its training split; choose between policies with split="validation"
+TASK = "glbench:glbench/GreenhouseReal-v1"  # its training split; choose between policies with split="validation"
 
 
 def main():
