@@ -116,6 +116,11 @@ def score(agent: str, task: str) -> float:
     return float(np.mean([run["metrics"]["reward"] for run in result["runs"]]))
 
 
+def of_trainings(recipe: str, count: int, task: str) -> float:
+    """Mean reward of all released trainings of a recipe."""
+    return float(np.mean([score(f"{recipe}_seed{seed}" if seed else recipe, task) for seed in range(count)]))
+
+
 def turn(task: str, *pair: str) -> float:
     """Times the price of violations at which two agents change places in the released leaderboard."""
     tables = json.loads((RESULTS.parent / "leaderboard.json").read_text(encoding="utf-8"))["tasks"]
@@ -670,22 +675,31 @@ CLAIMS: dict[str, list[Claim]] = {
     "docs/speed.md": [("changed by more than {} %", largest_change)],
     "README.md": [
         (
-            "to come included | {} | {} |",
+            "to come included | – | {} | {} |",
             lambda: (score("best_known", "Spring-v1"), mean("best_known", 0)),
         ),
-        ("forecasts (`mpc`) | {} |", lambda: score("mpc", "Spring-v1")),
+        ("forecasts (`mpc`) | – | {} |", lambda: score("mpc", "Spring-v1")),
         (
-            "(`ppo_long`; `ppo_fast`) | {} | {} |",
+            "(`ppo_memory_greenhouse`; `ppo_long`; `ppo_fast`) | {} | {} | {} |",
             lambda: (
+                of_trainings("ppo_memory_greenhouse", 3, "GreenhouseReal-v1"),
                 float(np.mean(compiled("ppo_long", "reward"))),
                 float(np.mean([mean(name, 0) for name in trainings("ppo_fast", 0)])),
             ),
         ),
         (
-            "(`rule_based_tuned`) | {} | {} |",
-            lambda: (score("rule_based_tuned", "Spring-v1"), mean("rule_based_tuned", 0)),
+            "(`rule_based_greenhouse`; `rule_based_tuned`) | {} | {} | {} |",
+            lambda: (
+                score("rule_based_greenhouse", "GreenhouseReal-v1"),
+                score("rule_based_tuned", "Spring-v1"),
+                mean("rule_based_tuned", 0),
+            ),
         ),
-        ("doing nothing | {} | {} |", lambda: (score("do_nothing", "Spring-v1"), mean("do_nothing", 0))),
+        ("looks inside (`outdoor`) | {} |", lambda: of_trainings("outdoor", 5, "GreenhouseReal-v1")),
+        (
+            "doing nothing | {} | {} | {} |",
+            lambda: (score("do_nothing", "GreenhouseReal-v1"), score("do_nothing", "Spring-v1"), mean("do_nothing", 0)),
+        ),
         ("{} states, {} controls", lambda: (len(STATE_NAMES), len(CONTROL_NAMES))),
         ("it has {} states", lambda: len(HEADLINE.model_value.states)),
         ("{} parameters", lambda: len(default_parameters())),
