@@ -53,7 +53,7 @@ COMPILED = ("ppo_fast", "ppo_memory", "ppo_long", *VIEWS)
 ALGORITHMS = {"ppo": "ppo", "sac": "sac", "sac_fast": "sac"}
 """Algorithms of Stable-Baselines3 by the recipes that use them."""
 OF_CONTROL = ("Spring-v1", "SpringYears-v1", "SpringMismatch-v1", "Lettuce-v1")
-"""The suite ``control-2025``, on which the compiled PPO, with and without a memory, and SAC are trained; for long only where tomatoes grow."""
+"""The suite ``control-2025``, on which the compiled PPO, with and without memory, and SAC train; for long only where tomatoes grow."""
 OF_GREENHOUSE = {"outdoor": 5, "ppo_greenhouse": 3, "ppo_memory_greenhouse": 3}
 """Trainings of each recipe on GreenhouseReal-v1. The mean of ``outdoor`` is the zero of the task's scores."""
 CARD_OF_RECIPE = "card.in.toml"

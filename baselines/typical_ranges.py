@@ -26,6 +26,7 @@ from glbench.tasks import TaskSpec, get_task, task_card
 
 FILE = Path(__file__).resolve().parent.parent / "glbench" / "tasks" / "typical_ranges.csv"
 AGENTS = {
+    "GreenhouseReal-v1": ("rule_based_fair", "rule_based_tuned", "rule_based_greenhouse"),
     "Spring-v1": ("rule_based_fair", "rule_based_tuned"),
     "Lettuce-v1": ("rule_based_fair", "rule_based_tuned"),
     "SpringEnergy-v1": ("rule_based_energy",),

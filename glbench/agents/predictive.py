@@ -58,9 +58,11 @@ class PredictiveSettings(Table):
         Raises ``SubmissionError`` when there is no end value for the task's model, or it cannot be planned for.
         """
         if task.model_id not in self.end_values:
+            able = predictive_baseline(task)
             msg = (
                 f"There is no end value for the model of {task.id}, {task.model_id}.{did_you_mean(task.model_id, self.end_values)} "
                 f"There are some for {', '.join(self.end_values)}."
+                + (f" The baseline {able} has one for {task.model_id}." if able != PREDICTIVE_BASELINES[0] else "")
             )
             raise SubmissionError(msg)
         limited = dict(task.constraints.items())

@@ -192,7 +192,8 @@ class PredictiveController:
         days_left
             From now to the end of the season, which an end value needs.
         delivery
-            What actuators are expected to deliver of the plan, which is of commands then (``StateEstimator.delivery``); by default all of it.
+            What actuators are expected to deliver of the plan, whose controls are commands then (``StateEstimator.delivery``); all of
+            it by default.
 
         Returns
         -------

@@ -406,6 +406,12 @@ def test_a_task_that_cannot_be_planned_for_says_why(task_id: str) -> None:
         agent.reset(task_card(get_task(task_id)), 1)
 
 
+def test_mpc_names_the_baseline_that_plans_for_the_task() -> None:
+    task = get_task("GreenhouseReal-v1")
+    with pytest.raises(SubmissionError, match=f"The baseline mpc_greenhouse has one for {task.model_id}"):
+        PredictiveAgent(settings("mpc")).reset(task_card(task), 1)
+
+
 def test_settings_that_are_none_are_refused(tmp_path: Path) -> None:
     from glbench.agents.predictive import read_predictive_settings
 

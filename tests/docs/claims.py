@@ -943,7 +943,6 @@ CLAIMS: dict[str, list[Claim]] = {
         ("{} kPa at 20 degC and {} %", lambda: (float(vapour_pressure_deficit(20.0, 80.0)), 80)),
         ("{} g m-3 there", lambda: float(humidity_deficit(20.0, 80.0))),
         (f"(CO2 up to {{}} ppm in `{HEADLINE.short_id}`)", lambda: _bound(HEADLINE.id, "co2")),
-        ("(fruits up to {} m-2)", lambda: _bound(HEADLINE.id, "fruits")),
     ],
     "docs/environment.md": [
         *(

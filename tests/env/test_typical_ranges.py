@@ -12,13 +12,13 @@ import pytest
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv
 from glbench.tasks import Normalisation, TaskSpec, get_task, list_drafts, list_tasks, task_card
 
-PUBLISHED = "9d3175c32166a1a4123d1454804a736dedaed2aa6c31d7951653251e72a01612"
+PUBLISHED = "b73580e907db7d1d7c31b79bd2c394ea4244728d747cb507194cf428458eb9c9"
 
 
 def test_published_ranges_do_not_change() -> None:
     """Policies were trained on them. New columns go to the end: extend ``lines`` then."""
     text = files("glbench.tasks").joinpath("typical_ranges.csv").read_text(encoding="utf-8")
-    lines = text.splitlines(keepends=True)[:20]
+    lines = text.splitlines(keepends=True)[:26]
     assert hashlib.sha256("".join(lines).encode()).hexdigest() == PUBLISHED
 
 
