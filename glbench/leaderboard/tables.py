@@ -127,7 +127,7 @@ SCORE_STEP = 0.01  # Narrower intervals of normalised scores are not shown: anot
 
 def scale_words(table: SuiteTable) -> str:
     """What the scores of a suite are: what 0 and 1 mean, or why money is shown instead."""
-    tasks = f"over the {len(table.tasks)} tasks"
+    tasks = f"over the {len(table.tasks)} tasks" if len(table.tasks) > 1 else "on its only task"
     if not table.in_money:
         versions, zero = " and ".join(map(str, sorted(set(table.scale_versions.values())))), " or ".join(table.zero)
         return f"Normalised score {tasks}: 0 is the mean of {zero}, 1 the best known result of each task (scale version {versions})."

@@ -678,7 +678,7 @@ CLAIMS: dict[str, list[Claim]] = {
             "to come included | – | {} | {} |",
             lambda: (score("best_known", "Spring-v1"), mean("best_known", 0)),
         ),
-        ("forecasts (`mpc`) | – | {} |", lambda: score("mpc", "Spring-v1")),
+        ("forecasts (`mpc_greenhouse`; `mpc`) | – | {} |", lambda: score("mpc", "Spring-v1")),
         (
             "(`ppo_memory_greenhouse`; `ppo_long`; `ppo_fast`) | {} | {} | {} |",
             lambda: (
@@ -1166,6 +1166,17 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("seeds 1 and 2) earn {}, {} and {} EUR/m2 on the test", lambda: compiled("ppo_fast", "reward")),
         ("they earn {}, {} and {}, a little more", lambda: compiled("ppo_memory", "reward")),
+        (
+            "`ppo_greenhouse` earn {}, {} and {} EUR/m2",
+            lambda: tuple(score(f"ppo_greenhouse{seed}", "GreenhouseReal-v1") for seed in ("", "_seed1", "_seed2")),
+        ),
+        (
+            "(`ppo_memory_greenhouse`) {}, {} and {}, and the rules tuned there (`rule_based_greenhouse`) {}.",
+            lambda: (
+                *(score(f"ppo_memory_greenhouse{seed}", "GreenhouseReal-v1") for seed in ("", "_seed1", "_seed2")),
+                score("rule_based_greenhouse", "GreenhouseReal-v1"),
+            ),
+        ),
         ("some twenty minutes of one core), earn {}, {} and {}.\nThe tuned", lambda: compiled("ppo_long", "reward")),
         ("The tuned rules earn {} and `mpc`", lambda: score("rule_based_tuned", "Spring-v1")),
         ("and `mpc` {}. Violations", lambda: score("mpc", "Spring-v1")),
