@@ -39,7 +39,7 @@ Floats = NDArray[np.float64]
 VARIANCE = {"sticks": 1.0 / 6.0, "fails": 1.0 / 3.0}
 """Mean square of what an actuator is off during a fault: of the difference of two numbers drawn evenly from 0 to 1, and of one of them."""
 OFF = 0.15
-"""Off by as much, an actuator has a fault as likely as not. A choice: without one, those of shipped tasks fall short by at most 0.1 to 0.2."""
+"""Off by as much, an actuator has a fault as likely as not. A choice: without one, shipped actuators fall short by up to 0.2."""
 
 
 @dataclass(frozen=True, eq=False)
