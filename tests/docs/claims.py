@@ -1094,7 +1094,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("These are the {} columns of the default task", lambda: len(HEADLINE.observed())),
         ("{} of them are forecasts", lambda: forecast_columns(HEADLINE)),
         ("doing nothing without breaking a limit gives {} a step there", lambda: reward_of_epi()[1] / TASK.steps),
-        ("besides: {} EUR/m² in the default task", lambda: HEADLINE.evaluation.failed_step.reward),
+        ("that ended early counts {} EUR/m² in the default task", lambda: HEADLINE.evaluation.failed_step.reward),
         ("in those of the paper {}, where", lambda: TASK.evaluation.failed_step.reward),
         ("keeps a crop earns about +{})", lambda: mean("rule_based_fair", 10) / TASK.steps),
     ],
