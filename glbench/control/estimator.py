@@ -168,9 +168,9 @@ class StateEstimator:
         places = self._delivery.places
         if not places:
             return None
-        left = np.ones((whole_number(steps, "The number of steps ahead"), self._u.shape[1]))
-        left[:, places] = self._fading[self._places[2] - self._s : self._places[3] - self._s] ** np.arange(1, steps + 1)[:, None]
-        return Delivery.ahead(self.controls, self._commands, left)
+        lasting = np.ones((whole_number(steps, "The number of steps ahead"), self._u.shape[1]))
+        lasting[:, places] = self._fading[self._places[2] - self._s : self._places[3] - self._s] ** np.arange(1, steps + 1)[:, None]
+        return Delivery.ahead(self.controls, self._commands, lasting)
 
     @property
     def parameters(self) -> Floats:

@@ -113,12 +113,13 @@ def list_drafts() -> list[TaskSpec]:
 
 
 def list_suites() -> dict[str, tuple[str, ...]]:
-    """Names of the suites and the ids of their tasks; those of the default task come first."""
+    """Names of the suites and the ids of their tasks; those of the default task come first, then their older forms (``control-2025``)."""
     suites: dict[str, list[str]] = {}
     for task in sorted(list_tasks(), key=lambda task: task.id != DEFAULT_TASK):
         for suite in task.suites:
             suites.setdefault(suite, []).append(task.id)
-    return {suite: tuple(sorted(ids)) for suite, ids in suites.items()}
+    ours = next(iter(suites), "")
+    return {suite: tuple(sorted(suites[suite])) for suite in sorted(suites, key=lambda suite: not suite.startswith(ours))}
 
 
 def get_suite(name: str) -> tuple[TaskSpec, ...]:
