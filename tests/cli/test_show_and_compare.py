@@ -135,7 +135,7 @@ def test_agents_are_compared_over_all_tasks_that_both_have(glbench):
     done = glbench("compare", "rule_based", "rule_based_fair")
     assert done.code == 0
     assert "task by task" in done.out
-    assert "higher reward on 16 of 18 tasks, rule_based_fair on 0; on 2 they cannot be told apart." in done.out
+    assert "higher score on 16 of 18 tasks, rule_based_fair on 0; on 2 they cannot be told apart." in done.out
     assert "nothing is drawn here" in done.out
 
 
