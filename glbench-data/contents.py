@@ -1,7 +1,8 @@
 """Which of the checkout's data goes into which wheel, for the build hooks of both.
 
-``glbench-data`` holds all baselines and all released results. ``glbench`` holds what its commands need without it: every released result,
-and every baseline but large policies and plans. It also holds the digest of the data that belong to it, and what it lacks of them.
+``glbench-data`` holds all baselines and all released results. ``glbench`` holds what its commands need without it: every released result
+but those of the suite transfer, and every baseline but large policies and plans. It also holds the digest of the data that belong to it,
+and what it lacks of them.
 """
 
 from __future__ import annotations
@@ -9,13 +10,15 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
 FOLDERS = ("baselines", "reports/released/results")
 LARGEST_POLICY = 90 * 1024
 """Size of a baseline's policies or plans from which on they are only in ``glbench-data`` [bytes]."""
-_PROFILE = ".profile.json.gz"
+BESIDE = ("*.profile.json.gz", "reports/released/results/Transfer-*")
+"""Results that are only in ``glbench-data``: what the report draws days from, and the tasks in which trained agents meet other climates."""
 
 
 def whole(root: Path) -> dict[str, Path]:
@@ -35,7 +38,10 @@ def digest(files: dict[str, Path]) -> str:
 
 
 def part(root: Path) -> tuple[dict[str, Path], dict[str, Any]]:
-    """What of it ``glbench`` holds, and what it says of the whole: version, SHA-256, and the baselines left out with their digests."""
+    """What of it ``glbench`` holds, and what it says of the whole.
+
+    That is the version, the SHA-256, the baselines left out with their digests, and the tasks whose results are left out.
+    """
     files = whole(root)
     large = {}
     for card in sorted((root / "baselines").glob("*/card.toml")):
@@ -44,11 +50,13 @@ def part(root: Path) -> tuple[dict[str, Path], dict[str, Any]]:
         if sum(files[name].stat().st_size for name in own) > LARGEST_POLICY:
             large[card.parent.name] = own
     beside = {name for names in large.values() for name in names}
-    kept = {name: file for name, file in files.items() if name not in beside and not name.endswith(_PROFILE)}
+    beside |= {name for name in files if any(fnmatch(name, pattern) for pattern in BESIDE)}
+    kept = {name: file for name, file in files.items() if name not in beside}
     facts = {
         "version": _version(root),
         "sha256": digest(files),
         "left_out": {name: _agent_digest(root, name) for name in large},
+        "tasks": sorted({Path(name).parts[3] for name in beside if fnmatch(name, BESIDE[1])}),
     }
     return kept, facts
 

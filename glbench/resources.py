@@ -13,7 +13,7 @@ import importlib.util
 import json
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path, PurePosixPath
@@ -52,6 +52,8 @@ class DataPackage:
         Of the package that belongs to this wheel.
     left_out
         Baselines whose policies or plans are only there, and their digests.
+    tasks
+        Tasks, without their namespace, whose released results are only there.
     folder
         Where it is installed; None where it is not, or where another version is.
     """
@@ -59,6 +61,7 @@ class DataPackage:
     version: str
     sha256: str
     left_out: Mapping[str, str]
+    tasks: Sequence[str] = ()
     folder: Path | None = None
 
 
@@ -105,6 +108,14 @@ def left_out() -> Mapping[str, str]:
     """Baselines whose policies or plans are not installed here, and their digests."""
     package = data_package()
     return {} if package is None or package.folder is not None else package.left_out
+
+
+def where_results_are(task_ids: Iterable[str]) -> str:
+    """A sentence on the released results of these tasks that are not installed here, with a space before it; empty where there are none."""
+    package = data_package()
+    if package is None or package.folder is not None or not {task_id.rpartition("/")[2] for task_id in task_ids} & {*package.tasks}:
+        return ""
+    return f" What came with glbench is not part of this installation. {how_to_get_data()}"
 
 
 def how_to_get_data() -> str:

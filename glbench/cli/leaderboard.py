@@ -16,6 +16,7 @@ from glbench.cli import console, options
 from glbench.cli.console import Markup, plain, styled
 from glbench.cli.options import REPORTS
 from glbench.errors import ResultError, did_you_mean, refuse
+from glbench.resources import where_results_are
 from glbench.untrusted import visible
 
 if TYPE_CHECKING:
@@ -103,7 +104,9 @@ def leaderboard(
         yield console.aside(f"As a page to look into: glbench report{'' if out == REPORTS else f' --out {out}'}")
 
     missing = [name for name in suite if name not in {table.suite for table in aggregated}]
-    notes = [f"No task of the suite '{name}' has both results and a best known one yet." for name in missing]
+    notes = [
+        f"No task of the suite '{name}' has both results and a best known one yet.{where_results_are(suites[name])}" for name in missing
+    ]
     console.show(
         console.View(
             chain(_parts(selection, of_suites, members=members), more()), document, notes=notes, code=int(strict and bool(problems))
@@ -164,7 +167,8 @@ def _by_names(tables: Sequence[TaskTable], names: Sequence[str]) -> list[TaskTab
             boards = [board for board in by_name if board.startswith(f"{name}@")]
             if boards:
                 refuse(f"'{name}' has several boards here, of sealed rounds or other splits. Name one: {', '.join(boards)}.", ResultError)
-            refuse(f"There are no results of a task '{name}'.{did_you_mean(name, [table.task_id for table in tables])}", ResultError)
+            hint = where_results_are([name]) or did_you_mean(name, [table.task_id for table in tables])
+            refuse(f"There are no results of a task '{name}'.{hint}", ResultError)
     return list({by_name[name].task_id: by_name[name] for name in names}.values())
 
 

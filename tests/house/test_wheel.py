@@ -29,7 +29,7 @@ from tests.support import write_day_task
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
-LARGEST = 8_200_000
+LARGEST = 8_000_000
 """Size of a wheel that anybody installs at once [bytes]."""
 
 
@@ -111,6 +111,7 @@ def test_the_data_wheel_holds_all_baselines_and_results_and_is_the_one_that_the_
         for file in ("baselines/ppo/weights/delta10.npz", "reports/released/results/Spring-v1/mpc.profile.json.gz"):
             assert data.read(f"glbench_data/{file}") == (ROOT / file).read_bytes()
             assert f"glbench/_data/{file}" not in own.namelist()
+        assert not [name for name in own.namelist() if "results/Transfer-" in name]
     versions = [
         tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
         for project in (ROOT, ROOT / "glbench-data")
@@ -151,6 +152,17 @@ def test_an_agent_with_large_weights_acts_once_the_data_are_installed(installed,
         archive.extractall(site)
     done = run_installed(site, tmp_path, *job)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_leaderboard_of_results_that_are_not_installed_says_where_they_are(installed, tmp_path):
+    for selection, words in (
+        (("--task", "Transfer-Miami-v1"), "There are no results of a task"),
+        (("--suite", "transfer"), "No task of the suite"),
+    ):
+        done = run_installed(installed, tmp_path, "leaderboard", *selection)
+        said = " ".join(done.stderr.split())
+        assert words in said
+        assert "pip install glbench-data==" in said
 
 
 @pytest.mark.usefixtures("carried")
