@@ -8,7 +8,7 @@ and engine earn by it; see docs/energy-dispatch.md.
 from __future__ import annotations
 
 from glbench.bounds.search import PlanOutcome, PlanValue, Search, agent_controls, group_by_conditions, replay_plans
-from glbench.bounds.submitting import PlanComparison, best_known, candidates, submit
+from glbench.bounds.submitting import PlanComparison, best_known, candidates, repeats_actions, submit
 
 __all__ = [
     "PlanComparison",
@@ -19,6 +19,7 @@ __all__ = [
     "best_known",
     "candidates",
     "group_by_conditions",
+    "repeats_actions",
     "replay_plans",
     "submit",
 ]

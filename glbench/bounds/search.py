@@ -153,19 +153,9 @@ class Search:
         return outcomes
 
     def save_card(self) -> None:
-        """Write the card with which the folder of plans can be evaluated as an agent that sees everything.
-
-        Raises ``GlbenchError`` when it cannot be written.
-        """
-        lines = {
-            "title": f"Plans for {self.task.id}",
-            "controller": "plans",
-            "settings": ".",
-            "description": f"Plans optimised from the actions of {self.start.agent.name}, with {self.iterations} iterations each.",
-            "made": "glbench bound",
-        }
-        text = "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in lines.items())
-        write_atomically(self.folder / CARD_FILE, f"{text}sources = []\n")
+        """Write the card with which the folder of plans can be evaluated as an agent that sees everything; errors as of ``save_card``."""
+        about = f"Plans optimised from the actions of {self.start.agent.name}, with {self.iterations} iterations each."
+        save_card(self.folder, f"Plans for {self.task.id}", about)
 
     def jobs(self, progress: Callable[[Progress], None] | None = None) -> list[PlanJob]:
         """The remaining plans to search for, each with the controls of the starting agent, which is evaluated in these runs."""
@@ -206,6 +196,13 @@ class Search:
                 book = book.with_about(start=job.start)
                 book.save(self.place(job.seeds))
                 yield PlanOutcome.of_book(job.seeds, book)
+
+
+def save_card(folder: Path, title: str, description: str) -> None:
+    """Write the card that makes a folder of plans an agent. Raises ``GlbenchError`` when it cannot be written."""
+    lines = {"title": title, "controller": "plans", "settings": ".", "description": description, "made": "glbench bound"}
+    text = "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in lines.items())
+    write_atomically(folder / CARD_FILE, f"{text}sources = []\n")
 
 
 def group_by_conditions(task: TaskSpec, seeds: Sequence[int]) -> tuple[tuple[int, ...], ...]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from glbench import __version__
 from glbench.agents.baselines import read_baseline
 from glbench.agents.plans import PlanBook, PlanFolder, read_book
-from glbench.bounds.search import PlanValue, replay_plans
+from glbench.bounds.search import PlanValue, replay_plans, save_card
 from glbench.errors import GlbenchError, SubmissionError, UnknownNameError, refuse
 from glbench.evaluation import load_result
 from glbench.evaluation.saving import recorded_actions, task_of_result
@@ -72,6 +72,18 @@ def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[
             better_book = book.only(better)
             (better_book if best_book is None else best_book.merged(better_book)).save(place)
         yield from comparisons
+
+
+def repeats_actions(result: Path, folder: Path) -> Path:
+    """Write an agent into ``folder`` that repeats what was done in the runs of a result, and give its folder: a start for a ``Search``.
+
+    Raises ``GlbenchError`` when the result has no recorded actions beside it, or they cannot be plans.
+    """
+    ((task, book),) = candidates(result)
+    name = f"actions_of_{result.stem}"
+    book.save(PlanFolder(folder / name).place(task))
+    save_card(folder / name, f"Actions of {result.stem} on {task.id}", f"Repeats what was done in the runs of {result.name}.")
+    return folder / name
 
 
 def _not_published(task_id: str, digest: str) -> str:

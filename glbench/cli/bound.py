@@ -39,7 +39,8 @@ def bound(
         str | None,
         typer.Option(
             "--start",
-            help="Agent whose controls each plan starts from. Default: best_known if every run has a plan, else the example my_agent.",
+            help="Agent whose controls each plan starts from, or its result (.json) in these runs, which saves an evaluation. Default: "
+            "best_known if every run has a plan, else the example my_agent.",
         ),
     ] = None,
     iterations: Annotated[
@@ -107,7 +108,7 @@ def make_search(
     workers: int | None,
 ) -> Search:
     """The search that the options of ``glbench bound`` describe."""
-    from glbench.bounds import Search, best_known
+    from glbench.bounds import Search, best_known, repeats_actions
     from glbench.evaluation import protect
     from glbench.evaluation.records import usable_cores
     from glbench.resources import data_folder
@@ -123,8 +124,10 @@ def make_search(
         book = best_known().book(spec)
         is_complete = book is not None and book.why_not(spec) is None and set(seeds) <= set(book.runs)
         start = "best_known" if is_complete else str(data_folder("submissions") / _EXAMPLE)
-    name = spec.short_id + (f"-{split}" if split != "test" else "")
-    return Search(spec, seeds, protect(start, sandbox.value), out or Path("runs") / "bound" / name, iterations, workers or usable_cores())
+    folder = out or Path("runs") / "bound" / (spec.short_id + (f"-{split}" if split != "test" else ""))
+    if Path(start).suffix == ".json":
+        start = str(repeats_actions(Path(start), folder / "start"))
+    return Search(spec, seeds, protect(start, sandbox.value), folder, iterations, workers or usable_cores())
 
 
 def _plans(search: Search, engine: options.EngineName, remaining: int) -> Iterator[PlanOutcome]:

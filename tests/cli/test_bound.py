@@ -50,6 +50,22 @@ def test_a_search_of_two_runs_and_again(glbench: Command) -> None:
 
 
 @pytest.mark.usefixtures("here")
+def test_a_search_that_begins_with_a_result_finds_the_plan_of_one_that_begins_with_its_agent(glbench: Command) -> None:
+    assert glbench("evaluate", "steady.py", "--task", "day.toml", "--sandbox", "none", "--runs", "2", "--seed", "3").code == 0
+    result = next(Path("reports").rglob("steady.json"))
+    line = ("bound", "day.toml", "--scenario", "4", "-n", "1", "--workers", "1")
+    of_agent = glbench(*line, "--start", "steady.py", "--sandbox", "none", "--out", "plans/agent")
+    of_result = glbench(*line, "--start", str(result), "--out", "plans/result")
+    assert of_result.code == 0, of_result.err
+    assert "beginning as actions_of_steady does" in of_result.err
+    assert of_result.out == of_agent.out
+
+    other = glbench("bound", "day.toml", "--scenario", "7", "-n", "1", "--start", str(result), "--out", "plans/other")
+    assert other.code == 1
+    assert "There is no plan for the run of test/Day-v1 with the seed 7" in " ".join(other.err.split())
+
+
+@pytest.mark.usefixtures("here")
 def test_plans_for_a_task_of_ones_own_never_become_those_of_a_published_one(
     glbench: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
