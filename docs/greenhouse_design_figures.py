@@ -75,10 +75,10 @@ def scores(figures: Mapping[str, Any], agent: str, what: str = "reward") -> Scor
     return np.array([figures["evaluations"][str(year)][agent][what] for year in YEARS])
 
 
-def same_pairs(figures: Mapping[str, Any]) -> tuple[int, int]:
-    """How many pairs of sensible agents have the same order in each of the years, and how many pairs there are."""
-    pairs = list(combinations((scores(figures, agent).mean(axis=1) for agent in SENSIBLE), 2))
-    return sum(len(set(np.sign(a - b))) == 1 for a, b in pairs), len(pairs)
+def changing_pairs(figures: Mapping[str, Any]) -> list[set[str]]:
+    """Pairs of agents that have one order in one year and the other in another."""
+    means = {name: scores(figures, name).mean(axis=1) for name in (Path(agent).stem for agent in AGENTS)}
+    return [{a, b} for a, b in combinations(means, 2) if len(set(np.sign(means[a] - means[b]))) > 1]
 
 
 def year_table(figures: Mapping[str, Any]) -> str:
