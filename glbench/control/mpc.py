@@ -146,7 +146,9 @@ class PredictiveController:
         self._runs = _at_least_one(runs, "The number of runs")
         self._radius = np.full(self._runs, _FIRST_RADIUS)
         self._at, self._steps_done, self._decisions = 0, 0, 0
-        self._jacobians, self._renewed = np.zeros((self._runs, 0)), np.zeros(self._runs, dtype=np.bool_)
+        # A ring of steps ahead, which begins with the step of the decision: nothing is copied as the horizon moves on.
+        self._jacobians, self._slots = np.zeros(0), np.arange(0)
+        self._renewed = np.zeros(self._runs, dtype=np.bool_)
         self._plan = np.zeros((self._runs, 0, len(self._high)))
         if controls is not None:
             first = np.asarray(controls, dtype=np.float64)
@@ -226,13 +228,12 @@ class PredictiveController:
             after = days_left - steps * self.task.step_seconds / 86400.0
             if after > 1e-9:  # nothing comes after horizons that end with the season
                 end = self._end_value(self._near, dates[:, -1, 0], after)
-        # The derivatives of the last decision are shifted to the current horizon, and those to recompute are marked.
-        old = self._jacobians[:, self._at :][:, :steps]
-        self._jacobians = np.zeros((self._runs, steps, *old.shape[2:]))
-        self._jacobians[:, : old.shape[1]] = old
+        # Derivatives of the last decision stay in their slots, and those to recompute are marked.
+        known = len(self._slots) - self._at
+        self._slots = (self._steps_done + np.arange(steps)) % self.horizon
         turn = (self._steps_done + np.arange(steps) - self._decisions) % self._renew_every == 0
         self._outdated = np.tile(turn, (self._runs, 1))
-        self._outdated[:, :_NEXT] = self._outdated[:, old.shape[1] :] = True
+        self._outdated[:, :_NEXT] = self._outdated[:, max(known, 0) :] = True
         self._outdated[~self._renewed] = True
         self._renewed[:] = False
         usable = np.isfinite(states).all(axis=1) & np.isfinite(before).all(axis=1)
@@ -312,9 +313,9 @@ class PredictiveController:
         if outdated.all():
             linearisation = kernel.linearise_trajectory(x, u, d, p)
             if self._renew_every > 1:
-                if self._jacobians.ndim == 2:
-                    self._jacobians = np.zeros((*self._jacobians.shape, *linearisation.jacobians.shape[2:]))
-                self._jacobians[rows] = linearisation.jacobians
+                if not self._jacobians.size:
+                    self._jacobians = np.zeros((self._runs, self.horizon, *linearisation.jacobians.shape[2:]))
+                self._jacobians[rows[:, None], self._slots] = linearisation.jacobians
             return linearisation
         states = kernel.rollout(x, u, d, p)
         run, step = np.nonzero(outdated)
@@ -325,8 +326,8 @@ class PredictiveController:
             p[run, step] if p.ndim == 3 else _of(p, run),
             inputs=("x", "u"),
         )
-        self._jacobians[rows[run], step] = np.concatenate([renewed.du, renewed.dx], axis=2).swapaxes(1, 2)
-        return Trajectory(states, ("x", "u"), self._jacobians[rows], kernel)
+        self._jacobians[rows[run], self._slots[step]] = np.concatenate([renewed.du, renewed.dx], axis=2).swapaxes(1, 2)
+        return Trajectory(states, ("x", "u"), self._jacobians[rows[:, None], self._slots], kernel)
 
     def _rollouts(self, candidates: Floats, x: Floats, d: Floats, p: Floats) -> Floats:
         """States ``(rows, lengths, T + 1, s)``, with meters where there are some; NaN where a step fails."""
