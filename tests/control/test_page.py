@@ -48,7 +48,7 @@ def test_a_step_within_limits_has_no_derivative_for_them_but_for_tighter_ones(na
 
 
 def test_an_exact_and_a_smoothed_reward_agree_far_from_limits(names: dict[str, Any]) -> None:
-    exact, smoothed = (StageReward(names["task"], smoothing=share)(names["x"], names["u"]) for share in (0.0, 0.03))
+    exact, smoothed = (StageReward(names["scenario"].task, smoothing=share)(names["x"], names["u"]) for share in (0.0, 0.03))
     kept = exact.penalty == 0.0
     assert kept.any()
     assert exact.reward[kept].tobytes() == smoothed.reward[kept].tobytes()
