@@ -69,3 +69,11 @@ def test_the_agent_of_the_page_plays_a_task(names: dict[str, Any]) -> None:
         assert not acts or simulation.u == pytest.approx(agent.controls, abs=1e-12)
     assert (rewards[0] > rewards[1]).all()
     assert names["wanted"].shape == (1, 6)
+
+
+def test_the_shapes_of_the_estimator_and_the_outlook_are_those_of_the_page(names: dict[str, Any]) -> None:
+    estimator, coming = names["estimator"], names["coming"]
+    assert names["states"].shape == estimator.deviations.shape == (2, 118)
+    assert (estimator.controls.shape, estimator.parameters.shape) == ((2, 10), (2, 249))
+    assert (coming.d.shape, coming.calendar.shape) == ((2, 96, 10), (2, 97, 3))
+    assert estimator.delivery(96) is not None
