@@ -384,7 +384,7 @@ def _comparison_parts(entries: Sequence[tuple[Entry, Entry]], tests: Sequence[tu
 
 
 def _place(pair: Pair, *, named: bool) -> str:
-    """``Spring-v1: `` if there are several tasks to tell apart."""
+    """``GreenhouseReal-v1: `` if there are several tasks to tell apart."""
     return f"{pair.task_id.rpartition('/')[2]}: " if named else ""
 
 

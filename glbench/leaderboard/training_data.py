@@ -133,7 +133,7 @@ class TrainingData(FrozenModel):
 
     @property
     def words(self) -> str:
-        """``Spring-v1, training split, 2008 to 2010``; ``unknown`` where nothing is stated."""
+        """``GreenhouseReal-v1, training split, 2008 to 2010``; ``unknown`` where nothing is stated."""
         if self.split == "none":
             return "not trained on any season"
         parts = [task.rpartition("/")[2] for task in self.tasks]

@@ -48,7 +48,7 @@ def test_a_step_within_limits_has_no_derivative_for_them_but_for_tighter_ones(na
 
 
 def test_an_exact_and_a_smoothed_reward_agree_far_from_limits(names: dict[str, Any]) -> None:
-    exact, smoothed = (StageReward(names["task"], smoothing=share)(names["x"], names["u"]) for share in (0.0, 0.03))
+    exact, smoothed = (StageReward(names["scenario"].task, smoothing=share)(names["x"], names["u"]) for share in (0.0, 0.03))
     kept = exact.penalty == 0.0
     assert kept.any()
     assert exact.reward[kept].tobytes() == smoothed.reward[kept].tobytes()
@@ -69,3 +69,11 @@ def test_the_agent_of_the_page_plays_a_task(names: dict[str, Any]) -> None:
         assert not acts or simulation.u == pytest.approx(agent.controls, abs=1e-12)
     assert (rewards[0] > rewards[1]).all()
     assert names["wanted"].shape == (1, 6)
+
+
+def test_the_shapes_of_the_estimator_and_the_outlook_are_those_of_the_page(names: dict[str, Any]) -> None:
+    estimator, coming = names["estimator"], names["coming"]
+    assert names["states"].shape == estimator.deviations.shape == (2, 118)
+    assert (estimator.controls.shape, estimator.parameters.shape) == ((2, 10), (2, 249))
+    assert (coming.d.shape, coming.calendar.shape) == ((2, 96, 10), (2, 97, 3))
+    assert estimator.delivery(96) is not None

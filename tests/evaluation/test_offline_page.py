@@ -26,8 +26,8 @@ def test_the_command_writes_the_dataset_that_the_example_learns_from(
     done = CliRunner().invoke(app, [*command.replace("--runs 20", "--runs 1").split()])
     assert done.exit_code == 0, done.output
     assert "rule_based_fair" in done.stdout
-    task = get_task("Spring-v1")
-    (steps, columns, size) = re.findall(r"`Spring-v1`, ([\d,]+) steps with (\d+) columns, takes ([\d.]+) MB", page)[0]
+    task = get_task("GreenhouseReal-v1")
+    (steps, columns, size) = re.findall(r"`GreenhouseReal-v1`, ([\d,]+) steps with (\d+) columns, takes ([\d.]+) MB", page)[0]
     assert (int(steps.replace(",", "")), int(columns)) == (task.steps, len(task.observed()))
     files = [file.stat().st_size for file in tmp_path.rglob("*.parquet")]
     assert len(files) == 2

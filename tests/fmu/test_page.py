@@ -31,7 +31,7 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     with pytest.raises(SystemExit) as end:
         main(command.split())
     assert end.value.code == 1
-    assert "spring.fmu exists already" in capsys.readouterr().err
+    assert "greenhouse.fmu exists already" in capsys.readouterr().err
 
 
 def test_the_settings_for_other_programs_name_a_library_and_the_packages(tmp_path: Path) -> None:

@@ -110,6 +110,6 @@ def test_the_example_of_the_page_trains_and_saves(tmp_path: Path, monkeypatch: p
     (example,) = (one for one in examples_of("training.md") if "make_vec_env" in one)
     names = run_examples("training.md", [example], {})
     assert names["model"].num_timesteps >= 12_288
-    assert names["env"].observation_space.shape == (len(get_task("Spring-v1").observed()),)
+    assert names["env"].observation_space.shape == (len(get_task("GreenhouseReal-v1").observed()),)
     assert (tmp_path / "my_ppo.zip").is_file()
     assert (tmp_path / "vecnormalize.pkl").is_file()
