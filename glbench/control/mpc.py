@@ -229,11 +229,11 @@ class PredictiveController:
             if after > 1e-9:  # nothing comes after horizons that end with the season
                 end = self._end_value(self._near, dates[:, -1, 0], after)
         # Derivatives of the last decision stay in their slots, and those to recompute are marked.
-        known = len(self._slots) - self._at
+        overlap = len(self._slots) - self._at
         self._slots = (self._steps_done + np.arange(steps)) % self.horizon
         turn = (self._steps_done + np.arange(steps) - self._decisions) % self._renew_every == 0
         self._outdated = np.tile(turn, (self._runs, 1))
-        self._outdated[:, :_NEXT] = self._outdated[:, max(known, 0) :] = True
+        self._outdated[:, :_NEXT] = self._outdated[:, max(overlap, 0) :] = True
         self._outdated[~self._renewed] = True
         self._renewed[:] = False
         usable = np.isfinite(states).all(axis=1) & np.isfinite(before).all(axis=1)
