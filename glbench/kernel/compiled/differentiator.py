@@ -97,6 +97,8 @@ class CompiledDifferentiator:
 
     def forward(self, rows: Rows, directions: Directions) -> Forward:
         """Step and differentiate along directions."""
+        if self._equipped(rows).all():
+            return self._forward(rows, directions, self._full)[0]
         result, status = self._forward(rows, directions, self._usual)
         again = binding.failed_with(status, binding.Failure.EQUIPMENT_PRESENT)
         if again.size:
@@ -115,6 +117,8 @@ class CompiledDifferentiator:
 
     def reverse(self, rows: Rows, cotangents: FloatArray, *, parameters: bool) -> Reverse:
         """Step and pull cotangents (n, states) back."""
+        if self._equipped(rows).all():
+            return self._reverse(rows, cotangents, self._full, parameters=parameters)[0]
         result, status = self._reverse(rows, cotangents, self._usual, parameters=parameters)
         again = binding.failed_with(status, binding.Failure.EQUIPMENT_PRESENT)
         if again.size:
@@ -128,7 +132,7 @@ class CompiledDifferentiator:
 
     def reverse_horizons(self, rows: Rows, steps: int, cotangents: FloatArray, *, parameters: bool) -> Reverse:
         """Step and pull cotangents back through horizons of ``steps`` rows each."""
-        equipped = rows.p[:, self._absent].any(axis=1)
+        equipped = self._equipped(rows)
         if equipped.any() and not equipped.all():  # two libraries take turns
             return reverse_by_steps(self, rows, steps, cotangents, parameters=parameters)
         library = self._full if equipped.any() else self._usual
@@ -157,6 +161,10 @@ class CompiledDifferentiator:
         tables = (np.ascontiguousarray(jacobians), np.ascontiguousarray(along), states)
         sweep = Sweep(*along.shape, *(table.ctypes.data for table in tables))
         run(ctypes.byref(self._settings), ctypes.byref(sweep))
+
+    def _equipped(self, rows: Rows) -> npt.NDArray[np.bool_]:
+        """Which rows, or the one set of parameters that all share, have equipment that the usual library does not know."""
+        return np.asarray(rows.p[:, self._absent].any(axis=1))
 
     def _add_absent(self, result: Reverse, which: npt.NDArray[np.intp], rows: Rows, cotangents: FloatArray) -> None:
         """Gradients for the parameters of absent equipment, which the usual library does not know."""
