@@ -1,7 +1,7 @@
 """Tables of docs/greenhouse-design.md: ``python -m docs.greenhouse_design_figures [--work runs/design] [--only-page]``.
 
 Evaluates agents of all kinds but predictive control, and blind recordings of some, on seasons of GreenhouseReal-v1 made of the training
-years, one year at a time, drawn with keys that no split has, so that nothing here has seen a test. Writes
+years, one year at a time, drawn with salts that no split has, so that nothing here has seen a test. Writes
 docs/measurements/greenhouse-design.json and the tables between the markers of the page. Evaluations that are there already in the work
 folder are not done again.
 """

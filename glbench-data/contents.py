@@ -18,7 +18,7 @@ FOLDERS = ("baselines", "reports/released/results")
 LARGEST_POLICY = 90 * 1024
 """Size of a baseline's policies or plans from which on they are only in ``glbench-data`` [bytes]."""
 BESIDE = ("*.profile.json.gz", "reports/released/results/Transfer-*")
-"""Results that are only in ``glbench-data``: what the report draws days from, and the tasks in which trained agents meet other climates."""
+"""Files of results that are only in ``glbench-data``: profiles, from which the report draws days, and the suite transfer."""
 
 
 def whole(root: Path) -> dict[str, Path]:

@@ -111,11 +111,11 @@ def left_out() -> Mapping[str, str]:
 
 
 def where_results_are(task_ids: Iterable[str]) -> str:
-    """A sentence on the released results of these tasks that are not installed here, with a space before it; empty where there are none."""
+    """A sentence on the released results of these tasks that are not installed here, with a space before it; empty if all are."""
     package = data_package()
     if package is None or package.folder is not None or not {task_id.rpartition("/")[2] for task_id in task_ids} & {*package.tasks}:
         return ""
-    return f" What came with glbench is not part of this installation. {how_to_get_data()}"
+    return f" What glbench ships of them is not part of this installation. {how_to_get_data()}"
 
 
 def how_to_get_data() -> str:

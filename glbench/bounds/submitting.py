@@ -75,7 +75,7 @@ def submit(files: Sequence[Path], folder: PlanFolder | None = None) -> Iterator[
 
 
 def repeats_actions(result: Path, folder: Path) -> Path:
-    """Write an agent into ``folder`` that repeats what was done in the runs of a result, and give its folder: a start for a ``Search``.
+    """Write an agent into ``folder`` that repeats what was done in the runs of a result, and return its folder: a start for a ``Search``.
 
     Raises ``GlbenchError`` when the result has no recorded actions beside it, or they cannot be plans.
     """

@@ -39,7 +39,7 @@ def bound(
         str | None,
         typer.Option(
             "--start",
-            help="Agent whose controls each plan starts from, or its result (.json) in these runs, which saves an evaluation. Default: "
+            help="Agent whose controls each plan starts from, or its result (.json) in these runs: then it need not act again. Default: "
             "best_known if every run has a plan, else the example my_agent.",
         ),
     ] = None,
