@@ -115,14 +115,14 @@ def where_results_are(task_ids: Iterable[str]) -> str:
     package = data_package()
     if package is None or package.folder is not None or not {task_id.rpartition("/")[2] for task_id in task_ids} & {*package.tasks}:
         return ""
-    return f" What glbench ships of them is not part of this installation. {how_to_get_data()}"
+    return f" {how_to_get_data('The released ones are')}"
 
 
-def how_to_get_data() -> str:
-    """What to do where something of ``glbench-data`` is asked for, and missing."""
+def how_to_get_data(what: str = "It is") -> str:
+    """What to do where something of ``glbench-data`` is asked for, and missing; ``what`` begins the sentence."""
     package = data_package()
     assert package is not None, "nothing of a checkout is in another package"
-    return f"It is in the package glbench-data {package.version}, which is not installed: pip install glbench-data=={package.version}"
+    return f"{what} in the package glbench-data {package.version}, which is not installed: pip install glbench-data=={package.version}"
 
 
 def is_released(path: Path) -> bool:

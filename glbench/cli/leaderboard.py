@@ -104,9 +104,9 @@ def leaderboard(
         yield console.aside(f"As a page to look into: glbench report{'' if out == REPORTS else f' --out {out}'}")
 
     missing = [name for name in suite if name not in {table.suite for table in aggregated}]
-    notes = [
-        f"No task of the suite '{name}' has both results and a best known one yet.{where_results_are(suites[name])}" for name in missing
-    ]
+    hints = {name: where_results_are(suites[name]) for name in missing}
+    lacks = {name: f"results here.{hint}" if hint else "both results and a best known one yet." for name, hint in hints.items()}
+    notes = [f"No task of the suite '{name}' has {what}" for name, what in lacks.items()]
     console.show(
         console.View(
             chain(_parts(selection, of_suites, members=members), more()), document, notes=notes, code=int(strict and bool(problems))
