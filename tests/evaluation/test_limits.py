@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 
@@ -59,3 +61,36 @@ def test_ctrl_c_is_nobodys_failure() -> None:
 
     with pytest.raises(KeyboardInterrupt):
         guarded(interrupt, 1.0, "act")
+
+
+_STOPPED = """
+import time
+from glbench.evaluation.limits import guarded
+
+def act():
+    end = time.process_time() + 1.0
+    while time.process_time() < end:
+        pass
+    time.sleep({sleeps})
+
+print("ready", flush=True)
+answer = guarded(act, 3.0, "act")
+print(answer.failure is None, answer.seconds < 3.0, answer.failure)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="needs signals that stop a process")
+@pytest.mark.parametrize(("sleeps", "in_time"), [(0.1, True), (6.0, False)])
+def test_time_in_which_the_process_stood_still_does_not_count(sleeps: float, in_time: bool) -> None:
+    command = [sys.executable, "-c", _STOPPED.format(sleeps=sleeps)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(0.3)
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(4.0)
+        process.send_signal(signal.SIGCONT)
+        answer, _ = process.communicate(timeout=60)
+
+    assert answer.startswith("True True" if in_time else "False"), answer
+    assert in_time or "act took longer than its limit of 3 s" in answer
