@@ -30,6 +30,8 @@ NOT_INHERITED = ("id", "title", "description", "suites")
 """Keys that are not inherited."""
 SPLITS = "splits"
 """The table that takes the place of the base's as soon as it states years; all others are merged key by key."""
+_SCHEDULE = "schedule"
+"""The list whose entries take the place of the base's for the same control; all other lists take that of the whole."""
 LONGEST_CHAIN = 8
 """Files that a task may be made of."""
 
@@ -166,6 +168,8 @@ def inherit(below: Mapping[str, Any], content: Mapping[str, Any], base: str, sou
     if isinstance(splits, Mapping) and any(isinstance(one, Mapping) and "years" in one for one in splits.values()):
         merged = {key: value for key, value in merged.items() if key != SPLITS}
     _check_parts(merged, own, base, source)
+    if _SCHEDULE in own and _SCHEDULE in merged:
+        own[_SCHEDULE] = _with_other_controls(merged[_SCHEDULE], own[_SCHEDULE])
     merged = _merged(merged, own)
     reward = own.get("reward")
     for one, other in (("penalty_scale", "violation_price"), ("violation_price", "penalty_scale")):
@@ -348,6 +352,14 @@ def _merged(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
         below = merged.get(key)
         merged[key] = _merged(below, value) if isinstance(below, dict) and isinstance(value, dict) else value
     return merged
+
+
+def _with_other_controls(below: object, own: object) -> object:
+    """The entries of a schedule, after those of the base for controls that have none; ``own`` itself when it is no list of entries."""
+    if not isinstance(below, list) or not isinstance(own, list) or not all(isinstance(entry, Mapping) for entry in [*below, *own]):
+        return own
+    controls = [entry.get("control") for entry in own]
+    return [*(entry for entry in below if entry.get("control") not in controls), *own]
 
 
 def _missing(base: Mapping[str, Any], merged: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, object]]:

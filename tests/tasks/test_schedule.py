@@ -115,6 +115,19 @@ def test_a_file_with_a_schedule_is_a_task_of_its_own(tmp_path: Path) -> None:
     assert TaskSpec.of_attachment(json.loads(json.dumps(task.attachment()))).digest == task.digest
 
 
+def test_a_schedule_of_your_own_keeps_that_of_the_base_for_other_controls() -> None:
+    base = get_task("GreenhouseReal-v1")
+    crew = base.definition()["schedule"]
+    controls = [name for name in base.actuation.controls if name != "uBlScr"]
+    dark = {"control": "uBlScr", "value": 1.0, "hours": [20.0, 6.0]}
+    own = base.replace({"actuation.controls": controls, "schedule": [dark]})
+    assert [entry["control"] for entry in own.definition()["schedule"]] == ["uAway", "uAway", "uBlScr"]
+    assert own.definition()["schedule"][:2] == crew
+
+    replaced = own.replace({"schedule": [{"control": "uAway", "value": 0.5}]})
+    assert [(entry["control"], entry["value"]) for entry in replaced.definition()["schedule"]] == [("uBlScr", 1.0), ("uAway", 0.5)]
+
+
 def test_the_schedule_is_told_to_people_and_agents(tmp_path: Path) -> None:
     lines = 'weekdays = ["monday", "thursday"]\nhours = [7.0, 15.5]\nfrom = "02-16"\nuntil = "05-31"\nafter_day = 2\n'
     task = checked(tmp_path, lines + '[[schedule]]\ncontrol = "uBlScr"\nvalue = 0.25\nhours = [0.0, 1.0]\n')
