@@ -678,7 +678,10 @@ CLAIMS: dict[str, list[Claim]] = {
             "to come included | – | {} | {} |",
             lambda: (score("best_known", "Spring-v1"), mean("best_known", 0)),
         ),
-        ("forecasts (`mpc_greenhouse`; `mpc`) | – | {} |", lambda: score("mpc", "Spring-v1")),
+        (
+            "forecasts (`mpc_greenhouse`; `mpc`) | {} | {} |",
+            lambda: (score("mpc_greenhouse", "GreenhouseReal-v1"), score("mpc", "Spring-v1")),
+        ),
         (
             "(`ppo_memory_greenhouse`; `ppo_long`; `ppo_fast`) | {} | {} | {} |",
             lambda: (
