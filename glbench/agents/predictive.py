@@ -32,6 +32,8 @@ _Margin = Annotated[float, Field(ge=0.0)]
 
 PREDICTIVE_BASELINES = ("mpc", "mpc_greenhouse")
 """The shipped settings of the controller "mpc": each has end values for models of its own."""
+_PLANNED = ("rate", "set_point")
+"""Kinds of actuation whose actions move single controls."""
 
 
 class PredictiveSettings(Table):
@@ -52,11 +54,8 @@ class PredictiveSettings(Table):
     sees: tuple[str, ...] | None = None
     parameters: str | None = None
 
-    def controller(self, task: TaskSpec) -> PredictiveController:
-        """A controller for a task.
-
-        Raises ``SubmissionError`` when there is no end value for the task's model, or it cannot be planned for.
-        """
+    def check(self, task: TaskSpec) -> None:
+        """Raise ``SubmissionError`` when the actions are not about single controls, or there is no end value for the task's model."""
         if task.model_id not in self.end_values:
             able = predictive_baseline(task)
             msg = (
@@ -65,6 +64,13 @@ class PredictiveSettings(Table):
                 + (f" The baseline {able} has one for {task.model_id}." if able != PREDICTIVE_BASELINES[0] else "")
             )
             raise SubmissionError(msg)
+        if task.actuation.kind not in _PLANNED or task.on_off:
+            what = f"machines that are off or on ({', '.join(task.on_off)})" if task.on_off else "a process computer at the actuators"
+            refuse(f"{task.id} has {what}. Predictive control plans single controls that move continuously.", SubmissionError)
+
+    def controller(self, task: TaskSpec) -> PredictiveController:
+        """A controller for a task. Raises ``SubmissionError`` as for ``check``, or when it cannot be planned for."""
+        self.check(task)
         limited = dict(task.constraints.items())
         try:
             return PredictiveController(
@@ -94,10 +100,20 @@ def read_predictive_settings(path: Path) -> PredictiveSettings:
 
 def predictive_baseline(task: TaskSpec) -> str:
     """The baseline of ``PREDICTIVE_BASELINES`` with an end value for the task's model; the first where none has one."""
-    for name in PREDICTIVE_BASELINES:
-        if task.model_id in read_predictive_settings(data_folder("baselines") / name / "settings.yml").end_values:
-            return name
-    return PREDICTIVE_BASELINES[0]
+    return next((name for name in PREDICTIVE_BASELINES if task.model_id in _shipped_settings(name).end_values), PREDICTIVE_BASELINES[0])
+
+
+def can_be_planned(task: TaskSpec) -> bool:
+    """Whether a shipped baseline of predictive control can play the task."""
+    try:
+        _shipped_settings(predictive_baseline(task)).check(task)
+    except SubmissionError:
+        return False
+    return True
+
+
+def _shipped_settings(name: str) -> PredictiveSettings:
+    return read_predictive_settings(data_folder("baselines") / name / "settings.yml")
 
 
 def write_predictive_agent(folder: Path, view: str, task: TaskSpec) -> None:

@@ -41,8 +41,13 @@ def ladder(
     ] = "validation",
     runs: Annotated[int, typer.Option("--runs", "-n", min=2, help="Runs of each evaluation.")] = 30,
     agents: Annotated[
-        str, typer.Option("--agents", help="Agents besides: names or paths; mpc is the one for the task's model, mpc_VIEW sees a view.")
-    ] = "mpc_blind,mpc",
+        str | None,
+        typer.Option(
+            "--agents",
+            help="Agents besides: names or paths; mpc is the one for the task's model, mpc_VIEW sees a view. "
+            "Default: mpc_blind,mpc where they can plan for the task.",
+        ),
+    ] = None,
     agent_runs: Annotated[
         int | None,
         typer.Option("--agent-runs", min=2, help="Runs of these agents, the first of --runs, where they take long. Default: all."),
@@ -64,12 +69,15 @@ def ladder(
     The same command continues what was interrupted: finished trainings and evaluations are not repeated. Views, trainings and agents may
     be added later. Exits with 1 when a training failed, or an agent could not be evaluated.
     """
+    from glbench.agents.predictive import can_be_planned
     from glbench.leaderboard.catalogue import catalogue
     from glbench.leaderboard.ladder import Ladder, rows_of, separation_of, verdicts_of
     from glbench.resources import write_atomically
 
     spec, scored = options.task_or_default(task), select_tasks([task] if task else [], [], None, split)[0]
     names, printer, folder = _view_names(spec, views), console.Printer(as_json), out or Path("runs") / f"ladder-{spec.short_id}"
+    if agents is None:
+        agents = "mpc_blind,mpc" if can_be_planned(spec) else ""
     refs = [zero, rules, *(name.strip() for name in agents.split(",") if name.strip())]
     for ref, reason in load_agents([ref for ref in refs if not _is_view_of_mpc(ref)], "auto")[1].items():
         refuse(f"{ref}: {reason}", GlbenchError)

@@ -3,13 +3,11 @@
 Python code that loops forever is stopped by the alarm signal. Code that hangs inside a compiled library is not: the signal is handled
 when the library returns, and the call is then counted as timed out.
 
-Time in which the whole process stands still (Ctrl-Z, a paused container) does not count: the alarm rings at least every second, and a
-longer pause in which the processor did nothing for this process counts as one interval.
+Time in which the whole process stood still (Ctrl-Z, a paused container) does not count: when it goes on, a call has its whole time again.
 """
 
 from __future__ import annotations
 
-import math
 import re
 import signal
 import threading
@@ -28,10 +26,11 @@ if TYPE_CHECKING:
     from glbench.tasks.tables import TimeLimitsTable
 
 
-_TICK_SECONDS = 1.0  # The alarm rings at least so often, also after the time is up, for an agent that swallows ``TimeUp``
+_DOUBT_SECONDS = 0.01  # After the alarm rang, the signal that the process goes on after a stop is waited for so long
+_AGAIN_SECONDS = 1.0  # Interval at which the alarm repeats, for an agent that swallows the first one in a bare ``except``
 # ``signal.signal`` itself turns numbers into enumerations and back, which takes ten times as long as what it does.
 _set_handler: Callable[[int, Any], Any] = getattr(signal.signal, "__wrapped__", signal.signal)
-_ALARM = int(getattr(signal, "SIGALRM", 0))
+_ALARM, _GOES_ON = int(getattr(signal, "SIGALRM", 0)), int(getattr(signal, "SIGCONT", 0))
 T = TypeVar("T")
 _LONGEST_REASON = 400
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]{6,}")
@@ -64,56 +63,59 @@ class TimeUp(BaseException):
 
 
 class Alarm:
-    """Raises ``TimeUp`` in the main thread some seconds after ``start``, until ``stop``, and counts the seconds.
+    """Raises ``TimeUp`` in the main thread some seconds after ``start``, or after the process went on, until ``stop``.
 
-    It raises nothing in other threads and on systems without alarms. The alarm may ring on the way out of a call, even inside ``stop``;
-    who catches ``TimeUp`` calls ``stop`` once more, and the next ring is a tick away.
+    It raises nothing in other threads and on systems without alarms. The alarm may ring on the way out of a call; who catches ``TimeUp``
+    calls ``stop`` once more, and the next ring is a second away.
     """
 
-    __slots__ = ("_before", "_began", "_counted", "_last", "_limit", "_running", "_tick", "_timer")
+    __slots__ = ("_before", "_began", "_doubted", "_limit", "_running", "_since", "_timer")
 
     def __init__(self) -> None:
-        self._running = False
-        self._began = self._counted = 0.0
-        self._limit = self._tick = math.inf
-        self._last = (0.0, 0.0)
-        self._before: Any = None
+        self._running = self._doubted = False
+        self._limit = self._began = self._since = 0.0
+        self._before: tuple[Any, Any] = (None, None)
         self._timer = (0.0, 0.0)
 
     def start(self, seconds: float) -> None:
         """Set the alarm."""
-        self._last = time.perf_counter(), time.process_time()
+        self._began = self._since = time.perf_counter()
+        self._limit = seconds
         if hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread():
-            self._began = time.monotonic()
             self._running = True
-            # Rounded up to what a timer knows, so that the last ring is never before the limit.
-            self._limit, self._tick = seconds, math.ceil(1e6 * seconds / max(math.ceil(seconds / _TICK_SECONDS), 1)) / 1e6
-            self._before = _set_handler(_ALARM, self._ring)
-            self._timer = signal.setitimer(signal.ITIMER_REAL, self._tick, self._tick)
+            self._before = _set_handler(_ALARM, self._ring), _set_handler(_GOES_ON, self._go_on)
+            self._timer = signal.setitimer(signal.ITIMER_REAL, seconds, _AGAIN_SECONDS)
 
     def seconds(self) -> float:
-        """Seconds since ``start``, without those in which the process stood still."""
-        clock, processor = time.perf_counter(), time.process_time()
-        passed, worked = clock - self._last[0], processor - self._last[1]
-        self._last = clock, processor
-        # Code in a compiled library lets no ring through, but works; rings are late by a little on a busy machine.
-        self._counted += passed if passed < 2.0 * self._tick else max(self._tick, min(worked, passed))
-        return self._counted
-
-    def _ring(self, _signal: int, _frame: FrameType | None) -> None:
-        if self.seconds() >= self._limit:
-            raise TimeUp
+        """Seconds since ``start``, or since the process went on after a stop."""
+        return time.perf_counter() - self._since
 
     def stop(self) -> None:
         """Cancel the timer; a timer that was running before (a test runner's time-out) continues with its remaining time."""
         if not self._running:
             return
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        _set_handler(_ALARM, self._before)
         self._running = False
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for number, handler in zip((_ALARM, _GOES_ON), self._before, strict=True):
+            _set_handler(number, handler)
         delay, interval = self._timer
         if delay > 0.0:
-            signal.setitimer(signal.ITIMER_REAL, max(delay - (time.monotonic() - self._began), 1e-3), interval)
+            signal.setitimer(signal.ITIMER_REAL, max(delay - (time.perf_counter() - self._began), 1e-3), interval)
+
+    def _ring(self, _signal: int, _frame: FrameType | None) -> None:
+        if not self._running:
+            return
+        if self.seconds() >= self._limit and not self._doubted:
+            # The signal that the process goes on after a stop is handled after this one.
+            self._doubted = True
+            signal.setitimer(signal.ITIMER_REAL, _DOUBT_SECONDS, _AGAIN_SECONDS)
+            return
+        raise TimeUp
+
+    def _go_on(self, _signal: int, _frame: FrameType | None) -> None:
+        if self._running:
+            self._since, self._doubted = time.perf_counter(), False
+            signal.setitimer(signal.ITIMER_REAL, self._limit, _AGAIN_SECONDS)
 
 
 @dataclass(frozen=True)

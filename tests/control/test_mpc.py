@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from glbench.agents.baselines import read_baseline
-from glbench.agents.predictive import PredictiveAgent, PredictiveSettings, TrueStateController
+from glbench.agents.predictive import PredictiveAgent, PredictiveSettings, TrueStateController, can_be_planned
 from glbench.control import EndValue, PredictiveController, Scenario, StageReward, plan_season
 from glbench.control.delivery import Delivery
 from glbench.control.season import _worth
@@ -404,6 +404,24 @@ def test_a_task_that_cannot_be_planned_for_says_why(task_id: str) -> None:
     agent = PredictiveAgent(settings("mpc"))
     with pytest.raises(SubmissionError, match=f"no end value for the model of glbench/{task_id}"):
         agent.reset(task_card(get_task(task_id)), 1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"actuation": {"kind": "process_computer"}}, "has a process computer at the actuators"),
+        (
+            {"actuators": None, "actuation.on_off.uBoil": {"lowest": 0.3, "hold_minutes": 60}},
+            r"has machines that are off or on \(uBoil\)",
+        ),
+    ],
+)
+def test_a_task_whose_controls_do_not_move_continuously_is_refused(changes: dict[str, object], reason: str) -> None:
+    task = get_task("GreenhouseReal-v1").replace({"id": "test/Other-v1", **changes})
+    assert can_be_planned(get_task("GreenhouseReal-v1"))
+    assert not can_be_planned(task)
+    with pytest.raises(SubmissionError, match=f"test/Other-v1 {reason}"):
+        PredictiveAgent(settings("mpc_greenhouse")).reset(task_card(task), 1)
 
 
 def test_mpc_names_the_baseline_that_plans_for_the_task() -> None:
