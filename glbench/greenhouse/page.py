@@ -202,7 +202,7 @@ class Page(settings.Table):
     """The page, one table a heading. A table of equipment that is missing means that the house has none."""
 
     title: str = Field(default="A greenhouse of my own", min_length=1, max_length=120)
-    base: str = "glbench/Spring-v1"
+    base: str = "glbench/GreenhouseReal-v1"
     book: Literal["benchmark", "hps_2020", "led_2020", "hps_2021", "led_2021"] = "led_2021"
     house: House
     heating: Heating = Heating()

@@ -11,7 +11,6 @@ from glbench.agents.tuned_rules import RulePage, TunedRuleSettings, read_rule_pa
 from glbench.errors import ParameterError, TaskError
 from glbench.greenhouse.page import Page
 from glbench.greenhouse.parameters import Greenhouse
-from glbench.model import TOMATO
 from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task
 from glbench.tasks.set_points import LAMPS, WORKED
@@ -29,13 +28,13 @@ def base_task(page: Page) -> TaskSpec:
     base = get_task(page.base)
     names = base.model_value.parameter_names
     if "aFlr" not in names or "rgFruit" not in names:
-        msg = f"base = {quoted(page.base)}: its model {base.model_id} is no greenhouse with tomatoes. Take 'glbench/Spring-v1'."
+        msg = f"base = {quoted(page.base)}: its model {base.model_id} is no greenhouse with tomatoes. Take 'glbench/GreenhouseReal-v1'."
         raise TaskError(msg)
     other = page.season.weather not in (None, base.weather.source)
     if (other or page.season.years) and base.scenario.generated is None:
         msg = (
             f"The page's [season] asks for other weather or years, and {base.id} has the real weather of one season. "
-            "Take a base with generated seasons, such as 'glbench/Spring-v1'."
+            "Take a base with generated seasons, such as 'glbench/GreenhouseReal-v1'."
         )
         raise TaskError(msg)
     return base
@@ -69,21 +68,22 @@ def task_text(page: Page, house: Greenhouse, task_id: str, source: str) -> str:
     lines += ["", "[actuation]", f"controls = {json.dumps(controls)}"]
     lines += _weather_lines(page, base)
     own = {entry.name: entry.value for entry in house.entries}
-    values = dict(zip(TOMATO.parameter_names, TOMATO.parameters.default(house.book, own).tolist(), strict=True))
+    model = base.model_value
+    values = dict(zip(model.parameter_names, model.parameters.default(house.book, own).tolist(), strict=True))
     for group in base.scenario.groups:
         if group.spread is not None:
             lines += ["", "[[scenario.parameters]]", f'name = "{group.name}"', f'spread = "{group.spread.name}"']
             lines += [f"factor = {group.spread.factor!r}", f'redraw = "{group.redraw}"']
             continue
-        variable = []
-        for name in group.parameters:  # a layer cannot let through and reflect more than all the light
+        drawn, variable = [name for name in group.parameters if not model.parameters.info(name).is_derived], []
+        for name in drawn:  # a layer cannot let through and reflect more than all the light
             with suppress(ParameterError):
-                TOMATO.parameters.default(house.book, own | {name: values[name] * (1.0 + group.half_width)})
+                model.parameters.default(house.book, own | {name: values[name] * (1.0 + group.half_width)})
                 variable.append(name)
         lines += ["", "[[scenario.parameters]]", f'name = "{group.name}"', f"parameters = {json.dumps(variable)}"]
         lines += [f"half_width = {group.half_width!r}", f'redraw = "{group.redraw}"', f'distribution = "{group.distribution}"']
-        if len(variable) < len(group.parameters):
-            constant = ", ".join(name for name in group.parameters if name not in variable)
+        if len(variable) < len(drawn):
+            constant = ", ".join(name for name in drawn if name not in variable)
             lines.append(f"# The same in all runs, because {100.0 * group.half_width:g} % more would be more than all: {constant}")
     return "\n".join(lines) + "\n"
 

@@ -22,7 +22,7 @@ from glbench.greenhouse.writing import rules_text, task_text
 from glbench.kernel import make_kernel
 from glbench.model import PARAMETER_SETS, TOMATO
 from glbench.model.plausibility import find_doubts
-from glbench.tasks import get_task, list_tasks
+from glbench.tasks import get_task, list_drafts, list_tasks
 
 VENLO = """
 title = "Venlo"
@@ -213,8 +213,18 @@ def test_no_greenhouse_that_ships_is_doubted() -> None:
         assert find_doubts(task.parameters_by_name()) == [], task.id
 
 
+@pytest.mark.parametrize("base", [task.id for task in (*list_tasks(), *list_drafts()) if "rgFruit" in task.model_value.parameter_names])
+def test_every_task_with_tomatoes_can_be_the_base(base: str, tmp_path: Path, venlo: Greenhouse) -> None:
+    page = read_page(page_of(tmp_path, f'base = "{base}"\n{VENLO}'))
+    file = tmp_path / "my_house.toml"
+    file.write_text(task_text(page, venlo, "my/House-v1", "greenhouse.toml"), encoding="utf-8")
+    task = get_task(file)
+    expected = values(venlo)
+    assert {name: value for name, value in task.parameters_by_name().items() if name in expected} == expected
+
+
 def test_the_task_has_the_house_and_rules_that_fit(tmp_path: Path, venlo: Greenhouse) -> None:
-    page = read_page(page_of(tmp_path, VENLO))
+    page = read_page(page_of(tmp_path, 'base = "glbench/Spring-v1"\n' + VENLO))
     file = tmp_path / "my_house.toml"
     file.write_text(task_text(page, venlo, "my/House-v1", "greenhouse.toml"), encoding="utf-8")
     task = get_task(file)
