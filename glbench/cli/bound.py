@@ -82,8 +82,8 @@ def bound(
     remaining = len(search.groups) - len(results)
     alike = "" if len(search.groups) == len(search.seeds) else ", with the same given in some of them"
     words = (
-        f"Planning {styled(search.task.id, 'bold')}: {len(search.seeds)} runs{alike}; {remaining} to plan, each with "
-        f"{search.iterations} iterations, beginning as {search.start.agent.name} does, in {search.folder}"
+        f"Planning {styled(search.task.id, 'bold')}: {console.count(len(search.seeds), 'run')}{alike}; {remaining} to plan, each with "
+        f"{console.count(search.iterations, 'iteration')}, beginning as {search.start.agent.name} does, in {search.folder}"
     )
     console.put_parts([console.paragraph(Markup(words), aside=True)])
     with console.interruption("The plans found so far are kept. Run the same command again to continue."):
@@ -153,13 +153,15 @@ def _plans(search: Search, engine: options.EngineName, remaining: int) -> Iterat
 def plan_parts(search: Search, results: Sequence[PlanOutcome]) -> Iterator[console.Part]:
     """Plans compared with the best known ones, and the next command."""
     from glbench.bounds import best_known
+    from glbench.leaderboard.catalogue import catalogue
+    from glbench.quantities import pretty_unit
 
-    book = best_known().book(search.task)
+    book, unit = best_known().book(search.task), pretty_unit(catalogue(search.task).metrics["reward"].unit)
     if book is not None and book.why_not(search.task) is not None:
         book = None
     plans = sorted((one for one in results if one.value is not None), key=lambda one: one.seeds)
     numbers = ("Reward", "Profit", "Penalty", "Known", "Gained")
-    caption = "Profit in EUR/m2. Known: the reward of the best known plan so far."
+    caption = f"Profit in EUR/m², all else in {unit or 'points'}. Known: the reward of the best known plan so far."
     view = console.table(f"Plans for {search.task.id}", "Seed", *numbers, numbers=("Seed", *numbers), caption=caption)
     total = 0.0
     for one in plans:
@@ -178,7 +180,7 @@ def plan_parts(search: Search, results: Sequence[PlanOutcome]) -> Iterator[conso
     if not plans:
         return
     runs = sum(len(one.seeds) for one in plans)
-    yield console.Line(f"Mean reward of {runs} runs: {total / runs:,.3f}")
+    yield console.Line(f"Mean reward of {console.count(runs, 'run')}: {total / runs:,.3f} {unit}")
     if search.task.locked:
         yield console.aside(f"Hand in plans that beat the best known ones with: glbench bound --submit {search.folder}")
     elif search.task.split != "training":

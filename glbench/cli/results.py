@@ -281,7 +281,7 @@ def reason_lines(result: Result, most: int, indent: str = "  ") -> Iterator[cons
         groups.setdefault((run.status, run.reason, run.steps), []).append(run)
     for (status, reason, steps), members in list(groups.items())[:most]:
         seeds = ", ".join(str(run.seed) for run in members[:3]) + (", ..." if len(members) > 3 else "")
-        where = f"{count(steps, 'step')} ({count(len(members), 'run')}: seed {seeds})"
+        where = f"{count(steps, 'step')} ({count(len(members), 'run')}: {'seed' if len(members) == 1 else 'seeds'} {seeds})"
         yield console.aside(Markup(f"{indent}[red]{status}[/red] after {where}: {plain(reason or '')}"))
     if len(groups) > most:
         yield console.aside(f"{indent}and {len(groups) - most} more kinds of failure; the result file has them all.")

@@ -306,17 +306,17 @@ def definition_document(task: TaskSpec) -> dict[str, Any]:
 
 
 def first_weather(task: TaskSpec, rows: int = 4) -> console.Table:
-    """The weather of the first steps, so that a mistake in the period shows."""
+    """The weather of the first steps of the first scored run, so that a mistake in the period shows."""
     from zoneinfo import ZoneInfo
 
     from glbench.env.scenario import run_weather
 
-    generated, zone = task.scenario.generated, ZoneInfo(task.record().timezone)
-    weather = task.disturbances() if generated is None else run_weather(task, generated.first_seed)
+    task = task.scored
+    zone, weather = ZoneInfo(task.record().timezone), run_weather(task, task.evaluation.seeds[0])
     units = {"Sun": "W m-2", "Air": "degC", "Vapour": "Pa", "CO2": "mg m-3", "Wind": "m s-1", "Sky": "degC"}
     headings = ["Step", "UTC", "Local", *(f"{name}\n{unit}" for name, unit in units.items())]
     view = console.table(
-        f"Weather of the first steps{'' if generated is None else ' of the first season'}",
+        f"Weather of the first steps{'' if task.splits is None else ' of the first test season'}",
         *headings, numbers=headings, fold=headings, margin=(1, 7), box=None, header_style="bold", title_style=None,
     )  # fmt: skip
     for row, (moment, values) in enumerate(zip(weather.times[:rows], weather.values[:rows], strict=True)):

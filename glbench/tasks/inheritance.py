@@ -128,6 +128,11 @@ def read_tables(path: Path, above: tuple[Path, ...] = ()) -> TaskTables:
         if WITHOUT in content:
             msg = f"{source}: without = {as_written(content[WITHOUT])} says what of a base is left out, and there is no base. Add one."
             raise TaskError(msg)
+        if "model" not in content:
+            msg = (
+                f'{source} names no base and is no whole task. Add base = "glbench/GreenhouseReal-v1", or the tables of docs/task-file.md.'
+            )
+            raise TaskError(msg)
         return TaskTables(content, files=prices)
     if not isinstance(base, str):
         msg = f"{source}: base = {as_written(base)} is neither the id of a task nor a file beside this one, in quotes."

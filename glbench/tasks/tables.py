@@ -203,6 +203,8 @@ class ObservationTable(Table):
     @model_validator(mode="after")
     def _forecast_is_granted_and_shown(self) -> Self:
         registry, forecast = words.OBSERVATION_MODULES, self.forecast
+        if any(name not in registry for name in self.modules):
+            return self  # a name that does not exist is reported by itself
         by_row = [name for name in self.modules if name in registry and registry[name].is_forecast]
         by_hour = [name for name in self.modules if name == words.WEATHER_FORECAST]
         for key, modules, example, module in (
@@ -440,7 +442,8 @@ class ItemTable(Table):
         if isinstance(price, str):
             return table
         if not isinstance(price, Mapping) or set(price) != {"value", "unit"} or not isinstance(price["unit"], str):
-            refuse('Write the price with its unit, price = { value = 0.09, unit = "EUR kWh-1" }, or name a price table.')
+            number = price if isinstance(price, int | float) else 0.09
+            refuse(f'Write the price with its unit, such as price = {{ value = {number}, unit = "EUR kWh-1" }}, or name a price table.')
         return {**table, "price": price["value"], "price_unit": price["unit"]}
 
     @model_validator(mode="after")

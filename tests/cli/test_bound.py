@@ -32,7 +32,7 @@ def test_a_search_of_two_runs_and_again(glbench: Command) -> None:
     )
     first = glbench(*line)
     assert first.code == 0, first.err
-    assert "2 to plan, each with 1 iterations, beginning as steady does" in first.err
+    assert "2 to plan, each with 1 iteration, beginning as steady does" in first.err
     assert "seed 3: reward" in first.err
     assert "Mean reward of 2 runs" in first.out
     assert sorted(file.name for file in Path("runs/bound/Day-v1").iterdir()) == ["3.npz", "4.npz", "card.toml"]

@@ -77,7 +77,7 @@ def test_failed_runs_are_said_loudly_and_are_a_result_nevertheless(glbench: Comm
 
     assert answer.code == 1
     assert "3 of 3 runs failed." in answer.err
-    assert "crashed after 0 steps (3 runs: seed 666, 667, 668): ZeroDivisionError: division by zero (broken.py:6 in act)" in answer.err
+    assert "crashed after 0 steps (3 runs: seeds 666, 667, 668): ZeroDivisionError: division by zero (broken.py:6 in act)" in answer.err
     assert "Decision, each step" not in answer.out, "a table of nothing"
     assert "Next: glbench submit check broken.py" in answer.err
     assert load_result(PLACE / "broken.json").summary.failed == 3

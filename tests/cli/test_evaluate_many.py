@@ -162,7 +162,7 @@ def test_why_runs_failed_and_what_was_printed_is_shown_for_each(glbench: Command
     answer = glbench("evaluate", "broken.py", "steady.py", "-t", "day.toml", *sandbox)
 
     assert answer.code == 1
-    assert "crashed after 0 steps (3 runs: seed 666, 667, 668): ZeroDivisionError: division by zero (broken.py:" in answer.err
+    assert "crashed after 0 steps (3 runs: seeds 666, 667, 668): ZeroDivisionError: division by zero (broken.py:" in answer.err
     assert "\x1b" not in answer.out + answer.err
     if sandbox[1] == "bubblewrap":
         assert "    What broken printed:\n      on my [bold]way[2J\n" in answer.err

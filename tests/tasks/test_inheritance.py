@@ -79,6 +79,13 @@ def test_a_mistake_is_told_in_words(write: Write, text: str, error: type[Excepti
     assert words in str(caught.value)
 
 
+def test_a_file_without_base_and_model_is_told_to_name_a_base(tmp_path: Path) -> None:
+    file = tmp_path / "empty.toml"
+    file.write_text('id = "my/Empty-v1"\ntitle = "Nothing else"\n', encoding="utf-8")
+    with pytest.raises(TaskError, match=r'names no base and is no whole task\. Add base = "glbench/GreenhouseReal-v1"'):
+        get_task(file)
+
+
 def test_bases_in_a_circle_are_refused_with_the_way(tmp_path: Path) -> None:
     for name, base in (("a", "b"), ("b", "c"), ("c", "a")):
         (tmp_path / f"{name}.toml").write_text(f'base = "{base}.toml"\n', encoding="utf-8")
