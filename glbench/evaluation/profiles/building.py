@@ -269,7 +269,8 @@ def make_profile(task: TaskSpec, result: Result, log: ActionLog, trace: Trace | 
     lengths = np.array([run.steps for run in log.runs])
     traced: Iterable[_Part] = [(trace, range(len(lengths)))] if trace is not None else _replayed(task, log, kernel)
     seasons = _Seasons(task, log.seeds)
-    parts = [_read(task, part, lengths[list(rows)], seasons.values(rows)) for part, rows in traced]
+    with np.errstate(all="ignore"):  # steps after the end of a run have no numbers
+        parts = [_read(task, part, lengths[list(rows)], seasons.values(rows)) for part, rows in traced]
     joined = {name: np.concatenate([part[name] for part in parts], axis=1) for name in parts[0]}
     course = RunSeries(
         columns={column.name: joined[column.name] for column in columns_of(task).all},
