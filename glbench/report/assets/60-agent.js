@@ -75,12 +75,13 @@ const story = (result, task) => {
   const outside = words.outside ? of(words.outside) : 0, hours = (task.steps * task.step_seconds) / 3600;
   // Heat and power are sold, but do not grow.
   const isEnergy = (item) => Boolean(words.metric[item.amount]?.unit.startsWith("kWh")), worth = words.sold.filter((item) => Math.abs(of(item.money)) >= 5e-3);
-  const grown = worth.filter((item) => !isEnergy(item)), traded = worth.filter(isEnergy);
+  const grown = worth.filter((item) => !isEnergy(item) && of(item.amount) >= 0), shrunk = worth.filter((item) => !isEnergy(item) && of(item.amount) < 0), traded = worth.filter(isEnergy);
   const limits = words.violations.map((metric) => [lower(metric.label), of(metric.name)]).sort((a, b) => b[1] - a[1]);
   return [
     standingWords(result, task), `In the ${number(days, 0)} days it ${grown.length ? `grew ${sentence(grown.map((item) => `${withUnit(of(item.amount), 1, words.metric[item.amount]?.unit)} of ${lower(item.label)} worth ${withUnit(of(item.money), 2, "EUR/m\u00b2")}`))}${traded.length ? ", " : " and "}` : ""}${traded.length ? `got ${sentence(traded.map((item) => `${withUnit(of(item.money), 2, "EUR/m\u00b2")} for ${lower(item.label)}`))}, and ` : ""}${profit >= 0 ? "earned" : "lost"} `,
     h("b", { class: profit >= 0 ? "gain" : "loss" }, withUnit(Math.abs(profit), 2, "EUR/m\u00b2")),
     costs[0]?.[1] > 0 ? `. Most of the cost was ${costs[0][0]} (${withUnit(costs[0][1], 2, "EUR/m\u00b2")}${costs[0][2] ? `, ${costs[0][2]}` : ""}). ` : ". ",
+    shrunk.map((item) => `${item.label} fell by ${withUnit(-of(item.amount), 1, words.metric[item.amount]?.unit)}, worth ${withUnit(-of(item.money), 2, "EUR/m\u00b2")}. `).join(""),
     outside > 0 ? `The climate was outside its limits for ${withUnit(outside, 0, "h")}, ${number((100 * outside) / hours, 0)} % of the time, above all ${limits[0][0]} (${withUnit(limits[0][1], 0, "h")}).` : "The climate never left its limits.",
     unused.length ? ` It used no ${sentence(unused).replace(" and ", " and no ")}.` : "",
   ];
