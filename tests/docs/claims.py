@@ -700,6 +700,10 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("looks inside (`outdoor`) | {} |", lambda: of_trainings("outdoor", 5, "GreenhouseReal-v1")),
         (
+            "(`recording_greenhouse`; `recording`) | {} | {} | {} |",
+            lambda: (score("recording_greenhouse", "GreenhouseReal-v1"), score("recording", "Spring-v1"), mean("recording", 0)),
+        ),
+        (
             "doing nothing | {} | {} | {} |",
             lambda: (score("do_nothing", "GreenhouseReal-v1"), score("do_nothing", "Spring-v1"), mean("do_nothing", 0)),
         ),
