@@ -37,6 +37,8 @@ from docs import (
 )
 from glbench.env.accounts import make_accounts
 from glbench.episodes.signals import KWH_A_CUBIC_METRE
+from glbench.evaluation import load_result
+from glbench.evaluation.profiles import load_profile
 from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
 from glbench.kernel.compiled.generate import Traits, generate
@@ -170,6 +172,15 @@ def lamp_hours(agent: str) -> float:
     (lamps,) = (control.at_one for control in task_card(task).controls if control.name == "uLamp")  # [W m-2]
     electricity = float(np.mean([run["metrics"]["electricity"] for run in result["runs"]]))  # [kWh m-2]
     return 1000.0 * electricity / lamps / task.weather.days
+
+
+def sunlight_on_crop(task: str) -> float:
+    """Share of the sun's PAR outside that reaches the crop in the median run of ``do_nothing``, test split [%]."""
+    path = RESULTS / task / "do_nothing.json"
+    columns = load_profile(load_result(path), path).document["season"]["columns"]
+    photons, radiation = (columns[name]["resolution"] * sum(columns[name]["values"][0]) for name in ("par", "radiation"))
+    p = dict(zip(TOMATO.parameter_names, default_parameters(), strict=True))
+    return 100.0 * photons / (radiation * 1e4 * p["etaGlobPar"] * p["parJtoUmolSun"] * 1e-6)  # mol m-2 by J cm-2
 
 
 def of_spring(agent: str, metric: str) -> float:
@@ -1027,6 +1038,10 @@ CLAIMS: dict[str, list[Claim]] = {
     "docs/growers.md": [
         ("takes {} times the measured heat and gives {} times the fruit", lambda: house_against_measured("led_2021")),
         (
+            "sunlight that reaches the crop | {} % | {} %;",
+            lambda: (sunlight_on_crop("FullSeason-v1"), sunlight_on_crop("GreenhouseReal-v1")),
+        ),
+        (
             "Here it is {} m³ and {} kg without lamps, {} kg with lamps",
             lambda: (of_growers("unlit", "gas"), *picked_by_growers()),
         ),
@@ -1465,6 +1480,8 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
             "25 to 40 m³ of gas and 60 to 75 kg without lamps, 80 to 100 kg with lamps",
             "round figures of practice, as the page says",
         ),
+        ("real greenhouses 55 to 70 % is often quoted", "round figures of practice, as the page says"),
+        ("17 h of light a day", "definition: the parameter hoursLight"),
     ],
     "docs/greenhouse-words.md": [
         ("the mean of 24 hours", "definition: a state of the model"),
