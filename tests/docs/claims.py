@@ -35,6 +35,7 @@ from docs import (
     uncertainty_figures,
     weather_table,
 )
+from glbench.agents.saved_policies import BLOCK
 from glbench.env.accounts import make_accounts
 from glbench.episodes.signals import KWH_A_CUBIC_METRE
 from glbench.evaluation import load_result
@@ -239,6 +240,12 @@ def reward_of_epi() -> tuple[float, float]:
     accounts = make_accounts(TASK)
     points = 1.0 / (accounts.highest_epi - accounts.lowest_epi)
     return points, -accounts.lowest_epi * points * TASK.steps
+
+
+def numbers_of_a_policy() -> tuple[float, float]:
+    """Columns that the default task shows, and actions that it takes."""
+    shown = task_card(HEADLINE)
+    return len(shown.observations), len(shown.actions)
 
 
 def forecast_columns(task: TaskSpec) -> int:
@@ -1113,6 +1120,10 @@ CLAIMS: dict[str, list[Claim]] = {
         ("{} of them are forecasts", lambda: forecast_columns(HEADLINE)),
         ("doing nothing without breaking a limit gives {} a step there", lambda: reward_of_epi()[1] / TASK.steps),
         ("that ended early counts {} EUR/m² in the default task", lambda: HEADLINE.evaluation.failed_step.reward),
+        ("fails in its first step thus scores {} EUR/m²", lambda: HEADLINE.steps * HEADLINE.evaluation.failed_step.reward),
+        ("from observations `(n, {})` float32 to actions `(n, {})`", numbers_of_a_policy),
+        ("torch.nn.Linear({}, 64), torch.nn.Tanh(), torch.nn.Linear(64, {}),", numbers_of_a_policy),
+        ("torch.zeros({}, {}),), \"policy.onnx\")", lambda: (BLOCK, numbers_of_a_policy()[0])),
         ("in those of the paper {}, where", lambda: TASK.evaluation.failed_step.reward),
         ("keeps a crop earns about +{})", lambda: mean("rule_based_fair", 10) / TASK.steps),
     ],
@@ -1639,6 +1650,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("18 and 24 h: the forecast", "definition: the default task"),
         ("(0.1 of its range) a step of 15 minutes", "definition: the default task"),
         ("longer than 10 s for one decision", "definition: the default time limits"),
+        ("earn less than -1,000 EUR/m² (two runs", "measured: two runs of the validation split, -1,153 EUR/m² in the mean"),
         ("4 GiB of memory, 128 processes and threads, or 1,024 open files", "definition: the sandbox's limits"),
         ("256 MiB in `/tmp`", "definition: the sandbox's limits"),
         ("at most 512 MiB in 10,000 files", "definition: the limits of a submission"),
