@@ -1142,7 +1142,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("fails in its first step thus scores {} EUR/m²", lambda: HEADLINE.steps * HEADLINE.evaluation.failed_step.reward),
         ("from observations `(n, {})` float32 to actions `(n, {})`", numbers_of_a_policy),
         ("torch.nn.Linear({}, 64), torch.nn.Tanh(), torch.nn.Linear(64, {}),", numbers_of_a_policy),
-        ("torch.zeros({}, {}),), \"policy.onnx\")", lambda: (BLOCK, numbers_of_a_policy()[0])),
+        ('torch.zeros({}, {}),), "policy.onnx")', lambda: (BLOCK, numbers_of_a_policy()[0])),
         ("in those of the paper {}, where", lambda: TASK.evaluation.failed_step.reward),
         ("keeps a crop earns about +{})", lambda: mean("rule_based_fair", 10) / TASK.steps),
     ],
@@ -1589,7 +1589,10 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     ],
     "docs/episodes.md": [
         ("Above 512 MiB", "definition: glbench/episodes/recorder.py"),
-        ("run of 5760 steps: some 11 MB for", "measured: 0.11 MB a run, glbench evaluate rule_based_greenhouse --split validation --runs 2"),
+        (
+            "run of 5760 steps: some 11 MB for",
+            "measured: 0.11 MB a run, glbench evaluate rule_based_greenhouse --split validation --runs 2",
+        ),
         ("about 0.1 MB a run", "measured: the same"),
         ("6.2 MB a run", "measured: the same, one episode"),
         ("2.8 MB a run", "measured: rule_based_tuned on Spring-v1, one episode"),
@@ -1726,7 +1729,10 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     "baselines/ppo_long/card.toml": [("arXiv:1707.06347", "source: number of a paper")],
     "docs/training.md": [
         ("takes 4.5 GB, 3.4 GB of it", "measured: du -sm of torch, nvidia and triton in site-packages"),
-        ("still below 5 EUR/m2 after two million", "well below the table of the three trainings, which tests/docs/test_generated_tables.py holds"),
+        (
+            "still below 5 EUR/m2 after two million",
+            "well below the table of the three trainings, which tests/docs/test_generated_tables.py holds",
+        ),
         ("These 12,288 steps only", "definition: the example above it"),
         ("| steps | 49,152 | 196,608 | 491,520 | 983,040 |", "measured: as described below the table"),
         ("| EUR/m2 | -102 | -18.0 | -3.8 | -0.9 |", "measured: as described below the table"),
