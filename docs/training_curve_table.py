@@ -1,4 +1,4 @@
-"""Fills the table of expected learning curves in training.md from the shipped trainings: ``python -m docs.training_curve_table``."""
+"""Fills the tables of expected learning curves in training.md from the shipped trainings: ``python -m docs.training_curve_table``."""
 
 from __future__ import annotations
 
@@ -10,21 +10,24 @@ from docs.tables import with_tables
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = Path(__file__).parent / "training.md"
-TRAININGS = ("ppo_fast", "ppo_fast_seed1", "ppo_fast_seed2")
-TASK, CURVE = "Spring-v1", "training/spring.csv"
+CURVES = {
+    "training_curve_greenhouse": ("GreenhouseReal-v1", "training/greenhousereal.csv", "ppo_greenhouse"),
+    "training_curve": ("Spring-v1", "training/spring.csv", "ppo_fast"),
+}
+"""By the name of a table: task, learning curve and recipe of its trainings."""
 EVERY = 2
 """Of the evaluations after the first two, every other one is shown."""
 
 
-def table() -> str:
+def table(task: str, curve: str, recipe: str) -> str:
     """Mean reward of every shown evaluation on the validation split, and of the released result on the test split, one row a training."""
     rows, steps = [], list[int]()
-    for name in TRAININGS:
-        with (ROOT / "baselines" / name / CURVE).open(encoding="utf-8") as file:
+    for name in (recipe, f"{recipe}_seed1", f"{recipe}_seed2"):
+        with (ROOT / "baselines" / name / curve).open(encoding="utf-8") as file:
             points = list(csv.DictReader(file))
         shown = [*points[:2], *points[2::EVERY]]
         steps = [int(point["steps"]) for point in shown]
-        released = json.loads((ROOT / "reports/released/results" / TASK / f"{name}.json").read_text(encoding="utf-8"))
+        released = json.loads((ROOT / "reports/released/results" / task / f"{name}.json").read_text(encoding="utf-8"))
         cells = [f"{float(point['reward']):.2f}" for point in shown]
         rows.append(f"| `{name}` | {' | '.join(cells)} | {released['summary']['mean']['reward']:.2f} |")
     head = [
@@ -35,8 +38,8 @@ def table() -> str:
 
 
 def filled(page: str) -> str:
-    """The page with the table."""
-    return with_tables(page, {"training_curve": table()})
+    """The page with the tables."""
+    return with_tables(page, {name: table(*which) for name, which in CURVES.items()})
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Pictures and tables of docs/uncertainty.md: ``python -m docs.uncertainty_figures``.
 
-Draws docs/images/uncertainty-*.png from the task glbench/Spring-v1 and rewrites the tables between the markers of the page.
+Draws docs/images/uncertainty-*.png from the task glbench/Spring-v1 and rewrites the tables between the markers of the page. One of them
+sets the sizes of the default task beside those of Spring-v1.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from glbench.env.generated import SeasonMaker
 from glbench.env.scenario import RunScenarios
 from glbench.env.weather_pool import WeatherPool
 from glbench.resources import write_atomically
-from glbench.tasks import TaskSpec, get_task
+from glbench.tasks import DEFAULT_TASK, TaskSpec, get_task
 
 mpl.use("agg")
 from matplotlib import pyplot as plt
@@ -145,7 +146,69 @@ def tables(task: TaskSpec) -> dict[str, list[str]]:
         bias.append(row(errors))
         typical = " | ".join(f"{size:.{digits}f}" for size in (fair[label][2], clipped))
         unbiased.append(f"{row(fair[label][1])} {typical} |")
-    return {"sensors": sensor, "errors": ahead, "bias": bias, "unbiased": unbiased, "groups": groups, "splits": splits}
+    sizes = sizes_beside(task, get_task(DEFAULT_TASK))
+    return {"sizes": sizes, "sensors": sensor, "errors": ahead, "bias": bias, "unbiased": unbiased, "groups": groups, "splits": splits}
+
+
+def sizes_beside(*both: TaskSpec) -> list[str]:
+    """A table of how much differs from run to run, one column for each task."""
+    found = [sizes_of(task) for task in both]
+    labels = max(found, key=len)
+    rows = [f"| {label} | {' | '.join(one.get(label, '–') for one in found)} |" for label in labels]
+    return [f"| what | {' | '.join(f'`{task.short_id}`' for task in both)} |", "|---|" + "---|" * len(both), *rows]
+
+
+def sizes_of(task: TaskSpec) -> dict[str, str]:
+    """What differs from run to run in a task, and by how much, in words."""
+    assert task.sensors is not None
+    seasons = ", ".join(str(getattr(task.splits, split).seasons) for split in SPLITS)
+    widths = {group.name: group for group in task.scenario.groups}
+    half = {name: f"1 ± {100 * group.half_width:g} %" for name, group in widths.items() if group.spread is None}
+    spread = widths["house"].spread
+    inside = [(label, unit, getattr(task.sensors, key)) for key, label, unit in SENSORS]
+    hangs = task.sensors.dropouts
+    assert hangs is not None
+    found = {
+        "seasons of the training, validation and test split": seasons,
+        "house": half["house"] if spread is None else f"[measured widths](#measured-widths-of-the-house), `factor` {spread.factor:g}",
+        **({"cold spots": half["spots"]} if "spots" in half else {}),
+        "crop": half["crop"],
+        "leaf": half.get("leaf", half["crop"]),
+        "states at the start": f"1 ± {100 * task.scenario.start_groups[0].half_width:g} %",
+        **{
+            f"{label} inside: noise s, bias (sd), drift at most": f"{one.noise:g}, {one.bias:g}, {one.drift:g} {unit}"
+            for label, unit, one in inside
+        },
+        "sensors inside hang": f"every {hangs.days_between:g} days for {hangs.hours:g} h",
+    }
+    outside = task.outdoor_sensors
+    for name, label in (("global_radiation", "radiation"), ("wind_speed", "wind")):
+        if outside is not None and (scaled := getattr(outside, name)) is not None:
+            words = f"{scaled.scale.low:g} to {scaled.scale.high:g} times the truth, {100 * scaled.noise:g} %"
+            found[f"sensor of {label} outside: scale, noise"] = words
+    for name, label, unit in (("outdoor_temperature", "temperature", "degC"), ("outdoor_relative_humidity", "relative humidity", "%")):
+        if outside is not None and (offset := getattr(outside, name)) is not None:
+            found[f"sensor of {label} outside: bias (sd), noise"] = f"{offset.bias:g}, {offset.noise:g} {unit}"
+    for control, label in (("uBoil", "boiler"), ("uCo2", "CO2 supply"), ("uThScr", "thermal screen"), ("uVent", "vents")):
+        if (actuator := task.actuators.get(control)) is not None:
+            found[label] = actuator_words(actuator)
+    for name, sample in task.samples.items():
+        found[f"`{name}`, taken by hand"] = f"every {sample.every_days} days, noise {100 * sample.noise:g} %"
+    kind = "without bias" if task.observation.forecast.unbiased else "clipped"
+    found["forecast"] = f"`{task.observation.forecast.error}`, {kind}"
+    return found
+
+
+def actuator_words(actuator: Any) -> str:
+    """How an actuator departs from its command."""
+    parts = [f"lag {actuator.lag_minutes:g} min"] if actuator.lag_minutes else []
+    parts += [f"shortfall up to {100 * actuator.shortfall:g} %"] if actuator.shortfall else []
+    for word, fault in (("sticks", actuator.sticks), ("fails", actuator.fails)):
+        parts += [f"{word} every {fault.days_between:g} days for {fault.hours:g} h"] if fault is not None else []
+    if actuator.wind is not None:
+        wind = actuator.wind
+        parts.append(f"drawn in from {wind.above:g} m s-1 of wind on, to {100 * wind.share:g} % at {wind.full:g} m s-1")
+    return ", ".join(parts)
 
 
 def error_sizes(task: TaskSpec) -> Floats:

@@ -29,14 +29,19 @@ from docs import (
     crop_table,
     fresh_draws_table,
     growers_table,
+    ladder_table,
     realism_figure,
     realism_practice,
     realism_setpoints,
     uncertainty_figures,
     weather_table,
 )
+from glbench.agents.saved_policies import BLOCK
 from glbench.env.accounts import make_accounts
-from glbench.episodes.signals import KWH_A_CUBIC_METRE
+from glbench.episodes.recorder import bytes_a_step
+from glbench.episodes.signals import KWH_A_CUBIC_METRE, signals_of
+from glbench.evaluation import load_result
+from glbench.evaluation.profiles import load_profile
 from glbench.kernel import Kernel, state_scale
 from glbench.kernel.compiled import availability
 from glbench.kernel.compiled.generate import Traits, generate
@@ -172,6 +177,19 @@ def lamp_hours(agent: str) -> float:
     return 1000.0 * electricity / lamps / task.weather.days
 
 
+def sunlight_on_crop(task: str) -> float:
+    """Share of the sun's PAR outside that reaches the crop in the median run of ``do_nothing``, test split [%]."""
+    path = RESULTS / task / "do_nothing.json"
+    profile = load_profile(load_result(path), path)
+    if profile is None:
+        msg = f"{path.relative_to(ROOT)} has no profile: release it with one, or take its figures out of the page."
+        raise NotReleasedError(msg)
+    columns = profile.document["season"]["columns"]
+    photons, radiation = (columns[name]["resolution"] * sum(columns[name]["values"][0]) for name in ("par", "radiation"))
+    p = dict(zip(TOMATO.parameter_names, default_parameters(), strict=True))
+    return float(100.0 * photons / (radiation * 1e4 * p["etaGlobPar"] * p["parJtoUmolSun"] * 1e-6))  # mol m-2 by J cm-2
+
+
 def of_spring(agent: str, metric: str) -> float:
     """Mean of a metric of a released result of Spring-v1."""
     result = json.loads((RESULTS / "Spring-v1" / f"{agent}.json").read_text(encoding="utf-8"))
@@ -228,6 +246,29 @@ def reward_of_epi() -> tuple[float, float]:
     accounts = make_accounts(TASK)
     points = 1.0 / (accounts.highest_epi - accounts.lowest_epi)
     return points, -accounts.lowest_epi * points * TASK.steps
+
+
+def numbers_of_a_policy() -> tuple[float, float]:
+    """Columns that the default task shows, and actions that it takes."""
+    shown = task_card(HEADLINE)
+    return len(shown.observations), len(shown.actions)
+
+
+def rules_on_the_ladder() -> tuple[float, float]:
+    """Mean of the tuned rules on the ladder of the default task, in all runs and in those of predictive control [EUR m-2]."""
+    rungs = {rung.name: rung.values for rung in ladder_table.read()[0].rungs}
+    (scores,), (planned,) = rungs["rule_based_greenhouse"], rungs["mpc"]
+    return float(np.mean(scores)), float(np.mean(scores[: len(planned)]))
+
+
+def columns_of_an_episode(task: TaskSpec) -> int:
+    """How many columns the table of a run has: those of its record, and the times at which a step starts and ends."""
+    return 2 + sum(len(group.columns) for group in signals_of(task).groups(task.actuation.controls, controls=False))
+
+
+def trace_of_an_evaluation(task: TaskSpec) -> float:
+    """Memory that all episodes of an evaluation take [MiB]."""
+    return task.steps * task.evaluation.runs * bytes_a_step(task) / 2**20
 
 
 def forecast_columns(task: TaskSpec) -> int:
@@ -1031,6 +1072,10 @@ CLAIMS: dict[str, list[Claim]] = {
     "docs/growers.md": [
         ("takes {} times the measured heat and gives {} times the fruit", lambda: house_against_measured("led_2021")),
         (
+            "sunlight that reaches the crop | {} % | {} %;",
+            lambda: (sunlight_on_crop("FullSeason-v1"), sunlight_on_crop("GreenhouseReal-v1")),
+        ),
+        (
             "Here it is {} m³ and {} kg without lamps, {} kg with lamps",
             lambda: (of_growers("unlit", "gas"), *picked_by_growers()),
         ),
@@ -1048,6 +1093,16 @@ CLAIMS: dict[str, list[Claim]] = {
                 of_growers("less_drying", "hours_relative_humidity_high") - of_growers("lit", "hours_relative_humidity_high"),
             ),
         ),
+    ],
+    "docs/ladder.md": [
+        ("`rule_based_greenhouse` earns {} EUR/m² in all 120 runs, and {} EUR/m² in the 20 runs of `mpc`", rules_on_the_ladder),
+    ],
+    "docs/episodes.md": [
+        (
+            "whose model has {} states (a table of {} columns); 2.8 MB a run of `Spring-v1` ({} columns)",
+            lambda: (len(HEADLINE.model_value.states), columns_of_an_episode(HEADLINE), columns_of_an_episode(SPRING)),
+        ),
+        ("The {} runs of `GreenhouseReal-v1` would take {} MiB", lambda: (HEADLINE.evaluation.runs, trace_of_an_evaluation(HEADLINE))),
     ],
     "docs/nomenclature.md": [
         (
@@ -1102,6 +1157,10 @@ CLAIMS: dict[str, list[Claim]] = {
         ("{} of them are forecasts", lambda: forecast_columns(HEADLINE)),
         ("doing nothing without breaking a limit gives {} a step there", lambda: reward_of_epi()[1] / TASK.steps),
         ("that ended early counts {} EUR/m² in the default task", lambda: HEADLINE.evaluation.failed_step.reward),
+        ("fails in its first step thus scores {} EUR/m²", lambda: HEADLINE.steps * HEADLINE.evaluation.failed_step.reward),
+        ("from observations `(n, {})` float32 to actions `(n, {})`", numbers_of_a_policy),
+        ("torch.nn.Linear({}, 64), torch.nn.Tanh(), torch.nn.Linear(64, {}),", numbers_of_a_policy),
+        ('torch.zeros({}, {}),), "policy.onnx")', lambda: (BLOCK, numbers_of_a_policy()[0])),
         ("in those of the paper {}, where", lambda: TASK.evaluation.failed_step.reward),
         ("keeps a crop earns about +{})", lambda: mean("rule_based_fair", 10) / TASK.steps),
     ],
@@ -1171,6 +1230,8 @@ CLAIMS: dict[str, list[Claim]] = {
             "doing nothing earns {} and the tuned rules {}.)",
             lambda: (score("do_nothing", "Spring-v1"), score("rule_based_tuned", "Spring-v1")),
         ),
+        ("`rule_based_greenhouse` earn {} EUR/m2 in its 120 seasons", lambda: rules_on_the_ladder()[0]),
+        ("and {} EUR/m2 on the test split. The trainings", lambda: score("rule_based_greenhouse", "GreenhouseReal-v1")),
         ("seeds 1 and 2) earn {}, {} and {} EUR/m2 on the test", lambda: compiled("ppo_fast", "reward")),
         ("they earn {}, {} and {}, a little more", lambda: compiled("ppo_memory", "reward")),
         (
@@ -1469,6 +1530,8 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
             "25 to 40 m³ of gas and 60 to 75 kg without lamps, 80 to 100 kg with lamps",
             "round figures of practice, as the page says",
         ),
+        ("real greenhouses 55 to 70 % is often quoted", "round figures of practice, as the page says"),
+        ("17 h of light a day", "definition: the parameter hoursLight"),
     ],
     "docs/greenhouse-words.md": [
         ("the mean of 24 hours", "definition: a state of the model"),
@@ -1518,7 +1581,10 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("then every 20 s", "definition: execution.py"),
         ("of more than 256 MiB", "definition: execution.py"),
     ],
-    "docs/viewing.md": [("24 h mean temperature", "definition: a quantity")],
+    "docs/viewing.md": [
+        ("24 h mean temperature", "definition: a quantity"),
+        ("takes 11 MB a controller", "measured: glbench view RESULT --save, one and two controllers"),
+    ],
     "docs/observations.md": [
         ("(24 h)", "definition: an observation"),
         ("610.78 exp(17.2694 *T*/(*T* + 238.3))", "definition: glbench/model/air.py"),
@@ -1529,6 +1595,14 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("spans the 0.5 to the 99.5 percentile", "definition: baselines/typical_ranges.py"),
     ],
     "docs/environment.md": [
+        *(
+            (row, "measured: best of 8 to 20 times 60 (512 rows) to 400 steps of random actions, GreenhouseEnv and GreenhouseVectorEnv")
+            for row in (
+                "| `reference` | 69 us | 98 us | 11 us | 19 us |",
+                "| `standard` | 17 us | 27 us | 2.6 us | 5.2 us |",
+                "| `fast` | 11 us | 18 us | 1.7 us | 3.7 us |",
+            )
+        ),
         ("by more than 1e-6 raises", "definition: glbench/env/actuation.py"),
         ("Within 1e-6 (rounding", "definition: glbench/env/actuation.py"),
         ("CVODES at 1e-6", "definition: a tolerance"),
@@ -1540,7 +1614,15 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("a day in 4 s, a season of 60 days in 4 minutes", "definition: glbench/env/rendering.py, 24 frames a second"),
     ],
     "docs/episodes.md": [
-        ("Above 512 MB", "definition: glbench/episodes/recorder.py"),
+        ("Above 512 MiB", "definition: glbench/episodes/recorder.py"),
+        (
+            "run of 5760 steps: some 11 MB for",
+            "measured: 0.11 MB a run, glbench evaluate rule_based_greenhouse --split validation --runs 2",
+        ),
+        ("about 0.1 MB a run", "measured: the same"),
+        ("6.2 MB a run", "measured: the same, one episode"),
+        ("2.8 MB a run", "measured: rule_based_tuned on Spring-v1, one episode"),
+        ("space: 0.6 GB for", "arithmetic: 100 episodes of 6.2 MB"),
         ("at most 128 MiB or 32 times", "definition: glbench/episodes/mcap_file.py"),
     ],
     "docs/nomenclature.md": [
@@ -1626,6 +1708,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("18 and 24 h: the forecast", "definition: the default task"),
         ("(0.1 of its range) a step of 15 minutes", "definition: the default task"),
         ("longer than 10 s for one decision", "definition: the default time limits"),
+        ("earn less than -1,000 EUR/m² (two runs", "measured: two runs of the validation split, -1,153 EUR/m² in the mean"),
         ("4 GiB of memory, 128 processes and threads, or 1,024 open files", "definition: the sandbox's limits"),
         ("256 MiB in `/tmp`", "definition: the sandbox's limits"),
         ("at most 512 MiB in 10,000 files", "definition: the limits of a submission"),
@@ -1672,6 +1755,10 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     "baselines/ppo_long/card.toml": [("arXiv:1707.06347", "source: number of a paper")],
     "docs/training.md": [
         ("takes 4.5 GB, 3.4 GB of it", "measured: du -sm of torch, nvidia and triton in site-packages"),
+        (
+            "still below 5 EUR/m2 after two million",
+            "well below the table of the three trainings, which tests/docs/test_generated_tables.py holds",
+        ),
         ("These 12,288 steps only", "definition: the example above it"),
         ("| steps | 49,152 | 196,608 | 491,520 | 983,040 |", "measured: as described below the table"),
         ("| EUR/m2 | -102 | -18.0 | -3.8 | -0.9 |", "measured: as described below the table"),

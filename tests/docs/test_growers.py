@@ -35,11 +35,12 @@ def test_the_page_holds_the_measurements_of_the_task_as_it_is() -> None:
 
 
 def test_the_page_takes_ten_minutes_to_read() -> None:
-    assert len(PAGE.split()) <= 1500
+    words = [word for word in PAGE.split() if any(map(str.isalnum, word))]  # without the bars of tables
+    assert len(words) <= 1350
 
 
 def test_the_lines_shown_are_those_of_the_page_of_rules() -> None:
-    rules = (data_folder("baselines") / "rule_based_energy" / "rules" / "fullseason.yml").read_text(encoding="utf-8")
+    rules = (data_folder("baselines") / "rule_based_greenhouse" / "rules" / "greenhousereal.yml").read_text(encoding="utf-8")
     (shown,) = re.findall(r"```text\n(.*?)```", PAGE, flags=re.DOTALL)
     assert [line for line in shown.splitlines() if line not in rules] == []
 
@@ -82,4 +83,4 @@ def test_the_commands_run_one_after_the_other(tmp_path: Path) -> None:
     assert "Heat" in (tmp_path / "unlit.html").read_text(encoding="utf-8")
     changed = (tmp_path / "unlit" / "rules" / "fullseason.yml").read_text(encoding="utf-8")
     assert "\nlamps_fruit: 0.0 " in changed
-    assert "\nheating_night: 15.5 " in (tmp_path / "my_rules" / "rules" / "spring.yml").read_text(encoding="utf-8")
+    assert "\nheating_night: 14.0 " in (tmp_path / "my_rules" / "rules" / "greenhousereal.yml").read_text(encoding="utf-8")
