@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from glbench.tasks.tables import TimeLimitsTable
 
 
-_DOUBT_SECONDS = 0.01  # After the alarm rang, the signal that the process goes on after a stop is waited for so long
+_DOUBT_SECONDS = 0.01  # After the alarm rang, the signal that the process continues after a stop is waited for so long
 _AGAIN_SECONDS = 1.0  # Interval at which the alarm repeats, for an agent that swallows the first one in a bare ``except``
 # ``signal.signal`` itself turns numbers into enumerations and back, which takes ten times as long as what it does.
 _set_handler: Callable[[int, Any], Any] = getattr(signal.signal, "__wrapped__", signal.signal)
@@ -106,7 +106,7 @@ class Alarm:
         if not self._running:
             return
         if self.seconds() >= self._limit and not self._doubted:
-            # The signal that the process goes on after a stop is handled after this one.
+            # The signal that the process continues after a stop is handled after this one.
             self._doubted = True
             signal.setitimer(signal.ITIMER_REAL, _DOUBT_SECONDS, _AGAIN_SECONDS)
             return
