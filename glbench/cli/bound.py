@@ -68,7 +68,7 @@ def bound(
     again to continue with the remaining runs.
     """
     if (task is None) == (not submit):
-        refuse("Name the task to plan for (glbench bound GreenhouseReal-v1), or plans to hand in (glbench bound --submit FILE).", GlbenchError)
+        refuse("Name the task to plan for (glbench bound GreenhouseReal-v1), or plans to hand in (--submit FILE).", GlbenchError)
     if task is None:
         from glbench.bounds import submit as submit_plans
 
