@@ -14,6 +14,7 @@ from the lock, and release their results again.
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import tomllib
 from collections.abc import Container
@@ -55,6 +56,8 @@ DRIVERS = {
     "tasks/drafts/springsetpoints-v1.toml": "grower",
 }
 """The tasks that inputs are recorded on, and the baseline that drives the recorded runs."""
+GROWS = "best_known"
+"""Gets plans for more tasks, and with them another digest. ``earlier`` in its entry are those of the results that are released."""
 _HEADER = """\
 # What the shipped baselines are and do, written by `python baselines/lock.py --write` and compared by the tests.
 # Entries are added, never edited.
@@ -123,6 +126,11 @@ def read_lock() -> dict[str, dict[str, Any]]:
     return tomllib.loads(LOCK.read_text(encoding="utf-8")) if LOCK.is_file() else {}
 
 
+def digests_of(entry: dict[str, Any]) -> list[str]:
+    """The digests that released results of a baseline may have."""
+    return [entry["digest"], *entry.get("earlier", [])]
+
+
 def is_recorded_processor() -> bool:
     """Whether this processor is of the kind that the lock was recorded on: x86 with AVX-512. Elsewhere, rounding differs."""
     extensions = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
@@ -164,9 +172,15 @@ def main() -> int:
             if not actions:
                 print(f"{baseline}: not locked, as it has no released results. Commit it and make them first: {_RELEASE}")
                 continue
-            entries[baseline] = entries.get(baseline, {"digest": shipped_digest(baseline)}) | {"actions": actions}
+            digest = shipped_digest(baseline)
+            entry = entries.get(baseline, {"digest": digest})
+            if baseline == GROWS and digest != entry["digest"]:
+                entry = {"digest": digest, "earlier": [entry["digest"], *entry.get("earlier", [])]}
+            entries[baseline] = entry | {"actions": actions}
         blocks = [
-            f'[{name}]\ndigest = "{entries[name]["digest"]}"\n\n[{name}.actions]\n'
+            f'[{name}]\ndigest = "{entries[name]["digest"]}"\n'
+            + (f"earlier = {json.dumps(entries[name]['earlier'])}\n" if "earlier" in entries[name] else "")
+            + f"\n[{name}.actions]\n"
             + "".join(f'"{task}" = [{value!r}, {size!r}]\n' for task, (value, size) in entries[name]["actions"].items())
             for name in sorted(entries)
         ]
