@@ -294,7 +294,7 @@ def _suite_tables(table: SuiteTable) -> Iterator[console.Table]:
         t.TableColumn("Runs", lambda row: str(row.runs), gives_way=4),
         replace(t.SOURCE, cell=lambda row: "" if row.figures is None else str(row.figures.origin)),
     ]
-    title = f"Suite {plain(table.suite)}, {len(table.tasks)} tasks\n{styled(t.scale_words(table), 'dim')}"
+    title = f"Suite {plain(table.suite)}, {console.count(len(table.tasks), 'task')}\n{styled(t.scale_words(table), 'dim')}"
     yield _table(title, scores, table.shown_rows, lambda row: row.rank is None)
     rows = [row for row in table.rows if row.figures is not None]
     figures = [t.of_figures(one) for one in _resources(t.resources(of_published(table.tasks)), before=1)]
