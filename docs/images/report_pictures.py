@@ -6,8 +6,8 @@ The picture of a day of energy is of another page: a report of the third set of 
 
 ``python docs/images/report_pictures.py --energy /tmp/try/index.html``
 
-So is that of a story: ``glbench evaluate submissions/my_agent.py rule_based_tuned --task Spring-v1 --runs 3 --out /tmp/try``, then
-``glbench story /tmp/try/trials/results/Spring-v1/my_agent.json --page /tmp/try/story.html``.
+So is that of a story: ``glbench evaluate submissions/my_agent.py rule_based_tuned --split validation --runs 3 --out /tmp/try``, then
+``glbench story /tmp/try/validation/results/GreenhouseReal-v1/my_agent.json --page /tmp/try/story.html``.
 
 ``python docs/images/report_pictures.py --story /tmp/try/story.html``
 """
@@ -19,13 +19,13 @@ from pathlib import Path
 from PIL import Image
 from playwright.sync_api import Browser, sync_playwright
 
-TASK = "Schiphol2010-Delta10-v1"
+TASK = "GreenhouseReal-v1"
 Picture = tuple[str, tuple[int, int], str, int | str]
 PICTURES: dict[str, Picture] = {
     "report-leaderboard": (f"#/{TASK}", (1250, 1340), "light", 0),
     "report-overall": ("#/overall", (1250, 1320), "light", "#profiles"),
-    "report-compare": (f"#/compare/ppo/rule_based/{TASK}", (1250, 700), "light", "#hours"),
-    "report-phone": (f"#/agent/ppo/{TASK}", (390, 1000), "dark", 0),
+    "report-compare": (f"#/compare/mpc_greenhouse/rule_based_greenhouse/{TASK}", (1250, 700), "light", "#hours"),
+    "report-phone": (f"#/agent/ppo_memory_greenhouse/{TASK}", (390, 1000), "dark", 0),
 }
 """Name, view, size in pixels, colours, and how far down it is scrolled, or to which element."""
 OF_ENERGY: dict[str, Picture] = {"report-energy": ("#/agent/engine/Energy-v1", (1250, 1190), "light", "#energy")}
