@@ -41,6 +41,7 @@ class PredictiveSettings(Table):
 
     ``sees`` is the view of ``mpc`` (``glbench.agents.views``): all other readings count as missing. Without it, it sees all of them.
     ``parameters`` is the set of parameters that ``mpc`` plans and estimates with, such as "benchmark"; without it, the task's own.
+    ``restart`` is that of ``StateEstimator``.
     """
 
     horizon_hours: Annotated[float, Field(gt=0.0, le=240.0)]
@@ -53,6 +54,7 @@ class PredictiveSettings(Table):
     end_values: dict[str, dict[str, Any]]
     sees: tuple[str, ...] | None = None
     parameters: str | None = None
+    restart: bool = False
 
     def check(self, task: TaskSpec) -> None:
         """Raise ``SubmissionError`` when the actions are not about single controls, or there is no end value for the task's model."""
@@ -218,7 +220,7 @@ class PredictiveAgent:
             refuse(f"'sees': {error}", SubmissionError, error)
         self._controller = self.settings.controller(spec)
         self._controller.reset(n_runs)
-        self._outlook, self._estimator = Outlook(spec, Climatology.of(spec)), StateEstimator(spec)
+        self._outlook, self._estimator = Outlook(spec, Climatology.of(spec)), StateEstimator(spec, restart=self.settings.restart)
         self._outlook.reset(n_runs)
         self._estimator.reset(n_runs)
         self._steering = _Steering(spec, n_runs)

@@ -80,6 +80,9 @@ class StateEstimator:
         The kernel's preset.
     parameters
         Whether to estimate parameters that the task draws for the episode; without, their deviations act as noise of the states.
+    restart
+        Whether a run whose step fails begins anew from what the nominal model made of the weather and the controls so far, as one does
+        whose estimate is no longer finite; without, it stays where it is.
 
     Attributes
     ----------
@@ -96,8 +99,9 @@ class StateEstimator:
         When the task shows nothing of its states.
     """
 
-    def __init__(self, task: TaskSpec | str, *, preset: str = "fast", parameters: bool = True) -> None:
+    def __init__(self, task: TaskSpec | str, *, preset: str = "fast", parameters: bool = True, restart: bool = False) -> None:
         self.task = task = the_task(task)
+        self._restarts = restart
         self._model = ObservationModel(task)
         if not self._model.names:
             msg = f"{task.id} shows nothing of the states of its model: there is nothing to estimate them from."
@@ -251,14 +255,17 @@ class StateEstimator:
         self._scale = np.concatenate([size, np.tile(np.where(self._first > 0.0, self._first, 1.0), (self._n, 1))], axis=1)
         spread = np.concatenate([np.tile(self._start_spread, (self._n, 1)), (self._first > 0.0) * np.ones_like(self._scale[:, s:])], axis=1)
         self._covariance = spread[:, :, None] ** 2 * np.eye(spread.shape[1])
+        self._uncorrected, self._at_start = self._z[:, :s].copy(), self._covariance.copy()
 
     def _predict(self, d: Floats, u: Floats) -> None:
         """A step of the model, and of the covariance along its derivatives; in units of ``self._scale``."""
         s, (_, of_weather, of_delivery, of_sensors, _) = self._s, self._places.tolist()
         p = self.parameters
+        as_measured = d.copy()
         size = np.where(self._scaled, d[:, self._wrong], 1.0)
         d[:, self._wrong] += self._z[:, of_weather:of_delivery] * size
         places, self._u, self._commands = self._delivery.places, self._delivery(u, d), u
+        self._uncorrected, _ = self.kernel.try_step(self._uncorrected, np.clip(self._u, 0.0, 1.0), as_measured, self._nominal)
         u = self.controls
         x_next, dx, du, dd, dp = self._linearise(self._z[:, :s], u, d, p)
         forward = np.zeros((self._n, s, self._z.shape[1]))
@@ -286,9 +293,18 @@ class StateEstimator:
         new[:, diagonal[:s], diagonal[:s]] += MODEL_ERROR**2
         new[:, diagonal[s:], diagonal[s:]] += (self._first > 0.0) * (1.0 - self._fading**2)
         self._covariance = new
+        self._restart()
+
+    def _restart(self) -> None:
+        """Begin runs anew whose estimate is no longer finite."""
+        lost = ~np.isfinite(self._z).all(axis=1)
+        if lost.any():
+            self._z[lost] = 0.0
+            self._z[lost, : self._s] = self._uncorrected[lost]
+            self._covariance[lost] = self._at_start[lost]
 
     def _linearise(self, x: Floats, u: Floats, d: Floats, p: Floats) -> tuple[Floats, ...]:
-        """States after a step and their derivatives; a run whose step fails stays where it is."""
+        """States after a step and their derivatives; a run whose step fails stays where it is, or is lost."""
         names = (*self._episode.names, *self._by_step.names)
         inputs = ("x", *("u" for _ in self._delivery.places[:1]), *("d" for _ in self._wrong[:1]))
         try:
@@ -298,7 +314,11 @@ class StateEstimator:
                 rows = [self._linearise(*(values[row : row + 1] for values in (x, u, d, p))) for row in range(len(x))]
                 return tuple(np.concatenate(parts) for parts in zip(*rows, strict=True))
             widths = (u.shape[1] if "u" in inputs else 0, d.shape[1] if "d" in inputs else 0, len(names))
-            return x.copy(), np.eye(self._s)[None], *(np.zeros((1, self._s, width)) for width in widths)
+            return (
+                np.full_like(x, np.nan) if self._restarts else x.copy(),
+                np.eye(self._s)[None],
+                *(np.zeros((1, self._s, width)) for width in widths),
+            )
         return step.x_next, step.dx, step.du, step.dd, step.dp
 
     def _correct(self, readings: Floats) -> None:
@@ -338,6 +358,7 @@ class StateEstimator:
         of_parameters = slice(s, int(self._places[1]))
         z[:, of_parameters] = np.clip(z[:, of_parameters], self._episode.low, self._episode.high)
         self._z, self._last = z, np.where(gaps, self._last, readings)
+        self._restart()
 
 
 class _UncertainParameters:

@@ -251,6 +251,36 @@ def test_a_step_that_fails_leaves_its_run_where_it_is(monkeypatch: pytest.Monkey
     assert np.isfinite(after).all()
 
 
+@pytest.mark.parametrize("how", ["step fails", "not finite"])
+def test_a_run_that_is_lost_begins_anew_from_what_the_nominal_model_made_of_its_weather(how: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    given = watched("Spring-v1")
+    plain, known = StateEstimator(given.task), StateEstimator(given.task, restart=True)
+    plain.reset(2), known.reset(2)
+    for step, seen in enumerate(given.seen[:12]):
+        d = given.d[:, max(step - 1, 0)]
+        assert plain.update(seen, d).tobytes() == known.update(seen, d).tobytes(), "as long as nothing is lost"
+    x, p = np.array([given.task.start_state(d) for d in given.d[:, 0]]), given.task.parameters()
+    for step in range(12):
+        x = known.kernel.step(x, given.u[step], given.d[:, step], p)
+    linearise, lost = known.kernel.linearise, known.states[1, 0]
+
+    def fails(states: Floats, *others: Floats, **options: object) -> object:
+        if (states[:, 0] == lost).any():
+            raise StepError("too stiff")
+        return linearise(states, *others, **options)  # type: ignore[arg-type]
+
+    if how == "step fails":
+        monkeypatch.setattr(known.kernel, "linearise", fails)
+    else:
+        known._covariance[1] = np.nan
+    after, other = known.update(given.seen[12], given.d[:, 11]), plain.update(given.seen[12], given.d[:, 11])
+    hidden = given.task.model_value.state_index("tSo5")
+    assert after[1, hidden] == pytest.approx(x[1, hidden], rel=1e-6)
+    assert np.isfinite(after).all()
+    assert after[0].tobytes() == other[0].tobytes()
+    assert after[1].tobytes() != other[1].tobytes()
+
+
 def test_what_does_not_fit_is_refused() -> None:
     given = watched("Spring-v1")
     known = StateEstimator(given.task)
