@@ -75,15 +75,15 @@ def task_text(page: Page, house: Greenhouse, task_id: str, source: str) -> str:
             lines += ["", "[[scenario.parameters]]", f'name = "{group.name}"', f'spread = "{group.spread.name}"']
             lines += [f"factor = {group.spread.factor!r}", f'redraw = "{group.redraw}"']
             continue
-        drawn, variable = [name for name in group.parameters if not model.parameters.info(name).is_derived], []
-        for name in drawn:  # a layer cannot let through and reflect more than all the light
+        independent, variable = [name for name in group.parameters if not model.parameters.info(name).is_derived], []
+        for name in independent:  # a layer cannot let through and reflect more than all the light
             with suppress(ParameterError):
                 model.parameters.default(house.book, own | {name: values[name] * (1.0 + group.half_width)})
                 variable.append(name)
         lines += ["", "[[scenario.parameters]]", f'name = "{group.name}"', f"parameters = {json.dumps(variable)}"]
         lines += [f"half_width = {group.half_width!r}", f'redraw = "{group.redraw}"', f'distribution = "{group.distribution}"']
-        if len(variable) < len(drawn):
-            constant = ", ".join(name for name in drawn if name not in variable)
+        if len(variable) < len(independent):
+            constant = ", ".join(name for name in independent if name not in variable)
             lines.append(f"# The same in all runs, because {100.0 * group.half_width:g} % more would be more than all: {constant}")
     return "\n".join(lines) + "\n"
 
