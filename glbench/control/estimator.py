@@ -81,7 +81,7 @@ class StateEstimator:
     parameters
         Whether to estimate parameters that the task draws for the episode; without, their deviations act as noise of the states.
     restart
-        Whether a run whose step fails begins anew from what the nominal model made of the weather and the controls so far, as one does
+        Whether a run whose step fails starts over from what the nominal model made of the weather and the controls so far, as one does
         whose estimate is no longer finite; without, it stays where it is.
 
     Attributes
@@ -296,7 +296,7 @@ class StateEstimator:
         self._restart()
 
     def _restart(self) -> None:
-        """Begin runs anew whose estimate is no longer finite."""
+        """Let runs whose estimate is no longer finite start over."""
         lost = ~np.isfinite(self._z).all(axis=1)
         if lost.any():
             self._z[lost] = 0.0

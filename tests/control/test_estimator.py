@@ -252,7 +252,7 @@ def test_a_step_that_fails_leaves_its_run_where_it_is(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize("how", ["step fails", "not finite"])
-def test_a_run_that_is_lost_begins_anew_from_what_the_nominal_model_made_of_its_weather(how: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_is_lost_starts_over_from_what_the_nominal_model_made_of_its_weather(how: str, monkeypatch: pytest.MonkeyPatch) -> None:
     given = watched("Spring-v1")
     plain, known = StateEstimator(given.task), StateEstimator(given.task, restart=True)
     plain.reset(2), known.reset(2)
