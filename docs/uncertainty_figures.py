@@ -152,9 +152,9 @@ def tables(task: TaskSpec) -> dict[str, list[str]]:
 
 def sizes_beside(*both: TaskSpec) -> list[str]:
     """A table of how much differs from run to run, one column for each task."""
-    found = [sizes_of(task) for task in both]
-    labels = max(found, key=len)
-    rows = [f"| {label} | {' | '.join(one.get(label, '–') for one in found)} |" for label in labels]
+    columns = [sizes_of(task) for task in both]
+    labels = max(columns, key=len)
+    rows = [f"| {label} | {' | '.join(one.get(label, '–') for one in columns)} |" for label in labels]
     return [f"| what | {' | '.join(f'`{task.short_id}`' for task in both)} |", "|---|" + "---|" * len(both), *rows]
 
 
@@ -168,7 +168,7 @@ def sizes_of(task: TaskSpec) -> dict[str, str]:
     inside = [(label, unit, getattr(task.sensors, key)) for key, label, unit in SENSORS]
     hangs = task.sensors.dropouts
     assert hangs is not None
-    found = {
+    sizes = {
         "seasons of the training, validation and test split": seasons,
         "house": half["house"] if spread is None else f"[measured widths](#measured-widths-of-the-house), `factor` {spread.factor:g}",
         **({"cold spots": half["spots"]} if "spots" in half else {}),
@@ -185,18 +185,18 @@ def sizes_of(task: TaskSpec) -> dict[str, str]:
     for name, label in (("global_radiation", "radiation"), ("wind_speed", "wind")):
         if outside is not None and (scaled := getattr(outside, name)) is not None:
             words = f"{scaled.scale.low:g} to {scaled.scale.high:g} times the truth, {100 * scaled.noise:g} %"
-            found[f"sensor of {label} outside: scale, noise"] = words
+            sizes[f"sensor of {label} outside: scale, noise"] = words
     for name, label, unit in (("outdoor_temperature", "temperature", "degC"), ("outdoor_relative_humidity", "relative humidity", "%")):
         if outside is not None and (offset := getattr(outside, name)) is not None:
-            found[f"sensor of {label} outside: bias (sd), noise"] = f"{offset.bias:g}, {offset.noise:g} {unit}"
+            sizes[f"sensor of {label} outside: bias (sd), noise"] = f"{offset.bias:g}, {offset.noise:g} {unit}"
     for control, label in (("uBoil", "boiler"), ("uCo2", "CO2 supply"), ("uThScr", "thermal screen"), ("uVent", "vents")):
         if (actuator := task.actuators.get(control)) is not None:
-            found[label] = actuator_words(actuator)
+            sizes[label] = actuator_words(actuator)
     for name, sample in task.samples.items():
-        found[f"`{name}`, taken by hand"] = f"every {sample.every_days} days, noise {100 * sample.noise:g} %"
+        sizes[f"`{name}`, taken by hand"] = f"every {sample.every_days} days, noise {100 * sample.noise:g} %"
     kind = "without bias" if task.observation.forecast.unbiased else "clipped"
-    found["forecast"] = f"`{task.observation.forecast.error}`, {kind}"
-    return found
+    sizes["forecast"] = f"`{task.observation.forecast.error}`, {kind}"
+    return sizes
 
 
 def actuator_words(actuator: Any) -> str:

@@ -258,8 +258,8 @@ def reward_of_epi() -> tuple[float, float]:
 
 def numbers_of_a_policy() -> tuple[float, float]:
     """Columns that the default task shows, and actions that it takes."""
-    shown = task_card(HEADLINE)
-    return len(shown.observations), len(shown.actions)
+    card = task_card(HEADLINE)
+    return len(card.observations), len(card.actions)
 
 
 def rules_on_the_ladder() -> tuple[float, float]:
@@ -1561,7 +1561,6 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
             "25 to 40 m³ of gas and 60 to 75 kg without lamps, 80 to 100 kg with lamps",
             "round figures of practice, as the page says",
         ),
-        ("real greenhouses 55 to 70 % is often quoted", "round figures of practice, as the page says"),
         ("17 h of light a day", "definition: the parameter hoursLight"),
     ],
     "docs/greenhouse-words.md": [

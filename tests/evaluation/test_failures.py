@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 from glbench.env.kernels import shared_kernel
 from glbench.errors import SubmissionError
 from glbench.evaluation import Result, TimeLimits, evaluate
+from glbench.evaluation.runners import AgentRunner, Decision
 from glbench.kernel import StepFailure
 from glbench.tasks import TaskSpec
 from tests.evaluation.agent_files import AgentWriter
@@ -221,6 +224,21 @@ def test_decisions_that_are_slow_in_total_end_the_run(day_task: TaskSpec, write_
     assert result.runs[0].status == "timed_out"
     assert 1 <= result.runs[0].steps <= 6
     assert reason(result, 0) == "the run's decisions together took longer than their limit of 3 s"
+
+
+def test_a_decision_counts_for_no_more_than_its_limit(
+    day_task: TaskSpec, write_agent: AgentWriter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    decide = AgentRunner.decide
+
+    def as_if_stopped(self: AgentRunner, *inputs: Any) -> Decision:
+        decision = decide(self, *inputs)
+        return replace(decision, seconds=decision.seconds + 1000.0)
+
+    monkeypatch.setattr(AgentRunner, "decide", as_if_stopped)
+    path = write_agent("def act(self, observations):\n    return np.zeros((self.n, 6))")
+    result = evaluate(day_task, path, runs=1, limits=TimeLimits(step=10.0, run=300.0))
+    assert ends(result) == [("ok", 24)]
 
 
 def test_an_agent_that_cannot_be_made_is_an_error_and_no_result(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:

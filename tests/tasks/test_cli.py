@@ -15,6 +15,7 @@ from typer.testing import CliRunner, Result
 
 from glbench.cli.console import messages, output
 from glbench.cli.tasks import app
+from glbench.env import run_weather
 from glbench.errors import TaskError, UnknownNameError
 from glbench.model import GreenLightClimate, VanthoorTomato, compose, paper, register_model
 from glbench.resources import data_folder
@@ -254,6 +255,20 @@ def test_check_shows_the_first_weather_of_ones_own_file(vary: Vary) -> None:
     assert "valid, not published" in result.stdout
     assert "2011-06-01 00:15" in result.stdout
     assert "02:15" in result.stdout, "on the grower's clock"
+
+
+def test_check_shows_the_weather_of_the_year_that_is_tested(tmp_path: Path) -> None:
+    path = tmp_path / "spring2012.toml"
+    path.write_text(
+        'base = "glbench/GreenhouseReal-v1"\nid = "mylab/Spring2012-v1"\ntitle = "Spring 2012"\n'
+        'without = ["scenario.generated", "scenario.co2_range"]\nsplits.test.years = [2012]\n',
+        encoding="utf-8",
+    )
+    shown = run("check", str(path)).stdout
+    first = run_weather(get_task(path).scored, 10000)
+    assert "of the first test season" in shown
+    assert str(first.times[1]).replace("T", " ")[:16] in shown
+    assert str(first.times[1]).startswith("2012-")
 
 
 def test_check_tells_the_mistakes_of_ones_own_file(vary: Vary) -> None:

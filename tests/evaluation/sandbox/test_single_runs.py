@@ -37,6 +37,11 @@ def agent(when: str, deed: str) -> str:
         ("import ctypes; ctypes.string_at(0)", "crashed", "the agent's process ended by the signal SIGSEGV"),
         ("sum(range(10**18))", "timed_out", "act took longer than its limit of 2 s"),
         ("import signal; signal.pause()", "timed_out", "act took longer than its limit of 2 s"),
+        (  # says all the time that it goes on after a stop
+            "import os, signal; any(os.kill(os.getpid(), signal.SIGCONT) for _ in iter(int, 1))",
+            "timed_out",
+            "act took longer than its limit of 2 s",
+        ),
     ],
 )
 def test_who_ends_the_process_ends_alone_and_the_others_go_on_with_the_same_bits(
