@@ -24,7 +24,8 @@ from pydantic import BeforeValidator, Field, create_model
 from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
 from glbench.agents.daylight import Sun
 from glbench.errors import ShapeError, SubmissionError, refuse
-from glbench.settings import Table, read_settings
+from glbench.settings import Table, validated
+from glbench.yaml_reader import read_yaml
 from glbench.tasks.set_points import BLACKOUT, BOILER, DOSING, LAMPS, SCREEN, VENTS, WORKED
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ class TunedRuleSettings(Table):
 
     title: ClassVar[str] = "rules"
     scope_key: ClassVar[str] = "reward"
-    """Key of a page beside the numbers: names of what they are for, here the reward modules of tasks."""
+    """Key of a page beside the numbers: names of what they are for, here the reward modules of tasks; ``tasks`` has their ids instead."""
 
     morning_before_sunrise: float = number(
         0.0, 6.0, "h", "before sunrise the heating temperature leaves that of the night", section="Periods of the day"
@@ -140,8 +141,8 @@ class TunedRuleSettings(Table):
 
     @classmethod
     def is_for(cls, scope: Sequence[str], reward: Sequence[str], task_id: str) -> bool:
-        """Whether a page for ``scope`` is for a task with these reward modules."""
-        return tuple(scope) == tuple(reward)
+        """Whether a page for ``scope`` is for a task of this id or with these reward modules."""
+        return task_id in scope or tuple(scope) == tuple(reward)
 
 
 @dataclass(frozen=True)
@@ -173,8 +174,8 @@ class RulePages:
         """File of the page for a task: an only page serves every task. ``None`` when there is none."""
         if len(self.pages) == 1:
             return self.files[0]
-        pages = self.pages.items()
-        return next((file for file, page in pages if self.kind.is_for(page.scope, reward, task_id)), None)
+        own_first = sorted(self.pages.items(), key=lambda item: task_id not in item[1].scope)
+        return next((file for file, page in own_first if self.kind.is_for(page.scope, reward, task_id)), None)
 
     def numbers_for(self, reward: Sequence[str], task_id: str) -> TunedRuleSettings:
         """Numbers of that page. Raises ``SubmissionError`` when none of several pages is for such a task."""
@@ -209,10 +210,11 @@ def read_rule_pages(place: Path, kind: type[TunedRuleSettings] = TunedRuleSettin
 
 
 def read_rule_page(file: Path, kind: type[TunedRuleSettings] = TunedRuleSettings) -> RulePage:
-    """Read one page. Errors as for ``read_rule_pages``."""
-    key = kind.scope_key
+    """Read one page, for rewards or, with the key ``tasks``, for tasks. Errors as for ``read_rule_pages``."""
+    content = read_yaml(file, f"the {kind.title}", SubmissionError)
+    key = "tasks" if "tasks" in content else kind.scope_key
     fields: dict[str, Any] = {key: (Annotated[tuple[str, ...], BeforeValidator(_names)], ...)}
-    page = read_settings(create_model(kind.__name__, __base__=kind, **fields), file, f"the {kind.title}")
+    page = validated(create_model(kind.__name__, __base__=kind, **fields), content, f"the {kind.title}", file)
     return RulePage(getattr(page, key), kind(**page.model_dump(exclude={key})))
 
 
@@ -225,7 +227,8 @@ def _names(content: Any) -> Any:
 def settings_text(page: RulePage, heading: Sequence[str] = ()) -> str:
     """A page as YAML, every number with its unit and meaning; ``heading`` are lines of comment above it."""
     kind = type(page.numbers)
-    lines = [*(f"# {line}".rstrip() for line in heading), f"{kind.scope_key}: [{', '.join(page.scope)}]"]
+    key = "tasks" if any("/" in name for name in page.scope) else kind.scope_key  # ids of tasks have a slash
+    lines = [*(f"# {line}".rstrip() for line in heading), f"{key}: [{', '.join(page.scope)}]"]
     for name, value in page.numbers.model_dump().items():
         about = kind.about(name)
         if "section" in about:

@@ -21,7 +21,7 @@ from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard.catalogue import catalogue, of_published
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, task_of_board
 from glbench.leaderboard.statistics import RESOLUTION, Array
-from glbench.leaderboard.training_data import budget_of, digest_of_baseline
+from glbench.leaderboard.training_data import budget_of, digests_of_baseline
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -240,7 +240,7 @@ def _recipe(item: StoredResult, seeds: tuple[int, ...]) -> _Recipe | None:
     where = agent.kind, agent.privileged, origin_of(item, seeds)
     if agent.kind == "baseline":
         shipped = shipped_training(agent.name)
-        genuine = shipped is not None and (item.released or agent.digest == digest_of_baseline(agent.name))
+        genuine = shipped is not None and (item.released or agent.digest in digests_of_baseline(agent.name))
         return (shipped.recipe, *where) if shipped is not None and genuine else None
     if agent.training is None:
         return None

@@ -53,7 +53,7 @@ def budget_of(result: Result) -> Budget:
     agent, task_id = result.agent, result.task.id
     if agent.card is not None and agent.card.training is not None:
         return Budget(agent.card.training.steps, agent.card.training.wall_hours)
-    if agent.kind != "baseline" or digest_of_baseline(agent.name) != agent.digest:
+    if agent.kind != "baseline" or agent.digest not in digests_of_baseline(agent.name):
         return UNKNOWN
     settings, name = _settings(agent.name), agent.name
     if isinstance(settings, RulePages) and settings.kind is TunedRuleSettings:
@@ -86,14 +86,16 @@ def _settings(name: str) -> object:
 
 
 @cache
-def digest_of_baseline(name: str) -> str | None:
-    """Digest of the baseline as it is shipped today; of another one nothing is known."""
+def digests_of_baseline(name: str) -> frozenset[str]:
+    """Digests of the baseline today and before it got policies or plans for more tasks; none of an agent of another name."""
     if name not in baseline_names():
-        return None
+        return frozenset()
+    lock = tomllib.loads((data_folder("baselines") / "lock.toml").read_text(encoding="utf-8"))
+    earlier = lock.get(name, {}).get("earlier", ())
     try:
-        return shipped_digest(name)
+        return frozenset((shipped_digest(name), *earlier))
     except GlbenchError:
-        return None
+        return frozenset(earlier)
 
 
 @cache

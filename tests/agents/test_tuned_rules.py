@@ -209,6 +209,21 @@ def test_the_page_is_chosen_by_what_is_rewarded() -> None:
     assert one.numbers_for(("profit",), "test/Other") == one.pages[RULES / "paper.yml"].numbers
 
 
+def test_a_page_for_a_task_comes_before_the_one_for_its_reward(tmp_path: Path) -> None:
+    reward, colder = ("epi", "scaled_penalty"), PLAIN.model_copy(update={"heating_night": 13.0})
+    (tmp_path / "a.yml").write_text(settings_text(RulePage(reward, PLAIN)), encoding="utf-8")
+    text = settings_text(RulePage(("glbench/Lettuce-v1",), colder))
+    assert "tasks: [glbench/Lettuce-v1]" in text.splitlines()
+    (tmp_path / "b.yml").write_text(text, encoding="utf-8")
+    pages = read_rule_pages(tmp_path)
+    assert pages.numbers_for(reward, "glbench/Lettuce-v1") == colder
+    assert pages.numbers_for(reward, "glbench/Spring-v1") == PLAIN
+    assert pages.numbers_for(("profit",), "glbench/Lettuce-v1") == colder
+    (tmp_path / "c.yml").write_text(text + "reward: [epi]\n", encoding="utf-8")
+    with pytest.raises(SubmissionError, match=r"reward"):
+        read_rule_pages(tmp_path)
+
+
 @pytest.mark.parametrize("file", sorted(RULES.glob("*.yml")), ids=lambda file: file.stem)
 def test_a_shipped_page_says_of_each_number_what_the_settings_say(file: Path) -> None:
     lines = file.read_text(encoding="utf-8").splitlines()
