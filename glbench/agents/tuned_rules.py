@@ -25,8 +25,8 @@ from glbench.agents.controllers import CLOCK, ObservedController, clock_from, co
 from glbench.agents.daylight import Sun
 from glbench.errors import ShapeError, SubmissionError, refuse
 from glbench.settings import Table, validated
-from glbench.yaml_reader import read_yaml
 from glbench.tasks.set_points import BLACKOUT, BOILER, DOSING, LAMPS, SCREEN, VENTS, WORKED
+from glbench.yaml_reader import read_yaml
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
