@@ -103,6 +103,8 @@ def check_command(
             if isinstance(outcome, TaskSpec):
                 is_draft = name in drafts
                 state = "as published" if outcome.locked else "draft, valid" if is_draft else "valid, not published"
+                if state == "valid, not published" and outcome.id.startswith("glbench/"):
+                    state += "; use a namespace of your own: glbench/ is that of shipped tasks"
                 yield console.Line(Markup(f"[green]ok[/green]     {plain(outcome.id)}  {outcome.digest[:8]}  {state}"))
                 if name.endswith(".toml") and not outcome.locked and not is_draft:
                     for doubt in doubts[name]:

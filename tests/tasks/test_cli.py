@@ -248,11 +248,16 @@ def test_check_finds_changed_new_and_lost_tasks_and_leaves_with_1(published: Pat
     assert [entry["ok"] for entry in machine("check")] == [False, False, False]
 
 
+def test_check_asks_for_a_namespace_of_ones_own(vary: Vary) -> None:
+    shown = run("check", str(vary("mylab/Schiphol2010-Delta10-v1", "glbench/Own-v1"))).stdout
+    assert "valid, not published; use a namespace of your own: glbench/" in " ".join(shown.split())
+
+
 def test_check_shows_the_first_weather_of_ones_own_file(vary: Vary) -> None:
     path = vary("2010-03-01", "2011-06-01", "days = 60", "days = 5")
     result = run("check", str(path))
     assert result.exit_code == 0
-    assert "valid, not published" in result.stdout
+    assert "valid, not published\n" in result.stdout
     assert "2011-06-01 00:15" in result.stdout
     assert "02:15" in result.stdout, "on the grower's clock"
 
