@@ -97,10 +97,11 @@ Scores = NDArray[np.float64]
 
 
 def design(name: str, salt: str, without: Iterable[str] = (), runs: int = RUNS, **changes: Any) -> TaskSpec:
-    """The task ``name`` with so many scenarios of the training years, under a salt of their own."""
-    return get_task(f"glbench/{name}-v1").replace(
+    """The task ``name``, v1 where it says no version, with so many scenarios of the training years, under a salt of their own."""
+    name = name if "-v" in name else f"{name}-v1"
+    return get_task(f"glbench/{name}").replace(
         {
-            "id": f"design/{name}-v1",
+            "id": f"design/{name}",
             "scenario.salt": salt,
             "splits": {"test": {"years": YEARS, "seasons": runs}},
             "evaluation.runs": runs,

@@ -8,7 +8,7 @@ folder are not done again.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -54,15 +54,15 @@ SENSIBLE = (MEMORY, POLICY, RULES, "rule_based_tuned", "outdoor", Path(MY_AGENT)
 """Agents within a few euros of each other: any task tells the others from these."""
 
 
-def jobs() -> list[Job]:
-    """Everything that is evaluated."""
-    found = []
+def jobs(family: str = FAMILY, agents: Sequence[str] = AGENTS, acting: Sequence[str] = ACTING) -> list[Job]:
+    """Everything that is evaluated: agents, and recordings of those that are acting."""
+    every = []
     for year in YEARS:
         seasons = {"test": {"years": [year], "seasons": RUNS}}
-        task, season = (design(FAMILY, salt, runs=RUNS, splits=seasons) for salt in (DRAWS, RECORDED))
-        found += [Job(str(year), task, agent) for agent in AGENTS]
-        found += [Job(str(year), task, agent, season) for agent in ACTING]
-    return found
+        task, season = (design(family, salt, runs=RUNS, splits=seasons) for salt in (DRAWS, RECORDED))
+        every += [Job(str(year), task, agent) for agent in agents]
+        every += [Job(str(year), task, agent, season) for agent in acting]
+    return every
 
 
 def measure(work: Path, processes: int) -> dict[str, Any]:
@@ -81,10 +81,10 @@ def changing_pairs(figures: Mapping[str, Any]) -> list[set[str]]:
     return [{a, b} for a, b in combinations(means, 2) if len(set(np.sign(means[a] - means[b]))) > 1]
 
 
-def year_table(figures: Mapping[str, Any]) -> str:
+def year_table(figures: Mapping[str, Any], agents: Sequence[str] = AGENTS) -> str:
     """What all agents earn in the seasons of each year, and in all of them with its parts."""
     rows = []
-    for agent in sorted((Path(agent).stem for agent in AGENTS), key=lambda agent: -scores(figures, agent).mean()):
+    for agent in sorted((Path(agent).stem for agent in agents), key=lambda agent: -scores(figures, agent).mean()):
         score, profit, violations = (float(scores(figures, agent, what).mean()) for what in MONEY)
         rows.append(
             [f"`{agent}`", *map(plain, scores(figures, agent).mean(axis=1)), f"**{plain(score)}** = {plain(profit)} − {plain(violations)}"]
@@ -92,9 +92,9 @@ def year_table(figures: Mapping[str, Any]) -> str:
     return grid(["Agent", *map(str, YEARS), "All = profit − violations"], rows)
 
 
-def apart_table(figures: Mapping[str, Any]) -> str:
+def apart_table(figures: Mapping[str, Any], sensible: Sequence[str] = SENSIBLE) -> str:
     """Spread, how stable the order of the sensible agents is, and which difference so many scenarios find."""
-    every = np.array([scores(figures, agent) for agent in SENSIBLE])
+    every = np.array([scores(figures, agent) for agent in sensible])
     rows = []
     for label, table in [*((str(year), every[:, place]) for place, year in enumerate(YEARS)), ("all", every.reshape(len(every), -1))]:
         order, found = stability(table), detectable(table)["found"].values()
@@ -104,16 +104,16 @@ def apart_table(figures: Mapping[str, Any]) -> str:
     return grid([*head, "found with 30", "found with 100"], rows)
 
 
-def recording_table(figures: Mapping[str, Any]) -> str:
+def recording_table(figures: Mapping[str, Any], acting: Sequence[str] = ACTING, zero: str = UNLIT) -> str:
     """What a blind recording of each agent earns."""
     rows = []
-    for agent in (Path(agent).stem for agent in ACTING):
-        own, blind, unlit = (scores(figures, name).ravel() for name in (agent, f"recording_of_{agent}", UNLIT))
+    for agent in (Path(agent).stem for agent in acting):
+        own, blind, unlit = (scores(figures, name).ravel() for name in (agent, f"recording_of_{agent}", zero))
         told = recorded(own, blind, unlit)
         rows.append(
             [f"`{agent}`", plain(own.mean()), signed(told["lead"]), plain(blind.mean()), plain(told["lost"]), percent(told["below"])]
         )
-    return grid(["Agent", "Score", f"Lead over `{UNLIT}`", "Its recording", "Lost", f"Seasons below `{UNLIT}`"], rows)
+    return grid(["Agent", "Score", f"Lead over `{zero}`", "Its recording", "Lost", f"Seasons below `{zero}`"], rows)
 
 
 TABLES: Tables = {"years": year_table, "apart": apart_table, "recordings": recording_table}

@@ -1037,8 +1037,15 @@ CLAIMS: dict[str, list[Claim]] = {
         *(
             (f"`{agent}`{bracket} | {{}} | {{}} | {{}} | {{}} | {{}} |", partial(lettuce_row, agent))
             for agent, bracket in (
-                ("best_known", ")"), ("mpc_greenhouse", ")"), ("ppo_memory_greenhouse", ")"), ("ppo_greenhouse", ")"),
-                ("rule_based_greenhouse", ")"), ("rule_based_tuned", ")"), ("my_agent", ""), ("outdoor", ")"), ("rule_based_fair", ")"),
+                ("best_known", ")"),
+                ("mpc_greenhouse", ")"),
+                ("ppo_memory_greenhouse", ")"),
+                ("ppo_greenhouse", ")"),
+                ("rule_based_greenhouse", ")"),
+                ("rule_based_tuned", ")"),
+                ("my_agent", ""),
+                ("outdoor", ")"),
+                ("rule_based_fair", ")"),
             )
         ),
         ("the power {}, which gives that ratio", lambda: math.log(0.81 / 0.64) / math.log(44 / 37)),
