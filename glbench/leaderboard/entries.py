@@ -135,9 +135,11 @@ def of_one_version(by_task: Mapping[str, Iterable[Entry]]) -> dict[str, tuple[En
 
 
 def _version(entry: Entry) -> str:
-    """An agent's digest, or the recipe of its trainings."""
-    training = entry.first.agent.training
-    return entry.first.agent.digest if not entry.training_seeds else "" if training is None else training.recipe
+    """An agent's digest, or the recipe of its trainings; of a baseline today's digest, also where it had an earlier one."""
+    agent = entry.first.agent
+    if not entry.training_seeds:
+        return digests_of_baseline(agent.name)[0] if agent.digest in digests_of_baseline(agent.name) else agent.digest
+    return "" if agent.training is None else agent.training.recipe
 
 
 def _joined(items: Iterable[StoredResult], seeds: tuple[int, ...]) -> dict[tuple[_Recipe, tuple[int, ...]], list[StoredResult]]:

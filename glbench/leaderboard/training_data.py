@@ -86,16 +86,16 @@ def _settings(name: str) -> object:
 
 
 @cache
-def digests_of_baseline(name: str) -> frozenset[str]:
-    """Digests of the baseline today and before it got policies or plans for more tasks; none of an agent of another name."""
+def digests_of_baseline(name: str) -> tuple[str, ...]:
+    """Digest of the baseline today, and those before it got policies or plans for more tasks; none of an agent of another name."""
     if name not in baseline_names():
-        return frozenset()
+        return ()
     lock = tomllib.loads((data_folder("baselines") / "lock.toml").read_text(encoding="utf-8"))
     earlier = lock.get(name, {}).get("earlier", ())
     try:
-        return frozenset((shipped_digest(name), *earlier))
+        return (shipped_digest(name), *earlier)
     except GlbenchError:
-        return frozenset(earlier)
+        return tuple(earlier)
 
 
 @cache

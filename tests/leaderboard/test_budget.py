@@ -9,7 +9,10 @@ import pytest
 from glbench.agents.baselines import read_baseline
 from glbench.agents.card import SubmissionCard
 from glbench.evaluation import load_result
-from glbench.leaderboard.training_data import UNKNOWN, Budget, budget_of
+from glbench.leaderboard import entries as entries_module
+from glbench.leaderboard.collect import read_folder
+from glbench.leaderboard.entries import entries_by_task, of_one_version
+from glbench.leaderboard.training_data import UNKNOWN, Budget, budget_of, digests_of_baseline
 from glbench.resources import data_folder
 from tests.leaderboard.synthetic import make_result
 
@@ -95,3 +98,16 @@ def test_of_tuned_rules_the_page_for_the_tasks_reward_counts(task: str, page: st
     else:
         assert budget.tasks == ("glbench/Schiphol2010-Delta10-v1",)
         assert (budget.split, budget.years) == (None, (2010,))
+
+
+def test_a_baseline_with_a_plan_for_one_more_task_is_the_same_agent(monkeypatch: pytest.MonkeyPatch) -> None:
+    today, *earlier = digests_of_baseline("best_known")
+    assert earlier
+    assert (digests_of_baseline("my_agent"), digests_of_baseline("rule_based")) == ((), (read_baseline("rule_based").digest,))
+    stored, _ = read_folder(RESULTS)
+    mine = [item for item in stored if item.result.agent.name == "best_known"]
+    assert {item.result.agent.digest for item in mine} <= {today, *earlier}
+    entries = entries_by_task(mine, {})
+    assert all(of_one_version(entries)[task] for task in entries)
+    monkeypatch.setattr(entries_module, "digests_of_baseline", lambda name: ())
+    assert not all(of_one_version(entries)[task] for task in entries), "digests that nobody knows are other agents"
