@@ -266,7 +266,7 @@ class EndValue:
     def of_plans(cls, plans: Sequence[SeasonPlan], *, preset: str = "fast") -> EndValue:
         """The mean over plans for seasons of tasks with one model and one length, from scenarios that may be trained on.
 
-        States that are worth less than a hundredth of a cent, as they change from day to day, are days_left out.
+        States that are worth less than a hundredth of a cent, as they change from day to day, are left out.
 
         Raises
         ------
