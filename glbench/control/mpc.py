@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glbench.control.delivery import Delivery
 from glbench.control.scenario import with_schedule
-from glbench.control.season import EndValue
+from glbench.control.season import EndValue, money_in_reward
 from glbench.control.stage import StageReward, judged_at_the_end, with_constraints
 from glbench.control.trust_region import LENGTHS, feasible, radius_shares, trust_region_step
 from glbench.env.air import AIR
@@ -123,6 +123,7 @@ class PredictiveController:
                 )
                 raise TaskError(msg)
             end_value(near, 0.0, 0.0)  # says now whether it fits
+        self._profit = StageReward(near, counted="epi") if end_value is not None and end_value.gross else None
         names = task.model_value.control_names
         self._high = np.array([float(name in task.actuation.controls) for name in names])
         self._near = near
@@ -281,6 +282,9 @@ class PredictiveController:
         if linearisation is None:
             return rows
         u, u0, dates, worth = plan[rows], before[rows], calendar[rows], end[rows]
+        if self._profit is not None and worth.any():  # what stocks gain by the end is in the reward of the steps
+            sold = self._profit.gradient(linearisation.x[:, -2:], u[:, -1:], dates[:, -2:])[1].after[:, 0]
+            worth = worth - money_in_reward(self._near) * sold
         region = self._radius[rows, None, None] * radius_shares(self._smooth, linearisation)
         move = trust_region_step(
             self._smooth,

@@ -255,12 +255,16 @@ class EndValue:
         Mean over the hours of a day ``(k, states)``; the first row is 0.
     by_hour
         Factors for hours of the day, their mean 1 ``(8, states)``: the first for 0:00 to 3:00, in the middle of these hours.
+    gross
+        Whether it includes what states add to the value of stocks (heads of lettuce). The reward of each step has that, too, at a price
+        that depends on the states, so ``PredictiveController`` subtracts it. Without: it is subtracted already, at the mean of the plans.
     """
 
     states: tuple[str, ...]
     days_left: Floats
     by_days_left: Floats
     by_hour: Floats
+    gross: bool = False
 
     @classmethod
     def of_plans(cls, plans: Sequence[SeasonPlan], *, preset: str = "fast") -> EndValue:
@@ -279,7 +283,7 @@ class EndValue:
             raise GlbenchError(msg)
         task = plans[0].scenario.task
         model = judged_at_the_end(task).model_value
-        money = _money(task)
+        money = money_in_reward(task)
         worth, days, hours = [], [], []
         changes = np.zeros(len(model.states))
         for plan in plans:
@@ -302,6 +306,7 @@ class EndValue:
             np.concatenate([[0.0], (blocks + ends) / 2.0]),
             _rounded(np.vstack([np.zeros(counts.sum()), by_days[:, counts]])),
             _rounded(factors),
+            gross=True,
         )
 
     @classmethod
@@ -320,6 +325,7 @@ class EndValue:
                 np.array(content["days_left"], dtype=np.float64),
                 np.array([entry["by_days_left"] for entry in states.values()], dtype=np.float64).T,
                 np.array([entry["by_hour"] for entry in states.values()], dtype=np.float64).T,
+                gross=bool(content.get("gross", False)),
             )
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             msg = "This is no end value. Expected days_left, a list of numbers, and states with by_days_left and by_hour."
@@ -336,6 +342,7 @@ class EndValue:
         """The end value as plain values, for a file."""
         return {
             "days_left": self.days_left.tolist(),
+            "gross": self.gross,
             "states": {
                 name: {"by_days_left": self.by_days_left[:, i].tolist(), "by_hour": self.by_hour[:, i].tolist()}
                 for i, name in enumerate(self.states)
@@ -370,12 +377,12 @@ class EndValue:
         for i, name in enumerate(self.states):
             level = np.interp(days, self.days_left, self.by_days_left[:, i])
             worth[:, names.index(name)] = level * np.interp(hour, middles, around[:, i])
-        worth *= _money(task)
+        worth *= money_in_reward(task)
         return worth
 
 
 def _worth(plan: SeasonPlan, preset: str, smoothing: float = _SMOOTHING) -> Floats:
-    """What a unit of each state is worth to the steps after it ``(T, s)``, in the unit of the reward."""
+    """What a unit of each state is worth to the steps after it ``(T, s)``, stocks of now included, in the unit of the reward."""
     scenario, near = plan.scenario, judged_at_the_end(plan.scenario.task)
     model = near.model_value
     kernel = Kernel(model, near.step_seconds, preset=preset)
@@ -383,11 +390,12 @@ def _worth(plan: SeasonPlan, preset: str, smoothing: float = _SMOOTHING) -> Floa
     linearisation = kernel.linearise_trajectory(scenario.x0[: len(model.states)], plan.controls, scenario.d, p)
     _, slopes = StageReward(near, smoothing=smoothing).gradient(linearisation.x, plan.controls, scenario.calendar)
     costates = linearisation.pull(slopes.states).costates
-    costates[1:] -= slopes.after  # what the step before earned by leading there is no matter of the days after
+    _, sold = StageReward(near, counted="epi").gradient(linearisation.x, plan.controls, scenario.calendar)
+    costates[1:] -= slopes.after - money_in_reward(near) * sold.after  # limits that the step before broke are no matter of the days after
     return costates[:-1]
 
 
-def _money(task: TaskSpec) -> float:
+def money_in_reward(task: TaskSpec) -> float:
     """What 1 EUR m-2 is worth in the task's reward."""
     # The same step with all controls off and on: what that costs, and what it does to the reward. Its states do not matter.
     states, controls = (

@@ -95,6 +95,8 @@ class StageReward:
     smoothing
         Width w within which violations count quadratically, as a share of the distance between the two limits of a quantity: a violation v
         counts as v^2 / (2 w) up to w, and as v - w / 2 from there. 0 is exact. At 0.03 limits of 15 and 34 degC have w = 0.57 K.
+    counted
+        What counts as the reward: "reward", or "epi" for the profit alone.
 
     Raises
     ------
@@ -104,7 +106,7 @@ class StageReward:
         When the smoothing is negative or no finite number.
     """
 
-    def __init__(self, task: TaskSpec | str, *, smoothing: float = 0.0) -> None:
+    def __init__(self, task: TaskSpec | str, *, smoothing: float = 0.0, counted: str = "reward") -> None:
         self.task = task = the_task(task)
         self.smoothing = smoothing
         tape = record_quantities(task)
@@ -138,8 +140,12 @@ class StageReward:
             ("table", columns[name]): count_quadratically(width) for name, width in widths.items() if width > 0.0
         }
         self._derivatives = TapeDerivatives(
-            tape, [("table", columns[name]) for name in self._names], ("before", "after", "controls"), count=1, changes=rounded
-        )  # fmt: skip
+            tape,
+            [("table", columns[name]) for name in (counted, *self._names[1:])],
+            ("before", "after", "controls"),
+            count=1,
+            changes=rounded,
+        )
         if self._derivatives.reads("controls_before"):
             msg = (
                 f"The reward of {task.id} depends on what controls were before a step (a line of its ledger prices starts), and has no "

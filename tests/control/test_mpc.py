@@ -238,6 +238,25 @@ def test_an_end_value_is_that_of_its_plans_and_survives_a_file() -> None:
         EndValue.read({"days_left": [1.0], "states": {}})
 
 
+@pytest.mark.parametrize("days", [10, 30])
+def test_light_and_heavy_heads_are_worth_growing_with_the_end_value_of_lettuce(days: int) -> None:
+    """What stocks have gained at the end of a horizon counts once: as the reward of its steps, not in the end value, too."""
+    task = get_task("Lettuce-v2").in_split("validation").replace({"id": "test/Lettuce-v2", "weather.days": days})
+    scenario = Scenario.of(task, 10000)
+    value = EndValue.read(settings("mpc_greenhouse").end_values[task.model_id])
+    assert value.gross
+    doses = []
+    for share in (0.2, 1.0, 3.0):
+        x0 = scenario.x0.copy()
+        for name in ("xN", "xS"):
+            x0[task.model_value.state_index(name)] *= share * 20.0
+        controller = PredictiveController(task, horizon=48, first_iterations=8, end_value=value)
+        controller.reset(1)
+        controller.decide(x0[None], scenario.u0[None], scenario.d[:48], scenario.p, scenario.calendar[:49], days_left=float(days))
+        doses.append(controller.plan[0, :, task.model_value.control_names.index("uCo2")].sum())
+    assert min(doses) > 0.0
+
+
 def test_the_costate_of_a_state_is_what_a_little_more_of_it_earns() -> None:
     """Against the simulation of the plan from a start with more carbohydrate in store; of a task that judges the end of a step."""
     task = short("Schiphol2010-Delta00-v1", days=2)

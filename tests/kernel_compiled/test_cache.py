@@ -25,7 +25,7 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture(scope="session")
 def finished_library(compiled: None) -> str:
     """A library that was really compiled, in the user's own cache."""
-    return CompiledStepper(TOMATO, 900.0).library_path
+    return CompiledStepper(TOMATO, 900.0)._build.path
 
 
 @pytest.fixture

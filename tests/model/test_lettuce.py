@@ -31,7 +31,6 @@ from glbench.model.crop.lettuce import (
     fresh_mass,
     head_mass,
     leaf_area_index,
-    lettuce_parameters,
     rates,
     start_state,
 )
@@ -39,7 +38,7 @@ from glbench.model.parameter_checks import check_value
 from glbench.model.quantities import table_of
 from tests.model.lettuce_oracle import Lettuce
 
-P = lettuce_parameters()
+P = LettuceParameters(*(info.values["benchmark"] for info in LETTUCE_PARAMETERS))
 PAPER = Lettuce()
 Array = NDArray[np.float64]
 

@@ -178,11 +178,6 @@ class CompiledStepper:
         """Time within the step that each row of the last call reached (n,) [s]. Overwritten by the next call."""
         return self._batch.reached
 
-    @property
-    def library_path(self) -> str:
-        """The shared library in the cache."""
-        return self._build.path
-
     def step_rows(self, x: Array, u: Array, d: Array, p: Array, out: Array) -> binding.Status:
         """Advance all rows by one control step.
 

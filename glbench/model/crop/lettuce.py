@@ -27,7 +27,7 @@ import numpy as np
 from glbench.model.bounds import Horizon
 from glbench.model.expressions import Expr, exp, fmax, sqrt, square
 from glbench.model.model import Flow, ObservedColumn, Signal, Step, Stock
-from glbench.model.parameter_table import BENCHMARK, read_table
+from glbench.model.parameter_table import read_table
 from glbench.model.quantities import Quantity, Variable, states_of
 from glbench.model.submodels import Crop, CropStart
 from glbench.model.surroundings import CropExchange, Surroundings
@@ -147,11 +147,6 @@ LETTUCE_STATES = states_of(LettuceState)
 
 LETTUCE_PARAMETERS = read_table(LettuceParameters, Path(__file__).with_name("lettuce.csv"))
 """Name, unit, meaning, source and value of the lettuce's parameters, in the order of the vector."""
-
-
-def lettuce_parameters() -> LettuceParameters:
-    """The benchmark's values."""
-    return LettuceParameters(*(info.values[BENCHMARK] for info in LETTUCE_PARAMETERS))
 
 
 def start_state(p: LettuceParameters, head: Expr = YOUNG_HEAD) -> LettuceState:
