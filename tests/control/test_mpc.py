@@ -238,23 +238,24 @@ def test_an_end_value_is_that_of_its_plans_and_survives_a_file() -> None:
         EndValue.read({"days_left": [1.0], "states": {}})
 
 
-@pytest.mark.parametrize("days", [10, 30])
-def test_light_and_heavy_heads_are_worth_growing_with_the_end_value_of_lettuce(days: int) -> None:
-    """What stocks have gained at the end of a horizon counts once: as the reward of its steps, not in the end value, too."""
-    task = get_task("Lettuce-v2").in_split("validation").replace({"id": "test/Lettuce-v2", "weather.days": days})
-    scenario = Scenario.of(task, 10000)
+@pytest.mark.parametrize(("grams", "sells"), [(60.0, False), (300.0, True), (450.0, True)])
+def test_what_heads_gain_counts_once(grams: float, sells: bool) -> None:
+    """A planner with a gross end value subtracts what the last step earned by the mass at its end, which it has in its reward."""
+    task = get_task("Lettuce-v2").in_split("validation")
+    scenario, model = Scenario.of(task, 10000), task.model_value
+    crop = [model.state_index(name) for name in ("xN", "xS")]
+    x = np.tile(scenario.x0, (2, 1))
+    x[:, crop] *= grams / 3.0  # a young plant weighs about 3 g
+    profit, controls = StageReward(task, counted="epi"), np.zeros((1, len(model.control_names)))
+    values, slopes = profit.gradient(x, controls, scenario.calendar[:2])
+    more = x.copy()
+    more[1, crop[1]] += 1e-5
+    gained = profit(more, controls, scenario.calendar[:2]).epi[0] - values.epi[0]
+    assert slopes.after[0, crop[1]] == pytest.approx(gained / 1e-5, rel=1e-3, abs=1e-6)
+    assert bool(slopes.after[0, crop[1]] > 0.0) is sells
     value = EndValue.read(settings("mpc_greenhouse").end_values[task.model_id])
     assert value.gross
-    doses = []
-    for share in (0.2, 1.0, 3.0):
-        x0 = scenario.x0.copy()
-        for name in ("xN", "xS"):
-            x0[task.model_value.state_index(name)] *= share * 20.0
-        controller = PredictiveController(task, horizon=48, first_iterations=8, end_value=value)
-        controller.reset(1)
-        controller.decide(x0[None], scenario.u0[None], scenario.d[:48], scenario.p, scenario.calendar[:49], days_left=float(days))
-        doses.append(controller.plan[0, :, task.model_value.control_names.index("uCo2")].sum())
-    assert min(doses) > 0.0
+    assert (value(task, 12.0, [5.0, 15.0, 25.0, 33.0])[:, crop] > 0.0).all(), "mass is worth something until it is sold"
 
 
 def test_the_costate_of_a_state_is_what_a_little_more_of_it_earns() -> None:
