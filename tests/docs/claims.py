@@ -156,7 +156,7 @@ def mean_of_ten_heads() -> tuple[float, float]:
 def lettuce_row(agent: str) -> tuple[float, ...]:
     """Score, revenue and what was paid for on the test split of Lettuce-v2, of a recipe the mean of its trainings [EUR m-2]."""
     folder = RESULTS / "Lettuce-v2"
-    files = [folder / f"{agent}.json", *folder.glob(f"{agent}_seed*.json")]
+    files = [folder / f"{agent}.json", *folder.glob(f"{agent}_seed?.json")]
     runs = [run["metrics"] for file in files for run in json.loads(file.read_text(encoding="utf-8"))["runs"]]
     return tuple(float(np.mean([run[name] for run in runs])) for name in ("reward", "revenue", "cost_heat", "cost_co2", "penalty"))
 
@@ -1052,6 +1052,14 @@ CLAIMS: dict[str, list[Claim]] = {
                 ("outdoor", ")"),
                 ("rule_based_fair", ")"),
             )
+        ),
+        (
+            "It earns {} EUR/m² less: its heads are worth {} EUR/m² less",
+            lambda: np.subtract(lettuce_row("ppo_memory_greenhouse"), lettuce_row("outdoor"))[:2],
+        ),
+        (
+            "tuned for lettuce earn {} EUR/m² more",
+            lambda: lettuce_row("rule_based_greenhouse")[0] - lettuce_row("rule_based_tuned")[0],
         ),
         ("the power {}, which gives that ratio", lambda: math.log(0.81 / 0.64) / math.log(44 / 37)),
         ("It is off by {} % (standard deviation", lambda: 100.0 * get_task("Lettuce-v2").samples["registration"].noise),
