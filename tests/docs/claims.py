@@ -13,7 +13,7 @@ import math
 import re
 import tomllib
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -134,11 +134,6 @@ def of_trainings(recipe: str, count: int, task: str) -> float:
     return float(np.mean([score(f"{recipe}_seed{seed}" if seed else recipe, task) for seed in range(count)]))
 
 
-def of_the_suite(recipe: str, count: int = 1) -> tuple[float, ...]:
-    """Mean rewards of a recipe on the tasks of the suite ``control``."""
-    return tuple(of_trainings(recipe, count, task) for task in ("GreenhouseReal-v1", "Lettuce-v2"))
-
-
 def turn(task: str, *pair: str) -> float:
     """Times the price of violations at which two agents change places in the released leaderboard."""
     tables = json.loads((RESULTS.parent / "leaderboard.json").read_text(encoding="utf-8"))["tasks"]
@@ -151,14 +146,6 @@ def mean_of_ten_heads() -> tuple[float, float]:
     task = get_task("Lettuce-v2")
     share = 100.0 * float(task.parameters()[task.model_value.parameter_names.index("cvHead")])
     return share, share / math.sqrt(10.0)
-
-
-def lettuce_row(agent: str) -> tuple[float, ...]:
-    """Score, revenue and what was paid for on the test split of Lettuce-v2, of a recipe the mean of its trainings [EUR m-2]."""
-    folder = RESULTS / "Lettuce-v2"
-    files = [folder / f"{agent}.json", *folder.glob(f"{agent}_seed?.json")]
-    runs = [run["metrics"] for file in files for run in json.loads(file.read_text(encoding="utf-8"))["runs"]]
-    return tuple(float(np.mean([run[name] for run in runs])) for name in ("reward", "revenue", "cost_heat", "cost_co2", "penalty"))
 
 
 def lamp_hours(agent: str) -> float:
@@ -709,25 +696,25 @@ CLAIMS: dict[str, list[Claim]] = {
     "docs/speed.md": [("changed by more than {} %", largest_change)],
     "README.md": [
         (
-            "to come included | {} | {} | {} | {} |",
-            lambda: (*of_the_suite("best_known"), score("best_known", "Spring-v1"), mean("best_known", 0)),
+            "to come included | {} | {} | {} |",
+            lambda: (score("best_known", "GreenhouseReal-v1"), score("best_known", "Spring-v1"), mean("best_known", 0)),
         ),
         (
-            "forecasts (`mpc_greenhouse`; `mpc`) | {} | {} | {} |",
-            lambda: (*of_the_suite("mpc_greenhouse"), score("mpc", "Spring-v1")),
+            "forecasts (`mpc_greenhouse`; `mpc`) | {} | {} |",
+            lambda: (score("mpc_greenhouse", "GreenhouseReal-v1"), score("mpc", "Spring-v1")),
         ),
         (
-            "(`ppo_memory_greenhouse`; `ppo_long`; `ppo_fast`) | {} | {} | {} | {} |",
+            "(`ppo_memory_greenhouse`; `ppo_long`; `ppo_fast`) | {} | {} | {} |",
             lambda: (
-                *of_the_suite("ppo_memory_greenhouse", 3),
+                of_trainings("ppo_memory_greenhouse", 3, "GreenhouseReal-v1"),
                 float(np.mean(compiled("ppo_long", "reward"))),
                 float(np.mean([mean(name, 0) for name in trainings("ppo_fast", 0)])),
             ),
         ),
         (
-            "(`rule_based_greenhouse`; `rule_based_tuned`) | {} | {} | {} | {} |",
+            "(`rule_based_greenhouse`; `rule_based_tuned`) | {} | {} | {} |",
             lambda: (
-                *of_the_suite("rule_based_greenhouse"),
+                score("rule_based_greenhouse", "GreenhouseReal-v1"),
                 score("rule_based_tuned", "Spring-v1"),
                 mean("rule_based_tuned", 0),
             ),
@@ -745,14 +732,14 @@ CLAIMS: dict[str, list[Claim]] = {
                 )
             ),
         ),
-        ("looks inside (`outdoor`) | {} | {} |", lambda: of_the_suite("outdoor", 5)),
+        ("looks inside (`outdoor`) | {} |", lambda: of_trainings("outdoor", 5, "GreenhouseReal-v1")),
         (
-            "(`recording_greenhouse`; `recording`) | {} | – | {} | {} |",
+            "(`recording_greenhouse`; `recording`) | {} | {} | {} |",
             lambda: (score("recording_greenhouse", "GreenhouseReal-v1"), score("recording", "Spring-v1"), mean("recording", 0)),
         ),
         (
-            "doing nothing | {} | {} | {} | {} |",
-            lambda: (*of_the_suite("do_nothing"), score("do_nothing", "Spring-v1"), mean("do_nothing", 0)),
+            "doing nothing | {} | {} | {} |",
+            lambda: (score("do_nothing", "GreenhouseReal-v1"), score("do_nothing", "Spring-v1"), mean("do_nothing", 0)),
         ),
         ("{} states, {} controls", lambda: (len(STATE_NAMES), len(CONTROL_NAMES))),
         ("it has {} states", lambda: len(HEADLINE.model_value.states)),
@@ -1039,28 +1026,6 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("a coefficient of variation of {} %", lambda: 100.0 * BUTTERHEAD.parameters.default()[BUTTERHEAD.parameter_names.index("cvHead")]),
         ("a tenth more at 500 g, {} %", lambda: 100.0 * BUTTERHEAD.parameters.default()[BUTTERHEAD.parameter_names.index("cvHead")]),
-        *(
-            (f"`{agent}`{bracket} | {{}} | {{}} | {{}} | {{}} | {{}} |", partial(lettuce_row, agent))
-            for agent, bracket in (
-                ("best_known", ")"),
-                ("mpc_greenhouse", ")"),
-                ("ppo_memory_greenhouse", ")"),
-                ("ppo_greenhouse", ")"),
-                ("rule_based_greenhouse", ")"),
-                ("rule_based_tuned", ")"),
-                ("my_agent", ""),
-                ("outdoor", ")"),
-                ("rule_based_fair", ")"),
-            )
-        ),
-        (
-            "It earns {} EUR/m² less: its heads are worth {} EUR/m² less",
-            lambda: np.subtract(lettuce_row("ppo_memory_greenhouse"), lettuce_row("outdoor"))[:2],
-        ),
-        (
-            "tuned for lettuce earn {} EUR/m² more",
-            lambda: lettuce_row("rule_based_greenhouse")[0] - lettuce_row("rule_based_tuned")[0],
-        ),
         ("the power {}, which gives that ratio", lambda: math.log(0.81 / 0.64) / math.log(44 / 37)),
         ("It is off by {} % (standard deviation", lambda: 100.0 * get_task("Lettuce-v2").samples["registration"].noise),
         ("ten heads that vary by {} % give {} %", mean_of_ten_heads),
@@ -1357,14 +1322,13 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     ],
     "docs/lettuce.md": [
         ("a 44 earns 0.81 EUR and a 37 earns 0.64 EUR", "source: Boonekamp (2018), cited beside it"),
-        ("0.80 EUR for a head of 440 g", "definition: tasks/lettuce-v2.toml"),
+        ("0.80 EUR for a head of 440 g", "definition: tasks/drafts/lettuce-v2.toml"),
         ("went from 0.14 to 1.24 EUR", "source: Boonekamp (2018), cited beside it"),
-        ("plants by up to 20 %, the young plants by up to 20 %", "definition: tasks/lettuce-v2.toml"),
-        ("Heat costs 0.03 EUR kWh⁻¹ and", "definition: tasks/lettuce-v2.toml"),
-        ("CO2 costs 0.20 EUR kg⁻¹", "definition: tasks/lettuce-v2.toml"),
-        ("10 to 26 °C and 50 to 90 % of relative humidity", "definition: tasks/lettuce-v2.toml"),
-        ("and between 300 and 1200 ppm", "definition: tasks/lettuce-v2.toml"),
-        ("(95 % intervals", "definition: CONFIDENCE"),
+        ("plants by up to 20 %, the young plants by up to 20 %", "definition: tasks/drafts/lettuce-v2.toml"),
+        ("Heat costs 0.03 EUR kWh⁻¹", "definition: tasks/drafts/lettuce-v2.toml"),
+        ("CO2 0.20 EUR kg⁻¹", "definition: tasks/drafts/lettuce-v2.toml"),
+        ("10 to 26 °C and 50 to 90 % of relative humidity", "definition: tasks/drafts/lettuce-v2.toml"),
+        ("and between 300 and 1200 ppm", "definition: tasks/drafts/lettuce-v2.toml"),
     ],
     "docs/realism.md": [
         ("as a mean of 24 h", "definition: a state of the model"),

@@ -1,4 +1,4 @@
-"""The task with butterhead lettuce: what is seen of the crop, weekly samples, compiled and NumPy bits, checkers."""
+"""The draft with butterhead lettuce: what is seen of the crop, weekly samples, compiled and NumPy bits, checkers."""
 
 from __future__ import annotations
 
