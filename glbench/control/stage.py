@@ -139,8 +139,8 @@ class StageReward:
         rounded: dict[tuple[Target, int], Callable[[Any], Any]] = {
             ("table", columns[name]): count_quadratically(width) for name, width in widths.items() if width > 0.0
         }
-        asked: list[tuple[Target, int]] = [("table", columns[name]) for name in (counted, *self._names[1:])]
-        self._derivatives = TapeDerivatives(tape, asked, ("before", "after", "controls"), count=1, changes=rounded)
+        outputs: list[tuple[Target, int]] = [("table", columns[name]) for name in (counted, *self._names[1:])]
+        self._derivatives = TapeDerivatives(tape, outputs, ("before", "after", "controls"), count=1, changes=rounded)
         if self._derivatives.reads("controls_before"):
             msg = (
                 f"The reward of {task.id} depends on what controls were before a step (a line of its ledger prices starts), and has no "
