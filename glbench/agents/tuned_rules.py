@@ -62,7 +62,7 @@ class TunedRuleSettings(Table):
 
     title: ClassVar[str] = "rules"
     scope_key: ClassVar[str] = "reward"
-    """Key of a page beside the numbers: names of what they are for, here the reward modules of tasks; ``tasks`` has their ids instead."""
+    """Key of a page beside the numbers: names of what they are for, here the reward modules of tasks; or ``models``, with ids of models."""
 
     morning_before_sunrise: float = number(
         0.0, 6.0, "h", "before sunrise the heating temperature leaves that of the night", section="Periods of the day"
@@ -141,8 +141,8 @@ class TunedRuleSettings(Table):
 
     @classmethod
     def is_for(cls, scope: Sequence[str], reward: Sequence[str], task_id: str) -> bool:
-        """Whether a page for ``scope`` is for a task of this id or with these reward modules."""
-        return task_id in scope or tuple(scope) == tuple(reward)
+        """Whether a page for ``scope`` is for a task with these reward modules."""
+        return tuple(scope) == tuple(reward)
 
 
 @dataclass(frozen=True)
@@ -151,6 +151,8 @@ class RulePage:
 
     scope: tuple[str, ...]
     numbers: TunedRuleSettings
+    key: str = ""
+    """Of the scope in the file, where it is not the ``scope_key`` of the numbers."""
 
 
 @dataclass(frozen=True)
@@ -170,16 +172,16 @@ class RulePages:
         """Of the numbers."""
         return type(next(iter(self.pages.values())).numbers)
 
-    def page_for(self, reward: Sequence[str], task_id: str) -> Path | None:
-        """File of the page for a task: an only page serves every task. ``None`` when there is none."""
+    def page_for(self, reward: Sequence[str], task_id: str, model_id: str = "") -> Path | None:
+        """File of the page for a task, that for its model before others: an only page serves every task. ``None`` when there is none."""
         if len(self.pages) == 1:
             return self.files[0]
-        own_first = sorted(self.pages.items(), key=lambda item: task_id not in item[1].scope)
-        return next((file for file, page in own_first if self.kind.is_for(page.scope, reward, task_id)), None)
+        own = [file for file, page in self.pages.items() if model_id in page.scope]
+        return next(iter(own + [file for file, page in self.pages.items() if self.kind.is_for(page.scope, reward, task_id)]), None)
 
-    def numbers_for(self, reward: Sequence[str], task_id: str) -> TunedRuleSettings:
+    def numbers_for(self, reward: Sequence[str], task_id: str, model_id: str = "") -> TunedRuleSettings:
         """Numbers of that page. Raises ``SubmissionError`` when none of several pages is for such a task."""
-        file = self.page_for(reward, task_id)
+        file = self.page_for(reward, task_id, model_id)
         if file is not None:
             return self.pages[file].numbers
         scopes = "; ".join(f"{file.name}: {', '.join(page.scope)}" for file, page in self.pages.items())
@@ -210,12 +212,12 @@ def read_rule_pages(place: Path, kind: type[TunedRuleSettings] = TunedRuleSettin
 
 
 def read_rule_page(file: Path, kind: type[TunedRuleSettings] = TunedRuleSettings) -> RulePage:
-    """Read one page, for rewards or, with the key ``tasks``, for tasks. Errors as for ``read_rule_pages``."""
+    """Read one page, for rewards or, with the key ``models``, for models. Errors as for ``read_rule_pages``."""
     content = read_yaml(file, f"the {kind.title}", SubmissionError)
-    key = "tasks" if "tasks" in content else kind.scope_key
+    key = "models" if "models" in content else kind.scope_key
     fields: dict[str, Any] = {key: (Annotated[tuple[str, ...], BeforeValidator(_names)], ...)}
     page = validated(create_model(kind.__name__, __base__=kind, **fields), content, f"the {kind.title}", file)
-    return RulePage(getattr(page, key), kind(**page.model_dump(exclude={key})))
+    return RulePage(getattr(page, key), kind(**page.model_dump(exclude={key})), key.replace(kind.scope_key, ""))
 
 
 def _names(content: Any) -> Any:
@@ -227,8 +229,7 @@ def _names(content: Any) -> Any:
 def settings_text(page: RulePage, heading: Sequence[str] = ()) -> str:
     """A page as YAML, every number with its unit and meaning; ``heading`` are lines of comment above it."""
     kind = type(page.numbers)
-    key = "tasks" if any("/" in name for name in page.scope) else kind.scope_key  # ids of tasks have a slash
-    lines = [*(f"# {line}".rstrip() for line in heading), f"{key}: [{', '.join(page.scope)}]"]
+    lines = [*(f"# {line}".rstrip() for line in heading), f"{page.key or kind.scope_key}: [{', '.join(page.scope)}]"]
     for name, value in page.numbers.model_dump().items():
         about = kind.about(name)
         if "section" in about:
@@ -265,7 +266,7 @@ class TunedRulesAgent(ObservedController):
         """
         settings = self.settings
         if isinstance(settings, RulePages):
-            settings = [settings.numbers_for(task.reward_modules, task.id)] * n_runs
+            settings = [settings.numbers_for(task.reward_modules, task.id, task.model)] * n_runs
         if len(settings) != n_runs:
             refuse(f"The rules have numbers for {len(settings)} runs, and {n_runs} begin.", ShapeError)
         columns = {name: np.array([getattr(one, name) for one in settings]) for name in self.kind.model_fields}

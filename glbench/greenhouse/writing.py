@@ -128,7 +128,7 @@ def rules_text(page: Page, task: TaskSpec) -> dict[str, str]:
     energy = read_rule_pages(folder / "rule_based_energy" / "rules", EnergyRuleSettings)
     of_energy = any(base.id in one.scope for one in energy.pages.values())
     pages = energy if of_energy else read_rule_pages(folder / "rule_based_tuned" / "rules")
-    numbers: TunedRuleSettings = pages.numbers_for(base.reward.modules, base.id)
+    numbers: TunedRuleSettings = pages.numbers_for(base.reward.modules, base.id, base.model_id)
     before, after = base.parameters_by_name(), task.parameters_by_name()
     heat, dosing = ((after[name] / after["aFlr"]) / (before[name] / before["aFlr"]) for name in ("pBoil", "phiExtCo2"))
     scaled = {name: getattr(numbers, name) / heat for name in _FIELDS} if heat > 0.0 else {}

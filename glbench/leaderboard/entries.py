@@ -135,10 +135,11 @@ def of_one_version(by_task: Mapping[str, Iterable[Entry]]) -> dict[str, tuple[En
 
 
 def _version(entry: Entry) -> str:
-    """An agent's digest, or the recipe of its trainings; of a baseline today's digest, also where it had an earlier one."""
+    """An agent's digest, or the recipe of its trainings; of a baseline that is no plan today's digest, also where it had an earlier one."""
     agent = entry.first.agent
     if not entry.training_seeds:
-        return digests_of_baseline(agent.name)[0] if agent.digest in digests_of_baseline(agent.name) else agent.digest
+        every = () if agent.privileged else digests_of_baseline(agent.name)
+        return every[0] if agent.digest in every else agent.digest
     return "" if agent.training is None else agent.training.recipe
 
 

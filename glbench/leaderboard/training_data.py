@@ -58,7 +58,7 @@ def budget_of(result: Result) -> Budget:
     settings, name = _settings(agent.name), agent.name
     if isinstance(settings, RulePages) and settings.kind is TunedRuleSettings:
         task = _published_tasks().get(task_id)
-        page = None if task is None else settings.page_for(tuple(task.reward.modules), task_id)
+        page = None if task is None else settings.page_for(tuple(task.reward.modules), task_id, task.model_id)
         return UNKNOWN if page is None else _budget_in(page.parent.parent / "training" / f"{page.stem}.toml")[1]
     if isinstance(settings, Recording):
         name = str(settings.about["agent"])  # whose training made the recording what it is

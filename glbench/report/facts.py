@@ -377,7 +377,7 @@ def settings_of(result: Result, task: TaskSpec | None) -> dict[str, Any] | None:
         return None
     settings: Any = baseline.settings
     if isinstance(settings, RulePages):
-        page = settings.page_for(task.reward.modules, task.id)
+        page = settings.page_for(task.reward.modules, task.id, task.model_id)
     else:
         file = folder / baseline.card.settings
         page = file if file.suffix in _TEXT and file.is_file() else None

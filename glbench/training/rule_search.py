@@ -86,7 +86,7 @@ def shipped_start(tasks: Sequence[TaskSpec]) -> Path:
     reward, energy = reward_of(tasks), about_energy(tasks)
     folder = data_folder("baselines") / (ENERGY_CONTROLLER if energy else CONTROLLER) / "rules"
     pages = tuned_rules.read_rule_pages(folder, kind_for(tasks))
-    file = pages.page_for(reward, tasks[0].id)
+    file = pages.page_for(reward, tasks[0].id, tasks[0].model_id)
     if file is not None:
         return file
     what = f"{tasks[0].id}" if energy else f"the reward {', '.join(reward)}"

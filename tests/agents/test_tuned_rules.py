@@ -209,16 +209,18 @@ def test_the_page_is_chosen_by_what_is_rewarded() -> None:
     assert one.numbers_for(("profit",), "test/Other") == one.pages[RULES / "paper.yml"].numbers
 
 
-def test_a_page_for_a_task_comes_before_the_one_for_its_reward(tmp_path: Path) -> None:
+def test_a_page_for_a_model_comes_before_the_one_for_the_reward(tmp_path: Path) -> None:
     reward, colder = ("epi", "scaled_penalty"), PLAIN.model_copy(update={"heating_night": 13.0})
     (tmp_path / "a.yml").write_text(settings_text(RulePage(reward, PLAIN)), encoding="utf-8")
-    text = settings_text(RulePage(("glbench/Lettuce-v1",), colder))
-    assert "tasks: [glbench/Lettuce-v1]" in text.splitlines()
+    model = get_task("Lettuce-v1").model_id
+    text = settings_text(RulePage((model,), colder, "models"))
+    assert f"models: [{model}]" in text.splitlines()
     (tmp_path / "b.yml").write_text(text, encoding="utf-8")
     pages = read_rule_pages(tmp_path)
-    assert pages.numbers_for(reward, "glbench/Lettuce-v1") == colder
-    assert pages.numbers_for(reward, "glbench/Spring-v1") == PLAIN
-    assert pages.numbers_for(("profit",), "glbench/Lettuce-v1") == colder
+    assert pages.numbers_for(reward, "mine/Lettuce-v1", model) == colder
+    assert pages.numbers_for(reward, "glbench/Spring-v1", get_task("Spring-v1").model_id) == PLAIN
+    assert pages.numbers_for(("profit",), "glbench/Lettuce-v1", model) == colder
+    assert settings_text(pages.pages[tmp_path / "b.yml"]) == text
     (tmp_path / "c.yml").write_text(text + "reward: [epi]\n", encoding="utf-8")
     with pytest.raises(SubmissionError, match=r"reward"):
         read_rule_pages(tmp_path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tomllib
 
 import pytest
@@ -100,14 +101,19 @@ def test_of_tuned_rules_the_page_for_the_tasks_reward_counts(task: str, page: st
         assert (budget.split, budget.years) == (None, (2010,))
 
 
-def test_a_baseline_with_a_plan_for_one_more_task_is_the_same_agent(monkeypatch: pytest.MonkeyPatch) -> None:
-    today, *earlier = digests_of_baseline("best_known")
-    assert earlier
+def test_a_baseline_with_a_page_for_one_more_task_is_the_same_agent(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = "rule_based_greenhouse"
+    today, *earlier = digests_of_baseline(name)
+    assert today == read_baseline(name).digest
     assert (digests_of_baseline("my_agent"), digests_of_baseline("rule_based")) == ((), (read_baseline("rule_based").digest,))
     stored, _ = read_folder(RESULTS)
-    mine = [item for item in stored if item.result.agent.name == "best_known"]
-    assert {item.result.agent.digest for item in mine} <= {today, *earlier}
-    entries = entries_by_task(mine, {})
+    (old,) = (item for item in stored if item.result.agent.name == name)
+    assert old.result.agent.digest in earlier
+    assert budget_of(old.result).steps
+    other = next(item for item in stored if item.result.agent.name == "rule_based_tuned" and item.result.task.id == "glbench/Spring-v1")
+    agent = other.result.agent.model_copy(update={"name": name, "digest": today})
+    new = dataclasses.replace(other, result=other.result.model_copy(update={"agent": agent}))
+    entries = entries_by_task([old, new], {})
     assert all(of_one_version(entries)[task] for task in entries)
     monkeypatch.setattr(entries_module, "digests_of_baseline", lambda name: ())
     assert not all(of_one_version(entries)[task] for task in entries), "digests that nobody knows are other agents"
