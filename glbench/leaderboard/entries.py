@@ -135,7 +135,7 @@ def of_one_version(by_task: Mapping[str, Iterable[Entry]]) -> dict[str, tuple[En
 
 
 def _version(entry: Entry) -> str:
-    """An agent's digest, or the recipe of its trainings; of a baseline that is no plan today's digest, also where it had an earlier one."""
+    """An agent's digest, or the recipe of its trainings; of a baseline without plans today's digest, also where it had another."""
     agent = entry.first.agent
     if not entry.training_seeds:
         every = () if agent.privileged else digests_of_baseline(agent.name)

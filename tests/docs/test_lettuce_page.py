@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from docs import lettuce_figures
@@ -33,3 +34,17 @@ def test_recordings_lose_more_than_the_lead(figures: dict[str, Any]) -> None:
     zero = scores(figures, lettuce_figures.ZERO).mean()
     for agent in (Path(agent).stem for agent in lettuce_figures.ACTING):
         assert scores(figures, f"recording_of_{agent}").mean() < zero
+
+
+def test_what_the_page_says_of_orders_and_numbers(figures: dict[str, Any]) -> None:
+    names = [Path(agent).stem for agent in lettuce_figures.AGENTS]
+    by_year = {name: scores(figures, name).mean(axis=1) for name in names}
+    pairs = {(a, b) for a in names for b in names if a < b and len(set(np.sign(by_year[a] - by_year[b]))) > 1}
+    assert {name for pair in pairs for name in pair} == {"constant_setpoints", "rule_based_fair", "rule_based_tuned"}
+    order = sorted(names, key=lambda name: -by_year[name].mean())
+    assert set(order[:3]) == {lettuce_figures.MEMORY, lettuce_figures.POLICY, lettuce_figures.RULES}
+    assert order[3] == "outdoor"
+    own, tomatoes = lettuce_figures.RULES, "rule_based_tuned"
+    cost = [float((scores(figures, own, what) - scores(figures, tomatoes, what)).mean()) for what in ("reward", "penalty")]
+    text = lettuce_figures.PAGE.read_text(encoding="utf-8")
+    assert f"they cost {cost[0]:.2f} EUR/m², of which {-cost[1]:.2f} are violations" in text
