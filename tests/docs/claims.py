@@ -30,12 +30,14 @@ from docs import (
     fresh_draws_table,
     growers_table,
     ladder_table,
+    lettuce_figures,
     realism_figure,
     realism_practice,
     realism_setpoints,
     uncertainty_figures,
     weather_table,
 )
+from docs.greenhouse_design_figures import scores as design_scores
 from glbench.agents.saved_policies import BLOCK
 from glbench.env.accounts import make_accounts
 from glbench.episodes.recorder import bytes_a_step
@@ -146,6 +148,16 @@ def mean_of_ten_heads() -> tuple[float, float]:
     task = get_task("Lettuce-v2")
     share = 100.0 * float(task.parameters()[task.model_value.parameter_names.index("cvHead")])
     return share, share / math.sqrt(10.0)
+
+
+def lettuce_numbers() -> tuple[float, float]:
+    """What the numbers for tomatoes cost the rules of Lettuce-v2, and how much of it are violations [EUR m-2]."""
+    figures = json.loads(lettuce_figures.FIGURES.read_text(encoding="utf-8"))
+    own, tomatoes = lettuce_figures.RULES, "rule_based_tuned"
+    reward, penalty = (
+        float((design_scores(figures, own, what) - design_scores(figures, tomatoes, what)).mean()) for what in ("reward", "penalty")
+    )
+    return reward, -penalty
 
 
 def lamp_hours(agent: str) -> float:
@@ -1026,6 +1038,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("a coefficient of variation of {} %", lambda: 100.0 * BUTTERHEAD.parameters.default()[BUTTERHEAD.parameter_names.index("cvHead")]),
         ("a tenth more at 500 g, {} %", lambda: 100.0 * BUTTERHEAD.parameters.default()[BUTTERHEAD.parameter_names.index("cvHead")]),
+        ("they cost {} EUR/m², of which {} are violations", lettuce_numbers),
         ("the power {}, which gives that ratio", lambda: math.log(0.81 / 0.64) / math.log(44 / 37)),
         ("It is off by {} % (standard deviation", lambda: 100.0 * get_task("Lettuce-v2").samples["registration"].noise),
         ("ten heads that vary by {} % give {} %", mean_of_ten_heads),

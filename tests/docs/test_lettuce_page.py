@@ -44,7 +44,3 @@ def test_what_the_page_says_of_orders_and_numbers(figures: dict[str, Any]) -> No
     order = sorted(names, key=lambda name: -by_year[name].mean())
     assert set(order[:3]) == {lettuce_figures.MEMORY, lettuce_figures.POLICY, lettuce_figures.RULES}
     assert order[3] == "outdoor"
-    own, tomatoes = lettuce_figures.RULES, "rule_based_tuned"
-    cost = [float((scores(figures, own, what) - scores(figures, tomatoes, what)).mean()) for what in ("reward", "penalty")]
-    text = lettuce_figures.PAGE.read_text(encoding="utf-8")
-    assert f"they cost {cost[0]:.2f} EUR/m², of which {-cost[1]:.2f} are violations" in text
