@@ -55,8 +55,8 @@ ALGORITHMS = {"ppo": "ppo", "sac": "sac", "sac_fast": "sac"}
 OF_CONTROL = ("Spring-v1", "SpringYears-v1", "SpringMismatch-v1", "Lettuce-v1")
 """The suite ``control-2025``, on which the compiled PPO, with and without memory, and SAC train; for long only where tomatoes grow."""
 OF_GREENHOUSE = {"outdoor": 5, "ppo_greenhouse": 3, "ppo_memory_greenhouse": 3}
-"""Trainings of each recipe on each task of ``OF_THE_SUITE_CONTROL``. The mean of ``outdoor`` is the zero of a task's scores."""
-OF_THE_SUITE_CONTROL = ("GreenhouseReal-v1", "Lettuce-v2")
+"""Trainings of each recipe on each of ``GREENHOUSE_TASKS``. The mean of ``outdoor`` is the zero of a task's scores."""
+GREENHOUSE_TASKS = ("GreenhouseReal-v1", "Lettuce-v2")
 CARD_OF_RECIPE = "card.in.toml"
 """Becomes the agent's card with the first policy: an agent without weights is none."""
 log = logging.getLogger("train_all")
@@ -104,7 +104,7 @@ def plan() -> list[Job]:
     long = [Job("ppo_long", task, seed) for task in OF_CONTROL[:3] for seed in range(3)]
     off_policy = [Job("sac_fast", task, 0) for task in OF_CONTROL]
     greenhouse = [
-        Job(recipe, task, seed) for task in OF_THE_SUITE_CONTROL for recipe, trainings in OF_GREENHOUSE.items() for seed in range(trainings)
+        Job(recipe, task, seed) for task in GREENHOUSE_TASKS for recipe, trainings in OF_GREENHOUSE.items() for seed in range(trainings)
     ]
     return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, *long, *off_policy, *greenhouse]
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +13,10 @@ from numpy.typing import NDArray
 
 from glbench.agents.baselines import read_baseline
 from glbench.agents.predictive import PredictiveAgent, PredictiveSettings, TrueStateController, can_be_planned
-from glbench.control import EndValue, PredictiveController, Scenario, StageReward, plan_season
+from glbench.control import EndValue, PredictiveController, Scenario, StageReward, mpc, plan_season
 from glbench.control.delivery import Delivery
 from glbench.control.season import _worth
+from glbench.control.trust_region import trust_region_step
 from glbench.env import Simulation
 from glbench.errors import GlbenchError, ShapeError, StepError, SubmissionError, TaskError, UnknownNameError
 from glbench.kernel import Kernel
@@ -256,6 +259,35 @@ def test_what_heads_gain_counts_once(grams: float, sells: bool) -> None:
     value = EndValue.read(settings("mpc_greenhouse").end_values[task.model_id])
     assert value.gross
     assert (value(task, 12.0, [5.0, 15.0, 25.0, 33.0])[:, crop] > 0.0).all(), "mass is worth something until it is sold"
+
+
+def test_a_planner_subtracts_what_the_heads_at_the_end_of_its_plan_have_earned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only of a gross end value, in the states that stocks depend on, and by what a gram earns at the mass that the plan reaches."""
+    task = get_task("Lettuce-v2").in_split("validation")
+    scenario, model = Scenario.of(task, 10000), task.model_value
+    crop = [model.state_index(name) for name in ("xN", "xS")]
+    value = EndValue.read(settings("mpc_greenhouse").end_values[task.model_id])
+    ends: dict[tuple[bool, float], Floats] = {}
+    for gross in (True, False):
+        for grams in (60.0, 300.0):
+            x = scenario.x0.copy()
+            x[crop] *= grams / 3.0  # a young plant weighs about 3 g
+            controller = PredictiveController(task, horizon=8, first_iterations=1, end_value=replace(value, gross=gross))
+
+            def watched(*inputs: Any, end: Floats, key: tuple[bool, float] = (gross, grams), **options: Any) -> Any:
+                ends[key] = end[0]
+                return trust_region_step(*inputs, end=end, **options)
+
+            monkeypatch.setattr(mpc, "trust_region_step", watched)
+            before = np.zeros((1, len(model.control_names)))
+            controller.decide(x[None], before, scenario.d[:8], scenario.p, scenario.calendar[:9], days_left=20.0)
+    slope = ends[False, 300.0] - ends[True, 300.0]
+    assert ends[True, 60.0] == pytest.approx(ends[False, 60.0]), "nothing is sold below 180 g"
+    assert np.flatnonzero(np.abs(slope) > 1e-9).tolist() == crop
+    parameters = dict(zip(model.parameter_names, scenario.p, strict=False))
+    mass = (1.0 - parameters["cTau"]) / parameters["dmSht"] / parameters["nHead"]  # of a head, for a unit of dry matter [kg]
+    rise = parameters["nHead"] * 0.80 * (0.70 - 0.54) / 0.06  # between 280 and 340 g [EUR kg-1]
+    assert slope[crop] == pytest.approx(np.full(2, mass * rise), rel=0.15)
 
 
 def test_the_costate_of_a_state_is_what_a_little_more_of_it_earns() -> None:

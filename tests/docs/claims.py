@@ -1340,8 +1340,8 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("plants by up to 20 %, the young plants by up to 20 %", "definition: tasks/drafts/lettuce-v2.toml"),
         ("Heat costs 0.03 EUR kWh⁻¹", "definition: tasks/drafts/lettuce-v2.toml"),
         ("CO2 0.20 EUR kg⁻¹", "definition: tasks/drafts/lettuce-v2.toml"),
-        ("10 to 26 °C and 50 to 90 % of relative humidity", "definition: tasks/drafts/lettuce-v2.toml"),
-        ("and between 300 and 1200 ppm", "definition: tasks/drafts/lettuce-v2.toml"),
+        ("10 to 26 °C, 50 to 90 % of relative humidity", "definition: tasks/drafts/lettuce-v2.toml"),
+        ("and 300 to 1200 ppm", "definition: tasks/drafts/lettuce-v2.toml"),
     ],
     "docs/realism.md": [
         ("as a mean of 24 h", "definition: a state of the model"),
