@@ -22,13 +22,13 @@ from pathlib import Path
 
 from glbench.agents.identity import FORMS, baseline_names
 from glbench.errors import GlbenchError, ResultError, did_you_mean
-from glbench.evaluation import Progress, Result, prepare, protect, result_path
+from glbench.evaluation import Progress, Result, load_result, prepare, protect, result_path
 from glbench.evaluation.fresh_draws import add_fresh_draws
 from glbench.evaluation.jobs import Job as EvaluationJob
 from glbench.evaluation.jobs import Options
 from glbench.evaluation.profiles import profile_path
 from glbench.evaluation.records import git_state
-from glbench.leaderboard.collect import read_folder
+from glbench.leaderboard.collect import read_folder, same_runs
 from glbench.resources import write_atomically
 from glbench.tasks import get_task
 from glbench.verification import proof_path, save_proof, verify
@@ -156,6 +156,8 @@ def release(job: Job, out: Path, work: Path, *, new_digests: bool) -> str:
     if verdict.exactness != "bits":
         raise ResultError(verdict.reason)
     save_proof(verdict)
+    if is_kept(job, result):
+        return f"reward {result.summary.mean['reward']:,.1f}, reproduced; the released result keeps the digest of the agent at its time"
     for source, target in copies(job, work, out):
         write_atomically(target, source.read_bytes())
     new = "" if result.results_digest == job.released else ", new digest"
@@ -187,9 +189,15 @@ def check(job: Job, result: Result, work: Path, *, new_digests: bool) -> None:
         if model_of(item.result) == model_of(result) and other.get("library_digest") != kernel["library_digest"]:
             msg = f"its kernel is another build than that of {item.path}; remove {work} and start again"
             raise ResultError(msg)
-    if job.released not in (None, result.results_digest) and not new_digests:
+    if job.released not in (None, result.results_digest) and not new_digests and not is_kept(job, result):
         msg = f"results_digest {result.results_digest[:12]}, released {job.released[:12]}: the scores differ (--new-digests accepts that)"
         raise ResultError(msg)
+
+
+def is_kept(job: Job, result: Result) -> bool:
+    """Whether the released result has these runs under an earlier digest of the agent, which grew since: it stays as it is."""
+    released = result_path(RELEASED, job.task_id, job.agent)
+    return job.released not in (None, result.results_digest) and same_runs(result, load_result(released))
 
 
 def model_of(result: Result) -> tuple[str, str]:
@@ -199,7 +207,9 @@ def model_of(result: Result) -> tuple[str, str]:
 
 def is_released(job: Job, out: Path, work: Path) -> bool:
     """Whether ``out`` holds what was evaluated in ``work``, to the last byte."""
-    pairs = copies(job, work, out)
+    pairs, path = copies(job, work, out), result_path(work, job.task_id, job.agent)
+    if path.is_file() and proof_path(path).is_file() and is_kept(job, load_result(path)):
+        return True
     if not all(source.is_file() and target.is_file() for source, target in pairs):
         return False
     return all(source.read_bytes() == target.read_bytes() for source, target in pairs)

@@ -159,6 +159,18 @@ def shipped_digest(name: str) -> str:
     return left_out().get(name) or read_baseline(name).digest
 
 
+@cache
+def digests_of_baseline(name: str) -> tuple[str, ...]:
+    """Digest of the baseline today, and those before it got policies or plans for more tasks; none of an agent of another name."""
+    if name not in baseline_names():
+        return ()
+    earlier = read_toml(data_folder("baselines") / "lock.toml").get(name, {}).get("earlier", ())
+    try:
+        return (shipped_digest(name), *earlier)
+    except GlbenchError:
+        return tuple(earlier)
+
+
 def shipped_sight(name: str) -> Sight:
     """What a shipped baseline is shown, also where its policies or plans are not installed.
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from glbench.agents.baselines import shipped_digest, shipped_sight
+from glbench.agents.baselines import digests_of_baseline, shipped_sight
 from glbench.agents.identity import baseline_names
 from glbench.agents.naming import skeleton, skeletons
 from glbench.episodes.header import task_of
@@ -182,8 +182,8 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
     home = data_folder("reports/released/results")
     released, problems = read_folder(home)
     results = _single(released)
-    agents, baselines = {item.result.agent.name: item.result.agent for item in released}, baseline_names()
-    by_skeleton = {skeleton(name): name for name in (*agents, *baselines)}
+    agents = {item.result.agent.name: item.result.agent for item in released}
+    by_skeleton = {skeleton(name): name for name in (*agents, *baseline_names())}
     expected = published_expectations()
     for folder in (out / "results", *(out / trials / "results" for trials in (TRIALS, VALIDATION))):
         if real_path(folder) == real_path(home):
@@ -195,7 +195,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
             result = item.result
             published = expected.get(result.task.id)
             problem = (
-                _name_problem(item, agents, baselines, by_skeleton)
+                _name_problem(item, agents, by_skeleton)
                 or _problem_of_task(item, published)
                 or _problem_beside(item, results.get((item.board, result.agent.name)))
             )
@@ -208,7 +208,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
         problems += doubles
         for key, item in single.items():
             place = results.setdefault(key, item)
-            if place.released and place.result.results_digest == item.result.results_digest:
+            if place.released and same_runs(item.result, place.result):
                 results[key] = replace(place, confirmed=True)
     mine = {key: item for key, item in results.items() if not item.released}
     if mine and all(item.result.task.salt_commitment for item in mine.values()):
@@ -217,12 +217,10 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
     return ranked, (*problems, *strangers)
 
 
-def _name_problem(
-    item: StoredResult, released: Mapping[str, AgentRecord], baselines: Collection[str], by_skeleton: Mapping[str, str]
-) -> str | None:
+def _name_problem(item: StoredResult, released: Mapping[str, AgentRecord], by_skeleton: Mapping[str, str]) -> str | None:
     """Why a result cannot stand under its agent's name; ``None`` where it can.
 
-    The names of built-in agents (``baselines``) and of ``released`` ones belong to them; ``by_skeleton`` are all of these names.
+    The names of built-in agents and of ``released`` ones belong to them; ``by_skeleton`` are all of these names.
     """
     agent = item.result.agent
     alike = [by_skeleton[one] for one in skeletons(agent.name) if one in by_skeleton]
@@ -235,10 +233,9 @@ def _name_problem(
         identity, original = (agent.digest, agent.kind, agent.privileged), released.get(agent.name)
         if original is not None and identity == (original.digest, original.kind, original.privileged):
             return None
-        if agent.name in baselines and agent.kind == "baseline":
-            sight = shipped_sight(agent.name)
-            if identity == (shipped_digest(agent.name), "baseline", sight != "observations"):
-                return None
+        shipped = agent.kind == "baseline" and agent.digest in digests_of_baseline(agent.name)
+        if shipped and agent.privileged == (shipped_sight(agent.name) != "observations"):
+            return None
     same = "is the name" if agent.name == namesake else f"looks like '{namesake}', the name"
     return (
         f"{item.path} is of another agent than the one that came with glbench: '{agent.name}' {same} of that one, and the digest, "
@@ -303,11 +300,18 @@ def _problem_of_task(item: StoredResult, published: Expectation | None) -> str |
     )
 
 
+def same_runs(own: Result, released: Result) -> bool:
+    """Whether an evaluation has the bits of a released one; of a baseline also where it had an earlier digest then."""
+    digests = digests_of_baseline(own.agent.name) if own.agent.kind == "baseline" else ()
+    shipped = {own.agent.digest, released.agent.digest} <= {*digests} and own.task.digest == released.task.digest
+    return own.results_digest == released.results_digest or (shipped and own.runs == released.runs)
+
+
 def _problem_beside(item: StoredResult, released: StoredResult | None) -> str | None:
     """Why an evaluation of the user's own is not shown beside the released one with the same seeds; ``None`` if it is."""
     if released is None or item.result.evaluation.seeds != released.result.evaluation.seeds:
         return None
-    if item.result.results_digest == released.result.results_digest:
+    if same_runs(item.result, released.result):
         return None
     words = catalogue(item.task)
     metric = words.score if item.task is None else words.metrics[item.task.evaluation.metric]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from glbench.agents.baselines import shipped_training
+from glbench.agents.baselines import digests_of_baseline, shipped_training
 from glbench.agents.naming import without_seed
 from glbench.errors import ResultError, did_you_mean
 from glbench.evaluation import Result
@@ -21,7 +21,7 @@ from glbench.evaluation.records import RANKING_METRIC
 from glbench.leaderboard.catalogue import catalogue, of_published
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, task_of_board
 from glbench.leaderboard.statistics import RESOLUTION, Array
-from glbench.leaderboard.training_data import budget_of, digests_of_baseline
+from glbench.leaderboard.training_data import budget_of
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec

@@ -17,13 +17,11 @@ from pathlib import Path
 
 from pydantic import Field
 
-from glbench.agents.baselines import read_baseline, shipped_digest
+from glbench.agents.baselines import digests_of_baseline, read_baseline
 from glbench.agents.card import Split, Year
-from glbench.agents.identity import baseline_names
 from glbench.agents.plans import Recording
 from glbench.agents.tuned_rules import RulePages, TunedRuleSettings
 from glbench.env import run_years
-from glbench.errors import GlbenchError
 from glbench.evaluation import Result
 from glbench.leaderboard.collect import StoredResult
 from glbench.leaderboard.statistics import FrozenModel
@@ -83,19 +81,6 @@ def _published_tasks() -> Mapping[str, TaskSpec]:
 def _settings(name: str) -> object:
     """Settings of a baseline; None where they are not installed, which are policies and plans, no rules and no recording."""
     return None if name in left_out() else read_baseline(name).settings
-
-
-@cache
-def digests_of_baseline(name: str) -> tuple[str, ...]:
-    """Digest of the baseline today, and those before it got policies or plans for more tasks; none of an agent of another name."""
-    if name not in baseline_names():
-        return ()
-    lock = tomllib.loads((data_folder("baselines") / "lock.toml").read_text(encoding="utf-8"))
-    earlier = lock.get(name, {}).get("earlier", ())
-    try:
-        return (shipped_digest(name), *earlier)
-    except GlbenchError:
-        return tuple(earlier)
 
 
 @cache

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from glbench.episodes import ActionLog, Episode, read_episode, read_log
 from glbench.episodes.header import PARTS, task_of
 from glbench.errors import EpisodeError, GlbenchError, ResultError
-from glbench.evaluation import Result, load_result, result_path
+from glbench.evaluation import Result, load_result
 from glbench.evaluation.metrics import with_missing_steps
 from glbench.evaluation.saving import run_facts
 from glbench.registration import task_ids
@@ -49,7 +49,7 @@ def read_record(path: Path, result: Result) -> ActionLog:
                 ref += ".py"
             remedy = (
                 f"Released results come without them. Evaluate the agent again with `glbench evaluate {ref} --task {task} --fresh "
-                f"--out again`, and compare the results_digest in {result_path(Path('again'), task, name)} with {result.results_digest}."
+                f"--out again`; `glbench leaderboard --task {task} --out again` then says whether it is the same as the released one."
             )
         cannot_tell("no_record", f"The recorded actions {file} are not there. {remedy}")
     try:

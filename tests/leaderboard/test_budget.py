@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
+from pathlib import Path
 
 import pytest
 
-from glbench.agents.baselines import read_baseline
+from glbench.agents.baselines import digests_of_baseline, read_baseline
 from glbench.agents.card import SubmissionCard
-from glbench.evaluation import load_result
+from glbench.evaluation import Result, load_result, result_path
+from glbench.evaluation.records import RunResult, results_digest
 from glbench.leaderboard import entries as entries_module
-from glbench.leaderboard.collect import read_folder
+from glbench.leaderboard.collect import own_and_released_results, read_folder, same_runs
 from glbench.leaderboard.entries import entries_by_task, of_one_version
-from glbench.leaderboard.training_data import UNKNOWN, Budget, budget_of, digests_of_baseline
-from glbench.resources import data_folder
+from glbench.leaderboard.training_data import UNKNOWN, Budget, budget_of
+from glbench.resources import data_folder, write_atomically
 from tests.leaderboard.synthetic import make_result
 
 RESULTS = data_folder("reports/released/results")
@@ -117,3 +119,26 @@ def test_a_baseline_with_a_page_for_one_more_task_is_the_same_agent(monkeypatch:
     assert all(of_one_version(entries)[task] for task in entries)
     monkeypatch.setattr(entries_module, "digests_of_baseline", lambda name: ())
     assert not all(of_one_version(entries)[task] for task in entries), "digests that nobody knows are other agents"
+
+
+def test_ones_own_evaluation_of_a_baseline_that_grew_is_the_released_one(tmp_path: Path) -> None:
+    name, task = "rule_based_greenhouse", "GreenhouseReal-v1"
+    kept = load_result(RESULTS / task / f"{name}.json")
+
+    def evaluated(digest: str, runs: tuple[RunResult, ...] = kept.runs) -> Result:
+        agent = kept.agent.model_copy(update={"digest": digest})
+        stated = results_digest(kept.task.digest, agent, runs, kept.task.salt_commitment)
+        return kept.model_copy(update={"agent": agent, "runs": runs, "results_digest": stated})
+
+    own, stranger = evaluated(digests_of_baseline(name)[0]), evaluated("0" * 64)
+    assert own.results_digest != kept.results_digest
+    assert same_runs(own, kept)
+    assert not same_runs(stranger, kept)
+    assert not same_runs(evaluated(own.agent.digest, kept.runs[::-1]), kept)
+    for result, problem in ((own, ""), (stranger, "is of another agent than the one that came with glbench")):
+        file = result_path(tmp_path, task, name)
+        write_atomically(file, result.model_dump_json(by_alias=True))
+        stored, problems = own_and_released_results(tmp_path)
+        assert problem in "".join(map(str, problems))
+        assert bool(problems) is bool(problem)
+        assert [item.confirmed for item in stored if item.result.agent.name == name and item.board.endswith(task)] == [not problem]
