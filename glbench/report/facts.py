@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from glbench.agents.baselines import read_baseline
+from glbench.agents.baselines import digests_of_baseline, read_baseline
 from glbench.agents.identity import baseline_names
 from glbench.agents.tuned_rules import RulePages
 from glbench.evaluation import Result
@@ -373,7 +373,7 @@ def settings_of(result: Result, task: TaskSpec | None) -> dict[str, Any] | None:
     if result.agent.kind != "baseline" or name not in baseline_names() or task is None:
         return None
     baseline, folder = _baseline(name), data_folder("baselines") / name
-    if baseline.digest != result.agent.digest:
+    if result.agent.digest not in digests_of_baseline(name):
         return None
     settings: Any = baseline.settings
     if isinstance(settings, RulePages):

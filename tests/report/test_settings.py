@@ -44,6 +44,7 @@ def released(task: str, agent: str):
     [
         ("Spring-v1", "rule_based_tuned", ["Heating night", "16.57", "°C", "at night"]),
         ("Schiphol2010-Delta10-v1", "rule_based_tuned", ["Heating night", "16.92", "°C", "at night"]),
+        ("GreenhouseReal-v1", "rule_based_greenhouse", ["Heating night", "15.19", "°C", "at night"]),  # it has another page since
         ("SpringEnergy-v1", "rule_based_energy", ["Evening before sunset", "1.67", "h", "before sunset it leaves that of the day"]),
     ],
 )  # fmt: skip
