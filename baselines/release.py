@@ -196,8 +196,10 @@ def check(job: Job, result: Result, work: Path, *, new_digests: bool) -> None:
 
 def is_kept(job: Job, result: Result) -> bool:
     """Whether the released result has these runs under an earlier digest of the agent, which grew since: it stays as it is."""
-    released = result_path(RELEASED, job.task_id, job.agent)
-    return job.released not in (None, result.results_digest) and same_runs(result, load_result(released))
+    if job.released in (None, result.results_digest):
+        return False
+    released = load_result(result_path(RELEASED, job.task_id, job.agent))
+    return released.results_digest == job.released and same_runs(result, released)
 
 
 def model_of(result: Result) -> tuple[str, str]:
@@ -208,7 +210,7 @@ def model_of(result: Result) -> tuple[str, str]:
 def is_released(job: Job, out: Path, work: Path) -> bool:
     """Whether ``out`` holds what was evaluated in ``work``, to the last byte."""
     pairs, path = copies(job, work, out), result_path(work, job.task_id, job.agent)
-    if path.is_file() and proof_path(path).is_file() and is_kept(job, load_result(path)):
+    if job.released is not None and path.is_file() and proof_path(path).is_file() and is_kept(job, load_result(path)):
         return True
     if not all(source.is_file() and target.is_file() for source, target in pairs):
         return False

@@ -9,11 +9,13 @@ from types import ModuleType
 
 import pytest
 
+from glbench.agents.baselines import digests_of_baseline
 from glbench.agents.identity import baseline_names
 from glbench.errors import ResultError
 from glbench.evaluation import Result, load_result, result_path, save_result
-from glbench.evaluation.records import GitState
+from glbench.evaluation.records import GitState, results_digest
 from glbench.evaluation.sandbox.choosing import EXAMPLES
+from glbench.verification import proof_path
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMIT = GitState(commit="c" * 40, dirty=False)
@@ -69,6 +71,24 @@ def test_other_scores_are_refused_unless_they_are_meant_to_change(release, resul
     with pytest.raises(ResultError, match="the scores differ"):
         release.check(job, result, tmp_path, new_digests=False)
     release.check(job, result, tmp_path, new_digests=True)
+
+
+def test_the_result_of_a_baseline_that_grew_is_kept_if_all_runs_are_the_same(release, tmp_path):
+    name, task = "rule_based_greenhouse", "GreenhouseReal-v1"
+    kept = load_result(release.RELEASED / "results" / task / f"{name}.json")
+    job = release.Job(name, kept.task.id, kept.results_digest)
+
+    def evaluated(digest: str):
+        agent = kept.agent.model_copy(update={"digest": digest})
+        stated = results_digest(kept.task.digest, agent, kept.runs, kept.task.salt_commitment)
+        return kept.model_copy(update={"agent": agent, "results_digest": stated})
+
+    again, stranger = evaluated(digests_of_baseline(name)[0]), evaluated("0" * 64)
+    assert (release.is_kept(job, again), release.is_kept(job, stranger), release.is_kept(job, kept)) == (True, False, False)
+    save_result(again, tmp_path)
+    assert not release.is_released(job, tmp_path / "out", tmp_path), "without a note of verify"
+    proof_path(result_path(tmp_path, task, name)).write_text("{}", encoding="utf-8")
+    assert release.is_released(job, tmp_path / "out", tmp_path)
 
 
 def test_a_result_with_failed_runs_is_refused(release, result, tmp_path):
