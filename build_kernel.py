@@ -51,22 +51,13 @@ class KernelHook(BuildHookInterface[Any]):
         kept, facts = _contents(Path(self.root)).part(Path(self.root))
         manifest = folder / "data.json"
         manifest.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
-        return {
-            **{str(file): f"glbench/_data/{name}" for name, file in kept.items()},
-            str(manifest): "glbench/_data/data.json",
-        }
+        return {**{str(file): f"glbench/_data/{name}" for name, file in kept.items()}, str(manifest): "glbench/_data/data.json"}
 
     def _compile(self, folder: Path) -> bool:
         """Whether there are libraries in ``folder`` now."""
         _open_package(Path(self.root) / "glbench")
         from glbench.kernel.compiled.compiler import CompiledUnavailable
-        from glbench.kernel.compiled.library import (
-            absent_equipment,
-            levels_to_build,
-            prebuild,
-            traits_of,
-            write_manifest,
-        )
+        from glbench.kernel.compiled.library import absent_equipment, levels_to_build, prebuild, traits_of, write_manifest
         from glbench.model import registered_models, with_violation_meters
 
         if not levels_to_build():
@@ -99,11 +90,7 @@ def _asked_by_tasks(folder: Path) -> set[tuple[str, str, bool]]:
         model, variant, metered = ("greenlight-tomato-1.0.0", "author", False) if base is None else asked(base)
         given = task.get("model", {})
         judged = task.get("constraints", {}).get("judged")
-        return (
-            given.get("id", model),
-            given.get("variant", variant),
-            metered if judged is None else judged == "mean",
-        )
+        return (given.get("id", model), given.get("variant", variant), metered if judged is None else judged == "mean")
 
     return {asked(task) for task in tasks.values()}
 

@@ -50,10 +50,5 @@ def test_update(benchmark: Any, task_id: str, runs: int) -> None:
     of_update = seconds(lambda: estimator.update(seen, d))
     of_outlook = seconds(lambda: outlook.ahead(96))
     benchmark.extra_info.update(
-        {
-            "update_ms": 1e3 * of_update,
-            "update_steps": of_update / step,
-            "outlook_ms": 1e3 * of_outlook,
-            "outlook_steps": of_outlook / step,
-        }
+        {"update_ms": 1e3 * of_update, "update_steps": of_update / step, "outlook_ms": 1e3 * of_outlook, "outlook_steps": of_outlook / step}
     )

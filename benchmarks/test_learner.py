@@ -26,11 +26,7 @@ from glbench.training.vec_env import Normalizer, TrainingVecEnv  # noqa: E402
 
 TASK, UPDATES, LEAST = "Schiphol2010-Delta10-v1", 20, 25.0
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.train,
-    pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled())),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.train, pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled()))]
 
 
 def test_the_compiled_ppo_learns_from_many_times_the_steps(benchmark: Any) -> None:

@@ -32,22 +32,14 @@ from glbench.resources import data_folder
 from glbench.training.compiled import train_compiled
 from glbench.training.compiled_settings import read_compiled_settings
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.train,
-    pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled())),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.train, pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled()))]
 
 NOMINAL, REDRAWN = "Schiphol2010-Delta00-v1", "Schiphol2010-Delta10-v1"
 SEEDS = range(3)
 STEPS = 4_000_000
 LEAST = {"redrawn": 3790.0, "nominal": 3800.0, "differs": 3785.0, "sensors": 3745.0, "default": 3800.0}
 """Least accepted median reward of three trainings, by task."""
-YEARS = {
-    "training": {"years": [2008, 2009, 2010]},
-    "validation": {"years": [2008, 2009, 2010]},
-    "test": {"years": [2011, 2012]},
-}
+YEARS = {"training": {"years": [2008, 2009, 2010]}, "validation": {"years": [2008, 2009, 2010]}, "test": {"years": [2011, 2012]}}
 
 
 def unseen(paper: str, name: str, start: str, days: int, changes: dict[str, Any]) -> TaskSpec:

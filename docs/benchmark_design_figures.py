@@ -72,16 +72,8 @@ REAL_AGENTS = (MY_AGENT, PI, "rule_based_unlit", "ppo")
 CHOICE = {"SpringMismatch": REAL_AGENTS, "Spring": REAL_AGENTS[:-1]}
 """Among which agents one chooses that knows the draws."""
 GROWERS: Mapping[str, Mapping[str, str]] = {
-    "grower_warmer": {
-        "day = 19.5": "day = 20.5",
-        "pre_night = 16.0": "pre_night = 17.0",
-        "\nnight = 17.0": "\nnight = 18.0",
-    },
-    "grower_cooler": {
-        "day = 19.5": "day = 18.5",
-        "pre_night = 16.0": "pre_night = 15.0",
-        "\nnight = 17.0": "\nnight = 16.0",
-    },
+    "grower_warmer": {"day = 19.5": "day = 20.5", "pre_night = 16.0": "pre_night = 17.0", "\nnight = 17.0": "\nnight = 18.0"},
+    "grower_cooler": {"day = 19.5": "day = 18.5", "pre_night = 16.0": "pre_night = 15.0", "\nnight = 17.0": "\nnight = 16.0"},
     "grower_drier": {"day = 3.0": "day = 3.5", "\nnight = 2.7": "\nnight = 3.2"},
     "grower_little_co2": {"shut = 850.0": "shut = 500.0"},
 }
@@ -440,16 +432,7 @@ def recording_table(figures: Mapping[str, Any]) -> str:
                 ]
             )
     return grid(
-        [
-            "Family",
-            "Agent",
-            "Score",
-            f"Lead over `{REFERENCE}`",
-            "Its recording",
-            "Lost",
-            "Lost / lead",
-            f"Seasons below `{REFERENCE}`",
-        ],
+        ["Family", "Agent", "Score", f"Lead over `{REFERENCE}`", "Its recording", "Lost", "Lost / lead", f"Seasons below `{REFERENCE}`"],
         rows,
     )
 
@@ -469,15 +452,7 @@ def real_table(figures: Mapping[str, Any]) -> str:
                 f"{signed(difference)} ± {error:.2f}",
             ]
         )
-    return grid(
-        [
-            "Agent",
-            "Generated, mean ± sd",
-            "Real, mean ± sd",
-            "Generated less real at equal first days, ± standard error",
-        ],
-        rows,
-    )
+    return grid(["Agent", "Generated, mean ± sd", "Real, mean ± sd", "Generated less real at equal first days, ± standard error"], rows)
 
 
 def detection_table(figures: Mapping[str, Any]) -> str:

@@ -47,21 +47,10 @@ CLIENTS = (
     Client("torchrl", "torchrl", "`check_env_specs`, `GymEnv`, `GymWrapper` in `SAME_STEP`", TORCH),
     Client("skrl", "skrl", "PPO with `SequentialTrainer` on `make_vec`, `clip_actions=True`", TORCH),
     Client("tianshou", "tianshou", "`Collector` over a season", TORCH),
-    Client(
-        "d3rlpy",
-        "d3rlpy",
-        "SAC with `fit_online`; it pins an older Gymnasium, which was overridden",
-        TORCH,
-        pinned=True,
-    ),
+    Client("d3rlpy", "d3rlpy", "SAC with `fit_online`; it pins an older Gymnasium, which was overridden", TORCH, pinned=True),
     Client("minari", "minari", "`DataCollector`, a dataset of a season"),
     Client("jax", "purejaxrl", "a learner in the manner of PureJaxRL on `glbench.jax.Environment`"),
-    Client(
-        "gymnax",
-        "test_gymnax and not rejax",
-        "`GymnaxEnvironment`: spaces, params, six values, gymnax's wrappers",
-        ("six",),
-    ),
+    Client("gymnax", "test_gymnax and not rejax", "`GymnaxEnvironment`: spaces, params, six values, gymnax's wrappers", ("six",)),
     Client("rejax", "rejax", "PPO, SAC and TD3 on `glbench.jax.Environment`", ("gymnax",)),
     Client("do-mpc", "casadi", "a model and a controller ([casadi.md](casadi.md))"),
 )

@@ -293,12 +293,7 @@ def growth_table(figures: Mapping[str, Any]) -> str:
         "Fruit picked [kg/m² fresh]",
     ]
     rows = [
-        [
-            family,
-            f"{row['day']:.0f}",
-            *(f"{row[key]:.2f}" for key in ("lai", "plants", "fruit")),
-            f"{row['picked']:.1f}",
-        ]
+        [family, f"{row['day']:.0f}", *(f"{row[key]:.2f}" for key in ("lai", "plants", "fruit")), f"{row['picked']:.1f}"]
         for family, found in figures["growth"].items()
         for row in found
     ]

@@ -41,11 +41,7 @@ def measured(task_id: str, runs: int = RUNS, days: int = DAYS) -> dict[str, Any]
     agent.reset(card, runs)
     seeds = [(SEED if task.splits is None else task.evaluation.first_seed) + run for run in range(runs)]
     climatology = Climatology.of(task)
-    outlook, estimator, kernel = (
-        Outlook(task, climatology),
-        StateEstimator(task),
-        Kernel(model, task.step_seconds, preset="fast"),
-    )
+    outlook, estimator, kernel = (Outlook(task, climatology), StateEstimator(task), Kernel(model, task.step_seconds, preset="fast"))
     outlook.reset(runs)
     estimator.reset(runs)
     seen = simulation.reset(seeds)
@@ -74,15 +70,7 @@ def measured(task_id: str, runs: int = RUNS, days: int = DAYS) -> dict[str, Any]
         truth.append(simulation.x.copy())
         raw.append(seen[:, readings].astype(np.float64))
     true, airs = np.array(truth), [air_of(model, np.array(part)).values for part in (truth, found, open_loop)]
-    table: dict[str, Any] = {
-        "runs": runs,
-        "days": days,
-        "first_seed": seeds[0],
-        "split": task.split,
-        "air": {},
-        "states": {},
-        "ahead": {},
-    }
+    table: dict[str, Any] = {"runs": runs, "days": days, "first_seed": seeds[0], "split": task.split, "air": {}, "states": {}, "ahead": {}}
     for place, name in enumerate(AIR):
         others = {"estimate": airs[1], "replay": airs[2], "reading": np.array(raw)}
         table["air"][name] = {who: rms(values[..., place] - airs[0][..., place]) for who, values in others.items()}
@@ -136,10 +124,7 @@ def _number(value: float) -> str:
 def outlooks(results: Mapping[str, Any]) -> str:
     """A table in Markdown of the errors of what is expected, by hours ahead."""
     hours = [4, 12, 24, 48, 95]
-    lines = [
-        "| | | | " + " | ".join(f"{round(steps / 4)} h" for steps in hours) + " |",
-        "|---|---|---|" + "---:|" * len(hours),
-    ]
+    lines = ["| | | | " + " | ".join(f"{round(steps / 4)} h" for steps in hours) + " |", "|---|---|---|" + "---:|" * len(hours)]
     for task in ("Spring-v1", "Schiphol2010-Delta10-v1"):
         for name, words in _AHEAD.items():
             for who, errors in results[task]["ahead"][name].items():

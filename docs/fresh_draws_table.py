@@ -109,10 +109,7 @@ def read() -> dict[str, Any]:
 
 def filled(page: str, found: dict[str, Any]) -> str:
     """The page with its table."""
-    rows = [
-        "| agent | runs | published | fresh | drop | at least | margin | marked |",
-        "|---|---:|---:|---:|---:|---:|---:|---|",
-    ]
+    rows = ["| agent | runs | published | fresh | drop | at least | margin | marked |", "|---|---:|---:|---:|---:|---:|---:|---|"]
     for name, one in found.items():
         numbers = " | ".join(f"{one[key]:.2f}" for key in ("published", "mean", "drop", "low", "margin"))
         rows.append(f"| `{name}` | {one['runs']} | {numbers} | {'yes' if one['marked'] else 'no'} |")

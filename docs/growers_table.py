@@ -30,11 +30,7 @@ RULES = DOCS.parent / "baselines" / "rule_based_energy"
 TASK: Final = "FullSeason-v1"
 RUNS: Final = 4
 """Seasons of the validation split."""
-STRATEGIES: Final[Mapping[str, Mapping[str, float]]] = {
-    "lit": {},
-    "unlit": {"lamps_fruit": 0.0},
-    "less_drying": {"boiler_humidity": 0.05},
-}
+STRATEGIES: Final[Mapping[str, Mapping[str, float]]] = {"lit": {}, "unlit": {"lamps_fruit": 0.0}, "less_drying": {"boiler_humidity": 0.05}}
 """Each page by its name: the baseline's with these numbers changed."""
 WORDS: Final = {
     "lit": "`lit`: the page as it is",
@@ -160,10 +156,7 @@ def draw(found: Mapping[str, Any]) -> None:
 
     figure, axes = plt.subplots(1, 2, figsize=(9, 2.9), layout="constrained")
     for axis, column, title in zip(
-        axes,
-        ("fruit_picked [kg m-2]", "heat_cubic_metres [m3 m-2]"),
-        ("Picked [kg/m² a week]", "Gas [m³/m² a week]"),
-        strict=True,
+        axes, ("fruit_picked [kg m-2]", "heat_cubic_metres [m3 m-2]"), ("Picked [kg/m² a week]", "Gas [m³/m² a week]"), strict=True
     ):
         for name, colour in (("lit", "#d17a00"), ("unlit", "#33658a")):
             weeks = found["strategies"][name]["weeks"]

@@ -66,10 +66,7 @@ def sets(comparison: Comparison) -> str:
 def compartments(comparison: Comparison) -> str:
     """Heat and fruit of every compartment, measured and in each set."""
     names = [house.name for house in comparison.houses]
-    lines = [
-        f"| | measured | {' | '.join(f'`{name}`' for name in names)} |",
-        f"|---|{'---:|' * (1 + len(names))}",
-    ]
+    lines = [f"| | measured | {' | '.join(f'`{name}`' for name in names)} |", f"|---|{'---:|' * (1 + len(names))}"]
     first = comparison.houses[0]
     for kind, words, digits in (("heat", "heat, MJ m⁻²", 0), ("harvest", "fruit, kg m⁻²", 1)):
         for place, one in enumerate(first.compartments):
@@ -115,12 +112,7 @@ def climate(comparison: ClimateComparison) -> str:
 
 def filled(page: str, comparison: Comparison, air: ClimateComparison) -> str:
     """The page with its tables."""
-    tables = {
-        "climate": climate(air),
-        "sets": sets(comparison),
-        "compartments": compartments(comparison),
-        "months": months(comparison),
-    }
+    tables = {"climate": climate(air), "sets": sets(comparison), "compartments": compartments(comparison), "months": months(comparison)}
     return with_tables(page, tables)
 
 

@@ -198,10 +198,7 @@ def _cell(point: Point, digits: int) -> str:
 def money_table(points: Points) -> str:
     """Revenue and costs at 0, 10 and 30 %; of several trainings, their mean."""
     points = headline(points)
-    rows = [
-        "| EUR/m² | " + " | ".join(title for _, title, *_ in MONEY) + " | EPI |",
-        "|---|" + "---:|" * (len(MONEY) + 1),
-    ]
+    rows = ["| EUR/m² | " + " | ".join(title for _, title, *_ in MONEY) + " | EPI |", "|---|" + "---:|" * (len(MONEY) + 1)]
     for level in (0, 10, 30):
         for agent in AGENTS:
             if (agent, level, "epi") in points:

@@ -136,14 +136,7 @@ class Study:
                 seeds = sorted(set(pair[0].seeds) & set(pair[1].seeds))
                 values = [_on(entry, seeds) for entry in pair if entry is not None]
                 change = estimate_difference([values[1]], [values[0]]).interval()
-                rows.append(
-                    [
-                        words,
-                        f"`{agent}`",
-                        _signed(change.value),
-                        f"{_signed(change.low)} to {_signed(change.high)}",
-                    ]
-                )
+                rows.append([words, f"`{agent}`", _signed(change.value), f"{_signed(change.low)} to {_signed(change.high)}"])
         return _table(["what is added", "agent", "change of the score", "95 %"], rows, words=2)
 
     def grid(self, tasks: Iterable[str], agents: Iterable[str], digits: int) -> str:
@@ -154,12 +147,7 @@ class Study:
         for agent in names:
             cells = [found[task].get(agent) for task in shown]
             if any(cells):
-                rows.append(
-                    [
-                        f"`{agent}`",
-                        *("–" if row is None else f"{row.means[RANKING_METRIC]:,.{digits}f}" for row in cells),
-                    ]
-                )
+                rows.append([f"`{agent}`", *("–" if row is None else f"{row.means[RANKING_METRIC]:,.{digits}f}" for row in cells)])
         return _table(["", *(f"`{task}`" for task in shown)], rows, words=1)
 
     def trainings(self) -> str:

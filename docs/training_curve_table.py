@@ -30,10 +30,7 @@ def table(task: str, curve: str, recipe: str) -> str:
         released = json.loads((ROOT / "reports/released/results" / task / f"{name}.json").read_text(encoding="utf-8"))
         cells = [f"{float(point['reward']):.2f}" for point in shown]
         rows.append(f"| `{name}` | {' | '.join(cells)} | {released['summary']['mean']['reward']:.2f} |")
-    head = [
-        f"| steps | {' | '.join(f'{step:,}' for step in steps)} | test split |",
-        "|---" + "|---:" * (len(steps) + 1) + "|",
-    ]
+    head = [f"| steps | {' | '.join(f'{step:,}' for step in steps)} | test split |", "|---" + "|---:" * (len(steps) + 1) + "|"]
     return "\n".join([*head, *rows])
 
 

@@ -41,11 +41,7 @@ SPLITS = ("training", "validation", "test")
 BLUE, ORANGE, GREEN, PINK, GREY, BLACK = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#999999", "#222222"
 YEARS = {2008: "#0072b2", 2009: "#56b4e9", 2010: "#009e73", 2011: "#d55e00", 2012: "#e69f00"}
 FORECAST = (("global radiation", "W m⁻²"), ("temperature", "°C"), ("relative humidity", "%"), ("wind speed", "m s⁻¹"))
-SENSORS = (
-    ("air_temperature", "air temperature", "degC"),
-    ("co2", "CO2", "ppm"),
-    ("relative_humidity", "relative humidity", "%"),
-)
+SENSORS = (("air_temperature", "air temperature", "degC"), ("co2", "CO2", "ppm"), ("relative_humidity", "relative humidity", "%"))
 
 ACTUATORS: Any = {
     "uVent": {
@@ -110,10 +106,7 @@ def tables(task: TaskSpec) -> dict[str, list[str]]:
         entry = getattr(task.sensors, key)
         sensor.append(f"| {label} [{unit}] | {entry.noise:g} | {entry.bias:g} | {entry.drift:g} |")
     hours = task.observation.forecast_hours
-    ahead = [
-        f"| quantity | s | φ | {' | '.join(f'{hour} h' for hour in hours)} |",
-        "|---|---:|---:|" + "---:|" * len(hours),
-    ]
+    ahead = [f"| quantity | s | φ | {' | '.join(f'{hour} h' for hour in hours)} |", "|---|---:|---:|" + "---:|" * len(hours)]
     units = ("of a clear sky's", "K", "%", "m s-1")
     for place, (label, _) in enumerate(FORECAST):
         sizes = " | ".join(f"{value:.2f}" for value in rows[place])
@@ -130,10 +123,7 @@ def tables(task: TaskSpec) -> dict[str, list[str]]:
     for split, use in zip(SPLITS, uses, strict=True):
         table = getattr(task.splits, split)
         splits.append(f"| {split} | {', '.join(map(str, table.years))} | {table.seasons} | {use} |")
-    bias = [
-        f"| quantity | mean of what came | {' | '.join(f'{hour} h' for hour in hours)} |",
-        "|---|---:|" + "---:|" * len(hours),
-    ]
+    bias = [f"| quantity | mean of what came | {' | '.join(f'{hour} h' for hour in hours)} |", "|---|---:|" + "---:|" * len(hours)]
     unbiased = [f"{bias[0]} typical at {hours[-1]} h | clipped |", f"{bias[1]}---:|---:|"]
     fair = forecast_bias(task.replace({"observation.forecast.unbiased": True}))
     for label, (came, errors, clipped) in forecast_bias(task).items():
@@ -248,10 +238,7 @@ def controlled(task: TaskSpec, seed: int, steps: int) -> tuple[Floats, Floats]:
     controls = np.zeros((1, len(names)))
     for _ in range(steps):
         temperature, _, humidity = true[-1]
-        wanted = {
-            "uBoil": (18.0 - temperature) / 5.0,
-            "uVent": max((temperature - 22.0) / 15.0, (humidity - 82.0) / 40.0),
-        }
+        wanted = {"uBoil": (18.0 - temperature) / 5.0, "uVent": max((temperature - 22.0) / 15.0, (humidity - 82.0) / 40.0)}
         for name, value in wanted.items():
             place = names.index(name)
             controls[0, place] += np.clip(np.clip(value, 0.0, 1.0) - controls[0, place], -0.03, 0.03)
@@ -279,15 +266,7 @@ def sensors(task: TaskSpec) -> Any:
         axis.plot(day, shown[part, place], color=ORANGE, lw=0.9, label="reading, which the agent sees")
         axis.plot(day, true[part, place], color=BLUE, lw=1.6, label="truth, which is judged")
         axis.fill_between(
-            day,
-            0,
-            1,
-            where=hung,
-            transform=axis.get_xaxis_transform(),
-            color=GREY,
-            alpha=0.35,
-            lw=0,
-            label="the sensor hangs",
+            day, 0, 1, where=hung, transform=axis.get_xaxis_transform(), color=GREY, alpha=0.35, lw=0, label="the sensor hangs"
         )
         axis.set_ylabel(label)
     axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
@@ -503,11 +482,7 @@ def co2(task: TaskSpec) -> Any:
     length = task.weather.days * pool.day
     for number, (row, colour) in enumerate(zip(rows, (BLUE, ORANGE, GREEN), strict=True)):
         axis.plot(
-            np.arange(length) / pool.day,
-            pool.tables.measured[row : row + length, 3],
-            color=colour,
-            lw=0.9,
-            label=f"season {number + 1}",
+            np.arange(length) / pool.day, pool.tables.measured[row : row + length, 3], color=colour, lw=0.9, label=f"season {number + 1}"
         )
     axis.set_xlabel("day of the season")
     axis.set_ylabel("CO₂ outside [ppm]")
@@ -527,13 +502,7 @@ def draws(task: TaskSpec) -> Any:
     for group, colour in zip(scenarios.in_episode, (BLUE, GREEN, ORANGE), strict=False):
         place = names.index(group.parameters[0])
         factor = scenes.parameters[:, place] / scenarios.nominal[place]
-        axes[0].hist(
-            factor,
-            bins=np.linspace(0.78, 1.22, 45),
-            histtype="step",
-            color=colour,
-            label=f"{group.name}: {group.parameters[0]}",
-        )
+        axes[0].hist(factor, bins=np.linspace(0.78, 1.22, 45), histtype="step", color=colour, label=f"{group.name}: {group.parameters[0]}")
     axes[0].set_xlabel("factor on the nominal value")
     axes[0].set_ylabel("runs of 2,000")
     axes[0].set_ylim(0, 220)

@@ -19,15 +19,7 @@ import numpy.typing as npt
 
 from docs.tables import with_tables
 from glbench.weather import Blocks, SeasonGenerator, load_weather
-from glbench.weather.comparison import (
-    SPLIT_KEY,
-    Figure,
-    Resemblance,
-    Seasons,
-    daily_values,
-    generated_seasons,
-    resemblance,
-)
+from glbench.weather.comparison import SPLIT_KEY, Figure, Resemblance, Seasons, daily_values, generated_seasons, resemblance
 
 PAGE = Path(__file__).with_name("weather.md")
 MEASUREMENTS = Path(__file__).with_name("measurements") / "weather"

@@ -155,11 +155,7 @@ def all_seasons() -> dict[str, Season]:
     book = best_known().book(task)
     assert book is not None
     policy = Season(Scenario.of(task, SEED), agent_controls(task, protect(POLICY, "none"), [SEED])[0])
-    return {
-        "best": Season.of_book(task, book),
-        "policy": policy,
-        "cheap": Season.of_book(cheap_task(), read_book(CHEAP_PLAN)),
-    }
+    return {"best": Season.of_book(task, book), "policy": policy, "cheap": Season.of_book(cheap_task(), read_book(CHEAP_PLAN))}
 
 
 def plan_cheap() -> None:
@@ -192,13 +188,7 @@ def typical_day(seasons: dict[str, Season]) -> Any:
     for row, (label, series) in enumerate(rows):
         for column, (month, days) in enumerate(MONTHS.items()):
             axis = axes[row, column]
-            axis.plot(
-                hours,
-                policy.daily(series(policy), days),
-                color=ORANGE,
-                lw=1.2,
-                label=f"{POLICY}, the best trained policy",
-            )
+            axis.plot(hours, policy.daily(series(policy), days), color=ORANGE, lw=1.2, label=f"{POLICY}, the best trained policy")
             axis.plot(hours, best.daily(series(best), days), color=BLUE, lw=1.8, label="best known plan")
             if row == 0:
                 axis.set_title(month)
@@ -218,13 +208,7 @@ def lamps(seasons: dict[str, Season]) -> Any:
     day = cheap.scenario.task.steps_per_day
     figure, (left, right) = plt.subplots(1, 2, figsize=(8.0, 3.2), width_ratios=(2, 1))
     picture = left.imshow(
-        cheap.control("uLamp").reshape(-1, day).T,
-        aspect="auto",
-        origin="lower",
-        extent=(0, 60, 0, 24),
-        cmap="inferno",
-        vmin=0,
-        vmax=100,
+        cheap.control("uLamp").reshape(-1, day).T, aspect="auto", origin="lower", extent=(0, 60, 0, 24), cmap="inferno", vmin=0, vmax=100
     )
     figure.colorbar(picture, ax=left, label="lamps [% of capacity]")
     left.set(xlabel="day of the season", ylabel="hour of the day (UTC)", yticks=range(0, 25, 6))

@@ -62,9 +62,7 @@ _NO_PYTORCH = "PyTorch is not installed"
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_make_collect_report(
-    collector: pytest.Collector,
-) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+def pytest_make_collect_report(collector: pytest.Collector) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
     """Skip a file that imports PyTorch where there is none."""
     report = yield
     call = getattr(report, "call", None)

@@ -86,13 +86,7 @@ class Machines:
     def start(self, name: str) -> None:
         """Start the machine ``a`` or ``b``, with one core, or the ``head``."""
         head = ("--head", f"--port={self._port}", "--num-cpus=0", "--include-dashboard=false")
-        other = (
-            f"--address={self.address}",
-            "--num-cpus=1",
-            "--temp-dir=/tmp/ray",
-            "--resources",
-            json.dumps({name: 1}),
-        )
+        other = (f"--address={self.address}", "--num-cpus=1", "--temp-dir=/tmp/ray", "--resources", json.dumps({name: 1}))
         if name == "head":
             # A short path: those of Unix sockets may have 107 characters.
             command = [*_RAY, *head, f"--temp-dir=/tmp/glbench-ray-{os.getpid()}", *_COMMON]

@@ -43,11 +43,7 @@ def build(out: Path, version: str) -> Path:
         put_together(folder)
         (folder / "glbench").symlink_to(ROOT / "glbench")
         built = subprocess.run(
-            [sys.executable, "-m", "zensical", "build", "--clean"],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            check=False,
+            [sys.executable, "-m", "zensical", "build", "--clean"], cwd=folder, capture_output=True, text=True, check=False
         )
         site = folder / "site"
         if built.returncode or not (site / "index.html").is_file():

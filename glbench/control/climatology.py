@@ -38,14 +38,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-QUANTITIES = (
-    "clearness",
-    "outdoor_temperature",
-    "outdoor_relative_humidity",
-    "outdoor_co2",
-    "wind_speed",
-    "sky_depression",
-)
+QUANTITIES = ("clearness", "outdoor_temperature", "outdoor_relative_humidity", "outdoor_co2", "wind_speed", "sky_depression")
 """What has a mean: share of clear-sky radiation [-], [degC], [%], [ppm], [m s-1], air minus sky temperature [K]."""
 CLEARNESS, TEMPERATURE, HUMIDITY, CO2, WIND, SKY = range(6)
 LEADS = 25

@@ -23,15 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.control.climatology import (
-    CLEARNESS,
-    CO2,
-    HUMIDITY,
-    TEMPERATURE,
-    WIND,
-    Climatology,
-    WeatherObservation,
-)
+from glbench.control.climatology import CLEARNESS, CO2, HUMIDITY, TEMPERATURE, WIND, Climatology, WeatherObservation
 from glbench.control.observation_model import ObservationModel, checked_observations, refuse_missing
 from glbench.control.scenario import with_schedule
 from glbench.env.actuation import run_calendar
@@ -45,14 +37,7 @@ from glbench.tasks.quantities import FORECAST
 from glbench.tasks.schedule import schedule_rows
 from glbench.tasks.vocabulary import WEEKDAYS
 from glbench.untrusted import quoted
-from glbench.weather.preprocessing import (
-    co2_density,
-    seconds_into_year,
-    soil_temperature,
-    to_utc_seconds,
-    utc_offsets,
-    vapour_pressure,
-)
+from glbench.weather.preprocessing import co2_density, seconds_into_year, soil_temperature, to_utc_seconds, utc_offsets, vapour_pressure
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -122,10 +107,7 @@ class Outlook:
             msg = f"{task.id} does not show {', '.join(missing)}: an outlook needs the weather of now."
             raise TaskError(msg)
         self._weather = [names.index(name) for name in MEASURED]
-        by_module = (
-            ("hour_of_day", "day_of_year"),
-            ("sin_hour_of_day", "cos_hour_of_day", "sin_day_of_year", "cos_day_of_year"),
-        )
+        by_module = (("hour_of_day", "day_of_year"), ("sin_hour_of_day", "cos_hour_of_day", "sin_day_of_year", "cos_day_of_year"))
         clock = next((columns for columns in by_module if all(name in names for name in columns)), None)
         if clock is None:
             msg = f"{task.id} shows neither the hour of day nor the day of year: an outlook needs them. Add the module 'time'."

@@ -110,10 +110,7 @@ class PredictiveController:
         # parameters, without those of the meters at the end.
         self._judge = Kernel(judged.model_value, task.step_seconds, preset=preset)
         self._states, self._parameters = len(near.model_value.states), len(near.model_value.parameter_names)
-        self._meters, self._limits = (
-            len(judged.model_value.states) - self._states,
-            judged.parameters()[self._parameters :],
-        )
+        self._meters, self._limits = (len(judged.model_value.states) - self._states, judged.parameters()[self._parameters :])
         self._end_value = end_value
         if end_value is not None:
             if not isinstance(end_value, EndValue):
@@ -324,11 +321,7 @@ class PredictiveController:
         states = kernel.rollout(x, u, d, p)
         run, step = np.nonzero(outdated)
         renewed = kernel.linearise(
-            states[run, step],
-            u[run, step],
-            d[run, step],
-            p[run, step] if p.ndim == 3 else _of(p, run),
-            inputs=("x", "u"),
+            states[run, step], u[run, step], d[run, step], p[run, step] if p.ndim == 3 else _of(p, run), inputs=("x", "u")
         )
         self._jacobians[rows[run], self._slots[step]] = np.concatenate([renewed.du, renewed.dx], axis=2).swapaxes(1, 2)
         return Trajectory(states, ("x", "u"), self._jacobians[rows[:, None], self._slots], kernel)

@@ -108,12 +108,7 @@ class Iteration:
 
 
 def plan_season(
-    scenario: Scenario,
-    controls: ArrayLike,
-    *,
-    iterations: int = 35,
-    preset: str = "fast",
-    watch: Callable[[Iteration], None] | None = None,
+    scenario: Scenario, controls: ArrayLike, *, iterations: int = 35, preset: str = "fast", watch: Callable[[Iteration], None] | None = None
 ) -> SeasonPlan:
     """Improve the controls of a season with perfect information.
 
@@ -398,10 +393,7 @@ def _worth(plan: SeasonPlan, preset: str, smoothing: float = _SMOOTHING) -> Floa
 def money_in_reward(task: TaskSpec) -> float:
     """What 1 EUR m-2 is worth in the task's reward."""
     # The same step with all controls off and on: what that costs, and what it does to the reward. Its states do not matter.
-    states, controls = (
-        np.full((2, 2, len(task.model_value.states)), 10.0),
-        np.zeros((2, 1, len(task.model_value.controls))),
-    )
+    states, controls = (np.full((2, 2, len(task.model_value.states)), 10.0), np.zeros((2, 1, len(task.model_value.controls))))
     controls[1] = 1.0
     calendar = np.ones((2, 2, 2 + len(task.price_tables)))
     stage = StageReward(task)(states, controls, calendar)

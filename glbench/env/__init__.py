@@ -26,10 +26,7 @@ if TYPE_CHECKING:
     from glbench.env.info import info_quantities
     from glbench.env.vector import GreenhouseVectorEnv
 else:
-    __getattr__ = lazy_names(
-        __name__,
-        {"greenhouse": ("GreenhouseEnv",), "info": ("info_quantities",), "vector": ("GreenhouseVectorEnv",)},
-    )
+    __getattr__ = lazy_names(__name__, {"greenhouse": ("GreenhouseEnv",), "info": ("info_quantities",), "vector": ("GreenhouseVectorEnv",)})
 
 __all__ = [
     "ACTUATIONS",

@@ -235,12 +235,7 @@ class Accounts:
                 profit = profit + worth
             else:
                 profit = profit - worth
-        quantities = {
-            "epi": 0.0 if profit is None else profit,
-            **money,
-            **amounts,
-            **self._violations(before, after, air),
-        }
+        quantities = {"epi": 0.0 if profit is None else profit, **money, **amounts, **self._violations(before, after, air)}
         if controls_before is not None and TRAVEL in self.names:
             travel: Any = 0.0
             for place, (previous, control) in enumerate(zip(controls_before, controls, strict=True)):

@@ -198,8 +198,7 @@ def _provide(name: str, position: _Position) -> None:
         if task.on_off:
             return _only_recorded(task)
         return lambda controls, actions: np.stack(
-            [position(task, controls[:, column], actions[:, column], column, None) for column in range(actions.shape[1])],
-            axis=1,
+            [position(task, controls[:, column], actions[:, column], column, None) for column in range(actions.shape[1])], axis=1
         )
 
     def work(task: TaskSpec, inputs: ActuationInputs) -> tuple[Mapping[str, Any], Mapping[str, Any]]:

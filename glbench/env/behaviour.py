@@ -74,11 +74,7 @@ def behaviour(task: TaskSpec) -> dict[str, Number]:
     """The numbers of ``task`` by name: ``weather.iGlob``, ``step.revenue``, ..."""
     task = task.scored
     weather = task.disturbances(task.observation.forecast_steps)
-    columns = {
-        **dict(zip(COLUMNS, weather.values.T, strict=True)),
-        "hourOfDay": weather.hour_of_day,
-        "dayOfYear": weather.day_of_year,
-    }
+    columns = {**dict(zip(COLUMNS, weather.values.T, strict=True)), "hourOfDay": weather.hour_of_day, "dayOfYear": weather.day_of_year}
     return {
         **{f"weather.{name}": weighted_sum(values) for name, values in columns.items()},
         **{f"step.{name}": weighted_sum(values) for name, values in _step(task).items()},

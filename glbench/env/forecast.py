@@ -109,15 +109,7 @@ class ForecastTable:
         clear: Floats = clear_sky(self.place, -past)[calendar_days(days.astype(np.int64)), hours]
         return clear
 
-    def fill(
-        self,
-        table: NDArray[np.float32],
-        first: int,
-        rows: int,
-        measured: Floats,
-        times: NDArray[np.datetime64],
-        season: int,
-    ) -> None:
+    def fill(self, table: NDArray[np.float32], first: int, rows: int, measured: Floats, times: NDArray[np.datetime64], season: int) -> None:
         """Write the forecasts of a season into ``table``.
 
         Parameters

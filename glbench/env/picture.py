@@ -218,17 +218,7 @@ class Picture:
         (line,) = axes.plot([], [], color=color, lw=1.4, animated=True)
         (broken,) = axes.plot([], [], color=_BROKEN, lw=1.4, marker=".", ms=4.0, mew=0.0, animated=True)
         (now,) = axes.plot([], [], color=color, marker="o", ms=4.0, mew=0.0, animated=True, clip_on=False)
-        value = axes.text(
-            1.0,
-            1.02,
-            "",
-            transform=axes.transAxes,
-            fontsize=9,
-            fontweight="bold",
-            ha="right",
-            va="bottom",
-            animated=True,
-        )
+        value = axes.text(1.0, 1.02, "", transform=axes.transAxes, fontsize=9, fontweight="bold", ha="right", va="bottom", animated=True)
         return _Curve(axes, line, now, broken, value, unit)
 
     def _make_climate(self) -> dict[int, _Curve]:

@@ -67,11 +67,7 @@ class Measured:
 
 
 def work(
-    task: TaskSpec,
-    set_points: Mapping[str, Any],
-    controls: Mapping[str, Any],
-    measured: Measured,
-    memory: Mapping[str, Any],
+    task: TaskSpec, set_points: Mapping[str, Any], controls: Mapping[str, Any], measured: Measured, memory: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """A step of the computer.
 
@@ -106,13 +102,7 @@ class _Step:
         measured: Measured,
         memory: Mapping[str, Any],
     ) -> None:
-        self.s, self.set_points, self.controls, self.measured, self.memory = (
-            settings,
-            set_points,
-            controls,
-            measured,
-            memory,
-        )
+        self.s, self.set_points, self.controls, self.measured, self.memory = (settings, set_points, controls, measured, memory)
         self.max_change = task.actuation.max_change
         self.steps_an_hour = _SECONDS_AN_HOUR / task.step_seconds
         self.heat_installed = {capacity.name: capacity.at_one for capacity in task.capacities()}.get(points.BOILER, 0.0)

@@ -121,9 +121,7 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
         own_parameters=bool(scenarios.in_episode),
         parameter_noise=tuple(
             ParameterNoise(
-                np.array(scenarios.places((group,)), dtype=np.int32),
-                group.half_width,
-                scenarios.pool.day if group.redraw == "day" else 1,
+                np.array(scenarios.places((group,)), dtype=np.int32), group.half_width, scenarios.pool.day if group.redraw == "day" else 1
             )
             for group in scenarios.in_step
         ),
@@ -207,12 +205,7 @@ def _outcome(task: TaskSpec, scenarios: RunScenarios, update: Recorder) -> tuple
         commands = scenarios.actuators.commands(recorder, controls, scenarios.memory_layout)
         delivered = [control * capacity.at_one for control, capacity in zip(controls, task.capacities(), strict=True)]
         quantities, reward = _quantities(task, recorder, controls, air)
-        rows = [
-            recorder.input("counter", 0),
-            *(recorder.input("calendar", index) for index in range(len(CLOCK))),
-            *air,
-            *delivered,
-        ]
+        rows = [recorder.input("counter", 0), *(recorder.input("calendar", index) for index in range(len(CLOCK))), *air, *delivered]
         for column, value in enumerate([*rows, *quantities]):
             recorder.output("table", column, value)
         measured = scenarios.sensors.readings(recorder, air, scenarios.memory_layout)

@@ -215,13 +215,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
             else:
                 info = self._info.everywhere(columns, self.num_envs)
             add_failures(info, result)
-        return (
-            self._normalise(observations),
-            result.rewards.copy(),
-            terminated,
-            np.zeros(self.num_envs, dtype=np.bool_),
-            info,
-        )
+        return (self._normalise(observations), result.rewards.copy(), terminated, np.zeros(self.num_envs, dtype=np.bool_), info)
 
     def render(self) -> tuple[str, ...] | tuple[NDArray[np.uint8], ...] | None:
         """A text or a picture ``(480, 640, 3)`` for each row, or ``None`` without a render mode.

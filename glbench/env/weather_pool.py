@@ -104,10 +104,7 @@ class SeasonPrices:
         modules = task.observation.modules
         markets = [name for name, table in tables.items() if table.market is not None]
         step = task.weather.step_seconds
-        by_hour = [
-            *(f"price_tables.{name}" for name in markets),
-            *(["observation.day_ahead"] if ahead is not None else []),
-        ]
+        by_hour = [*(f"price_tables.{name}" for name in markets), *(["observation.day_ahead"] if ahead is not None else [])]
         if by_hour and HOUR % step:
             msg = f"{task.source}: [{by_hour[0]}] is hourly; step_seconds = {step} does not divide an hour. Use 900."
             raise TaskError(msg)
@@ -300,11 +297,7 @@ def _calendar(task: TaskSpec, times: NDArray[np.datetime64], clock: list[Floats]
 
 
 def _priced(
-    priced: SeasonPrices,
-    times: NDArray[np.datetime64],
-    clock: list[Floats],
-    spans: list[tuple[int, int]],
-    measured: Floats,
+    priced: SeasonPrices, times: NDArray[np.datetime64], clock: list[Floats], spans: list[tuple[int, int]], measured: Floats
 ) -> tuple[Floats, tuple[NDArray[np.float32], NDArray[np.float32]]]:
     """Calendar and tables of prices of seasons that take up the rows ``spans``, with the weather as measured of all rows."""
     prices, tables = np.zeros((len(times), len(priced.task.price_tables))), priced.room(len(times))

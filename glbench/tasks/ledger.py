@@ -136,13 +136,7 @@ class Ledger:
 
 
 def step_quantities(
-    ledger: Ledger,
-    limited: Iterable[str],
-    *,
-    means: bool = False,
-    priced: bool = False,
-    reward_unit: str = "-",
-    extra: Iterable[str] = (),
+    ledger: Ledger, limited: Iterable[str], *, means: bool = False, priced: bool = False, reward_unit: str = "-", extra: Iterable[str] = ()
 ) -> tuple[StepQuantity, ...]:
     """Every quantity of a step: reward, profit, money, penalty, amounts, violations of the limits and the hours they last.
 

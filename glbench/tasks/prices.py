@@ -162,13 +162,7 @@ class PriceTable:
         """The table that is this one, called ``source``, times ``times`` plus ``plus``."""
         return replace(self, unit=unit, source=self.source or source, times=self.times * times, plus=self.plus * times + plus)
 
-    def values(
-        self,
-        times: NDArray[np.datetime64],
-        hour_of_day: Floats,
-        season: SeasonOfPrices | None = None,
-        name: str = "",
-    ) -> Floats:
+    def values(self, times: NDArray[np.datetime64], hour_of_day: Floats, season: SeasonOfPrices | None = None, name: str = "") -> Floats:
         """The price at each row of a calendar ``(rows,)``, from its moments [UTC] and the hours of day of the task's clock.
 
         ``season`` is that of a market's prices, and ``name`` of the table there. Without it they are those of a day without sun and at

@@ -281,13 +281,7 @@ def switches(context: ObservationContext) -> tuple[Quantity, ...]:
         raise UnknownNameError(msg)
     by_name = {c.name: c for c in capacities(context.model, context.parameters)}
     return tuple(
-        Quantity(
-            f"{by_name[name].quantity}_locked",
-            "min",
-            0.0,
-            minutes,
-            f"time until it may be switched: {by_name[name].meaning}",
-        )
+        Quantity(f"{by_name[name].quantity}_locked", "min", 0.0, minutes, f"time until it may be switched: {by_name[name].meaning}")
         for name, minutes in context.holds
         if name in by_name  # else the task says that there is no such control
     )
@@ -315,11 +309,7 @@ def day_ahead_prices(context: ObservationContext) -> tuple[Quantity, ...]:
     """Prices of coming hours, each table for all hours ahead: until midnight as they will be, then as 24 h before."""
     tables = {name: (unit, low, high) for name, unit, low, high in context.prices}
     return tuple(
-        Quantity(
-            f"price_{name}_in_{hour}h",
-            *tables[name],
-            f"price '{name}' {hour} h ahead; after midnight that of 24 h before",
-        )
+        Quantity(f"price_{name}_in_{hour}h", *tables[name], f"price '{name}' {hour} h ahead; after midnight that of 24 h before")
         for name in context.day_ahead
         for hour in context.day_ahead_hours
     )
@@ -380,12 +370,7 @@ def full_state(context: ObservationContext) -> tuple[Quantity, ...]:
     """All states of the model under their own names and units."""
     bounds = context.model.bounds(context.horizon)
     return tuple(
-        Quantity(
-            state.name,
-            state.unit.replace("°C", "degC"),
-            *bounds.get(state.name, (-_WIDEST, _WIDEST)),
-            state.meaning,
-        )
+        Quantity(state.name, state.unit.replace("°C", "degC"), *bounds.get(state.name, (-_WIDEST, _WIDEST)), state.meaning)
         for state in context.model.states
     )
 

@@ -25,17 +25,7 @@ FIRST_TRAINING_SEED = 10_000_000_000
 """Seeds from here on are for training. No task can be scored with them: a task's seeds end below 2**32 + 10,000."""
 
 _OF_ALL_SPLITS = frozenset(
-    {
-        "model_value",
-        "_parameters",
-        "_initial_state",
-        "preview",
-        "price_tables",
-        "ledger",
-        "quantities",
-        "_fingerprint",
-        "_hash",
-    }
+    {"model_value", "_parameters", "_initial_state", "preview", "price_tables", "ledger", "quantities", "_fingerprint", "_hash"}
 )
 
 

@@ -460,10 +460,7 @@ class ResolvedTask(TaskRecord):
                 f"It has {', '.join(metered) or 'none'}."
             )
             raise ParameterError(msg)
-        for what, unit, item_unit in (
-            ("amount", beyond.amount_unit, amount_unit),
-            ("price", beyond.price_unit, price_unit),
-        ):
+        for what, unit, item_unit in (("amount", beyond.amount_unit, amount_unit), ("price", beyond.price_unit, price_unit)):
             if unit != item_unit:
                 msg = f"beyond: its {what} is in {unit}, that of the item in {item_unit}. Write both in one unit."
                 raise ParameterError(msg)

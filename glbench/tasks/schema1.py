@@ -15,17 +15,7 @@ from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 from glbench.errors import refuse
 from glbench.quantities import FLOWS
 from glbench.tasks import vocabulary as words
-from glbench.tasks.fields import (
-    ClimateQuantityTable,
-    Limits,
-    Override,
-    Table,
-    in_unit,
-    limits_in,
-    list_of,
-    one_of,
-    sorted_overrides,
-)
+from glbench.tasks.fields import ClimateQuantityTable, Limits, Override, Table, in_unit, limits_in, list_of, one_of, sorted_overrides
 from glbench.tasks.ledger import LIMITED, Ledger, LedgerItem
 from glbench.tasks.quantities import PAPER_MODEL
 from glbench.tasks.tables import (

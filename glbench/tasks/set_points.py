@@ -15,12 +15,7 @@ from glbench.model.controls import Controls
 from glbench.model.quantities import table_of
 from glbench.tasks.quantities import Action
 
-HEATING, VENTILATION, CO2, HUMIDITY = (
-    "heating_temperature",
-    "ventilation_temperature",
-    "co2_set_point",
-    "humidity_deficit",
-)
+HEATING, VENTILATION, CO2, HUMIDITY = ("heating_temperature", "ventilation_temperature", "co2_set_point", "humidity_deficit")
 LAMPS_FROM, LAMPS_UNTIL, LAMP_RADIATION = "lamps_from", "lamps_until", "lamp_radiation_limit"
 SCREEN_RADIATION, SCREEN_OUTDOOR = "screen_radiation_limit", "screen_outdoor_temperature"
 

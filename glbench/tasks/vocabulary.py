@@ -136,9 +136,7 @@ for _module in (
     ObservationModule("time", "hour of day and day of year, each as sine and cosine", tables.time),
     ObservationModule("local_time", "hour of day and day of year as plain numbers", tables.local_time),
     ObservationModule(
-        "vapour_deficit",
-        "vapour pressure deficit and humidity deficit of the air as observed",
-        tables.of_model("vapour_deficit"),
+        "vapour_deficit", "vapour pressure deficit and humidity deficit of the air as observed", tables.of_model("vapour_deficit")
     ),
     ObservationModule("light_today", "radiation outside and PAR above the canopy since midnight", tables.of_model("light_today")),
     ObservationModule("controls", "the controls in force, in physical units", tables.controls),
@@ -146,11 +144,7 @@ for _module in (
     ObservationModule("full_state", "all states of the model, in its own units", tables.full_state),
     ObservationModule("step_counter", "number of steps taken", tables.step_counter),
     ObservationModule("forecast", "the weather of the next steps, without error", tables.forecast, is_forecast=True),
-    ObservationModule(
-        WEATHER_FORECAST,
-        "radiation, temperature, humidity and wind of coming hours, with errors",
-        tables.weather_forecast,
-    ),
+    ObservationModule(WEATHER_FORECAST, "radiation, temperature, humidity and wind of coming hours, with errors", tables.weather_forecast),
     # The groups and units of the published code, so that a task can show its 263 columns (docs/observations.md).
     ObservationModule("published_indoor_climate", "as indoor_climate, CO2 first", tables.of_model("published_indoor_climate")),
     ObservationModule("published_crop", "as crop, temperature first, fruit in mg m-2", tables.of_model("published_crop")),
@@ -161,10 +155,7 @@ for _module in (
     ObservationModule("control_fractions", "the controls in force, as fractions of capacity", tables.control_fractions),
     ObservationModule("published_time", "as time, day of year first", tables.published_time),
     ObservationModule(
-        "published_forecast",
-        "as forecast, with vapour pressure in Pa and CO2 in mg m-3",
-        tables.published_forecast,
-        is_forecast=True,
+        "published_forecast", "as forecast, with vapour pressure in Pa and CO2 in mg m-3", tables.published_forecast, is_forecast=True
     ),
 ):
     OBSERVATION_MODULES.add(_module)
@@ -180,12 +171,7 @@ def _set_points(controls: tuple[str, ...]) -> tuple[Action, ...]:
 
 for _kind in (
     ActuationKind("rate", "an action from -1 to 1 moves its control by up to max_change a step, within 0 and 1", -1.0, 1.0),
-    ActuationKind(
-        "set_point",
-        "an action from 0 to 1 asks for a control, which moves there by at most max_change a step",
-        0.0,
-        1.0,
-    ),
+    ActuationKind("set_point", "an action from 0 to 1 asks for a control, which moves there by at most max_change a step", 0.0, 1.0),
     ActuationKind(
         "process_computer",
         "set points, from -1 for the lowest to 1 for the highest, by which a process computer works the controls, each by at most "

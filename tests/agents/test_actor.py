@@ -25,11 +25,7 @@ def policy(spring: TaskSpec, hours: tuple[float, ...] = (1.0, 4.0), max_change: 
     card, rng = task_card(spring), np.random.default_rng(0)
     names, actions = card.observation_names, len(card.actions)
     traced = np.arange(2)
-    inputs = (
-        *names,
-        *(f"{names[i]}, {hour}" for hour in hours for i in traced),
-        *(f"memory {i}" for i in range(units)),
-    )
+    inputs = (*names, *(f"{names[i]}, {hour}" for hour in hours for i in traced), *(f"memory {i}" for i in range(units)))
     sizes = [len(inputs), 5, actions]
     network = NetworkPolicy(
         task_id=spring.id,

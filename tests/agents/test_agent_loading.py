@@ -209,10 +209,7 @@ def test_a_missing_library_is_told_apart_from_a_neighbouring_file(write: Write) 
             "def make_agent(task): return A()",
             "submissions see observations and the public task card only",
         ),
-        (
-            "def make_agent(task):\n  raise ValueError('no weights')",
-            "fails: ValueError: no weights (mine.py:2, in make_agent)",
-        ),
+        ("def make_agent(task):\n  raise ValueError('no weights')", "fails: ValueError: no weights (mine.py:2, in make_agent)"),
         ("def make_agent(task):\n  exit()", "SystemExit"),
     ],
 )

@@ -33,8 +33,7 @@ ENTRIES = LOCK.read_lock()
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.slow) if name in LOCK.PLANNERS else name for name in baseline_names()],
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LOCK.PLANNERS else name for name in baseline_names()]
 )
 def test_a_baseline_does_what_the_lock_says(name: str) -> None:
     assert LOCK.problems_of(name, ENTRIES[name]) == []

@@ -176,8 +176,7 @@ def test_there_is_a_page_for_each_family() -> None:
     pages = read_rule_pages(RULES, EnergyRuleSettings)
     assert {task for page in pages.pages.values() for task in page.scope} == {f"glbench/{name}-v1" for name in FAMILIES}
     with pytest.raises(
-        SubmissionError,
-        match=r"No page of the energy rules is for test/Other, whose reward is epi \(fullseason.yml: glbench/FullSeason-v1",
+        SubmissionError, match=r"No page of the energy rules is for test/Other, whose reward is epi \(fullseason.yml: glbench/FullSeason-v1"
     ):
         pages.numbers_for(("epi",), "test/Other")
     only = read_rule_pages(RULES / "winterled.yml", EnergyRuleSettings)
@@ -204,17 +203,9 @@ def test_every_number_has_bounds_a_unit_and_a_meaning() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        (
-            "engine_price: 0.05",
-            "engine_price: 5.0",
-            r"'engine_price' is 5 EUR kWh-1; it must be from -0.05 to 0.4 EUR kWh-1",
-        ),
+        ("engine_price: 0.05", "engine_price: 5.0", r"'engine_price' is 5 EUR kWh-1; it must be from -0.05 to 0.4 EUR kWh-1"),
         ("engine_price: 0.05", "", r"'engine_price' is missing"),
-        (
-            "engine_price: 0.05",
-            "engine_pirce: 0.05",
-            r"there is no setting 'engine_pirce'. Did you mean 'engine_price'",
-        ),
+        ("engine_price: 0.05", "engine_pirce: 0.05", r"there is no setting 'engine_pirce'. Did you mean 'engine_price'"),
         ("boiler_band: 4.0", "", r"'boiler_band' is missing"),
         ("tasks: [a/B-v1]", "tasks: 3", r"'tasks': it is a list of names"),
         ("tasks: [a/B-v1]", "tasks: [a/B", "not valid YAML"),

@@ -38,12 +38,7 @@ def made(path: Path, card: TaskCard, n: int) -> Agent:
 
 def synthetic(card: TaskCard) -> NDArray[np.float32]:
     """Observations anywhere within plausible climates, 200 runs."""
-    plausible = {
-        "air_temperature": (5, 40),
-        "co2": (200, 5000),
-        "global_radiation": (0, 1000),
-        "outdoor_temperature": (-20, 40),
-    }
+    plausible = {"air_temperature": (5, 40), "co2": (200, 5000), "global_radiation": (0, 1000), "outdoor_temperature": (-20, 40)}
     bounds = [plausible.get(q.name, (q.low, q.high)) for q in card.observations]
     low, high = np.array(bounds, dtype=np.float64).T
     return np.random.default_rng(7).uniform(low, high, (200, len(bounds))).astype(np.float32)

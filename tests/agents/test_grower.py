@@ -175,11 +175,7 @@ def test_as_many_rows_as_runs_are_needed(card: TaskCard, settings: GrowerSetting
     [
         ("day = 19.5", "day = 195.0", r"'heating.day'"),
         ("day = 19.5", "day = 48.0", r"'heating.day' is 48 degC; it must be from 0 to 30 degC"),
-        (
-            "day = 19.5",
-            "day = 29.0",
-            r"heating.day \+ heating.light_raise is 30.5 degC, .* heating temperature from 0 to 30 degC",
-        ),
+        ("day = 19.5", "day = 29.0", r"heating.day \+ heating.light_raise is 30.5 degC, .* heating temperature from 0 to 30 degC"),
         ("light_raise = 3.0", "light_raise = 19.0", r"is 42 degC, .* ventilation temperature from 5 to 40 degC"),
         ("shut = 850.0", "shut = 1700", r"'co2.shut' is 1700 ppm; it must be from 0 to 1600 ppm"),
         ("day = 3.0", "day = 9.0", r"'humidity_deficit.day' is 9 g m-3; it must be from 0 to 8 g m-3"),

@@ -80,9 +80,7 @@ def test_yaml_that_python_does_not_like(tmp_path, content):
 
 
 @pytest.mark.parametrize(
-    "content",
-    [b"a = " + b"[" * 50_000, b"a = " + b"9" * 6000, b".".join([b"a"] * 20_000) + b" = 1"],
-    ids=["deep", "digits", "dots"],
+    "content", [b"a = " + b"[" * 50_000, b"a = " + b"9" * 6000, b".".join([b"a"] * 20_000) + b" = 1"], ids=["deep", "digits", "dots"]
 )
 def test_a_card_that_python_does_not_like(tmp_path, content):
     folder = write(tmp_path, "rule_based", "x.yml")

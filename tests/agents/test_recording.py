@@ -115,10 +115,7 @@ def test_the_card_says_what_a_blind_recording_earns(tmp_path):
     figures = [float(figure.replace(",", "")) for figure in re.findall(r"\d,\d{3}\.\d", card)]
     ten, tuned_ten, thirty, tuned_thirty, own_thirty = figures
     middle, widest = "Schiphol2010-Delta10-v1", "Schiphol2010-Delta30-v1"
-    for task, figures in (
-        (middle, {"recording": ten, "ppo_tuned": tuned_ten}),
-        (widest, {"recording": thirty, "ppo_tuned": tuned_thirty}),
-    ):
+    for task, figures in ((middle, {"recording": ten, "ppo_tuned": tuned_ten}), (widest, {"recording": thirty, "ppo_tuned": tuned_thirty})):
         rewards = {agent: released_rewards(agent, task) for agent in figures}
         assert {agent: np.mean(values) for agent, values in rewards.items()} == pytest.approx(figures, abs=0.05)
         # What replays actions ends where it ended elsewhere; what reacts to observations may drift by some units.

@@ -10,14 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from glbench.agents import (
-    FairRuleBasedAgent,
-    PrivilegedController,
-    RuleBasedController,
-    RuleSettings,
-    load_agent,
-    rule_controls,
-)
+from glbench.agents import FairRuleBasedAgent, PrivilegedController, RuleBasedController, RuleSettings, load_agent, rule_controls
 from glbench.agents.controllers import clock_from
 from glbench.agents.daylight import Daylight
 from glbench.agents.rules import privileged_inputs

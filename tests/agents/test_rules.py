@@ -90,13 +90,7 @@ def test_a_dim_cool_afternoon_is_heated_lit_and_given_co2(published: RuleSetting
 
 @pytest.mark.parametrize(
     "change",
-    [
-        {"hour_of_day": 0.0},
-        {"hour_of_day": 18.0},
-        {"radiation": 400.0},
-        {"day_radiation_sum": 10.0},
-        {"air_temperature": 28.0},
-    ],
+    [{"hour_of_day": 0.0}, {"hour_of_day": 18.0}, {"radiation": 400.0}, {"day_radiation_sum": 10.0}, {"air_temperature": 28.0}],
     ids=["first instant of the day", "end of the lamp hours", "sun", "bright day", "heat"],
 )
 def test_lamps_are_off(published: RuleSettings, dim_afternoon: RuleInputs, change: dict[str, float]) -> None:

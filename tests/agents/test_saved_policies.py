@@ -16,15 +16,7 @@ from glbench.agents import load_agent
 from glbench.agents.saved_policies import PolicyAgent
 from glbench.errors import SubmissionError
 from glbench.tasks import TaskCard
-from tests.agents.saved_policies import (
-    ALGORITHMS,
-    NORMALISED,
-    Anything,
-    network,
-    save_model,
-    save_onnx,
-    save_torchscript,
-)
+from tests.agents.saved_policies import ALGORITHMS, NORMALISED, Anything, network, save_model, save_onnx, save_torchscript
 
 
 def lacks(*modules: str) -> bool:

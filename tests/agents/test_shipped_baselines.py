@@ -140,10 +140,7 @@ def test_a_page_of_tuned_rules_is_of_the_search_that_is_told(file: Path) -> None
     with (file.parent / training["learning_curve"]).open(encoding="utf-8", newline="") as curve:
         points = list(csv.DictReader(curve))
     best = max(points, key=lambda point: float(point["reward"]))
-    assert (int(best["steps"]), float(best["reward"])) == (
-        card["best"]["steps"],
-        pytest.approx(card["best"]["reward"], rel=1e-9),
-    )
+    assert (int(best["steps"]), float(best["reward"])) == (card["best"]["steps"], pytest.approx(card["best"]["reward"], rel=1e-9))
     assert f"after {card['best']['steps']:,} steps" in page.read_text(encoding="utf-8").splitlines()[0]
 
 

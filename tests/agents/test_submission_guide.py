@@ -82,11 +82,7 @@ def test_the_guide_names_every_template() -> None:
 
 
 @pytest.mark.parametrize(
-    ("word", "saved", "packages"),
-    [
-        ("model.save", "learner", ("stable_baselines3",)),
-        ("torch.jit.script", "policy.pt", ("torch",)),
-    ],
+    ("word", "saved", "packages"), [("model.save", "learner", ("stable_baselines3",)), ("torch.jit.script", "policy.pt", ("torch",))]
 )
 def test_the_guides_ways_to_save_a_policy_make_submissions(
     card: TaskCard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, word: str, saved: str, packages: tuple[str, ...]

@@ -12,12 +12,7 @@ import pytest
 
 from glbench.agents import load_agent
 from glbench.agents.baselines import shipped_training
-from glbench.agents.identity import (
-    baseline_like,
-    baseline_names,
-    policy_digest,
-    read_identity,
-)
+from glbench.agents.identity import baseline_like, baseline_names, policy_digest, read_identity
 from glbench.agents.naming import skeleton, skeletons, without_seed
 from glbench.errors import SubmissionError
 from glbench.evaluation.evaluation import agent_record
@@ -144,8 +139,7 @@ def test_names_that_look_like_no_baseline(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("one", "other"),
-    [("6est_plan", "best_plan"), ("club", "dub"), ("tunned", "tuned"), ("zed", "2ed"), ("a_seed26", "a_seed9")],
+    ("one", "other"), [("6est_plan", "best_plan"), ("club", "dub"), ("tunned", "tuned"), ("zed", "2ed"), ("a_seed26", "a_seed9")]
 )
 def test_names_that_look_like_each_other(one: str, other: str) -> None:
     assert skeletons(one) & skeletons(other)

@@ -17,14 +17,7 @@ import pytest
 
 from glbench.agents import load_agent
 from glbench.agents.card import check_card
-from glbench.agents.identity import (
-    LARGEST_SUBMISSION,
-    digest_of,
-    files_of_folder,
-    identify,
-    policy_digest,
-    read_identity,
-)
+from glbench.agents.identity import LARGEST_SUBMISSION, digest_of, files_of_folder, identify, policy_digest, read_identity
 from glbench.agents.saved_policies import torchscript_complaint
 from glbench.agents.sb3 import read_archive
 from glbench.errors import SubmissionError

@@ -49,8 +49,7 @@ def asked(card: TaskCard, observe: Observe, hour: float = 1.0, **given: float) -
 
 
 @pytest.mark.parametrize(
-    ("hour", "heating"),
-    [(0.0, 15.0), (4.0, 15.0), (6.5, 17.0), (18.5, 16.0), (19.0, 16.0), (22.0, 15.0), (23.9, 15.0)],
+    ("hour", "heating"), [(0.0, 15.0), (4.0, 15.0), (6.5, 17.0), (18.5, 16.0), (19.0, 16.0), (22.0, 15.0), (23.9, 15.0)]
 )
 def test_heating_follows_the_sun_in_the_dark(card: TaskCard, observe: Observe, hour: float, heating: float) -> None:
     """On 1 March the sun rises at 6:22 UTC at Schiphol and sets at 17:17."""
@@ -118,13 +117,7 @@ def test_lamps_burn_in_their_hours_unless_it_is_bright(card: TaskCard, observe: 
     lit = PLAIN.model_copy(update={"lamps_radiation": 200.0})
     agent = TunedRulesAgent([lit])
     direct = dataclasses.replace(card, actuation="set_point")
-    for hour, radiation, lamps, blackout in (
-        (1.5, 0, 0, 0),
-        (3.0, 0, 1, 1),
-        (12.0, 150, 1, 0),
-        (12.0, 250, 0, 0),
-        (18.0, 0, 0, 0),
-    ):
+    for hour, radiation, lamps, blackout in ((1.5, 0, 0, 0), (3.0, 0, 1, 1), (12.0, 150, 1, 0), (12.0, 250, 0, 0), (18.0, 0, 0, 0)):
         agent.reset(direct, 1)
         actions = agent.act(observe(1, hour, global_radiation=float(radiation)))[0]
         assert (actions[4], actions[5]) == (lamps, blackout)
@@ -194,13 +187,7 @@ def test_the_page_is_chosen_by_what_is_rewarded() -> None:
     pages = read_rule_pages(RULES)
     chosen = {
         task: pages.page_for(task_card(get_task(task)).reward_modules, task)
-        for task in (
-            "Schiphol2010-Delta00-v1",
-            "Schiphol2010Code-Delta30-v1",
-            "Spring-v1",
-            "Transfer-Miami-v1",
-            "Lettuce-v1",
-        )
+        for task in ("Schiphol2010-Delta00-v1", "Schiphol2010Code-Delta30-v1", "Spring-v1", "Transfer-Miami-v1", "Lettuce-v1")
     }
     assert [file.name for file in chosen.values() if file is not None] == ["paper.yml"] * 2 + ["spring.yml"] * 3
     with pytest.raises(SubmissionError, match=r"No page .* is for test/Other, whose reward is profit \(paper.yml: scaled_epi"):
@@ -246,11 +233,7 @@ def test_every_number_has_bounds_a_unit_and_a_meaning() -> None:
         assert rounded(low) == low, name
         assert rounded(high) == high, name
         assert field.description, name
-    assert set(TunedRuleSettings.model_fields) - set(TunedRuleSettings.tuned_names()) == {
-        "lamps_from",
-        "lamps_until",
-        "lamps_radiation",
-    }
+    assert set(TunedRuleSettings.model_fields) - set(TunedRuleSettings.tuned_names()) == {"lamps_from", "lamps_until", "lamps_radiation"}
 
 
 @pytest.mark.parametrize(

@@ -23,16 +23,7 @@ from tests.cli.conftest import glbench
 from tests.energy import dated_task, energy_task, write_rules
 
 __all__ = ["glbench"]
-PLAIN = Equipment(
-    boiler=100.0,
-    engine=40.0,
-    eta_boiler=1.0,
-    eta_engine=0.5,
-    eta_engine_heat=0.5,
-    buffer=0.144,
-    tau=1e9,
-    co2_of_gas=0.2,
-)
+PLAIN = Equipment(boiler=100.0, engine=40.0, eta_boiler=1.0, eta_engine=0.5, eta_engine_heat=0.5, buffer=0.144, tau=1e9, co2_of_gas=0.2)
 """Of an hour's heat: 100 Wh from the boiler, 40 Wh and as much electricity from 80 Wh of gas in the engine, 40 Wh in the buffer."""
 HOUR = 3600.0
 

@@ -57,10 +57,7 @@ def test_actions_that_are_no_changes_are_rounded_each_for_itself(drawn: TaskSpec
 
 
 def test_books_of_a_task_go_together(drawn: TaskSpec, nominal: TaskSpec) -> None:
-    first, second = (
-        PlanBook.of(drawn, [3, 5], actions(drawn, 1), ABOUT),
-        PlanBook.of(drawn, [5, 7], actions(drawn, 2), ABOUT),
-    )
+    first, second = (PlanBook.of(drawn, [3, 5], actions(drawn, 1), ABOUT), PlanBook.of(drawn, [5, 7], actions(drawn, 2), ABOUT))
     both = first.merged(second)
     assert both.seeds == (3, 5, 7)
     assert np.array_equal(both.plan(3), first.plan(3))
@@ -87,12 +84,7 @@ def test_what_is_no_plan_is_refused(drawn: TaskSpec, tmp_path: Path) -> None:
     (tmp_path / "cut.npz").write_bytes(book.to_bytes()[:-40])
     (tmp_path / "text.npz").write_text("plans")
     np.savez(tmp_path / "other.npz", format=np.int64(9))
-    for name, reason in {
-        "cut": "damaged",
-        "text": "damaged",
-        "other": "has format 9",
-        "missing": "No such file",
-    }.items():
+    for name, reason in {"cut": "damaged", "text": "damaged", "other": "has format 9", "missing": "No such file"}.items():
         with pytest.raises(SubmissionError, match=reason):
             read_book(tmp_path / f"{name}.npz")
 

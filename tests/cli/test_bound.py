@@ -16,20 +16,7 @@ from tests.cli.command_line import Command
 
 @pytest.mark.usefixtures("here")
 def test_a_search_of_two_runs_and_again(glbench: Command) -> None:
-    line = (
-        "bound",
-        "day.toml",
-        "--scenario",
-        "3",
-        "--scenario",
-        "4",
-        "--iterations",
-        "1",
-        "--workers",
-        "1",
-        "--start",
-        "steady.py",
-    )
+    line = ("bound", "day.toml", "--scenario", "3", "--scenario", "4", "--iterations", "1", "--workers", "1", "--start", "steady.py")
     first = glbench(*line)
     assert first.code == 0, first.err
     assert "2 to plan, each with 1 iteration, beginning as steady does" in first.err
@@ -94,20 +81,7 @@ def test_better_plans_are_taken_over(glbench: Command, here: Path, monkeypatch: 
     known = PlanFolder(tmp_path / "known")
     monkeypatch.setattr(submitting, "get_task", lambda _name: day)
     monkeypatch.setattr(submitting, "best_known", lambda: known)
-    made = glbench(
-        "bound",
-        "day.toml",
-        "--scenario",
-        "3",
-        "--iterations",
-        "1",
-        "--workers",
-        "1",
-        "--start",
-        "steady.py",
-        "--out",
-        "plans",
-    )
+    made = glbench("bound", "day.toml", "--scenario", "3", "--iterations", "1", "--workers", "1", "--start", "steady.py", "--out", "plans")
     assert made.code == 0, made.err
     taken = glbench("bound", "--submit", "plans")
     assert "1 of 1 plans for test/Day-v1 are better than the best known" in taken.out

@@ -44,12 +44,7 @@ def test_one_line_for_each_and_a_summary_with_all(glbench: Command, here: Path) 
     arguments = ("evaluate", "steady.py", variant(here, "quick.py"), "-t", "day.toml", "-t", second_task(here))
     answer = glbench(*arguments)
     assert answer.code == 0, answer.err
-    for line in (
-        "1/4 steady on Day-v1: reward",
-        "2/4 quick on Day-v1",
-        "3/4 steady on Other-v1",
-        "4/4 quick on Other-v1",
-    ):
+    for line in ("1/4 steady on Day-v1: reward", "2/4 quick on Day-v1", "3/4 steady on Other-v1", "4/4 quick on Other-v1"):
         assert line in answer.err
     means = {agent: load_result(PLACE / f"{agent}.json").summary.mean["reward"] for agent in ("steady", "quick")}
     row = next(line for line in answer.out.splitlines() if "Day-v1" in line)

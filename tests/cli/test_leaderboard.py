@@ -61,10 +61,7 @@ def test_regret_has_a_column_in_80_columns_and_who_is_ahead_is_told_what_to_do(r
     theirs = load_result(result_path(data_folder("reports/released/results").parent, PAPER_TASK, "rule_based_fair"))
     runs = tuple(run.model_copy(update={"metrics": run.metrics | {"reward": 3930.0 if run.seed < 669 else 3700.0}}) for run in theirs.runs)
     known = read_best_known(PAPER_TASK)
-    runs = (
-        runs[0].model_copy(update={"metrics": runs[0].metrics | {"reward": known.runs[0].reward + 50.0}}),
-        *runs[1:],
-    )
+    runs = (runs[0].model_copy(update={"metrics": runs[0].metrics | {"reward": known.runs[0].reward + 50.0}}), *runs[1:])
     agent = theirs.agent.model_copy(update={"name": "anna", "kind": "submission"})
     changes = {"runs": runs, "agent": agent, "summary": summarise(runs)}
     changes["results_digest"] = results_digest(theirs.task.digest, agent, runs)
@@ -249,14 +246,7 @@ def test_agents_over_a_suite_are_shown_with_scores_and_resources(monkeypatch):
     assert result.exit_code == 0, result.output
     assert max(len(line) for line in result.stdout.splitlines()) <= 80
     assert "0.9999" not in result.stdout
-    for words in (
-        "Suite paper, 7 tasks",
-        "ppo (1 to 3",
-        "IQM",
-        "rule_based_fair",
-        "0 is the mean of do_nothing",
-        "means over the tasks",
-    ):
+    for words in ("Suite paper, 7 tasks", "ppo (1 to 3", "IQM", "rule_based_fair", "0 is the mean of do_nothing", "means over the tasks"):
         assert words in result.stdout
 
 

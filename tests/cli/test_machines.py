@@ -220,33 +220,12 @@ def test_seeds_and_sweeps_are_trained_there_and_kept_here(machines: Machines, ta
     pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is not installed")
     (machines.command_folder / "few.yml").write_text(SETTINGS.replace("4000", "96"), encoding="utf-8")
     there = ("--engine", "ray", "--address", machines.address)
-    command = (
-        *GLBENCH,
-        "train",
-        "ppo",
-        "--task",
-        "day.toml",
-        "--config",
-        "few.yml",
-        "--seeds",
-        "0-1",
-        "--out",
-        "some",
-        *there,
-    )
+    command = (*GLBENCH, "train", "ppo", "--task", "day.toml", "--config", "few.yml", "--seeds", "0-1", "--out", "some", *there)
     first = answered(machines.python(*command))
     assert "glbench evaluate some/ppo-Day-v1-seed*" in first.stdout
     for seed in (0, 1):
         kept = {file.name for file in (machines.command_folder / "some" / f"ppo-Day-v1-seed{seed}").iterdir()}
-        assert {
-            "policy.npz",
-            "card.toml",
-            "learning_curve.csv",
-            "settings.yml",
-            "best",
-            "checkpoint",
-            "tensorboard",
-        } <= kept
+        assert {"policy.npz", "card.toml", "learning_curve.csv", "settings.yml", "best", "checkpoint", "tensorboard"} <= kept
     again = answered(machines.python(*command))
     assert again.stderr.count("already trained") == 2
 

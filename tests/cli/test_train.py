@@ -127,16 +127,7 @@ def test_a_training_that_never_beats_its_beginning_is_no_success(glbench: Comman
 def test_an_exported_model_is_an_agent(glbench: Command, settings: Path) -> None:
     glbench("train", "ppo", "--task", "day.toml", "--config", "tiny.yml", "--out", "run", "--no-tensorboard")
     kept = (settings / "run" / "policy.npz").read_bytes()
-    answer = glbench(
-        "export",
-        "run/best/model.zip",
-        "--normalization",
-        "run/best/vecnormalize.pkl",
-        "--task",
-        "day.toml",
-        "--out",
-        "mine",
-    )
+    answer = glbench("export", "run/best/model.zip", "--normalization", "run/best/vecnormalize.pkl", "--task", "day.toml", "--out", "mine")
     assert answer.code == 0, answer.err
     assert "mine/policy.npz" in answer.out
     assert glbench("evaluate", "mine", "--task", "day.toml").code == 0

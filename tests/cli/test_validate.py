@@ -23,20 +23,12 @@ def test_tables_files_and_notes(glbench: Command, folder: Path, tmp_path: Path) 
     out = tmp_path / "out"
     answer = glbench("validate", folder, "--set", "paper", "--set", "mixed_2021", "--out", out)
     assert answer.code == 0, answer.err
-    for words in (
-        "2020-02-10 to 2020-02-10: heat in MJ/m2, fruit in kg/m2",
-        "paper",
-        "mixed_2021",
-        "Anna",
-        "Bert",
-    ):
+    for words in ("2020-02-10 to 2020-02-10: heat in MJ/m2, fruit in kg/m2", "paper", "mixed_2021", "Anna", "Bert"):
         assert words in answer.out
     assert "…" not in answer.out, "a table is too wide for 80 columns"
     assert "Growers differ by 0.50 MJ/m2/d in one weather" in answer.out
     assert re.search(
-        r"by their formula the simulated pipes give off, in MJ/m2: paper \d+, mixed_2021 \d+\.",
-        " ".join(answer.out.split()),
-        re.I,
+        r"by their formula the simulated pipes give off, in MJ/m2: paper \d+, mixed_2021 \d+\.", " ".join(answer.out.split()), re.I
     )
     assert "paper, Bert: of 5.75 kWh/m2 measured (lamps) the simulation used 3.04, which is all that is installed" in " ".join(
         answer.err.split()

@@ -22,10 +22,7 @@ SLEEP = "import time; time.sleep(3.5)"
 PLACES = {
     "loading": ("import numpy as np\n", f"import numpy as np\n{SLEEP}\n"),
     "reset": ("        self.n = n_runs\n", f"        self.n = n_runs; {SLEEP}\n"),
-    "act": (
-        "        return np.full",
-        f"        {SLEEP.replace('3.5', '3.5 if self.first() else 0')}\n        return np.full",
-    ),
+    "act": ("        return np.full", f"        {SLEEP.replace('3.5', '3.5 if self.first() else 0')}\n        return np.full"),
 }
 
 

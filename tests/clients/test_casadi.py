@@ -50,14 +50,7 @@ def test_do_mpc_controls_it(names: dict[str, Any]) -> None:
 @pytest.mark.parametrize("kind", [casadi.SX, casadi.MX])
 def test_expressions_are_led_to_the_functions(kind: Any) -> None:
     x, u, d, p = kind.sym("x", 28), np.zeros(6), np.zeros(10), np.zeros(208)
-    doors = (
-        TOMATO.rhs,
-        rhs,
-        TOMATO.auxiliary_values,
-        TOMATO.jacobian,
-        Kernel(TOMATO, 900.0).step,
-        Kernel(TOMATO, 900.0).linearise,
-    )
+    doors = (TOMATO.rhs, rhs, TOMATO.auxiliary_values, TOMATO.jacobian, Kernel(TOMATO, 900.0).step, Kernel(TOMATO, 900.0).linearise)
     for door in doors:
         with pytest.raises(ShapeError, match=rf"x is a CasADi expression \({kind.__name__}\).*model\.rhs_function\(\)\(x, u, d, p\)"):
             door(x, u, d, p)

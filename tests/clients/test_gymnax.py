@@ -14,10 +14,7 @@ from glbench.kernel import why_not_compiled
 from glbench.tasks import TaskSpec
 
 jax = pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
-pytestmark = [
-    pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled())),
-    pytest.mark.filterwarnings("default"),
-]
+pytestmark = [pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled())), pytest.mark.filterwarnings("default")]
 
 import jax.numpy as jnp  # noqa: E402
 

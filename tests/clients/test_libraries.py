@@ -182,12 +182,7 @@ def test_minari_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     for _ in range(STEPS):
         collector.step(np.zeros(6, np.float32))
     dataset = collector.create_dataset(
-        dataset_id="test/spring-v0",
-        algorithm_name="still",
-        author="A",
-        author_email="a@example.org",
-        code_permalink="-",
-        description="-",
+        dataset_id="test/spring-v0", algorithm_name="still", author="A", author_email="a@example.org", code_permalink="-", description="-"
     )
     assert dataset.spec.total_steps == STEPS
     assert dataset.spec.env_spec.max_episode_steps == STEPS

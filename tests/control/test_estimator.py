@@ -327,10 +327,7 @@ def test_what_it_finds_of_the_sky_improves_the_outlook() -> None:
     assert (corrected < without).all()
 
 
-FAULTS = {
-    "uBoil": {"fails": {"days_between": 0.5, "hours": 6.0}},
-    "uVent": {"sticks": {"days_between": 0.5, "hours": 6.0}},
-}
+FAULTS = {"uBoil": {"fails": {"days_between": 0.5, "hours": 6.0}}, "uVent": {"sticks": {"days_between": 0.5, "hours": 6.0}}}
 
 
 def faulty(actuators: dict[str, object], days: int) -> TaskSpec:
@@ -405,10 +402,7 @@ def test_slopes_without_bound_are_left_out(slope: float, monkeypatch: pytest.Mon
 def test_it_finds_how_far_sensors_outside_are_off() -> None:
     """A thermometer outside that reads 0.8 K too much or 0.6 K too little, and a pyranometer at 0.85 or 1 times the radiation."""
     plain = get_task("Spring-v1").chosen_on.replace({"id": "my/Outside-v1", "weather.days": 3, "scenario.parameters": []})
-    sensors = {
-        "outdoor_temperature": {"bias": {"value": 0.5, "unit": "degC"}},
-        "global_radiation": {"scale": {"low": 0.85, "high": 1.0}},
-    }
+    sensors = {"outdoor_temperature": {"bias": {"value": 0.5, "unit": "degC"}}, "global_radiation": {"scale": {"low": 0.85, "high": 1.0}}}
     given, task = watch(plain, 2), plain.replace({"id": "my/Sensors-v1", "outdoor_sensors": sensors})
     names, weather = [column.name for column in task.observed()], task.model_value.disturbance_names
     seen, bias, scale = given.seen.copy(), np.array([0.8, -0.6], np.float32), np.array([0.85, 1.0], np.float32)

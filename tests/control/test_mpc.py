@@ -179,9 +179,7 @@ def test_a_margin_keeps_further_from_the_limit() -> None:
     assert violated[1] < 0.5 * violated[0]
 
 
-def test_a_run_that_cannot_be_stepped_goes_on_with_its_plan_and_leaves_the_others_alone(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_run_that_cannot_be_stepped_goes_on_with_its_plan_and_leaves_the_others_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     task = short()
     scenario = Scenario.of(task, SEED)
     d, p, calendar = scenario.d[:8], scenario.p, scenario.calendar[:9]
@@ -295,11 +293,7 @@ def test_the_costate_of_a_state_is_what_a_little_more_of_it_earns() -> None:
     task = short("Schiphol2010-Delta00-v1", days=2)
     scenario = Scenario.of(task, SEED)
     plan = plan_season(scenario, np.tile(START, (task.steps, 1)), iterations=3)
-    kernel, stage, place = (
-        Kernel(task.model_value, task.step_seconds),
-        StageReward(task),
-        task.model_value.state_index("cBuf"),
-    )
+    kernel, stage, place = (Kernel(task.model_value, task.step_seconds), StageReward(task), task.model_value.state_index("cBuf"))
     rewards = []
     for more in (-5.0, 5.0):
         x0 = scenario.x0.copy()
@@ -462,10 +456,7 @@ def test_a_task_that_cannot_be_planned_for_says_why(task_id: str) -> None:
     ("changes", "reason"),
     [
         ({"actuation": {"kind": "process_computer"}}, "has a process computer at the actuators"),
-        (
-            {"actuators": None, "actuation.on_off.uBoil": {"lowest": 0.3, "hold_minutes": 60}},
-            r"has machines that are off or on \(uBoil\)",
-        ),
+        ({"actuators": None, "actuation.on_off.uBoil": {"lowest": 0.3, "hold_minutes": 60}}, r"has machines that are off or on \(uBoil\)"),
     ],
 )
 def test_a_task_whose_controls_do_not_move_continuously_is_refused(changes: dict[str, object], reason: str) -> None:

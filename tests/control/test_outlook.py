@@ -205,15 +205,9 @@ def test_the_sun_stands_where_a_better_formula_has_it() -> None:
 def test_what_does_not_fit_is_refused() -> None:
     task, climate = short("Spring-v1"), climatology("Spring-v1")
     with pytest.raises(TaskError, match="needs the weather of now"):
-        Outlook(
-            task.replace({"id": "my/A-v1", "observation": {"modules": ["indoor_climate", "time"], "forecast": None}}),
-            climate,
-        )
+        Outlook(task.replace({"id": "my/A-v1", "observation": {"modules": ["indoor_climate", "time"], "forecast": None}}), climate)
     with pytest.raises(TaskError, match="hour of day"):
-        Outlook(
-            task.replace({"id": "my/B-v1", "observation": {"modules": ["indoor_climate", "weather"], "forecast": None}}),
-            climate,
-        )
+        Outlook(task.replace({"id": "my/B-v1", "observation": {"modules": ["indoor_climate", "weather"], "forecast": None}}), climate)
     with pytest.raises(TaskError, match="forecasts of the hours"):
         Outlook(task, climatology("SpringMismatch-v1"))
     outlook = Outlook(task, climate)

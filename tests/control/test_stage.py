@@ -92,10 +92,7 @@ def test_smoothing_rounds_the_kinks_and_leaves_the_profit() -> None:
     exact, rounded = (StageReward(task, smoothing=share)(steps.x, steps.u) for share in (0.0, 0.1))
     assert rounded.epi.tobytes() == exact.epi.tobytes()
     width = 0.1 * (34.0 - 15.0)
-    cold, counted = (
-        exact.violations["violation_air_temperature_low"],
-        rounded.violations["violation_air_temperature_low"],
-    )
+    cold, counted = (exact.violations["violation_air_temperature_low"], rounded.violations["violation_air_temperature_low"])
     near = cold < width
     np.testing.assert_allclose(counted[near], cold[near] ** 2 / (2.0 * width), rtol=1e-12)
     np.testing.assert_allclose(counted[~near], cold[~near] - width / 2.0, rtol=1e-12)
@@ -109,10 +106,7 @@ def test_smoothing_rounds_the_kinks_and_leaves_the_profit() -> None:
 def test_prices_by_the_hour_need_the_calendar() -> None:
     task = scored("Lettuce-v1")
     stage, steps = StageReward(task), wild_steps(task, 40)
-    night, day = (
-        stage(steps.x[:21], steps.u[:20], steps.calendar[:21]),
-        stage(steps.x[:21], steps.u[:20], steps.calendar[-21:]),
-    )
+    night, day = (stage(steps.x[:21], steps.u[:20], steps.calendar[:21]), stage(steps.x[:21], steps.u[:20], steps.calendar[-21:]))
     assert (night.epi > day.epi).any()
     for wrong in (None, steps.calendar[:-1], steps.calendar[:, :2]):
         with pytest.raises(ShapeError, match=r"needs the calendar of the steps, of shape \(41, 3\)"):

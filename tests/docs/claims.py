@@ -52,15 +52,7 @@ from glbench.kernel.compiled.stepper import LARGEST_SUBSTEPS, PRESETS, SMALLEST_
 from glbench.kernel.cvodes import SUBSTEP_LIMIT, paper_cvodes
 from glbench.leaderboard.fresh_draws import ERROR, FEWEST
 from glbench.leaderboard.statistics import RESAMPLES, RESOLUTION, estimate_mean
-from glbench.model import (
-    BUTTERHEAD,
-    CONTROL_NAMES,
-    STATE_NAMES,
-    TOMATO,
-    build_rhs,
-    default_parameters,
-    vapour_pressure_deficit,
-)
+from glbench.model import BUTTERHEAD, CONTROL_NAMES, STATE_NAMES, TOMATO, build_rhs, default_parameters, vapour_pressure_deficit
 from glbench.model.air import humidity_deficit
 from glbench.model.crop.butterhead import PRICE_BY_MASS
 from glbench.model.crop.stages import STAGES
@@ -577,14 +569,8 @@ def size_at_joints(measurement: str, quantity: str) -> float:
 def calm_midnights() -> tuple[float, float]:
     """Share of the joined midnights of generated seasons, and of the real ones, over which wind does not change [%]."""
     generator, first = SeasonGenerator(load_weather("schiphol"), (2008, 2009, 2010)), dt.date(2010, 2, 15)
-    made, real = (
-        comparison.generated_seasons(generator, first, 28, 60, 1000, 1),
-        comparison.real_seasons(generator, first, 28, 60),
-    )
-    joined, plain = (
-        comparison.midnight_changes(made)["wind_speed"][made.joints[:, 1:]],
-        comparison.midnight_changes(real)["wind_speed"],
-    )
+    made, real = (comparison.generated_seasons(generator, first, 28, 60, 1000, 1), comparison.real_seasons(generator, first, 28, 60))
+    joined, plain = (comparison.midnight_changes(made)["wind_speed"][made.joints[:, 1:]], comparison.midnight_changes(real)["wind_speed"])
     return 100.0 * float((joined == 0.0).mean()), 100.0 * float((plain == 0.0).mean())
 
 
@@ -624,10 +610,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("a day of 96 steps in {} ms", lambda: 1e3 * trajectory_seconds("linearise-1", 96)),
         ("a season of 5,760 steps in {} s", lambda: trajectory_seconds("linearise-60", 5760)),
         ("Jacobians, {} MB of them", lambda: 5760 * 28 * (28 + 6) * 8e-6),
-        (
-            "{} ms forward and {} ms back",
-            lambda: tuple(1e3 * trajectory_seconds(name, 5760) for name in ("push-60", "pull-60")),
-        ),
+        ("{} ms forward and {} ms back", lambda: tuple(1e3 * trajectory_seconds(name, 5760) for name in ("push-60", "pull-60"))),
     ],
     "docs/measured-data.md": [
         ("Any step from {} to {} minutes. Finer steps than {} minutes", lambda: (SHORTEST / 60, LONGEST / 60, FIVE_MINUTES / 60)),
@@ -639,29 +622,17 @@ CLAIMS: dict[str, list[Claim]] = {
         (
             "the lamps for {} h a day at full power, the best known plans for {} h",
             lambda: (lamp_hours("rule_based_energy"), lamp_hours("best_known")),
-        ),
+        )
     ],
     "docs/realism-tables.md": [
         ("{} W m⁻² for each kelvin that the rail pipe", lambda: RAIL_PIPE),
         ("and\n{} W m⁻² for each kelvin of the growing pipe", lambda: GROW_PIPE),
         ("deficit is about {} % relative humidity at 19", lambda: 100.0 * 0.5 / float(humidity_deficit(19.0, 0.0))),
-        (
-            "lower takes {} % off, and half a gram more adds {} %",
-            lambda: (-other_set_points("more_humid"), other_set_points("drier")),
-        ),
+        ("lower takes {} % off, and half a gram more adds {} %", lambda: (-other_set_points("more_humid"), other_set_points("drier"))),
         ("by 1 K moves it by only {} or {} %", lambda: (-other_set_points("colder"), other_set_points("warmer"))),
-        (
-            "earlier or later by {} or {} %",
-            lambda: (other_set_points("vents_earlier"), -other_set_points("vents_later")),
-        ),
-        (
-            "gives {} of the measured fruit and {} times the measured heat, by pipe",
-            lambda: reference_in("bleiswijk_2020"),
-        ),
-        (
-            "it changes by at most {} %",
-            lambda: max(abs(other_set_points(name, "fruit")) for name in realism_setpoints.CHANGES),
-        ),
+        ("earlier or later by {} or {} %", lambda: (other_set_points("vents_earlier"), -other_set_points("vents_later"))),
+        ("gives {} of the measured fruit and {} times the measured heat, by pipe", lambda: reference_in("bleiswijk_2020")),
+        ("it changes by at most {} %", lambda: max(abs(other_set_points(name, "fruit")) for name in realism_setpoints.CHANGES)),
     ],
     "docs/realism-board.md": [
         (
@@ -680,10 +651,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("and {} times the 31 m³", lambda: grown("gas", "unlit_year/led_2021/grower_unlit")[0] / 31.0),
         (
             "published rules take {} m³ and {} kWh where",
-            lambda: (
-                *grown("gas", "lit_year/led_2021/published_lit"),
-                *grown("electricity", "lit_year/led_2021/published_lit"),
-            ),
+            lambda: (*grown("gas", "lit_year/led_2021/published_lit"), *grown("electricity", "lit_year/led_2021/published_lit")),
         ),
         ("{} of\n{} kWh, comes while vents are open", lambda: (*grown("heat_vented", "tuned_unlit"), *grown("heat", "tuned_unlit"))),
         ("the tuned rules take {} m³ and pick", lambda: grown("gas", "changes/tuned_practice")),
@@ -764,19 +732,11 @@ CLAIMS: dict[str, list[Claim]] = {
         ("each of {} crop parameters", lambda: len(TASK.uncertain_parameters())),
         (
             "PPO by {} to {}, SAC by {} to {} | agrees",
-            lambda: (
-                *low_high(each_training("ppo", above="rule_based")),
-                *low_high(each_training("sac", above="rule_based")),
-            ),
+            lambda: (*low_high(each_training("ppo", above="rule_based")), *low_high(each_training("sac", above="rule_based"))),
         ),
         (
             "| PPO {} to {} EUR/m², SAC {} to {}; the rule-based controller {} EUR/m² without uncertainty, {} at 30 % |",
-            lambda: (
-                *range_of("epi", "ppo"),
-                *range_of("epi", "sac"),
-                mean("rule_based", 0, "epi"),
-                mean("rule_based", 30, "epi"),
-            ),
+            lambda: (*range_of("epi", "ppo"), *range_of("epi", "sac"), mean("rule_based", 0, "epi"), mean("rule_based", 30, "epi")),
         ),
         (
             "PPO {} to {}, SAC {} to {}; `rule_based` falls by half ({} to {})",
@@ -807,17 +767,11 @@ CLAIMS: dict[str, list[Claim]] = {
         ("At {} EUR/kWh light", lambda: TASK.prices.electricity),
         (
             "beats it at every level, by {} to {}, and so does every training of SAC, by {} to {}.",
-            lambda: (
-                *low_high(each_training("ppo", above="rule_based_unlit")),
-                *low_high(each_training("sac", above="rule_based_unlit")),
-            ),
+            lambda: (*low_high(each_training("ppo", above="rule_based_unlit")), *low_high(each_training("sac", above="rule_based_unlit"))),
         ),
         (
             "a higher EPI than every PPO ({} EUR/m² against {} to {})",
-            lambda: (
-                mean("rule_based_unlit", 0, "epi"),
-                *low_high([mean(agent, 0, "epi") for agent in trainings("ppo", 0)]),
-            ),
+            lambda: (mean("rule_based_unlit", 0, "epi"), *low_high([mean(agent, 0, "epi") for agent in trainings("ppo", 0)])),
         ),
         (
             "a penalty of {} without uncertainty, the lit ones {} (their air is too humid in {} of the {} hours",
@@ -833,24 +787,15 @@ CLAIMS: dict[str, list[Claim]] = {
         ("`do_nothing` sells for {} to {} EUR/m²", lambda: low_high(over_levels("do_nothing", "epi"))),
         ("`sac` ends with {} to {}.", lambda: low_high([mean_of_trainings("sac", level, "epi") for level in LEVELS])),
         ("{} times the EPI, plus {}, minus the penalty", reward_of_epi),
-        (
-            "is worth {} points, and `do_nothing` loses {}",
-            lambda: (reward_of_epi()[0], mean("do_nothing", 0, "penalty")),
-        ),
+        ("is worth {} points, and `do_nothing` loses {}", lambda: (reward_of_epi()[0], mean("do_nothing", 0, "penalty"))),
         (
             "(seed 0: {} EUR/m² each without uncertainty) and heats more ({} EUR/m²)",
             lambda: (mean("sac", 0, "cost_electricity"), mean("sac", 0, "cost_heat")),
         ),
-        (
-            "fewer hours ({} against {})",
-            lambda: (mean("sac", 0, "hours_outside_limits"), mean("ppo", 0, "hours_outside_limits")),
-        ),
+        ("fewer hours ({} against {})", lambda: (mean("sac", 0, "hours_outside_limits"), mean("ppo", 0, "hours_outside_limits"))),
         ("695: {} of 2 million steps", lambda: settings("ppo")["n_envs"] * TASK.steps),
         ("takes {} gradient steps, PPO {},", lambda: (sac_gradient_steps(), ppo_gradient_steps())),
-        (
-            "revenue falls from {} to {} EUR/m²",
-            lambda: (mean("rule_based", 0, "revenue"), mean("rule_based", 30, "revenue")),
-        ),
+        ("revenue falls from {} to {} EUR/m²", lambda: (mean("rule_based", 0, "revenue"), mean("rule_based", 30, "revenue"))),
         ("a standard deviation of {} to {} (δ", lambda: low_high(deviations())),
         ("lie {} to {} apart. `recording`", lambda: low_high([*spread("ppo"), *spread("sac")])),
         ("At 10 % it earns {}, as much", lambda: mean("recording", 10)),
@@ -869,15 +814,9 @@ CLAIMS: dict[str, list[Claim]] = {
             "{} EUR/m² of CO2 bring {} EUR/m² of fruit",
             lambda: (gain("ppo_tuned", "ppo", 10, "cost_co2"), gain("ppo_tuned", "ppo", 10, "revenue")),
         ),
-        (
-            "by {} (30 %) to {} (5 %)",
-            lambda: (gain("ppo_tuned", "ppo", 30, "reward"), gain("ppo_tuned", "ppo", 5, "reward")),
-        ),
+        ("by {} (30 %) to {} (5 %)", lambda: (gain("ppo_tuned", "ppo", 30, "reward"), gain("ppo_tuned", "ppo", 5, "reward"))),
         ("too humid for {} h, and", lambda: mean("ppo_tuned", 0, "hours_relative_humidity_high")),
-        (
-            "its budget is {} times",
-            lambda: (tuned_steps() + card("ppo", 10)["training"]["steps"]) / card("ppo", 10)["training"]["steps"],
-        ),
+        ("its budget is {} times", lambda: (tuned_steps() + card("ppo", 10)["training"]["steps"]) / card("ppo", 10)["training"]["steps"]),
         (
             "Three trainings of PPO lie {} to {} apart in reward, three of SAC {} to {}:",
             lambda: (*low_high(spread("ppo")), *low_high(spread("sac"))),
@@ -912,14 +851,9 @@ CLAIMS: dict[str, list[Claim]] = {
             "`baselines/sac_seed2/training/`), {} to {} where",
             lambda: (*sac_minutes(alone=True), *sac_minutes(alone=False)),
         ),
-        (
-            "{} to {} % of the time went into its {} gradient steps",
-            lambda: (*sac_learning_share(), sac_gradient_steps()),
-        ),
+        ("{} to {} % of the time went into its {} gradient steps", lambda: (*sac_learning_share(), sac_gradient_steps())),
     ],
-    "docs/architecture.md": [
-        ("differ by less than {} as equal", lambda: RESOLUTION),
-    ],
+    "docs/architecture.md": [("differ by less than {} as equal", lambda: RESOLUTION)],
     "docs/kernel.md": [
         ("backend {} times as fast as `reference`", lambda: us("step/reference/walk") / us("step/standard/walk")),
         ("after {} the row fails", lambda: SUBSTEP_LIMIT),
@@ -937,10 +871,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("enters the last {} s of", lambda: PRESETS["standard"].last_stretch),
         ("exp(-2 t/{} s)", lambda: PRESETS["standard"].fast_time_constant),
-        (
-            "by {} (`reference`: {};",
-            lambda: (PRESETS["standard"].singular_error_factor, PRESETS["reference"].singular_error_factor),
-        ),
+        ("by {} (`reference`: {};", lambda: (PRESETS["standard"].singular_error_factor, PRESETS["reference"].singular_error_factor)),
         *(
             (
                 f"| `{name}` | {preset.method} | {{}} | {{}} s | – | {{}} |",
@@ -952,29 +883,18 @@ CLAIMS: dict[str, list[Claim]] = {
         *(
             (
                 f"| `{name}` | {preset.method} | {{}} | {{}} s | {{}} s | {{}} |",
-                lambda preset=preset: (
-                    preset.relative,
-                    preset.first_substep,
-                    preset.last_stretch,
-                    preset.fast_error_floor,
-                ),
+                lambda preset=preset: (preset.relative, preset.first_substep, preset.last_stretch, preset.fast_error_floor),
             )
             for name, preset in PRESETS.items()
             if preset.method == "GRK4T"
         ),
         ("errors up to {} times those", worst_of_fast),
-        (
-            "after {} substeps, or when a substep would be shorter than {} s",
-            lambda: (LARGEST_SUBSTEPS, SMALLEST_SUBSTEP),
-        ),
+        ("after {} substeps, or when a substep would be shorter than {} s", lambda: (LARGEST_SUBSTEPS, SMALLEST_SUBSTEP)),
         ("Substeps a step: `standard` {} and {}, `fast` {} and {}.", substeps),
         ("| CVODES 1e-6 | {} | {} | {} |", lambda: errors("published", "")),
         *((f"| `{name}` | {{}} | {{}} | {{}} |", lambda name=name: compiled_errors(name)) for name in PRESETS),
         *(
-            (
-                f"| `{name}`, {title} | {{}} | {{}} | {{}} | {{}} |",
-                lambda name=name, group=group: speeds(f"{group}/{name}"),
-            )
+            (f"| `{name}`, {title} | {{}} | {{}} | {{}} | {{}} |", lambda name=name, group=group: speeds(f"{group}/{name}"))
             for name in ("standard", "fast", "reference")
             for group, title in (("step", "one environment"), ("batch", "batch of 512"))
         ),
@@ -999,37 +919,20 @@ CLAIMS: dict[str, list[Claim]] = {
     ],
     "docs/environment.md": [
         *(
-            (
-                f"| `{name}` | {purpose} | {{}} | {{}} |",
-                lambda name=name: (us(f"step/{name}/walk"), us(f"batch/{name}/walk")),
-            )
+            (f"| `{name}` | {purpose} | {{}} | {{}} |", lambda name=name: (us(f"step/{name}/walk"), us(f"batch/{name}/walk")))
             for name, purpose in (
                 ("reference", "scores: evaluations always use it; the default"),
-                (
-                    "standard",
-                    "training, accurate: no less accurate than CVODES at 1e-6, which the benchmark's paper used",
-                ),
+                ("standard", "training, accurate: no less accurate than CVODES at 1e-6, which the benchmark's paper used"),
                 ("fast", "training, quick trials"),
             )
         ),
         ("takes {} us with the default and {} us with", lambda: (us("env/reference"), us("env/standard"))),
         (
             "a row takes {} us with 8 rows and {} us with 512, {} and {} times less",
-            lambda: (
-                us("vector/8"),
-                us("vector/512"),
-                us("env/reference") / us("vector/8"),
-                us("env/reference") / us("vector/512"),
-            ),
+            lambda: (us("vector/8"), us("vector/512"), us("env/reference") / us("vector/8"), us("env/reference") / us("vector/512")),
         ),
-        (
-            f"of the task file: {{}} to {{}} in `{HEADLINE.short_id}`",
-            lambda: (HEADLINE.evaluation.seeds[0], HEADLINE.evaluation.seeds[-1]),
-        ),
-        (
-            "benchmark's prices {} and {} EUR m-2 a step",
-            lambda: (make_accounts(TASK).lowest_epi, make_accounts(TASK).highest_epi),
-        ),
+        (f"of the task file: {{}} to {{}} in `{HEADLINE.short_id}`", lambda: (HEADLINE.evaluation.seeds[0], HEADLINE.evaluation.seeds[-1])),
+        ("benchmark's prices {} and {} EUR m-2 a step", lambda: (make_accounts(TASK).lowest_epi, make_accounts(TASK).highest_epi)),
     ],
     "docs/lettuce.md": [
         (
@@ -1067,15 +970,9 @@ CLAIMS: dict[str, list[Claim]] = {
             "sunlight that reaches the crop | {} % | {} %;",
             lambda: (sunlight_on_crop("FullSeason-v1"), sunlight_on_crop("GreenhouseReal-v1")),
         ),
-        (
-            "Here it is {} m³ and {} kg without lamps, {} kg with lamps",
-            lambda: (of_growers("unlit", "gas"), *picked_by_growers()),
-        ),
+        ("Here it is {} m³ and {} kg without lamps, {} kg with lamps", lambda: (of_growers("unlit", "gas"), *picked_by_growers())),
         ("cubic metre of gas costs {} EUR here", lambda: of_growers("lit", "cost_heat") / of_growers("lit", "gas")),
-        (
-            "for the lamps {} EUR on average",
-            lambda: of_growers("lit", "cost_electricity") / of_growers("lit", "electricity"),
-        ),
+        ("for the lamps {} EUR on average", lambda: of_growers("lit", "cost_electricity") / of_growers("lit", "electricity")),
         ("more fruit for {} EUR of power", lambda: of_growers("lit", "cost_electricity")),
         ("the season takes {} m³", lambda: of_growers("lit", "gas")),
         (
@@ -1087,7 +984,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
     ],
     "docs/ladder.md": [
-        ("`rule_based_greenhouse` earns {} EUR/m² in all 120 runs, and {} EUR/m² in the 20 runs of `mpc`", rules_on_the_ladder),
+        ("`rule_based_greenhouse` earns {} EUR/m² in all 120 runs, and {} EUR/m² in the 20 runs of `mpc`", rules_on_the_ladder)
     ],
     "docs/episodes.md": [
         (
@@ -1096,30 +993,16 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
         ("The {} runs of `GreenhouseReal-v1` would take {} MiB", lambda: (HEADLINE.evaluation.runs, trace_of_an_evaluation(HEADLINE))),
     ],
-    "docs/nomenclature.md": [
-        (
-            "delivers {} W m-2 of boiler heat, {} mg m-2 s-1 of CO2 and light for {} W m-2",
-            full_use,
-        ),
-    ],
+    "docs/nomenclature.md": [("delivers {} W m-2 of boiler heat, {} mg m-2 s-1 of CO2 and light for {} W m-2", full_use)],
     "docs/threat-model.md": [
         ("perfect forecast of the next day gains: {} EUR/m²", lambda: gain_of_weather("published")[0]),
         ("it earns {} EUR/m² more than `mpc` in the same runs", lambda: gain_of_weather("published")[0]),
-        (
-            "(95 % interval over the {} runs: {} to {})",
-            lambda: (carried_weather.RUNS, *gain_of_weather("published")[1:]),
-        ),
+        ("(95 % interval over the {} runs: {} to {})", lambda: (carried_weather.RUNS, *gain_of_weather("published")[1:])),
         ("of `mpc` it earns {} EUR/m² more ({} to {})", lambda: gain_of_weather("fresh")),
-        (
-            "seeds {} to {}) it earns",
-            lambda: (SPRING.evaluation.first_seed, SPRING.evaluation.first_seed + carried_weather.RUNS - 1),
-        ),
+        ("seeds {} to {}) it earns", lambda: (SPRING.evaluation.first_seed, SPRING.evaluation.first_seed + carried_weather.RUNS - 1)),
     ],
     "docs/statistics.md": [
-        (
-            "(of {}, the middle {})",
-            lambda: (TASK.evaluation.runs, TASK.evaluation.runs - 2 * (TASK.evaluation.runs // 4)),
-        ),
+        ("(of {}, the middle {})", lambda: (TASK.evaluation.runs, TASK.evaluation.runs - 2 * (TASK.evaluation.runs // 4))),
         ("`statistics.bootstrap_interval`, {} resamples", lambda: RESAMPLES),
         ("above 0 in at most {} of 1,000 evaluations", lambda: 1000 * ERROR),
         ("With fewer than {} runs there is no mark", lambda: FEWEST),
@@ -1167,17 +1050,10 @@ CLAIMS: dict[str, list[Claim]] = {
     ],
     "docs/tasks.md": [
         ("from {} to +{} % at `Code-Delta20`", quotient_of_two_draws),
-        (
-            "fruit's dry mass / {} x {} EUR kg-1",
-            lambda: (TASK.prices.dry_matter_content, TASK.prices.fruit),
-        ),
+        ("fruit's dry mass / {} x {} EUR kg-1", lambda: (TASK.prices.dry_matter_content, TASK.prices.fruit)),
         (
             "count as reward {}, EPI {} EUR m-2, penalty {} (neither",
-            lambda: (
-                TASK.evaluation.failed_step.reward,
-                TASK.evaluation.failed_step.epi,
-                TASK.evaluation.failed_step.penalty,
-            ),
+            lambda: (TASK.evaluation.failed_step.reward, TASK.evaluation.failed_step.epi, TASK.evaluation.failed_step.penalty),
         ),
     ],
     "docs/study.md": [
@@ -1190,17 +1066,11 @@ CLAIMS: dict[str, list[Claim]] = {
                 training_seasons("long"),
             ),
         ),
-        (
-            "chosen over {} validation runs instead of {}.",
-            lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory")),
-        ),
+        ("chosen over {} validation runs instead of {}.", lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory"))),
     ],
     "docs/uncertainty.md": [
         ("forecasts are {} W/m2 too low by day,\n{} % of the radiation that came", radiation_bias),
-        (
-            "by hours ahead, over {} seasons of the [training split](glossary.md#split)",
-            lambda: uncertainty_figures.BIAS_SEASONS,
-        ),
+        ("by hours ahead, over {} seasons of the [training split](glossary.md#split)", lambda: uncertainty_figures.BIAS_SEASONS),
         ("the wind at 3 m is {} times, and at 20 m {} times,", lambda: (wind_profile(3.0), wind_profile(20.0))),
         ("ten heads or stems that differ by {} % have a mean that is off by {} %", mean_of_ten_heads),
     ],
@@ -1221,10 +1091,7 @@ CLAIMS: dict[str, list[Claim]] = {
             f"are means of {{}} seasons of the validation split ({{}} on `{HEADLINE.short_id}`)",
             lambda: tuple(recipe("fast", task).evaluation.runs for task in ("Spring-v1", HEADLINE.id)),
         ),
-        (
-            "chosen over {} runs instead of {} (`ppo_long`",
-            lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory")),
-        ),
+        ("chosen over {} runs instead of {} (`ppo_long`", lambda: tuple(recipe(name).evaluation.runs for name in ("long", "memory"))),
         ("| `n_timesteps` | {} |", lambda: settings("ppo")["n_timesteps"]),
         ("state at every evaluation, every {} steps", lambda: fast_settings()["evaluation"]["every"]),
         (
@@ -1289,33 +1156,20 @@ CLAIMS: dict[str, list[Claim]] = {
         ("North Carolina ({}° N", lambda: load_weather("greensboro").latitude),
         ("Alaska ({}° N", lambda: load_weather("sand_point").latitude),
         ("Florida ({}° N", lambda: load_weather("miami").latitude),
-        (
-            "just meet it ({}, and {} with other draws)",
-            lambda: tuple(size_at_joints(name, "wind speed") for name in ("training", "again")),
-        ),
-        (
-            "are close to it ({} and {}).",
-            lambda: tuple(size_at_joints(name, "relative humidity") for name in ("training", "again")),
-        ),
+        ("just meet it ({}, and {} with other draws)", lambda: tuple(size_at_joints(name, "wind speed") for name in ("training", "again"))),
+        ("are close to it ({} and {}).", lambda: tuple(size_at_joints(name, "relative humidity") for name in ("training", "again"))),
         ("does not change over {} % of the joined midnights,\n  and over {} % of the real ones", calm_midnights),
         ("compares {} seasons of 60 days", lambda: weather_table.read()["training"]["seasons"]),
     ],
 }
 
-EVERYWHERE = [
-    f"{TASK.steps:,} steps",
-    f"{TASK.steps} steps",
-    f"{TASK.step_seconds:g} s",
-]
+EVERYWHERE = [f"{TASK.steps:,} steps", f"{TASK.steps} steps", f"{TASK.step_seconds:g} s"]
 """Phrases that are made of a task and right wherever they stand."""
 
 ALLOWED: dict[str, list[tuple[str, str]]] = {
     "docs/jax.md": [("before 1.0: PureJaxRL", "a version")],
     "docs/schedule.md": [("days of 24 h after", "definition: a day since the start of a run")],
-    "docs/fmu.md": [
-        ("FMI 2.0", "a version"),
-        ("Python 3.11 and 3.13", "versions"),
-    ],
+    "docs/fmu.md": [("FMI 2.0", "a version"), ("Python 3.11 and 3.13", "versions")],
     "docs/prices.md": [("days of 23 and 25 hours", "definition: the days on which summer time begins and ends")],
     "docs/control.md": [("An iteration takes about 3 s of one core", "measured by docs/season_plan_table.py")],
     "docs/best-known.md": [
@@ -1419,10 +1273,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("At the paper's price of 0.30 EUR/kWh", "definition: the task's price"),
         ("with electricity at 0.10 EUR/kWh", "definition: docs/what_the_best_does.py"),
     ],
-    "README.md": [
-        ("every 15 minutes", "definition: the control step"),
-        ("Python 3.11 or newer", "definition: pyproject.toml"),
-    ],
+    "README.md": [("every 15 minutes", "definition: the control step"), ("Python 3.11 or newer", "definition: pyproject.toml")],
     "docs/start.md": [
         ("Python 3.11 or newer", "definition: pyproject.toml"),
         ("to 1e-9 at every reference point", "tests/model/test_reference.py holds it"),
@@ -1479,15 +1330,9 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     "docs/sensitivities.md": [
         ("transposes of each other to 1e-10", "tests/kernel_compiled/test_sensitivities.py holds it"),
         ("transposes of each other to 1e-12", "tests/kernel_compiled/test_trajectories.py holds it"),
-        (
-            "in one coarse substep agrees with finite differences to 1e-5",
-            "tests/kernel_compiled/test_sensitivities.py holds it",
-        ),
+        ("in one coarse substep agrees with finite differences to 1e-5", "tests/kernel_compiled/test_sensitivities.py holds it"),
         ("A step of 5 s", "definition: the length of a step"),
-        (
-            "to 1e-4, and `tight` with finite differences of itself to 1e-5",
-            "tests/kernel_compiled/test_sensitivities.py holds it",
-        ),
+        ("to 1e-4, and `tight` with finite differences of itself to 1e-5", "tests/kernel_compiled/test_sensitivities.py holds it"),
         ("a profit of 0.16 EUR", "tests/kernel/test_sensitivities_page.py computes it"),
     ],
     "docs/energy.md": [
@@ -1528,10 +1373,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("day of the first 0.05 kg", "definition: glbench.realism.comparison.FIRST_FRUIT"),
     ],
     "docs/growers.md": [
-        (
-            "25 to 40 m³ of gas and 60 to 75 kg without lamps, 80 to 100 kg with lamps",
-            "round figures of practice, as the page says",
-        ),
+        ("25 to 40 m³ of gas and 60 to 75 kg without lamps, 80 to 100 kg with lamps", "round figures of practice, as the page says"),
         ("17 h of light a day", "definition: the parameter hoursLight"),
     ],
     "docs/greenhouse-words.md": [
@@ -1626,9 +1468,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("space: 0.6 GB for", "arithmetic: 100 episodes of 6.2 MB"),
         ("at most 128 MiB or 32 times", "definition: glbench/episodes/mcap_file.py"),
     ],
-    "docs/nomenclature.md": [
-        ("averaged over about 24 h", "definition: a state of the model"),
-    ],
+    "docs/nomenclature.md": [("averaged over about 24 h", "definition: a state of the model")],
     "docs/model-symbols.md": [
         ("absorb up to 1.031", "tests/model/test_optics.py holds it"),
         ("1.028 at the start of the published tasks, where it is 0.89", "tests/model/test_optics.py holds it"),
@@ -1685,10 +1525,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("it is 12 to 17 %", "tests/leaderboard/test_comparisons.py holds it"),
         ("3 trainings often contain no failure", "the case that follows"),
         ("30 runs may contain none", "arithmetic"),
-        (
-            "it is 8 to 9 %",
-            "measured: the simulation of tests/leaderboard/test_comparisons.py with 2.5 degrees of freedom, 8,000 tables",
-        ),
+        ("it is 8 to 9 %", "measured: the simulation of tests/leaderboard/test_comparisons.py with 2.5 degrees of freedom, 8,000 tables"),
         ("it is about 7 %", "measured: the same simulation with two and five trainings"),
         ("5 % are expected to be mistakes", "source: Benjamini and Hochberg (1995)"),
         ("about 5 % of tables tell some pair apart", "tests/leaderboard/test_comparisons.py holds it"),
@@ -1740,14 +1577,8 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("4 GiB of address space a process, and 4 GiB for", "definition: the sandbox's limits"),
         ("every 0.2 s", "definition: the sandbox's limits"),
         ("by 1,024 of the first two in all processes together and 65,536", "definition: the sandbox's limits"),
-        (
-            "more than 512 MiB (sparse files at their full size) or 10,000 files, or 100,000 names",
-            "definition: the limits of a submission",
-        ),
-        (
-            "10 s for a decision of one run, 2 h for all decisions of a run, 300 s",
-            "definition: the default time limits",
-        ),
+        ("more than 512 MiB (sparse files at their full size) or 10,000 files, or 100,000 names", "definition: the limits of a submission"),
+        ("10 s for a decision of one run, 2 h for all decisions of a run, 300 s", "definition: the default time limits"),
         ("one process of 4 GiB", "definition: the sandbox's limits"),
         ("Linux 5.14", "definition: a version"),
         ("bubblewrap 0.7", "definition: a version"),
@@ -1794,28 +1625,18 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("0 … 1500", "definition: the range that is accepted"),
         *(
             (words, "definition: glbench/weather/summary.py")
-            for words in (
-                "more than 4 h off the sun",
-                "mean temperature above 35 degC, humidity that never exceeds 1.5 %",
-            )
+            for words in ("more than 4 h off the sun", "mean temperature above 35 degC, humidity that never exceeds 1.5 %")
         ),
         ("stays the same for 36 h", "definition: glbench/weather/summary.py"),
         *(
             (words, "definition: glbench/weather/hourly.py")
-            for words in (
-                "rows of 1 to 30 minutes",
-                "Radiation down to\n  −25 W/m2",
-                "humidity up to 105 % becomes 100 %",
-            )
+            for words in ("rows of 1 to 30 minutes", "Radiation down to\n  −25 W/m2", "humidity up to 105 % becomes 100 %")
         ),
         ("1.24 (*e*/*T*)^(1/7)", "source: Crawford and Duchon (1999)"),
         ("the estimate is off by 6.1 K (root mean square), −0.5 K on average", "tests/weather/test_hourly.py holds it"),
         ("would be off by 7.8 K", "tests/weather/test_hourly.py holds it"),
         ("middle of the interval of 5 to 60 min", "definition: the format"),
-        (
-            "off by 11.8 % of relative humidity (root mean square), −0.7 % on average",
-            "tests/weather/test_services.py holds it",
-        ),
+        ("off by 11.8 % of relative humidity (root mean square), −0.7 % on average", "tests/weather/test_services.py holds it"),
         ("Rows may be 1 to 60 minutes apart", "definition: glbench/weather/hourly.py"),
         ("With rows of 5 minutes", "an example"),
         ("0.001 degC, 0.001 %, 0.001 m/s", "definition: the canonical record"),

@@ -14,8 +14,7 @@ _UNIT = re.compile(
     r"(?:%|(?:us|ms|ns|s|h|min|seconds?|minutes?|hours?|MB|kB|GB|MiB|GiB|steps/s|times|units|substeps|cycles|ulp|EUR|kWh|per\scent)\b)"
 )
 _NO_PROSE = re.compile(
-    r"```.*?```|<!-- [\w-]+ -->\n.*?<!-- end -->|`[^`\n]+`|\]\([^)]*\)|https?://\S+|^    \S[^\n]*$",
-    re.DOTALL | re.MULTILINE,
+    r"```.*?```|<!-- [\w-]+ -->\n.*?<!-- end -->|`[^`\n]+`|\]\([^)]*\)|https?://\S+|^    \S[^\n]*$", re.DOTALL | re.MULTILINE
 )
 
 

@@ -180,9 +180,7 @@ def test_agents_with_their_lamps_off_are_told_apart(figures: dict[str, Any], fam
     assert design.stability(table)["same best"] > 0.95
 
 
-def test_sensors_cost_who_reads_them_more_than_half_a_euro_and_the_house_costs_a_policy_most(
-    figures: dict[str, Any],
-) -> None:
+def test_sensors_cost_who_reads_them_more_than_half_a_euro_and_the_house_costs_a_policy_most(figures: dict[str, Any]) -> None:
     def cost(agent: str, factor: str, which: str = "") -> float:
         return mean(figures, f"factors seasons{which}", agent) - mean(figures, f"factors {factor}{which}", agent)
 
@@ -201,9 +199,7 @@ def test_generated_seasons_pay_what_real_ones_pay_and_order_agents_alike(figures
     assert all(abs(design.at_equal_days(made[agent], real[agent], days, real_days)[0]) < 0.4 for agent in agents)
 
 
-def test_choosing_by_known_draws_gains_and_loses_under_another_salt_unless_one_agent_is_always_best(
-    figures: dict[str, Any],
-) -> None:
+def test_choosing_by_known_draws_gains_and_loses_under_another_salt_unless_one_agent_is_always_best(figures: dict[str, Any]) -> None:
     gains = {}
     for family, agents in design.CHOICE.items():
         names = [Path(agent).stem for agent in agents]

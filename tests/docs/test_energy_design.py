@@ -58,10 +58,7 @@ def test_a_copy_of_the_rules_differs_by_its_numbers_alone(tmp_path: Path) -> Non
         folders = tmp_path / MADE / family
         rules = read_rule_page(design.PAGES / f"{family.lower()}.yml", EnergyRuleSettings).numbers.model_dump()
         for name, changed in {design.RULES: {}, **variants}.items():
-            assert read_rule_page(folders / name / "page.yml", EnergyRuleSettings).numbers.model_dump() == {
-                **rules,
-                **changed,
-            }
+            assert read_rule_page(folders / name / "page.yml", EnergyRuleSettings).numbers.model_dump() == {**rules, **changed}
 
 
 def test_copies_do_without_what_they_are_said_to_do_without(figures: dict[str, Any]) -> None:

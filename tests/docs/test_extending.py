@@ -67,11 +67,7 @@ def test_the_examples_run_and_say_what_the_page_says(
     assert not watered.fused  # a part in Python
     assert "canopy_above_air" in {column.name for column in task.observed()}
 
-    changes |= {
-        "greenlight-basil-1.0.0": "mylab-buffered-1.0.0",
-        '"uBlScr"]': '"uBlScr", "uPipe"]',
-        '"crop",': '"crop",',
-    }
+    changes |= {"greenlight-basil-1.0.0": "mylab-buffered-1.0.0", '"uBlScr"]': '"uBlScr", "uPipe"]', '"crop",': '"crop",'}
     (heat,) = (block for block in blocks("toml") if "heat_into_tank" in block)
     before, _, after = whole.partition("[ledger.cost_heat]")
     buffered = f"{before}{after[after.index('[reward]') :]}\n{heat}"

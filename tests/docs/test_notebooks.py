@@ -202,13 +202,7 @@ def test_train_and_beat_the_rules_runs_and_says_what_holds() -> None:
 
 
 def committed_table_is_computed(
-    cell: str,
-    table: Any,
-    *,
-    notebook: str = "predictive_control.ipynb",
-    within: float = 0.0,
-    share: float = 0.0,
-    index: int = 0,
+    cell: str, table: Any, *, notebook: str = "predictive_control.ipynb", within: float = 0.0, share: float = 0.0, index: int = 0
 ) -> None:
     """The table in the notebook shows the numbers of this run, after ``index`` columns of numbers that name the rows."""
     (shown,) = (

@@ -17,10 +17,7 @@ from tests.env.stepping import StillKernel
 
 MakeTask = Callable[..., TaskSpec]
 SET_POINT = ('kind = "rate"', 'kind = "set_point"')
-TWO_CONTROLS = (
-    'controls = ["uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr"]',
-    'controls = ["uVent", "uBoil"]',
-)
+TWO_CONTROLS = ('controls = ["uBoil", "uCo2", "uThScr", "uVent", "uLamp", "uBlScr"]', 'controls = ["uVent", "uBoil"]')
 
 
 RATE = make_actuation(get_task("Schiphol2010-Delta00-v1"))
@@ -35,10 +32,7 @@ def test_an_action_of_one_moves_a_control_by_a_tenth() -> None:
     assert moved[0] == pytest.approx([0.1, 0.6, 1.0, 0.0, 0.95, 0.3], abs=1e-15)
 
 
-@given(
-    st.lists(st.floats(0, 1), min_size=6, max_size=6),
-    st.lists(st.floats(-1, 1), min_size=6, max_size=6),
-)
+@given(st.lists(st.floats(0, 1), min_size=6, max_size=6), st.lists(st.floats(-1, 1), min_size=6, max_size=6))
 def test_a_control_stays_between_0_and_1_and_moves_by_at_most_max_change(u: list[float], a: list[float]) -> None:
     moved = RATE(rows(u), rows(a))
     assert moved.min() >= 0.0
@@ -173,10 +167,7 @@ def test_a_kind_of_ones_own_has_other_actions_than_controls(make_task: MakeTask,
 @pytest.mark.usefixtures("own_words")
 @pytest.mark.parametrize(
     ("moved", "said"),
-    [
-        (np.zeros((2, 1)), r"'test_own' of .* shape \(2, 1\); it must be \(2, 6\)"),
-        (np.full((2, 6), np.nan), "not finite numbers"),
-    ],
+    [(np.zeros((2, 1)), r"'test_own' of .* shape \(2, 1\); it must be \(2, 6\)"), (np.full((2, 6), np.nan), "not finite numbers")],
 )
 def test_a_kind_that_returns_no_controls_of_each_run_is_refused(
     moved: np.ndarray, said: str, make_task: MakeTask, still: StillKernel

@@ -129,14 +129,7 @@ def many_errors(level: str, seasons: int, issues: int = 240) -> Floats:
     day = np.array([clear_sky(place, 0)[90 + hour // 24, hour % 24] for hour in range(issues + 24)])
     assert clear.max() > 900.0
     measured = np.stack(
-        [
-            day / 2.0,
-            np.full(issues + 24, 10.0),
-            np.full(issues + 24, 50.0),
-            np.zeros(issues + 24),
-            np.full(issues + 24, 50.0),
-        ],
-        axis=1,
+        [day / 2.0, np.full(issues + 24, 10.0), np.full(issues + 24, 50.0), np.zeros(issues + 24), np.full(issues + 24, 50.0)], axis=1
     )
     found = np.zeros((seasons, issues, QUANTITIES, len(HOURS)))
     rows = np.zeros((issues, QUANTITIES * len(HOURS)), np.float32)

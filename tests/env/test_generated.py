@@ -163,10 +163,7 @@ def test_validation_draws_other_seasons_and_crops_of_the_same_years(task: TaskSp
 
 
 def test_salts_make_other_seasons_and_a_secret_one_those_of_the_test_only(task: TaskSpec, folder: Path) -> None:
-    salted = spring(
-        folder / "salted.toml",
-        scenario=SCENARIO.replace('family = "tests/Spring"', 'family = "tests/Spring"\nsalt = "x"'),
-    )
+    salted = spring(folder / "salted.toml", scenario=SCENARIO.replace('family = "tests/Spring"', 'family = "tests/Spring"\nsalt = "x"'))
     sealed = task.in_split("test", "secret")
     assert everything(salted, 0) != everything(task, 0)
     assert everything(sealed, 0) != everything(task.in_split("test"), 0)

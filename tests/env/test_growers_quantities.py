@@ -27,10 +27,7 @@ from tests.support import write_lettuce_task
 
 MakeTask = Callable[..., TaskSpec]
 MODULES = ("vapour_deficit", "light_today", "local_time")
-NAMES = (
-    *("vapour_pressure_deficit", "humidity_deficit", "radiation_today", "par_today"),
-    *("hour_of_day", "day_of_year"),
-)
+NAMES = (*("vapour_pressure_deficit", "humidity_deficit", "radiation_today", "par_today"), *("hour_of_day", "day_of_year"))
 OBSERVED = ('"controls", "weather"]', '"controls", "weather", "vapour_deficit", "light_today", "local_time"]')
 PUBLISHED = ('timing = "current"', 'timing = "published"')
 
@@ -111,11 +108,7 @@ def test_the_columns_have_units_and_finite_bounds_that_hold(task: TaskSpec) -> N
 @pytest.mark.parametrize("timing", [(), (PUBLISHED,)], ids=["current", "published"])
 def test_compiled_and_plain_have_the_same_bits_alone_and_in_a_batch(make_task: MakeTask, timing: tuple[tuple[str, str], ...]) -> None:
     task = make_task(OBSERVED, *timing, days=2)
-    compiled, plain, alone = (
-        Simulation(task, 3, "fast"),
-        Simulation(task, 3, "fast", fused=False),
-        Simulation(task, 1, "fast"),
-    )
+    compiled, plain, alone = (Simulation(task, 3, "fast"), Simulation(task, 3, "fast", fused=False), Simulation(task, 1, "fast"))
     assert not plain.fused
     assert compiled.reset([1, 2, 3]).tobytes() == plain.reset([1, 2, 3]).tobytes()
     alone.reset([3])
@@ -154,12 +147,7 @@ def test_light_is_the_sum_of_what_came_since_midnight_and_nothing_of_what_comes(
 
 def par(sun: float, boiler: float, co2: float, thermal: float, vents: float, lamps: float, blackout: float) -> float:
     """Photons above the canopy [umol m-2 s-1] of the paper's greenhouse: roof, two screens and lamp layer as slabs that reflect."""
-    layers = [
-        (0.57, 0.13),
-        (1.0 - 0.25 * thermal, 0.35 * thermal),
-        (1.0 - 0.99 * blackout, 0.35 * blackout),
-        (0.95, 0.0),
-    ]
+    layers = [(0.57, 0.13), (1.0 - 0.25 * thermal, 0.35 * thermal), (1.0 - 0.99 * blackout, 0.35 * blackout), (0.95, 0.0)]
     through, back = layers[0]
     for transmitted, reflected in layers[1:]:
         between = 1.0 - back * reflected

@@ -60,10 +60,7 @@ def test_what_is_no_kernel_of_the_task_is_refused_at_once(day: TaskSpec, make: t
     with pytest.raises(UnknownNameError, match=r"no kernel preset 'fats'\. Did you mean 'fast'"):
         make(day, kernel="fats")
     for wrong in (3, {}, Kernel, object()):
-        with pytest.raises(
-            GlbenchError,
-            match=r"name of a preset \('reference', .* or a Kernel, such as Kernel\(task\.model_value, 900\)",
-        ):
+        with pytest.raises(GlbenchError, match=r"name of a preset \('reference', .* or a Kernel, such as Kernel\(task\.model_value, 900\)"):
             make(day, kernel=wrong)  # type: ignore[arg-type]
     with pytest.raises(GlbenchError, match=r"step_seconds = 300.0, but tests/\w+-Delta10-v1 needs 900.0"):
         make(day, kernel=Kernel(TOMATO, 300.0))

@@ -77,14 +77,7 @@ def by_definition(simulation: Simulation, shown: int, row: int = 0) -> dict[str,
 EVERYTHING = (
     ("indoor_climate", "crop", "time", "controls", "weather", "forecast", "step_counter"),
     ("full_state", "control_fractions", "step_counter", "time"),
-    (
-        "published_indoor_climate",
-        "published_crop",
-        "control_fractions",
-        "weather",
-        "published_time",
-        "published_forecast",
-    ),
+    ("published_indoor_climate", "published_crop", "control_fractions", "weather", "published_time", "published_forecast"),
 )
 
 
@@ -191,10 +184,7 @@ def test_a_module_of_ones_own_works_from_a_task_file(make_task: MakeTask, still:
     [
         (np.zeros((2, 1)), r"'test_own' of .* shape \(2, 1\); it must be \(2, 2\).*test_a, test_b"),
         (np.zeros(2), r"shape \(2,\); it must be \(2, 2\)"),
-        (
-            np.array([[0.0, 0.0], [0.0, np.nan]]),
-            "'test_own' of .* returned nan for 'test_b'; it must be a finite number",
-        ),
+        (np.array([[0.0, 0.0], [0.0, np.nan]]), "'test_own' of .* returned nan for 'test_b'; it must be a finite number"),
     ],
 )
 def test_a_module_that_returns_what_its_columns_cannot_be_is_refused(

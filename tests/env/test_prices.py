@@ -20,12 +20,7 @@ MODULES = ("prices", "day_ahead_prices")
 
 SEEDS = [10_003, 10_001, 10_002]
 """Of three seasons of the training split."""
-SHORT = {
-    "weather.days": 2,
-    "splits.training.seasons": 4,
-    "splits.validation.seasons": 2,
-    "splits.test.seasons": 2,
-}
+SHORT = {"weather.days": 2, "splits.training.seasons": 4, "splits.validation.seasons": 2, "splits.test.seasons": 2}
 MARKET = "price_tables.power.market"
 AHEAD = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 21)
 
@@ -169,13 +164,7 @@ def test_seasons_are_priced_alike_whoever_asks_first(task: TaskSpec) -> None:
 
 
 def test_prices_by_the_hour_need_steps_that_divide_it(task: TaskSpec) -> None:
-    odd = task.replace(
-        {
-            "weather.step_seconds": 2400,
-            "observation.modules": ["prices", "day_ahead_prices"],
-            "observation.forecast": None,
-        }
-    )
+    odd = task.replace({"weather.step_seconds": 2400, "observation.modules": ["prices", "day_ahead_prices"], "observation.forecast": None})
     words = "[price_tables.power] is hourly; step_seconds = 2400 does not divide an hour. Use 900."
     with pytest.raises(TaskError, match=re.escape(words)):
         WeatherPool.of(odd)

@@ -102,8 +102,7 @@ def test_heat_is_proportional_below_the_heating_temperature(make_computer: MakeC
 
 
 @pytest.mark.parametrize(
-    ("outside", "wind", "band"),
-    [(20.0, 0.0, 6.0), (30.0, 0.0, 6.0), (10.0, 0.0, 12.0), (10.0, 5.0, 13.5), (-30.0, 9.0, 25.0)],
+    ("outside", "wind", "band"), [(20.0, 0.0, 6.0), (30.0, 0.0, 6.0), (10.0, 0.0, 12.0), (10.0, 5.0, 13.5), (-30.0, 9.0, 25.0)]
 )
 def test_vents_are_proportional_in_a_band_that_widens_with_cold_and_wind(
     make_computer: MakeComputer, outside: float, wind: float, band: float
@@ -271,10 +270,7 @@ def test_the_blackout_screen_is_closed_while_lamps_burn_in_the_dark(make_compute
     assert computer(radiation=10.0, hour_of_day=8.0)["uBlScr"] == 0.0
     assert computer(radiation=0.0, hour_of_day=20.0)["uBlScr"] == 0.0
     unlit = make_computer(controls=("uThScr", "uBlScr"))
-    assert Computer(unlit, screen_radiation_limit=50.0)(radiation=0.0, outdoor_temperature=0.0) == {
-        "uThScr": 1.0,
-        "uBlScr": 0.0,
-    }
+    assert Computer(unlit, screen_radiation_limit=50.0)(radiation=0.0, outdoor_temperature=0.0) == {"uThScr": 1.0, "uBlScr": 0.0}
 
 
 def test_controls_move_by_at_most_max_change(make_computer: MakeComputer) -> None:
@@ -529,9 +525,7 @@ def test_an_action_cannot_stand_for_values_out_of_order(stands_for: tuple[float,
         Action("pipe", -1.0, 1.0, "degC", stands_for=stands_for)
 
 
-def test_set_points_given_at_the_hour_or_the_reading_switch_as_if_they_had_not_been_scaled(
-    make_computer: MakeComputer,
-) -> None:
+def test_set_points_given_at_the_hour_or_the_reading_switch_as_if_they_had_not_been_scaled(make_computer: MakeComputer) -> None:
     """float32 rounds most of these set points up or down; a reading that equals one falls on the same side of all."""
     task = make_computer('lamp_minimum_time = { value = 0.0, unit = "h" }', 'screen_minimum_time = { value = 0.0, unit = "h" }')
     by_name = {action.name: action for action in task.actions}

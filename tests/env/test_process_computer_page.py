@@ -34,10 +34,7 @@ def test_the_set_points_are_those_of_the_code() -> None:
 
 
 def test_what_it_converts_is_what_an_action_gives() -> None:
-    heating, told = (
-        set_points(WORKED)[0],
-        dict(re.findall(r"^heating\.(\w+\([\d.]+\))  # ([\d.]+):", PAGE, re.MULTILINE)),
-    )
+    heating, told = (set_points(WORKED)[0], dict(re.findall(r"^heating\.(\w+\([\d.]+\))  # ([\d.]+):", PAGE, re.MULTILINE)))
     assert {call: float(value) for call, value in told.items()} == {
         "of(18.0)": pytest.approx(heating.of(18.0)),
         "value(0.2)": pytest.approx(heating.value(0.2)),

@@ -167,10 +167,7 @@ def test_a_snapshot_of_the_first_format_is_read(make_own: MakeOwn, monkeypatch: 
     snapshot.to_bytes()
     monkeypatch.undo()
     file = io.BytesIO()
-    np.savez(
-        file,
-        **{name: value for name, value in saved.items() if name not in ("memory", "allow_pickle")} | {"format": np.int64(1)},
-    )
+    np.savez(file, **{name: value for name, value in saved.items() if name not in ("memory", "allow_pickle")} | {"format": np.int64(1)})
     read = Snapshot.from_bytes(file.getvalue())
     assert read.memory.shape == (2, 0)
     assert simulation.restore(read).tobytes() == simulation.observe().tobytes()
@@ -227,10 +224,7 @@ def test_a_privileged_controller_sees_each_runs_own_weather_and_clock(make_own: 
     simulation = Simulation(task, N, StillKernel())
     observations = simulation.reset(SEEDS)
     for step in range(2):
-        inputs, met = (
-            runner.inputs(simulation, observations),
-            (simulation.d, simulation.hour_of_day, simulation.day_of_year),
-        )
+        inputs, met = (runner.inputs(simulation, observations), (simulation.d, simulation.hour_of_day, simulation.day_of_year))
         runner.decide(step, inputs, np.ones(N, np.bool_))
         assert all(np.array_equal(one, other) for one, other in zip(seen[-1], met, strict=True))
         assert np.unique(seen[-1][2]).size > 2

@@ -217,13 +217,7 @@ def test_results_and_state_are_not_overwritten_by_later_steps(day: TaskSpec, sti
     simulation = Simulation(day, 2, still)
     simulation.reset([1, 2])
     result = simulation.step(np.ones((2, 6)))
-    held: list[np.ndarray] = [
-        result.observations,
-        result.quantities["epi"],
-        result.terminated,
-        simulation.x,
-        simulation.k,
-    ]
+    held: list[np.ndarray] = [result.observations, result.quantities["epi"], result.terminated, simulation.x, simulation.k]
     kept = [array.copy() for array in held]
     run(simulation, walk(1, 95, 2))
     assert all((array == copy).all() for array, copy in zip(held, kept, strict=True))

@@ -39,16 +39,7 @@ def run(*arguments):
 def test_info_shows_origin_and_every_column_with_its_unit(episode_file):
     done = run("episodes", "info", episode_file)
     assert done.exit_code == 0, done.output
-    for words in (
-        "test/Day-v1",
-        "wavy",
-        "666",
-        "/outcome.model_state",
-        "cost_electricity",
-        "EUR m-2",
-        "mg m-3",
-        "float64",
-    ):
+    for words in ("test/Day-v1", "wavy", "666", "/outcome.model_state", "cost_electricity", "EUR m-2", "mg m-3", "float64"):
         assert words in done.stdout, words
 
 

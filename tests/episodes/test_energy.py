@@ -8,16 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glbench.episodes import (
-    Episode,
-    actions_path,
-    episode_bytes,
-    episode_path,
-    episodes_folder,
-    read_episode,
-    read_log,
-    replayed_episodes,
-)
+from glbench.episodes import Episode, actions_path, episode_bytes, episode_path, episodes_folder, read_episode, read_log, replayed_episodes
 from glbench.episodes.rerun_recording import card, shown_of
 from glbench.evaluation import evaluate, result_path
 from glbench.tasks import TaskSpec

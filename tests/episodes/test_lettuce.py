@@ -134,10 +134,7 @@ def test_records_of_earlier_versions_are_shown_without_what_they_lack(lettuce: L
     earlier = replace(trajectory, columns={k: v for k, v in trajectory.columns.items() if k not in later})
     shown = show_together(lettuce.task, [earlier])
     paths = {curve.path for curve in shown.signals.curves}
-    assert {curve.path for curve in whole.signals.curves} - paths == {
-        "climate/vapour_pressure_deficit",
-        "climate/par_today",
-    }
+    assert {curve.path for curve in whole.signals.curves} - paths == {"climate/vapour_pressure_deficit", "climate/par_today"}
     assert shown.signals.overview == whole.signals.overview
     assert "clock" not in card(shown)
     without = replace(trajectory, columns={k: v for k, v in trajectory.columns.items() if k != "co2"})
@@ -225,10 +222,7 @@ def test_two_columns_of_a_record_cannot_have_one_name(tmp_path: Path) -> None:
 def test_what_is_recorded_and_drawn_of_tomatoes_stays_as_it_was() -> None:
     signals = signals_of(get_task(PUBLISHED))
     added = {one.name for one in signals.recorded if one.group in ("clock", "derived")}  # of a later version, beside what was there
-    assert added == {
-        *("hour_of_day", "par_today", "radiation_today"),
-        *("vapour_pressure_deficit", "humidity_deficit"),
-    }
+    assert added == {*("hour_of_day", "par_today", "radiation_today"), *("vapour_pressure_deficit", "humidity_deficit")}
     recorded = [(one.group, one.name, one.unit, one.meaning, one.source, one.index) for one in signals.recorded if one.name not in added]
     drawn = [
         (page.title, c.path, c.title, c.unit, c.columns, c.form, c.factor, c.moment, c.limits, c.shared, c.slow, c.span)

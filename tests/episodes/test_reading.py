@@ -86,12 +86,7 @@ def test_states_include_the_start(episode_file, day_task):
 def test_any_reader_of_mcap_and_protobuf_reads_the_same_numbers(episode_file):
     frame = glbench.episodes.read(episode_file)
     seen: dict[str, list[tuple[int, int, float]]] = {}
-    wanted = {
-        "climate": "air_temperature",
-        "controls": "uBoil",
-        "economics": "cost_co2",
-        "agent_action": "action_uVent",
-    }
+    wanted = {"climate": "air_temperature", "controls": "uBoil", "economics": "cost_co2", "agent_action": "action_uVent"}
     with episode_file.open("rb") as file:
         reader = mcap.reader.make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         for _, channel, message, decoded in reader.iter_decoded_messages():

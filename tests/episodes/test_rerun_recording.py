@@ -142,12 +142,7 @@ def test_the_card_tells_the_task_and_who_is_who(runs: Runs) -> None:
     shown = shown_of([runs.episode(), runs.episode(666, "steady")])
     text = card(shown)
     task = shown.task
-    for words in (
-        task.title,
-        "air temperature **15 to 34 °C**",
-        "relative humidity **50 to 85 %**",
-        "CO₂ **300 to 1600 ppm**",
-    ):
+    for words in (task.title, "air temperature **15 to 34 °C**", "relative humidity **50 to 85 %**", "CO₂ **300 to 1600 ppm**"):
         assert words in text
     assert "heat 0.09 EUR/kWh" in text
     assert "4 days, a decision every 60 minutes" in text

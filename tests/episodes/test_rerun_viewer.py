@@ -169,10 +169,7 @@ def test_a_port_that_is_taken_is_said_to_be_taken() -> None:
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        with (
-            pytest.raises(GlbenchError, match=f"The port {port} is taken"),
-            rerun_viewer.page_for_browser(None, port),
-        ):
+        with pytest.raises(GlbenchError, match=f"The port {port} is taken"), rerun_viewer.page_for_browser(None, port):
             pass
 
 

@@ -96,12 +96,7 @@ def test_another_model_is_recorded_and_read_back_with_its_own_columns(episode_fi
 
 @pytest.mark.parametrize(
     ("form", "names", "expected"),
-    [
-        ("value", ("a",), [2.0, 4.0]),
-        ("sum", ("a",), [2.0, 6.0]),
-        ("beyond", ("a", "b"), [1.0, -4.0]),
-        ("any", ("a", "b"), [3.0, 7.0]),
-    ],
+    [("value", ("a",), [2.0, 4.0]), ("sum", ("a",), [2.0, 6.0]), ("beyond", ("a", "b"), [1.0, -4.0]), ("any", ("a", "b"), [3.0, 7.0])],
 )
 def test_forms_of_curves(form, names, expected):
     columns = {"a": np.array([2.0, 4.0]), "b": np.array([3.0, 0.0])}

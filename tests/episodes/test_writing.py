@@ -11,15 +11,7 @@ import sys
 import numpy as np
 import pytest
 
-from glbench.episodes import (
-    EpisodeWriter,
-    episode_bytes,
-    read_episode,
-    read_log,
-    recover,
-    replayed_episodes,
-    write_episode,
-)
+from glbench.episodes import EpisodeWriter, episode_bytes, read_episode, read_log, recover, replayed_episodes, write_episode
 from glbench.episodes.action_log import exactly, log_bytes
 from glbench.errors import EpisodeError
 from glbench.evaluation import evaluate, prepare, result_path
@@ -135,11 +127,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 
 
 def test_a_killed_writer_leaves_what_it_wrote(episode_file, tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", KILLED, str(episode_file), str(tmp_path / "killed.mcap")],
-        check=False,
-        env={**os.environ},
-    )
+    done = subprocess.run([sys.executable, "-c", KILLED, str(episode_file), str(tmp_path / "killed.mcap")], check=False, env={**os.environ})
     assert done.returncode == -signal.SIGKILL
     left = recover(tmp_path / "killed.mcap", tmp_path / "recovered.mcap")
     assert left.steps == 20

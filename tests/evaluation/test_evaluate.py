@@ -232,10 +232,7 @@ def test_two_evaluations_of_one_result_do_not_run_at_once(day_task: TaskSpec, wr
     evaluation = prepare(day_task, write_agent(), out=tmp_path)
     lock = tmp_path / ".partial" / "Day-v1" / "agent_under_test.lock"
     lock.parent.mkdir(parents=True)
-    with (
-        filelock.FileLock(lock),
-        pytest.raises(GlbenchError, match="Another glbench process is evaluating 'agent_under_test'"),
-    ):
+    with filelock.FileLock(lock), pytest.raises(GlbenchError, match="Another glbench process is evaluating 'agent_under_test'"):
         evaluation.run()
     assert evaluation.run().summary.ok == 3
 

@@ -130,15 +130,7 @@ def test_a_bad_row_ends_its_own_run_and_the_others_go_on_unchanged(
 
 @pytest.mark.parametrize(
     "returned",
-    [
-        "None",
-        "np.zeros(6)",
-        "np.zeros((self.n, 5))",
-        "np.zeros((self.n + 1, 6))",
-        "'full power'",
-        "{}",
-        "np.zeros((self.n, 6), complex)",
-    ],
+    ["None", "np.zeros(6)", "np.zeros((self.n, 5))", "np.zeros((self.n + 1, 6))", "'full power'", "{}", "np.zeros((self.n, 6), complex)"],
 )
 def test_a_wrong_shape_or_type_as_a_whole_ends_all_runs(day_task: TaskSpec, write_agent: AgentWriter, returned: str) -> None:
     result = evaluate(day_task, write_agent(f"def act(self, observations):\n    return {returned}"))
@@ -156,12 +148,7 @@ def test_leaving_python_is_a_crash_like_any_other(day_task: TaskSpec, write_agen
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "hang",
-    [
-        "while True: pass",
-        "time.sleep(1000)",
-        "while True:\n            try: time.sleep(1)\n            except Exception: pass",
-    ],
+    "hang", ["while True: pass", "time.sleep(1000)", "while True:\n            try: time.sleep(1)\n            except Exception: pass"]
 )
 def test_an_endless_act_is_stopped(day_task: TaskSpec, write_agent: AgentWriter, hasty: TimeLimits, hang: str) -> None:
     path = write_agent(
@@ -243,10 +230,7 @@ def test_a_decision_counts_for_no_more_than_its_limit(
 
 def test_an_agent_that_cannot_be_made_is_an_error_and_no_result(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     path = write_agent()
-    path.write_text(
-        path.read_text(encoding="utf-8").replace("    return Agent()", "    raise OSError('no weights')"),
-        encoding="utf-8",
-    )
+    path.write_text(path.read_text(encoding="utf-8").replace("    return Agent()", "    raise OSError('no weights')"), encoding="utf-8")
 
     with pytest.raises(SubmissionError, match="no weights"):
         evaluate(day_task, path, out=tmp_path / "reports")
@@ -323,14 +307,7 @@ def test_a_step_that_cannot_be_integrated_ends_its_run(
         "actions = self.answer(observations); observations.sort(); np.seterr(all='ignore'); return actions",
         "self.kept = self.answer(observations, getattr(self, 'kept', None)); return self.kept",
     ],
-    ids=[
-        "lists",
-        "list of arrays",
-        "prints",
-        "spoils its observations",
-        "sorts its observations",
-        "returns one array again and again",
-    ],
+    ids=["lists", "list of arrays", "prints", "spoils its observations", "sorts its observations", "returns one array again and again"],
 )
 def test_odd_habits_change_nothing(day_task: TaskSpec, write_agent: AgentWriter, act: str) -> None:
     answer = """

@@ -50,21 +50,7 @@ def test_all_released_results_load() -> None:
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "../../../evil",
-        "<b>x</b>",
-        "x.proof",
-        "X.Proof",
-        "a" * 101,
-        "x\x1b[2J",
-        "",
-        ".hidden",
-        "a/b",
-        "a b",
-        "ключ",
-        "a\n",
-    ],
+    "name", ["../../../evil", "<b>x</b>", "x.proof", "X.Proof", "a" * 101, "x\x1b[2J", "", ".hidden", "a/b", "a b", "ключ", "a\n"]
 )
 def test_a_name_that_results_cannot_be_filed_under(good_result: Result, saved: Path, name: str) -> None:
     document = json.loads(saved.read_text(encoding="utf-8"))

@@ -125,10 +125,7 @@ def test_a_folder_arrives_with_the_digest_it_was_sent_with(tmp_path: Path, write
 
 
 def test_an_order_keeps_its_split(write_agent: AgentWriter) -> None:
-    spring, agent = (
-        get_task("Spring-v1").replace(id="test/ADay-v1", weather={"days": 1}),
-        write_agent(SINGLE, single=True),
-    )
+    spring, agent = (get_task("Spring-v1").replace(id="test/ADay-v1", weather={"days": 1}), write_agent(SINGLE, single=True))
     digests = {}
     for split in ("validation", "test"):
         evaluation = prepare(spring.in_split(split), agent, runs=2)

@@ -83,12 +83,7 @@ def test_a_privileged_controller_sees_state_weather_and_clock_of_each_run(lettuc
 
     assert result.failed == ()
     assert x.shape == (3, len(lettuce.model_value.states))
-    for shown, there in (
-        (x, simulation.x),
-        (d, simulation.d),
-        (hour, simulation.hour_of_day),
-        (day, simulation.day_of_year),
-    ):
+    for shown, there in ((x, simulation.x), (d, simulation.d), (hour, simulation.hour_of_day), (day, simulation.day_of_year)):
         assert shown.tolist() == there.tolist()
     assert len(set(day.tolist())) > 1, "the runs start on different days"
 
@@ -100,10 +95,7 @@ def test_a_privileged_controller_sees_state_weather_and_clock_of_each_run(lettuc
 
 
 def test_a_controller_of_another_model_says_so(lettuce: TaskSpec) -> None:
-    with pytest.raises(
-        SubmissionError,
-        match=r"reads the state of greenlight-tomato-1\.0\.0, and test/Salad-v1 has greenlight-lettuce",
-    ):
+    with pytest.raises(SubmissionError, match=r"reads the state of greenlight-tomato-1\.0\.0, and test/Salad-v1 has greenlight-lettuce"):
         evaluate(lettuce, "rule_based")
 
 

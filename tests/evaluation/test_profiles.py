@@ -80,12 +80,7 @@ def test_hours_of_the_day_and_the_calendar_add_up_to_the_metrics(day_task, write
     result, path = stored(day_task, write_agent(LEAVES), tmp_path)
     document = load_profile(result, path).document
     alive = [run.status == "ok" for run in result.runs]
-    for column, metric in {
-        "heat": "heat",
-        "electricity": "electricity",
-        "co2_dosed": "co2",
-        "fruit_fresh": "yield",
-    }.items():
+    for column, metric in {"heat": "heat", "electricity": "electricity", "co2_dosed": "co2", "fruit_fresh": "yield"}.items():
         packed = document["hours"][column]
         sums = unpack(packed).sum(axis=0)
         assert sums == pytest.approx(result.values(metric), abs=24 * packed["resolution"]), metric

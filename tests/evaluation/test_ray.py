@@ -66,14 +66,7 @@ def test_ray_computes_what_this_machine_computes_also_after_a_lost_worker(
             raise
         pytest.skip("Ray's own processes do not start within its half minute on this machine")
     assert flag.exists()
-    assert {outcome.job.agent_name for outcome in by_ray} == {
-        "batch",
-        "single",
-        "lost",
-        "wrong",
-        "unmade",
-        "rule_based",
-    }
+    assert {outcome.job.agent_name for outcome in by_ray} == {"batch", "single", "lost", "wrong", "unmade", "rule_based"}
     here = {outcome.job.agent_name: outcome for outcome in LocalEngine().run(jobs("local"), lambda *_: None)}
     for outcome in by_ray:
         name = outcome.job.agent_name

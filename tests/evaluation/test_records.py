@@ -62,10 +62,7 @@ def test_the_file_stands_by_itself(saved: Path) -> None:
     [
         (lambda d: d["runs"][1]["metrics"].update(reward=99.0), "the summary does not follow from the runs"),
         (lambda d: (d["runs"].pop(), d["summary"].update(runs=2)), "announces 3 runs .* and holds 2"),
-        (
-            lambda d: d["runs"][0].update(seed=1),
-            r"announces 3 runs with the seeds \[666, 667, 668\] and holds 3 with the seeds \[1,",
-        ),
+        (lambda d: d["runs"][0].update(seed=1), r"announces 3 runs with the seeds \[666, 667, 668\] and holds 3 with the seeds \[1,"),
         (lambda d: d["runs"][0].update(steps=5), "is 'ok' after 5 of 24 steps"),
         (lambda d: d["runs"][0].update(status="crashed"), "'crashed' with the reason None"),
         (lambda d: d["runs"][0].update(status="fine"), "runs.0.status"),
@@ -161,10 +158,7 @@ def test_a_file_that_is_no_text_is_refused_in_words(tmp_path: Path) -> None:
 
 def test_times_are_no_part_of_the_digest(good_result: Result) -> None:
     slower = good_result.model_copy(
-        update={
-            "evaluation": good_result.evaluation.model_copy(update={"wall_seconds": 1e6, "workers": 64}),
-            "created": "2030",
-        }
+        update={"evaluation": good_result.evaluation.model_copy(update={"wall_seconds": 1e6, "workers": 64}), "created": "2030"}
     )
 
     assert Result.model_validate_json(slower.to_json()).results_digest == good_result.results_digest

@@ -91,11 +91,7 @@ def test_failed_runs_stay_failed(day_task: TaskSpec, write_agent: AgentWriter, t
     interrupted_at(10, day_task, agent, tmp_path)
     resumed, _ = finish(day_task, agent, tmp_path)
 
-    assert [(run.status, run.steps) for run in resumed.runs] == [
-        ("invalid_action", 3),
-        ("ok", 24),
-        ("invalid_action", 14),
-    ]
+    assert [(run.status, run.steps) for run in resumed.runs] == [("invalid_action", 3), ("ok", 24), ("invalid_action", 14)]
     assert resumed.runs == evaluate(day_task, agent).runs
 
 
@@ -180,12 +176,7 @@ def test_an_agent_that_does_not_repeat_itself_starts_again(
 
 @pytest.mark.parametrize("damage", ["cut", "text", "no dialogue", "other numbers"])
 def test_a_damaged_checkpoint_means_starting_again(
-    day_task: TaskSpec,
-    good_result: Result,
-    write_agent: AgentWriter,
-    tmp_path: Path,
-    caplog: pytest.LogCaptureFixture,
-    damage: str,
+    day_task: TaskSpec, good_result: Result, write_agent: AgentWriter, tmp_path: Path, caplog: pytest.LogCaptureFixture, damage: str
 ) -> None:
     agent = write_agent()
     interrupted_at(6, day_task, agent, tmp_path)
@@ -213,11 +204,7 @@ def test_a_damaged_checkpoint_means_starting_again(
 
 
 def test_a_full_disk_stops_the_checkpoints_and_not_the_evaluation(
-    day_task: TaskSpec,
-    write_agent: AgentWriter,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
+    day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def full(path: Path, data: bytes) -> None:
         msg = f"Cannot write {path}: No space left on device."

@@ -69,11 +69,7 @@ def test_a_kill_while_saving_is_mended_by_the_next_evaluation(
 def test_leftovers_of_killed_processes_are_removed(day_task: TaskSpec, write_agent: AgentWriter, tmp_path: Path) -> None:
     place = tmp_path / PLACE
     place.mkdir(parents=True)
-    for name in (
-        ".agent_under_test.json.x1.partial",
-        ".agent_under_test.actions.mcap.x2.partial",
-        ".other.json.x.partial",
-    ):
+    for name in (".agent_under_test.json.x1.partial", ".agent_under_test.actions.mcap.x2.partial", ".other.json.x.partial"):
         (place / name).touch()
     evaluate(day_task, write_agent(), out=tmp_path)
     assert [path.name for path in place.glob("*.partial")] == [".other.json.x.partial"], "that of another agent stays"

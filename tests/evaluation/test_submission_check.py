@@ -81,13 +81,7 @@ def test_a_good_submission_passes_every_check(tmp_path: Path, day_task_file: Pat
     ids=["nan", "shape", "bounds", "raises", "exits", "random", "rows", "leak", "writes", "network", "prints"],
 )  # fmt: skip
 def test_what_is_wrong_is_told_under_its_subject(
-    tmp_path: Path,
-    day_task_file: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    sandbox: str,
-    act: str,
-    subject: str,
-    words: str,
+    tmp_path: Path, day_task_file: Path, monkeypatch: pytest.MonkeyPatch, sandbox: str, act: str, subject: str, words: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     task = day_task_file

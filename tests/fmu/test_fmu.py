@@ -344,20 +344,9 @@ def test_units_are_those_of_the_task_and_the_catalogue(spring: Path) -> None:
     assert (bases["kWh.m-2"].factor, bases["kWh.m-2"].kg, bases["kWh.m-2"].s, bases["kWh.m-2"].m) == (3.6e6, 1, -2, 0)
     assert (bases["degC"].K, bases["degC"].factor, bases["degC"].offset) == (1, 1.0, 273.15)
     assert (bases["mg.m-2.s-1"].kg, bases["mg.m-2.s-1"].factor) == (1, 1e-6)
-    assert (bases["degC.day"].K, bases["degC.day"].s, bases["degC.day"].factor, bases["degC.day"].offset) == (
-        1,
-        1,
-        86400.0,
-        0,
-    )
+    assert (bases["degC.day"].K, bases["degC.day"].s, bases["degC.day"].factor, bases["degC.day"].offset) == (1, 1, 86400.0, 0)
     assert bases["EUR.m-2"] is None
-    assert {symbol for name in bases for symbol in parse_unit(name.replace(".", " "))} >= {
-        "EUR",
-        "kWh",
-        "°C",
-        "ppm",
-        "%",
-    }
+    assert {symbol for name in bases for symbol in parse_unit(name.replace(".", " "))} >= {"EUR", "kWh", "°C", "ppm", "%"}
 
 
 @pytest.mark.parametrize("name", ["FullSeasonEnergy-v1", "SpringSetpoints-v1", "lettuce", "vents first"])

@@ -16,14 +16,7 @@ from glbench.tasks import get_task
 
 ROOT = Path(__file__).resolve().parents[2]
 FILE = Path(__file__).with_suffix(".npz")
-TASKS = (
-    "Schiphol2010-Delta10-v1",
-    "Spring-v1",
-    "SpringEnergy-v1",
-    "Lettuce-v1",
-    "WinterLED-v1",
-    "tasks/drafts/springsetpoints-v1.toml",
-)
+TASKS = ("Schiphol2010-Delta10-v1", "Spring-v1", "SpringEnergy-v1", "Lettuce-v1", "WinterLED-v1", "tasks/drafts/springsetpoints-v1.toml")
 TAPES = ("actuation", "followers", "update", "outcome")
 ROWS = 48
 SPECIAL = np.array([0.0, -0.0, 1.0, -1.0, 0.5, 20.0, 100.0, np.inf, -np.inf, np.nan, 5e-324, 1e308])

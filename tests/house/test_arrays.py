@@ -59,14 +59,7 @@ ODD = {
     "ragged": [0.0, [0.0], 0.0, 0.0, 0.0, 0.0],
     "a dictionary": {"uBoil": 0.0},
 }
-PLAIN = [
-    [0] * 6,
-    [0.0] * 6,
-    np.zeros(6, np.float16),
-    np.zeros(6, np.int8),
-    np.zeros(6, np.uint64),
-    (np.float32(0.0),) * 6,
-]
+PLAIN = [[0] * 6, [0.0] * 6, np.zeros(6, np.float16), np.zeros(6, np.int8), np.zeros(6, np.uint64), (np.float32(0.0),) * 6]
 
 
 @pytest.mark.parametrize("action", ODD.values(), ids=ODD)

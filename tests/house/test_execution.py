@@ -43,8 +43,7 @@ _RAY = pytest.param(
     ],
 )
 everywhere = pytest.mark.parametrize(
-    "make_executor",
-    [pytest.param(lambda workers: InlineExecutor(), id="inline"), pytest.param(ProcessExecutor, id="processes"), _RAY],
+    "make_executor", [pytest.param(lambda workers: InlineExecutor(), id="inline"), pytest.param(ProcessExecutor, id="processes"), _RAY]
 )
 elsewhere = pytest.mark.parametrize("make_executor", [pytest.param(ProcessExecutor, id="processes"), _RAY])
 

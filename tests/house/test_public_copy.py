@@ -161,12 +161,7 @@ def report(folder: Path, conclusion: str, **files: str) -> str:
         (folder / "posted" / name).write_text(text)
     stand_in(folder, "gh", "true")
     (_, step) = read(WORKFLOWS["submission-report.yml"])["jobs"]["post"]["steps"]
-    own = {
-        "PATH": f"{folder}:{os.environ['PATH']}",
-        "GH_REPO": "a/b",
-        "CONCLUSION": conclusion,
-        "PAGE": "https://x.org",
-    }
+    own = {"PATH": f"{folder}:{os.environ['PATH']}", "GH_REPO": "a/b", "CONCLUSION": conclusion, "PAGE": "https://x.org"}
     done = subprocess.run(["bash", "-eo", "pipefail", "-c", step["run"]], cwd=folder, env=own, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
     return (folder / "comment.md").read_text()
@@ -267,12 +262,7 @@ def test_a_form_asks_each_question_once(file: Path) -> None:
 
 
 def git(folder: Path, *words: str) -> str:
-    own = {
-        "GIT_CONFIG_GLOBAL": os.devnull,
-        "GIT_CONFIG_SYSTEM": os.devnull,
-        "PATH": os.environ["PATH"],
-        "HOME": str(folder),
-    }
+    own = {"GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_SYSTEM": os.devnull, "PATH": os.environ["PATH"], "HOME": str(folder)}
     who = ["-c", "user.name=a", "-c", "user.email=a@example.org"]
     return subprocess.run(["git", *who, *words], cwd=folder, env=own, check=True, capture_output=True, text=True).stdout.strip()
 
@@ -305,13 +295,7 @@ def changed(copy: Path, base: str) -> subprocess.CompletedProcess[str]:
 
 def test_changed_submissions_are_found_and_nothing_else(copy: Path) -> None:
     base = git(copy, "rev-parse", "HEAD")
-    for name in (
-        "submissions/ben/weights.npz",
-        "submissions/anna.toml",
-        "submissions/new.py",
-        "glbench.py",
-        "submissions/notes.md",
-    ):
+    for name in ("submissions/ben/weights.npz", "submissions/anna.toml", "submissions/new.py", "glbench.py", "submissions/notes.md"):
         (copy / name).write_text("second\n")
     assert changed(copy, base).stdout.split() == ["submissions/anna.py", "submissions/ben", "submissions/new.py"]
 
@@ -493,12 +477,7 @@ def test_a_badge_is_drawn_whatever_names_the_task(tmp_path: Path, settings: dict
 
 @pytest.mark.parametrize(
     ("settings", "fresh"),
-    [
-        ({}, True),
-        ({"SUITE": "control"}, True),
-        ({"SUITE": "paper"}, False),
-        ({"TASK": "Schiphol2010-Delta10-v1"}, False),
-    ],
+    [({}, True), ({"SUITE": "control"}, True), ({"SUITE": "paper"}, False), ({"TASK": "Schiphol2010-Delta10-v1"}, False)],
 )
 def test_every_submission_is_evaluated_with_fresh_draws_but_in_the_suite_paper(
     tmp_path: Path, settings: dict[str, str], fresh: bool

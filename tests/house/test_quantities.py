@@ -63,16 +63,7 @@ def test_every_entry_has_what_its_readers_need() -> None:
 
 def texts(entry: Entry) -> Iterable[str]:
     """The words of an entry that are long enough to be recognised."""
-    said = (
-        entry.label,
-        entry.meaning,
-        entry.at_end,
-        entry.summed,
-        entry.day,
-        entry.amount_label,
-        entry.gas,
-        entry.price_of,
-    )
+    said = (entry.label, entry.meaning, entry.at_end, entry.summed, entry.day, entry.amount_label, entry.gas, entry.price_of)
     return (text for text in said if len(text) > 11)
 
 

@@ -30,17 +30,7 @@ def test_an_example_runs_as_it_stands(source, capsys):
 
 
 @pytest.mark.parametrize(
-    "command",
-    [
-        "tasks list",
-        "tasks show",
-        "tasks check",
-        "tasks lock",
-        "evaluate",
-        "leaderboard",
-        "weather list",
-        "weather fetch",
-    ],
+    "command", ["tasks list", "tasks show", "tasks check", "tasks lock", "evaluate", "leaderboard", "weather list", "weather fetch"]
 )
 def test_a_command_of_the_readme_explains_itself(command, capsys):
     with pytest.raises(SystemExit) as left:

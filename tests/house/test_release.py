@@ -96,12 +96,7 @@ def test_a_result_with_failed_runs_is_refused(release, result, tmp_path):
     failed = result.runs[0].model_copy(update={"status": "crashed", "reason": "There is no policy for this task."})
     summary = result.summary.model_copy(update={"failed": 1})
     with pytest.raises(ResultError, match="1 of 30 runs failed, the first with: There is no policy"):
-        release.check(
-            job,
-            result.model_copy(update={"runs": (failed, *result.runs[1:]), "summary": summary}),
-            tmp_path,
-            new_digests=True,
-        )
+        release.check(job, result.model_copy(update={"runs": (failed, *result.runs[1:]), "summary": summary}), tmp_path, new_digests=True)
 
 
 def test_builds_of_the_kernel_are_not_mixed(release, result, tmp_path):

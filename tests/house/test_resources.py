@@ -16,8 +16,7 @@ from glbench.resources import cache_folder, data_folder, data_package, left_out,
 
 
 @pytest.mark.parametrize(
-    ("folder", "variable", "base"),
-    [(cache_folder, "GLBENCH_CACHE", "XDG_CACHE_HOME"), (user_data_folder, "GLBENCH_DATA", "XDG_DATA_HOME")],
+    ("folder", "variable", "base"), [(cache_folder, "GLBENCH_CACHE", "XDG_CACHE_HOME"), (user_data_folder, "GLBENCH_DATA", "XDG_DATA_HOME")]
 )
 def test_without_a_home_folder_it_says_what_to_set(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, folder: object, variable: str, base: str

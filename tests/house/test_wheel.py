@@ -66,13 +66,7 @@ def run_installed(installed: Path, cwd: Path, *arguments: str) -> subprocess.Com
     """``python -m glbench ...`` with the wheel's package before the checkout's, in the folder ``cwd``."""
     environment = {**os.environ, "PYTHONPATH": str(installed), "XDG_DATA_HOME": str(cwd / "data")}
     return subprocess.run(
-        [sys.executable, "-m", "glbench", *arguments],
-        cwd=cwd,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
+        [sys.executable, "-m", "glbench", *arguments], cwd=cwd, env=environment, capture_output=True, text=True, timeout=300, check=False
     )
 
 
@@ -243,13 +237,7 @@ def test_the_package_in_use_is_the_wheels(installed, tmp_path):
     code = "import glbench; print(glbench.__file__)"
     environment = {**os.environ, "PYTHONPATH": str(installed)}
     shown = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=300,
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True, timeout=300
     )
     assert Path(shown.stdout.strip()).is_relative_to(installed)
 
@@ -289,17 +277,7 @@ def test_a_sandboxed_agent_finds_no_data_in_the_installed_packages(wheel, data_w
     shown = [str(bound.outside) for bound in visible._visible_files(set()) if bound.outside not in visible.libraries()]
     packages = [file for library in visible.libraries() for file in library.iterdir() if not file.name.startswith(("pvlib", "glbench"))]
     walker = write_walker(tmp_path, shipped_needles(), [*shown, *packages])
-    job = (
-        "evaluate",
-        str(walker),
-        "--task",
-        str(write_day_task(tmp_path)),
-        "--runs",
-        "1",
-        "--sandbox",
-        "bubblewrap",
-        "--show-prints",
-    )
+    job = ("evaluate", str(walker), "--task", str(write_day_task(tmp_path)), "--runs", "1", "--sandbox", "bubblewrap", "--show-prints")
     done = run_installed(site, tmp_path, *job)
     assert done.returncode == 0, done.stdout + done.stderr
     found, looked = sight_of(done.stdout + done.stderr)

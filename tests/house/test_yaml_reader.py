@@ -46,10 +46,7 @@ REFUSED = {
     "a version of thousands of digits": ("%YAML " + "9" * 5000 + ".1\n---\na: 1", "line 1, .*not valid YAML"),
     "a version of YAML to come": ("%YAML 9.9\n---\na: 1", "line 1, .*not valid YAML"),
     "a tab": ("a:\n\tb: 1", "line 2, .*it begins with a tab"),
-    "a decimal comma": (
-        "a: 1\nb:\n  c: -18,5\n",
-        "line 3, '  c: -18,5': a number has a decimal point: write -18.5, not -18,5",
-    ),
+    "a decimal comma": ("a: 1\nb:\n  c: -18,5\n", "line 3, '  c: -18,5': a number has a decimal point: write -18.5, not -18,5"),
     "a decimal comma in thousands": ("a: 1.600,5", "write 1600.5, not 1.600,5"),
     "an open bracket": ("a: [1", "Every line is 'name: value'"),
     "an open quote": ('a: "1', "Every line is 'name: value'"),
@@ -85,17 +82,7 @@ def test_what_is_no_table_of_names_and_values_is_refused(tmp_path: Path, content
 
 @pytest.mark.parametrize("reader", READERS.values(), ids=READERS)
 @pytest.mark.parametrize(
-    "kind",
-    [
-        "billion laughs",
-        "a long number",
-        "depth",
-        "NUL",
-        "Latin-1",
-        "a tab",
-        "a number as a name",
-        "a character beyond Unicode",
-    ],
+    "kind", ["billion laughs", "a long number", "depth", "NUL", "Latin-1", "a tab", "a number as a name", "a character beyond Unicode"]
 )
 def test_every_reader_says_so_in_words(tmp_path: Path, reader, kind: str) -> None:
     content, said = REFUSED[kind]

@@ -9,11 +9,7 @@ from glbench.kernel import why_not_compiled
 from glbench.tasks import TaskSpec
 
 jax = pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
-pytestmark = [
-    pytest.mark.train,
-    pytest.mark.slow,
-    pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled())),
-]
+pytestmark = [pytest.mark.train, pytest.mark.slow, pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled()))]
 
 from glbench.jax import Environment  # noqa: E402
 from tests.jax.ppo import Settings, make_train  # noqa: E402

@@ -9,10 +9,7 @@ from glbench.kernel import why_not_compiled
 from tests.support import examples_of, run_examples
 
 pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled())),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled()))]
 
 
 def test_the_examples_run(capsys: pytest.CaptureFixture[str]) -> None:

@@ -77,9 +77,7 @@ def test_soil_at_rest_stays_at_rest_by_hand(p: Array) -> None:
 
 
 @pytest.mark.parametrize(
-    ("outside", "sun", "sky"),
-    [(-22.0, 0.0, -40.0), (8.0, 150.0, -3.0), (42.0, 1050.0, 25.0)],
-    ids=["frost", "mild", "heat"],
+    ("outside", "sun", "sky"), [(-22.0, 0.0, -40.0), (8.0, 150.0, -3.0), (42.0, 1050.0, 25.0)], ids=["frost", "mild", "heat"]
 )
 def test_every_corner_of_the_controls_is_met_from_the_benchmarks_start(outside: float, sun: float, sky: float, p: Array) -> None:
     vapour = 0.7 * 610.78 * np.exp(17.2694 * outside / (outside + 238.3))

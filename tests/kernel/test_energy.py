@@ -141,8 +141,7 @@ def test_a_row_has_the_same_bits_alone_and_in_a_batch(steps_900: KnownSteps, bac
 
 
 @pytest.mark.parametrize(
-    ("backend", "preset", "limit"),
-    [("casadi", "reference", 1e-6), ("cvodes", "reference", 1e-6), ("cvodes", "standard", 2e-4)],
+    ("backend", "preset", "limit"), [("casadi", "reference", 1e-6), ("cvodes", "reference", 1e-6), ("cvodes", "standard", 2e-4)]
 )
 def test_the_backends_agree(steps_900: KnownSteps, backend: str, preset: str, limit: float) -> None:
     rows = rows_of(steps_900, 8)

@@ -62,12 +62,7 @@ def test_a_wrong_shape_is_named(kernel: Kernel, inputs: dict[str, Array], key: s
 
 @pytest.mark.parametrize(
     ("key", "at", "name"),
-    [
-        ("x", (1, 2), "state tAir"),
-        ("u", (2, 3), "control uVent"),
-        ("d", (0, 4), "disturbance wind"),
-        ("p", 0, "parameter alfaLeafAir"),
-    ],
+    [("x", (1, 2), "state tAir"), ("u", (2, 3), "control uVent"), ("d", (0, 4), "disturbance wind"), ("p", 0, "parameter alfaLeafAir")],
 )
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_a_value_that_is_not_finite_is_named(kernel: Kernel, inputs: dict[str, Array], key: str, at: Any, name: str, value: float) -> None:

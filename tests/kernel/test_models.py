@@ -79,12 +79,7 @@ def test_reverse_is_the_transpose_of_forward(model: Model, rows: Rows, backend: 
     lines = kernel.linearise(*rows, parameters=model.parameter_names)
     _, gradient = kernel.adjoint(*rows, weights, parameters=True)
     tolerance = 1e-10 if backend == "compiled" else 1e-5
-    for ours, jacobian in (
-        (gradient.x, lines.dx),
-        (gradient.u, lines.du),
-        (gradient.d, lines.dd),
-        (gradient.p, lines.dp),
-    ):
+    for ours, jacobian in ((gradient.x, lines.dx), (gradient.u, lines.du), (gradient.d, lines.dd), (gradient.p, lines.dp)):
         expected = np.einsum("i,nij->nj", weights, jacobian)
         np.testing.assert_allclose(ours, expected, rtol=tolerance, atol=tolerance * np.abs(expected).max(initial=0.0))
 

@@ -117,15 +117,9 @@ FORMULAS: dict[str, tuple[Formula, Formula | None]] = {
     "not": (lambda a, b: casadi.logic_not(a), lambda a, b: a == 0.0),
     "and": (casadi.logic_and, lambda a, b: (a != 0.0) & (b != 0.0)),
     "or": (casadi.logic_or, lambda a, b: (a != 0.0) | (b != 0.0)),
-    "choice": (
-        lambda a, b: casadi.if_else(a < b, a, b),
-        lambda a, b: np.where(a < b, a, 0.0) + np.where(a < b, 0.0, b),
-    ),
+    "choice": (lambda a, b: casadi.if_else(a < b, a, b), lambda a, b: np.where(a < b, a, 0.0) + np.where(a < b, 0.0, b)),
     "numbers on the left": (lambda a, b: (2.0 - a) * 3 + 1.5 / b, None),
-    "by name": (
-        lambda a, b: np.divide(np.subtract(a, np.float64(0.1)), np.add(np.multiply(b, 7), np.negative(b))),
-        None,
-    ),
+    "by name": (lambda a, b: np.divide(np.subtract(a, np.float64(0.1)), np.add(np.multiply(b, 7), np.negative(b))), None),
     "what simplifies": (lambda a, b: (a - a) + (b * 0.0) + 1.0 * (a / a) + (0.0 - (-b)) + 2.0 * (0.5 * a), None),
     "one thing twice": (lambda a, b: (a * b) + (a * b) * (a * b), None),
 }

@@ -59,12 +59,7 @@ def test_any_number_of_lanes(rows: Rows, parameters: Array, expected: Array, wid
 
 
 @pytest.mark.parametrize(
-    "command",
-    [
-        "clang++",
-        pytest.param("g++ -mno-avx512f", marks=pytest.mark.slow),
-        pytest.param("g++ -O3", marks=pytest.mark.slow),
-    ],
+    "command", ["clang++", pytest.param("g++ -mno-avx512f", marks=pytest.mark.slow), pytest.param("g++ -O3", marks=pytest.mark.slow)]
 )
 def test_other_compilers_and_instruction_sets(
     rows: Rows, parameters: Array, expected: Array, command: str, monkeypatch: pytest.MonkeyPatch

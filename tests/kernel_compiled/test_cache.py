@@ -113,8 +113,7 @@ def test_no_compiler_can_be_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_compiler_that_fails_is_quoted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     script = tmp_path / "failing"
     script.write_text(
-        '#!/bin/sh\n[ "$1" = --version ] && echo failing 1.0 && exit 0\necho "error: no disk" >&2; exit 3\n',
-        encoding="utf-8",
+        '#!/bin/sh\n[ "$1" = --version ] && echo failing 1.0 && exit 0\necho "error: no disk" >&2; exit 3\n', encoding="utf-8"
     )
     script.chmod(script.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("CXX", str(script))

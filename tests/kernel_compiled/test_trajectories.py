@@ -181,10 +181,7 @@ def test_equipment_that_the_usual_library_leaves_out(batch: Inputs, where: str) 
         p[..., column][lit] = value
     kernel = Kernel(TOMATO, 900.0, backend="compiled", preset="fast")
     weights = np.random.default_rng(1).normal(size=(13, 28)) / STATE_SCALE
-    path, (reached, gradient) = (
-        kernel.linearise_trajectory(x, u, d, p),
-        kernel.rollout_adjoint(x, u, d, p, weights, parameters=True),
-    )
+    path, (reached, gradient) = (kernel.linearise_trajectory(x, u, d, p), kernel.rollout_adjoint(x, u, d, p, weights, parameters=True))
     assert gradient.p is not None
     assert path.x.tobytes() == reached.tobytes()
     assert path.x.tobytes() != kernel.rollout(*batch).tobytes()

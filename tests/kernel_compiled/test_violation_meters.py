@@ -35,14 +35,7 @@ LIMITS = {
     "lowestRelativeHumidity": 60.0,
     "highestRelativeHumidity": 85.0,
 }
-METERS = (
-    "belowAirTemperature",
-    "aboveAirTemperature",
-    "belowCo2",
-    "aboveCo2",
-    "belowRelativeHumidity",
-    "aboveRelativeHumidity",
-)
+METERS = ("belowAirTemperature", "aboveAirTemperature", "belowCo2", "aboveCo2", "belowRelativeHumidity", "aboveRelativeHumidity")
 WITH_AIR = [model for model in registered_models() if model.air is not None]
 
 

@@ -13,15 +13,7 @@ from scipy import stats
 
 from glbench.errors import ResultError
 from glbench.evaluation import load_result
-from glbench.leaderboard.statistics import (
-    RESOLUTION,
-    SIGNIFICANCE,
-    corrected,
-    estimate_difference,
-    paired_test,
-    pairs_apart,
-    tiers,
-)
+from glbench.leaderboard.statistics import RESOLUTION, SIGNIFICANCE, corrected, estimate_difference, paired_test, pairs_apart, tiers
 
 RELEASED = Path(__file__).resolve().parents[2] / "reports" / "released" / "results"
 MOST = 0.06

@@ -154,10 +154,7 @@ def test_another_kind_or_origin_is_no_training_of_the_entry(store, trainings, mo
     monkeypatch.setattr(StoredResult, "released", property(lambda self: self.path in released))
     own = store("ppo_seed4", [90.0] * 4, recipe=("y-ppo", 4))
     found = entries([*trainings, own])
-    assert [(entry.name, entry.origin, len(entry.trainings)) for entry in found] == [
-        ("ppo", "released", 3),
-        ("ppo_seed4", "own", 1),
-    ]
+    assert [(entry.name, entry.origin, len(entry.trainings)) for entry in found] == [("ppo", "released", 3), ("ppo_seed4", "own", 1)]
 
 
 def test_results_that_claim_to_be_the_same_training_stay_apart(store, trainings):

@@ -90,12 +90,7 @@ def test_a_lead_that_may_be_none_has_no_share_or_one_without_end() -> None:
 
 @pytest.mark.parametrize(
     ("blind", "scatter", "half", "below"),
-    [
-        (0.0, 0.02, "yes", "yes"),
-        (2.8, 0.02, "no", "no"),
-        (1.5, 0.02, "no", "yes"),
-        (0.9, 1.2, "not resolved", "not resolved"),
-    ],
+    [(0.0, 0.02, "yes", "yes"), (2.8, 0.02, "no", "no"), (1.5, 0.02, "no", "yes"), (0.9, 1.2, "not resolved", "not resolved")],
 )
 def test_the_verdict_is_yes_no_or_not_resolved(blind: float, scatter: float, half: str, below: str) -> None:
     rungs = [

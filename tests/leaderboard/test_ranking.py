@@ -74,10 +74,7 @@ def test_collecting_prefers_the_first_folder_and_ignores_missing_ones(store, tmp
     store("only_released", [2.0] * 4, folder="released")
     store("same", [5.0] * 4, folder="mine")
     found = collect_results([tmp_path / "absent", tmp_path / "mine", tmp_path / "released"])
-    assert [(item.result.agent.name, item.result.summary.mean["reward"]) for item in found] == [
-        ("only_released", 2.0),
-        ("same", 5.0),
-    ]
+    assert [(item.result.agent.name, item.result.summary.mean["reward"]) for item in found] == [("only_released", 2.0), ("same", 5.0)]
 
 
 def test_two_results_of_one_agent_in_one_folder_are_refused(store, tmp_path):

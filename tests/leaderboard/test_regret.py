@@ -19,14 +19,7 @@ from glbench.leaderboard.suites import references_from, suite_table
 from glbench.leaderboard.tables import regret_notes, suite_frame, suite_markdown, to_json, to_latex
 from glbench.resources import data_folder
 from glbench.tasks import references as references_module
-from glbench.tasks.references import (
-    BestKnown,
-    KnownRun,
-    References,
-    read_best_known,
-    read_references,
-    write_best_known,
-)
+from glbench.tasks.references import BestKnown, KnownRun, References, read_best_known, read_references, write_best_known
 from tests.leaderboard.synthetic import MONEY, TASK, digest_of, make_result, result_with, stored
 
 SEEDS = (666, 667, 668, 669)

@@ -76,8 +76,7 @@ def test_interval_lies_within_the_range_of_the_runs(values):
 
 
 @pytest.mark.parametrize(
-    ("values", "words"),
-    [([], "non-empty"), ([1.0, float("nan")], "value 1 is nan"), (np.ones((2, 2)), r"shape \(2, 2\)")],
+    ("values", "words"), [([], "non-empty"), ([1.0, float("nan")], "value 1 is nan"), (np.ones((2, 2)), r"shape \(2, 2\)")]
 )
 def test_values_that_have_no_statistics_are_refused_in_words(values, words):
     with pytest.raises(ResultError, match=words):

@@ -55,11 +55,7 @@ def test_scores_are_those_of_complete_results(stored):
 
 def test_a_suite_ranks_agents_that_have_all_tasks_and_lists_the_others_with_what_they_lack(stored):
     table = suite_table("s", TASKS, scores_by_task(stored, EXPECTED), REFERENCES)
-    assert [(row.agent, row.rank, row.missing) for row in table.rows] == [
-        ("good", 1, ()),
-        ("poor", 2, ()),
-        ("patchy", None, (TASKS[1],)),
-    ]
+    assert [(row.agent, row.rank, row.missing) for row in table.rows] == [("good", 1, ()), ("poor", 2, ()), ("patchy", None, (TASKS[1],))]
     # 80/100 and 1600/2000
     assert table.rows[0].mean.value == pytest.approx(0.8, abs=0.01)
 

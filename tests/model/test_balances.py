@@ -68,16 +68,7 @@ def test_stored_heat_equals_heat_exchanged_with_the_surroundings(inputs: Inputs,
         ]
         sun = [s.r_par_sun_can, s.r_nir_sun_can, s.r_par_sun_flr, s.r_nir_sun_flr, s.r_glob_sun_air, s.r_glob_sun_cov_e]
         equipment = [f.actuators.q_lamp_in, -f.actuators.h_lamp_cool, f.actuators.h_boil_pipe]
-        to_sky = [
-            r.r_can_sky,
-            r.r_pipe_sky,
-            r.r_flr_sky,
-            r.r_th_scr_sky,
-            r.r_bl_scr_sky,
-            r.r_cov_e_sky,
-            r.r_lamp_sky,
-            r.r_int_lamp_sky,
-        ]
+        to_sky = [r.r_can_sky, r.r_pipe_sky, r.r_flr_sky, r.r_th_scr_sky, r.r_bl_scr_sky, r.r_cov_e_sky, r.r_lamp_sky, r.r_int_lamp_sky]
         to_outside = [h.h_air_out, h.h_top_out, h.h_cov_e_out, h.h_so5_so_out, wall.h_air_wall]
         into_vapour = [f.transpiration.l_can_air, -v.l_air_th_scr, -v.l_air_bl_scr, -v.l_top_cov_in]
         losses = [-flux for flux in to_sky + to_outside + into_vapour]

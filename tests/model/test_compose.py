@@ -76,15 +76,7 @@ class WaterTank(Addition):
         return WaterState(fluxes.mw_tap_tank - fluxes.mw_tank_can)
 
     def flows(self) -> tuple[Flow, ...]:
-        return (
-            Flow(
-                "water",
-                "kg m-2",
-                "water from the tap",
-                "Water",
-                lambda s: s.controls.u_fill * (s.parameters.phi_fill * s.seconds),
-            ),
-        )
+        return (Flow("water", "kg m-2", "water from the tap", "Water", lambda s: s.controls.u_fill * (s.parameters.phi_fill * s.seconds)),)
 
     def start(self, d: Any, air_temperature: float, p: WaterParameters) -> WaterState:
         return WaterState(50.0)
@@ -406,11 +398,7 @@ def test_a_meter_is_in_the_unit_of_its_flux_times_seconds(flux: str, unit: str, 
             "part and tomato both have a stock called 'fruit'",
         ),
         ((), (HARVEST, replace(HARVEST, flow="again")), "The meter of 'mc_fruit_har' has twice a state called"),
-        (
-            (),
-            (replace(HARVEST, flow="heat"),),
-            "The meter of 'mc_fruit_har' and greenlight both have a flow called 'heat'",
-        ),
+        ((), (replace(HARVEST, flow="heat"),), "The meter of 'mc_fruit_har' and greenlight both have a flow called 'heat'"),
     ],
 )
 def test_names_are_given_once(additions: tuple[Addition, ...], meters: tuple[Meter, ...], said: str) -> None:
@@ -421,18 +409,12 @@ def test_names_are_given_once(additions: tuple[Addition, ...], meters: tuple[Met
 @pytest.mark.parametrize(
     ("addition", "said"),
     [
-        (
-            part(processes=lambda self, x, around, p: CanopyHeat(0.0)),
-            "part and convection both have a flux called 'h_can_air'",
-        ),
+        (part(processes=lambda self, x, around, p: CanopyHeat(0.0)), "part and convection both have a flux called 'h_can_air'"),
         (part("optics"), "Two records of fluxes are called 'optics'"),
         (part(processes=lambda self, x, around, p: 0.0), "'part' is a bare value. Put it into a NamedTuple"),
         (part(processes=lambda self, x, around, p: NoUnit(0.0)), "The flux 'mg_dirt' of part has no unit"),
         (part(State=Filter), r"part has states \(qFilter\) and no method `rates`"),
-        (
-            part(State=Filter, rates=lambda self, x, around, f, p: (0.0, 0.0)),
-            "`rates` of part returns tuple of 2 values",
-        ),
+        (part(State=Filter, rates=lambda self, x, around, f, p: (0.0, 0.0)), "`rates` of part returns tuple of 2 values"),
         (part(State=Filter, rates=lambda self, x, around, f, p: Dirt(0.0)), "expected Filter of 1"),
         (part(State=Filter, rates=lambda self, x, around, f, p: None), "`rates` of part returns None"),
     ],
@@ -447,10 +429,7 @@ def test_equations_that_cannot_be_put_together_are_refused_in_words(addition: Ad
     [
         (None, r"part has states \(qFilter\) and no method `start`"),
         (lambda self, d, t, p: (1.0, 2.0), "`start` of part returns tuple of 2 values"),
-        (
-            lambda self, d, t, p: Filter(float("nan")),
-            "start 'mature_crop' of greenlight-tomato-part-1.0.0 gives qFilter = nan",
-        ),
+        (lambda self, d, t, p: Filter(float("nan")), "start 'mature_crop' of greenlight-tomato-part-1.0.0 gives qFilter = nan"),
     ],
 )
 def test_a_start_that_is_none_is_refused_in_words(start: Any, said: str) -> None:

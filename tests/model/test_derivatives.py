@@ -59,14 +59,7 @@ def test_derivatives_are_finite_at_the_start_of_the_season(wrt: str, variant: st
 
 @pytest.mark.parametrize(
     "entries",
-    [
-        {"cWgh": 0.0},
-        {"aSide": 50.0, "cWgh": 0.0},
-        {"cHecOut3": 0.5},
-        {"tauRfFir": 0.1},
-        {"theta": 1.0},
-        {"lPipe": 0.0, "lGroPipe": 0.0},
-    ],
+    [{"cWgh": 0.0}, {"aSide": 50.0, "cWgh": 0.0}, {"cHecOut3": 0.5}, {"tauRfFir": 0.1}, {"theta": 1.0}, {"lPipe": 0.0, "lGroPipe": 0.0}],
 )
 def test_derivatives_are_finite_for_unusual_houses(entries: dict[str, float]) -> None:
     x, u, d, _ = the_start()

@@ -12,16 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from glbench.errors import ParameterError
-from glbench.model import (
-    LETTUCE,
-    TOMATO,
-    TOMATO_ENERGY,
-    ChpBoilerBuffer,
-    GreenLightClimate,
-    Step,
-    VanHentenLettuce,
-    compose,
-)
+from glbench.model import LETTUCE, TOMATO, TOMATO_ENERGY, ChpBoilerBuffer, GreenLightClimate, Step, VanHentenLettuce, compose
 from glbench.model.energy import ENERGY_PARAMETERS, EnergyParameters, EnergyState, fluxes, plant
 from glbench.model.parameter_checks import check_value
 from tests.model.conditions import Inputs, reference_points

@@ -185,11 +185,7 @@ def test_the_last_bit_of_a_constant_changes_the_digest() -> None:
 def test_the_digest_is_the_same_in_another_process() -> None:
     command = "from glbench.model import model_digest; print(model_digest('gl_gym2'), model_digest())"
     other = subprocess.run(
-        [sys.executable, "-c", command],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={"PYTHONHASHSEED": "7", "PATH": ""},
+        [sys.executable, "-c", command], capture_output=True, text=True, check=True, env={"PYTHONHASHSEED": "7", "PATH": ""}
     )
 
     assert other.stdout.split() == [model_digest("gl_gym2"), model_digest("author")]

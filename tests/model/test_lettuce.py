@@ -43,11 +43,7 @@ PAPER = Lettuce()
 Array = NDArray[np.float64]
 
 climates = st.builds(CropClimate, st.floats(-10.0, 50.0), st.floats(0.0, 5000.0), st.floats(0.0, 500.0))
-crops = st.builds(
-    lambda structural, store: LettuceState(store * structural, structural),
-    st.floats(1e-4, 1.0),
-    st.floats(-0.06, 2.0),
-)
+crops = st.builds(lambda structural, store: LettuceState(store * structural, structural), st.floats(1e-4, 1.0), st.floats(-0.06, 2.0))
 
 
 def everything(z: Any) -> tuple[Any, ...]:
@@ -71,11 +67,7 @@ def random_points(n: int) -> Array:
     store = structural * 10 ** generator.uniform(-2.0, 0.5, n)
     dark = generator.random(n) < 0.2
     climate = np.stack(
-        [
-            generator.uniform(-5.0, 45.0, n),
-            generator.uniform(20.0, 3000.0, n),
-            np.where(dark, 0.0, generator.uniform(0.0, 400.0, n)),
-        ]
+        [generator.uniform(-5.0, 45.0, n), generator.uniform(20.0, 3000.0, n), np.where(dark, 0.0, generator.uniform(0.0, 400.0, n))]
     )
     parameters = np.array(P)[:, None] * generator.uniform(0.9, 1.1, (len(P), n))
     return np.concatenate([[store, structural], climate, parameters])

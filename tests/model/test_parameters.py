@@ -129,14 +129,7 @@ def test_a_value_may_state_its_unit(given: object) -> None:
 
 @pytest.mark.parametrize(
     ("one", "other"),
-    [
-        ("degC", "°C"),
-        ("m2/m2", "-"),
-        ("", "-"),
-        ("umol J-1", "µmol/J"),
-        ("m s-1 K-0.66", "m/s/K^0.66"),
-        ("°C day", "day °C"),
-    ],
+    [("degC", "°C"), ("m2/m2", "-"), ("", "-"), ("umol J-1", "µmol/J"), ("m s-1 K-0.66", "m/s/K^0.66"), ("°C day", "day °C")],
 )
 def test_units_are_compared_by_meaning(one: str, other: str) -> None:
     assert same_unit(one, other)
@@ -168,10 +161,7 @@ def test_other_units_are_not_converted(one: str, other: str) -> None:
         ({"thetaLampMax": "a lot"}, "give a number in its unit .W m-2., or a text such as '116 W m-2'"),
         ({"thetaLampMax": True}, "thetaLampMax cannot be True"),
         ({"thetaLampMax": None}, "thetaLampMax cannot be None"),
-        (
-            {"capAir": 7000.0},
-            "capAir = hAir.rhoAirCap.cPAir, which gives 6840 J K-1 m-2. Change hAir or rhoAirCap or cPAir",
-        ),
+        ({"capAir": 7000.0}, "capAir = hAir.rhoAirCap.cPAir, which gives 6840 J K-1 m-2. Change hAir or rhoAirCap or cPAir"),
         ({"cLeafMax": 1e5}, "Change laiMax or sla instead"),
     ],
 )

@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from glbench.model import (
-    AUXILIARIES,
-    VARIANTS,
-    auxiliaries,
-    build_rhs,
-    rhs,
-)
+from glbench.model import AUXILIARIES, VARIANTS, auxiliaries, build_rhs, rhs
 from glbench.model.paper import Controls, Disturbances, Parameters, State, greenlight
 from glbench.model.variants import get_variant
 from tests.model.conditions import Inputs, reference_points

@@ -120,12 +120,7 @@ def test_a_bad_sensor_and_few_days_are_doubts(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "before", "after", "words"),
     [
-        (
-            "indoor",
-            "humidity [%]",
-            "humidity",
-            r"column 'humidity': its title has no unit. Write one of humidity \[%\], hum",
-        ),
+        ("indoor", "humidity [%]", "humidity", r"column 'humidity': its title has no unit. Write one of humidity \[%\], hum"),
         ("indoor", "humidity [%]", "humidity [g/kg]", r"the unit 'g/kg' is unknown"),
         ("indoor", "humidity [%]", "humidty [%]", r"indoor.csv has no values of humidity \[%\] \(relative humidity\), which is needed"),
         ("indoor", "vents_wind [%]", "vents_lee [fraction]", r"there are two columns vents_lee. Keep one"),

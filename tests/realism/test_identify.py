@@ -56,10 +56,7 @@ def test_the_factors_of_a_made_house_come_back(made: Problem, fits: tuple[Fit, .
             for channel, noise in NOISE.items():
                 assert fit.after[part][channel].rmse == pytest.approx(noise, rel=0.1)
                 assert fit.before[part][channel].rmse > 1.5 * noise
-    assert [(fit.split.fitted, fit.split.test) for fit in fits] == [
-        ("even weeks", "odd weeks"),
-        ("before 2020-02-10", "from 2020-02-10"),
-    ]
+    assert [(fit.split.fitted, fit.split.test) for fit in fits] == [("even weeks", "odd weeks"), ("before 2020-02-10", "from 2020-02-10")]
     assert not np.array_equal(fits[0].z, fits[1].z)
 
 

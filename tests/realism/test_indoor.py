@@ -67,12 +67,7 @@ def test_bad_readings_are_taken_out_and_noted(tmp_path: Path) -> None:
     table.loc[100:, "Tair"] += np.where(np.arange(len(table) - 100) < 100, 0.05 * np.arange(len(table) - 100), 0.0)
     indoor = climate_of(made, table, tmp_path)
     bad = {name: np.flatnonzero(np.isnan(indoor.columns[name])).tolist() for name in ("air_temperature", "humidity", "co2", "vents_lee")}
-    assert bad == {
-        "air_temperature": [50, 51, 60, 61],
-        "humidity": [41, 42],
-        "co2": [40, *range(400, 481)],
-        "vents_lee": [70, 71],
-    }
+    assert bad == {"air_temperature": [50, 51, 60, 61], "humidity": [41, 42], "co2": [40, *range(400, 481)], "vents_lee": [70, 71]}
     air, humidity, co2, vents, _ = indoor.notes
     assert air == (
         "Anna, air_temperature: 4 readings taken out (2 outside 1 to 60 degC, 2 impossible beside the readings around), "

@@ -17,10 +17,7 @@ from tests.realism.made import FIRST, Made
 
 def test_both_layouts_say_the_same(tmp_path: Path) -> None:
     made = Made()
-    one, other = (
-        read_archive(made.write(tmp_path / "flat")),
-        read_archive(made.write_as_published(tmp_path / "folders")),
-    )
+    one, other = (read_archive(made.write(tmp_path / "flat")), read_archive(made.write_as_published(tmp_path / "folders")))
     assert (one.first, one.days) == (other.first, other.days) == (FIRST, 3)
     assert np.array_equal(one.weather.rows, other.weather.rows)
     for name, values in one.weather.columns.items():

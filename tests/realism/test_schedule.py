@@ -10,18 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from glbench.realism import Archive, read_archive, read_settings
-from glbench.realism.inputs import (
-    DAY,
-    NIGHT,
-    PRE_NIGHT,
-    Outdoors,
-    co2_dose,
-    lamp_shares,
-    last_hour,
-    outdoors,
-    periods,
-    schedule,
-)
+from glbench.realism.inputs import DAY, NIGHT, PRE_NIGHT, Outdoors, co2_dose, lamp_shares, last_hour, outdoors, periods, schedule
 from tests.realism.made import Made
 
 SETTINGS = read_settings()

@@ -145,11 +145,7 @@ def test_the_leaderboard_shows_what_the_leaderboard_says(visit, made):
     page = visit("#/Schiphol2010-Delta10-v1")
     (table,) = [table for table in made.tables if table.task_id.endswith("Schiphol2010-Delta10-v1")]
     assert order(page) == [row.agent for row in table.rows]
-    for heading, metric, decimals in (
-        ("Reward", "reward", 0),
-        ("Profit (EPI)", "epi", 2),
-        ("Lamp electricity", "electricity", 1),
-    ):
+    for heading, metric, decimals in (("Reward", "reward", 0), ("Profit (EPI)", "epi", 2), ("Lamp electricity", "electricity", 1)):
         shown = column(page, heading)
         for row in table.rows:
             assert shown[row.agent] == pytest.approx(row.estimates[metric].mean, abs=0.5 * 10**-decimals + 1e-9)
@@ -291,20 +287,9 @@ def test_a_result_without_a_profile_says_how_to_get_one(visit):
 
 def test_sandbox_training_and_card_are_columns_and_words_where_results_hold_them(visit, made, tmp_path):
     training = {"steps": 2_000_000, "wall_hours": 1.5, "hardware": "2 cores"}
-    card = {
-        "authors": ["A. Nother"],
-        "description": "Heats little.",
-        "link": "javascript:alert(1)",
-        "training": training,
-    }
-    told = {
-        "thrifty": {"sandbox": "bubblewrap", "card": card, "training": training},
-        "lavish": {"sandbox": "unsandboxed"},
-    }
-    data = {
-        **made.report.data,
-        "results": [{**one, **told.get(one["agent"], {})} for one in made.report.data["results"]],
-    }
+    card = {"authors": ["A. Nother"], "description": "Heats little.", "link": "javascript:alert(1)", "training": training}
+    told = {"thrifty": {"sandbox": "bubblewrap", "card": card, "training": training}, "lavish": {"sandbox": "unsandboxed"}}
+    data = {**made.report.data, "results": [{**one, **told.get(one["agent"], {})} for one in made.report.data["results"]]}
     before, _, rest = made.report.html.partition('id="block-data">')
     file = tmp_path / "told.html"
     file.write_text(before + 'id="block-data">' + packed_data(data) + rest[rest.index("</script>") :], encoding="utf-8")
@@ -320,12 +305,7 @@ def test_sandbox_training_and_card_are_columns_and_words_where_results_hold_them
 
 
 @pytest.mark.parametrize(
-    "view",
-    [
-        "#/agent/rule_based/Schiphol2010-Delta10-v1",
-        "#/compare/thrifty/lavish/Days-v1",
-        "#/task/Schiphol2010-Delta10-v1",
-    ],
+    "view", ["#/agent/rule_based/Schiphol2010-Delta10-v1", "#/compare/thrifty/lavish/Days-v1", "#/task/Schiphol2010-Delta10-v1"]
 )
 def test_axes_say_what_they_show(visit, view):
     """But for those of names, and for the worst run, whose panels have titles with units."""

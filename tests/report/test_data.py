@@ -123,10 +123,7 @@ def test_a_task_is_shown_with_its_limits_and_prices(made):
 
 def test_the_figure_over_delta_has_the_tasks_of_the_suite_in_order(made):
     (family,) = embedded(made)["families"]
-    assert family == {
-        "name": "paper",
-        "tasks": [f"glbench/Schiphol2010-Delta{delta}-v1" for delta in ("00", "10", "30")],
-    }
+    assert family == {"name": "paper", "tasks": [f"glbench/Schiphol2010-Delta{delta}-v1" for delta in ("00", "10", "30")]}
 
 
 def test_there_is_no_figure_over_delta_where_more_differs_than_the_crop():
@@ -153,10 +150,7 @@ def test_what_only_some_results_say_is_shown_where_it_is_said():
     training = {"steps": 2_000_000, "wall_hours": 1.5, "hardware": None, "tasks": []}
     card = {"name": "a", "authors": ["A. Nother"], "link": None, "description": "", "training": training}
     told = optional_facts({"agent": {"name": "a", "card": card}, "evaluation": {"sandbox": "bubblewrap"}})
-    assert told == {
-        "sandbox": "bubblewrap",
-        "card": {"authors": ["A. Nother"], "training": training},
-    }
+    assert told == {"sandbox": "bubblewrap", "card": {"authors": ["A. Nother"], "training": training}}
 
 
 def test_every_metric_has_words():

@@ -25,10 +25,7 @@ VIEW = "#/agent/engine/Energy-v1"
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="there is no chromium on this machine to look at the page with")
 
 
-SCALED = {
-    "reward.modules": ["scaled_epi", "scaled_penalty"],
-    "reward.epi_scale": {"low": -0.01, "high": 0.02, "unit": "EUR m-2"},
-}
+SCALED = {"reward.modules": ["scaled_epi", "scaled_penalty"], "reward.epi_scale": {"low": -0.01, "high": 0.02, "unit": "EUR m-2"}}
 
 
 def two_days(name: str, hourly: list[float] | None = None, changes: dict[str, object] | None = None) -> TaskSpec:

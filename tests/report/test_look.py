@@ -23,16 +23,7 @@ pytestmark = [
 ]
 RELEASED = {
     "SpringEnergy-v1": ("rule_based_energy", "energy_agent", "do_nothing"),
-    "Spring-v1": (
-        "best_known",
-        "mpc",
-        "ppo_memory",
-        "ppo_fast",
-        "sac_fast",
-        "rule_based_tuned",
-        "pi_controller",
-        "do_nothing",
-    ),
+    "Spring-v1": ("best_known", "mpc", "ppo_memory", "ppo_fast", "sac_fast", "rule_based_tuned", "pi_controller", "do_nothing"),
 }
 DESK = {"width": 1400, "height": 900}
 VIEWS = (

@@ -93,13 +93,7 @@ def test_each_table_has_the_columns_of_its_task(made, tmp_path):
 def test_the_terminal_speaks_of_heads(made):
     thrifty, lavish = (stored_of(made, LETTUCE_ID)[name] for name in ("thrifty", "lavish"))
     known = catalogue(thrifty.task)
-    assert [line.split()[0] for line in money_lines(thrifty.result, known)] == [
-        "heads",
-        "heat",
-        "lamps",
-        "CO2",
-        "[bold]EPI",
-    ]
+    assert [line.split()[0] for line in money_lines(thrifty.result, known)] == ["heads", "heat", "lamps", "CO2", "[bold]EPI"]
     table = summary_table(thrifty.result, known)
     names = [row.cells[0] for row in table.rows]
     assert "  cost of heat" in names

@@ -29,7 +29,4 @@ def test_trainings_are_set_side_by_side() -> None:
         for metric, value in zip(("reward", "epi"), pair, strict=True)
     }
     rows = [re.split(r"\s*\|\s*", row.strip("| ")) for row in script.trainings_table(points).splitlines()[2:]]
-    assert rows == [
-        ["`ppo`, ± 10 %", "reward", "3,800", "3,751", "–", "49"],
-        ["`ppo`, ± 10 %", "EPI, EUR/m²", "3.50", "3.25", "–", "0.25"],
-    ]
+    assert rows == [["`ppo`, ± 10 %", "reward", "3,800", "3,751", "–", "49"], ["`ppo`, ± 10 %", "EPI, EUR/m²", "3.50", "3.25", "–", "0.25"]]

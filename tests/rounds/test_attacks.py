@@ -156,11 +156,7 @@ def test_a_commitment_changed_with_all_digests_of_the_result_does_not_fit_the_re
 def test_draws_that_are_not_those_claimed_are_refuted(
     reports: Path, tiny: TaskSpec, which: str, claimed: str | None, before: str, given: Round, after: str
 ) -> None:
-    tasks = {
-        "public": tiny,
-        "sealed": tiny.in_split("test", SECRET.secret),
-        "other": tiny.in_split("test", OTHER.secret),
-    }
+    tasks = {"public": tiny, "sealed": tiny.in_split("test", SECRET.secret), "other": tiny.in_split("test", OTHER.secret)}
     path = result_path(results_folder(reports, tasks[which]), tiny.id, "rule_based")
     claim(path, claimed)
     assert verify(path).outcome == before

@@ -90,12 +90,7 @@ def test_agents_are_told_nothing_of_the_place_of_the_rounds_weather(own_weather:
 def test_another_record_or_other_years_open_another_commitment(own_weather: SealedWeather) -> None:
     commitments = {
         Round("5" * 64, weather).commitment
-        for weather in (
-            None,
-            own_weather,
-            dataclasses.replace(own_weather, years=(2009,)),
-            SealedWeather("ab" * 32, own_weather.years),
-        )
+        for weather in (None, own_weather, dataclasses.replace(own_weather, years=(2009,)), SealedWeather("ab" * 32, own_weather.years))
     }
     assert len(commitments) == 4
 

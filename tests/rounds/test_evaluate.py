@@ -17,16 +17,7 @@ from glbench.episodes.mcap_file import scan
 from glbench.errors import EpisodeError, ResultError, SandboxError
 from glbench.evaluation import evaluate, load_result, prepare, protect, result_path
 from glbench.evaluation.evaluation import results_folder
-from glbench.evaluation.jobs import (
-    Job,
-    LocalEngine,
-    Options,
-    PackedAgent,
-    PackedTask,
-    RunsJob,
-    compute_runs,
-    join_parts,
-)
+from glbench.evaluation.jobs import Job, LocalEngine, Options, PackedAgent, PackedTask, RunsJob, compute_runs, join_parts
 from glbench.evaluation.saving import make_episodes, task_of_result
 from glbench.execution import JobContext
 from glbench.resources import data_folder

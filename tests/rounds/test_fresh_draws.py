@@ -27,15 +27,7 @@ from glbench.evaluation.sandbox.choosing import Protected, keep_out_of_sight
 from glbench.evaluation.sandbox.frames import Prints
 from glbench.leaderboard import StoredResult, rank, to_frame, to_markdown
 from glbench.leaderboard.catalogue import catalogue
-from glbench.leaderboard.fresh_draws import (
-    ERROR,
-    FEWEST,
-    drop_beside,
-    fresh_score,
-    fresh_score_over,
-    fresh_words,
-    shift_by_ranks,
-)
+from glbench.leaderboard.fresh_draws import ERROR, FEWEST, drop_beside, fresh_score, fresh_score_over, fresh_words, shift_by_ranks
 from glbench.leaderboard.tables import DROP_MARK, FRESH_NOTE, to_json, to_latex
 from glbench.report import build_report
 from glbench.tasks import Round, TaskSpec, get_task, read_round, task_card
@@ -340,8 +332,7 @@ def test_other_runs_or_seeds_are_no_fresh_draws(honest: Path) -> None:
 @pytest.fixture(scope="session")
 def thirty(tmp_path_factory: pytest.TempPathFactory) -> TaskSpec:
     return tiny_task(
-        tmp_path_factory.mktemp("thirty"),
-        TINY.replace("runs = 6", f"runs = {RUNS}").replace("seasons = 6", f"seasons = {RUNS}"),
+        tmp_path_factory.mktemp("thirty"), TINY.replace("runs = 6", f"runs = {RUNS}").replace("seasons = 6", f"seasons = {RUNS}")
     )
 
 
@@ -506,10 +497,7 @@ def changed(result: Result, runs: int, drop: float) -> Result:
         run.model_copy(update={"metrics": run.metrics | {"reward": run.metrics["reward"] - drop}}) for run in fresh.runs[:runs]
     )
     references = tuple(one.model_copy(update={"published": one.published[:runs], "fresh": one.fresh[:runs]}) for one in fresh.references)
-    update = {
-        "fresh_draws": fresh.model_copy(update={"runs": few, "references": references}),
-        "runs": result.runs[:runs],
-    }
+    update = {"fresh_draws": fresh.model_copy(update={"runs": few, "references": references}), "runs": result.runs[:runs]}
     return result.model_copy(update=update | {"summary": summarise(result.runs[:runs])})
 
 

@@ -57,10 +57,7 @@ def test_who_carries_the_record_knows_the_next_hours_better_than_the_forecast() 
     assert task.season_years is not None
     seeds = [task.evaluation.first_seed, task.evaluation.first_seed + 1]
     climatology = Climatology.of(task)
-    usual, carried = (
-        Outlook(task, climatology),
-        CarriedOutlook(task, climatology, task.season_years, task.weather.source),
-    )
+    usual, carried = (Outlook(task, climatology), CarriedOutlook(task, climatology, task.season_years, task.weather.source))
     simulation, errors = Simulation(task, len(seeds), kernel="fast"), []
     weather = np.array([run_weather(task, seed).values for seed in seeds])
     seen = simulation.reset(seeds)

@@ -87,14 +87,7 @@ def test_years_ascend_and_occur_once(years: tuple[int, ...]) -> None:
 
 def test_no_words_about_a_round_or_a_task_show_the_salt(tiny: TaskSpec) -> None:
     task = tiny.in_split("test", SECRET.secret)
-    for shown in (
-        repr(SECRET),
-        repr(task),
-        str(task),
-        str(task.model_dump()),
-        str(task.as_tables()),
-        repr(vars(task).get("file")),
-    ):
+    for shown in (repr(SECRET), repr(task), str(task), str(task.model_dump()), str(task.as_tables()), repr(vars(task).get("file"))):
         assert SECRET.salt not in shown
 
 

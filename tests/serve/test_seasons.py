@@ -96,10 +96,7 @@ def test_the_forecast_is_the_part_of_the_observation_that_looks_ahead(client: Cl
         for hours, value in zip(ahead["hours_ahead"], ahead["values"], strict=True)
     }
     assert columns == {name: value for name, value in seen["observation"].items() if name.endswith("h") and "_in_" in name}
-    assert [forecast["global_radiation"][key] for key in ("unit", "meaning")] == [
-        "W m-2",
-        "sun and sky on a horizontal plane outside",
-    ]
+    assert [forecast["global_radiation"][key] for key in ("unit", "meaning")] == ["W m-2", "sun and sky on a horizontal plane outside"]
     assert seen["units"] == {column.name: column.unit for column in task.observed()}
 
 
@@ -129,13 +126,7 @@ def test_the_card_has_every_column_with_unit_and_meaning_and_nothing_that_agents
     card = client.ok("GET", "/task")
     assert [one["name"] for one in card["observations"]] == [column.name for column in task.observed()]
     assert all(one["unit"] and one["meaning"] for one in (*card["observations"], *card["actions"], *card["controls"]))
-    assert card["limits"][0] == {
-        "name": "air_temperature",
-        "unit": "degC",
-        "low": 15.0,
-        "high": 34.0,
-        "price_of_a_unit_and_hour": 0.0054,
-    }
+    assert card["limits"][0] == {"name": "air_temperature", "unit": "degC", "low": 15.0, "high": 34.0, "price_of_a_unit_and_hour": 0.0054}
     assert {one["name"]: one["price"] for one in card["ledger"]}["cost_heat"] == 0.09
     assert (card["day"]["steps"], card["day"]["step_minutes"], card["day"]["clock"]) == (96, 15.0, "Europe/Amsterdam")
     text = json.dumps(card)

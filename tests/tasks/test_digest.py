@@ -33,11 +33,7 @@ def test_the_digest_is_the_sha256_of_canonical_json() -> None:
         "start": [nine(value) for value in task.initial_state()],
         "observation": [[q.name, q.unit, nine(q.low), nine(q.high)] for q in task.observed()],
         "weather": task.disturbances().digest,
-        "model": {
-            "version": glbench.model.MODEL_VERSION,
-            "variant": "author",
-            "digest": glbench.model.model_digest("author"),
-        },
+        "model": {"version": glbench.model.MODEL_VERSION, "variant": "author", "digest": glbench.model.model_digest("author")},
     }
     assert task.digest == hashlib.sha256(rfc8785.dumps(parts)).hexdigest()
     assert task.fingerprint().definition == hashlib.sha256(rfc8785.dumps(parts["definition"])).hexdigest()

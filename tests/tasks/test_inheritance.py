@@ -30,11 +30,7 @@ constraints.co2.high = 1200.0
 def test_a_task_with_a_base_is_the_task_written_out(write: Write, own_text: str, tmp_path: Path) -> None:
     task = get_task(write(OWN))
     text = own_text.replace(f'id = "mylab/{SHORT_ID}"', 'id = "mylab/Spring2011-v1"')
-    for old, new in (
-        ("2010-03-01", "2011-03-01"),
-        ("value = 0.09", "value = 0.12"),
-        ("high = 1600.0", "high = 1200.0"),
-    ):
+    for old, new in (("2010-03-01", "2011-03-01"), ("value = 0.09", "value = 0.12"), ("high = 1600.0", "high = 1200.0")):
         text = text.replace(old, new)
     whole = tmp_path / "whole.toml"
     whole.write_text(re.sub(r"title = .*", 'title = "Written out"', text), encoding="utf-8")

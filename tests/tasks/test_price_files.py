@@ -66,10 +66,7 @@ def test_times_come_in_two_columns_in_utc_beside_local_and_with_the_newest_on_to
 
 
 def test_names_of_zones_in_the_hour_that_comes_twice_are_understood(tmp_path: Path) -> None:
-    autumn = entsoe(
-        "31.10.2010",
-        [("01:00", "02:00"), ("02:00 (CEST)", "02:00 (CET)"), ("02:00 (CET)", "03:00"), ("03:00", "04:00")],
-    )
+    autumn = entsoe("31.10.2010", [("01:00", "02:00"), ("02:00 (CEST)", "02:00 (CET)"), ("02:00 (CET)", "03:00"), ("03:00", "04:00")])
     assert utc(prices_of(tmp_path, autumn)) == ["10-30 23:00", "10-31 00:00", "10-31 01:00", "10-31 02:00"]
 
 
@@ -157,27 +154,11 @@ def test_hours_without_a_price_are_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "how", "words"),
     [
-        (
-            "time,EUR/MWh\n2010-10-31T02:00,1\n2010-10-31T02:00,2\n",
-            {},
-            "row 3, column 'time': 2010-10-31T02:00 comes again.*clock = \"Eur",
-        ),
-        (
-            "time,EUR/MWh\n2010-03-28T02:30,1\n",
-            {"clock": "Europe/Amsterdam"},
-            "row 2.*does not exist on the clock of Europe/Amsterdam",
-        ),
-        (
-            "time,EUR/MWh\n2010-03-28T02:30,1\n",
-            {"clock": "Europe/Amsterdm"},
-            "clock = 'Europe/Amsterdm' is no time zone",
-        ),
+        ("time,EUR/MWh\n2010-10-31T02:00,1\n2010-10-31T02:00,2\n", {}, "row 3, column 'time': 2010-10-31T02:00 comes again.*clock = \"Eur"),
+        ("time,EUR/MWh\n2010-03-28T02:30,1\n", {"clock": "Europe/Amsterdam"}, "row 2.*does not exist on the clock of Europe/Amsterdam"),
+        ("time,EUR/MWh\n2010-03-28T02:30,1\n", {"clock": "Europe/Amsterdm"}, "clock = 'Europe/Amsterdm' is no time zone"),
         ("time,NL EUR/MWh,BE EUR/MWh\n2010-01-01T00:00,1,2\n", {}, "it is unclear which column holds the prices"),
-        (
-            "time,NL,BE\n2010-01-01T00:00,1,2\n",
-            {"column": "NL"},
-            "the title 'NL' has no unit of prices. Name it: file_unit",
-        ),
+        ("time,NL,BE\n2010-01-01T00:00,1,2\n", {"column": "NL"}, "the title 'NL' has no unit of prices. Name it: file_unit"),
         ("time,EUR/MWh\n2010-01-01T00:00,1\n", {"column": "NL"}, "there is no column 'NL'"),
         ("time,EUR/MWh\n2010-01-01T00:00,1\n", {"file_unit": "parsec"}, "'parsec' is not a unit of prices"),
         ("time,EUR/MWh\n" + "2010-01-01T00:00,1\n" * 110_001, {}, "it has 110,001 prices, and a task may have 110,000"),
@@ -249,12 +230,7 @@ def test_the_command_writes_a_plain_file_and_the_lines_of_a_task(tmp_path: Path)
     outcome = CliRunner().invoke(app, arguments)
     assert outcome.exit_code == 0, outcome.output
     assert "The prices are usable." in outcome.output
-    for line in (
-        'base = "glbench/SpringEnergy-v1"',
-        'without = ["price_tables.power"]',
-        "[price_tables.power]",
-        'file = "power.csv"',
-    ):
+    for line in ('base = "glbench/SpringEnergy-v1"', 'without = ["price_tables.power"]', "[price_tables.power]", 'file = "power.csv"'):
         assert line in outcome.output
     again = read_prices(out, KWH)
     np.testing.assert_array_equal(again.prices, read_prices(export, KWH).prices)

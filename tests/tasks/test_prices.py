@@ -227,12 +227,7 @@ def test_a_file_of_an_exchange_is_read_in_its_unit(write: Write, header: str, fi
 
 @pytest.mark.parametrize(
     ("header", "unit"),
-    [
-        ("hour,EUR/MWh", "EUR kg-1"),
-        ("hour,GBP/MWh", "EUR kWh-1"),
-        ("hour,power", "EUR kWh-1"),
-        ("hour,temperature", "EUR kWh-1"),
-    ],
+    [("hour,EUR/MWh", "EUR kg-1"), ("hour,GBP/MWh", "EUR kWh-1"), ("hour,power", "EUR kWh-1"), ("hour,temperature", "EUR kWh-1")],
 )
 def test_a_file_in_another_unit_or_with_another_header_is_refused(write: Write, header: str, unit: str) -> None:
     with pytest.raises(TaskError, match=r"\[price_tables.power\] file: .*power.csv.*hour,EUR/MWh.*for a table in EUR kWh-1"):

@@ -15,17 +15,7 @@ from glbench.errors import TaskError, UnknownNameError
 from glbench.model import CONTROL_NAMES, STATE_NAMES, TOMATO, VARIANTS, bounds
 from glbench.model.units import same_unit
 from glbench.report.task_words import definition_in_words
-from glbench.tasks import (
-    MODEL_VARIANTS,
-    OBSERVATION_MODULES,
-    PAPER_TASK,
-    PREPROCESSINGS,
-    Registry,
-    Word,
-    get_task,
-    list_tasks,
-    task_card,
-)
+from glbench.tasks import MODEL_VARIANTS, OBSERVATION_MODULES, PAPER_TASK, PREPROCESSINGS, Registry, Word, get_task, list_tasks, task_card
 from glbench.tasks import quantities as q
 from glbench.tasks.ledger import MONEY
 from glbench.weather import PREPROCESSINGS as WEATHER_PREPROCESSINGS
@@ -44,11 +34,7 @@ PAPER_COLUMNS = [
 
 
 def context(
-    days: int = 60,
-    forecast_steps: int = 0,
-    forecast_hours: tuple[int, ...] = (),
-    holds: tuple[tuple[str, float], ...] = (),
-    **prices: Any,
+    days: int = 60, forecast_steps: int = 0, forecast_hours: tuple[int, ...] = (), holds: tuple[tuple[str, float], ...] = (), **prices: Any
 ) -> q.ObservationContext:
     parameters = get_task(PAPER_TASK).parameters_by_name()
     return q.ObservationContext(days * 96, 900.0, forecast_steps, parameters, TOMATO, forecast_hours, holds, **prices)

@@ -73,11 +73,7 @@ def test_without_an_id_a_changed_task_is_mine() -> None:
     assert (task.id, task.title, task.suites) == ("my/Spring-v1", f"{get_task(SPRING).title}, changed", ())
     assert not task.locked
     again = task.replace({"weather.days": 20})
-    assert (again.id, again.base, [change.key for change in again.changes]) == (
-        "my/Spring-v1",
-        "my/Spring-v1",
-        ["weather.days"],
-    )
+    assert (again.id, again.base, [change.key for change in again.changes]) == ("my/Spring-v1", "my/Spring-v1", ["weather.days"])
 
 
 @pytest.mark.parametrize("split", ["training", "validation", "test"])

@@ -111,10 +111,7 @@ def test_a_stock_gains_what_it_is_worth_at_the_end_minus_at_the_start(toys: Call
 
 def test_prices_hold_from_their_day_to_the_next_over_the_turn_of_the_year() -> None:
     table = PriceTable("EUR kg-1", dated=((1, 15, 3.5), (6, 1, 2.0)))
-    times = np.array(
-        ["2010-01-14T23:00", "2010-01-15T00:00", "2010-05-31T23:00", "2010-06-01T00:00", "2011-01-01T00:00"],
-        "datetime64[s]",
-    )
+    times = np.array(["2010-01-14T23:00", "2010-01-15T00:00", "2010-05-31T23:00", "2010-06-01T00:00", "2011-01-01T00:00"], "datetime64[s]")
     hours = np.array([23.0, 0.0, 23.0, 0.0, 0.0])
     assert table.values(times, hours).tolist() == [2.0, 3.5, 3.5, 2.0, 2.0]
     ahead = (hours + 1.0) % 24.0  # the clock is an hour ahead of UTC: the day begins an hour earlier
@@ -159,13 +156,7 @@ def test_a_record_brings_the_task_back(toys: Callable[..., TaskSpec], write: Wri
 
 def test_a_base_of_schema_1_is_converted(write: Write) -> None:
     task, base = get_task(write(HARVEST)), get_task("Schiphol2010-Delta10-v1")
-    assert [item.name for item in task.ledger.items] == [
-        "revenue",
-        "standing",
-        "cost_co2",
-        "cost_electricity",
-        "cost_heat",
-    ]
+    assert [item.name for item in task.ledger.items] == ["revenue", "standing", "cost_co2", "cost_electricity", "cost_heat"]
     same = get_task(write(HARVEST.split("[model]")[0].replace("Harvest-v1", "Same-v1")))
     assert {(i.name, i.flow, i.amount, i.factor, i.price) for i in same.ledger.items} == {
         (i.name, i.flow, i.amount, i.factor, i.price) for i in base.ledger.items
@@ -199,13 +190,7 @@ def test_the_harvest_is_paid_when_the_fruit_load_is_full(write: Write) -> None:
     rates = model.rhs(full, controls, weather, p)
     after = full + 900.0 * rates
     accounts = make_accounts(task)
-    step = dict(
-        zip(
-            accounts.names,
-            accounts.quantities(full[None], after[None], controls[None], np.zeros((3, 1)))[:, 0],
-            strict=True,
-        )
-    )
+    step = dict(zip(accounts.names, accounts.quantities(full[None], after[None], controls[None], np.zeros((3, 1)))[:, 0], strict=True))
     picked = after[model.state_index("sumMcFruitHar")]
     assert picked > 0.0
     assert step["revenue"] == pytest.approx(picked * 1e-6 / 0.065 * 1.6)
@@ -227,12 +212,7 @@ start = [{ states = ["cFruit"], half_width = 0.1 }]
 """
     )
     scenario = get_task(write(text)).scenario
-    assert (scenario.family, scenario.salt, scenario.start_within_days, scenario.legacy) == (
-        "harvest",
-        "2026",
-        14,
-        False,
-    )
+    assert (scenario.family, scenario.salt, scenario.start_within_days, scenario.legacy) == ("harvest", "2026", 14, False)
     assert scenario.seasons == tuple(Season("schiphol", dt.date(year, 3, 1)) for year in (2009, 2011))
     assert scenario.groups == (ParameterGroup("leaves", ("sla", "laiMax"), "uniform", 0.2, "day"),)
     assert scenario.start_groups == (StartGroup("start 0", ("cFruit",), "uniform", 0.1),)

@@ -58,16 +58,8 @@ def test_the_paper_fixes_horizon_weather_limits_prices_and_evaluation(suite: str
         assert task.weather.start.isoformat() == "2010-03-01"
         assert (task.weather.preprocessing, task.weather.co2_ppm) == ("paper", 400.0)
         limits = {name: (limit.low, limit.high, limit.unit) for name, limit in task.constraints.items()}
-        assert limits == {
-            "air_temperature": (15.0, 34.0, "degC"),
-            "co2": (300.0, 1600.0, "ppm"),
-            "relative_humidity": (50.0, 85.0, "%"),
-        }
-        assert dict(task.reward.penalty_scale.items()) == {
-            "air_temperature": 15.0,
-            "co2": 2500.0,
-            "relative_humidity": 15.0,
-        }
+        assert limits == {"air_temperature": (15.0, 34.0, "degC"), "co2": (300.0, 1600.0, "ppm"), "relative_humidity": (50.0, 85.0, "%")}
+        assert dict(task.reward.penalty_scale.items()) == {"air_temperature": 15.0, "co2": 2500.0, "relative_humidity": 15.0}
         prices = task.prices
         assert (prices.fruit, prices.dry_matter_content) == (1.6, 0.065)
         assert (prices.co2, prices.heat, prices.electricity) == (0.3, 0.09, 0.3)

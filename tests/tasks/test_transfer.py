@@ -38,10 +38,7 @@ def write_agent(tmp_path: Path) -> AgentWriter:
 
 
 def test_the_suite_is_three_climates_and_two_houses() -> None:
-    names = [
-        *(f"glbench/Transfer-{place}-v1" for place in CLIMATES),
-        *(f"glbench/Transfer-House-{one}-v1" for one in HOUSES),
-    ]
+    names = [*(f"glbench/Transfer-{place}-v1" for place in CLIMATES), *(f"glbench/Transfer-House-{one}-v1" for one in HOUSES)]
     assert sorted(TRANSFER) == sorted(names)
     assert [get_task(f"Transfer-{place}-v1").weather.source for place in CLIMATES] == list(CLIMATES.values())
     assert [get_task(f"Transfer-House-{one}-v1").model.parameters for one in HOUSES] == list(HOUSES.values())
@@ -67,12 +64,7 @@ def test_a_task_shows_and_takes_what_its_base_does(name: str) -> None:
 def test_a_task_has_a_test_alone(name: str) -> None:
     task = get_task(name)
     assert task.splits is not None
-    assert (task.split, task.splits.names, task.splits.test.seasons, task.evaluation.runs) == (
-        "test",
-        ("test",),
-        30,
-        30,
-    )
+    assert (task.split, task.splits.names, task.splits.test.seasons, task.evaluation.runs) == ("test", ("test",), 30, 30)
     with pytest.raises(TaskError, match=r"has no training split.* Train on glbench/Spring-v1, its base,"):
         make_vec_env(name)
 

@@ -42,10 +42,7 @@ class Toy(Model):
     Parameters: ClassVar[type[Any]] = ToyParameters
     name: ClassVar[str] = "toy"
     version: ClassVar[str] = "1.0.0"
-    table: ClassVar[tuple[ParameterInfo, ...]] = (
-        _parameter("rate", "s-1", 1e-6),
-        _parameter("tap", "kg m-2 s-1", 1e-3),
-    )
+    table: ClassVar[tuple[ParameterInfo, ...]] = (_parameter("rate", "s-1", 1e-6), _parameter("tap", "kg m-2 s-1", 1e-3))
 
     def equations(self, x: Any, u: Any, d: Any, p: Any) -> Evaluation:
         growth = p.rate * x.water * d.i_glob / 500.0
@@ -58,15 +55,7 @@ class Toy(Model):
         return (Capacity("uTap", "tap", "kg m-2 s-1", p["tap"], "water", "Tap"),)
 
     def flows(self) -> tuple[Flow, ...]:
-        return (
-            Flow(
-                "water",
-                "kg m-2",
-                "water from the tap",
-                "Water",
-                lambda s: s.controls.u_tap * (s.parameters.tap * s.seconds),
-            ),
-        )
+        return (Flow("water", "kg m-2", "water from the tap", "Water", lambda s: s.controls.u_tap * (s.parameters.tap * s.seconds)),)
 
     def stocks(self) -> tuple[Stock, ...]:
         return (Stock("mass", "kg m-2", "dry mass", "Mass", lambda x, p: x.mass),)

@@ -21,11 +21,7 @@ from glbench.training import Trained
 from tests.training.watching import PowerCutError, Watching
 
 jax = pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.train,
-    pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled())),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.train, pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled()))]
 
 from glbench.training.compiled import _Training, train_compiled  # noqa: E402
 from glbench.training.compiled_settings import CompiledSettings, read_compiled_settings  # noqa: E402

@@ -119,9 +119,7 @@ def test_a_column_varies_beyond_a_thousandth_of_its_magnitude(low: float, high: 
 
 
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
-def test_a_released_policy_that_is_started_from_acts_as_it_did_in_its_weather(
-    tiny: TrainingSettings,
-) -> None:
+def test_a_released_policy_that_is_started_from_acts_as_it_did_in_its_weather(tiny: TrainingSettings) -> None:
     file = data_folder("baselines") / "ppo" / "weights" / "delta10.npz"
     task = get_task("Schiphol2010-Delta10-v1")
     settings = tiny.model_copy(update={"policy_kwargs": {"net_arch": [256] * 3, "activation_fn": "SiLU"}})

@@ -35,11 +35,4 @@ def test_a_search_is_as_long_as_its_generations() -> None:
 
 @pytest.mark.parametrize("algorithm", ["compiled ppo", "CMA-ES", "_"])
 def test_a_recipe_can_stand_in_a_card(algorithm: str) -> None:
-    SubmissionCard(
-        name="x",
-        authors=("a",),
-        licence="MIT",
-        information=("observations",),
-        seed=0,
-        recipe=recipe(algorithm=algorithm),
-    )
+    SubmissionCard(name="x", authors=("a",), licence="MIT", information=("observations",), seed=0, recipe=recipe(algorithm=algorithm))

@@ -31,9 +31,7 @@ def read(folder: Path, parameters: str, more: str = "") -> Search:
 
 def test_a_choice_goes_where_its_setting_is() -> None:
     chosen = with_choices(
-        BASE,
-        {"gamma": 0.99, "n_envs": 4, "normalize.rewards": False, "policy_kwargs.activation_fn": "SiLU", "new": 1},
-        100,
+        BASE, {"gamma": 0.99, "n_envs": 4, "normalize.rewards": False, "policy_kwargs.activation_fn": "SiLU", "new": 1}, 100
     )
     assert chosen.hyperparameters == {"gamma": 0.99, "new": 1}
     assert (chosen.n_envs, chosen.n_timesteps, chosen.normalize.rewards) == (4, 100, False)
@@ -71,10 +69,7 @@ def test_the_same_file_is_a_sweep_of_weights_and_biases(tmp_path: Path) -> None:
         "name": "ppo Schiphol2010-Delta10-v1",
         "method": "bayes",
         "metric": {"name": "best_reward", "goal": "maximize"},
-        "parameters": {
-            "lr": {"min": 1e-5, "max": 1e-3, "distribution": "log_uniform_values"},
-            "gamma": {"values": [0.9, 0.99]},
-        },
+        "parameters": {"lr": {"min": 1e-5, "max": 1e-3, "distribution": "log_uniform_values"}, "gamma": {"values": [0.9, 0.99]}},
     }
 
 

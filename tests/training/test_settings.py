@@ -67,10 +67,7 @@ def test_the_networks_built_from_the_shipped_settings_are_the_papers(day: TaskSp
 
 
 def test_a_section_named_by_the_task_changes_only_what_it_names(tmp_path: Path) -> None:
-    file = write(
-        tmp_path,
-        f"default: {{n_timesteps: 5, gamma: 0.9, n_steps: 8}}\n{TASK}: {{gamma: 0.99}}\nother/Task-v1: {{gamma: 0.5}}\n",
-    )
+    file = write(tmp_path, f"default: {{n_timesteps: 5, gamma: 0.9, n_steps: 8}}\n{TASK}: {{gamma: 0.99}}\nother/Task-v1: {{gamma: 0.5}}\n")
     settings = read_settings(file, "ppo", TASK)
     assert (settings.n_timesteps, settings.gamma, settings.hyperparameters["n_steps"]) == (5, 0.99, 8)
 
@@ -114,8 +111,7 @@ def test_numbers_are_read_in_the_trainings_own_settings_too(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("algorithm", "name"),
-    [("PPO", "ppo"), ("Sac", "sac"), ("stable_baselines3.PPO", "ppo"), ("stable_baselines3.SAC", "sac")],
+    ("algorithm", "name"), [("PPO", "ppo"), ("Sac", "sac"), ("stable_baselines3.PPO", "ppo"), ("stable_baselines3.SAC", "sac")]
 )
 def test_the_papers_algorithms_have_shipped_settings_under_all_their_names(algorithm: str, name: str) -> None:
     assert shipped_settings(algorithm) == shipped_settings(name)
@@ -246,8 +242,7 @@ def test_algorithms_are_found_by_name_and_by_class_path() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
-    [("pppo", "Did you mean 'ppo'"), ("nowhere.PPO", "cannot be imported"), ("sb3_contrib.XPO", "cannot be imported")],
+    ("name", "said"), [("pppo", "Did you mean 'ppo'"), ("nowhere.PPO", "cannot be imported"), ("sb3_contrib.XPO", "cannot be imported")]
 )
 def test_an_unknown_algorithm_is_named(name: str, said: str) -> None:
     with pytest.raises(UnknownNameError, match=said):
@@ -260,11 +255,5 @@ def test_a_class_that_is_no_algorithm_is_refused() -> None:
 
 
 def test_what_a_card_says_is_read_back_as_it_was() -> None:
-    content = {
-        "text": 'a "b" \\ c',
-        "lines": "one\ntwo\n",
-        "both": 'a\n"""b',
-        "list": ["a", "b"],
-        "table": {"a-b": 1, "c": 0.1, "d": True},
-    }
+    content = {"text": 'a "b" \\ c', "lines": "one\ntwo\n", "both": 'a\n"""b', "list": ["a", "b"], "table": {"a-b": 1, "c": 0.1, "d": True}}
     assert tomllib.loads(to_toml(content)) == content

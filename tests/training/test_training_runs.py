@@ -90,15 +90,7 @@ def test_the_card_says_where_the_versions_changed(
 ) -> None:
     for interrupted in (3, 2):
         with pytest.raises(PowerCutError):
-            train(
-                day,
-                tiny,
-                tmp_path / "run",
-                resume=True,
-                tensorboard=False,
-                save_seconds=0.0,
-                listeners=[Listening(interrupted)],
-            )
+            train(day, tiny, tmp_path / "run", resume=True, tensorboard=False, save_seconds=0.0, listeners=[Listening(interrupted)])
     monkeypatch.setattr("glbench.training.card.__version__", "9.9.9")
     train(day, tiny, tmp_path / "run", resume=True, tensorboard=False)
     card = tomllib.loads((tmp_path / "run" / "card.toml").read_text(encoding="utf-8"))
@@ -201,11 +193,7 @@ def test_a_best_model_from_beyond_the_end_is_not_taken_for_an_earlier_one(day: T
 @pytest.mark.parametrize("algorithm", ["ppo"], indirect=True)
 def test_a_policy_with_a_memory_goes_on_with_what_it_remembers(day: TaskSpec, tiny: TrainingSettings, tmp_path: Path) -> None:
     recurrent = tiny.model_copy(
-        update={
-            "algorithm": "sb3_contrib.RecurrentPPO",
-            "policy": "MlpLstmPolicy",
-            "policy_kwargs": {"lstm_hidden_size": 8},
-        }
+        update={"algorithm": "sb3_contrib.RecurrentPPO", "policy": "MlpLstmPolicy", "policy_kwargs": {"lstm_hidden_size": 8}}
     )
     train(day, recurrent, tmp_path / "whole", tensorboard=False)
     with pytest.raises(PowerCutError):

@@ -158,8 +158,7 @@ def test_the_result_of_another_version_of_the_task(wavy):
         task = log.provenance.task
         parts = {**task.parts, "weather": other}
         return replace(
-            log,
-            provenance=log.provenance.model_copy(update={"task": task.model_copy(update={"digest": other, "parts": parts})}),
+            log, provenance=log.provenance.model_copy(update={"task": task.model_copy(update={"digest": other, "parts": parts})})
         )
 
     rewrite_record(wavy, retask)
@@ -188,8 +187,7 @@ def test_a_privileged_controller_that_is_called_fair(reports, day_task):
 
     def demote(log):
         return replace(
-            log,
-            provenance=log.provenance.model_copy(update={"agent": log.provenance.agent.model_copy(update={"privileged": False})}),
+            log, provenance=log.provenance.model_copy(update={"agent": log.provenance.agent.model_copy(update={"privileged": False})})
         )
 
     rewrite_record(path, demote)
@@ -271,10 +269,7 @@ def test_a_stated_machine_does_not_excuse_a_difference(wavy, statement, nudged):
         total = float(np.add.accumulate(read_log(record_of(wavy)).rewards[:, 0])[-1])
         rewrite(wavy, lambda d: d["runs"][0]["metrics"].update(reward=total))
     if nudged in ("state", "run"):
-        rewrite_record(
-            wavy,
-            lambda log: replace(log, final_states=changed(log.final_states, (0, 2), log.final_states[0, 2] * tiny)),
-        )
+        rewrite_record(wavy, lambda log: replace(log, final_states=changed(log.final_states, (0, 2), log.final_states[0, 2] * tiny)))
     before = verify(wavy)
     assert before.outcome == "refuted"
     for name, change in STATEMENTS.items():
@@ -290,8 +285,7 @@ def test_a_stated_machine_does_not_excuse_a_difference(wavy, statement, nudged):
 def state_kernel(wavy, kernel):
     rewrite(wavy, lambda d: d["evaluation"]["kernel"].update(kernel))
     rewrite_record(
-        wavy,
-        lambda log: replace(log, provenance=log.provenance.model_copy(update={"kernel": {**log.provenance.kernel, **kernel}})),
+        wavy, lambda log: replace(log, provenance=log.provenance.model_copy(update={"kernel": {**log.provenance.kernel, **kernel}}))
     )
 
 

@@ -69,15 +69,7 @@ def epw_line(start: dt.datetime, year: int, *, temperature: float | None = None,
 
 def write_tmy3(path: Path, *, drop: int = 0) -> Path:
     """A TMY3 whose February comes from a leap year (without its 29th); ``drop`` rows are missing at the end."""
-    header = [
-        "Date (MM/DD/YYYY)",
-        "Time (HH:MM)",
-        "GHI (W/m^2)",
-        "TotCld (tenths)",
-        "Dry-bulb (C)",
-        "RHum (%)",
-        "Wspd (m/s)",
-    ]
+    header = ["Date (MM/DD/YYYY)", "Time (HH:MM)", "GHI (W/m^2)", "TotCld (tenths)", "Dry-bulb (C)", "RHum (%)", "Wspd (m/s)"]
     lines = ['724940,"TESTFIELD",CA,-8.0,37.617,-122.400,2', ",".join(header)]
     begin = dt.datetime(2001, 1, 1)
     for index in range(8760 - drop):

@@ -40,12 +40,7 @@ def half_hours(day: str, values: str, count: int = 48) -> list[str]:
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "latin-1", "utf-16"])
 def test_an_export_comes_in_through_its_map(tmp_path: Path, encoding: str) -> None:
-    path = export(
-        tmp_path,
-        "Datum;Tijd;Buiten temp;RV;Wind;Straling;Kas °C",
-        half_hours("13-02-2024", "-4,5;91,0;18,0;0,0;20,0"),
-        encoding,
-    )
+    path = export(tmp_path, "Datum;Tijd;Buiten temp;RV;Wind;Straling;Kas °C", half_hours("13-02-2024", "-4,5;91,0;18,0;0,0;20,0"), encoding)
     columns = tmp_path / "map.toml"
     columns.write_text(MAP)
     record = read_weather(path, name="kas", columns=columns)
@@ -139,11 +134,7 @@ def test_a_column_is_taken_with_its_unit_and_from_outside(tmp_path: Path, titles
 
 
 def test_titles_that_do_not_say_outside_are_to_be_checked(tmp_path: Path) -> None:
-    path = export(
-        tmp_path,
-        "Datum;Tijd;Temperatuur [°C];RV [%];Wind [m/s];Straling [W/m2]",
-        half_hours("13-02-2024", "20,5;80;2;0"),
-    )
+    path = export(tmp_path, "Datum;Tijd;Temperatuur [°C];RV [%];Wind [m/s];Straling [W/m2]", half_hours("13-02-2024", "20,5;80;2;0"))
     _, checks, _ = guess_column_map(path)
     asked = "is it measured outside, not in the greenhouse?"
     assert checks == {"air_temperature": asked, "relative_humidity": asked}
@@ -221,10 +212,7 @@ def test_maps_that_do_not_fit_are_refused_in_words(tmp_path: Path, change: tuple
 
 def test_a_table_without_a_needed_column_is_refused_with_its_titles(tmp_path: Path) -> None:
     path = export(tmp_path, "Datum;Tijd;Buiten temp;RV", half_hours("13-02-2024", "-4,5;91,0"))
-    with pytest.raises(
-        WeatherError,
-        match=r"no column looks like wind_speed .m/s., global_radiation .W/m2.. Its columns are: Datum, Tijd",
-    ):
+    with pytest.raises(WeatherError, match=r"no column looks like wind_speed .m/s., global_radiation .W/m2.. Its columns are: Datum, Tijd"):
         guess_column_map(path)
 
 

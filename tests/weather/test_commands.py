@@ -56,15 +56,7 @@ def refused(*arguments: str | Path) -> str:
 
 def test_list_shows_the_shipped_record_with_its_period() -> None:
     shown = run("list")
-    for words in (
-        "schiphol",
-        "Amsterdam Schiphol",
-        "2008-01-01 to 2013-01-01",
-        "43,848",
-        "shipped",
-        "[UTC]",
-        "[h]",
-    ):
+    for words in ("schiphol", "Amsterdam Schiphol", "2008-01-01 to 2013-01-01", "43,848", "shipped", "[UTC]", "[h]"):
         assert words in shown
 
 
@@ -75,11 +67,7 @@ def test_list_as_json_is_whole() -> None:
     record = records[-1]
     assert record["digest"] == load_weather("schiphol").digest
     assert (record["latitude_deg"], record["longitude_deg"], record["altitude_m"]) == (52.318, 4.79, -3.3)
-    assert (record["first"], record["last"], record["hours"]) == (
-        "2008-01-01T00:00:00+00:00",
-        "2013-01-01T00:00:00+00:00",
-        43848,
-    )
+    assert (record["first"], record["last"], record["hours"]) == ("2008-01-01T00:00:00+00:00", "2013-01-01T00:00:00+00:00", 43848)
     assert "acknowledged" in record["licence"]
 
 
@@ -344,12 +332,7 @@ def test_statistics_are_shown_with_their_limits_and_written(tmp_path: Path) -> N
     out = tmp_path / "figures.json"
     arguments = ("--years", "2008,2010", "--seasons", 24, "--within-days", 5, "--days", 30)
     shown = run("statistics", *arguments, "--out", out)
-    for words in (
-        "24 seasons of 30 days generated from 2008, 2010 of schiphol",
-        "at most 0.1",
-        "0.93 to 1.07",
-        "Kolmogorov",
-    ):
+    for words in ("24 seasons of 30 days generated from 2008, 2010 of schiphol", "at most 0.1", "0.93 to 1.07", "Kolmogorov"):
         assert words in shown
     written = json.loads(out.read_text())
     assert written["years"] == [2008, 2010]

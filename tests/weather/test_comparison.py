@@ -9,14 +9,7 @@ import pytest
 
 from glbench.errors import WeatherError
 from glbench.weather import Blocks, SeasonGenerator, WeatherRecord, load_weather
-from glbench.weather.comparison import (
-    Figure,
-    Resemblance,
-    generated_seasons,
-    midnight_changes,
-    real_seasons,
-    resemblance,
-)
+from glbench.weather.comparison import Figure, Resemblance, generated_seasons, midnight_changes, real_seasons, resemblance
 
 TRAINING, TEST = (2008, 2009, 2010), (2011, 2012)
 
@@ -61,10 +54,7 @@ def test_rounding_at_joints_makes_small_changes_vanish_which_signs_hide(schiphol
     generator = SeasonGenerator(schiphol, TRAINING)
     found = resemblance(generator, seasons=116)
     assert value(found, "size of changes at joints, wind speed") > 1.3 * value(found, "changes at joints")
-    made, real = (
-        generated_seasons(generator, dt.date(2010, 2, 15), 28, 60, 116, 1),
-        real_seasons(generator, dt.date(2010, 2, 15), 28, 60),
-    )
+    made, real = (generated_seasons(generator, dt.date(2010, 2, 15), 28, 60, 116, 1), real_seasons(generator, dt.date(2010, 2, 15), 28, 60))
     joined = made.joints[:, 1:]
     calm = [(change == 0.0).mean() for change in (midnight_changes(made)["wind_speed"][joined], midnight_changes(real)["wind_speed"])]
     numbers, values = generator.real_days()
@@ -106,8 +96,4 @@ def test_a_figure_knows_its_limits() -> None:
     assert not Figure("a", 0.11, None, 0.1).within_limits
     assert not Figure("a", 0.9, 0.93, 1.07).within_limits
     assert Figure("a", 99.0).within_limits
-    assert [Figure("a", 1.0, *limits).limits for limits in ((None, 0.1), (0.93, 1.07), (None, None))] == [
-        "at most 0.1",
-        "0.93 to 1.07",
-        "",
-    ]
+    assert [Figure("a", 1.0, *limits).limits for limits in ((None, 0.1), (0.93, 1.07), (None, None))] == ["at most 0.1", "0.93 to 1.07", ""]

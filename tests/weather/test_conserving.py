@@ -251,11 +251,7 @@ def test_sun_stands_where_the_almanac_says() -> None:
 
 
 def test_what_is_remembered_of_sun_and_clock_changes_no_bit(schiphol: WeatherRecord) -> None:
-    for start, steps in (
-        (dt.date(2010, 3, 20), 96 * 12),
-        (dt.date(2011, 10, 25), 96 * 9),
-        (dt.date(2010, 3, 21), 96 * 12),
-    ):
+    for start, steps in ((dt.date(2010, 3, 20), 96 * 12), (dt.date(2011, 10, 25), 96 * 9), (dt.date(2010, 3, 21), 96 * 12)):
         conserving._sine_in_block.cache_clear()
         preprocessing._offsets_of_day.cache_clear()
         fresh = disturbances(schiphol, start=start, steps=steps, preprocessing="conserving")

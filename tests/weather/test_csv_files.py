@@ -10,12 +10,7 @@ import pytest
 
 from glbench.errors import WeatherError
 from glbench.weather import disturbances, read_csv
-from tests.weather.files import (
-    CSV_COMMENTS,
-    CSV_HEADER,
-    csv_rows,
-    csv_text,
-)
+from tests.weather.files import CSV_COMMENTS, CSV_HEADER, csv_rows, csv_text
 
 
 def csv_file(folder: Path, text: str) -> Path:
@@ -77,49 +72,28 @@ def test_csv_with_measured_sky_temperature_uses_it(tmp_path: Path) -> None:
     ("text", "words"),
     [
         (csv_text([]), "has titles but no values"),
-        (
-            csv_text(csv_rows(2), header=CSV_HEADER.replace("air_", "air")),
-            r"unknown column 'airtemperature \[degC\]'. Did you mean",
-        ),
+        (csv_text(csv_rows(2), header=CSV_HEADER.replace("air_", "air")), r"unknown column 'airtemperature \[degC\]'. Did you mean"),
         (csv_text(csv_rows(2), header=CSV_HEADER.replace("[degC]", "[R]")), r"unknown column 'air_temperature \[R\]'"),
-        (
-            csv_text(csv_rows(2), header=CSV_HEADER.replace("slot_end [UTC]", "cloud_cover [tenths]")),
-            "two columns for cloud_cover",
-        ),
+        (csv_text(csv_rows(2), header=CSV_HEADER.replace("slot_end [UTC]", "cloud_cover [tenths]")), "two columns for cloud_cover"),
         (csv_text(["2020-06-01T01:00,20"]), "2 fields instead of 6"),
         (csv_text(["yesterday,20,70,5,0,4"]), "row 9, column 'slot_end .UTC.': 'yesterday' is not a time such as"),
-        (
-            csv_text(["2020-06-01T01:00,20,wet,5,0,4"]),
-            r"row 9, column 'relative_humidity \[%\]': 'wet' is not a number",
-        ),
+        (csv_text(["2020-06-01T01:00,20,wet,5,0,4"]), r"row 9, column 'relative_humidity \[%\]': 'wet' is not a number"),
         (csv_text(["2020-06-01T01:00,inf,70,5,0,4"]), "row 9, column 'air_temperature .degC.': 'inf' is not a number"),
         (csv_text(["2020-06-01T01:00,,70,5,0,4"]), "row 9: no value for air temperature"),
         (csv_text(["2020-06-01T01:00,20,70,5,-30,4"]), "row 9: global radiation of -30 W/m2 .* is impossible"),
         (csv_text(["2020-06-01T01:02,20,70,5,0,4"]), "covers no whole hour"),
         (csv_text([*csv_rows(1), "2020-06-01T03:00Z,20,70,5,0,4"]), "its rows are 2 h apart"),
-        (
-            csv_text([*csv_rows(2), *csv_rows(1)]),
-            "row 11: the interval ending 2020-06-01 01:00 UTC follows 2020-06-01 02:00 UTC",
-        ),
+        (csv_text([*csv_rows(2), *csv_rows(1)]), "row 11: the interval ending 2020-06-01 01:00 UTC follows 2020-06-01 02:00 UTC"),
         (csv_text([*csv_rows(1), "2020-06-01T02:00,20,70,5,0,4"]), "row 10.*lacks an offset from UTC"),
         (csv_text(csv_rows(2), comments=CSV_COMMENTS[1:4]), "do not give timezone"),
-        (
-            csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# timezon: UTC")),
-            "unknown comment '# timezon: ...'. Did you mean 'timezone'",
-        ),
+        (csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# timezon: UTC")), "unknown comment '# timezon: ...'. Did you mean 'timezone'"),
         (csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# latitude: north")), "'north' for latitude is not a number"),
         (csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# latitude: 152")), "latitude 152.0 deg is impossible"),
         (csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# altitude: 9500")), "altitude 9500.0 m is impossible"),
         (csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# timezone: Mars/Crater")), "'Mars/Crater' is no time zone"),
         (csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# timing wind_speed: gusts")), "must be instant .* or mean"),
-        (
-            csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# timing global_radiation: instant")),
-            "radiation must be a mean",
-        ),
-        (
-            csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# timing air_temperature: mean")),
-            "both be instants or both be means",
-        ),
+        (csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# timing global_radiation: instant")), "radiation must be a mean"),
+        (csv_text(csv_rows(2), comments=(*CSV_COMMENTS, "# timing air_temperature: mean")), "both be instants or both be means"),
     ],
 )
 def test_csv_files_are_refused_in_words(tmp_path: Path, text: str, words: str) -> None:
@@ -127,13 +101,7 @@ def test_csv_files_are_refused_in_words(tmp_path: Path, text: str, words: str) -
         read_csv(csv_file(tmp_path, text))
 
 
-@pytest.mark.parametrize(
-    ("gone", "words"),
-    [
-        ("wind_speed [m/s]", r"missing: wind_speed \[m/s\]"),
-        ("slot_end [UTC]", "no time column"),
-    ],
-)
+@pytest.mark.parametrize(("gone", "words"), [("wind_speed [m/s]", r"missing: wind_speed \[m/s\]"), ("slot_end [UTC]", "no time column")])
 def test_a_csv_without_a_needed_column_is_refused(tmp_path: Path, gone: str, words: str) -> None:
     titles = CSV_HEADER.split(",")
     keep = [i for i, title in enumerate(titles) if title != gone]

@@ -174,13 +174,7 @@ def test_a_mismatch_is_gone_after_a_day(schiphol: WeatherRecord, generator: Seas
 
 
 def test_values_stay_on_the_grid_of_the_record_and_possible(generator: SeasonGenerator) -> None:
-    grid = {
-        "air_temperature": 100,
-        "relative_humidity": 1000,
-        "wind_speed": 1000,
-        "global_radiation": 10_000,
-        "cloud_cover": 1000,
-    }
+    grid = {"air_temperature": 100, "relative_humidity": 1000, "wind_speed": 1000, "global_radiation": 10_000, "cloud_cover": 1000}
     for season in some(generator):
         for name, counts in season.record.counts.items():
             assert counts.dtype == np.int64

@@ -13,13 +13,7 @@ import pytest
 from glbench.errors import WeatherError
 from glbench.weather import load_weather, read_csv, read_weather
 from glbench.weather.knmi import known_stations
-from tests.weather.files import (
-    KNMI_COMMENTS,
-    KNMI_HEADER,
-    knmi_days,
-    knmi_line,
-    knmi_text,
-)
+from tests.weather.files import KNMI_COMMENTS, KNMI_HEADER, knmi_days, knmi_line, knmi_text
 
 read_epw = partial(read_weather, file_format="epw")
 read_knmi = partial(read_weather, file_format="knmi")
@@ -38,12 +32,7 @@ def test_knmi_slots_lie_at_their_times_in_ut(tmp_path: Path) -> None:
     record = read_knmi(knmi_file(tmp_path, knmi_text(knmi_days(DAY, 2))))
     assert record.period == "2019-06-01 00:00 to 2019-06-03 00:00 UTC"
     assert record.name == "uurgeg"
-    assert (record.station, record.latitude, record.longitude, record.altitude) == (
-        "KNMI 240, Schiphol",
-        52.318,
-        4.79,
-        -3.3,
-    )
+    assert (record.station, record.latitude, record.longitude, record.altitude) == ("KNMI 240, Schiphol", 52.318, 4.79, -3.3)
     assert record.timezone == "Europe/Amsterdam"
     frame = record.frame
     # HH 9: T 29 (0.1 degC), U 80, N 4, Q 50 J cm-2 = 138.89 W m-2, FH 50 (0.1 m/s).
@@ -57,14 +46,7 @@ def test_knmi_slots_lie_at_their_times_in_ut(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "header",
-    [
-        KNMI_HEADER,
-        KNMI_HEADER.replace("HH", " H"),
-        KNMI_HEADER.removeprefix("# "),
-        f'"{KNMI_HEADER}"',
-        KNMI_HEADER + "\r\n",
-    ],
+    "header", [KNMI_HEADER, KNMI_HEADER.replace("HH", " H"), KNMI_HEADER.removeprefix("# "), f'"{KNMI_HEADER}"', KNMI_HEADER + "\r\n"]
 )
 def test_knmi_headers_of_every_make_are_read(tmp_path: Path, header: str) -> None:
     record = read_knmi(knmi_file(tmp_path, knmi_text(knmi_days(DAY, 1), header=header)))

@@ -13,12 +13,7 @@ import pytest
 from glbench.errors import WeatherError
 from glbench.weather import Disturbances, WeatherRecord, disturbances, load_weather
 from glbench.weather.paper import day_flags
-from glbench.weather.preprocessing import (
-    co2_density,
-    sky_temperature_from_cloud,
-    sky_temperature_from_infrared,
-    soil_temperature,
-)
+from glbench.weather.preprocessing import co2_density, sky_temperature_from_cloud, sky_temperature_from_infrared, soil_temperature
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 IGLOB, TOUT, VP, CO2, WIND, TSKY, SOIL, RADSUM, DAY, DAYSMOOTH = range(10)

@@ -10,14 +10,7 @@ import pytest
 
 from glbench.errors import UnknownNameError, WeatherError
 from glbench.weather import WeatherRecord, disturbances, read_weather
-from tests.weather.files import (
-    csv_rows,
-    csv_text,
-    knmi_days,
-    knmi_text,
-    write_epw,
-    write_tmy3,
-)
+from tests.weather.files import csv_rows, csv_text, knmi_days, knmi_text, write_epw, write_tmy3
 
 DAY = dt.date(2019, 6, 1)
 

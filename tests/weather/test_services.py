@@ -161,12 +161,7 @@ def test_open_meteo_radiation_is_the_mean_of_the_hour_before(read: Callable[...,
 
 @pytest.mark.parametrize(
     ("units", "temperature", "wind"),
-    [
-        (("°F", "mp/h"), 50.0, 22.369),
-        (("°C", "kn"), 10.0, 19.438),
-        (("°C", "m/s"), 10.0, 10.0),
-        (("°C", "mph"), 10.0, 22.369),
-    ],
+    [(("°F", "mp/h"), 50.0, 22.369), (("°C", "kn"), 10.0, 19.438), (("°C", "m/s"), 10.0, 10.0), (("°C", "mph"), 10.0, 22.369)],
 )
 def test_open_meteo_units_are_converted(
     read: Callable[..., WeatherRecord], units: tuple[str, str], temperature: float, wind: float
@@ -277,10 +272,7 @@ def test_a_typical_year_of_pvgis_in_json_is_the_same(read: Callable[..., Weather
     header = "time(UTC),T2m,RH,G(h),Gb(n),Gd(h),IR(h),WS10m,WD10m,SP"
     body = text.split(header + "\n")[1].split("\n\n")[0]
     rows = [
-        {
-            "time(UTC)": fields[0],
-            **{title: float(field) for title, field in zip(header.split(",")[1:], fields[1:], strict=True)},
-        }
+        {"time(UTC)": fields[0], **{title: float(field) for title, field in zip(header.split(",")[1:], fields[1:], strict=True)}}
         for fields in (line.split(",") for line in body.splitlines())
     ]
     place = {"latitude": 45.0, "longitude": 8.0, "elevation": 250.0, "irradiance_time_offset": 0.25}

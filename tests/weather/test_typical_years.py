@@ -13,11 +13,7 @@ import pytest
 
 from glbench.errors import WeatherError
 from glbench.weather import disturbances, read_weather
-from tests.weather.files import (
-    epw_line,
-    write_epw,
-    write_tmy3,
-)
+from tests.weather.files import epw_line, write_epw, write_tmy3
 
 read_epw = partial(read_weather, file_format="epw")
 read_tmy = partial(read_weather, file_format="tmy")
@@ -192,13 +188,7 @@ def test_sky_infrared_of_0_everywhere_is_missing(tmp_path: Path) -> None:
     path = typical_epw(tmp_path)
     path.write_text(path.read_text().replace(",300.0,", ",0,"))
     record = read_epw(path)
-    assert set(record.counts) == {
-        "air_temperature",
-        "relative_humidity",
-        "wind_speed",
-        "global_radiation",
-        "cloud_cover",
-    }
+    assert set(record.counts) == {"air_temperature", "relative_humidity", "wind_speed", "global_radiation", "cloud_cover"}
     assert "infrared radiation is 0 or missing in every row" in record.notes[0]
     path.write_text(path.read_text().replace(",5,5,10,7777,", ",0,0,10,7777,"))
     record = read_epw(path)

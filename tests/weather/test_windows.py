@@ -105,8 +105,7 @@ def test_a_start_with_a_time_zone_means_that_moment(schiphol: WeatherRecord, pre
 
 
 @pytest.mark.parametrize(
-    ("start", "words"),
-    [(dt.datetime(2010, 3, 28, 2, 30), "skips"), (dt.datetime(2010, 10, 31, 2, 30), "strikes twice")],
+    ("start", "words"), [(dt.datetime(2010, 3, 28, 2, 30), "skips"), (dt.datetime(2010, 10, 31, 2, 30), "strikes twice")]
 )
 def test_hours_that_the_clock_skips_or_repeats_are_refused(schiphol: WeatherRecord, start: dt.datetime, words: str) -> None:
     with pytest.raises(WeatherError, match=f"{words} {start}"):

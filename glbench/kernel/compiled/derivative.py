@@ -310,7 +310,4 @@ class _Reverse:
     def _either(self, condition: int, yes: int, no: int, g: int) -> Parts:
         """The active branch takes the adjoint whole; at a tie it is the one that the value came from."""
         zero = self.graph.constant(0.0)
-        return [
-            (yes, self.graph.make("select", condition, g, zero)),
-            (no, self.graph.make("select", condition, zero, g)),
-        ]
+        return [(yes, self.graph.make("select", condition, g, zero)), (no, self.graph.make("select", condition, zero, g))]

@@ -123,11 +123,7 @@ def _function(head: str, lines: list[str]) -> str:
 
 
 def _entry(
-    name: str,
-    entry: tuple[int, int],
-    terms: list[tuple[str, str]],
-    nonzeros: set[tuple[int, int]],
-    place: dict[tuple[int, int], int],
+    name: str, entry: tuple[int, int], terms: list[tuple[str, str]], nonzeros: set[tuple[int, int]], place: dict[tuple[int, int], int]
 ) -> str:
     """Line that computes one entry of J plus the elimination's sum."""
     text = f"jac[{place[entry]}]" if entry in nonzeros else ""

@@ -203,11 +203,7 @@ def photosynthesis(x: LettuceState, c: CropClimate, p: LettuceParameters) -> Pho
     by_co2 = s_co2 * (co2 + 2 * co2_comp)
     f_phot_max = by_light * s_co2 / (by_light + by_co2 + NO_LIGHT) * (co2 - co2_comp)
     return Photosynthesis(
-        co2_comp=co2_comp,
-        s_car=s_car,
-        s_co2=s_co2,
-        f_phot_max=f_phot_max,
-        f_phot=(1 - exp(-p.c_k * leaf_area_index(x, p))) * f_phot_max,
+        co2_comp=co2_comp, s_car=s_car, s_co2=s_co2, f_phot_max=f_phot_max, f_phot=(1 - exp(-p.c_k * leaf_area_index(x, p))) * f_phot_max
     )
 
 
@@ -225,8 +221,7 @@ def respiration(grown: Growth, x: LettuceState, c: CropClimate, p: LettuceParame
     """Maintenance respiration of shoot and roots, and what growth loses on the way."""
     shoot_and_roots = p.c_resp_sht * (1 - p.c_tau) + p.c_resp_rt * p.c_tau
     return Respiration(
-        f_resp_main=shoot_and_roots * x.x_s * q10_factor(p.q10_resp, c.t_can, 25),
-        f_resp_gr=(1 - p.c_beta) / p.c_beta * grown.f_gr,
+        f_resp_main=shoot_and_roots * x.x_s * q10_factor(p.q10_resp, c.t_can, 25), f_resp_gr=(1 - p.c_beta) / p.c_beta * grown.f_gr
     )
 
 
@@ -239,10 +234,7 @@ def fluxes(x: LettuceState, c: CropClimate, p: LettuceParameters) -> LettuceFlux
 def rates(f: LettuceFluxes, p: LettuceParameters) -> LettuceState:
     """Time derivative of the state [kg m-2 s-1]."""
     ph, gr, re = f
-    return LettuceState(
-        x_n=p.c_alpha * ph.f_phot - gr.f_gr - re.f_resp_gr - re.f_resp_main,
-        x_s=gr.f_gr,
-    )
+    return LettuceState(x_n=p.c_alpha * ph.f_phot - gr.f_gr - re.f_resp_gr - re.f_resp_main, x_s=gr.f_gr)
 
 
 def co2_uptake(f: LettuceFluxes, p: LettuceParameters) -> Expr:

@@ -95,13 +95,7 @@ class Needles:
                     of.append(len(names))
             names.append(name)
         stacked = np.array(windows, dtype=np.float32).reshape(-1, WINDOW)
-        return cls(
-            stacked,
-            np.array(of, dtype=np.int32),
-            tuple(names),
-            frozenset(map(str.encode, digests)),
-            tuple(sorted(set(seeds))),
-        )
+        return cls(stacked, np.array(of, dtype=np.int32), tuple(names), frozenset(map(str.encode, digests)), tuple(sorted(set(seeds))))
 
     def save(self, file: Path) -> None:
         """Write what ``load`` reads."""
@@ -268,17 +262,7 @@ def _on_one_scale(windows: Floats) -> Floats:
     return np.asarray((windows - lowest) / (windows.max(axis=1, keepdims=True) - lowest))
 
 
-_ARCHIVES = (
-    b"PK\x03\x04",
-    b"\x1f\x8b",
-    b"BZh",
-    b"\xfd7zXZ",
-    b"\x28\xb5\x2f\xfd",
-    b"PAR1",
-    b"ARROW1",
-    b"\x89HDF",
-    b"\x93NUMPY",
-)
+_ARCHIVES = (b"PK\x03\x04", b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd", b"PAR1", b"ARROW1", b"\x89HDF", b"\x93NUMPY")
 _DAMAGED: tuple[type[Exception], ...] = (
     OSError, EOFError, ValueError, TypeError, KeyError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error, lzma.LZMAError,
     tarfile.TarError,

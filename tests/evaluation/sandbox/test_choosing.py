@@ -120,11 +120,7 @@ def test_identifying_a_submission_runs_nothing_of_it(write_agent: AgentWriter) -
     submission = identify(path)
 
     assert submission is not None
-    assert (submission.name, submission.digest, submission.information) == (
-        loaded.name,
-        loaded.digest,
-        loaded.information,
-    )
+    assert (submission.name, submission.digest, submission.information) == (loaded.name, loaded.digest, loaded.information)
     path.write_text("raise SystemExit('it was run')", encoding="utf-8")
     assert identify(path) is not None
     assert identify("rule_based") is None

@@ -260,10 +260,7 @@ def test_processes_that_take_memory_together_are_ended(write_agent: AgentWriter,
                 time.sleep(1000)
         time.sleep(1000)
         """
-    result = with_sizes(
-        sandboxed(write_agent(deed(together)), limits=PATIENT),
-        SandboxLimits(memory=512 * MIB),
-    )
+    result = with_sizes(sandboxed(write_agent(deed(together)), limits=PATIENT), SandboxLimits(memory=512 * MIB))
 
     assert ends(result) == [("crashed", 3)] * 3
     assert result.runs[0].reason == "the agent's processes took more than 0.5 GiB of memory together, which is their limit"

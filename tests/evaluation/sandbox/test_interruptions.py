@@ -28,12 +28,7 @@ CODE = (
 @pytest.mark.usefixtures("needs_sandbox")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_an_evaluation_that_is_killed_takes_its_agent_along_and_goes_on_later(
-    day_task_file: Path,
-    write_agent: AgentWriter,
-    sandboxed: Prepare,
-    good_result: Result,
-    tmp_path: Path,
-    how: signal.Signals,
+    day_task_file: Path, write_agent: AgentWriter, sandboxed: Prepare, good_result: Result, tmp_path: Path, how: signal.Signals
 ) -> None:
     more = f"self.calls += 1\n        if self.calls == 2: {LEAVE.strip()}\n        time.sleep(0.1)"
     body = GOOD.replace("self.calls += 1", more)

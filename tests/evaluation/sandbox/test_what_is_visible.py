@@ -68,15 +68,7 @@ for place, folders, files in os.walk("/"):
     assert isinstance(files, list)
 
     base = str(Path(sys.base_prefix).resolve())
-    expected = (
-        "/opt/glbench/",
-        "/dev/",
-        "/etc/ld.so",
-        "/etc/alternatives/",
-        "/nix/store/",
-        base,
-        *map(str, libraries()),
-    )
+    expected = ("/opt/glbench/", "/dev/", "/etc/ld.so", "/etc/alternatives/", "/nix/store/", base, *map(str, libraries()))
     assert "/opt/glbench/glbench/agents/loading.py" in files
     assert [file for file in files if not file.startswith(expected)] == ["/submission/agent_under_test.py"]
     for name in ("weather", "tasks", "reports/released/results", "submissions"):
@@ -122,13 +114,7 @@ def test_a_checkout_in_a_folder_of_the_system_is_covered(monkeypatch: pytest.Mon
     monkeypatch.setattr(visible, "SYSTEM", (*visible.SYSTEM, str(root.parent)))
     identity = identify(write_agent())
     assert identity is not None
-    hidden = (
-        "tasks/lock.toml",
-        "reports/mine/Spring-v1/anna.json",
-        "runs/anna.actions.mcap",
-        "submissions/my_agent.py",
-        "docs/tasks.md",
-    )
+    hidden = ("tasks/lock.toml", "reports/mine/Spring-v1/anna.json", "runs/anna.actions.mcap", "submissions/my_agent.py", "docs/tasks.md")
 
     assert [name for name in hidden if visible.is_visible(root / name, identity)] == []
     assert visible.is_visible(root / "glbench" / "errors.py", identity)
@@ -155,15 +141,7 @@ except Exception as error:
 """,
     )
 
-    assert found in {
-        "UnknownNameError",
-        "NameNotFound",
-        "NamespaceNotFound",
-        "GlbenchError",
-        "WeatherError",
-        "TaskError",
-        "ImportError",
-    }
+    assert found in {"UnknownNameError", "NameNotFound", "NamespaceNotFound", "GlbenchError", "WeatherError", "TaskError", "ImportError"}
 
 
 def test_the_model_can_be_used(write_agent: AgentWriter, sandboxed: Prepare) -> None:
