@@ -171,6 +171,18 @@ def find_results(name: str, tasks: Sequence[str], reports: Path) -> list[StoredR
     return selection
 
 
+def result_file(name: str, task: str | None) -> Path:
+    """The file that ``name`` means: itself, or the result of an agent on a task (the benchmark's), the user's own before a released one.
+
+    Raises ``ResultError`` when the agent has none, ``TaskError`` when there is no such task.
+    """
+    if is_file(name) or Path(name).suffix:
+        return Path(name)
+    spec = task_or_default(task)
+    own = REPORTS / "results" / spec.short_id / f"{name}.json"  # with the record that a released one lacks
+    return own if own.is_file() else find_results(name, [spec.id], REPORTS)[0].path
+
+
 def is_file(name: str) -> bool:
     """Whether ``name`` means a result file, and no agent."""
     return name.endswith(".json") or Path(name).is_file()

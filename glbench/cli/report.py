@@ -13,7 +13,7 @@ import typer
 
 from glbench.cli import console
 from glbench.cli.console import show as show_view
-from glbench.cli.options import REPORTS, AsJson, Out, Workers, is_file, warn_of
+from glbench.cli.options import REPORTS, AsJson, OneTask, Out, Workers, is_file, result_file, warn_of
 from glbench.errors import ResultError, refuse
 from glbench.extras import require
 from glbench.resources import data_package, how_to_get_data, is_released
@@ -103,7 +103,10 @@ def _open(page: Path) -> None:
 
 
 def story(
-    result: Annotated[Path, typer.Argument(metavar="RESULT", help="A result file (.json) with its recorded actions.")],
+    agent: Annotated[
+        str, typer.Argument(metavar="RESULT|AGENT", help="A result file (.json) with its recorded actions, or an agent that has one.")
+    ],
+    task: OneTask = None,
     against: Annotated[
         str | None,
         typer.Option(
@@ -131,6 +134,7 @@ def story(
         refuse("--open opens the page that --page FILE.html writes: give it, too.", ResultError)
     if page is not None:
         require("--page", "report", "jinja2")
+    result = result_file(agent, task)
     other = _other(result, load_result(result), against)
     with console.messages().status("simulating both again"):
         differences = tell_story(result, other, workers or os.cpu_count() or 1)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from glbench.cli.console import messages, print_warning, tell
+from glbench.cli.options import OneTask, result_file
 from glbench.errors import EpisodeError, refuse
 
 if TYPE_CHECKING:
@@ -27,11 +28,13 @@ EPISODE_SUFFIX, ACTIONS_SUFFIX = ".mcap", ".actions.mcap"
 
 def view(
     files: Annotated[
-        list[Path],
+        list[str],
         typer.Argument(
-            metavar="RESULT_OR_FILE", help="Results (.json), of which one run each is shown, or episodes (.mcap); up to six, of one task."
+            metavar="RESULT|AGENT|FILE",
+            help="Results (.json) or agents that have one, of which one run each is shown, or episodes (.mcap); up to six, of one task.",
         ),
     ],
+    task: OneTask = None,
     run: Annotated[str, typer.Option("--run", "-r", help="Which run of each result: best, worst, median, or a seed.")] = "median",
     first_day: Annotated[
         dt.datetime | None,
@@ -59,7 +62,7 @@ def view(
         parse_selection(run)  # has messages of its own for what is no choice at all
         refuse(f"--run {run} does not choose one run of a result. It is best, worst, median, or a seed.", EpisodeError)
     with messages().status("reading the runs"):
-        episodes = [_episode(path, run) for path in files]
+        episodes = [_episode(result_file(name, task), run) for name in files]
         first = None if first_day is None else first_day.date()
         course, words = replace(shown_of(episodes), first_day=first, days=days), provenance_words(episodes)
     if save is not None:

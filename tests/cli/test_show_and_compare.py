@@ -166,3 +166,16 @@ def test_a_short_task_name_is_the_published_one(glbench, tmp_path):
     (folder / "rule_based_fair.json").write_text(json.dumps(document), encoding="utf-8")
     shown = glbench("leaderboard", "--task", TASK, "--out", str(tmp_path), "--json")
     assert {row["task"] for row in json.loads(shown.out)} == {f"glbench/{TASK}"}
+
+
+def test_story_and_view_take_an_agent_by_its_name(here, glbench):
+    (here / "rival.py").write_text((here / "steady.py").read_text(encoding="utf-8"), encoding="utf-8")
+    assert glbench("evaluate", "steady.py", "rival.py", "--task", "day.toml").code == 0
+    done = glbench("story", "steady", "--task", "day.toml", "--against", "rival")
+    assert done.code == 0, done.err
+    assert "rival" in done.out
+    assert glbench("view", "steady", "rival", "--task", "day.toml", "--save", "runs.rrd").code == 0
+    assert (here / "runs.rrd").is_file()
+    unknown = glbench("view", "stedy", "--task", "day.toml", "--save", "none.rrd")
+    assert unknown.code == 1
+    assert "Did you mean 'steady'" in unknown.err
