@@ -66,9 +66,8 @@ class PredictiveSettings(Table):
                 + (f" The baseline {able} has one for {task.model_id}." if able != PREDICTIVE_BASELINES[0] else "")
             )
             raise SubmissionError(msg)
-        if task.actuation.kind not in _PLANNED or task.on_off:
-            what = f"machines that are off or on ({', '.join(task.on_off)})" if task.on_off else "a process computer at the actuators"
-            refuse(f"{task.id} has {what}. Predictive control plans single controls that move continuously.", SubmissionError)
+        if task.actuation.kind not in _PLANNED:
+            refuse(f"{task.id} has a process computer at the actuators. Predictive control plans single controls.", SubmissionError)
 
     def controller(self, task: TaskSpec) -> PredictiveController:
         """A controller for a task. Raises ``SubmissionError`` as for ``check``, or when it cannot be planned for."""
@@ -131,13 +130,14 @@ class _Steering:
     """The controls in force in some runs, as they follow from the actions that were taken."""
 
     def __init__(self, task: TaskSpec, runs: int) -> None:
-        self._task, self._move = task, make_actuation(task)
+        self._task, self._move = task, None if task.on_off else make_actuation(task)
         self.controls = np.zeros((runs, len(task.model_value.controls)))
 
     def towards(self, controls: Floats) -> Floats:
         """Actions that bring about controls ``(runs, controls)``, of which the scheduled ones come about by themselves."""
         actions = actions_of(self._task, self.controls, controls)
-        self.controls = np.clip(self._move(self.controls, actions), 0.0, 1.0)
+        # Plans keep to the loads and hold times of machines, so what is planned for these comes about.
+        self.controls = controls.copy() if self._move is None else np.clip(self._move(self.controls, actions), 0.0, 1.0)
         self.controls[:, [*self._task.scheduled_places.values()]] = controls[:, [*self._task.scheduled_places.values()]]
         return actions
 

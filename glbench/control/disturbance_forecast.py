@@ -17,6 +17,7 @@ A run may be in another year than that of the task's dates, with other weekdays.
 from __future__ import annotations
 
 import datetime as dt
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glbench.control.climatology import CLEARNESS, CO2, HUMIDITY, TEMPERATURE, WIND, Climatology, WeatherObservation
 from glbench.control.observation_model import ObservationModel, checked_observations, refuse_missing
+from glbench.control.price_forecast import PriceForecast
 from glbench.control.scenario import with_schedule
 from glbench.env.actuation import run_calendar
 from glbench.env.forecast import HOUR
@@ -48,6 +50,7 @@ _UNUSED = ("dayRadSum", "isDay", "isDaySmooth")
 _BRIGHTEST = 1.1
 """Radiation is at most so much of that under a clear sky."""
 _DRIEST = 5.0
+_SUN_AND_WIND = [MEASURED.index("global_radiation"), MEASURED.index("wind_speed")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +169,7 @@ class Outlook:
         if first:
             self._begin = self._start_times(observed)
             self._k, self._observed = 0, observed
+            self._prices = PriceForecast(self.task, self._names, self.climatology.clock, self._begin)
         # With the timing "published" the weather shown is that of the step just past.
         lag = 1 if self._late and not first else 0
         observed[:, self._weather] /= self._middles
@@ -178,8 +182,9 @@ class Outlook:
         if self._controls is not None and not first and (self._weekdays.sum(axis=1) > 1).any():
             controls = self._controls.controls(observed)
             for later in range(len(WEEKDAYS)):
-                expected = with_schedule(self.task, controls[:, None], self._calendar(np.array([-1, 0]), np.full(self._n, later)))[:, 0]
+                expected = with_schedule(self.task, controls[:, None], self._calendar(np.array([-1, 0]), np.full(self._n, later), {}))[:, 0]
                 self._weekdays[:, later] &= ~(np.abs(controls - expected) > 1e-3).any(axis=1)  # NaN says nothing
+        self._prices.update(self._k, observed, observed[:, self._weather][:, _SUN_AND_WIND])
         before = self._now
         self._now = self._rows(1 - self._lag)[:, 0]
         self.past = self._now if self._late or self._k == 0 else before
@@ -196,10 +201,16 @@ class Outlook:
         if self._k < 0:
             msg = "Nothing was observed yet: call update(observations) first."
             raise TaskError(msg)
-        return Ahead(self._rows(steps), self._calendar(np.arange(steps + 1), self._weekdays.argmax(axis=1)))
+        prices = {}
+        if self._prices.tables and steps > 0:
+            prices = self._prices.ahead(self._k, self._values(np.arange(steps) + self._lag)[0][..., _SUN_AND_WIND])
+        return Ahead(self._rows(steps), self._calendar(np.arange(steps + 1), self._weekdays.argmax(axis=1), prices))
 
-    def _calendar(self, lags: NDArray[np.int64], later: NDArray[np.intp]) -> Floats:
-        """Calendar so many steps from now ``(n, lags, columns)``, with weekdays that are ``later`` ``(n,)`` than the dates'."""
+    def _calendar(self, lags: NDArray[np.int64], later: NDArray[np.intp], expected: Mapping[str, Floats]) -> Floats:
+        """Calendar so many steps from now ``(n, lags, columns)``, with weekdays that are ``later`` ``(n,)`` than the dates'.
+
+        Prices of tables that follow a market are ``expected``; without, those of a day without sun.
+        """
         k = self._k + lags
         utc = (self._begin[:, None] + k * self._step).astype(np.int64)
         clock = self.climatology.clock
@@ -207,8 +218,10 @@ class Outlook:
         hour = (local % 86400) / 3600.0
         begin = local.astype("datetime64[s]").astype("datetime64[Y]").astype("datetime64[s]").astype(np.int64)
         moments = utc.astype("datetime64[s]").ravel()
-        tables = self.task.price_tables.values()
-        prices = [table.values(moments, hour.ravel()).reshape(hour.shape) for table in tables]
+        prices = [
+            expected[name] if name in expected else table.values(moments, hour.ravel()).reshape(hour.shape)
+            for name, table in self.task.price_tables.items()
+        ]
         applies = schedule_rows(self.task.schedule, local.astype("datetime64[s]").ravel(), later.repeat(len(lags)))
         columns = np.stack([hour, (local - begin) / 86400.0, *prices, *applies.T.reshape(-1, *hour.shape)], axis=-1)
         return run_calendar(self.task, columns, k)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.control.delivery import Delivery
+from glbench.control.machines import Machines, Switched
 from glbench.control.scenario import with_schedule
 from glbench.control.season import EndValue, money_in_reward
 from glbench.control.stage import StageReward, judged_at_the_end, with_constraints
@@ -148,12 +149,14 @@ class PredictiveController:
         self._jacobians, self._slots = np.zeros(0), np.arange(0)
         self._renewed = np.zeros(self._runs, dtype=np.bool_)
         self._plan = np.zeros((self._runs, 0, len(self._high)))
+        self._machines, self._before = Machines(self.task, self._runs), np.zeros((self._runs, len(self._high)))
         if controls is not None:
             first = np.asarray(controls, dtype=np.float64)
             if first.ndim not in (2, 3) or first.shape[-1] != len(self._high) or first.shape[:-2] not in ((), (self._runs,)):
                 msg = f"The first controls are (steps, {len(self._high)}), for each run or for all {self._runs}; got {first.shape}."
                 raise ShapeError(msg)
             self._plan = np.array(np.broadcast_to(first, (self._runs, *first.shape[-2:])))
+        self._relaxed = self._plan
 
     @property
     def plan(self) -> Floats:
@@ -219,7 +222,7 @@ class PredictiveController:
             place = self._at + step
             while place >= self._plan.shape[1] and place >= day:
                 place -= day
-            start[:, step] = self._plan[:, min(place, self._plan.shape[1] - 1)]
+            start[:, step] = self._relaxed[:, min(place, self._plan.shape[1] - 1)]
         plan = self._feasible(start, before, dates)
         end = np.zeros((self._runs, self._states))
         if self._end_value is not None and days_left is not None:
@@ -236,11 +239,20 @@ class PredictiveController:
         self._renewed[:] = False
         usable = np.isfinite(states).all(axis=1) & np.isfinite(before).all(axis=1)
         rows = np.flatnonzero(usable)
-        for first in range(0, len(rows), _TOGETHER):
-            some = rows[first : first + _TOGETHER]
-            for _ in range(self._iterations if self._decisions else self._first_iterations):
-                some = self._improve(plan, some, states, before, weather, parameters, dates, end, delivery)
-            self._renewed[some] = True
+
+        def improve(plan: Floats, iterations: int, switched: Switched | None = None) -> None:
+            for first in range(0, len(rows), _TOGETHER):
+                some = rows[first : first + _TOGETHER]
+                for _ in range(iterations):
+                    some = self._improve(plan, some, states, before, weather, parameters, dates, end, delivery, switched)
+                self._renewed[some] = True
+
+        improve(plan, self._iterations if self._decisions else self._first_iterations)
+        self._relaxed, self._before = plan, before
+        if self._machines.columns.size:
+            switched = self._machines.near(plan, before, self._machines.since)
+            plan = self._feasible(self._machines.at_full_load(plan), before, dates, switched)
+            improve(plan, self._iterations, switched)
         self._plan, self._at, self._decisions = plan, 0, self._decisions + 1
         return self.follow()
 
@@ -256,7 +268,10 @@ class PredictiveController:
             msg = f"The plan has {self._plan.shape[1]} steps, and all are taken: decide makes another one."
             raise ShapeError(msg)
         self._at, self._steps_done = self._at + 1, self._steps_done + 1
-        return self._plan[:, self._at - 1].copy()
+        controls = self._plan[:, self._at - 1].copy()
+        self._machines.follow(self._before, controls)
+        self._before = controls
+        return controls.copy()
 
     def _improve(
         self,
@@ -269,6 +284,7 @@ class PredictiveController:
         calendar: Floats,
         end: Floats,
         delivery: Delivery | None,
+        switched: Switched | None,
     ) -> Rows:
         """One iteration on some rows of ``plan``, in place; gives those that can be improved further."""
 
@@ -283,18 +299,19 @@ class PredictiveController:
             sold = self._profit.gradient(linearisation.x[:, -2:], u[:, -1:], dates[:, -2:])[1].after[:, 0]
             worth = worth - money_in_reward(self._near) * sold
         region = self._radius[rows, None, None] * radius_shares(self._smooth, linearisation)
+        machines = None if switched is None else switched[rows]
         move = trust_region_step(
             self._smooth,
             linearisation,
             u,
             dates,
             region,
-            lambda controls: self._feasible(controls, u0, dates),
+            lambda controls: self._feasible(controls, u0, dates, machines),
             steps=self._ascent_steps,
             end=worth,
             delivery=None if delivery is None else delivery.of_rows(rows),
         )
-        candidates = np.stack([self._feasible(u + share * move, u0, dates) for share in LENGTHS], axis=1)
+        candidates = np.stack([self._feasible(u + share * move, u0, dates, machines) for share in LENGTHS], axis=1)
         controls = np.stack([_delivered(candidates[:, place], delivery, rows) for place in range(len(LENGTHS))], axis=1)
         ends = self._rollouts(controls, x[rows], d[rows], _of(p, rows))
         earned = self._stage(ends, controls, np.repeat(dates[:, None], len(LENGTHS), axis=1)).reward.sum(axis=-1)
@@ -342,8 +359,9 @@ class PredictiveController:
                 row, length = np.delete(row, failed.horizon), np.delete(length, failed.horizon)
         return states
 
-    def _feasible(self, controls: Floats, before: Floats, calendar: Floats) -> Floats:
-        return with_schedule(self.task, feasible(controls, before, self._high, self.task.actuation.max_change), calendar)
+    def _feasible(self, controls: Floats, before: Floats, calendar: Floats, switched: Switched | None = None) -> Floats:
+        within = feasible(controls, before, self._high, self.task.actuation.max_change)
+        return with_schedule(self.task, self._machines.within(within, controls, before, switched), calendar)
 
     def _checked(
         self, x: ArrayLike, u_before: ArrayLike, d: ArrayLike, p: ArrayLike, calendar: ArrayLike

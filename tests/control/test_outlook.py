@@ -80,25 +80,6 @@ def test_the_calendar_is_that_of_the_run(task_id: str) -> None:
             np.testing.assert_allclose(found[run], calendars[run][k : k + 97], rtol=0, atol=1e-9)
 
 
-def test_of_a_market_the_calendar_has_what_the_clock_says_and_not_the_prices_that_are_shown() -> None:
-    given = watched("WinterLED-v1")
-    outlook = Outlook(given.task, climatology("WinterLED-v1"))
-    outlook.reset(2)
-    outlook.update(given.seen[0])
-    column = 2 + list(given.task.price_tables).index("power")
-    shown = [one.name for one in given.task.observed()].index("price_power")
-    found = outlook.ahead(96).calendar
-    true = np.array([Scenario.of(given.task, seed).calendar[:97] for seed in given.seeds])
-    market = given.task.price_tables["power"].market
-    assert market is not None
-    hours = found[..., 0].astype(int) % 24
-    by_day = [market.level * (np.array(market.shape)[hours] + weekend) for weekend in (0.0, market.weekend)]
-    assert np.min([np.abs(found[..., column] - price) for price in by_day], axis=0).max() < 1e-9
-    assert given.seen[0][:, shown] == pytest.approx(true[:, 0, column], rel=1e-6)
-    assert (np.abs(found - true)[..., column].mean(axis=1) > 0.01).all()  # EUR kWh-1
-    assert np.abs(np.delete(found - true, column, axis=-1)).max() < 1e-9
-
-
 def test_summer_time_begins_in_the_calendar_too() -> None:
     task = get_task("SpringMismatch-v1").replace(
         {"id": "my/March-v1", "weather.start": "2010-03-26", "weather.days": 4, "scenario.start_within_days": 0}
@@ -324,3 +305,20 @@ def test_a_reading_that_cannot_be_missing_is_named() -> None:
     seen[1, 0, names.index("wind_speed")] = np.inf
     with pytest.raises(TaskError, match=r"'wind_speed' in row 0 of the observations of my/Short-v1 is infinite"):
         outlook.update(seen[1])
+
+def test_prices_of_a_market_are_known_until_midnight_and_then_follow_sun_wind_and_the_last_price() -> None:
+    given = watch(short("WinterLED-v1", 5).chosen_on, 2)
+    outlook = Outlook(given.task, climatology("WinterLED-v1"))
+    outlook.reset(2)
+    column = 2 + list(given.task.price_tables).index("power")
+    prices = np.stack([Scenario.of(given.task, seed).calendar[:, column] for seed in given.seeds])
+    ours, clock = [], []
+    for k, shown in enumerate(given.seen[: given.task.steps - 96]):
+        outlook.update(shown)
+        ahead, true = outlook.ahead(96).calendar[:, :, column], prices[:, k : k + 97]
+        np.testing.assert_allclose(ahead[:, 0], true[:, 0], rtol=1e-6)
+        if k % 96 == 0:  # at midnight the hours 1 to 6 of the day are shown
+            np.testing.assert_allclose(ahead[:, :28], true[:, :28], rtol=1e-6)
+        ours.append(ahead - true)
+        clock.append(true - true.mean())
+    assert np.mean(np.array(ours)[:, :, 48] ** 2) < 0.5 * np.mean(np.array(clock)[:, :, 48] ** 2)

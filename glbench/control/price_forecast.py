@@ -1,0 +1,129 @@
+"""Prices of power markets in the hours to come: as they are known, and else as sun, wind and the last known price let expect.
+
+A market's price less what hour, weekday, sun and wind explain (``glbench.tasks.prices``) is an autocorrelated path. It is known in hours
+whose price was shown, between them it is interpolated, and after them it fades. The weather of hours to come is that of an outlook.
+
+The weekday of a run is learnt from its prices, because its year may be another than that of the task's dates: each of the seven is as
+likely as the steps of the path that follow from it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.tasks.prices import RADIATION, SHAPE, WIND
+from glbench.weather.preprocessing import utc_offsets
+
+if TYPE_CHECKING:
+    from glbench.tasks import TaskSpec
+
+Floats = NDArray[np.float64]
+
+_HOUR, _DAY = 3600, 86400
+_BEYOND = 48
+"""Hours after the season for which there is room: as far as is planned ahead at its end."""
+_ERROR = 0.1
+"""Standard deviation of what readings of sun and wind get wrong about an hour's share of the level."""
+
+
+class PriceForecast:
+    """Prices that follow a market, in n runs of a task that begin at the times ``begin`` ``(n,)`` [s since 1970]."""
+
+    def __init__(self, task: TaskSpec, names: list[str], clock: str, begin: Floats) -> None:
+        self.tables = {name: table for name, table in task.price_tables.items() if table.market is not None}
+        self._clock, self._step = clock, int(task.step_seconds)
+        self._first = begin.astype(np.int64) // _HOUR  # hour of the first step
+        hours = self._first[:, None] + np.arange(int(task.steps * task.step_seconds) // _HOUR + _BEYOND)
+        local = hours * _HOUR + utc_offsets(hours * _HOUR, clock)
+        self._days, self._hour_of_day = local // _DAY, local % _DAY // _HOUR
+        self._markets = {table.source or name: table.market for name, table in self.tables.items() if table.market is not None}
+        self._columns = {
+            market: {0: names.index(f"price_{market}")}
+            | {hour: names.index(f"price_{market}_in_{hour}h") for hour in range(1, 25) if f"price_{market}_in_{hour}h" in names}
+            for market in self._markets
+            if f"price_{market}" in names
+        }
+        self._prices = {market: np.full(hours.shape, np.nan) for market in self._markets}
+        self._weather = np.full((*hours.shape, 2), np.nan)  # mean radiation and wind of hours, as far as they were seen
+        self._likely = {market: np.zeros((len(begin), 7)) for market in self._markets}  # log-likelihood of the weekdays
+
+    def update(self, k: int, observed: Floats, weather: Floats) -> None:
+        """Take in what is shown at the start of step ``k`` ``(n, columns)``, and its radiation and wind [W m-2, m s-1] ``(n, 2)``."""
+        if not self.tables:
+            return
+        runs = np.arange(len(observed))
+        place = k * self._step // _HOUR + np.zeros(len(observed), np.int64)
+        new = k == 0 or (k - 1) * self._step // _HOUR < place[0]
+        count = (k * self._step % _HOUR) // self._step
+        self._weather[runs, place] = weather if new else (self._weather[runs, place] * count + weather) / (count + 1)
+        for market, columns in self._columns.items():
+            for ahead, column in columns.items():
+                known = (self._days[runs, place + ahead] == self._days[runs, place]) & np.isfinite(observed[:, column])
+                self._prices[market][runs[known], place[known] + ahead] = observed[known, column]
+            if new and place[0] > 1:
+                self._learn_weekday(market, int(place[0]) - 1)
+
+    def _learn_weekday(self, market: str, hour: int) -> None:
+        """Weigh the seven weekdays by the step of the path to an hour that is over."""
+        table = self._markets[market]
+        there = slice(hour - 1, hour + 1)
+        rest = self._rest(market, self._weather[:, there], there)[..., None] - table.weekend * self._weekends(there)
+        step = rest[:, 1] - table.persistence * rest[:, 0]
+        spread = table.spread**2 * (1.0 - table.persistence**2) + _ERROR**2
+        self._likely[market] -= np.nan_to_num(step**2) / (2.0 * spread)
+
+    def _weekends(self, hours: slice) -> Floats:
+        """Whether hours are of a weekend, 1 or 0, if their dates are so many weekdays early ``(n, hours, 7)``."""
+        return ((self._days[:, hours, None] + 3 + np.arange(7)) % 7 >= 5).astype(np.float64)
+
+    def _rest(self, market: str, weather: Floats, hours: slice) -> Floats:
+        """What shape, sun and wind leave of prices, as a share of the level ``(n, hours)``; NaN where the price is not known."""
+        return self._prices[market][:, hours] / self._markets[market].level - self._explained(market, weather, hours)
+
+    def _explained(self, market: str, weather: Floats, hours: slice) -> Floats:
+        table = self._markets[market]
+        shape = np.array(table.shape or SHAPE)[self._hour_of_day[:, hours]]
+        explained: Floats = shape - table.sun * (weather[..., 0] / RADIATION) - table.wind * ((weather[..., 1] - WIND) / WIND)
+        return explained
+
+    def ahead(self, k: int, weather: Floats) -> dict[str, Floats]:
+        """Prices of every table that follows a market, in the steps from ``k`` on and at the end of the last ``(n, T + 1)``.
+
+        ``weather`` is the radiation and wind expected in these steps ``(n, T, 2)``.
+        """
+        n, steps = weather.shape[:2]
+        first = k * self._step // _HOUR
+        place = (k + np.arange(steps + 1)) * self._step // _HOUR - first
+        hours = slice(first, first + int(place[-1]) + 1)
+        mean = np.full((n, int(place[-1]) + 1, 2), np.nan)
+        starts = np.flatnonzero(np.diff(place[:-1], prepend=-1))
+        mean[:, : len(starts)] = np.add.reduceat(weather, starts, axis=1) / np.diff([*starts, steps])[:, None]
+        mean[:, len(starts) :] = mean[:, [len(starts) - 1]]
+        mean[:, 0] = np.where(np.isnan(self._weather[:, first]), mean[:, 0], self._weather[:, first])
+        expected = {market: self._expected(market, mean, hours)[:, place] for market in self._markets}
+        tables = self.tables.items()
+        return {name: expected[table.source or name] * table.times + table.plus for name, table in tables}
+
+    def _expected(self, market: str, weather: Floats, hours: slice) -> Floats:
+        """Prices of hours, the first of which is now ``(n, hours)``."""
+        table, prices, likely = self._markets[market], self._prices[market][:, hours], self._likely[market]
+        share = np.exp(likely - likely.max(axis=1, keepdims=True))
+        share /= share.sum(axis=1, keepdims=True)
+        explained = self._explained(market, weather, hours) + table.weekend * (self._weekends(hours) * share[:, None]).sum(axis=-1)
+        path = _faded(prices / table.level - explained, table.persistence)
+        expected = np.clip(table.level * (explained + path), table.lowest, table.highest)
+        return np.where(np.isnan(prices), expected, prices)
+
+
+def _faded(path: Floats, persistence: float) -> Floats:
+    """A path ``(n, hours)`` whose missing values are interpolated, fade after the last one, and are 0 where there is none."""
+    hours = np.arange(path.shape[1])
+    filled = np.zeros_like(path)
+    for run, row in enumerate(path):
+        known = np.flatnonzero(np.isfinite(row))
+        if known.size:
+            filled[run] = np.interp(hours, known, row[known]) * persistence ** np.maximum(hours - known[-1], 0)
+    return filled
