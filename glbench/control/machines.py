@@ -1,8 +1,8 @@
-"""Machines that are off or on in plans: schedules near relaxed ones, and loads that a schedule allows.
+"""Machines that are off or on in plans: schedules near relaxed plans, and the loads that a schedule allows.
 
 A plan is made twice. Relaxed, a machine may run at any load from 0 to 1. Then a schedule follows the relaxed loads as closely as the hold
-times allow (``near``): sum-up rounding, which keeps the difference of the two sums small at every moment. With the machine off and on as
-in the schedule, the loads and all other controls are planned anew (``loads``).
+times allow: sum-up rounding, which keeps the difference of the two sums small at every moment. With machines off and on as scheduled, their
+loads and all other controls are planned anew.
 
 Where a machine runs, its load moves by at most ``max_change`` in a step, from ``lowest`` when it starts to ``lowest`` when it stops, as
 the actuation of a task moves it.
@@ -12,20 +12,33 @@ Source: Sager, Jung and Kirches (2011), Combinatorial integral approximation, Ma
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.control.trust_region import feasible
 from glbench.env.actuation import LONG_AGO, hold_steps
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
-Switched = NDArray[np.bool_]
 
 _TIE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """When machines run: the lowest and the highest load in each step ``(..., T, m)``, both 0 where one is off."""
+
+    low: Floats
+    high: Floats
+
+    def of_rows(self, rows: NDArray[np.intp] | int) -> Schedule:
+        """The schedule of some runs."""
+        return Schedule(self.low[rows], self.high[rows])
 
 
 class Machines:
@@ -35,8 +48,6 @@ class Machines:
     ----------
     columns
         Of them among the controls ``(m,)``.
-    lowest
-        Load at which each runs at least ``(m,)``.
     since
         Steps since each was switched ``(runs, m)``.
     """
@@ -44,38 +55,51 @@ class Machines:
     def __init__(self, task: TaskSpec, runs: int = 1) -> None:
         names = task.model_value.control_names
         self.columns = np.array([names.index(name) for name in task.on_off], np.intp)
-        self.lowest = np.array([machine.lowest for machine in task.on_off.values()])
-        self._hold = np.array([int(np.ceil(hold_steps(task, machine) - _TIE)) for machine in task.on_off.values()])
-        self._change = task.actuation.max_change
         self.since = np.full((runs, len(self.columns)), LONG_AGO)
+        self._lowest = np.array([machine.lowest for machine in task.on_off.values()])
+        self._hold = np.array([max(int(np.ceil(hold_steps(task, machine) - _TIE)), 1) for machine in task.on_off.values()], np.intp)
+        self._change = task.actuation.max_change
 
     def follow(self, before: Floats, controls: Floats) -> None:
         """Count a step in which controls ``(runs, c)`` follow those ``before``."""
         switched = (before[:, self.columns] > 0.0) != (controls[:, self.columns] > 0.0)
         self.since = np.where(switched, 1.0, self.since + 1.0)
 
-    def near(self, relaxed: Floats, before: Floats, since: Floats) -> Switched:
-        """Schedules near relaxed controls ``(n, T, c)``: whether each machine runs in each step ``(n, T, m)``.
+    def near(self, relaxed: Floats, before: Floats, since: Floats) -> Schedule:
+        """The schedule near relaxed controls ``(n, T, c)``.
 
-        ``before`` are the controls in force ``(n, c)``, and ``since`` the steps since each machine was switched ``(n, m)``.
+        In each step a machine should run if the load that it owes, with what is wanted until it may be switched again, is more than half of
+        what it would then have run. ``before`` are the controls in force ``(n, c)``; ``since`` ``(n, m)`` is as the attribute.
         """
-        wanted = relaxed[..., self.columns]
-        runs, windows = np.zeros(wanted.shape, np.bool_), np.maximum(self._hold, 1)
-        sums = np.cumsum(np.concatenate([np.zeros_like(wanted[:, :1]), wanted], axis=1), axis=1)
-        load, owing, places = before[:, self.columns].copy(), np.zeros(since.shape), np.arange(len(windows))
-        for step in range(wanted.shape[1]):
-            ends = np.minimum(step + windows, wanted.shape[1])
-            coming = sums[:, ends, places] - sums[:, step]
-            more = owing + coming > 0.5 * (ends - step)
-            running, may = load > 0.0, since >= self._hold
-            starts, stops = ~running & more & may, running & ~more & may & (load <= self.lowest + _TIE)
-            slower = np.maximum(load - self._change, self.lowest)
-            changed = np.where(more, np.minimum(load + self._change, 1.0), slower)
-            load = np.where(starts, self.lowest, np.where(running & ~stops, changed, 0.0))
-            owing += wanted[:, step] - load
-            since = np.where(starts | stops, 1.0, since + 1.0)
-            runs[:, step] = load > 0.0
-        return runs
+        wanted, places = relaxed[..., self.columns], np.arange(len(self._hold))
+        steps, load = wanted.shape[1], before[:, self.columns]
+        sums = np.concatenate([np.zeros_like(wanted[:, :1]), np.cumsum(wanted, axis=1)], axis=1)
+        low, high = np.zeros(wanted.shape), np.zeros(wanted.shape)
+        least, most, owed = load, load, np.zeros(since.shape)
+        for step in range(steps):
+            ends = np.minimum(step + self._hold, steps)
+            wants = owed + sums[:, ends, places] - sums[:, step] > 0.5 * (ends - step)
+            running, free = load > 0.0, since >= self._hold
+            stops = running & ~wants & free & (load <= self._lowest + _TIE)
+            runs = (running & ~stops) | (~running & wants & free)
+            since = np.where(runs == running, since + 1.0, 1.0)
+            slower, faster = (self._moved(load, change, runs) for change in (-self._change, self._change))
+            load, least, most = (
+                np.where(wants, faster, slower),
+                self._moved(least, -self._change, runs),
+                self._moved(most, self._change, runs),
+            )
+            owed = owed + wanted[:, step] - load
+            low[:, step], high[:, step] = least, most
+        for step in range(steps - 2, -1, -1):  # as low as it has to be to stop in time
+            after = np.where(high[:, step + 1] > 0.0, high[:, step + 1] + self._change, self._lowest)
+            high[:, step] = np.minimum(high[:, step], after)
+        return Schedule(np.minimum(low, high), high)
+
+    def _moved(self, load: Floats, change: float, runs: NDArray[np.bool_]) -> Floats:
+        """Load after a step: changed as far as it goes, the lowest where a machine starts, 0 where it does not run."""
+        moved = np.clip(load + change, self._lowest, 1.0)
+        return np.where(runs, np.where(load > 0.0, moved, self._lowest), 0.0)
 
     def at_full_load(self, controls: Floats) -> Floats:
         """Controls ``(..., T, c)`` with all machines at full load: where plans with a schedule begin."""
@@ -83,37 +107,20 @@ class Machines:
         controls[..., self.columns] = 1.0
         return controls
 
-    def within(self, controls: Floats, wanted: Floats, before: Floats, switched: Switched | None) -> Floats:
-        """Controls ``(..., T, c)`` with machines as ``wanted``: at any load from 0 to 1, or as a schedule allows."""
-        if not self.columns.size:
-            return controls
-        controls = controls.copy()
-        controls[..., self.columns] = np.clip(wanted[..., self.columns], 0.0, 1.0)
-        return controls if switched is None else self.loads(controls, before, switched)
-
-    def loads(self, controls: Floats, before: Floats, switched: Switched) -> Floats:
-        """Controls ``(..., T, c)`` with the loads that schedules ``(..., T, m)`` allow: 0, or from ``lowest`` up, with ramps at both ends.
+    def within(self, controls: Floats, wanted: Floats, before: Floats, schedule: Schedule | None) -> Floats:
+        """Controls ``(..., T, c)`` with the machines as ``wanted``: at any load from 0 to 1, or at those that a schedule allows.
 
         ``before`` are the controls in force ``(..., c)``.
         """
-        steps, most = switched.shape[-2], np.ones(switched.shape)
-        load = before[..., self.columns]
-        for step in range(steps):
-            load = np.where(switched[..., step, :], np.where(load > 0.0, np.minimum(load + self._change, 1.0), self.lowest), 0.0)
-            most[..., step, :] = load
-        least = before[..., self.columns]
-        low = np.zeros(switched.shape)
-        for step in range(steps):
-            least = np.where(switched[..., step, :], np.maximum(least - self._change, self.lowest), 0.0)
-            low[..., step, :] = least
-        for step in range(steps - 2, -1, -1):
-            after = np.where(switched[..., step + 1, :], most[..., step + 1, :] + self._change, self.lowest)
-            most[..., step, :] = np.minimum(most[..., step, :], after)
-        controls = controls.copy()
-        load = np.clip(controls[..., self.columns], low, np.maximum(most, low))
-        before_load = before[..., self.columns]
-        for step in range(steps):
-            moved = np.clip(load[..., step, :], before_load - self._change, before_load + self._change)
-            load[..., step, :] = before_load = np.where(switched[..., step, :] & (before_load > 0.0), moved, load[..., step, :])
-        controls[..., self.columns] = load
+        if not self.columns.size:
+            return controls
+        controls, loads = controls.copy(), np.clip(wanted[..., self.columns], 0.0, 1.0)
+        if schedule is not None:
+            # Off lies one change below the lowest load; loads between limits that move little enough stay there.
+            off = self._lowest - self._change
+            loads = np.where(schedule.high > 0.0, np.clip(loads, schedule.low, schedule.high), off)
+            load = before[..., self.columns]
+            loads = feasible(loads, np.where(load > 0.0, load, off), np.ones(len(off)), self._change)
+            loads = np.clip(loads, schedule.low, schedule.high)
+        controls[..., self.columns] = loads
         return controls

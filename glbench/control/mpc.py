@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from glbench.control.delivery import Delivery
-from glbench.control.machines import Machines, Switched
+from glbench.control.machines import Machines, Schedule
 from glbench.control.scenario import with_schedule
 from glbench.control.season import EndValue, money_in_reward
 from glbench.control.stage import StageReward, judged_at_the_end, with_constraints
@@ -240,19 +240,19 @@ class PredictiveController:
         usable = np.isfinite(states).all(axis=1) & np.isfinite(before).all(axis=1)
         rows = np.flatnonzero(usable)
 
-        def improve(plan: Floats, iterations: int, switched: Switched | None = None) -> None:
+        def improve(plan: Floats, iterations: int, schedule: Schedule | None = None) -> None:
             for first in range(0, len(rows), _TOGETHER):
                 some = rows[first : first + _TOGETHER]
                 for _ in range(iterations):
-                    some = self._improve(plan, some, states, before, weather, parameters, dates, end, delivery, switched)
+                    some = self._improve(plan, some, states, before, weather, parameters, dates, end, delivery, schedule)
                 self._renewed[some] = True
 
         improve(plan, self._iterations if self._decisions else self._first_iterations)
         self._relaxed, self._before = plan, before
         if self._machines.columns.size:
-            switched = self._machines.near(plan, before, self._machines.since)
-            plan = self._feasible(self._machines.at_full_load(plan), before, dates, switched)
-            improve(plan, self._iterations, switched)
+            schedule = self._machines.near(plan, before, self._machines.since)
+            plan = self._feasible(self._machines.at_full_load(plan), before, dates, schedule)
+            improve(plan, self._iterations, schedule)
         self._plan, self._at, self._decisions = plan, 0, self._decisions + 1
         return self.follow()
 
@@ -284,7 +284,7 @@ class PredictiveController:
         calendar: Floats,
         end: Floats,
         delivery: Delivery | None,
-        switched: Switched | None,
+        schedule: Schedule | None,
     ) -> Rows:
         """One iteration on some rows of ``plan``, in place; gives those that can be improved further."""
 
@@ -299,19 +299,19 @@ class PredictiveController:
             sold = self._profit.gradient(linearisation.x[:, -2:], u[:, -1:], dates[:, -2:])[1].after[:, 0]
             worth = worth - money_in_reward(self._near) * sold
         region = self._radius[rows, None, None] * radius_shares(self._smooth, linearisation)
-        machines = None if switched is None else switched[rows]
+        switched = None if schedule is None else schedule.of_rows(rows)
         move = trust_region_step(
             self._smooth,
             linearisation,
             u,
             dates,
             region,
-            lambda controls: self._feasible(controls, u0, dates, machines),
+            lambda controls: self._feasible(controls, u0, dates, switched),
             steps=self._ascent_steps,
             end=worth,
             delivery=None if delivery is None else delivery.of_rows(rows),
         )
-        candidates = np.stack([self._feasible(u + share * move, u0, dates, machines) for share in LENGTHS], axis=1)
+        candidates = np.stack([self._feasible(u + share * move, u0, dates, switched) for share in LENGTHS], axis=1)
         controls = np.stack([_delivered(candidates[:, place], delivery, rows) for place in range(len(LENGTHS))], axis=1)
         ends = self._rollouts(controls, x[rows], d[rows], _of(p, rows))
         earned = self._stage(ends, controls, np.repeat(dates[:, None], len(LENGTHS), axis=1)).reward.sum(axis=-1)
@@ -359,9 +359,9 @@ class PredictiveController:
                 row, length = np.delete(row, failed.horizon), np.delete(length, failed.horizon)
         return states
 
-    def _feasible(self, controls: Floats, before: Floats, calendar: Floats, switched: Switched | None = None) -> Floats:
+    def _feasible(self, controls: Floats, before: Floats, calendar: Floats, schedule: Schedule | None = None) -> Floats:
         within = feasible(controls, before, self._high, self.task.actuation.max_change)
-        return with_schedule(self.task, self._machines.within(within, controls, before, switched), calendar)
+        return with_schedule(self.task, self._machines.within(within, controls, before, schedule), calendar)
 
     def _checked(
         self, x: ArrayLike, u_before: ArrayLike, d: ArrayLike, p: ArrayLike, calendar: ArrayLike

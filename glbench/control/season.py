@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glbench.control.machines import Machines, Schedule
 from glbench.control.scenario import Scenario, actions_of, with_schedule
 from glbench.control.stage import StageReward, StageValues, judged_at_the_end
 from glbench.control.trust_region import LENGTHS, feasible, radius_shares, trust_region_step
@@ -141,12 +142,15 @@ def plan_season(
     """
     count = whole_number(iterations, "The number of iterations")
     search = _Search(scenario, np.asarray(controls, dtype=np.float64), preset)
+    first = search.plan
     shrink = (_LAST_SMOOTHING / _FIRST_SMOOTHING) ** (1.0 / max(count, 1))
     for number in range(count):
+        if scenario.task.on_off and number == (count + 1) // 2:
+            search.switch()
         gained = search.improve(_FIRST_SMOOTHING * shrink**number)
         if watch is not None:
             watch(Iteration(number + 1, search.plan.reward, gained, float(search.radius.mean())))
-    return search.plan
+    return max(first, search.plan, key=lambda plan: plan.reward) if search.schedule is not None or not scenario.task.on_off else first
 
 
 class _Search:
@@ -169,7 +173,16 @@ class _Search:
         self.ends = np.minimum(self.starts + task.steps_per_day, task.steps)
         self.days = np.repeat(np.arange(len(self.starts)), self.ends - self.starts)
         self.radius = np.full(len(self.starts), _FIRST_RADIUS)
+        self.machines: Machines = Machines(task)
+        self.schedule: Schedule | None = None
         self.plan = self._simulated(self._feasible(controls)[None])[0]
+
+    def switch(self) -> None:
+        """Go on with machines that are off or on: as near to the plan, in which they ran at any load, as their hold times allow."""
+        commands, before = self.plan.commands[None], self.scenario.u_before[None]
+        self.schedule = self.machines.near(commands, before, self.machines.since).of_rows(0)
+        candidates = np.concatenate([commands, self.machines.at_full_load(commands)])
+        self.plan = max(self._simulated(self._feasible(candidates)), key=lambda plan: plan.reward)
 
     def improve(self, smoothing: float) -> float:
         """One iteration; gives what it gained."""
@@ -218,7 +231,8 @@ class _Search:
 
     def _feasible(self, controls: Floats) -> Floats:
         one = self.scenario
-        return with_schedule(one.task, feasible(controls, one.u_before, one.high, one.max_change), one.calendar)
+        within = feasible(controls, one.u_before, one.high, one.max_change)
+        return with_schedule(one.task, self.machines.within(within, controls, one.u_before, self.schedule), one.calendar)
 
 
 _DAYS = 10.0

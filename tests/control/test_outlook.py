@@ -306,6 +306,7 @@ def test_a_reading_that_cannot_be_missing_is_named() -> None:
     with pytest.raises(TaskError, match=r"'wind_speed' in row 0 of the observations of my/Short-v1 is infinite"):
         outlook.update(seen[1])
 
+
 def test_prices_of_a_market_are_known_until_midnight_and_then_follow_sun_wind_and_the_last_price() -> None:
     given = watch(short("WinterLED-v1", 5).chosen_on, 2)
     outlook = Outlook(given.task, climatology("WinterLED-v1"))
