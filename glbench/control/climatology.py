@@ -107,17 +107,14 @@ class Climatology:
     def of(cls, task: TaskSpec | str, years: tuple[int, ...] | None = None) -> Climatology:
         """The climatology of a task; needs the weather.
 
+        Raises ``TaskError`` when there are no such years.
+
         Parameters
         ----------
         task
             The task, or its id.
         years
             Years of its record; those of its training split unless given. Without one those before its seasons, or all others.
-
-        Raises
-        ------
-        TaskError
-            When there are no such years.
         """
         task = the_task(task)
         record = task.record()
@@ -153,10 +150,7 @@ class Climatology:
     def of_settings(cls, settings: Mapping[str, Any]) -> Climatology:
         """The climatology of which ``settings`` gave plain values.
 
-        Raises
-        ------
-        TaskError
-            When they are none.
+        Raises ``TaskError`` when they are none.
         """
         try:
             values = {field.name: settings[field.name] for field in fields(cls)}
@@ -177,11 +171,8 @@ class Climatology:
     def check_for(self, task: TaskSpec) -> None:
         """Refuse a task of other weather. It needs no weather to find out.
 
-        Raises
-        ------
-        TaskError
-            When the task's weather is of another record, prepared in another way or in steps of another length, when it is of another time
-            of the year, or when the task scores a year that is in the climatology of another task.
+        Raises ``TaskError`` when the task's weather is of another record, prepared in another way or in steps of another length, when it is
+        of another time of the year, or when the task scores a year that is in the climatology of another task.
         """
         weather, scored = task.weather, sorted(_scored(task) & set(self.years))
         begin = (_day_of_year(weather.start) - self.first + _BEFORE) % _YEAR - _BEFORE
@@ -223,10 +214,7 @@ class Climatology:
     def read(cls, path: Path | str) -> Climatology:
         """Read what ``write`` wrote.
 
-        Raises
-        ------
-        TaskError
-            When the file is missing, or no climatology.
+        Raises ``TaskError`` when the file is missing, or no climatology.
         """
         try:
             return cls.of_settings(json.loads(Path(path).read_text(encoding="utf-8")))

@@ -76,6 +76,9 @@ class Outlook:
     It knows what its agent knows: the task, observations and the climatology. It works inside the sandbox. A new one is ready for one run,
     as after ``reset(1)``.
 
+    Raises ``TaskError`` when the task does not show weather and time, the climatology is for other weather or other forecasts, or the model
+    has disturbances of its own.
+
     Parameters
     ----------
     task
@@ -87,12 +90,6 @@ class Outlook:
     ----------
     past
         Disturbances of the step just past ``(n, d)``; before the first step those of the step to come.
-
-    Raises
-    ------
-    TaskError
-        When the task does not show weather and time, the climatology is for other weather or other forecasts, or the model has disturbances
-        of its own.
     """
 
     def __init__(self, task: TaskSpec | str, climatology: Climatology) -> None:
@@ -159,10 +156,7 @@ class Outlook:
         Weather that is missing (NaN) is taken to be as expected: at first the mean day, then what the outlook said one step ahead. Hours of
         a forecast that are missing say nothing. The time has to be in the first observation, and is not looked at again.
 
-        Raises
-        ------
-        TaskError
-            When the observations have the wrong shape, a reading is infinite, or the first ones lack the time.
+        Raises ``TaskError`` when the observations have the wrong shape, a reading is infinite, or the first ones lack the time.
         """
         observed = checked_observations(self.task, observations, self._n, self._names)
         first = self._k < 0
@@ -192,10 +186,7 @@ class Outlook:
     def ahead(self, steps: int) -> Ahead:
         """The coming ``steps`` steps, as expected now.
 
-        Raises
-        ------
-        TaskError
-            Before the first update.
+        Raises ``TaskError`` before the first update.
         """
         steps = whole_number(steps, "The number of steps ahead")
         if self._k < 0:

@@ -72,6 +72,8 @@ class StateEstimator:
         outlook.update(observations)
         states = estimator.update(observations, outlook.past)
 
+    Raises ``TaskError`` when the task shows nothing of its states.
+
     Parameters
     ----------
     task
@@ -92,11 +94,6 @@ class StateEstimator:
         Parameters ``(n, p)`` as estimated, derived ones made to fit; nominal where the task draws none.
     deviations
         Standard deviations of ``states`` by the filter's own account ``(n, s)``.
-
-    Raises
-    ------
-    TaskError
-        When the task shows nothing of its states.
     """
 
     def __init__(self, task: TaskSpec | str, *, preset: str = "fast", parameters: bool = True, restart: bool = False) -> None:
@@ -200,6 +197,9 @@ class StateEstimator:
     def update(self, observations: ArrayLike, d: ArrayLike, controls: ArrayLike | None = None) -> Floats:
         """Take in what is observed now; once at the start, before the first action, and once after every step.
 
+        Raises ``TaskError`` when observations have the wrong shape, a reading is infinite, or controls are neither given nor shown. Raises
+        ``ShapeError`` when the disturbances have the wrong shape, as ``Outlook.past`` has before its first update.
+
         Parameters
         ----------
         observations
@@ -215,13 +215,6 @@ class StateEstimator:
         -------
         ndarray
             States ``(n, s)``, a new array.
-
-        Raises
-        ------
-        TaskError
-            When observations have the wrong shape, a reading is infinite, or controls are neither given nor shown.
-        ShapeError
-            When the disturbances have the wrong shape, as ``Outlook.past`` has before its first update.
         """
         task, n = self.task, self._n
         readings = checked_observations(task, observations, n, self._names)

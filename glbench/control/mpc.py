@@ -52,6 +52,10 @@ class PredictiveController:
     It knows no more than each call tells: state, weather, parameters and prices may be true, estimated or guessed. Rows do not know of each
     other, and each has the bits that it has alone. A new one is ready for one run, as after ``reset(1)``.
 
+    Raises ``TaskError`` when the reward has no derivatives, the limits leave no room for the margin, or the end value is none, or for
+    another model. Raises ``UnknownNameError`` when a margin is for a quantity that has no limits. Raises ``ShapeError`` when a number is
+    none, or too small.
+
     Parameters
     ----------
     task
@@ -73,15 +77,6 @@ class PredictiveController:
         recomputes all of them in every decision; more is faster. No plan gets worse, because every candidate is simulated.
     preset
         Of the kernel that plans.
-
-    Raises
-    ------
-    TaskError
-        When the reward has no derivatives, the limits leave no room for the margin, or the end value is none, or for another model.
-    UnknownNameError
-        When a margin is for a quantity that has no limits.
-    ShapeError
-        When a number is none, or too small.
     """
 
     def __init__(
@@ -131,17 +126,14 @@ class PredictiveController:
     def reset(self, runs: int, controls: ArrayLike | None = None) -> None:
         """``runs`` runs begin.
 
+        Raises ``ShapeError`` when the number is none, or the controls have another shape.
+
         Parameters
         ----------
         runs
             How many rows there are.
         controls
             Where the first plan begins, fractions: ``(T, c)`` or ``(runs, T, c)``. Without any it begins with the controls in force.
-
-        Raises
-        ------
-        ShapeError
-            When the number is none, or the controls have another shape.
         """
         self._runs = _at_least_one(runs, "The number of runs")
         self._radius = np.full(self._runs, _FIRST_RADIUS)
@@ -179,6 +171,8 @@ class PredictiveController:
         A run whose plan cannot be improved, because its state is not finite or a step ahead cannot be integrated, continues with the plan
         that it has.
 
+        Raises ``ShapeError`` when a shape does not fit, or the controller has an end value and is not told the days left.
+
         Parameters
         ----------
         x
@@ -203,11 +197,6 @@ class PredictiveController:
         -------
         ndarray
             Fractions ``(runs, c)``. They change by at most ``max_change``; scheduled controls are as the calendar has them.
-
-        Raises
-        ------
-        ShapeError
-            When a shape does not fit, or the controller has an end value and is not told the days left.
         """
         if self._end_value is not None and (days_left is None or np.isnan(days_left)):
             msg = (
@@ -260,10 +249,7 @@ class PredictiveController:
     def follow(self) -> Floats:
         """Take the next step of the plan as it stands ``(runs, c)``: cheaper than replanning in every step.
 
-        Raises
-        ------
-        ShapeError
-            When the plan is over.
+        Raises ``ShapeError`` when the plan is over.
         """
         if self._at >= self._plan.shape[1]:
             msg = f"The plan has {self._plan.shape[1]} steps, and all are taken: decide makes another one."

@@ -110,10 +110,7 @@ class ObservationModel:
 def checked_observations(task: TaskSpec, observations: Any, n: int, names: Sequence[str]) -> Floats:
     """Observations ``(n, columns)`` as float64, a new array, of the columns with these names. NaN is a missing reading.
 
-    Raises
-    ------
-    TaskError
-        When the shape is wrong, or a reading is infinite.
+    Raises ``TaskError`` when the shape is wrong, or a reading is infinite.
     """
     values = np.array(observations, dtype=np.float64)
     expected = (n, len(names))
@@ -127,10 +124,7 @@ def checked_observations(task: TaskSpec, observations: Any, n: int, names: Seque
 def refuse_missing(observations: Floats, columns: Sequence[int] | NDArray[np.intp], task: TaskSpec, names: Sequence[str], why: str) -> None:
     """Refuse observations that lack a reading (NaN) of these columns, and say ``why``.
 
-    Raises
-    ------
-    TaskError
-        When one is missing.
+    Raises ``TaskError`` when one is missing.
     """
     _refuse(np.isnan(observations[:, columns]), task, [names[column] for column in columns], f"is missing (NaN). {why}")
 

@@ -70,10 +70,7 @@ class Scenario:
     def of(cls, task: TaskSpec | str, seed: int) -> Scenario:
         """The scenario of the run with ``seed`` of a task, or of the task with an id.
 
-        Raises
-        ------
-        GlbenchError
-            When the seed is not a whole number from 0 to 2**64 - 1.
+        Raises ``GlbenchError`` when the seed is not a whole number from 0 to 2**64 - 1.
         """
         task, seed = the_task(task), checked_seed(seed)
         scenarios = RunScenarios(task)
@@ -121,10 +118,7 @@ def actions_of(task: TaskSpec, before: Floats, controls: Floats) -> Floats:
 
     A control that is off or on is asked for the nearest that it can do; whether it may be switched is not looked at.
 
-    Raises
-    ------
-    TaskError
-        When the task's actions are not about single controls: set points of a process computer.
+    Raises ``TaskError`` when the task's actions are not about single controls: set points of a process computer.
     """
     names = task.model_value.control_names
     columns = [names.index(name) for name in task.actuation.controls]

@@ -78,10 +78,7 @@ class SeasonPlan:
     def actions(self) -> Floats:
         """What an agent has to do to give these commands ``(T, actions)``.
 
-        Raises
-        ------
-        TaskError
-            When the task's actions are not about single controls: set points of a process computer.
+        Raises ``TaskError`` when the task's actions are not about single controls: set points of a process computer.
         """
         return actions_of(self.scenario.task, np.vstack([self.scenario.u_before, self.commands[:-1]]), self.commands)
 
@@ -113,6 +110,9 @@ def plan_season(
 ) -> SeasonPlan:
     """Improve the controls of a season with perfect information.
 
+    Raises ``ShapeError`` when the controls have another shape or are not finite, or the number of iterations is none. Raises ``TaskError``
+    when the reward has no derivatives. Raises ``StepError`` when a step of the first plan cannot be integrated.
+
     Parameters
     ----------
     scenario
@@ -130,15 +130,6 @@ def plan_season(
     -------
     SeasonPlan
         The best plan found. It is the best one known, and no proof that there is none better. The same arguments give the same bits.
-
-    Raises
-    ------
-    ShapeError
-        When the controls have another shape or are not finite, or the number of iterations is none.
-    TaskError
-        When the reward has no derivatives.
-    StepError
-        When a step of the first plan cannot be integrated.
     """
     count = whole_number(iterations, "The number of iterations")
     search = _Search(scenario, np.asarray(controls, dtype=np.float64), preset)
@@ -281,10 +272,7 @@ class EndValue:
 
         States that are worth less than a hundredth of a cent, as they change from day to day, are left out.
 
-        Raises
-        ------
-        GlbenchError
-            When there is no plan, or plans differ in model or length.
+        Raises ``GlbenchError`` when there is no plan, or plans differ in model or length.
         """
         kinds = {(plan.scenario.task.model_id, plan.scenario.task.steps, plan.scenario.task.step_seconds) for plan in plans}
         if len(kinds) != 1:
@@ -322,10 +310,7 @@ class EndValue:
     def read(cls, content: Mapping[str, Any]) -> EndValue:
         """The end value that ``written`` gave.
 
-        Raises
-        ------
-        GlbenchError
-            When ``content`` is none.
+        Raises ``GlbenchError`` when ``content`` is none.
         """
         try:
             states = content["states"]
@@ -361,17 +346,14 @@ class EndValue:
     def __call__(self, task: TaskSpec | str, hour_of_day: ArrayLike, days_left: ArrayLike) -> Floats:
         """What a unit of each state of the task's model is worth ``(n, s)``, in the unit of the task's reward.
 
+        Raises ``TaskError`` when the model lacks a state, or the reward does not count money.
+
         Parameters
         ----------
         task
             Whose model has the states. Meters of violations are worth nothing.
         hour_of_day, days_left
             Where horizons end, ``(n,)`` or numbers.
-
-        Raises
-        ------
-        TaskError
-            When the model lacks a state, or the reward does not count money.
         """
         task = the_task(task)
         names = task.model_value.state_names

@@ -88,6 +88,9 @@ class StageReward:
 
     What a task charges for a step that fails is no matter of states, and not in here.
 
+    Raises ``TaskError`` when a part of the reward was registered, Python without derivatives, or depends on changes of controls.
+    Raises ``ShapeError`` when the smoothing is negative or no finite number.
+
     Parameters
     ----------
     task
@@ -97,13 +100,6 @@ class StageReward:
         counts as v^2 / (2 w) up to w, and as v - w / 2 from there. 0 is exact. At 0.03 limits of 15 and 34 degC have w = 0.57 K.
     counted
         What counts as the reward: "reward", or "epi" for the profit alone.
-
-    Raises
-    ------
-    TaskError
-        When a part of the reward was registered: it is Python, which has no derivatives. When it depends on changes of controls.
-    ShapeError
-        When the smoothing is negative or no finite number.
     """
 
     def __init__(self, task: TaskSpec | str, *, smoothing: float = 0.0, counted: str = "reward") -> None:
@@ -153,6 +149,8 @@ class StageReward:
     def __call__(self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None = None) -> StageValues:
         """What the steps of a trajectory earn.
 
+        Raises ``ShapeError`` when states, controls and calendar do not fit each other or the task.
+
         Parameters
         ----------
         x
@@ -162,11 +160,6 @@ class StageReward:
         calendar
             Rows of the scenario's calendar at the start of each step and at the end of the last one ``(T + 1, columns)``, such as
             ``scenario.calendar[k : k + T + 1]``; needed where prices change.
-
-        Raises
-        ------
-        ShapeError
-            When states, controls and calendar do not fit each other or the task.
         """
         read, shape = self._inputs(x, u, calendar)
         return self._stages(self._derivatives.values(read), shape)
@@ -242,12 +235,7 @@ class AirAlong:
 def air_of(model: Model, states: ArrayLike) -> AirAlong:
     """The air in ``states`` ``(..., s)`` of ``model``, with the bits of ``Simulation.air``.
 
-    Raises
-    ------
-    GlbenchError
-        When the model has no air.
-    ShapeError
-        When the states are not those of the model.
+    Raises ``GlbenchError`` when the model has no air. Raises ``ShapeError`` when the states are not those of the model.
     """
     x = np.asarray(states, dtype=np.float64)
     if model.air is None:

@@ -111,10 +111,7 @@ class Accounts:
     def full_use(self) -> NDArray[np.float64]:
         """Amounts paid for in a step with every control at 1, in the order of the ledger.
 
-        Raises
-        ------
-        TaskError
-            When an amount depends on more than controls.
+        Raises ``TaskError`` when an amount depends on more than controls.
         """
         step = self._step(0.0, 1.0)
         amounts = [self._amount(item, step) for item in self.ledger.paid]
@@ -132,10 +129,7 @@ class Accounts:
     def full_growth(self) -> NDArray[np.float64]:
         """Amounts earned in a step at the potential rates of the model, in the order of the ledger.
 
-        Raises
-        ------
-        TaskError
-            When the model states no potential of what is earned.
+        Raises ``TaskError`` when the model states no potential of what is earned.
         """
         step, amounts = self._step(0.0, 1.0), []
         for item in self.ledger.earned:

@@ -71,10 +71,7 @@ def register_actuation(
     Its actions have an entry between ``low`` and ``high`` for each control that the task grants, or those that ``actions`` gives for these
     controls: names, bounds, and what they stand for (``glbench.tasks.Action``).
 
-    Raises
-    ------
-    TaskError
-        When the name is taken, or the bounds are not finite and in order.
+    Raises ``TaskError`` when the name is taken, or the bounds are not finite and in order.
     """
     if not (np.isfinite([low, high]).all() and low < high):
         msg = f"Actions of '{name}' cannot lie between {low:g} and {high:g}. Give finite bounds, the lower one first."
@@ -86,10 +83,7 @@ def register_actuation(
 def make_actuation(task: TaskSpec) -> Actuation:
     """The task's kind of actuation.
 
-    Raises
-    ------
-    UnknownNameError
-        For a kind without a part, with the nearest known one.
+    Raises ``UnknownNameError`` for a kind without a part, with the nearest known one.
     """
     move = ACTUATIONS[task.actuation.kind](task)
     names, columns = task.model_value.control_names, task.actuation.controls
@@ -243,10 +237,7 @@ ACTUATIONS.provide("process_computer", _only_recorded, recorded=RecordedActuatio
 def recorded_actuation(task: TaskSpec) -> RecordedActuation | None:
     """How the controls of a task move; ``None`` for a registered kind, which is Python.
 
-    Raises
-    ------
-    UnknownNameError
-        For a kind without a part, with the nearest known one.
+    Raises ``UnknownNameError`` for a kind without a part, with the nearest known one.
     """
     recorded: RecordedActuation | None = ACTUATIONS.recorded(task.actuation.kind)
     return recorded
@@ -304,11 +295,8 @@ class ActionReader:
     def __call__(self, values: object, n: int, ended: NDArray[np.bool_] | None = None) -> Floats:
         """Own copy of ``values`` as ``(n, m)`` float64. Rows that are ``ended`` are not looked at and read as the bound ``low``.
 
-        Raises
-        ------
-        ActionError
-            For a wrong shape or type, a value that is not finite, or one outside its bounds by more than ``ROUNDING``;
-            the message names row, action and value.
+        Raises ``ActionError`` for a wrong shape or type, a value that is not finite, or one outside its bounds by more than ``ROUNDING``;
+        the message names row, action and value.
         """
         actions, bounds = self.read(values, n), self.bounds
         if ended is not None:
@@ -332,10 +320,7 @@ class ActionReader:
     def read(self, values: object, n: int) -> Floats:
         """Own copy of ``values`` as ``(n, m)`` float64, whatever they are.
 
-        Raises
-        ------
-        ActionError
-            For a wrong shape or type.
+        Raises ``ActionError`` for a wrong shape or type.
         """
         numbers = real_numbers(values)
         if numbers is None:

@@ -117,10 +117,7 @@ class Sensors:
     def of(task: TaskSpec) -> Sensors:
         """The sensors of a task; of a task without any, nothing.
 
-        Raises
-        ------
-        TaskError
-            When the model has no air that could be measured, or never shows one of the quantities.
+        Raises ``TaskError`` when the model has no air that could be measured, or never shows one of the quantities.
         """
         table = task.sensors
         if table is None:

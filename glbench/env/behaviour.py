@@ -85,10 +85,7 @@ def behaviour(task: TaskSpec) -> dict[str, Number]:
 def check_behaviour(task: TaskSpec) -> None:
     """Refuse a published ``task`` from which glbench computes other numbers than when it was published.
 
-    Raises
-    ------
-    TaskError
-        With the numbers that differ, or when there are none to compare with.
+    Raises ``TaskError`` with the numbers that differ, or when there are none to compare with.
     """
     locked = read_behaviour().get(task.id)
     if locked is None:
@@ -132,10 +129,7 @@ def lock_behaviour(tasks: Iterable[TaskSpec]) -> tuple[str, ...]:
 def read_behaviour() -> Mapping[str, Mapping[str, float]]:
     """The numbers of the published tasks by id and name; empty when there is no file yet.
 
-    Raises
-    ------
-    TaskError
-        When the file is damaged.
+    Raises ``TaskError`` when the file is damaged.
     """
     path = _path()
     if not path.is_file():

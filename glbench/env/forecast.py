@@ -82,10 +82,7 @@ class ForecastTable:
     def of(task: TaskSpec) -> ForecastTable | None:
         """The forecast of a task; ``None`` where it grants none by the hour.
 
-        Raises
-        ------
-        TaskError
-            When a control step does not divide an hour.
+        Raises ``TaskError`` when a control step does not divide an hour.
         """
         hours = task.observation.forecast_hours
         if not hours:

@@ -132,6 +132,8 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Start an episode.
 
+        Raises ``GlbenchError`` for an impossible seed or option, or a snapshot of another task.
+
         Parameters
         ----------
         seed
@@ -143,11 +145,6 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         -------
         observation, info
             ``(columns,)`` float32 and the numbers of ``info_quantities`` but those of a step.
-
-        Raises
-        ------
-        GlbenchError
-            For an impossible seed or option, or a snapshot of another task.
         """
         snapshot = spaces.state_option(spaces.check_names(options, (spaces.STATE,)), seed)
         if snapshot is not None:
@@ -162,17 +159,13 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Take one step.
 
+        Raises ``ActionError`` for an action of the wrong shape, not finite, or out of bounds. Raises ``GlbenchError`` when the episode has
+        ended or none was started.
+
         Returns
         -------
         observation, reward, terminated, truncated, info
             ``(columns,)`` float32, float, bool, always ``False``, and the numbers of ``info_quantities``.
-
-        Raises
-        ------
-        ActionError
-            For an action of the wrong shape, not finite, or out of bounds.
-        GlbenchError
-            When the episode has ended or none was started.
         """
         try:
             observation, values, terminated = self.simulation.step_single(action)
@@ -203,10 +196,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def render(self) -> str | NDArray[np.uint8] | None:
         """Climate, controls and money as text or as a picture ``(480, 640, 3)``, or ``None`` without a render mode.
 
-        Raises
-        ------
-        GlbenchError
-            For a picture without matplotlib, or before the first reset.
+        Raises ``GlbenchError`` for a picture without matplotlib, or before the first reset.
         """
         if self._camera is not None:
             return self._camera.picture(0)
@@ -219,10 +209,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def restore(self, snapshot: Snapshot) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Continue from ``snapshot`` (of one row); observation and info as after a reset.
 
-        Raises
-        ------
-        GlbenchError
-            When it belongs to another task or has more than one row.
+        Raises ``GlbenchError`` when it belongs to another task or has more than one row.
         """
         observation = self.simulation.restore(snapshot)[0]
         if len(snapshot.generators):

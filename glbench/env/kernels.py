@@ -46,12 +46,8 @@ def shared_kernel(model: Model, step_seconds: float, preset: str = SCORING_PRESE
 def check_kernel(kernel: object, task: TaskSpec) -> None:
     """Refuse what cannot step ``task``.
 
-    Raises
-    ------
-    UnknownNameError
-        For a name that is no preset, with the nearest one.
-    GlbenchError
-        For a kernel of another step length or model than the task's, or an object that is no kernel.
+    Raises ``UnknownNameError`` for a name that is no preset, with the nearest one. Raises ``GlbenchError`` for a kernel of another step
+    length or model than the task's, or an object that is no kernel.
     """
     if kernel is None:
         return

@@ -52,10 +52,7 @@ class MemoryLayout:
 def allocate(**requests: Mapping[str, float]) -> MemoryLayout:
     """Give a place to every number that parts ask for: names and start values by part, in the order given.
 
-    Raises
-    ------
-    TaskError
-        When a start value is not a finite number.
+    Raises ``TaskError`` when a start value is not a finite number.
     """
     parts: dict[str, Mapping[str, int]] = {}
     start: list[float] = []

@@ -72,10 +72,7 @@ _MAKERS: dict[str, MakeObservation] = {}
 def register_observation(module: ObservationModule, make: MakeObservation) -> None:
     """Make an observation module known, here and in task files.
 
-    Raises
-    ------
-    TaskError
-        When its name is taken.
+    Raises ``TaskError`` when its name is taken.
     """
     OBSERVATION_MODULES.add(module)
     _MAKERS[module.name] = make
@@ -115,12 +112,8 @@ def checked_part(task: TaskSpec, name: str, part: ObservationPart) -> CheckedObs
 def column_sources(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[ColumnSource, ...]:
     """The columns of a module that is data: of the task's model, or the environment's own.
 
-    Raises
-    ------
-    UnknownNameError
-        For an unknown module.
-    TaskError
-        When the model shows something that neither its states nor its air have.
+    Raises ``UnknownNameError`` for an unknown module. Raises ``TaskError`` when the model shows something that neither its states nor its
+    air have.
     """
     model = task.model_value
     columns = model.observed(name, task.observation_context().horizon)

@@ -52,10 +52,7 @@ class OutdoorSensors:
     def of(task: TaskSpec, places: DrawPlaces) -> OutdoorSensors:
         """The sensors of a task; of a task without any, nothing.
 
-        Raises
-        ------
-        TaskError
-            When nobody reads them.
+        Raises ``TaskError`` when nobody reads them.
         """
         table, modules = task.outdoor_sensors, task.observation.modules
         if table is not None and task.actuation.kind != PROCESS_COMPUTER and not {"weather", "light_today"} & {*modules}:

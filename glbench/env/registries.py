@@ -26,10 +26,7 @@ class PartRegistry(Generic[Make]):
     def register(self, name: str, meaning: str, make: Make) -> None:
         """Make a part known under a new name, here and in task files.
 
-        Raises
-        ------
-        TaskError
-            When the name is taken.
+        Raises ``TaskError`` when the name is taken.
         """
         self._vocabulary.add(Word(name, meaning))
         self.provide(name, make)

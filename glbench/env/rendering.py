@@ -108,10 +108,7 @@ class Camera:
     def picture(self, row: int) -> NDArray[np.uint8]:
         """Picture of a run, ``(480, 640, 3)``.
 
-        Raises
-        ------
-        GlbenchError
-            Without matplotlib, or before the first reset.
+        Raises ``GlbenchError`` without matplotlib, or before the first reset.
         """
         if not self._histories:
             msg = "There is nothing to draw yet: call reset first."

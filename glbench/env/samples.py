@@ -68,10 +68,7 @@ class Samples:
     def of(task: TaskSpec, places: DrawPlaces) -> Samples:
         """The samples of a task; of a task without any, nothing.
 
-        Raises
-        ------
-        TaskError
-            When a module is not one of the model's own, or has columns that are not functions of the model's states.
+        Raises ``TaskError`` when a module is not one of the model's own, or has columns that are not functions of the model's states.
         """
         model, columns = task.model_value, []
         for module, table in task.samples.items():

@@ -187,10 +187,7 @@ def season_names(task: TaskSpec, seeds: Sequence[int]) -> tuple[str | None, ...]
 def run_years(task: TaskSpec, seeds: tuple[int, ...]) -> tuple[int, ...]:
     """Weather year of each run: for a generated season, the year with the most days (the earlier of two). Empty if all runs share one year.
 
-    Raises
-    ------
-    TaskError
-        When the weather record does not have the years of the task.
+    Raises ``TaskError`` when the weather record does not have the years of the task.
     """
     generated, seasons = task.scenario.generated, task.scenario.seasons
     if generated is None:

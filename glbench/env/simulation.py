@@ -85,10 +85,7 @@ class StepResult:
 def check_runs(n: int) -> None:
     """Refuse an impossible number of runs.
 
-    Raises
-    ------
-    ShapeError
-        When it is not a whole number, or less than one.
+    Raises ``ShapeError`` when it is not a whole number, or less than one.
     """
     if not isinstance(n, int | np.integer) or isinstance(n, bool) or n < 1:
         msg = f"A simulation has a whole number of runs, at least one; got {n!r}."
@@ -281,16 +278,13 @@ class Simulation:
     def reset(self, seeds: Sequence[int] | NDArray[np.integer], rows: ArrayLike | None = None) -> NDArray[np.float32]:
         """Restart runs with ``seeds`` (one each), in all rows or in ``rows`` (numbers or a mask).
 
+        Raises ``GlbenchError`` when there are not as many seeds as rows, a seed is not a whole number from 0 to 2**64 - 1, or some rows
+        only are reset before all were.
+
         Returns
         -------
         ndarray
             Observations of all rows, ``(n, columns)`` float32.
-
-        Raises
-        ------
-        GlbenchError
-            When there are not as many seeds as rows, a seed is not a whole number from 0 to 2**64 - 1, or some rows only
-            are reset before all were.
         """
         places = self._rows(rows)
         numbers = [checked_seed(seed) for seed in seeds]
@@ -314,12 +308,8 @@ class Simulation:
     def step(self, actions: ArrayLike) -> StepResult:
         """Take one step with ``actions`` ``(n, m)``, in the order and bounds of the task's card.
 
-        Raises
-        ------
-        ActionError
-            For a wrong shape, or a value that is not finite or out of bounds; nothing is simulated then.
-        GlbenchError
-            When all runs have ended, or none was started.
+        Raises ``ActionError`` for a wrong shape, or a value that is not finite or out of bounds; nothing is simulated then. Raises
+        ``GlbenchError`` when all runs have ended, or none was started.
         """
         self._check_running()
         self._write("actions", actions)
@@ -414,12 +404,8 @@ class Simulation:
     def restore(self, snapshot: Snapshot) -> NDArray[np.float32]:
         """Continue from ``snapshot``; the observations of all rows, ``(n, columns)`` float32.
 
-        Raises
-        ------
-        TaskError
-            When it was taken of another task, of another version of it, or of another of its splits.
-        ShapeError
-            When it has another number of rows.
+        Raises ``TaskError`` when it was taken of another task, of another version of it, or of another of its splits. Raises ``ShapeError``
+        when it has another number of rows.
         """
         if (snapshot.task_id, snapshot.task_digest) != (self.task.id, self.task.digest):
             msg = (

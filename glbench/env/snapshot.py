@@ -76,10 +76,7 @@ class Snapshot:
     def from_bytes(cls, data: bytes) -> Snapshot:
         """Read what ``to_bytes`` wrote.
 
-        Raises
-        ------
-        ResultError
-            When the bytes are damaged or no snapshot.
+        Raises ``ResultError`` when the bytes are damaged or no snapshot.
         """
         try:
             with np.load(io.BytesIO(data), allow_pickle=False) as file:

@@ -44,11 +44,8 @@ def task_of_environment(task: TaskSpec | str, split: str | None = None, override
 
     A task with only a test split gives previews (``TaskSpec.in_split``) unless ``split`` is ``"test"``.
 
-    Raises
-    ------
-    TaskError
-        When the task has no such split, when none is named and the task has only scored real years, or when the overrides make no
-        task.
+    Raises ``TaskError`` when the task has no such split, when none is named and the task has only scored real years, or when the overrides
+    make no task.
     """
     spec = the_task(task)
     if overrides is not None:
@@ -87,10 +84,7 @@ def with_horizon(spec: EnvSpec | None, task: TaskSpec) -> EnvSpec | None:
 def check_names(options: Mapping[str, Any] | None, names: tuple[str, ...]) -> Mapping[str, Any]:
     """``options``, none as an empty mapping.
 
-    Raises
-    ------
-    GlbenchError
-        For an option that is not among ``names``.
+    Raises ``GlbenchError`` for an option that is not among ``names``.
     """
     options = options or {}
     for name in options:
@@ -103,10 +97,7 @@ def check_names(options: Mapping[str, Any] | None, names: tuple[str, ...]) -> Ma
 def state_option(options: Mapping[str, Any], seed: object) -> Snapshot | None:
     """The snapshot to continue from, if there is one.
 
-    Raises
-    ------
-    GlbenchError
-        When it is no snapshot, or a seed or another option comes with it: the snapshot has its own.
+    Raises ``GlbenchError`` when it is no snapshot, or a seed or another option comes with it: the snapshot has its own.
     """
     snapshot = options.get(STATE)
     if snapshot is None:
@@ -123,10 +114,7 @@ def state_option(options: Mapping[str, Any], seed: object) -> Snapshot | None:
 def mask_option(options: Mapping[str, Any], n: int) -> NDArray[np.bool_]:
     """The rows to reset, ``(n,)``; all of them without the option.
 
-    Raises
-    ------
-    ShapeError
-        When the mask has another shape or type, or chooses no row.
+    Raises ``ShapeError`` when the mask has another shape or type, or chooses no row.
     """
     mask = options.get(RESET_MASK)
     if mask is None:
@@ -140,10 +128,7 @@ def mask_option(options: Mapping[str, Any], n: int) -> NDArray[np.bool_]:
 def checked_seed(seed: object) -> int:
     """``seed`` as a plain ``int``.
 
-    Raises
-    ------
-    GlbenchError
-        When it is not a whole number from 0 to 2**64 - 1.
+    Raises ``GlbenchError`` when it is not a whole number from 0 to 2**64 - 1.
     """
     try:
         number = -1 if isinstance(seed, bool) else index(seed)  # type: ignore[arg-type]  # raises if it is no integer

@@ -38,10 +38,7 @@ def register_distribution(name: str, meaning: str, deviation: Deviation) -> None
     ``deviation`` maps each uniform number to the relative deviation of one parameter, such as an inverse distribution
     function would.
 
-    Raises
-    ------
-    TaskError
-        When the name is taken.
+    Raises ``TaskError`` when the name is taken.
     """
     DISTRIBUTIONS.register(name, meaning, deviation)
 
@@ -132,10 +129,7 @@ class DerivedParameters:
 
         ``others`` are the places of parameters that differ from run to run, too.
 
-        Raises
-        ------
-        RecordingError
-            When a formula needs what no tape has.
+        Raises ``RecordingError`` when a formula needs what no tape has.
         """
         if not self.followers:
             return EMPTY

@@ -141,10 +141,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
     ) -> tuple[Observations, dict[str, Any]]:
         """Start an episode in every row, or in those of the option ``reset_mask``, or continue from the option ``state``.
 
-        Raises
-        ------
-        GlbenchError
-            For impossible seeds or options.
+        Raises ``GlbenchError`` for impossible seeds or options.
         """
         options = dict(spaces.check_names(options, (spaces.STATE, spaces.RESET_MASK)))
         snapshot = spaces.state_option(options, seed)
@@ -167,17 +164,13 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
     def step(self, actions: Actions) -> Step:
         """Take one step in every row.
 
+        Raises ``ActionError`` for actions of the wrong shape, not finite, or out of bounds (in rows that are not being reset). Raises
+        ``GlbenchError`` when no episode was started, or in mode ``DISABLED`` a row has ended and was not reset.
+
         Returns
         -------
         observations, rewards, terminations, truncations, infos
             One entry a row.
-
-        Raises
-        ------
-        ActionError
-            For actions of the wrong shape, not finite, or out of bounds (in rows that are not being reset).
-        GlbenchError
-            When no episode was started, or in mode ``DISABLED`` a row has ended and was not reset.
         """
         any_over = self.simulation.over > 0
         over = self.simulation.ended
@@ -220,10 +213,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
     def render(self) -> tuple[str, ...] | tuple[NDArray[np.uint8], ...] | None:
         """A text or a picture ``(480, 640, 3)`` for each row, or ``None`` without a render mode.
 
-        Raises
-        ------
-        GlbenchError
-            For pictures without matplotlib, or before the first reset.
+        Raises ``GlbenchError`` for pictures without matplotlib, or before the first reset.
         """
         if self._camera is not None:
             return tuple(self._camera.picture(row) for row in range(self.num_envs))
@@ -239,10 +229,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
     def restore(self, snapshot: Snapshot) -> tuple[Observations, dict[str, Any]]:
         """Continue from ``snapshot``; observations and infos as after a reset.
 
-        Raises
-        ------
-        GlbenchError
-            When it belongs to another task or has another number of rows.
+        Raises ``GlbenchError`` when it belongs to another task or has another number of rows.
         """
         observations = self.simulation.restore(snapshot)
         if len(snapshot.generators):

@@ -95,10 +95,7 @@ class SeasonPrices:
     def of(task: TaskSpec) -> SeasonPrices:
         """The prices of a task, which may be none.
 
-        Raises
-        ------
-        TaskError
-            When prices go by the hour and a control step does not divide an hour.
+        Raises ``TaskError`` when prices go by the hour and a control step does not divide an hour.
         """
         tables, ahead = task.price_tables, task.day_ahead
         modules = task.observation.modules

@@ -102,10 +102,7 @@ class TaskCard:
     def task(self) -> TaskSpec:
         """The task itself, without seeds and salts, for agents that compute with its model or its reward.
 
-        Raises
-        ------
-        TaskError
-            When the card was made of a task that no file can say.
+        Raises ``TaskError`` when the card was made of a task that no file can say.
         """
         from glbench.tasks.spec import TaskSpec  # a card is read without the model
 
@@ -190,10 +187,7 @@ def set_task(definition: str) -> None:
 def injected_task(task_id: str) -> TaskSpec | None:
     """The injected task, if that is its id or its short form.
 
-    Raises
-    ------
-    TaskError
-        When its parts are not known here: somebody registered them in another process.
+    Raises ``TaskError`` when its parts are not known here: somebody registered them in another process.
     """
     if not _DEFINITION:
         return None

@@ -114,10 +114,7 @@ def definition_of(task: TaskRecord) -> dict[str, Any]:
 def fingerprint_of(task: ResolvedTask) -> Fingerprint:
     """The digest of ``task`` and the digests of its parts; needs the model and the weather.
 
-    Raises
-    ------
-    TaskError
-        When the task refers to something that does not exist.
+    Raises ``TaskError`` when the task refers to something that does not exist.
     """
     model = task.model_value
     for name in task.actuation.controls:
@@ -207,10 +204,7 @@ def lock_path() -> Path:
 def read_lock() -> Mapping[str, LockEntry]:
     """Entries of the lock by task id; empty if there is no lock yet.
 
-    Raises
-    ------
-    TaskError
-        When the file is damaged.
+    Raises ``TaskError`` when the file is damaged.
     """
     path = lock_path()
     try:

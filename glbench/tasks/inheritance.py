@@ -89,12 +89,8 @@ def read_tables(path: Path, above: tuple[Path, ...] = ()) -> TaskTables:
 
     ``above`` are the files that led here.
 
-    Raises
-    ------
-    TaskError
-        When a file cannot be read, is not TOML, or is based on itself.
-    UnknownNameError
-        When there is no task of the base's id.
+    Raises ``TaskError`` when a file cannot be read, is not TOML, or is based on itself. Raises ``UnknownNameError`` when there is no task
+    of the base's id.
     """
     files = (*above, real_path(path))
     source = shown_path(path)
@@ -150,10 +146,7 @@ def read_tables(path: Path, above: tuple[Path, ...] = ()) -> TaskTables:
 def inherit(below: Mapping[str, Any], content: Mapping[str, Any], base: str, source: str, files: tuple[Path, ...] = ()) -> TaskTables:
     """The tables ``content`` over ``below``, those of the task ``base``; ``source`` is what messages call the result.
 
-    Raises
-    ------
-    TaskError
-        When ``content`` has an older schema than its base, or leaves out what its base does not have.
+    Raises ``TaskError`` when ``content`` has an older schema than its base, or leaves out what its base does not have.
     """
     own = dict(content)
     schemas = below.get("schema"), own.get("schema", below.get("schema"))
@@ -247,10 +240,7 @@ def take_over_prices(content: Mapping[str, Any], folder: Path, source: str, belo
 
     A table that states no unit has that of the base, whose tables are ``below``.
 
-    Raises
-    ------
-    TaskError
-        When a file cannot be read, is not one of prices, or has to replace the prices of the base.
+    Raises ``TaskError`` when a file cannot be read, is not one of prices, or has to replace the prices of the base.
     """
     tables, files = content.get("price_tables"), []
     inherited = (below or {}).get("price_tables", {})
@@ -284,10 +274,7 @@ def take_over_prices(content: Mapping[str, Any], folder: Path, source: str, belo
 def shipped_file(name: str) -> Path:
     """File of the shipped task with this id or short form.
 
-    Raises
-    ------
-    UnknownNameError
-        When there is none; names the nearest.
+    Raises ``UnknownNameError`` when there is none; names the nearest.
     """
     ids = task_ids()
     by_short_form = {task_id.partition("/")[2]: task_id for task_id in ids}

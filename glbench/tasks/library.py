@@ -44,13 +44,8 @@ def get_task(id_or_path: str | Path) -> TaskSpec:
     it is; its ``locked`` is false. In a sandbox the agent's own task is there, without its weather, and no other. A warning is logged
     when the task is deprecated.
 
-    Raises
-    ------
-    UnknownNameError
-        When there is no task of that id; names the nearest.
-    TaskError
-        When the definition is invalid, when a published task was changed, or when a file uses a published id for another
-        task.
+    Raises ``UnknownNameError`` when there is no task of that id; names the nearest. Raises ``TaskError`` when the definition is invalid,
+    when a published task was changed, or when a file uses a published id for another task.
     """
     if not isinstance(id_or_path, str | Path):
         msg = f"A task is asked for by its id, such as '{DEFAULT_TASK}', or by its file (.toml); got {id_or_path!r}."
@@ -67,10 +62,7 @@ def get_task(id_or_path: str | Path) -> TaskSpec:
 def read_task(path: Path) -> TaskSpec:
     """Task of the file ``path``. Checks everything that can be checked without the model and the weather.
 
-    Raises
-    ------
-    TaskError
-        When the file or its base cannot be read, is not TOML, or they do not define a task.
+    Raises ``TaskError`` when the file or its base cannot be read, is not TOML, or they do not define a task.
     """
     return TaskSpec.of_file(read_tables(path), shown_path(path))
 
@@ -78,12 +70,8 @@ def read_task(path: Path) -> TaskSpec:
 def published_task(task_id: str) -> TaskSpec:
     """A shipped task by its id, without weather. Only its file is compared with the lock, as by ``list_tasks``.
 
-    Raises
-    ------
-    UnknownNameError
-        When there is no task of that id; names the nearest.
-    TaskError
-        When the file is invalid or was changed.
+    Raises ``UnknownNameError`` when there is no task of that id; names the nearest. Raises ``TaskError`` when the file is invalid or was
+    changed.
     """
     return _load(shipped_file(task_id), whole=False)
 
@@ -93,10 +81,7 @@ def list_tasks() -> list[TaskSpec]:
 
     Their files are compared with the lock; weather and model are only when a task is taken with ``get_task``.
 
-    Raises
-    ------
-    TaskError
-        When a file is invalid or a published one was changed.
+    Raises ``TaskError`` when a file is invalid or a published one was changed.
     """
     return [_load(path, whole=False) for path in task_files()]
 
@@ -104,10 +89,7 @@ def list_tasks() -> list[TaskSpec]:
 def list_drafts() -> list[TaskSpec]:
     """Shipped tasks that are not published: they can be used like any other, and may change.
 
-    Raises
-    ------
-    TaskError
-        When a file is invalid.
+    Raises ``TaskError`` when a file is invalid.
     """
     return [read_task(path) for path in draft_files()]
 
@@ -125,12 +107,7 @@ def list_suites() -> dict[str, tuple[str, ...]]:
 def get_suite(name: str) -> tuple[TaskSpec, ...]:
     """Tasks of a suite, each compared with the lock.
 
-    Raises
-    ------
-    UnknownNameError
-        When there is no such suite; names the nearest.
-    TaskError
-        As for ``get_task``.
+    Raises ``UnknownNameError`` when there is no such suite; names the nearest. Raises ``TaskError`` as for ``get_task``.
     """
     suites = list_suites()
     if name not in suites:
@@ -142,10 +119,7 @@ def get_suite(name: str) -> tuple[TaskSpec, ...]:
 def lock_new_tasks() -> tuple[LockEntry, ...]:
     """Add the shipped tasks that are not locked yet to the lock and return the new entries.
 
-    Raises
-    ------
-    TaskError
-        When a locked task was changed: nothing is written then, because a lock entry never changes.
+    Raises ``TaskError`` when a locked task was changed: nothing is written then, because a lock entry never changes.
     """
     entries = dict(read_lock())
     new = []
@@ -165,10 +139,7 @@ def lock_new_tasks() -> tuple[LockEntry, ...]:
 def check_file_name(task: TaskSpec, path: Path) -> None:
     """Refuse a shipped task whose file is not called after its id.
 
-    Raises
-    ------
-    TaskError
-        With the name the file should have.
+    Raises ``TaskError`` with the name the file should have.
     """
     expected = f"{task.short_id.lower()}.toml"
     if path.name != expected:
@@ -225,10 +196,7 @@ def _checked(file: Path, tables: TaskTables, _lock: Path, _lock_state: _State, w
 def price_doubts(task: TaskSpec) -> list[str]:
     """What is doubtful about the series of prices: hours without a price that runs of any split may use, and an unusual mean.
 
-    Raises
-    ------
-    TaskError
-        When a series has no price for any of these hours.
+    Raises ``TaskError`` when a series has no price for any of these hours.
     """
     tables = {name: table for name, table in task.price_tables.items() if table.series and not table.source}
     if not tables:
@@ -294,10 +262,7 @@ def _is_shipped(path: Path) -> bool:
 def check_against_lock(task: TaskSpec, entry: LockEntry) -> None:
     """Refuse ``task`` if it is not the one that ``entry`` locks, and say what differs.
 
-    Raises
-    ------
-    TaskError
-        With what differs (the file, the model, parameters, weather, start, observed columns) and what to do.
+    Raises ``TaskError`` with what differs (the file, the model, parameters, weather, start, observed columns) and what to do.
     """
     check_file_against_lock(task, entry)
     here, locked = task.fingerprint(), entry.fingerprint

@@ -99,6 +99,8 @@ class PriceFile:
 def read_prices(path: Path, unit: object, *, clock: object = None, column: object = None, file_unit: object = None) -> PriceFile:
     """Prices of a file in the ``unit`` of a price table.
 
+    Raises ``TaskError`` when the file is not one of prices; names row, column and value.
+
     Parameters
     ----------
     path
@@ -111,11 +113,6 @@ def read_prices(path: Path, unit: object, *, clock: object = None, column: objec
         Title of the column of prices, where there are several.
     file_unit
         Unit of the file's prices, such as ``EUR/MWh``, where its title has none.
-
-    Raises
-    ------
-    TaskError
-        When the file is not one of prices; names row, column and value.
     """
     text = read_text(path, TaskError)
     table = split_table(text, str(path), TaskError)
@@ -209,10 +206,7 @@ def _clock_of(table: TextTable, time: str, clock: object) -> tuple[ZoneInfo | No
 def _price_column(table: TextTable, column: object) -> str:
     """Title of the column of prices.
 
-    Raises
-    ------
-    TaskError
-        When there is none, or several and ``column`` does not say which.
+    Raises ``TaskError`` when there is none, or several and ``column`` does not say which.
     """
     if column is not None:
         table.texts(str(column))

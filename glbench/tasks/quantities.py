@@ -153,6 +153,8 @@ class ObservationContext:
 class Action:
     """One entry of an action: what it is called, its bounds, and the quantity that it stands for.
 
+    Raises ``TaskError`` when there is ``stands_for``, and it or the bounds are not finite and in order.
+
     Attributes
     ----------
     name
@@ -165,11 +167,6 @@ class Action:
         What an agent gives to ask for nothing: no change, no heat beyond frost protection, vents shut, screens open.
     stands_for
         Values [unit] that ``low`` and ``high`` stand for, in a straight line between them; ``None``: what is given is the value.
-
-    Raises
-    ------
-    TaskError
-        When there is ``stands_for``, and it or the bounds are not finite and in order.
     """
 
     name: str

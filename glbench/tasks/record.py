@@ -103,10 +103,7 @@ class TaskRecord:
 
         ``sealed`` is the secret of a round (``glbench.tasks.sealed.Round.secret``), for the test only.
 
-        Raises
-        ------
-        TaskError
-            When the task has no such split, or a secret salt is given for a split other than the test.
+        Raises ``TaskError`` when the task has no such split, or a secret salt is given for a split other than the test.
         """
         names = self.splits.names if self.splits is not None else ()
         if split not in names and not (split == PREVIEW and self.preview is not None):
@@ -170,10 +167,7 @@ class TaskRecord:
     def check_training(self) -> None:
         """Refuse a task that has only a test split: agents cannot train in it.
 
-        Raises
-        ------
-        TaskError
-            When the task has only a test split; the message names the task to train on.
+        Raises ``TaskError`` when the task has only a test split; the message names the task to train on.
         """
         if self.splits is not None and self.splits.training is None:
             instead = f"on {self.base}, its base," if self.base is not None else "on another task"
@@ -212,10 +206,7 @@ class TaskRecord:
     def prices(self) -> tables.PricesTable:
         """The prices of a task of schema 1.
 
-        Raises
-        ------
-        TaskError
-            For a task of schema 2, which has a ledger.
+        Raises ``TaskError`` for a task of schema 2, which has a ledger.
         """
         if self.file.prices is None:
             msg = f"{self.source} has no table [prices]: its prices are those of its ledger (task.ledger)."
@@ -274,10 +265,7 @@ class TaskRecord:
     def as_tables(self) -> dict[str, Any]:
         """The tables of the task in the form of its file, dates as text: the input of ``from_tables``.
 
-        Raises
-        ------
-        TaskError
-            When there is no such file: a copy of schema 2 that was changed without a check.
+        Raises ``TaskError`` when there is no such file: a copy of schema 2 that was changed without a check.
         """
         return tables.as_json(self.file.content(self.source))
 

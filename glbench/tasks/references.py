@@ -95,10 +95,7 @@ def best_known_path(task_id: str) -> Path:
 def read_best_known(task_id: str) -> BestKnown | None:
     """The best known runs of a task; ``None`` where none are stored, as for every custom task.
 
-    Raises
-    ------
-    TaskError
-        When the file cannot be used.
+    Raises ``TaskError`` when the file cannot be used.
     """
     path = best_known_path(task_id)
     if not path.is_file():
@@ -121,10 +118,7 @@ def _read(path: Path, _changed: int, _size: int) -> BestKnown:
 def write_best_known(best: BestKnown) -> Path:
     """Write the file of a task, a line a run, and return where it is.
 
-    Raises
-    ------
-    GlbenchError
-        When it cannot be written.
+    Raises ``GlbenchError`` when it cannot be written.
     """
     path = best_known_path(best.task)
     head = best.model_dump_json(by_alias=True, exclude={"runs"}, indent=1).removesuffix("\n}")
@@ -183,10 +177,7 @@ def references_path() -> Path:
 def read_references() -> Mapping[str, References]:
     """References by task id; a task without results is missing.
 
-    Raises
-    ------
-    TaskError
-        When the file cannot be used.
+    Raises ``TaskError`` when the file cannot be used.
     """
     return _entries(references_path(), References, "Restore the file: `glbench tasks references --write` takes what is missing.")
 
@@ -209,10 +200,7 @@ def _entries(path: Path, kind: type[Entry], advice: str) -> Mapping[str, Entry]:
 def write_references(references: Mapping[str, References]) -> Path:
     """Write the file and return where it is.
 
-    Raises
-    ------
-    GlbenchError
-        When it cannot be written.
+    Raises ``GlbenchError`` when it cannot be written.
     """
     parts = [_HEAD]
     for task_id, one in sorted(references.items()):
@@ -242,10 +230,7 @@ class Deprecation(Table):
 def read_deprecated() -> Mapping[str, Deprecation]:
     """Deprecated tasks by id.
 
-    Raises
-    ------
-    TaskError
-        When the file cannot be used.
+    Raises ``TaskError`` when the file cannot be used.
     """
     path = lock_path().with_name(DEPRECATED_NAME)
     return _entries(path, Deprecation, "Restore the file; docs/maintain.md describes its entries.")
@@ -254,10 +239,7 @@ def read_deprecated() -> Mapping[str, Deprecation]:
 def warn_if_deprecated(task_id: str) -> None:
     """Log a warning when ``task_id`` is deprecated.
 
-    Raises
-    ------
-    TaskError
-        When the list of deprecated tasks cannot be used.
+    Raises ``TaskError`` when the list of deprecated tasks cannot be used.
     """
     entry = read_deprecated().get(task_id)
     if entry is not None:

@@ -143,10 +143,7 @@ class ResolvedTask(TaskRecord):
     def model_value(self) -> Model:
         """The model.
 
-        Raises
-        ------
-        TaskError
-            When there is no model with that id and variant.
+        Raises ``TaskError`` when there is no model with that id and variant.
         """
         from glbench.model import get_model  # not at the top: task files are read without the model
 
@@ -164,11 +161,7 @@ class ResolvedTask(TaskRecord):
 
         If violations are means over the step, the limits are included.
 
-        Raises
-        ------
-        TaskError
-            When the set or an overridden parameter is unknown, or a value is impossible; the message names file and
-            table.
+        Raises ``TaskError`` when the set or an overridden parameter is unknown, or a value is impossible; the message names file and table.
         """
         return self._parameters
 
@@ -221,10 +214,7 @@ class ResolvedTask(TaskRecord):
     def check_start(self) -> None:
         """Evaluate the nominal state at the start, and the rates there, once.
 
-        Raises
-        ------
-        TaskError
-            When one is not finite; the message names file, table, state and value.
+        Raises ``TaskError`` when one is not finite; the message names file, table, state and value.
         """
         state = self.initial_state()
         with self.errors_in("initial_state"):
@@ -265,10 +255,7 @@ class ResolvedTask(TaskRecord):
     def season_record(self) -> WeatherRecord:
         """The weather record of the split's seasons: the task's, or the round's own, about which agents get no information.
 
-        Raises
-        ------
-        TaskError
-            When there is no such record, or the round's own record has a different clock from the task's.
+        Raises ``TaskError`` when there is no such record, or the round's own record has a different clock from the task's.
         """
         record = self.record()
         with self.errors_in("weather"):
@@ -290,10 +277,7 @@ class ResolvedTask(TaskRecord):
         Row k acts on step k; the row after the last step is there because it is observed at the end. A forecast of n steps
         needs ``extra_rows=n``.
 
-        Raises
-        ------
-        TaskError
-            When there is no such record or it does not cover the period; the message names file and table.
+        Raises ``TaskError`` when there is no such record or it does not cover the period; the message names file and table.
         """
         with self.errors_in("weather"):
             return _disturbances(self.weather, self.steps + 1 + extra_rows)
@@ -320,10 +304,7 @@ class ResolvedTask(TaskRecord):
     def actions(self) -> tuple[Action, ...]:
         """The entries of an action, in order, with units and bounds.
 
-        Raises
-        ------
-        TaskError
-            When there is no such kind of actuation, or it does not support one of the controls.
+        Raises ``TaskError`` when there is no such kind of actuation, or it does not support one of the controls.
         """
         with self.errors_in("actuation"):
             return ACTUATION_KINDS[self.actuation.kind].actions(self.actuation.controls)
@@ -331,10 +312,7 @@ class ResolvedTask(TaskRecord):
     def observed(self) -> tuple[Quantity, ...]:
         """Columns of the observation, in order, with units and finite bounds.
 
-        Raises
-        ------
-        TaskError
-            When there is no such module, or two modules show a quantity of the same name.
+        Raises ``TaskError`` when there is no such module, or two modules show a quantity of the same name.
         """
         columns: dict[str, Quantity] = {}
         for module in self.observation.modules:
@@ -348,10 +326,7 @@ class ResolvedTask(TaskRecord):
     def observed_by(self, module: str) -> tuple[Quantity, ...]:
         """Columns of one observation module: one that all models have, a registered one, or the model's own.
 
-        Raises
-        ------
-        TaskError
-            When neither the vocabulary nor the model has the module.
+        Raises ``TaskError`` when neither the vocabulary nor the model has the module.
         """
         context, model = self.observation_context(), self.model_value
         with self.errors_in("observation"):
@@ -387,11 +362,8 @@ class ResolvedTask(TaskRecord):
 
         Items of schema 2 are sorted by side and name, so that the order of keys in a file does not change a sum.
 
-        Raises
-        ------
-        TaskError
-            When an item prices something that the model does not have, or has the wrong unit; the message names file
-            and table.
+        Raises ``TaskError`` when an item prices something that the model does not have, or has the wrong unit; the message names file and
+        table.
         """
         paper = self.file.paper_ledger()
         if paper is not None:
@@ -484,10 +456,7 @@ class ResolvedTask(TaskRecord):
     def scenario(self) -> Scenario:
         """What a run draws: season, first day, start state, parameters.
 
-        Raises
-        ------
-        TaskError
-            When a parameter, a set or a state is unknown; the message names file and table.
+        Raises ``TaskError`` when a parameter, a set or a state is unknown; the message names file and table.
         """
         weather, scenario, groups, starts = self.weather, self.file.scenario, [], []
         for place, group in enumerate(scenario.parameters):

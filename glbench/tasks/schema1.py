@@ -237,10 +237,7 @@ _UNITS: Mapping[str, Mapping[str, str]] = MappingProxyType(
 def tables_of_attachment(plain: Mapping[str, Any]) -> dict[str, Any]:
     """Plain values of a task of schema 1, overrides as pairs of value and unit, in the form of a file: numbers with their units.
 
-    Raises
-    ------
-    KeyError, TypeError, ValueError, AttributeError
-        When the values do not define a task.
+    Raises ``KeyError`` or ``TypeError`` or ``ValueError`` or ``AttributeError`` when the values do not define a task.
     """
     tables = {key: dict(value) if isinstance(value, Mapping) else value for key, value in plain.items()}
     tables["model"]["overrides"] = {name: {"value": value, "unit": unit} for name, (value, unit) in plain["model"]["overrides"].items()}

@@ -73,10 +73,7 @@ class Round:
     def __post_init__(self) -> None:
         """Refuse what is not a secret of a round.
 
-        Raises
-        ------
-        GlbenchError
-            When the salt, the digest, the years or the closing time is invalid.
+        Raises ``GlbenchError`` when the salt, the digest, the years or the closing time is invalid.
         """
         # The wrong salt is not repeated: a right one with a typo would end up in a log.
         if not isinstance(self.salt, str) or not _HEX.fullmatch(self.salt):
@@ -165,10 +162,7 @@ def commitment_of(secret: str) -> str:
 def weather_of(secret: str) -> SealedWeather | None:
     """The weather that a round's secret names, if any.
 
-    Raises
-    ------
-    GlbenchError
-        When it looks like a round's secret and is none.
+    Raises ``GlbenchError`` when it looks like a round's secret and is none.
     """
     first, *lines = secret.split("\n")
     if first != _FIRST_LINE:  # a plain salt
@@ -185,10 +179,7 @@ def weather_of(secret: str) -> SealedWeather | None:
 def write_round(sealed: Round, path: Path) -> None:
     """Write the round's file, which only its owner may read.
 
-    Raises
-    ------
-    GlbenchError
-        When there is a file already, which might be the only copy of a secret, or it cannot be written.
+    Raises ``GlbenchError`` when there is a file already, which might be the only copy of a secret, or it cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -208,10 +199,7 @@ def write_round(sealed: Round, path: Path) -> None:
 def read_round(path: Path | str) -> Round:
     """The round of a file that ``glbench round new`` wrote, or that a host has published.
 
-    Raises
-    ------
-    GlbenchError
-        When the file is missing, no round's, or its salt and weather do not give its commitment.
+    Raises ``GlbenchError`` when the file is missing, no round's, or its salt and weather do not give its commitment.
     """
     path = Path(path)
     try:
@@ -261,10 +249,7 @@ def _round_of(content: dict[str, Any]) -> tuple[Round, object]:
 def closing_time(text: str) -> dt.datetime:
     """Parse a closing time such as ``2027-03-01T18:00+01:00``.
 
-    Raises
-    ------
-    GlbenchError
-        When it is not a time, has no time zone, or is in the past.
+    Raises ``GlbenchError`` when it is not a time, has no time zone, or is in the past.
     """
     try:
         closes = dt.datetime.fromisoformat(text.strip())
@@ -282,10 +267,7 @@ def closing_time(text: str) -> dt.datetime:
 def round_weather(name: str, years: Sequence[int]) -> SealedWeather:
     """The weather record ``name`` as a round's own.
 
-    Raises
-    ------
-    GlbenchError
-        When there is no such record, it lacks one of the years, or no year is named.
+    Raises ``GlbenchError`` when there is no such record, it lacks one of the years, or no year is named.
     """
     from glbench.weather import SeasonGenerator, load_weather  # not at the top: task files are read without the weather
 

@@ -38,10 +38,7 @@ def schema_of(content: Mapping[str, Any]) -> type[TaskFile1] | type[TaskFile2]:
 def file_of(content: Mapping[str, Any]) -> TaskFile2:
     """The record of the tables of a task file, whichever schema they are in.
 
-    Raises
-    ------
-    pydantic.ValidationError
-        When they define no task.
+    Raises ``pydantic.ValidationError`` when they define no task.
     """
     kind = schema_of(content)
     return kind.of_content(content) if issubclass(kind, TaskFile2) else PaperTaskFile.of_file(kind.model_validate(content))
@@ -50,10 +47,7 @@ def file_of(content: Mapping[str, Any]) -> TaskFile2:
 def file_of_attachment(plain: Mapping[str, Any]) -> TaskFile2:
     """The record of which ``TaskFile2.attachment`` gave ``plain``. Files are not trusted: they come with records of runs.
 
-    Raises
-    ------
-    pydantic.ValidationError, KeyError, TypeError, ValueError, AttributeError
-        When it defines no task.
+    Raises ``pydantic.ValidationError`` or ``KeyError`` or ``TypeError`` or ``ValueError`` or ``AttributeError`` when it defines no task.
     """
     return file_of(with_dates(tables_of_attachment(plain) if plain.get("schema") == 1 else plain))
 
@@ -61,10 +55,7 @@ def file_of_attachment(plain: Mapping[str, Any]) -> TaskFile2:
 def record_of(tables: TaskTables, source: str) -> TaskFile2:
     """The record of the tables of a file that messages call ``source``.
 
-    Raises
-    ------
-    TaskError
-        When they define no task; it lists every mistake.
+    Raises ``TaskError`` when they define no task; it lists every mistake.
     """
     try:
         return file_of(tables.content)
@@ -154,10 +145,7 @@ def changed_tables(base: Mapping[str, Any], base_id: str, *changes: Mapping[str,
 
     ``base`` are the tables of the task ``base_id``.
 
-    Raises
-    ------
-    TaskError
-        When the changes are no tables of a task, or have the id of a shipped task.
+    Raises ``TaskError`` when the changes are no tables of a task, or have the id of a shipped task.
     """
     own_id = f"{OWN_NAMESPACE}/{base_id.partition('/')[2]}"
     names_to_drop: list[str] = []

@@ -66,10 +66,7 @@ def set_point_field(name: str) -> Any:
 def set_points(controls: tuple[str, ...]) -> tuple[Action, ...]:
     """The set points of a process computer that works ``controls``.
 
-    Raises
-    ------
-    UnknownNameError
-        When it cannot work one of them, or none that a set point steers.
+    Raises ``UnknownNameError`` when it cannot work one of them, or none that a set point steers.
     """
     for name in controls:
         if name not in WORKED:

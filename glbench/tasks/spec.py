@@ -30,10 +30,7 @@ class TaskSpec(ResolvedTask):
     def model_validate(cls, content: Mapping[str, Any]) -> Self:
         """The task that the tables ``content`` define, as TOML gives them.
 
-        Raises
-        ------
-        pydantic.ValidationError
-            When they define none.
+        Raises ``pydantic.ValidationError`` when they define none.
         """
         return cls(file_of(content))
 
@@ -41,10 +38,7 @@ class TaskSpec(ResolvedTask):
     def of_file(cls, tables: TaskTables, source: str) -> Self:
         """The task of the tables of a file that messages call ``source``.
 
-        Raises
-        ------
-        TaskError
-            When they define no task; it lists every mistake.
+        Raises ``TaskError`` when they define no task; it lists every mistake.
         """
         return cls(record_of(tables, source), source, tables.base, tables.changes)
 
@@ -52,10 +46,7 @@ class TaskSpec(ResolvedTask):
     def from_tables(cls, plain: Mapping[str, Any]) -> Self:
         """The task of which ``as_tables`` gave ``plain``.
 
-        Raises
-        ------
-        pydantic.ValidationError, ValueError, KeyError, TypeError
-            When it defines none.
+        Raises ``pydantic.ValidationError`` or ``ValueError`` or ``KeyError`` or ``TypeError`` when it defines none.
         """
         return cls.model_validate(with_dates(plain))
 
@@ -67,10 +58,7 @@ class TaskSpec(ResolvedTask):
     def of_attachment(cls, plain: Mapping[str, Any]) -> Self:
         """The task of which ``attachment`` gave ``plain``.
 
-        Raises
-        ------
-        pydantic.ValidationError, KeyError, TypeError, ValueError, AttributeError
-            When it defines none.
+        Raises ``pydantic.ValidationError`` or ``KeyError`` or ``TypeError`` or ``ValueError`` or ``AttributeError`` when it defines none.
         """
         return cls(file_of_attachment(plain))
 
@@ -85,10 +73,7 @@ class TaskSpec(ResolvedTask):
         ``id`` and ``title`` are keys like others. Without an id the task is called ``my/`` and its short id. The split stays, if the
         new task has it.
 
-        Raises
-        ------
-        TaskError
-            When the result is not a task; it names table, key and value. When the id is that of a shipped task.
+        Raises ``TaskError`` when the result is not a task; it names table, key and value. Also when the id is that of a shipped task.
         """
         base = self.file.content(self.source)
         task = _changed_task(*changed_tables(base, self.id, {} if changes is None else changes, tables))
@@ -105,10 +90,7 @@ class TaskSpec(ResolvedTask):
         It does not cover the code that computes a step from these: draws, accounts, reward, and for schema 1 the weather between the
         hours. What that code gives for the published tasks is in ``tasks/behaviour.toml`` (``glbench.env.behaviour``).
 
-        Raises
-        ------
-        TaskError
-            When the task asks for what does not exist.
+        Raises ``TaskError`` when the task asks for what does not exist.
         """
         return self._fingerprint
 

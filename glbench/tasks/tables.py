@@ -784,10 +784,7 @@ class TaskFile2(TaskFile):
     def of_content(cls, content: Mapping[str, Any]) -> Self:
         """The record of the tables ``content``, as TOML gives them.
 
-        Raises
-        ------
-        pydantic.ValidationError
-            When they define no task.
+        Raises ``pydantic.ValidationError`` when they define no task.
         """
         record = cls.model_validate(content)
         record._content = content
@@ -796,10 +793,7 @@ class TaskFile2(TaskFile):
     def content(self, source: str) -> dict[str, Any]:
         """The tables as TOML gives them; ``source`` is what messages call the task.
 
-        Raises
-        ------
-        TaskError
-            When the record is an unchecked copy, which no file defines.
+        Raises ``TaskError`` when the record is an unchecked copy, which no file defines.
         """
         if self._content is None:
             msg = f"{source} is a changed copy of a task, which nothing checked. Make it with replace, or write it as a file."

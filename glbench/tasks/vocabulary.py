@@ -41,10 +41,7 @@ class Registry(Generic[Entry]):
     def add(self, entry: Entry) -> Entry:
         """Make ``entry`` known and return it.
 
-        Raises
-        ------
-        TaskError
-            When the name is taken: a word of the vocabulary never changes its meaning within a process.
+        Raises ``TaskError`` when the name is taken: a word of the vocabulary never changes its meaning within a process.
         """
         if entry.name in self._entries:
             msg = f"There is a {self.kind} called '{entry.name}' already. Give the new one another name."

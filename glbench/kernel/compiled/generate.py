@@ -172,17 +172,14 @@ def _followers(function: Any, traits: Traits, cuts: Mapping[int, Source]) -> Fol
 def generate(function: Any, traits: Traits | None = None) -> GeneratedModel:
     """C++ functions of ``function`` (CasADi SX, arguments x, u, d, p): the right-hand side, its Jacobian, elimination.
 
+    Raises ``ValueError`` when the function has an operation that the generator does not know.
+
     Parameters
     ----------
     function
         ``glbench.model.build_rhs(...)``.
     traits
         What is known of the model beyond its equations.
-
-    Raises
-    ------
-    ValueError
-        When the function has an operation that the generator does not know.
     """
     traits = traits or Traits()
     model = analyse(function, traits)

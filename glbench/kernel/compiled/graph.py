@@ -88,10 +88,7 @@ class Graph:
     def make(self, op: str, *args: int) -> int:
         """Node of ``op`` applied to ``args``, simplified where that is free.
 
-        Raises
-        ------
-        ValueError
-            When the operation is not one of the generator's.
+        Raises ``ValueError`` when the operation is not one of the generator's.
         """
         if op in ("add", "sub", "mul", "neg", "inv"):
             simple = getattr(self, f"_{op}")(*args)
@@ -273,6 +270,8 @@ def read_function(
 ) -> tuple[Graph, list[int]]:
     """Graph of an SX function and the nodes of its first output, in order.
 
+    Raises ``ValueError`` when the function has an operation that the generator does not know.
+
     Parameters
     ----------
     function
@@ -287,11 +286,6 @@ def read_function(
         Instructions whose result the graph reads as an element of an input instead of computing it.
     trace
         Gets the node of each instruction.
-
-    Raises
-    ------
-    ValueError
-        When the function has an operation that the generator does not know.
     """
     graph = Graph()
     work: dict[int, int] = {}
