@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 _Count = Annotated[int, Field(ge=1, le=10_000)]
 _Margin = Annotated[float, Field(ge=0.0)]
 
-PREDICTIVE_BASELINES = ("mpc", "mpc_greenhouse")
+PREDICTIVE_BASELINES = ("mpc", "mpc_greenhouse", "mpc_energy")
 """The shipped settings of the controller "mpc": each has end values for models of its own."""
 _PLANNED = ("rate", "set_point")
 """Kinds of actuation whose actions move single controls."""

@@ -111,8 +111,7 @@ class Search:
     """A search for plans for the runs of ``seeds`` of a task, in the split that it is in, with perfect information.
 
     Each plan starts from the controls of the agent ``start`` and takes ``iterations`` of ``glbench.control.plan_season``. It is saved in
-    ``folder``, as ``<seed>.npz``; finished plans are skipped. ``workers`` processes plan here, or on the Ray cluster at ``address``. Raises
-    ``GlbenchError`` when the task has machines that are off or on, which the planner does not know.
+    ``folder``, as ``<seed>.npz``; finished plans are skipped. ``workers`` processes plan here, or on the Ray cluster at ``address``.
     """
 
     task: TaskSpec
@@ -126,13 +125,6 @@ class Search:
     """Seeds of the runs; runs with identical conditions are grouped together."""
 
     def __post_init__(self) -> None:
-        if self.task.on_off:
-            msg = (
-                f"{self.task.id} has machines that are off or on ({', '.join(self.task.on_off)}). The planner moves controls "
-                "continuously, so such a task cannot be planned. The best run of an agent can be handed in: "
-                "glbench bound --submit RESULT.json."
-            )
-            raise GlbenchError(msg)
         object.__setattr__(self, "groups", group_by_conditions(self.task, self.seeds))
 
     def place(self, seeds: Sequence[int]) -> Path:

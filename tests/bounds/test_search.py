@@ -20,6 +20,7 @@ from glbench.tasks import TaskSpec, get_task
 
 SEEDS = (20_001, 20_002)
 MY_AGENT = data_folder("submissions") / "my_agent.py"
+ENERGY_AGENT = data_folder("submissions") / "energy_agent.py"
 
 
 def a_search(task: TaskSpec, folder: Path, **options: int) -> Search:
@@ -35,9 +36,15 @@ def test_runs_in_which_the_same_is_given_share_a_plan(nominal: TaskSpec, drawn: 
     assert group_by_conditions(drawn, (4, 9, 2)) == ((4,), (9,), (2,))
 
 
-def test_machines_that_are_off_or_on_are_not_planned(tmp_path: Path) -> None:
-    with pytest.raises(GlbenchError, match=r"SpringEnergy-v1 has machines that are off or on \(uChp\)"):
-        a_search(get_task("SpringEnergy-v1").scored, tmp_path)
+def test_machines_that_are_off_or_on_are_planned(tmp_path: Path) -> None:
+    task = get_task("SpringEnergy-v1").replace({"id": "my/Energy-v1", "weather.days": 2}).in_split("validation")
+    search = Search(task, (10000,), protect(ENERGY_AGENT, "none"), tmp_path, iterations=4)
+    (outcome,) = search.run(search.jobs())
+    start = evaluate(task, protect(ENERGY_AGENT, "none"), runs=1).runs[0].metrics["reward"]
+    assert outcome.value is not None
+    assert outcome.value.reward > start
+    engine = [action.name for action in task.actions].index("uChp")
+    assert np.unique(read_book(tmp_path / "10000.npz").plan(10000)[:, engine]).size > 1
 
 
 def test_a_search_finds_better_plans_keeps_them_and_goes_on(drawn: TaskSpec, tmp_path: Path) -> None:
