@@ -105,7 +105,7 @@ class StateEstimator:
             raise TaskError(msg)
         model = task.model_value
         self.kernel = Kernel(model, task.step_seconds, preset=preset)
-        self.kernel.differentiator()  # built now, and not within the time of the first decision
+        self.kernel.prepare(task.parameters())  # now, and not within the time of the first decision
         self._s, self._names = len(model.states), [column.name for column in task.observed()]
         self._nominal = task.parameters()
         groups = [group for group in task.scenario.groups if group.half_width > 0.0]

@@ -105,7 +105,8 @@ class PredictiveController:
         # What is tried is judged as the task judges, by meters where it judges means. The model without meters has the same states and
         # parameters, without those of the meters at the end.
         self._judge = Kernel(judged.model_value, task.step_seconds, preset=preset)
-        self._kernel.differentiator()  # built now, where it has to be, and not within the time of the first decision
+        for kernel, whose in ((self._kernel, near), (self._judge, judged)):  # now, and not within the time of the first decision
+            kernel.prepare(whose.parameters())
         self._states, self._parameters = len(near.model_value.states), len(near.model_value.parameter_names)
         self._meters, self._limits = (len(judged.model_value.states) - self._states, judged.parameters()[self._parameters :])
         self._end_value = end_value

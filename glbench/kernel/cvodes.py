@@ -187,6 +187,9 @@ class CvodesBackend:
 
         return step
 
+    def prepare(self, p: FloatArray) -> None:
+        """There is nothing to build."""
+
     def describe(self) -> Description:
         """Return method, tolerances and versions, as recorded in results."""
         return {

@@ -53,6 +53,10 @@ class Backend(Protocol):
         """Return what differentiates the steps; may build a library for some ten seconds."""
         ...
 
+    def prepare(self, p: FloatArray) -> None:
+        """Build now what steps with parameters ``p`` and their derivatives need."""
+        ...
+
     def environments(self, program: Program, n: int) -> Environments | None:
         """``n`` environments that run ``program`` around the step; None where there is no such thing."""
         ...
@@ -225,6 +229,11 @@ class Kernel(Trajectories):
         """
         rows, result = bound_rows(self._names, x, u, d, p, out)
         return self._backend.bind(rows, result)
+
+    def prepare(self, p: FloatArray) -> None:
+        """Build now, once on this machine, what steps with parameters ``p`` ``(p,)`` and their derivatives need: not in the first of them."""
+        self.differentiator()
+        self._backend.prepare(p)
 
     def differentiator(self) -> Differentiator:
         """What differentiates the steps; made at the first call."""

@@ -274,6 +274,12 @@ class CompiledStepper:
         """
         return CompiledDifferentiator(self.model, self.settings, self.width)
 
+    def prepare(self, p: Array) -> None:
+        """Build now the libraries of the full model, for steps and derivatives, where parameters ``p`` have equipment that the usual lack."""
+        if p[list(absent_equipment(self.model))].any():
+            build(self.model, traits_of(self.model, ()), self.width, sensitivities=True)
+            assert self._full_library
+
     def environments(self, program: Program, n: int) -> CompiledEnvironments | None:
         """``n`` environments that run ``program`` around steps of this stepper's length and tolerances.
 
