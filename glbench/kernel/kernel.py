@@ -231,7 +231,7 @@ class Kernel(Trajectories):
         return self._backend.bind(rows, result)
 
     def prepare(self, p: FloatArray) -> None:
-        """Build now, once on this machine, what steps with parameters ``p`` ``(p,)`` and their derivatives need: not in the first of them."""
+        """Build now, once on this machine, what steps with parameters ``p`` ``(p,)`` and their derivatives need."""
         self.differentiator()
         self._backend.prepare(p)
 

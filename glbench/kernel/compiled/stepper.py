@@ -275,7 +275,7 @@ class CompiledStepper:
         return CompiledDifferentiator(self.model, self.settings, self.width)
 
     def prepare(self, p: Array) -> None:
-        """Build now the libraries of the full model, for steps and derivatives, where parameters ``p`` have equipment that the usual lack."""
+        """Build now the libraries of the full model, where parameters ``p`` have equipment that the usual ones leave out."""
         if p[list(absent_equipment(self.model))].any():
             build(self.model, traits_of(self.model, ()), self.width, sensitivities=True)
             assert self._full_library
