@@ -2,7 +2,7 @@
 
 A plan is made twice. Relaxed, a machine may run at any load from 0 to 1. Then a schedule follows the relaxed loads as closely as the hold
 times allow: sum-up rounding, which keeps the difference of the two sums small at every moment. With machines off and on as scheduled, their
-loads and all other controls are planned anew.
+loads and all other controls are planned again.
 
 Where a machine runs, its load moves by at most ``max_change`` in a step, from ``lowest`` when it starts to ``lowest`` when it stops, as
 the actuation of a task moves it.
