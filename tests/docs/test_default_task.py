@@ -22,7 +22,7 @@ NAMED = [
     ("docs/observations.md", f'gymnasium.make("glbench:{DEFAULT_TASK}", normalise=True)'),
     ("docs/training.md", f"glbench evaluate runs/ppo-{SHORT_ID}-seed0"),
     ("docs/training.md", f"glbench evaluate runs/rules-{SHORT_ID}-seed0"),
-    ("docs/report.md", f"glbench story reports/results/{SHORT_ID}/my_agent.json"),
+    ("docs/report.md", "glbench story my_agent  "),
     ("docs/serve.md", f"glbench serve {SHORT_ID}"),
     ("docs/growers.md", f"This is `{SHORT_ID}`"),
     ("docs/maintain.md", f"--task {DEFAULT_TASK} --round"),
