@@ -68,13 +68,13 @@ class Machines:
     def near(self, relaxed: Floats, before: Floats, since: Floats) -> Schedule:
         """The schedule near relaxed controls ``(n, T, c)``.
 
-        In each step a machine should run if the load that it owes, with what is wanted until it may be switched again, is more than half of
+        In each step a machine should run if the load that it owes, with the demand until it may be switched again, is more than half of
         what it would then have run. ``before`` are the controls in force ``(n, c)``; ``since`` ``(n, m)`` is as the attribute.
         """
-        wanted, places = relaxed[..., self.columns], np.arange(len(self._hold))
-        steps, load = wanted.shape[1], before[:, self.columns]
-        sums = np.concatenate([np.zeros_like(wanted[:, :1]), np.cumsum(wanted, axis=1)], axis=1)
-        low, high = np.zeros(wanted.shape), np.zeros(wanted.shape)
+        demand, places = relaxed[..., self.columns], np.arange(len(self._hold))
+        steps, load = demand.shape[1], before[:, self.columns]
+        sums = np.concatenate([np.zeros_like(demand[:, :1]), np.cumsum(demand, axis=1)], axis=1)
+        low, high = np.zeros(demand.shape), np.zeros(demand.shape)
         least, most, owed = load, load, np.zeros(since.shape)
         for step in range(steps):
             ends = np.minimum(step + self._hold, steps)
@@ -89,7 +89,7 @@ class Machines:
                 self._moved(least, -self._change, runs),
                 self._moved(most, self._change, runs),
             )
-            owed = owed + wanted[:, step] - load
+            owed = owed + demand[:, step] - load
             low[:, step], high[:, step] = least, most
         for step in range(steps - 2, -1, -1):  # as low as it has to be to stop in time
             after = np.where(high[:, step + 1] > 0.0, high[:, step + 1] + self._change, self._lowest)
@@ -107,14 +107,14 @@ class Machines:
         controls[..., self.columns] = 1.0
         return controls
 
-    def within(self, controls: Floats, wanted: Floats, before: Floats, schedule: Schedule | None) -> Floats:
-        """Controls ``(..., T, c)`` with the machines as ``wanted``: at any load from 0 to 1, or at those that a schedule allows.
+    def within(self, controls: Floats, demand: Floats, before: Floats, schedule: Schedule | None) -> Floats:
+        """Controls ``(..., T, c)`` with the machines as in ``demand``: at any load from 0 to 1, or at those that a schedule allows.
 
         ``before`` are the controls in force ``(..., c)``.
         """
         if not self.columns.size:
             return controls
-        controls, loads = controls.copy(), np.clip(wanted[..., self.columns], 0.0, 1.0)
+        controls, loads = controls.copy(), np.clip(demand[..., self.columns], 0.0, 1.0)
         if schedule is not None:
             # Off lies one change below the lowest load; loads between limits that move little enough stay there.
             off = self._lowest - self._change

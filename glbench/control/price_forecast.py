@@ -61,8 +61,9 @@ class PriceForecast:
         self._weather[runs, place] = weather if new else (self._weather[runs, place] * count + weather) / (count + 1)
         for market, columns in self._columns.items():
             for ahead, column in columns.items():
-                known = (self._days[runs, place + ahead] == self._days[runs, place]) & np.isfinite(observed[:, column])
-                self._prices[market][runs[known], place[known] + ahead] = observed[known, column]
+                until_midnight = self._days[runs, place + ahead] == self._days[runs, place]
+                rows = np.flatnonzero(until_midnight & np.isfinite(observed[:, column]))
+                self._prices[market][rows, place[rows] + ahead] = observed[rows, column]
             if new and place[0] > 1:
                 self._learn_weekday(market, int(place[0]) - 1)
 
@@ -123,7 +124,7 @@ def _faded(path: Floats, persistence: float) -> Floats:
     hours = np.arange(path.shape[1])
     filled = np.zeros_like(path)
     for run, row in enumerate(path):
-        known = np.flatnonzero(np.isfinite(row))
-        if known.size:
-            filled[run] = np.interp(hours, known, row[known]) * persistence ** np.maximum(hours - known[-1], 0)
+        there = np.flatnonzero(np.isfinite(row))
+        if there.size:
+            filled[run] = np.interp(hours, there, row[there]) * persistence ** np.maximum(hours - there[-1], 0)
     return filled
