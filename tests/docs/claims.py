@@ -672,9 +672,14 @@ CLAIMS: dict[str, list[Claim]] = {
         ("below the {} of `mpc_true_state`", lambda: mean("mpc_true_state", 10)),
         ("the best known plans earn {} EUR/m2 and", lambda: score("best_known", "WinterLED-v1")),
         ("`rule_based_energy` {}.", lambda: score("rule_based_energy", "WinterLED-v1")),
+        ("`mpc_energy`, earns {}.", lambda: score("mpc_energy", "WinterLED-v1")),
     ],
     "docs/speed.md": [("changed by more than {} %", largest_change)],
     "README.md": [
+        (
+            "it earns {} EUR/m² (`mpc_energy`), the rules {}, the best known plans {}.",
+            lambda: tuple(score(agent, "WinterLED-v1") for agent in ("mpc_energy", "rule_based_energy", "best_known")),
+        ),
         (
             "to come included | {} | {} | {} |",
             lambda: (score("best_known", "GreenhouseReal-v1"), score("best_known", "Spring-v1"), mean("best_known", 0)),
