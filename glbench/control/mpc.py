@@ -197,7 +197,8 @@ class PredictiveController:
         Returns
         -------
         ndarray
-            Fractions ``(runs, c)``. They change by at most ``max_change``; scheduled controls are as the calendar has them.
+            Fractions ``(runs, c)``. They change by at most ``max_change``, unless a machine switches; scheduled ones are as the calendar
+            has them.
         """
         if self._end_value is not None and (days_left is None or np.isnan(days_left)):
             msg = (
@@ -208,13 +209,13 @@ class PredictiveController:
         states, before, weather, parameters, dates = self._checked(x, u_before, d, p, calendar)
         steps, day = weather.shape[1], self.task.steps_per_day
         # The search begins with what is left of the plan, and behind it with what was planned a day before.
-        start = np.repeat(before[:, None], steps, axis=1)
-        for step in range(steps if self._plan.shape[1] else 0):
-            place = self._at + step
-            while place >= self._plan.shape[1] and place >= day:
-                place -= day
-            start[:, step] = self._relaxed[:, min(place, self._plan.shape[1] - 1)]
-        plan = self._feasible(start, before, dates)
+        planned, places = self._plan.shape[1], self._at + np.arange(steps)
+        if planned:
+            places -= np.where(places >= planned, np.minimum((places - planned) // day + 1, places // day) * day, 0)
+            places = np.minimum(places, planned - 1)
+        nothing = np.repeat(before[:, None], steps, axis=1)
+        plan = self._feasible(self._relaxed[:, places] if planned else nothing, before, dates)
+        rest = self._plan[:, places] if planned else nothing
         end = np.zeros((self._runs, self._states))
         if self._end_value is not None and days_left is not None:
             after = days_left - steps * self.task.step_seconds / 86400.0
@@ -243,7 +244,9 @@ class PredictiveController:
         if self._machines.columns.size:
             schedule = self._machines.near(plan, before, self._machines.since)
             plan = self._feasible(self._machines.at_full_load(plan), before, dates, schedule)
+            self._renewed[:] = False
             improve(plan, self._iterations, schedule)
+            plan[~self._renewed] = self._feasible(rest, before, dates)[~self._renewed]
         self._plan, self._at, self._decisions = plan, 0, self._decisions + 1
         return self.follow()
 

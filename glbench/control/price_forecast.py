@@ -1,4 +1,4 @@
-"""Prices of power markets in the hours to come: as they are known, and else as sun, wind and the last known price let expect.
+"""Prices of power markets in the hours to come: as they are known, and otherwise as predicted from sun, wind and the last price.
 
 A market's price less what hour, weekday, sun and wind explain (``glbench.tasks.prices``) is an autocorrelated path. It is known in hours
 whose price was shown, between them it is interpolated, and after them it fades. The weather of hours to come is that of an outlook.

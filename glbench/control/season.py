@@ -3,7 +3,7 @@
 Plans are made by sequential convex programming along the trajectory. Each iteration linearises the season's steps around the plan, improves
 the rewards of the linearised season within a trust region of each day, corrects the improvement by what the linearised season got wrong
 about it, and simulates eight step lengths. Each day keeps the length that serves it best, judged by what it earns itself and by what the
-rest of the season makes of the state that it leaves (the costates). A plan is never worse than the one that it was made from. Why it is
+rest of the season makes of the state that it leaves (the costates). No result is worse than the controls that it began with. Why it is
 done like this: docs/adr/0019-plans-by-sequential-convex-programming.md.
 
 An end value is made of the costates of such plans. Why a short horizon needs one: docs/adr/0020-predictive-control.md.
@@ -61,7 +61,7 @@ class SeasonPlan:
         What the steps earn, by the kernel that planned; ``glbench evaluate`` scores with ``reference``.
     commands
         The actuators' commands ``(T, c)``, the controls where all are ideal; none changes by more than ``max_change`` in a step, but for
-        scheduled ones.
+        scheduled ones and machines that switch.
     """
 
     scenario: Scenario
@@ -119,6 +119,7 @@ def plan_season(
         The run. Its task needs a reward with derivatives (``StageReward``).
     controls
         Where the search begins, fractions ``(T, c)``: the commands of a good controller, brought within the bounds and the largest change.
+        Machines that are off or on are taken to run as the task lets them.
     iterations
         How many; one takes about 3 s of one core for 5,760 steps.
     preset
@@ -136,7 +137,7 @@ def plan_season(
     first = search.plan
     shrink = (_LAST_SMOOTHING / _FIRST_SMOOTHING) ** (1.0 / max(count, 1))
     for number in range(count):
-        if scenario.task.on_off and number == (count + 1) // 2:
+        if scenario.task.on_off and number == count // 2:
             search.switch()
         gained = search.improve(_FIRST_SMOOTHING * shrink**number)
         if watch is not None:
