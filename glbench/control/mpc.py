@@ -246,7 +246,7 @@ class PredictiveController:
             plan = self._feasible(self._machines.at_full_load(plan), before, dates, schedule)
             self._renewed[:] = False
             improve(plan, self._iterations, schedule)
-            plan[~self._renewed] = self._feasible(rest, before, dates)[~self._renewed]
+            plan[~self._renewed] = self._feasible(rest, before, dates)[~self._renewed]  # as it was planned before
         self._plan, self._at, self._decisions = plan, 0, self._decisions + 1
         return self.follow()
 

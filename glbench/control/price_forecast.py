@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _HOUR, _DAY = 3600, 86400
-_BEYOND = 48
-"""Hours after the season for which there is room: as far as is planned ahead at its end."""
 _ERROR = 0.1
 """Standard deviation of what readings of sun and wind get wrong about an hour's share of the level."""
 
@@ -34,11 +32,8 @@ class PriceForecast:
 
     def __init__(self, task: TaskSpec, names: list[str], clock: str, begin: Floats) -> None:
         self.tables = {name: table for name, table in task.price_tables.items() if table.market is not None}
-        self._clock, self._step = clock, int(task.step_seconds)
-        self._first = begin.astype(np.int64) // _HOUR  # hour of the first step
-        hours = self._first[:, None] + np.arange(int(task.steps * task.step_seconds) // _HOUR + _BEYOND)
-        local = hours * _HOUR + utc_offsets(hours * _HOUR, clock)
-        self._days, self._hour_of_day = local // _DAY, local % _DAY // _HOUR
+        self._clock, self._step, self._begin = clock, int(task.step_seconds), begin.astype(np.int64)
+        self._days, self._hour_of_day = (np.zeros((len(begin), 0), np.int64) for _ in range(2))
         self._markets = {table.source or name: table.market for name, table in self.tables.items() if table.market is not None}
         self._columns = {
             market: {0: names.index(f"price_{market}")}
@@ -46,14 +41,26 @@ class PriceForecast:
             for market in self._markets
             if f"price_{market}" in names
         }
-        self._prices = {market: np.full(hours.shape, np.nan) for market in self._markets}
-        self._weather = np.full((*hours.shape, 2), np.nan)  # mean radiation and wind of hours, as far as they were seen
+        self._prices = {market: np.zeros((len(begin), 0)) for market in self._markets}
+        self._weather = np.zeros((len(begin), 0, 2))  # mean radiation and wind of hours, as far as they were seen
         self._likely = {market: np.zeros((len(begin), 7)) for market in self._markets}  # log-likelihood of the weekdays
+
+    def _make_room(self, hours: int) -> None:
+        """Room for what is known of the first ``hours`` hours, as yet nothing."""
+        if hours <= self._days.shape[1]:
+            return
+        times = self._begin[:, None] + _HOUR * np.arange(self._days.shape[1], 2 * hours)
+        local = times + utc_offsets(times, self._clock)
+        self._days = np.append(self._days, local // _DAY, axis=1)
+        self._hour_of_day = np.append(self._hour_of_day, local % _DAY // _HOUR, axis=1)
+        self._weather = np.append(self._weather, np.full((*times.shape, 2), np.nan), axis=1)
+        self._prices = {market: np.append(prices, np.full(times.shape, np.nan), axis=1) for market, prices in self._prices.items()}
 
     def update(self, k: int, observed: Floats, weather: Floats) -> None:
         """Take in what is shown at the start of step ``k`` ``(n, columns)``, and its radiation and wind [W m-2, m s-1] ``(n, 2)``."""
         if not self.tables:
             return
+        self._make_room(k * self._step // _HOUR + 25)
         runs = np.arange(len(observed))
         place = k * self._step // _HOUR + np.zeros(len(observed), np.int64)
         new = k == 0 or (k - 1) * self._step // _HOUR < place[0]
@@ -99,6 +106,7 @@ class PriceForecast:
         first = k * self._step // _HOUR
         place = (k + np.arange(steps + 1)) * self._step // _HOUR - first
         hours = slice(first, first + int(place[-1]) + 1)
+        self._make_room(hours.stop)
         mean = np.full((n, int(place[-1]) + 1, 2), np.nan)
         starts = np.flatnonzero(np.diff(place[:-1], prepend=-1))
         mean[:, : len(starts)] = np.add.reduceat(weather, starts, axis=1) / np.diff([*starts, steps])[:, None]

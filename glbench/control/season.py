@@ -142,7 +142,7 @@ def plan_season(
         gained = search.improve(_FIRST_SMOOTHING * shrink**number)
         if watch is not None:
             watch(Iteration(number + 1, search.plan.reward, gained, float(search.radius.mean())))
-    return max(first, search.plan, key=lambda plan: plan.reward) if search.schedule is not None or not scenario.task.on_off else first
+    return max(first, search.plan, key=lambda plan: plan.reward)
 
 
 class _Search:
@@ -165,7 +165,7 @@ class _Search:
         self.ends = np.minimum(self.starts + task.steps_per_day, task.steps)
         self.days = np.repeat(np.arange(len(self.starts)), self.ends - self.starts)
         self.radius = np.full(len(self.starts), _FIRST_RADIUS)
-        self.machines: Machines = Machines(task)
+        self.machines = Machines(task)
         self.schedule: Schedule | None = None
         self.plan = self._simulated(self._feasible(controls)[None])[0]
 

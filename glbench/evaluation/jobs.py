@@ -144,8 +144,8 @@ class Payload:
                 if file is not None:
                     weather[file.name] = file
             # Planning leaves out the meters of violations (docs/control.md), which makes it a different model.
-            for model in (task.model_value, judged_at_the_end(task).model_value):
-                kernels |= built_libraries(model, for_plans=for_plans)
+            for one in (task, judged_at_the_end(task)):
+                kernels |= built_libraries(one.model_value, one.parameters(), for_plans=for_plans)
         try:
             return cls(
                 {name: file.read_bytes() for name, file in sorted(weather.items())},

@@ -99,8 +99,10 @@ def will_compile(model: Model = TOMATO) -> bool:
     return not is_built(model)
 
 
-def built_libraries(model: Model, *, for_plans: bool = False) -> dict[str, Path]:
+def built_libraries(model: Model, p: FloatArray, *, for_plans: bool = False) -> dict[str, Path]:
     """Files of the compiled libraries of ``model`` in this user's cache; ``for_plans`` they are built first, derivatives included.
+
+    They are those for a greenhouse with parameters ``p`` ``(p,)``.
 
     By the names that they need in the folder that the variable ``GLBENCH_KERNELS`` names for another process, which then takes them.
     A process that was lent some itself passes these on.
@@ -110,7 +112,7 @@ def built_libraries(model: Model, *, for_plans: bool = False) -> dict[str, Path]
 
     lent = os.environ.get(LENT)
     passed_on = {file.name: file for file in Path(lent).glob("*.*")} if lent else {}
-    return {**built_libraries(model, for_plans=for_plans), **passed_on}
+    return {**built_libraries(model, p, for_plans=for_plans), **passed_on}
 
 
 @cache

@@ -20,7 +20,7 @@ from glbench.control.trust_region import trust_region_step
 from glbench.env import Simulation
 from glbench.errors import GlbenchError, ShapeError, StepError, SubmissionError, TaskError, UnknownNameError
 from glbench.kernel import Kernel
-from glbench.kernel.compiled.stepper import CompiledStepper
+from glbench.kernel.compiled import stepper
 from glbench.kernel.trajectories import RolloutError
 from glbench.tasks import TaskSpec, get_task, task_card
 
@@ -449,8 +449,20 @@ def test_the_baselines_live_with_actuators_that_are_not_ideal(name: str) -> None
 def test_the_first_decision_builds_no_library(monkeypatch: pytest.MonkeyPatch) -> None:
     agent, task = PredictiveAgent(quick("mpc")), short()
     agent.reset(task_card(task), 1)
-    monkeypatch.setattr(CompiledStepper, "differentiator", lambda _: pytest.fail("a library is built in the time of a decision"))
+    monkeypatch.setattr(stepper.CompiledStepper, "differentiator", lambda _: pytest.fail("a library is built in the time of a decision"))
     assert np.isfinite(agent.act(Simulation(task, 1).reset([SEED]))).all()
+
+
+def test_what_lamps_need_is_built_with_the_controller(monkeypatch: pytest.MonkeyPatch) -> None:
+    built, really = set(), stepper.build
+
+    def build(model: Any, traits: Any, *rest: Any, sensitivities: bool = False) -> Any:
+        built.add((bool(traits.zeros), sensitivities))
+        return really(model, traits, *rest, sensitivities=sensitivities)
+
+    monkeypatch.setattr(stepper, "build", build)
+    PredictiveController("WinterLED-v1")
+    assert {(False, False), (False, True)} <= built, "the library of a greenhouse with lamps, for steps and derivatives"
 
 
 @pytest.mark.parametrize("task_id", ["Lettuce-v1", "WinterLED-v1", "SpringEnergy-v1"])

@@ -9,6 +9,7 @@ import pytest
 
 from glbench.control import Climatology, Outlook, Scenario
 from glbench.control.climatology import sine_of_elevation
+from glbench.control.price_forecast import PriceForecast
 from glbench.errors import TaskError
 from glbench.tasks import get_task
 from glbench.weather import conserving, load_weather
@@ -323,3 +324,17 @@ def test_prices_of_a_market_are_known_until_midnight_and_then_follow_sun_wind_an
         ours.append(ahead - true)
         clock.append(true - true.mean())
     assert np.mean(np.array(ours)[:, :, 48] ** 2) < 0.5 * np.mean(np.array(clock)[:, :, 48] ** 2)
+    assert outlook.ahead(960).calendar.shape == (2, 961, 2 + len(given.task.price_tables))  # as far beyond the season as is asked
+
+
+def test_prices_begin_with_the_day_where_clocks_differ_by_half_hours() -> None:
+    task, begin = short("WinterLED-v1"), np.array([1284661800.0])  # midnight in Kolkata
+    forecast = PriceForecast(task, ["price_power"], "Asia/Kolkata", begin)
+    forecast.update(0, np.array([[0.2]]), np.array([[0.0, 5.0]]))
+    prices = forecast.ahead(0, np.tile([0.0, 5.0], (1, 96, 1)))["power"][0]
+    market = task.price_tables["power"].market
+    assert market is not None
+    shape = np.array(market.shape)
+    assert prices[0] == pytest.approx(0.2)
+    changes = np.diff(prices[:-1:4] / market.level - shape)  # what is left of the unexplained part of the first price fades
+    assert np.abs(changes).max() < 0.05

@@ -157,7 +157,7 @@ def test_weather_and_kernels_of_the_user_are_used_where_they_arrive(
     assert os.environ["GLBENCH_KERNELS"] == "", "a kernel that this processor may not run is left alone"
     payload.unpack()
     if payload.kernels:
-        assert {name for name, _ in built_libraries(task.model_value).items()} == set(payload.kernels)
+        assert {name for name, _ in built_libraries(task.model_value, task.parameters()).items()} == set(payload.kernels)
         folder = Path(os.environ["GLBENCH_KERNELS"])
         assert folder.is_relative_to(tmp_path / "there")
         assert {file.name: file.read_bytes() for file in folder.iterdir()} == payload.kernels

@@ -65,9 +65,11 @@ class SandboxedAgent:
         from glbench.control.stage import judged_at_the_end  # not at the top: only agents plan
 
         # Those who plan leave out the meters of violations (docs/control.md), which makes it another model.
-        models = (task.model_value, judged_at_the_end(task).model_value) if walls else ()
+        tasks = (task, judged_at_the_end(task)) if walls else ()
         plans = any(_PLANNERS in file.read_bytes() for file in submission.all_files() if file.suffix == ".py")
-        libraries = {name: file for model in models for name, file in built_libraries(model, for_plans=plans).items()}
+        libraries = dict[str, Path]()
+        for one in tasks:
+            libraries |= built_libraries(one.model_value, one.parameters(), for_plans=plans)
         definition = public_definition(task)
         return SandboxedAgent(submission, task_card(task), runs, time, sizes, prints, walls, definition, libraries)
 

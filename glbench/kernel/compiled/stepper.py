@@ -277,8 +277,8 @@ class CompiledStepper:
     def prepare(self, p: Array) -> None:
         """Build now the libraries of the full model, where parameters ``p`` have equipment that the usual ones leave out."""
         if p[list(absent_equipment(self.model))].any():
-            build(self.model, traits_of(self.model, ()), self.width, sensitivities=True)
-            assert self._full_library
+            for sensitivities in (False, True):
+                build(self.model, traits_of(self.model, ()), self.width, sensitivities=sensitivities)
 
     def environments(self, program: Program, n: int) -> CompiledEnvironments | None:
         """``n`` environments that run ``program`` around steps of this stepper's length and tolerances.
@@ -430,16 +430,22 @@ def is_built(model: Model) -> bool:
         return True
 
 
-def built_libraries(model: Model, *, for_plans: bool) -> dict[str, Path]:
-    """The files of the libraries of ``model`` in the cache, by the names for lending them; built if they are ``for_plans``."""
-    traits = traits_of(model, absent_equipment(model))
+def built_libraries(model: Model, p: Array, *, for_plans: bool) -> dict[str, Path]:
+    """The files of the libraries of ``model`` in the cache, by the names for lending them; built if they are ``for_plans``.
+
+    That of the full model is among them where parameters ``p`` have equipment that the usual one leaves out.
+    """
+    absent, files = absent_equipment(model), dict[str, Path]()
     try:
-        if for_plans:
-            build(model, traits)
-            build(model, traits, sensitivities=True)
-        return built_files(model, traits)
+        for zeros in (absent, ()) if p[list(absent)].any() else (absent,):
+            traits = traits_of(model, zeros)
+            if for_plans:
+                build(model, traits)
+                build(model, traits, sensitivities=True)
+            files |= built_files(model, traits)
     except CompiledUnavailable:
         return {}
+    return files
 
 
 def availability(model: Model = TOMATO) -> str | None:

@@ -10,21 +10,18 @@ import pytest
 from glbench.agents.baselines import read_baseline
 from glbench.agents.predictive import PredictiveSettings
 from glbench.control import Climatology
-from glbench.control.stage import judged_at_the_end
 from glbench.evaluation import TimeLimits, prepare
-from glbench.kernel import Kernel, available
+from glbench.kernel import available
 from glbench.tasks import get_task
 from tests.support import examples_of
 
 
 @pytest.mark.skipif("compiled" not in available(), reason="no compiled kernel here")
-def test_the_agent_of_the_page_plans_inside(needs_sandbox: None, tmp_path: Path) -> None:
-    task = get_task("Spring-v1").replace({"id": "my/OneDay-v1", "weather.days": 1, "weather.step_seconds": 1800})
-    # Compiled outside: what is not there when the agent starts is not there for it.
-    for model in (task.model_value, judged_at_the_end(task).model_value):
-        Kernel(model, task.step_seconds, preset="fast").differentiator()
+@pytest.mark.parametrize(("task_id", "baseline"), [("Spring-v1", "mpc"), ("WinterLED-v1", "mpc_energy")])  # without lamps and with them
+def test_the_agent_of_the_page_plans_inside(task_id: str, baseline: str, needs_sandbox: None, tmp_path: Path) -> None:
+    task = get_task(task_id).replace({"id": "my/OneDay-v1", "weather.days": 1, "weather.step_seconds": 1800})
     (agent,) = (example for example in examples_of("control.md") if "make_agent" in example)
-    settings = read_baseline("mpc").settings
+    settings = read_baseline(baseline).settings
     assert isinstance(settings, PredictiveSettings)
     folder = tmp_path / "planner"
     folder.mkdir()
