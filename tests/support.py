@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
+import subprocess
 import tempfile
+import time
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -16,6 +19,15 @@ from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+def wait_for_checkpoint(folder: Path, process: subprocess.Popen[str]) -> None:
+    """Until an evaluation has left a checkpoint below ``folder``, or is over; five minutes at most. Folders come and go meanwhile."""
+    deadline = time.monotonic() + 300
+    while time.monotonic() < deadline and process.poll() is None:
+        if any("snapshot.npz" in names for _, _, names in os.walk(folder)):
+            return
+        time.sleep(0.05)
 
 
 def is_recorded_processor() -> bool:

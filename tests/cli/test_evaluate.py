@@ -15,6 +15,7 @@ import pytest
 from glbench.errors import GlbenchError
 from glbench.evaluation import METRICS, load_result
 from tests.cli.command_line import Command
+from tests.support import wait_for_checkpoint
 
 ARGUMENTS = ("--task", "day.toml", "--workers", "1")
 GLBENCH = (sys.executable, "-c", "from glbench.cli.app import main; main()")
@@ -126,9 +127,7 @@ def test_ctrl_c_leaves_with_130_and_the_same_command_goes_on(here: Path) -> None
     (here / "slow.py").write_text(slow, encoding="utf-8")
     command = [*GLBENCH, "evaluate", "slow.py", "--task", "day.toml", "--workers", "2"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    deadline = time.monotonic() + 300
-    while not list(here.rglob("snapshot.npz")) and time.monotonic() < deadline and process.poll() is None:
-        time.sleep(0.05)
+    wait_for_checkpoint(here, process)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes of the group
     out, err = process.communicate(timeout=300)
 

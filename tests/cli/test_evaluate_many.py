@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -15,6 +14,7 @@ import pytest
 from glbench.evaluation import load_result
 from glbench.evaluation.sandbox.bubblewrap import why_no_sandbox
 from tests.cli.command_line import Command
+from tests.support import wait_for_checkpoint
 
 GLBENCH = (sys.executable, "-c", "from glbench.cli.app import main; main()")
 PLACE = Path("reports/results/Day-v1")
@@ -123,9 +123,7 @@ def test_whatever_ends_it_the_same_command_goes_on_and_repeats_nothing(here: Pat
     slow = variant(here, "slow.py", "return np", "import os, time; time.sleep(0 if os.path.exists('hurry') else 0.3); return np")
     command = [*GLBENCH, "evaluate", "steady.py", slow, variant(here, "quick.py"), "--task", "day.toml"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    deadline = time.monotonic() + 300
-    while not list(here.rglob("snapshot.npz")) and time.monotonic() < deadline and process.poll() is None:
-        time.sleep(0.05)
+    wait_for_checkpoint(here, process)
     os.killpg(process.pid, getattr(signal, f"SIG{how}"))
     _, err = process.communicate(timeout=300)
     assert process.returncode == {"INT": 130, "TERM": 143, "KILL": -9}[how]

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from glbench.evaluation import load_result
+from tests.support import wait_for_checkpoint
 
 pytestmark = pytest.mark.slow
 
@@ -21,12 +22,6 @@ PATIENT = "import os, time; time.sleep(0 if os.path.exists('hurry') else 1.0); r
 
 def started(*arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen([*GLBENCH, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
-def wait_for_checkpoint(folder: Path, process: subprocess.Popen[str]) -> None:
-    deadline = time.monotonic() + 300
-    while not list(folder.rglob("snapshot.npz")) and time.monotonic() < deadline and process.poll() is None:
-        time.sleep(0.05)
 
 
 @pytest.fixture
@@ -43,7 +38,7 @@ def test_being_ended_from_outside_is_told_and_the_same_command_goes_on(slow: Pat
     process.send_signal(number)
     _, err = process.communicate(timeout=300)
 
-    assert process.returncode == code
+    assert process.returncode == code, err
     assert "Interrupted." in err
     assert "continues from the last checkpoint" in err
     assert "Traceback" not in err
