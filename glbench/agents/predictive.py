@@ -41,7 +41,7 @@ class PredictiveSettings(Table):
 
     ``sees`` is the view of ``mpc`` (``glbench.agents.views``): all other readings count as missing. Without it, it sees all of them.
     ``parameters`` is the set of parameters that ``mpc`` plans and estimates with, such as "benchmark"; without it, the task's own.
-    ``restart`` is that of ``StateEstimator``.
+    ``restart`` is that of ``StateEstimator``. ``end_values`` are by id of a model, or of a task, which goes before its model.
     """
 
     horizon_hours: Annotated[float, Field(gt=0.0, le=240.0)]
@@ -58,7 +58,7 @@ class PredictiveSettings(Table):
 
     def check(self, task: TaskSpec) -> None:
         """Raise ``SubmissionError`` when the actions are not about single controls, or there is no end value for the task's model."""
-        if task.model_id not in self.end_values:
+        if self.end_value(task) is None:
             able = predictive_baseline(task)
             msg = (
                 f"There is no end value for the model of {task.id}, {task.model_id}.{did_you_mean(task.model_id, self.end_values)} "
@@ -68,6 +68,10 @@ class PredictiveSettings(Table):
             raise SubmissionError(msg)
         if task.actuation.kind not in _PLANNED:
             refuse(f"{task.id} has a process computer at the actuators. Predictive control plans single controls.", SubmissionError)
+
+    def end_value(self, task: TaskSpec) -> dict[str, Any] | None:
+        """The end value for a task: its own, or that of its model."""
+        return self.end_values.get(task.id, self.end_values.get(task.model_id))
 
     def controller(self, task: TaskSpec) -> PredictiveController:
         """A controller for a task. Raises ``SubmissionError`` as for ``check``, or when it cannot be planned for."""
@@ -79,7 +83,7 @@ class PredictiveSettings(Table):
                 horizon=max(round(self.horizon_hours * 3600.0 / task.step_seconds), self.plan_every),
                 iterations=self.iterations,
                 first_iterations=self.first_iterations,
-                end_value=EndValue.read(self.end_values[task.model_id]),
+                end_value=EndValue.read(self.end_value(task) or {}),
                 margin={name: margin for name, margin in self.margin.items() if name in limited},
                 ascent_steps=self.ascent_steps,
                 renew_every=self.renew_every,
@@ -101,7 +105,7 @@ def read_predictive_settings(path: Path) -> PredictiveSettings:
 
 def predictive_baseline(task: TaskSpec) -> str:
     """The baseline of ``PREDICTIVE_BASELINES`` with an end value for the task's model; the first where none has one."""
-    return next((name for name in PREDICTIVE_BASELINES if task.model_id in _shipped_settings(name).end_values), PREDICTIVE_BASELINES[0])
+    return next((name for name in PREDICTIVE_BASELINES if _shipped_settings(name).end_value(task) is not None), PREDICTIVE_BASELINES[0])
 
 
 def can_be_planned(task: TaskSpec) -> bool:

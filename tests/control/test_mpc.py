@@ -45,6 +45,16 @@ def end_value(task: TaskSpec) -> EndValue:
     return EndValue.read(settings().end_values[task.model_id])
 
 
+def test_the_end_value_of_a_task_goes_before_that_of_its_model() -> None:
+    """WinterLED-v1 and FullSeason-v1 have one model and seasons of other lengths and starts."""
+    winter, energy = get_task("WinterLED-v1"), get_task("SpringEnergy-v1")
+    shipped = settings("mpc_energy").end_values
+    own = settings("mpc_energy", end_values={**shipped, winter.id: shipped[energy.model_id]})
+    assert own.end_value(winter) == shipped[energy.model_id]
+    assert own.end_value(get_task("FullSeason-v1")) == shipped[winter.model_id]
+    assert own.end_value(get_task("Lettuce-v1")) is None
+
+
 def run(task: TaskSpec, controller: PredictiveController, seeds: list[int], steps: int) -> tuple[Floats, Floats]:
     """Rewards ``(n,)`` and controls ``(steps, n, c)`` of a controller that is told everything, planning anew in every other step."""
     scenarios = [Scenario.of(task, seed) for seed in seeds]
