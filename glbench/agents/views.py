@@ -29,6 +29,7 @@ VIEWS: Mapping[str, tuple[str, ...]] = {
     "two_sensors": ("outdoor", *_POSITIONS, "air_temperature", "relative_humidity", "vapour_deficit"),
     "sensors": (
         "two_sensors", "indoor_climate", "published_indoor_climate", "light_today", "crop", "published_crop", "registration", "crop_health",
+        "energy",
     ),
     "memory": ("sensors",),
     "no_forecast": ("sensors", *(f"-{name}" for name in _FORECASTS)),
@@ -37,7 +38,7 @@ VIEWS: Mapping[str, tuple[str, ...]] = {
 RECALLING = ("blind", "memory")
 """Views of agents that also remember."""
 _WITHOUT = "without_"
-_FOLLOWS = {"air_temperature": ("-vapour_deficit",), "relative_humidity": ("-vapour_deficit",)}
+_FOLLOWS = {"air_temperature": ("-vapour_deficit",), "relative_humidity": ("-vapour_deficit",), "prices": ("-day_ahead_prices",)}
 _OPTIONAL = {name.removeprefix("-") for names in VIEWS.values() for name in names}
 
 
@@ -54,12 +55,15 @@ def visible_columns(task: TaskSpec, view: Sequence[str]) -> NDArray[np.bool_]:
 
 
 def left_out_views(task: TaskSpec) -> list[str]:
-    """Views without the forecast, and without each sensor: a column of the climate inside, or what is measured of crop or weather."""
+    """Views without the forecast, prices, or one sensor: a column of the climate inside, or what is measured of crop, buffer or weather."""
     modules = task.observation.modules
     sensors = [
         column.name for module in modules if module in ("indoor_climate", "published_indoor_climate") for column in task.observed_by(module)
     ]
-    parts = [*sensors, *(module for module in ("crop", "published_crop", "registration", "weather") if module in modules)]
+    parts = [
+        *sensors,
+        *(module for module in ("crop", "published_crop", "registration", "energy", "weather", "prices") if module in modules),
+    ]
     forecast = ["no_forecast"] if {*modules} & {*_FORECASTS} else []
     return [*forecast, *(f"{_WITHOUT}{part}" for part in parts)]
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from glbench.agents.views import VIEWS, visible_columns
+from glbench.agents.views import VIEWS, left_out_views, visible_columns
 from glbench.errors import UnknownNameError
 from glbench.tasks import TaskSpec, get_task
 
@@ -46,6 +46,16 @@ def test_what_is_taken_away_goes_with_what_follows_from_it(spring: TaskSpec) -> 
     growers = get_task("SpringSetpoints-v1")
     lost = columns(growers, "sensors") - columns(growers, "without_relative_humidity")
     assert lost == {"relative_humidity", *(column.name for column in growers.observed_by("vapour_deficit"))}
+
+
+def test_energy_tasks_show_the_buffer_and_can_hide_all_prices() -> None:
+    """Prices to come are hidden with those of now."""
+    energy = get_task("SpringEnergy-v1")
+    prices = {column.name for module in ("prices", "day_ahead_prices") for column in energy.observed_by(module)}
+    assert columns(energy, "sensors") - columns(energy, "without_prices") == prices
+    assert columns(energy, "sensors") - columns(energy, "without_energy") == {"buffer_heat", "buffer_share"}
+    assert {"without_prices", "without_energy"} < {*left_out_views(energy)}
+    assert not {"without_prices", "without_energy"} & {*left_out_views(get_task("Spring-v1"))}
 
 
 def test_positions_that_a_process_computer_moves_are_not_outdoors() -> None:
