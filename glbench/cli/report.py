@@ -113,7 +113,7 @@ def story(
             "--against",
             metavar="RESULT|AGENT",
             help="Another result file, or the name of an agent with a result in the same folder. "
-            f"Default: {_RULES}; of a task with an energy system {_ENERGY_RULES}.",
+            f"Default: {_RULES}; of a task that shows the price of power {_ENERGY_RULES}.",
         ),
     ] = None,
     page: Annotated[Path | None, typer.Option("--page", help="Write a page (.html) with tables and charts, too.")] = None,
@@ -157,14 +157,14 @@ def _other(path: Path, result: Result, against: str | None) -> Path:
 
     Raises ``ResultError`` when there is none, with the command that makes it.
     """
+    from glbench.agents.energy_rules import POWER
     from glbench.evaluation.evaluation import TRIALS, VALIDATION
     from glbench.evaluation.saving import task_of_result
-    from glbench.model.equipment import lacks_energy
 
     if against is not None and is_file(against):
         return Path(against)
     if against is None:
-        against = _RULES if lacks_energy(task_of_result(result, path).model_value) else _ENERGY_RULES
+        against = _ENERGY_RULES if POWER in (column.name for column in task_of_result(result, path).observed()) else _RULES
     other = path.with_name(f"{against}.json")
     if other.is_file():
         return other
