@@ -183,8 +183,8 @@ def test_story_and_view_take_an_agent_by_its_name(here, glbench):
 
 def test_where_power_has_a_price_a_story_is_told_against_the_energy_rules(here, glbench):
     """Also without engine and buffer, as in WinterLED-v1."""
-    text = 'base = "glbench/WinterLED-v1"\nid = "mine/Winter-v1"\ntitle = "A day"\nsuites = ["mine"]\n[weather]\ndays = 1\n[evaluation]\nruns = 1\n'
-    (here / "winter.toml").write_text(text, encoding="utf-8")
+    head = 'base = "glbench/WinterLED-v1"\nid = "mine/Winter-v1"\ntitle = "A day"\nsuites = ["mine"]\n'
+    (here / "winter.toml").write_text(f"{head}[weather]\ndays = 1\n[evaluation]\nruns = 1\n", encoding="utf-8")
     assert glbench("evaluate", "steady.py", "--task", "winter.toml").code == 0
     alone = glbench("story", "steady", "--task", "winter.toml")
     assert alone.code == 1
