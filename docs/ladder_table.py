@@ -1,6 +1,7 @@
 """The tables of ladder.md: ``python -m docs.ladder_table [runs/ladder-TASK/ladder.json ...]``.
 
-Files that are named are kept as measurements/ladder-TASK.json, with rounded values of runs; the page then has a table for each file there.
+Files that are named are kept as measurements/ladder-TASK.json, with rounded values of runs; ladders that leave out single sensors as
+measurements/ladder-TASK-sensors.json. The page then has a table for each file there.
 """
 
 from __future__ import annotations
@@ -22,7 +23,14 @@ LARGEST = 30_000
 
 def read() -> list[Ladder]:
     """The ladders that are kept, by the names of their files."""
-    return [Ladder.model_validate_json(file.read_text(encoding="utf-8")) for file in sorted(MEASUREMENTS.glob("ladder-*.json"))]
+    return [
+        Ladder.model_validate_json(file.read_text(encoding="utf-8"))
+        for file in sorted(MEASUREMENTS.glob("ladder-*.json"), key=lambda file: file.stem)
+    ]
+
+
+def _leaves_out(ladder: Ladder) -> bool:
+    return any(rung.name.startswith("without_") for rung in ladder.rungs)
 
 
 def kept(ladder: Ladder) -> str:
@@ -48,7 +56,8 @@ def section(ladder: Ladder) -> str:
         f"{ladder.steps:,} steps, task digest `{ladder.task_digest[:12]}`. {table_notes(ladder)}"
     )
     verdicts = [f"- {line}" for line in verdict_lines(ladder)]
-    return "\n".join([f"### {ladder.task.rpartition('/')[2]}", "", *lines, "", made, "", *verdicts]).rstrip()
+    title = ladder.task.rpartition("/")[2] + (": the price of each sensor" if _leaves_out(ladder) else "")
+    return "\n".join([f"### {title}", "", *lines, "", made, "", *verdicts]).rstrip()
 
 
 def filled(page: str, ladders: Sequence[Ladder]) -> str:
@@ -60,7 +69,8 @@ def main() -> None:
     """Keep, fill."""
     for name in sys.argv[1:]:
         ladder = Ladder.model_validate_json(Path(name).read_text(encoding="utf-8"))
-        (MEASUREMENTS / f"ladder-{ladder.task.rpartition('/')[2]}.json").write_text(kept(ladder), encoding="utf-8")
+        name = f"ladder-{ladder.task.rpartition('/')[2]}{'-sensors' if _leaves_out(ladder) else ''}.json"
+        (MEASUREMENTS / name).write_text(kept(ladder), encoding="utf-8")
     PAGE.write_text(filled(PAGE.read_text(encoding="utf-8"), read()), encoding="utf-8")
 
 
