@@ -45,11 +45,12 @@ SETTINGS = {
     "outdoor": "ppo/memory.yml",
     "ppo_greenhouse": "ppo/fast.yml",
     "ppo_memory_greenhouse": "ppo/memory.yml",
+    "ppo_energy": "ppo/memory.yml",
 }
 """Settings of each recipe, in this folder."""
 VIEWS = {"outdoor": ("blind",), "ppo_greenhouse": ("sensors",), "ppo_memory_greenhouse": ("memory",)}
 """What the agents of a recipe look at (docs/ladder.md), where it is not all that a task shows."""
-COMPILED = ("ppo_fast", "ppo_memory", "ppo_long", *VIEWS)
+COMPILED = ("ppo_fast", "ppo_memory", "ppo_long", "ppo_energy", *VIEWS)
 ALGORITHMS = {"ppo": "ppo", "sac": "sac", "sac_fast": "sac"}
 """Algorithms of Stable-Baselines3 by the recipes that use them."""
 OF_CONTROL = ("Spring-v1", "SpringYears-v1", "SpringMismatch-v1", "Lettuce-v1")
@@ -57,6 +58,8 @@ OF_CONTROL = ("Spring-v1", "SpringYears-v1", "SpringMismatch-v1", "Lettuce-v1")
 OF_GREENHOUSE = {"outdoor": 5, "ppo_greenhouse": 3, "ppo_memory_greenhouse": 3}
 """Trainings of each recipe on each of ``GREENHOUSE_TASKS``. The mean of ``outdoor`` is the zero of a task's scores."""
 GREENHOUSE_TASKS = ("GreenhouseReal-v1", "Lettuce-v2")
+OF_ENERGY = ("WinterLED-v1", "SpringEnergy-v1")
+"""Tasks of the suite ``energy`` on which the compiled PPO with a memory trains, three times each."""
 CARD_OF_RECIPE = "card.in.toml"
 """Becomes the agent's card with the first policy: an agent without weights is none."""
 log = logging.getLogger("train_all")
@@ -106,7 +109,8 @@ def plan() -> list[Job]:
     greenhouse = [
         Job(recipe, task, seed) for task in GREENHOUSE_TASKS for recipe, trainings in OF_GREENHOUSE.items() for seed in range(trainings)
     ]
-    return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, *long, *off_policy, *greenhouse]
+    energy = [Job("ppo_energy", task, seed) for task in OF_ENERGY for seed in range(3)]
+    return [*paper, Job("ppo_tuned", _paper("10"), 0), *seeds, *fast, *memory, *long, *off_policy, *greenhouse, *energy]
 
 
 def _paper(level: str) -> str:
