@@ -44,25 +44,17 @@ LARGEST_TEXT = 16 * 2**20  # Largest text file whose line endings are normalised
 
 @dataclass(frozen=True)
 class DataPackage:
-    """The package with all baselines and released results, ``glbench-data``, as this wheel was built with.
-
-    Attributes
-    ----------
-    version, sha256
-        Of the package that belongs to this wheel.
-    left_out
-        Baselines whose policies or plans are only there, and their digests.
-    tasks
-        Tasks, without their namespace, whose released results are only there.
-    folder
-        Where it is installed; None where it is not, or where another version is.
-    """
+    """The package with all baselines and released results, ``glbench-data``, as this wheel was built with."""
 
     version: str
     sha256: str
+    """``version`` and ``sha256``: of the package that belongs to this wheel."""
     left_out: Mapping[str, str]
+    """Baselines whose policies or plans are only there, and their digests."""
     tasks: Sequence[str] = ()
+    """Tasks, without their namespace, whose released results are only there."""
     folder: Path | None = None
+    """Where it is installed; None where it is not, or where another version is."""
 
 
 def data_folder(name: DataFolder) -> Path:

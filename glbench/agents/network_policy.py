@@ -89,45 +89,33 @@ ACTIVATIONS = EXACT.activations
 
 @dataclass(frozen=True, eq=False)
 class NetworkPolicy:
-    """A multilayer perceptron from observations to actions, without noise.
-
-    Attributes
-    ----------
-    task_id, delta
-        The task that it was trained on, and half the width of that task's uncertainty: above 1 where houses differ as measured.
-    observation_names, action_names
-        Columns of the observations and actions, in order.
-    low, high
-        Bounds of the actions.
-    mean, scale, clip
-        Observations are normalised to ``(x - mean) / scale``, within ``-clip`` to ``clip``.
-    weights, biases
-        Of the layers, ``(inputs, outputs)`` and ``(outputs,)``, float32.
-    activation
-        Between the layers: a name in ``ACTIVATIONS``.
-    output
-        ``"clip"``: the last layer is the action, cut to the bounds. ``"tanh"``: its tanh, stretched to the bounds.
-    about
-        How it was made, for people: algorithm, seed, steps, ...
-    arithmetic
-        What ``act`` computes with; not part of the file.
-    """
+    """A multilayer perceptron from observations to actions, without noise."""
 
     task_id: str
     delta: float
+    """``task_id`` and ``delta``: the task that it was trained on, and half the width of that task's uncertainty: above 1 where houses
+    differ as measured."""
     observation_names: tuple[str, ...]
     action_names: tuple[str, ...]
+    """``observation_names`` and ``action_names``: columns of the observations and actions, in order."""
     low: Floats
     high: Floats
+    """``low`` and ``high``: bounds of the actions."""
     mean: Floats
     scale: Floats
     clip: float
+    """``mean``, ``scale`` and ``clip``: observations are normalised to ``(x - mean) / scale``, within ``-clip`` to ``clip``."""
     weights: tuple[NDArray[np.float32], ...]
     biases: tuple[NDArray[np.float32], ...]
+    """``weights`` and ``biases``: of the layers, ``(inputs, outputs)`` and ``(outputs,)``, float32."""
     activation: str
+    """Between the layers: a name in ``ACTIVATIONS``."""
     output: Literal["clip", "tanh"]
+    """``"clip"``: the last layer is the action, cut to the bounds. ``"tanh"``: its tanh, stretched to the bounds."""
     about: dict[str, str | int | float]
+    """How it was made, for people: algorithm, seed, steps, ..."""
     arithmetic: Arithmetic = field(default=EXACT, repr=False)
+    """What ``act`` computes with; not part of the file."""
 
     def __post_init__(self) -> None:
         sizes = [len(self.observation_names), *(len(bias) for bias in self.biases)]
@@ -207,19 +195,14 @@ class NetworkPolicy:
 
 @dataclass(frozen=True, eq=False)
 class Gru:
-    """A gated recurrent unit: from the input ``(rows, inputs)`` and the memory ``(rows, units)`` to the next memory.
-
-    Attributes
-    ----------
-    weights, bias
-        Of the input, ``(inputs, 3 * units)`` and ``(3 * units,)``, float32: of the gates that keep and that reset, and of what is new.
-    recurrent
-        Of the memory, ``(units, 3 * units)``.
-    """
+    """A gated recurrent unit: from the input ``(rows, inputs)`` and the memory ``(rows, units)`` to the next memory."""
 
     weights: NDArray[np.float32]
     bias: NDArray[np.float32]
+    """``weights`` and ``bias``: of the input, ``(inputs, 3 * units)`` and ``(3 * units,)``, float32: of the gates that keep and that reset,
+    and of what is new."""
     recurrent: NDArray[np.float32]
+    """Of the memory, ``(units, 3 * units)``."""
     arithmetic: Arithmetic = field(default=EXACT, repr=False)
 
     def __post_init__(self) -> None:
@@ -246,36 +229,25 @@ class Gru:
 
 @dataclass(frozen=True, eq=False)
 class Actor:
-    """A policy: a network, and what is before and behind it.
-
-    Attributes
-    ----------
-    network
-        From the observed columns and, after them, the traces and the recurrent unit's memory to one number an action. Its bounds are those
-        of these numbers: 0 and 1 where they are positions of controls, those of the action elsewhere.
-    traced
-        Columns that leave traces ``(t,)``.
-    shares
-        How far each trace goes towards the reading in a step ``(k,)``; there are ``k`` traces of every such column, those of the first
-        share first.
-    max_change
-        How far an action of 1 moves its control in a step ``(m,)``, of its range; 0 where the network gives the action itself.
-    low, high
-        Bounds of the actions ``(m,)``.
-    gru
-        The recurrent unit, whose inputs are columns and traces as the network gets them; ``None`` for none.
-    plain
-        Whether it is the network alone, which gets the readings as they are.
-    """
+    """A policy: a network, and what is before and behind it."""
 
     network: NetworkPolicy
+    """From the observed columns and, after them, the traces and the recurrent unit's memory to one number an action. Its bounds are those
+    of these numbers: 0 and 1 where they are positions of controls, those of the action elsewhere."""
     traced: NDArray[np.int64]
+    """Columns that leave traces ``(t,)``."""
     shares: Floats
+    """How far each trace goes towards the reading in a step ``(k,)``; there are ``k`` traces of every such column, those of the first share
+    first."""
     max_change: Floats
+    """How far an action of 1 moves its control in a step ``(m,)``, of its range; 0 where the network gives the action itself."""
     low: Floats
     high: Floats
+    """``low`` and ``high``: bounds of the actions ``(m,)``."""
     gru: Gru | None = None
+    """The recurrent unit, whose inputs are columns and traces as the network gets them; ``None`` for none."""
     plain: bool = False
+    """Whether it is the network alone, which gets the readings as they are."""
 
     @classmethod
     def of(cls, network: NetworkPolicy) -> Actor:

@@ -58,50 +58,35 @@ _FORECAST = (CLEARNESS, TEMPERATURE, HUMIDITY, WIND)
 
 @dataclass(frozen=True, eq=False)
 class Climatology:
-    """The mean days of a task's training years, and how fast deviations from them fade.
-
-    Attributes
-    ----------
-    task
-        Id of the task.
-    source, preprocessing
-        Weather record of the task, and how it is prepared.
-    years
-        The years that it was made of.
-    latitude, longitude, clock
-        Of the place [deg], and the time zone of the task's clock, "UTC" or an IANA name.
-    middle
-        Seconds from the beginning of a row of weather to the moment whose sun it has.
-    first
-        Day of the year that the days are counted from.
-    days
-        Days since ``first`` that have a mean day ``(days,)``.
-    means
-        ``(days, 24, quantities)`` in the order of ``QUANTITIES``, for the hours of the day in UTC.
-    weights
-        ``(leads, quantities, 3)``: shares that are expected so many hours ahead of the deviation now, of that of late
-        (``WeatherObservation``), and of the one that the forecast tells.
-    sky
-        Change of the sky's depression with the relative deviation of clearness of late, and the deviations of temperature and humidity
-        ``(3,)``.
-    forecast_hours
-        Hours of the forecast that the last weights are for.
-    """
+    """The mean days of a task's training years, and how fast deviations from them fade."""
 
     task: str
+    """Id of the task."""
     source: str
     preprocessing: str
+    """``source`` and ``preprocessing``: weather record of the task, and how it is prepared."""
     years: tuple[int, ...]
+    """The years that it was made of."""
     latitude: float
     longitude: float
     clock: str
+    """``latitude``, ``longitude`` and ``clock``: of the place [deg], and the time zone of the task's clock, "UTC" or an IANA name."""
     middle: float
+    """Seconds from the beginning of a row of weather to the moment whose sun it has."""
     first: int
+    """Day of the year that the days are counted from."""
     days: Floats
+    """Days since ``first`` that have a mean day ``(days,)``."""
     means: Floats
+    """``(days, 24, quantities)`` in the order of ``QUANTITIES``, for the hours of the day in UTC."""
     weights: Floats
+    """``(leads, quantities, 3)``: shares that are expected so many hours ahead of the deviation now, of that of late
+    (``WeatherObservation``), and of the one that the forecast tells."""
     sky: Floats
+    """Change of the sky's depression with the relative deviation of clearness of late, and the deviations of temperature and humidity
+    ``(3,)``."""
     forecast_hours: tuple[int, ...]
+    """Hours of the forecast that the last weights are for."""
 
     @classmethod
     def of(cls, task: TaskSpec | str, years: tuple[int, ...] | None = None) -> Climatology:

@@ -44,19 +44,13 @@ OFF = 0.15
 
 @dataclass(frozen=True, eq=False)
 class Delivery:
-    """The map from commands to what is delivered.
-
-    Attributes
-    ----------
-    carry, gain
-        a and b ``(T, c)``.
-    rest
-        What is delivered besides, whatever the commands are.
-    """
+    """The map from commands to what is delivered."""
 
     carry: Floats
     gain: Floats
+    """``carry`` and ``gain``: a and b ``(T, c)``."""
     rest: Floats | float = 0.0
+    """What is delivered besides, whatever the commands are."""
 
     @classmethod
     def ahead(cls, delivered: Floats, commands: Floats, fading: Floats) -> Delivery:

@@ -55,19 +55,13 @@ _SUN_AND_WIND = [MEASURED.index("global_radiation"), MEASURED.index("wind_speed"
 
 @dataclass(frozen=True, eq=False)
 class Ahead:
-    """The coming T steps of n runs.
-
-    Attributes
-    ----------
-    d
-        Disturbances of each step as the kernel takes them ``(n, T, d)``; ``d[:, 0]`` act next.
-    calendar
-        Hour of day, day of year, prices and scheduled controls at the start of each step and at the end of the last
-        ``(n, T + 1, columns)``: what ``StageReward`` and ``PredictiveController`` take.
-    """
+    """The coming T steps of n runs."""
 
     d: Floats
+    """Disturbances of each step as the kernel takes them ``(n, T, d)``; ``d[:, 0]`` act next."""
     calendar: Floats
+    """Hour of day, day of year, prices and scheduled controls at the start of each step and at the end of the last ``(n, T + 1, columns)``:
+    what ``StageReward`` and ``PredictiveController`` take."""
 
 
 class Outlook:

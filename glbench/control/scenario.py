@@ -30,41 +30,30 @@ class Scenario:
 
     This is privileged knowledge: no agent sees the draws of its run or the weather to come. It serves to find out what can be reached, and
     plans that say that they know it. All arrays are read-only.
-
-    Attributes
-    ----------
-    task, seed
-        Whose run it is; the task says in which split.
-    x0
-        States at the start ``(s,)``.
-    u_before
-        Controls in force before the first step, fractions ``(c,)``.
-    d
-        Disturbances of each step ``(T, disturbances)``.
-    p
-        Parameters, ``(p,)`` where the run keeps them to its end, ``(T, p)`` where steps draw some.
-    calendar
-        Hour of day [h], day of year, prices of the task's price tables and its scheduled controls, at the start of each step and at the
-        end of the last one, ``(T + 1, columns)``.
-    low, high
-        Bounds of the controls ``(c,)``; those that the task does not grant stay at 0, or follow the schedule (``with_schedule``).
-    max_change
-        The largest change of a control in a step; of its command, where actuators are not ideal.
-    delivery
-        What the actuators deliver of commands, with the run's faults; ``None`` where all are ideal.
     """
 
     task: TaskSpec
     seed: int
+    """``task`` and ``seed``: whose run it is; the task says in which split."""
     x0: Floats
+    """States at the start ``(s,)``."""
     u_before: Floats
+    """Controls in force before the first step, fractions ``(c,)``."""
     d: Floats
+    """Disturbances of each step ``(T, disturbances)``."""
     p: Floats
+    """Parameters, ``(p,)`` where the run keeps them to its end, ``(T, p)`` where steps draw some."""
     calendar: Floats
+    """Hour of day [h], day of year, prices of the task's price tables and its scheduled controls, at the start of each step and at the end
+    of the last one, ``(T + 1, columns)``."""
     low: Floats
     high: Floats
+    """``low`` and ``high``: bounds of the controls ``(c,)``; those that the task does not grant stay at 0, or follow the schedule
+    (``with_schedule``)."""
     max_change: float
+    """The largest change of a control in a step; of its command, where actuators are not ideal."""
     delivery: Delivery | None = None
+    """What the actuators deliver of commands, with the run's faults; ``None`` where all are ideal."""
 
     @classmethod
     def of(cls, task: TaskSpec | str, seed: int) -> Scenario:

@@ -47,28 +47,19 @@ _CORRECTING_RATE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class SeasonPlan:
-    """Controls for all steps of a run, and what they earn in it.
-
-    Attributes
-    ----------
-    scenario
-        The run, of which everything was known.
-    controls
-        What acts, fractions ``(T, c)``: what actuators deliver of the commands.
-    states
-        Where they lead ``(T + 1, s)``.
-    values
-        What the steps earn, by the kernel that planned; ``glbench evaluate`` scores with ``reference``.
-    commands
-        The actuators' commands ``(T, c)``, the controls where all are ideal; none changes by more than ``max_change`` in a step, but for
-        scheduled ones and machines that switch.
-    """
+    """Controls for all steps of a run, and what they earn in it."""
 
     scenario: Scenario
+    """The run, of which everything was known."""
     controls: Floats
+    """What acts, fractions ``(T, c)``: what actuators deliver of the commands."""
     states: Floats
+    """Where they lead ``(T + 1, s)``."""
     values: StageValues
+    """What the steps earn, by the kernel that planned; ``glbench evaluate`` scores with ``reference``."""
     commands: Floats
+    """The actuators' commands ``(T, c)``, the controls where all are ideal; none changes by more than ``max_change`` in a step, but for
+    scheduled ones and machines that switch."""
 
     @property
     def reward(self) -> float:
@@ -85,24 +76,16 @@ class SeasonPlan:
 
 @dataclass(frozen=True)
 class Iteration:
-    """How far a search has come.
-
-    Attributes
-    ----------
-    number
-        From 1.
-    reward
-        Of the plan.
-    gained
-        By this iteration.
-    radius
-        Mean trust region of the days.
-    """
+    """How far a search has come."""
 
     number: int
+    """From 1."""
     reward: float
+    """Of the plan."""
     gained: float
+    """By this iteration."""
     radius: float
+    """Mean trust region of the days."""
 
 
 def plan_season(
@@ -245,27 +228,19 @@ class EndValue:
     """What a unit of each state is worth [EUR m-2], by the days left and by the hour of day: the product of two profiles.
 
     The value of states is linear in them, and 0 at the end of the season. Between its points it is interpolated.
-
-    Attributes
-    ----------
-    states
-        Names of those that are worth something.
-    days_left
-        Days to the end of the season, rising, the first 0 ``(k,)``.
-    by_days_left
-        Mean over the hours of a day ``(k, states)``; the first row is 0.
-    by_hour
-        Factors for hours of the day, their mean 1 ``(8, states)``: the first for 0:00 to 3:00, in the middle of these hours.
-    gross
-        Whether it includes what states add to the value of stocks (heads of lettuce). The reward of each step has that, too, at a price
-        that depends on the states, so ``PredictiveController`` subtracts it. Without: it is subtracted already, at the mean of the plans.
     """
 
     states: tuple[str, ...]
+    """Names of those that are worth something."""
     days_left: Floats
+    """Days to the end of the season, rising, the first 0 ``(k,)``."""
     by_days_left: Floats
+    """Mean over the hours of a day ``(k, states)``; the first row is 0."""
     by_hour: Floats
+    """Factors for hours of the day, their mean 1 ``(8, states)``: the first for 0:00 to 3:00, in the middle of these hours."""
     gross: bool = False
+    """Whether it includes what states add to the value of stocks (heads of lettuce). The reward of each step has that, too, at a price that
+    depends on the states, so ``PredictiveController`` subtracts it. Without: it is subtracted already, at the mean of the plans."""
 
     @classmethod
     def of_plans(cls, plans: Sequence[SeasonPlan], *, preset: str = "fast") -> EndValue:

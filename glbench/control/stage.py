@@ -30,41 +30,27 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class StageValues:
-    """What the steps of a trajectory earn; a batch of trajectories has leading axes everywhere.
-
-    Attributes
-    ----------
-    reward
-        Reward of each step ``(T,)``.
-    epi
-        Profit of each step ``(T,)`` [EUR m-2].
-    penalty
-        Sum of the violations, each divided by its scale or at its price ``(T,)``, as the task's quantity ``penalty``.
-    violations
-        By name of the quantity, such as ``violation_co2_high``, in its unit ``(T,)``.
-    """
+    """What the steps of a trajectory earn; a batch of trajectories has leading axes everywhere."""
 
     reward: Floats
+    """Reward of each step ``(T,)``."""
     epi: Floats
+    """Profit of each step ``(T,)`` [EUR m-2]."""
     penalty: Floats
+    """Sum of the violations, each divided by its scale or at its price ``(T,)``, as the task's quantity ``penalty``."""
     violations: Mapping[str, Floats]
+    """By name of the quantity, such as ``violation_co2_high``, in its unit ``(T,)``."""
 
 
 @dataclass(frozen=True, eq=False)
 class StageGradient:
-    """Derivatives of each step's reward; a batch of trajectories has leading axes everywhere.
-
-    Attributes
-    ----------
-    before, after
-        With respect to the states at the start and at the end of the step ``(T, s)``.
-    controls
-        With respect to the controls of the step ``(T, c)``.
-    """
+    """Derivatives of each step's reward; a batch of trajectories has leading axes everywhere."""
 
     before: Floats
     after: Floats
+    """``before`` and ``after``: with respect to the states at the start and at the end of the step ``(T, s)``."""
     controls: Floats
+    """With respect to the controls of the step ``(T, c)``."""
 
     @property
     def states(self) -> Floats:
@@ -217,19 +203,13 @@ def with_constraints(task: TaskSpec, changes: Mapping[str, Any]) -> TaskSpec:
 
 @dataclass(frozen=True, eq=False)
 class AirAlong:
-    """Air temperature [degC], CO2 [ppm] and relative humidity [%] of some states.
-
-    Attributes
-    ----------
-    values
-        ``(..., 3)``.
-    gradient
-        Derivative of each with respect to the states ``(..., 3, s)``. Relative humidity is cut off at 0 and 100 %, as a hygrometer
-        shows it; beyond, its derivative is 0.
-    """
+    """Air temperature [degC], CO2 [ppm] and relative humidity [%] of some states."""
 
     values: Floats
+    """``(..., 3)``."""
     gradient: Floats
+    """Derivative of each with respect to the states ``(..., 3, s)``. Relative humidity is cut off at 0 and 100 %, as a hygrometer shows it;
+    beyond, its derivative is 0."""
 
 
 def air_of(model: Model, states: ArrayLike) -> AirAlong:

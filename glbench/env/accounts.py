@@ -57,40 +57,27 @@ class ByName:
 
 @dataclass(frozen=True, eq=False)
 class Accounts:
-    """Everything that turns states and controls of a step into its quantities.
-
-    Attributes
-    ----------
-    source
-        The task's file, for messages.
-    model, ledger
-        What flows, and what that is worth.
-    parameters
-        Nominal parameters, a record of the model's.
-    step_seconds
-        Length of the control step [s].
-    names
-        Names of all quantities of a step, in order.
-    limits
-        Name, low, high and penalty scale of each constrained quantity of the air.
-    means
-        Whether a violation is the mean over the step, by the meters of the model; else that at the end of the step.
-    stated_bounds
-        Profit of a step that counts as 0 and as 1, where the task states them [EUR m-2].
-    scheduled_places
-        Places of scheduled controls, whose changes are no travel.
-    """
+    """Everything that turns states and controls of a step into its quantities."""
 
     source: str
+    """The task's file, for messages."""
     model: Model
     ledger: Ledger
+    """``model`` and ``ledger``: what flows, and what that is worth."""
     parameters: Any
+    """Nominal parameters, a record of the model's."""
     step_seconds: float
+    """Length of the control step [s]."""
     names: tuple[str, ...]
+    """Names of all quantities of a step, in order."""
     limits: tuple[tuple[str, float, float, float], ...]
+    """Name, low, high and penalty scale of each constrained quantity of the air."""
     means: bool = False
+    """Whether a violation is the mean over the step, by the meters of the model; else that at the end of the step."""
     stated_bounds: tuple[float, float] | None = None
+    """Profit of a step that counts as 0 and as 1, where the task states them [EUR m-2]."""
     scheduled_places: Sequence[int] = ()
+    """Places of scheduled controls, whose changes are no travel."""
 
     @cached_property
     def flows(self) -> Mapping[str, Flow]:

@@ -110,38 +110,25 @@ def make_actuation(task: TaskSpec) -> Actuation:
 
 @dataclass(frozen=True)
 class ActuationInputs:
-    """What a recorded kind of actuation may look at, at the start of a step: recorded values.
-
-    Attributes
-    ----------
-    actions, controls
-        Entries of the action, and controls in force that the task grants, by name.
-    memory
-        What the kind wrote in the previous step, by the names in ``RecordedActuation.memory``.
-    measured
-        Climate and clock as the process computer reads them; ``None`` in a model without an air.
-    """
+    """What a recorded kind of actuation may look at, at the start of a step: recorded values."""
 
     actions: Mapping[str, Any]
     controls: Mapping[str, Any]
+    """``actions`` and ``controls``: entries of the action, and controls in force that the task grants, by name."""
     memory: Mapping[str, Any]
+    """What the kind wrote in the previous step, by the names in ``RecordedActuation.memory``."""
     measured: Measured | None
+    """Climate and clock as the process computer reads them; ``None`` in a model without an air."""
 
 
 @dataclass(frozen=True)
 class RecordedActuation:
-    """A kind of actuation as arithmetic, which the compiled kernel can do.
-
-    Attributes
-    ----------
-    work
-        From a task and the inputs to the granted controls, and the memory for the next step.
-    memory
-        Names and start values of the memory (``glbench.env.memory_layout``), without the clocks of machines that are switched.
-    """
+    """A kind of actuation as arithmetic, which the compiled kernel can do."""
 
     work: Callable[[TaskSpec, ActuationInputs], tuple[Mapping[str, Any], Mapping[str, Any]]]
+    """From a task and the inputs to the granted controls, and the memory for the next step."""
     memory: Mapping[str, float] = field(default_factory=dict)
+    """Names and start values of the memory (``glbench.env.memory_layout``), without the clocks of machines that are switched."""
 
 
 _Position = Callable[["TaskSpec", Any, Any, int, "OnOffTable | None"], Any]

@@ -49,28 +49,19 @@ _COMMAND, _STICKS, _FAILS = "command", "sticks", "fails"
 
 @dataclass(frozen=True)
 class Actuator:
-    """An actuator that is not ideal.
-
-    Attributes
-    ----------
-    name, place
-        Its control, and the control's place among those of the model.
-    carry
-        Share of what it delivered that is in what it delivers a step later: exp(-h / T), 0 without a lag.
-    shortfall
-        The largest one that a run can draw.
-    wind
-        What wind takes from it; ``None`` without a limit.
-    faults
-        For "sticks" and "fails", if it does: chance in a step that the fault begins, and that it lasts.
-    """
+    """An actuator that is not ideal."""
 
     name: str
     place: int
+    """``name`` and ``place``: its control, and the control's place among those of the model."""
     carry: float
+    """Share of what it delivered that is in what it delivers a step later: exp(-h / T), 0 without a lag."""
     shortfall: float
+    """The largest one that a run can draw."""
     wind: WindLimitTable | None
+    """What wind takes from it; ``None`` without a limit."""
     faults: Mapping[str, tuple[float, float]]
+    """For "sticks" and "fails", if it does: chance in a step that the fault begins, and that it lasts."""
 
     def most(self, trait: Any, wind_speed: Any) -> Any:
         """What it can deliver at most, from 1 - s of the run (1 without a shortfall) and the wind speed [m s-1]."""

@@ -93,22 +93,15 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Sensors:
-    """The sensors of a task.
-
-    Attributes
-    ----------
-    sensors
-        Those that err.
-    out, stays_out
-        Chance in a step to drop out, and to stay out; 0 where none does.
-    steps
-        Of an episode.
-    """
+    """The sensors of a task."""
 
     sensors: tuple[Sensor, ...]
+    """Those that err."""
     out: float
     stays_out: float
+    """``out`` and ``stays_out``: chance in a step to drop out, and to stay out; 0 where none does."""
     steps: int
+    """Of an episode."""
 
     STREAM: ClassVar[str] = "sensors"
     TRAIT_STREAM: ClassVar[str] = "sensor offsets"

@@ -51,32 +51,22 @@ _MEASURED = [0, 1, 2, 4]  # their columns in ``WeatherTables.measured``
 
 @dataclass(frozen=True, eq=False)
 class ForecastTable:
-    """What fills the forecast's rows of a task's pool.
-
-    Attributes
-    ----------
-    hours
-        Hours ahead.
-    level
-        One of ``LEVELS``.
-    unbiased
-        Whether the error is limited alike on both sides.
-    every
-        Steps an hour.
-    reach
-        Rows after a season that the forecast at its end needs, whole days.
-    columns
-        Of a row of the table.
-    """
+    """What fills the forecast's rows of a task's pool."""
 
     hours: tuple[int, ...]
+    """Hours ahead."""
     level: str
+    """One of ``LEVELS``."""
     every: int
+    """Steps an hour."""
     reach: int
+    """Rows after a season that the forecast at its end needs, whole days."""
     columns: int
+    """Of a row of the table."""
     task: TaskSpec
     place: Place
     unbiased: bool = False
+    """Whether the error is limited alike on both sides."""
 
     @staticmethod
     def of(task: TaskSpec) -> ForecastTable | None:

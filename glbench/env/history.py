@@ -26,21 +26,14 @@ MONEY = -1
 
 @dataclass(frozen=True, eq=False)
 class DailyLight:
-    """Light of a run since midnight, and what its next step begins with.
-
-    Attributes
-    ----------
-    sums
-        One for each column of ``DailyLightSums``; not a number as long as the history does not reach back to midnight.
-    weather
-        Disturbances that act in the next step.
-    hour
-        Hour of day.
-    """
+    """Light of a run since midnight, and what its next step begins with."""
 
     sums: tuple[float, ...]
+    """One for each column of ``DailyLightSums``; not a number as long as the history does not reach back to midnight."""
     weather: tuple[float, ...]
+    """Disturbances that act in the next step."""
     hour: float
+    """Hour of day."""
 
 
 class DailyLightSums:

@@ -22,18 +22,12 @@ from glbench.errors import TaskError
 
 @dataclass(frozen=True, eq=False)
 class MemoryLayout:
-    """Places in a row of memory.
-
-    Attributes
-    ----------
-    parts
-        For each part of the task, the place of each of its numbers.
-    start
-        Value of every place when a run starts, ``(m,)``, read-only.
-    """
+    """Places in a row of memory."""
 
     parts: Mapping[str, Mapping[str, int]]
+    """For each part of the task, the place of each of its numbers."""
     start: NDArray[np.float64]
+    """Value of every place when a run starts, ``(m,)``, read-only."""
 
     @property
     def width(self) -> int:

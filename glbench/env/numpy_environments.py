@@ -36,57 +36,38 @@ _NOT_DRAWN = -(2**40)
 
 @dataclass(frozen=True, eq=False)
 class ObservationInputs:
-    """What an observation may look at, for ``n`` rows.
-
-    Attributes
-    ----------
-    states, controls
-        After the step, ``(n, s)``, and fractions ``(n, c)``.
-    air
-        True air temperature [degC], CO2 [ppm] and relative humidity [%], ``(3, n)``, whatever sensors show.
-    steps
-        Steps taken.
-    weather_rows
-        Row of the weather's tables to show, by the task's timing: the one that acts next ("current") or the one that has just
-        acted ("published").
-    clock_rows
-        Row of the clock's table.
-    """
+    """What an observation may look at, for ``n`` rows."""
 
     states: Floats
     controls: Floats
+    """``states`` and ``controls``: after the step, ``(n, s)``, and fractions ``(n, c)``."""
     air: Floats
+    """True air temperature [degC], CO2 [ppm] and relative humidity [%], ``(3, n)``, whatever sensors show."""
     steps: NDArray[np.int64]
+    """Steps taken."""
     weather_rows: NDArray[np.int64]
+    """Row of the weather's tables to show, by the task's timing: the one that acts next ("current") or the one that has just acted
+    ("published")."""
     clock_rows: NDArray[np.int64]
+    """Row of the clock's table."""
 
 
 @dataclass(frozen=True, eq=False)
 class PythonParts:
-    """The parts of a task that no tape holds.
-
-    Attributes
-    ----------
-    air
-        Columns of the table with the air.
-    actuation
-        Controls ``(n, c)`` from the controls in force and the actions ``(n, m)``.
-    reward
-        The column of the table, and what gives it from the table ``(n, width)``, the states before and after, and the controls.
-    observation
-        Columns, and what gives them; it also gets the rows that count.
-    deviations
-        The distribution of each group of the program's parameters.
-    followers
-        What follows from drawn parameters by more than arithmetic.
-    """
+    """The parts of a task that no tape holds."""
 
     air: slice
+    """Columns of the table with the air."""
     actuation: Callable[[Floats, Floats], Floats] | None = None
+    """Controls ``(n, c)`` from the controls in force and the actions ``(n, m)``."""
     reward: tuple[int, Callable[[Floats, Floats, Floats, Floats], Floats]] | None = None
+    """The column of the table, and what gives it from the table ``(n, width)``, the states before and after, and the controls."""
     observation: tuple[tuple[slice, Callable[[ObservationInputs, NDArray[np.bool_]], NDArray[np.floating[Any]]]], ...] = ()
+    """Columns, and what gives them; it also gets the rows that count."""
     deviations: tuple[Deviation, ...] = ()
+    """The distribution of each group of the program's parameters."""
     followers: DerivedParameters | None = None
+    """What follows from drawn parameters by more than arithmetic."""
 
 
 NO_PARTS = PythonParts(slice(0, 0))

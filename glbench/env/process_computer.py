@@ -45,25 +45,18 @@ been as it is."""
 
 @dataclass(frozen=True)
 class Measured:
-    """What the computer measures at the start of a step.
-
-    Attributes
-    ----------
-    air_temperature, co2, humidity_deficit
-        Inside [degC, ppm, g m-3].
-    radiation, outdoor_temperature, wind_speed
-        Outside [W m-2, degC, m s-1].
-    hour_of_day
-        The task's clock [h].
-    """
+    """What the computer measures at the start of a step."""
 
     air_temperature: Any
     co2: Any
     humidity_deficit: Any
+    """``air_temperature``, ``co2`` and ``humidity_deficit``: inside [degC, ppm, g m-3]."""
     radiation: Any
     outdoor_temperature: Any
     wind_speed: Any
+    """``radiation``, ``outdoor_temperature`` and ``wind_speed``: outside [W m-2, degC, m s-1]."""
     hour_of_day: Any
+    """The task's clock [h]."""
 
 
 def work(

@@ -43,33 +43,22 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
 
 @dataclass(frozen=True, eq=False)
 class StepResult:
-    """What one step of ``n`` runs gave.
-
-    Attributes
-    ----------
-    observations
-        ``(n, columns)`` float32.
-    rewards
-        ``(n,)``.
-    terminated
-        ``(n,)``; whether the run has ended, in this step or before.
-    failed
-        Runs that could not be integrated in this step, with the reason in words. Such a run keeps its state and ends. Its
-        reward, EPI and penalty are what the task counts for one failed step; the other quantities are those of a step
-        in which nothing grew.
-    table
-        The quantities of the step, ``(quantities, n)``; rows, units and meanings in ``task.quantities``. 0 for a run that
-        had ended before.
-    names
-        Names of the quantities.
-    """
+    """What one step of ``n`` runs gave."""
 
     observations: NDArray[np.float32]
+    """``(n, columns)`` float32."""
     rewards: NDArray[np.float64]
+    """``(n,)``."""
     terminated: NDArray[np.bool_]
+    """``(n,)``; whether the run has ended, in this step or before."""
     failed: list[StepFailure]
+    """Runs that could not be integrated in this step, with the reason in words. Such a run keeps its state and ends. Its reward, EPI and
+    penalty are what the task counts for one failed step; the other quantities are those of a step in which nothing grew."""
     table: NDArray[np.float64]
+    """The quantities of the step, ``(quantities, n)``; rows, units and meanings in ``task.quantities``. 0 for a run that had ended before.
+    """
     names: tuple[str, ...]
+    """Names of the quantities."""
 
     @property
     def whole(self) -> bool:

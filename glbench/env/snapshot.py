@@ -23,34 +23,25 @@ class Snapshot:
 
     Weather, parameters and draws are not in it: they follow from task, seed and step. The same actions after ``restore``
     give the same bits as without it, in this process or another.
-
-    Attributes
-    ----------
-    task_id, task_digest
-        The task it belongs to.
-    states, controls
-        Model states ``(n, s)`` and controls in force ``(n, c)``, fractions.
-    steps, seeds, ended
-        Steps taken, episode seeds and whether the episode has ended, each ``(n,)``.
-    generators
-        Where the seeds of the next episodes come from: states of the environments' ``np_random``, ``(n, 6)`` words, or
-        ``(0, 6)`` when there are none.
-    memory
-        What runs keep from step to step besides states and controls, ``(n, m)``: nothing (m = 0) in most tasks.
-    split
-        The split whose scenarios the runs are in, and of a secret salt its digest; "" for a task without splits.
     """
 
     task_id: str
     task_digest: str
+    """``task_id`` and ``task_digest``: the task it belongs to."""
     states: NDArray[np.float64]
     controls: NDArray[np.float64]
+    """``states`` and ``controls``: model states ``(n, s)`` and controls in force ``(n, c)``, fractions."""
     steps: NDArray[np.int64]
     seeds: NDArray[np.uint64]
     ended: NDArray[np.bool_]
+    """``steps``, ``seeds`` and ``ended``: steps taken, episode seeds and whether the episode has ended, each ``(n,)``."""
     generators: NDArray[np.uint64]
+    """Where the seeds of the next episodes come from: states of the environments' ``np_random``, ``(n, 6)`` words, or ``(0, 6)`` when there
+    are none."""
     memory: NDArray[np.float64]
+    """What runs keep from step to step besides states and controls, ``(n, m)``: nothing (m = 0) in most tasks."""
     split: str = ""
+    """The split whose scenarios the runs are in, and of a secret salt its digest; "" for a task without splits."""
 
     @property
     def n(self) -> int:

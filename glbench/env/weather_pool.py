@@ -73,23 +73,16 @@ class SeasonPrices:
     """What fills the prices of a task's pool.
 
     A market's prices belong to a season, because its sun and wind make them. What nothing explains is a path of the season's own.
-
-    Attributes
-    ----------
-    task
-        The task.
-    every
-        Steps an hour.
-    widths
-        Width of the table of prices of now, and of that of coming hours: 0 if it is not observed.
-    by_season
-        Whether each season has prices of its own.
     """
 
     task: TaskSpec
+    """The task."""
     every: int
+    """Steps an hour."""
     widths: tuple[int, int]
+    """Width of the table of prices of now, and of that of coming hours: 0 if it is not observed."""
     by_season: bool
+    """Whether each season has prices of its own."""
 
     @staticmethod
     def of(task: TaskSpec) -> SeasonPrices:
@@ -162,37 +155,25 @@ class SeasonPrices:
 
 @dataclass(frozen=True, eq=False)
 class WeatherPool:
-    """All rows of weather and calendar that runs of a task can have, season after season.
-
-    Attributes
-    ----------
-    values
-        Disturbances ``(rows, d)``.
-    times
-        Start of every row of the calendar, UTC.
-    calendar
-        Hour of day, day of year, the prices of ``prices``, then whether each entry of the schedule applies. Its rows are those of
-        ``values``, but for generated seasons whose prices follow from the clock alone: these share one calendar.
-    prices
-        Names of the price tables, in the order of their columns.
-    seasons
-        Row at which each season begins.
-    day
-        Rows a day.
-    days
-        Days of a run's sequence: those of the episode, and those that the observation at its end and a forecast reach.
-    tables
-        Observed columns.
-    """
+    """All rows of weather and calendar that runs of a task can have, season after season."""
 
     values: Floats
+    """Disturbances ``(rows, d)``."""
     times: NDArray[np.datetime64]
+    """Start of every row of the calendar, UTC."""
     calendar: Floats
+    """Hour of day, day of year, the prices of ``prices``, then whether each entry of the schedule applies. Its rows are those of
+    ``values``, but for generated seasons whose prices follow from the clock alone: these share one calendar."""
     prices: tuple[str, ...]
+    """Names of the price tables, in the order of their columns."""
     seasons: tuple[int, ...]
+    """Row at which each season begins."""
     day: int
+    """Rows a day."""
     days: int
+    """Days of a run's sequence: those of the episode, and those that the observation at its end and a forecast reach."""
     tables: WeatherTables
+    """Observed columns."""
     _maker: SeasonMaker | None = None
     _forecast: ForecastTable | None = None
     _season_prices: SeasonPrices | None = None

@@ -32,38 +32,26 @@ _WIDE_BOILER = 1000.0  # Heat of a boiler with which every temperature is reache
 
 @dataclass(frozen=True)
 class Capability:
-    """What a greenhouse can do.
-
-    Attributes
-    ----------
-    boiler
-        Heat installed [W m-2].
-    cold_temperature, pipe_temperature
-        Of air and rail pipes with full heat and closed screens in the cold night [degC].
-    cold_heat
-        What 18 degC would need there [W m-2].
-    saving
-        Heat that the closed energy screen saves at 0 degC outside [-]; ``None`` without one.
-    light, lamp_power
-        Of the lamps [umol m-2 s-1], [W m-2].
-    dosing
-        CO2 [g m-2 h-1].
-    vent_area
-        Open roof vents for each square metre of floor [-].
-    air_changes
-        Volumes of air that leave with open vents in an hour, 26 degC inside, 20 degC outside [h-1].
-    """
+    """What a greenhouse can do."""
 
     boiler: float
+    """Heat installed [W m-2]."""
     cold_temperature: float
     pipe_temperature: float
+    """``cold_temperature`` and ``pipe_temperature``: of air and rail pipes with full heat and closed screens in the cold night [degC]."""
     cold_heat: float
+    """What 18 degC would need there [W m-2]."""
     saving: float | None
+    """Heat that the closed energy screen saves at 0 degC outside [-]; ``None`` without one."""
     light: float
     lamp_power: float
+    """``light`` and ``lamp_power``: of the lamps [umol m-2 s-1], [W m-2]."""
     dosing: float
+    """CO2 [g m-2 h-1]."""
     vent_area: float
+    """Open roof vents for each square metre of floor [-]."""
     air_changes: float
+    """Volumes of air that leave with open vents in an hour, 26 degC inside, 20 degC outside [h-1]."""
 
 
 def _vector(names: tuple[str, ...], **values: float) -> Array:

@@ -20,31 +20,21 @@ most open cloth. Between them lie those that save less and less."""
 
 @dataclass(frozen=True)
 class Greenhouse:
-    """A greenhouse of a page.
-
-    Attributes
-    ----------
-    book
-        Named set of parameters.
-    entries
-        Parameters that differ from it.
-    assumptions
-        What the page does not say, with the values that hold instead.
-    doubts
-        What a grower would look at again; ``refusals``: what cannot be.
-    controls
-        Controls of the equipment that the house has.
-    capability
-        What it can do; ``None`` when it is refused.
-    """
+    """A greenhouse of a page."""
 
     book: str
+    """Named set of parameters."""
     entries: tuple[Entry, ...]
+    """Parameters that differ from it."""
     assumptions: tuple[str, ...]
+    """What the page does not say, with the values that hold instead."""
     doubts: tuple[str, ...]
+    """What a grower would look at again; ``refusals``: what cannot be."""
     refusals: tuple[str, ...]
     controls: tuple[str, ...]
+    """Controls of the equipment that the house has."""
     capability: Capability | None
+    """What it can do; ``None`` when it is refused."""
 
     @property
     def verdict(self) -> str:

@@ -71,72 +71,51 @@ class Program:
     ``calendar_before`` (the calendar's row now, and at the start of the step), ``weather`` (the row shown; before the step the one that
     acts), ``weather_before`` (after the step, the row that acted in it), ``counter`` (0: steps taken, 1: step whose weather is shown),
     ``noise`` (uniform numbers of this step), ``trait`` and ``memory``.
-
-    Attributes
-    ----------
-    actuation
-        Before the step: from ``given`` (an action within its bounds), ``controls`` in force, ``before`` and the rest to ``controls``
-        and ``memory``. Left out when controls are given directly.
-    outcome
-        After the step, and at the start: to ``table`` and ``observation``.
-    actions, controls
-        Bounds of actions, and of controls that are given directly.
-    steps
-        Steps of an episode.
-    weather, day
-        Pool of disturbances ``(rows, d)``, and how many rows a day has.
-    days
-        Days that an environment's sequence has: those of the episode, and those that a forecast reaches.
-    calendar
-        Pool of calendar rows ``(rows, c)``: hour of day, day of year, prices, values of scheduled controls.
-    lag
-        1 when the weather shown is the row that has just acted, 0 when it is the next one.
-    nominal
-        Parameters ``(p,)``.
-    own_parameters
-        Whether each environment has parameters of its own; otherwise all share one row.
-    parameter_noise
-        Groups of parameters that are drawn in the step.
-    followers
-        From ``drawn`` (a parameter by its place, after the draws) to ``parameters``.
-    update
-        After a step that succeeded, before ``outcome``: to ``memory``.
-    streams
-        How many numbers of each stream of noise a step has. ``noise`` counts through all of them.
-    traits, memory
-        How many of them an environment has.
-    lookups
-        Rows of tables that are observed.
-    columns, width, info_columns
-        Columns of the observation and of the table; those of the table before ``info_columns`` hold for environments that stand still
-        too, the others are 0 for one that had ended.
-    charges
-        Columns of the table with the values that they have for a failed step.
     """
 
     actuation: Tape
+    """Before the step: from ``given`` (an action within its bounds), ``controls`` in force, ``before`` and the rest to ``controls`` and
+    ``memory``. Left out when controls are given directly."""
     outcome: Tape
+    """After the step, and at the start: to ``table`` and ``observation``."""
     actions: ActionBounds
     controls: ActionBounds
+    """``actions`` and ``controls``: bounds of actions, and of controls that are given directly."""
     steps: int
+    """Steps of an episode."""
     weather: FloatArray
     day: int
+    """``weather`` and ``day``: pool of disturbances ``(rows, d)``, and how many rows a day has."""
     days: int
+    """Days that an environment's sequence has: those of the episode, and those that a forecast reaches."""
     calendar: FloatArray
+    """Pool of calendar rows ``(rows, c)``: hour of day, day of year, prices, values of scheduled controls."""
     lag: int
+    """1 when the weather shown is the row that has just acted, 0 when it is the next one."""
     nominal: FloatArray
+    """Parameters ``(p,)``."""
     columns: int
     width: int
     info_columns: int
+    """``columns``, ``width`` and ``info_columns``: columns of the observation and of the table; those of the table before ``info_columns``
+    hold for environments that stand still too, the others are 0 for one that had ended."""
     charges: dict[int, float]
+    """Columns of the table with the values that they have for a failed step."""
     lookups: tuple[Lookup, ...] = ()
+    """Rows of tables that are observed."""
     own_parameters: bool = False
+    """Whether each environment has parameters of its own; otherwise all share one row."""
     parameter_noise: tuple[ParameterNoise, ...] = ()
+    """Groups of parameters that are drawn in the step."""
     followers: Tape = EMPTY
+    """From ``drawn`` (a parameter by its place, after the draws) to ``parameters``."""
     update: Tape = EMPTY
+    """After a step that succeeded, before ``outcome``: to ``memory``."""
     streams: tuple[int, ...] = ()
+    """How many numbers of each stream of noise a step has. ``noise`` counts through all of them."""
     traits: int = 0
     memory: int = 0
+    """``traits`` and ``memory``: how many of them an environment has."""
 
     @property
     def keys(self) -> int:

@@ -153,21 +153,14 @@ def bootstrap_interval(
 
 @dataclass(frozen=True)
 class MeanEstimate:
-    """A mean, or a difference of means, with its uncertainty.
-
-    Attributes
-    ----------
-    value
-        The estimate.
-    variance
-        Square of its standard error.
-    degrees
-        Degrees of freedom of Student's t; infinite if nothing is drawn, 0 for a single run.
-    """
+    """A mean, or a difference of means, with its uncertainty."""
 
     value: float
+    """The estimate."""
     variance: float
+    """Square of its standard error."""
     degrees: float
+    """Degrees of freedom of Student's t; infinite if nothing is drawn, 0 for a single run."""
 
     def interval(self, confidence: float = CONFIDENCE) -> Interval:
         """Interval of Student's t; both ends are the value if nothing is drawn, or for a single run.

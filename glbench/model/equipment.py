@@ -29,30 +29,21 @@ def lacks_energy(model: Model) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Equipment:
-    """What can make, store and trade. Names, units and meanings of the parameters are those of ``glbench/model/energy.csv``.
-
-    Attributes
-    ----------
-    boiler, engine
-        Most heat of the boiler and most electricity of the engine [W m-2].
-    eta_boiler, eta_engine, eta_engine_heat
-        Heat of the boiler, electricity and heat of the engine per gas burnt.
-    buffer
-        Heat in a full buffer [MJ m-2]; 0: there is none.
-    tau
-        Time in which an idle buffer loses all but 1/e of its heat [day].
-    co2_of_gas
-        CO2 per gas burnt [kg kWh-1].
-    """
+    """What can make, store and trade. Names, units and meanings of the parameters are those of ``glbench/model/energy.csv``."""
 
     boiler: float
     engine: float
+    """``boiler`` and ``engine``: most heat of the boiler and most electricity of the engine [W m-2]."""
     eta_boiler: float
     eta_engine: float
     eta_engine_heat: float
+    """``eta_boiler``, ``eta_engine`` and ``eta_engine_heat``: heat of the boiler, electricity and heat of the engine per gas burnt."""
     buffer: float
+    """Heat in a full buffer [MJ m-2]; 0: there is none."""
     tau: float
+    """Time in which an idle buffer loses all but 1/e of its heat [day]."""
     co2_of_gas: float
+    """CO2 per gas burnt [kg kWh-1]."""
 
     @classmethod
     def of(cls, model: Model, parameters: Mapping[str, float]) -> Self:

@@ -24,40 +24,28 @@ TABLE_FILE = Path(__file__).with_name("parameters.csv")
 
 @dataclass(frozen=True)
 class ParameterInfo:
-    """One row of the table of parameters.
-
-    Attributes
-    ----------
-    name, attribute
-        Public name (``aCov``) and name in the equations (``a_cov``).
-    unit, meaning, source
-        In words.
-    group
-        Part of the greenhouse it belongs to: ``physics``, ``house``, ``roof``, ``lamps``, ``crop``, ...
-    check
-        What values are possible.
-    formula
-        How a derived entry follows from others; empty for a base entry.
-    used
-        ``yes``: the equations read it; ``always``: so does the compiled kernel, also where it is 0 in the benchmark's set;
-        ``derived``: only through derived entries; ``inactive``: multiplied by a control that this model keeps at 0; ``no``: not read.
-    drawn_in
-        Named sets of uncertain parameters that it belongs to: ``crop28``, ``crop34``.
-    values
-        Value in each named set; a set without an entry has that of the benchmark. Empty for a derived entry.
-    """
+    """One row of the table of parameters."""
 
     name: str
     attribute: str
+    """``name`` and ``attribute``: public name (``aCov``) and name in the equations (``a_cov``)."""
     unit: str
     meaning: str
     source: str
+    """``unit``, ``meaning`` and ``source``: in words."""
     group: str
+    """Part of the greenhouse it belongs to: ``physics``, ``house``, ``roof``, ``lamps``, ``crop``, ..."""
     check: Check
+    """What values are possible."""
     formula: str
+    """How a derived entry follows from others; empty for a base entry."""
     used: Literal["yes", "always", "derived", "inactive", "no"]
+    """``yes``: the equations read it; ``always``: so does the compiled kernel, also where it is 0 in the benchmark's set; ``derived``: only
+    through derived entries; ``inactive``: multiplied by a control that this model keeps at 0; ``no``: not read."""
     drawn_in: frozenset[str]
+    """Named sets of uncertain parameters that it belongs to: ``crop28``, ``crop34``."""
     values: MappingProxyType[str, float] = field(repr=False)
+    """Value in each named set; a set without an entry has that of the benchmark. Empty for a derived entry."""
 
     @property
     def is_derived(self) -> bool:

@@ -20,51 +20,35 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Variable(Quantity):
-    """A state: what the integrators need to know of it, besides unit and meaning.
-
-    Attributes
-    ----------
-    scale
-        Typical size, in the state's unit.
-    small
-        Size below which its value means little for the other states: errors are judged relative to this much at least.
-    sharper, balance
-        Factors on its tolerance: in the presets that weigh all states evenly, and in those that are weighed against CVODES.
-    fast
-        Whether it settles within a minute or so: an error made long before the end of a step is forgotten at its end.
-    follower
-        Whether it is slow, and its rate depends on other states only through followers and the rates of other states. The compiled kernel
-        holds it while the others move, and lets it follow at the end of the step.
-    """
+    """A state: what the integrators need to know of it, besides unit and meaning."""
 
     scale: float = 10.0
+    """Typical size, in the state's unit."""
     small: float = 0.1
+    """Size below which its value means little for the other states: errors are judged relative to this much at least."""
     sharper: float = 1.0
     balance: float = 1.0
+    """``sharper`` and ``balance``: factors on its tolerance: in the presets that weigh all states evenly, and in those that are weighed
+    against CVODES."""
     fast: bool = False
+    """Whether it settles within a minute or so: an error made long before the end of a step is forgotten at its end."""
     follower: bool = False
+    """Whether it is slow, and its rate depends on other states only through followers and the rates of other states. The compiled kernel
+    holds it while the others move, and lets it follow at the end of the step."""
 
 
 @dataclass(frozen=True)
 class NamedQuantity:
-    """One entry of a table of quantities.
-
-    Attributes
-    ----------
-    name
-        Public name, for example ``tAir``.
-    attribute
-        Name of the field in the equations, for example ``t_air``.
-    unit
-        Unit in words of the International System, for example ``W m-2``; ``-`` for none.
-    meaning
-        One phrase.
-    """
+    """One entry of a table of quantities."""
 
     name: str
+    """Public name, for example ``tAir``."""
     attribute: str
+    """Name of the field in the equations, for example ``t_air``."""
     unit: str
+    """Unit in words of the International System, for example ``W m-2``; ``-`` for none."""
     meaning: str
+    """One phrase."""
 
 
 @dataclass(frozen=True)

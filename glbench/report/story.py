@@ -58,52 +58,35 @@ _PAGES_OF_LEVELS = ("Climate", "Controls")
 
 @dataclass(frozen=True, eq=False)
 class Story:
-    """Two agents on the same runs; index 0 of an axis of two is the agent, 1 the one that it is held against.
-
-    Attributes
-    ----------
-    task
-        With the draws of the runs.
-    agents, seeds
-        Their names, and the runs that both ended.
-    left_out
-        Seeds that both have and that one of them did not end.
-    failed
-        Of each agent that did not end all shared runs, how many failed and how.
-    levels
-        What is shown as a mean: climate and controls, as the viewer draws them.
-    lines
-        What is shown as a sum: light, amounts, money.
-    clock
-        The clock of the hours and days.
-    hours
-        Mean levels by hour of the local day, ``(2, 24, levels)``.
-    times
-        Hours a run in each period, ``(periods,)``, mean over the runs.
-    means
-        Mean levels in each period, ``(2, periods, levels)``; not a number in a period that never was.
-    sums
-        Sums of the lines, ``(2, runs, periods, lines)``.
-    weeks
-        Sums of the lines by week of the run, mean over the runs, ``(2, weeks, lines)``; of light the mean of a day.
-    days
-        Days of each week, ``(weeks,)``.
-    """
+    """Two agents on the same runs; index 0 of an axis of two is the agent, 1 the one that it is held against."""
 
     task: TaskSpec
+    """With the draws of the runs."""
     agents: tuple[str, str]
     seeds: tuple[int, ...]
+    """``agents`` and ``seeds``: their names, and the runs that both ended."""
     left_out: tuple[int, ...]
+    """Seeds that both have and that one of them did not end."""
     failed: tuple[str, ...]
+    """Of each agent that did not end all shared runs, how many failed and how."""
     levels: tuple[Curve, ...]
+    """What is shown as a mean: climate and controls, as the viewer draws them."""
     lines: tuple[Line, ...]
+    """What is shown as a sum: light, amounts, money."""
     clock: str
+    """The clock of the hours and days."""
     hours: Floats
+    """Mean levels by hour of the local day, ``(2, 24, levels)``."""
     times: Floats
+    """Hours a run in each period, ``(periods,)``, mean over the runs."""
     means: Floats
+    """Mean levels in each period, ``(2, periods, levels)``; not a number in a period that never was."""
     sums: Floats
+    """Sums of the lines, ``(2, runs, periods, lines)``."""
     weeks: Floats
+    """Sums of the lines by week of the run, mean over the runs, ``(2, weeks, lines)``; of light the mean of a day."""
     days: Places
+    """Days of each week, ``(weeks,)``."""
 
     def line(self, kind: str) -> int:
         """Place of the one line of a kind: profit, violations, score."""

@@ -61,24 +61,16 @@ class Change:
 
 @dataclass(frozen=True)
 class TaskTables:
-    """What a task file defines.
-
-    Attributes
-    ----------
-    content
-        All tables and keys, those of the base included.
-    base
-        The base as the file names it; ``None`` without one.
-    changes
-        What differs from the base.
-    files
-        The file of the base, of the base's base and so on, and files of prices.
-    """
+    """What a task file defines."""
 
     content: Mapping[str, Any]
+    """All tables and keys, those of the base included."""
     base: str | None = None
+    """The base as the file names it; ``None`` without one."""
     changes: tuple[Change, ...] = ()
+    """What differs from the base."""
     files: tuple[Path, ...] = ()
+    """The file of the base, of the base's base and so on, and files of prices."""
 
     def __hash__(self) -> int:
         return hash(repr(self.content))

@@ -42,54 +42,37 @@ class Beyond:
 
 @dataclass(frozen=True)
 class LedgerItem:
-    """One line of a ledger.
-
-    Attributes
-    ----------
-    name
-        The money column: ``revenue``, ``cost_heat``.
-    flow
-        Name of a flow of the model; of one of its stocks, where that is valued.
-    amount, amount_unit
-        The amount column: ``fruit_fresh`` [kg m-2].
-    factor
-        From the unit of the flow to that of the amount.
-    price
-        EUR per unit of the amount, or the name of a price table.
-    sign
-        +1: earned; -1: paid.
-    unit
-        Of the money column.
-    label
-        Heading in tables and plots.
-    valued
-        ``"when it flows"``; or ``"as stock"``: what is there at the end minus what was there at the start, each at the price of its
-        moment. Step by step that is the value after the step at the next step's price, minus the value before it at this step's.
-    meaning, amount_meaning
-        The two columns in words.
-    amount_label
-        Heading of the amount in plots, where it is not ``label``.
-    goods
-        What the price is of, in words, where it is not ``label``.
-    beyond
-        Price of the rest when much has flowed; only with a flow that is metered and a price that is a number.
-    """
+    """One line of a ledger."""
 
     name: str
+    """The money column: ``revenue``, ``cost_heat``."""
     flow: str
+    """Name of a flow of the model; of one of its stocks, where that is valued."""
     amount: str
     amount_unit: str
+    """``amount`` and ``amount_unit``: the amount column: ``fruit_fresh`` [kg m-2]."""
     factor: float
+    """From the unit of the flow to that of the amount."""
     price: float | str
+    """EUR per unit of the amount, or the name of a price table."""
     sign: Literal[1, -1]
+    """+1: earned; -1: paid."""
     unit: str = MONEY
+    """Of the money column."""
     label: str = ""
+    """Heading in tables and plots."""
     valued: Literal["when it flows", "as stock"] = FLOW
+    """``"when it flows"``; or ``"as stock"``: what is there at the end minus what was there at the start, each at the price of its moment.
+    Step by step that is the value after the step at the next step's price, minus the value before it at this step's."""
     meaning: str = ""
     amount_meaning: str = ""
+    """``meaning`` and ``amount_meaning``: the two columns in words."""
     amount_label: str = ""
+    """Heading of the amount in plots, where it is not ``label``."""
     goods: str = ""
+    """What the price is of, in words, where it is not ``label``."""
     beyond: Beyond | None = None
+    """Price of the rest when much has flowed; only with a flow that is metered and a price that is a number."""
 
     @property
     def price_unit(self) -> str:

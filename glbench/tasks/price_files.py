@@ -66,27 +66,18 @@ _PLAIN_FILE: Final = (
 
 @dataclass(frozen=True)
 class PriceFile:
-    """Prices of a file, in order of time.
-
-    Attributes
-    ----------
-    seconds
-        Moments from which on each price holds [s since 1970-01-01 UTC] ``(prices,)``.
-    prices
-        Prices in ``unit`` ``(prices,)``.
-    unit
-        Such as ``EUR kWh-1``.
-    notes
-        How the file was read.
-    doubts
-        What it lacks.
-    """
+    """Prices of a file, in order of time."""
 
     seconds: IntArray
+    """Moments from which on each price holds [s since 1970-01-01 UTC] ``(prices,)``."""
     prices: FloatArray
+    """Prices in ``unit`` ``(prices,)``."""
     unit: str
+    """Such as ``EUR kWh-1``."""
     notes: tuple[str, ...]
+    """How the file was read."""
     doubts: tuple[str, ...] = ()
+    """What it lacks."""
 
     def series(self) -> list[dict[str, object]]:
         """The ``series`` of a price table."""

@@ -51,35 +51,25 @@ def _hours_of_a_day(shares: tuple[float, ...]) -> tuple[float, ...]:
 
 
 class Market(Table):
-    """``[price_tables.<name>.market]``: a power market; all shares are of ``level``.
-
-    Attributes
-    ----------
-    level
-        Mean price of a working day without sun and at 5 m s-1 of wind, in the unit of the table.
-    shape
-        24 shares, one an hour of the task's clock; ``SHAPE`` where there are none.
-    weekend
-        Added on Saturday and Sunday, mostly negative.
-    sun, wind
-        By how much 1000 W m-2 of radiation, and 5 m s-1 more wind, make it cheaper.
-    spread, persistence
-        Standard deviation of what nothing explains, and how much of it is left an hour later.
-    lowest, highest
-        Limits of the price, in the unit of the table.
-    """
+    """``[price_tables.<name>.market]``: a power market; all shares are of ``level``."""
 
     level: float = Field(gt=0.0, description="a price above 0, in the unit of the table")
+    """Mean price of a working day without sun and at 5 m s-1 of wind, in the unit of the table."""
     shape: Annotated[tuple[float, ...], BeforeValidator(as_tuple), AfterValidator(_hours_of_a_day)] | None = Field(
         default=None, description="24 shares of the level, one an hour"
     )
+    """24 shares, one an hour of the task's clock; ``SHAPE`` where there are none."""
     weekend: float = Field(ge=-1.0, le=1.0, description="a share of the level, -1 to 1")
+    """Added on Saturday and Sunday, mostly negative."""
     sun: float = Field(ge=0.0, le=10.0, description="a share of the level, 0 to 10")
     wind: float = Field(ge=0.0, le=10.0, description="a share of the level, 0 to 10")
+    """``sun`` and ``wind``: by how much 1000 W m-2 of radiation, and 5 m s-1 more wind, make it cheaper."""
     spread: float = Field(ge=0.0, le=10.0, description="a share of the level, 0 to 10")
     persistence: float = Field(ge=0.0, lt=1.0, description="a fraction from 0 to below 1")
+    """``spread`` and ``persistence``: standard deviation of what nothing explains, and how much of it is left an hour later."""
     lowest: float = Field(description="a price, in the unit of the table")
     highest: float = Field(description="a price, in the unit of the table")
+    """``lowest`` and ``highest``: limits of the price, in the unit of the table."""
 
     @model_validator(mode="after")
     def _limits_are_in_order(self) -> Self:
@@ -96,57 +86,38 @@ class Market(Table):
 
 @dataclass(frozen=True)
 class SeasonOfPrices:
-    """What a market's prices of a season depend on, a row for each row of its calendar.
-
-    Attributes
-    ----------
-    every
-        Rows an hour.
-    radiation, wind
-        Of the season's weather ``(rows,)`` [W m-2, m s-1].
-    paths
-        The unexplained part of each market by the name of its table ``(hours,)``.
-    """
+    """What a market's prices of a season depend on, a row for each row of its calendar."""
 
     every: int
+    """Rows an hour."""
     radiation: Floats
     wind: Floats
+    """``radiation`` and ``wind``: of the season's weather ``(rows,)`` [W m-2, m s-1]."""
     paths: Mapping[str, Floats]
+    """The unexplained part of each market by the name of its table ``(hours,)``."""
 
 
 @dataclass(frozen=True)
 class PriceTable:
-    """A price that changes with time: exactly one of ``hourly``, ``dated``, ``series`` and ``market`` is there.
-
-    Attributes
-    ----------
-    unit
-        Such as ``EUR kWh-1``.
-    hourly
-        24 prices, one an hour of the task's clock.
-    dated
-        Month, day, and the price from that day on, until the next entry, over the turn of the year.
-    series
-        Moments [UTC] in order, and the price from each on. Before the first the first holds.
-    yearly
-        Whether the series, which is then of one year at most, holds for the same days and hours of every year.
-    market
-        A market's prices.
-    source
-        Name of the table that it follows, where it is another one plus or times something; else empty.
-    times, plus
-        The price is that of the source (or of the entries above) times ``times``, plus ``plus``.
-    """
+    """A price that changes with time: exactly one of ``hourly``, ``dated``, ``series`` and ``market`` is there."""
 
     unit: str
+    """Such as ``EUR kWh-1``."""
     hourly: tuple[float, ...] = ()
+    """24 prices, one an hour of the task's clock."""
     dated: tuple[tuple[int, int, float], ...] = ()
+    """Month, day, and the price from that day on, until the next entry, over the turn of the year."""
     series: tuple[tuple[dt.datetime, float], ...] = ()
+    """Moments [UTC] in order, and the price from each on. Before the first the first holds."""
     yearly: bool = False
+    """Whether the series, which is then of one year at most, holds for the same days and hours of every year."""
     market: Market | None = None
+    """A market's prices."""
     source: str = ""
+    """Name of the table that it follows, where it is another one plus or times something; else empty."""
     times: float = 1.0
     plus: float = 0.0
+    """``times`` and ``plus``: the price is that of the source (or of the entries above) times ``times``, plus ``plus``."""
 
     @property
     def limits(self) -> tuple[float, float]:

@@ -69,16 +69,11 @@ Observations = TypeVar("Observations", bound=Any)
 
 @dataclass(frozen=True, eq=False)
 class Normalisation:
-    """Scales observations: each column's typical range becomes -1 to 1, without clipping.
-
-    Attributes
-    ----------
-    middle, scale
-        Of each column ``(columns,)`` float32: an observation becomes ``(observation - middle) * scale``.
-    """
+    """Scales observations: each column's typical range becomes -1 to 1, without clipping."""
 
     middle: NDArray[np.float32]
     scale: NDArray[np.float32]
+    """``middle`` and ``scale``: of each column ``(columns,)`` float32: an observation becomes ``(observation - middle) * scale``."""
 
     @classmethod
     def of(cls, columns: Iterable[Quantity]) -> Self:
@@ -154,28 +149,20 @@ class Action:
     """One entry of an action: what it is called, its bounds, and the quantity that it stands for.
 
     Raises ``TaskError`` when there is ``stands_for``, and it or the bounds are not finite and in order.
-
-    Attributes
-    ----------
-    name
-        A control of the task, or a set point.
-    low, high
-        Bounds of what an agent gives.
-    unit, meaning
-        Of the quantity that it stands for; "-" for a share.
-    idle
-        What an agent gives to ask for nothing: no change, no heat beyond frost protection, vents shut, screens open.
-    stands_for
-        Values [unit] that ``low`` and ``high`` stand for, in a straight line between them; ``None``: what is given is the value.
     """
 
     name: str
+    """A control of the task, or a set point."""
     low: float
     high: float
+    """``low`` and ``high``: bounds of what an agent gives."""
     unit: str = "-"
     meaning: str = ""
+    """``unit`` and ``meaning``: of the quantity that it stands for; "-" for a share."""
     idle: float = 0.0
+    """What an agent gives to ask for nothing: no change, no heat beyond frost protection, vents shut, screens open."""
     stands_for: tuple[float, float] | None = None
+    """Values [unit] that ``low`` and ``high`` stand for, in a straight line between them; ``None``: what is given is the value."""
 
     def __post_init__(self) -> None:
         if self.stands_for is None:

@@ -40,28 +40,19 @@ Redraw = Literal["step", "day", "episode"]
 
 @dataclass(frozen=True)
 class ParameterGroup:
-    """Parameters that are drawn together: each is its nominal value times 1 + e.
-
-    Attributes
-    ----------
-    name
-        Name of the group and of its stream.
-    parameters
-        Their names, in the order in which numbers are drawn.
-    distribution, half_width
-        Of e.
-    redraw
-        How often: at every step, at the start of every day, or once per episode.
-    spread
-        How the parameters are drawn instead, with a width for each; ``half_width`` is then their largest deviation.
-    """
+    """Parameters that are drawn together: each is its nominal value times 1 + e."""
 
     name: str
+    """Name of the group and of its stream."""
     parameters: tuple[str, ...]
+    """Their names, in the order in which numbers are drawn."""
     distribution: str
     half_width: float
+    """``distribution`` and ``half_width``: of e."""
     redraw: Redraw
+    """How often: at every step, at the start of every day, or once per episode."""
     spread: Spread | None = None
+    """How the parameters are drawn instead, with a width for each; ``half_width`` is then their largest deviation."""
 
 
 @dataclass(frozen=True)
@@ -84,56 +75,37 @@ class Season:
 
 @dataclass(frozen=True)
 class Generated:
-    """Seasons from the weather generator.
-
-    Attributes
-    ----------
-    years
-        Years of the record from which they are generated.
-    seasons
-        Number of seasons. The run with a seed is in season (seed - first_seed) modulo this number.
-    first_seed
-        Seed of the run in season 0.
-    co2_range
-        Lowest and highest CO2 outside [ppm], between which it varies; ``None`` if it is constant.
-    """
+    """Seasons from the weather generator."""
 
     years: tuple[int, ...]
+    """Years of the record from which they are generated."""
     seasons: int
+    """Number of seasons. The run with a seed is in season (seed - first_seed) modulo this number."""
     first_seed: int
+    """Seed of the run in season 0."""
     co2_range: tuple[float, float] | None = None
+    """Lowest and highest CO2 outside [ppm], between which it varies; ``None`` if it is constant."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """What a run draws.
-
-    Attributes
-    ----------
-    family, salt
-        Tasks for which both are equal share their random numbers.
-    groups, start_groups
-        Parameters, and states at the start, that are drawn.
-    seasons
-        A run draws one of these, all with the same probability. For generated seasons, the calendar.
-    start_within_days
-        A run's first day is drawn with equal probability from the season's first day to this many days later. The first
-        days of generated seasons are spread evenly over these days.
-    generated
-        How seasons are generated, if they are. Their weather and first days belong to the season's number, not to the
-        seed.
-    legacy
-        Schema 1: streams are still keyed by task id and seed.
-    """
+    """What a run draws."""
 
     family: str
     salt: str
+    """``family`` and ``salt``: tasks for which both are equal share their random numbers."""
     groups: tuple[ParameterGroup, ...]
     start_groups: tuple[StartGroup, ...]
+    """``groups`` and ``start_groups``: parameters, and states at the start, that are drawn."""
     seasons: tuple[Season, ...]
+    """A run draws one of these, all with the same probability. For generated seasons, the calendar."""
     start_within_days: int = 0
+    """A run's first day is drawn with equal probability from the season's first day to this many days later. The first days of generated
+    seasons are spread evenly over these days."""
     generated: Generated | None = None
+    """How seasons are generated, if they are. Their weather and first days belong to the season's number, not to the seed."""
     legacy: bool = False
+    """Schema 1: streams are still keyed by task id and seed."""
 
 
 class ResolvedTask(TaskRecord):

@@ -38,37 +38,24 @@ _HEAD: Final = """\
 
 @dataclass(frozen=True)
 class SealedWeather:
-    """Weather that a host keeps to himself until the round is over.
-
-    Attributes
-    ----------
-    digest
-        SHA-256 of the record, as ``glbench weather list`` shows it.
-    years
-        Years of the record that take the place of those of the test split.
-    """
+    """Weather that a host keeps to himself until the round is over."""
 
     digest: str
+    """SHA-256 of the record, as ``glbench weather list`` shows it."""
     years: tuple[int, ...]
+    """Years of the record that take the place of those of the test split."""
 
 
 @dataclass(frozen=True)
 class Round:
-    """The secret of a round.
-
-    Attributes
-    ----------
-    salt
-        256 random bits as 64 hexadecimal digits, not shown by ``repr``.
-    weather
-        The round's own weather; ``None`` where it is the task's.
-    closes
-        Closing time with its time zone, in whole seconds; a result made later is late. ``None``: the round never closes.
-    """
+    """The secret of a round."""
 
     salt: str = field(repr=False)
+    """256 random bits as 64 hexadecimal digits, not shown by ``repr``."""
     weather: SealedWeather | None = None
+    """The round's own weather; ``None`` where it is the task's."""
     closes: dt.datetime | None = None
+    """Closing time with its time zone, in whole seconds; a result made later is late. ``None``: the round never closes."""
 
     def __post_init__(self) -> None:
         """Refuse what is not a secret of a round.

@@ -719,37 +719,25 @@ class TaskFile(Table):
 
 @dataclass(frozen=True)
 class Conventions:
-    """What the schema of a task fixes outside its tables, because published results, records and pages have it.
-
-    Attributes
-    ----------
-    keys_by_task
-        Random numbers are keyed by task id and seed, not by family, salt, seed and stream.
-    draws_table, seasons_table
-        Tables of the file that say what is drawn and in which seasons, as messages name them.
-    extra_quantities
-        Quantities of a step besides money, amounts and violations: entries of ``step`` in ``glbench/quantities.toml``.
-    paper_words
-        Metrics and pages have the names and words of the GreenLight-Gym paper.
-    profiles_deficits
-        Profiles have vapour deficits and light sums.
-    names_model
-        Records and pages name the model by its id, not by its version alone.
-    shows_delta
-        Lists and pages state delta, by which the tasks of a family differ.
-    freezes_draws
-        ``tasks/behaviour.toml`` has what runs draw and observe.
-    """
+    """What the schema of a task fixes outside its tables, because published results, records and pages have it."""
 
     keys_by_task: bool = False
+    """Random numbers are keyed by task id and seed, not by family, salt, seed and stream."""
     draws_table: str = "scenario.parameters"
     seasons_table: str = "scenario"
+    """``draws_table`` and ``seasons_table``: tables of the file that say what is drawn and in which seasons, as messages name them."""
     extra_quantities: tuple[str, ...] = (TRAVEL,)
+    """Quantities of a step besides money, amounts and violations: entries of ``step`` in ``glbench/quantities.toml``."""
     paper_words: bool = False
+    """Metrics and pages have the names and words of the GreenLight-Gym paper."""
     profiles_deficits: bool = True
+    """Profiles have vapour deficits and light sums."""
     names_model: bool = True
+    """Records and pages name the model by its id, not by its version alone."""
     shows_delta: bool = False
+    """Lists and pages state delta, by which the tasks of a family differ."""
     freezes_draws: bool = True
+    """``tasks/behaviour.toml`` has what runs draw and observe."""
 
 
 class TaskFile2(TaskFile):

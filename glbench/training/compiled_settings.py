@@ -43,54 +43,30 @@ class Memory(settings.FrozenSettings):
 
 
 class CompiledSettings(settings.FrozenSettings):
-    """Settings of one training with the compiled PPO; keys shared with Stable-Baselines3's PPO have the same meaning.
-
-    Attributes
-    ----------
-    learner
-        Marks settings of the compiled PPO, as opposed to Stable-Baselines3's.
-    n_timesteps
-        Environment steps, over all greenhouses. The learning rate falls over them: a different number of steps is a different training.
-    n_envs, n_steps
-        Greenhouses stepped together, and steps of each between two updates.
-    first_env_seed, scenarios
-        Training scenarios have the seeds ``first_env_seed`` to ``first_env_seed + scenarios - 1``; each episode draws one.
-        A split has a fixed number of seasons; with more scenarios, seasons repeat with other crops, houses, starts and sensors.
-    places
-        Number of places in each season where the first episodes may begin; later ones begin at its start.
-    net_arch
-        Widths of the hidden layers of actor and critic (tanh).
-    learning_rate, last_learning_rate
-        The learning rate falls linearly from the first to the second.
-    least_scale
-        Smallest standard deviation by which an observed column is divided, for columns that hardly vary in training.
-    steer
-        Whether the actor outputs positions of controls, where the task's actions move them by a limited amount per step.
-    memory
-        Traces of columns that actor and critic also see; none without ``hours``.
-    view
-        Views, observation modules and columns that actor and critic see (``glbench.agents.views``); ``None``: all that the task shows.
-    critic_sees
-        Quantities of a step and states of the model that the critic also sees, in training only.
-    accrual
-        A reward used only in training; ``None`` for none.
-    reward_window
-        Rewards are divided by the spread of the returns over about this many steps.
-    """
+    """Settings of one training with the compiled PPO; keys shared with Stable-Baselines3's PPO have the same meaning."""
 
     learner: Literal["compiled"]
+    """Marks settings of the compiled PPO, as opposed to Stable-Baselines3's."""
     n_timesteps: int = Field(default=3_000_000, gt=0)
+    """Environment steps, over all greenhouses. The learning rate falls over them: a different number of steps is a different training."""
     n_envs: int = Field(default=128, gt=0)
     n_steps: int = Field(default=32, gt=0)
+    """``n_envs`` and ``n_steps``: greenhouses stepped together, and steps of each between two updates."""
     n_epochs: int = Field(default=4, gt=0)
     batch_size: int = Field(default=512, gt=1)
     first_env_seed: settings.TrainingSeed = FIRST_TRAINING_SEED
     scenarios: int = Field(default=256, gt=0)
+    """``first_env_seed`` and ``scenarios``: training scenarios have the seeds ``first_env_seed`` to ``first_env_seed + scenarios - 1``;
+    each episode draws one. A split has a fixed number of seasons; with more scenarios, seasons repeat with other crops, houses, starts
+    and sensors."""
     places: int = Field(default=32, gt=0)
+    """Number of places in each season where the first episodes may begin; later ones begin at its start."""
     net_arch: tuple[int, ...] = Field(default=(128, 128), min_length=1)
+    """Widths of the hidden layers of actor and critic (tanh)."""
     log_std_init: float = -0.7
     learning_rate: float = Field(default=1e-3, gt=0)
     last_learning_rate: float = Field(default=2e-5, gt=0)
+    """``learning_rate`` and ``last_learning_rate``: the learning rate falls linearly from the first to the second."""
     gamma: float = Field(default=0.97, gt=0, le=1)
     gae_lambda: float = Field(default=0.95, gt=0, le=1)
     clip_range: float = Field(default=0.2, gt=0)
@@ -99,12 +75,19 @@ class CompiledSettings(settings.FrozenSettings):
     max_grad_norm: float = Field(default=0.5, gt=0)
     normalize: settings.Normalization = settings.Normalization()
     least_scale: dict[str, float] = Field(default_factory=lambda: {"outdoor_co2": 20.0})
+    """Smallest standard deviation by which an observed column is divided, for columns that hardly vary in training."""
     steer: bool = True
+    """Whether the actor outputs positions of controls, where the task's actions move them by a limited amount per step."""
     memory: Memory = Memory()
+    """Traces of columns that actor and critic also see; none without ``hours``."""
     view: tuple[str, ...] | None = Field(default=None, exclude_if=lambda view: view is None)
+    """Views, observation modules and columns that actor and critic see (``glbench.agents.views``); ``None``: all that the task shows."""
     critic_sees: tuple[str, ...] = ()
+    """Quantities of a step and states of the model that the critic also sees, in training only."""
     accrual: settings.Accrual | None = None
+    """A reward used only in training; ``None`` for none."""
     reward_window: int = Field(default=100_000, gt=0)
+    """Rewards are divided by the spread of the returns over about this many steps."""
     evaluation: settings.EvaluationPlan = settings.EvaluationPlan(every=200_000)
     kernel_preset: Literal["fast", "reference"] = "fast"
 

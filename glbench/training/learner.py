@@ -111,28 +111,20 @@ class Learner:
 
     ``update(learning, key, share)`` returns the next state and the mean reward of its steps, without what is paid in training only;
     ``share`` is how much of the training is over, 0 to 1.
-
-    Attributes
-    ----------
-    settings, environment
-        How it learns, and in what.
-    least_scale
-        Smallest scale by which a column and a trace are divided.
-    traced, shares
-        Columns with traces, and how far these move towards a reading in a step.
-    max_change
-        How far an action of 1 moves its control in a step; 0 where the actor outputs the action itself.
-    visible
-        Which columns and traces actor and critic see; the others count as their mean.
     """
 
     settings: CompiledSettings
     environment: Environment
+    """``settings`` and ``environment``: how it learns, and in what."""
     least_scale: NDArray[np.float32]
+    """Smallest scale by which a column and a trace are divided."""
     traced: NDArray[np.int64]
     shares: NDArray[np.float64]
+    """``traced`` and ``shares``: columns with traces, and how far these move towards a reading in a step."""
     max_change: NDArray[np.float64]
+    """How far an action of 1 moves its control in a step; 0 where the actor outputs the action itself."""
     visible: NDArray[np.bool_]
+    """Which columns and traces actor and critic see; the others count as their mean."""
 
     @classmethod
     def of(cls, task: TaskSpec, settings: CompiledSettings) -> Learner:

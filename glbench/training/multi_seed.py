@@ -32,25 +32,18 @@ _START = "policy"
 
 @dataclass(frozen=True)
 class TrainingJob:
-    """A training and all that it needs.
-
-    Attributes
-    ----------
-    folder
-        On the machine of the command.
-    start
-        The policy that it starts from, if any, and its card, where it must be sent.
-    waits_for_answers
-        Whether it waits after each evaluation until the listeners have returned.
-    """
+    """A training and all that it needs."""
 
     task: TaskSpec | PackedTask
     training: Training
     settings: Any
     folder: Path
+    """On the machine of the command."""
     start: execution.Files
+    """The policy that it starts from, if any, and its card, where it must be sent."""
     options: Mapping[str, Any]
     waits_for_answers: bool
+    """Whether it waits after each evaluation until the listeners have returned."""
 
 
 @dataclass(frozen=True)

@@ -45,27 +45,18 @@ _START = "start.yml"  # The page that a search in the folder began with
 
 
 class RuleSearchSettings(FrozenSettings):
-    """Settings of a search for numbers of rules.
-
-    Attributes
-    ----------
-    population
-        Candidates a generation. Each has one run of every task, in the same scenario for all.
-    seasons
-        Simulated runs in all (candidates, generations, tasks), rounded up to whole generations.
-    sigma
-        Standard deviation of the first generation, in widths of each number's bounds.
-    first_seed
-        Seed of the first generation's scenario; the following ones have the next.
-    evaluation
-        How often the generation mean is evaluated (``every``, in environment steps), and in how many runs of each task.
-    """
+    """Settings of a search for numbers of rules."""
 
     population: int = Field(default=64, ge=4)
+    """Candidates a generation. Each has one run of every task, in the same scenario for all."""
     seasons: int = Field(default=6400, gt=0)
+    """Simulated runs in all (candidates, generations, tasks), rounded up to whole generations."""
     sigma: float = Field(default=0.1, gt=0, le=1)
+    """Standard deviation of the first generation, in widths of each number's bounds."""
     first_seed: TrainingSeed = 3 * FIRST_TRAINING_SEED
+    """Seed of the first generation's scenario; the following ones have the next."""
     evaluation: EvaluationPlan = EvaluationPlan(every=4_000_000, runs=16)
+    """How often the generation mean is evaluated (``every``, in environment steps), and in how many runs of each task."""
     kernel_preset: Literal["fast", "reference"] = "fast"
 
     def generations(self, tasks: Sequence[TaskSpec]) -> int:

@@ -82,34 +82,23 @@ class BatchedPolicy:
 
 
 class SearchSettings(FrozenSettings):
-    """Settings of a search.
-
-    Attributes
-    ----------
-    start_from
-        Policy file to adapt; in a settings file relative to it.
-    begin_anew
-        Actions, by name, whose output begins with that value instead, whatever is observed.
-    directions
-        Principal components of the last hidden layer that a variation works with.
-    population, generations
-        Variations a generation, each rewarded with a season, and how many generations.
-    sigma
-        Size of the first variations; 1 moves an action by its bound, along a typical deviation of a direction.
-    first_seed
-        Seed of the scenario of the first generation; each generation has the next one, the same for all its variations.
-    evaluation
-        Evaluation of the mean of all variations, on seeds of its own; the best one is kept.
-    """
+    """Settings of a search."""
 
     start_from: PolicyFile
+    """Policy file to adapt; in a settings file relative to it."""
     begin_anew: dict[str, float] = Field(default_factory=dict)
+    """Actions, by name, whose output begins with that value instead, whatever is observed."""
     directions: int = Field(default=12, gt=0)
+    """Principal components of the last hidden layer that a variation works with."""
     population: int = Field(default=64, gt=3)
     generations: int = Field(default=150, gt=0)
+    """``population`` and ``generations``: variations a generation, each rewarded with a season, and how many generations."""
     sigma: float = Field(default=0.08, gt=0)
+    """Size of the first variations; 1 moves an action by its bound, along a typical deviation of a direction."""
     first_seed: TrainingSeed = 3 * FIRST_TRAINING_SEED
+    """Seed of the scenario of the first generation; each generation has the next one, the same for all its variations."""
     evaluation: EvaluationPlan = EvaluationPlan(every=4_000_000)
+    """Evaluation of the mean of all variations, on seeds of its own; the best one is kept."""
     kernel_preset: Literal["fast", "reference"] = "fast"
 
     @classmethod

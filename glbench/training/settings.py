@@ -158,47 +158,33 @@ class Accrual(FrozenSettings):
 
 
 class TrainingSettings(FrozenSettings):
-    """Settings of one training.
-
-    Attributes
-    ----------
-    algorithm
-        ``ppo``, ``sac``, or the class path of an algorithm of Stable-Baselines3's kind (``sb3_contrib.RecurrentPPO``).
-    n_timesteps
-        Environment steps, over all greenhouses.
-    n_envs
-        Greenhouses stepped together.
-    first_env_seed
-        Seed of the first episode of the first greenhouse; episode j of greenhouse i has the seed ``first_env_seed + j n_envs + i``,
-        both counted from 0.
-    start_from
-        Policy file (``policy.npz``, ``baselines/*/weights/*.npz``) whose actor and statistics the training begins with; in a
-        settings file relative to it.
-    policy
-        Name of the policy, as the algorithm knows it.
-    policy_kwargs
-        Arguments of the policy; ``activation_fn`` and ``optimizer_class`` by name (``SiLU``, ``Adam``).
-    action_noise_std
-        Standard deviation of Gaussian noise on actions, for algorithms with a replay buffer.
-    accrual
-        A reward used only in training; ``None`` for none.
-    hyperparameters
-        All other arguments of the algorithm's class.
-    """
+    """Settings of one training."""
 
     algorithm: str
+    """``ppo``, ``sac``, or the class path of an algorithm of Stable-Baselines3's kind (``sb3_contrib.RecurrentPPO``)."""
     n_timesteps: int = Field(default=2_000_000, gt=0)
+    """Environment steps, over all greenhouses."""
     n_envs: int = Field(default=8, gt=0)
+    """Greenhouses stepped together."""
     first_env_seed: TrainingSeed = FIRST_TRAINING_SEED
+    """Seed of the first episode of the first greenhouse; episode j of greenhouse i has the seed ``first_env_seed + j n_envs + i``, both
+    counted from 0."""
     start_from: PolicyFile | None = None
+    """Policy file (``policy.npz``, ``baselines/*/weights/*.npz``) whose actor and statistics the training begins with; in a settings file
+    relative to it."""
     policy: str = "MlpPolicy"
+    """Name of the policy, as the algorithm knows it."""
     policy_kwargs: dict[str, Any] = Field(default_factory=dict)
+    """Arguments of the policy; ``activation_fn`` and ``optimizer_class`` by name (``SiLU``, ``Adam``)."""
     action_noise_std: float | None = Field(default=None, gt=0)
+    """Standard deviation of Gaussian noise on actions, for algorithms with a replay buffer."""
     accrual: Accrual | None = None
+    """A reward used only in training; ``None`` for none."""
     normalize: Normalization = Normalization()
     evaluation: EvaluationPlan = EvaluationPlan()
     kernel_preset: Literal["fast", "reference"] = "fast"
     hyperparameters: Annotated[dict[str, Any], AfterValidator(_allowed)] = Field(default_factory=dict)
+    """All other arguments of the algorithm's class."""
 
     @property
     def gamma(self) -> float:

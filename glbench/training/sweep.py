@@ -78,37 +78,25 @@ class Parameter(FrozenSettings):
 
 
 class Search(FrozenSettings):
-    """What is searched, how, and for which agent.
-
-    Attributes
-    ----------
-    algorithm, task
-        What is trained on what.
-    config
-        Settings that the search starts from; by default the shipped ones of the algorithm.
-    steps
-        Environment steps of a trial.
-    trials
-        Number of trials in all.
-    seed
-        Seed of search and trainings.
-    method
-        ``bayes`` (tree-structured Parzen estimator), ``random``, or ``grid`` (``values`` and ``value`` only).
-    prune
-        Whether trials that lag behind the median at the same step are stopped early.
-    parameters
-        By name: settings of the training or of the algorithm; parts of a setting with a dot (``normalize.rewards``).
-    """
+    """What is searched, how, and for which agent."""
 
     algorithm: str
     task: str
+    """``algorithm`` and ``task``: what is trained on what."""
     config: Path | None = None
+    """Settings that the search starts from; by default the shipped ones of the algorithm."""
     steps: int = Field(default=200_000, gt=0)
+    """Environment steps of a trial."""
     trials: int = Field(default=30, gt=0)
+    """Number of trials in all."""
     seed: int = Field(default=0, ge=0)
+    """Seed of search and trainings."""
     method: Literal["bayes", "random", "grid"] = "bayes"
+    """``bayes`` (tree-structured Parzen estimator), ``random``, or ``grid`` (``values`` and ``value`` only)."""
     prune: bool = True
+    """Whether trials that lag behind the median at the same step are stopped early."""
     parameters: dict[str, Parameter] = Field(min_length=1)
+    """By name: settings of the training or of the algorithm; parts of a setting with a dot (``normalize.rewards``)."""
 
     @model_validator(mode="after")
     def _grid_of_values(self) -> Search:

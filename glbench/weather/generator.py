@@ -35,36 +35,26 @@ MATCHED = ("air_temperature", "relative_humidity", "wind_speed")
 
 @dataclass(frozen=True)
 class Blocks:
-    """How blocks are cut and matched. The defaults were settled on Schiphol 2008 to 2010 (docs/weather.md).
-
-    Attributes
-    ----------
-    shortest, longest : int
-        Length of a block [d], uniform between them.
-    window : int
-        A block begins at most so many calendar days away from its place in the season.
-    nearest : int
-        One of so many best matches is drawn.
-    neighbours : int
-        A squared distance is divided by the candidate's own distance to so many days that are most like it (root mean square), so that
-        unusual days are chosen, too.
-    rest : int
-        A block holds none of the last so many days of the chain, and does not follow one of them.
-    midnight, day, days : tuple of float
-        Weights of the squared differences, each in standard deviations: of the state in the hour before midnight (temperature, humidity,
-        wind, sky), and of the means of the day and of the five days before (temperature, humidity, wind, clearness, daily range of
-        temperature). Temperatures are anomalies from the mean course of the year.
-    """
+    """How blocks are cut and matched. The defaults were settled on Schiphol 2008 to 2010 (docs/weather.md)."""
 
     shortest: int = 4
     longest: int = 10
+    """``shortest`` and ``longest``: length of a block [d], uniform between them."""
     window: int = 12
+    """A block begins at most so many calendar days away from its place in the season."""
     nearest: int = 5
+    """One of so many best matches is drawn."""
     neighbours: int = 10
+    """A squared distance is divided by the candidate's own distance to so many days that are most like it (root mean square), so that
+    unusual days are chosen, too."""
     rest: int = 10
+    """A block holds none of the last so many days of the chain, and does not follow one of them."""
     midnight: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
     day: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 0.5)
     days: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 0.0)
+    """``midnight``, ``day`` and ``days``: weights of the squared differences, each in standard deviations: of the state in the hour before
+    midnight (temperature, humidity, wind, sky), and of the means of the day and of the five days before (temperature, humidity, wind,
+    clearness, daily range of temperature). Temperatures are anomalies from the mean course of the year."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -157,21 +157,14 @@ class Origin:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class WeatherRecord(Origin):
-    """Hourly weather of one place, without a gap, that never changes.
-
-    Attributes
-    ----------
-    begin : int
-        Start of the first slot, seconds since 1970-01-01 UTC.
-    counts : Mapping[str, ndarray of int64]
-        The canonical whole numbers (read-only), see ``QUANTITIES``.
-    timing : Mapping[str, "instant" | "mean"]
-        For every column: the value at the end of the slot, or the mean over the slot.
-    """
+    """Hourly weather of one place, without a gap, that never changes."""
 
     begin: int
+    """Start of the first slot, seconds since 1970-01-01 UTC."""
     counts: Mapping[str, IntArray]
+    """The canonical whole numbers (read-only), see ``QUANTITIES``."""
     timing: Mapping[str, Timing]
+    """For every column: the value at the end of the slot, or the mean over the slot."""
 
     @property
     def station(self) -> str:

@@ -26,31 +26,21 @@ PREPROCESSINGS = ("paper", "conserving")
 
 @dataclass(frozen=True, eq=False)
 class Disturbances:
-    """Weather acting on each control step; all arrays are read-only.
-
-    Attributes
-    ----------
-    values : ndarray (steps, 10) of float64
-        iGlob [W m-2], tOut [degC], vpOut [Pa], co2Out [mg m-3], wind [m s-1], tSky [degC], tSoOut [degC],
-        dayRadSum [MJ m-2 d-1], isDay [-], isDaySmooth [-].
-    times : ndarray (steps,) of datetime64[s]
-        Start of every step, UTC.
-    hour_of_day : ndarray (steps,) of float64
-        0..24 h on the clock of the preprocessing: UTC for ``paper``, the local clock with summer time for ``conserving``.
-    day_of_year : ndarray (steps,) of float64
-        Days since 1 January 00:00 of the same year on that clock, 0 to 365 (366 in a leap year).
-    digest : str
-        SHA-256 [hex] over the canonical hourly figures used and the window; the same on every machine.
-    preprocessing : str
-        ``"paper"`` or ``"conserving"``.
-    """
+    """Weather acting on each control step; all arrays are read-only."""
 
     values: FloatArray
+    """``(steps, 10)``: iGlob [W m-2], tOut [degC], vpOut [Pa], co2Out [mg m-3], wind [m s-1], tSky [degC], tSoOut [degC],
+    dayRadSum [MJ m-2 d-1], isDay [-], isDaySmooth [-]."""
     times: npt.NDArray[np.datetime64]
+    """Start of every step ``(steps,)``, UTC."""
     hour_of_day: FloatArray
+    """``(steps,)``, 0..24 h on the clock of the preprocessing: UTC for ``paper``, the local clock with summer time for ``conserving``."""
     day_of_year: FloatArray
+    """``(steps,)``, days since 1 January 00:00 of the same year on that clock, 0 to 365 (366 in a leap year)."""
     digest: str
+    """SHA-256 [hex] over the canonical hourly figures used and the window; the same on every machine."""
     preprocessing: str
+    """``"paper"`` or ``"conserving"``."""
 
 
 def disturbances(

@@ -23,67 +23,45 @@ INPUTS = ("x", "u", "d", "p")
 
 @dataclass(frozen=True)
 class Traits:
-    """What is known of a model beyond its equations.
-
-    Attributes
-    ----------
-    zeros
-        Parameters that are zero in every row that the code will see (equipment that is not there).
-    fast
-        States that forget errors quickly; they come first in the generated code.
-    singular
-        Two moving states whose difference the rates depend on like a root, if there are such.
-    followers
-        States that are held within a step and follow at its end.
-    names
-        Names of the states for messages, where there are followers.
-    """
+    """What is known of a model beyond its equations."""
 
     zeros: tuple[int, ...] = ()
+    """Parameters that are zero in every row that the code will see (equipment that is not there)."""
     fast: tuple[int, ...] = ()
+    """States that forget errors quickly; they come first in the generated code."""
     singular: tuple[int, int] | None = None
+    """Two moving states whose difference the rates depend on like a root, if there are such."""
     followers: tuple[int, ...] = ()
+    """States that are held within a step and follow at its end."""
     names: tuple[str, ...] = ()
+    """Names of the states for messages, where there are followers."""
 
 
 @dataclass(frozen=True)
 class GeneratedModel:
-    """C++ header of one model.
-
-    Attributes
-    ----------
-    text
-        The header.
-    moving
-        The states that are integrated, in the order of the generated code.
-    operations
-        How often each operation occurs in one evaluation of the right-hand side, after hoisting.
-    """
+    """C++ header of one model."""
 
     text: str
+    """The header."""
     moving: tuple[int, ...]
+    """The states that are integrated, in the order of the generated code."""
     operations: dict[str, int]
+    """How often each operation occurs in one evaluation of the right-hand side, after hoisting."""
 
 
 @dataclass(frozen=True)
 class Followers:
-    """Rates of the followers, regrouped.
-
-    Attributes
-    ----------
-    graph, rates
-        Their graph, in which ``("x", i)`` is a follower and ``("v", i)`` the mean rate of state i over the step, and their rates.
-    states, drivers
-        The followers, and the states whose rates they read.
-    reads
-        Elements of p, u and d that they read.
-    """
+    """Rates of the followers, regrouped."""
 
     graph: Graph
     rates: list[int]
+    """``graph`` and ``rates``: their graph, in which ``("x", i)`` is a follower and ``("v", i)`` the mean rate of state i over the step,
+    and their rates."""
     states: tuple[int, ...]
     drivers: list[int]
+    """``states`` and ``drivers``: the followers, and the states whose rates they read."""
     reads: list[Source]
+    """Elements of p, u and d that they read."""
 
     @property
     def places(self) -> dict[Source, Source]:
@@ -95,29 +73,20 @@ class Followers:
 
 @dataclass(frozen=True)
 class Structure:
-    """A model's graph after regrouping, and what follows from its Jacobian.
-
-    Attributes
-    ----------
-    graph, slopes
-        The regrouped graph with its derivatives, and the time derivative of each state but followers.
-    rows
-        Derivatives of each of these with respect to the state.
-    moving, clocks
-        States that are integrated, in the order of the generated code, and those that need not be.
-    plan
-        Elimination of the moving states' matrix.
-    followers
-        The others, if there are any.
-    """
+    """A model's graph after regrouping, and what follows from its Jacobian."""
 
     graph: Graph
     slopes: dict[int, int]
+    """``graph`` and ``slopes``: the regrouped graph with its derivatives, and the time derivative of each state but followers."""
     rows: dict[int, Gradient]
+    """Derivatives of each of these with respect to the state."""
     moving: list[int]
     clocks: list[int]
+    """``moving`` and ``clocks``: states that are integrated, in the order of the generated code, and those that need not be."""
     plan: lu.Elimination
+    """Elimination of the moving states' matrix."""
     followers: Followers | None
+    """The others, if there are any."""
 
     @property
     def own(self) -> dict[int, int]:

@@ -38,40 +38,28 @@ METHODS: tuple[Method, ...] = ("Rodas4P2", "GRK4T")
 
 @dataclass(frozen=True)
 class Preset:
-    """Settings of the step-size control.
-
-    Attributes
-    ----------
-    relative : float
-        Relative tolerance of a substep.
-    first_substep : float
-        Length of the first substep of every control step [s]; fixed, so that a step depends on its inputs only.
-    fast_error_floor : float
-        The least factor on the squared errors of the fast states, long before the end of the step.
-    fast_time_constant : float
-        Time in which an error of a fast state is taken to fade to 1/e of itself [s].
-    singular_error_factor : float
-        Factor on the squared errors of a substep that changes the difference of the singular states by more than half of its
-        size. Very tight tolerances do without: with it they would ask for less than rounding.
-    method : str
-        ``"Rodas4P2"`` or ``"GRK4T"``, see native/rosenbrock.hpp.
-    last_stretch : float
-        The end of the control step that no substep enters from before [s]. GRK4T looks at nothing beyond 0.88 of a substep:
-        where water begins to condense on a screen after that, the next substep mends it, and there must be one.
-    balanced : bool
-        Whether the states are weighted for the comparison with CVODES (``Variable.balance``), or all alike but for a few
-        (``Variable.sharper``): thin screens, all but decoupled while they are open, whose rare large errors when they close decide
-        that comparison.
-    """
+    """Settings of the step-size control."""
 
     relative: float
+    """Relative tolerance of a substep."""
     first_substep: float
+    """Length of the first substep of every control step [s]; fixed, so that a step depends on its inputs only."""
     fast_error_floor: float
+    """The least factor on the squared errors of the fast states, long before the end of the step."""
     fast_time_constant: float = 70.0
+    """Time in which an error of a fast state is taken to fade to 1/e of itself [s]."""
     singular_error_factor: float = 1e3
+    """Factor on the squared errors of a substep that changes the difference of the singular states by more than half of its size. Very
+    tight tolerances do without: with it they would ask for less than rounding."""
     method: Method = "Rodas4P2"
+    """``"Rodas4P2"`` or ``"GRK4T"``, see native/rosenbrock.hpp."""
     last_stretch: float = math.inf
+    """The end of the control step that no substep enters from before [s]. GRK4T looks at nothing beyond 0.88 of a substep: where water
+    begins to condense on a screen after that, the next substep mends it, and there must be one."""
     balanced: bool = False
+    """Whether the states are weighted for the comparison with CVODES (``Variable.balance``), or all alike but for a few
+    (``Variable.sharper``): thin screens, all but decoupled while they are open, whose rare large errors when they close decide that
+    comparison."""
 
 
 PRESETS = {
