@@ -22,6 +22,7 @@ from glbench.control.machines import Machines, Schedule
 from glbench.control.scenario import Scenario, actions_of, with_schedule
 from glbench.control.stage import StageReward, StageValues, judged_at_the_end
 from glbench.control.trust_region import LENGTHS, feasible, radius_shares, trust_region_step
+from glbench.env.program import calendar_columns
 from glbench.env.spaces import the_task
 from glbench.errors import GlbenchError, ShapeError, TaskError, whole_number
 from glbench.kernel import Kernel
@@ -367,7 +368,7 @@ def money_in_reward(task: TaskSpec) -> float:
     # The same step with all controls off and on: what that costs, and what it does to the reward. Its states do not matter.
     states, controls = (np.full((2, 2, len(task.model_value.states)), 10.0), np.zeros((2, 1, len(task.model_value.controls))))
     controls[1] = 1.0
-    calendar = np.ones((2, 2, 2 + len(task.price_tables)))
+    calendar = np.ones((2, 2, calendar_columns(task)))
     stage = StageReward(task)(states, controls, calendar)
     earned, reward = (float(a[1, 0] - a[0, 0]) for a in (stage.epi, stage.reward))
     if earned == 0.0 or reward == 0.0:

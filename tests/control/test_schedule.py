@@ -21,6 +21,7 @@ from glbench.control import (
     plan_season,
     with_schedule,
 )  # fmt: skip
+from glbench.control.season import money_in_reward
 from glbench.control.trust_region import radius_shares
 from glbench.env import Simulation
 from glbench.errors import ShapeError
@@ -171,3 +172,8 @@ def test_the_baselines_of_predictive_control_know_what_the_calendar_moves(name: 
         seen = simulation.step(actions).observations
         np.testing.assert_allclose(agent._steering.controls, simulation.u, atol=1e-6)
     assert len(set(simulation.u[:, VENTS])) == 1
+
+
+def test_money_counts_in_full_where_prices_change_and_controls_are_scheduled() -> None:
+    """Its calendar has prices and scheduled controls."""
+    assert money_in_reward(get_task("WinterLED-v2")) == 1.0
