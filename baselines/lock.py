@@ -57,7 +57,8 @@ DRIVERS = {
 }
 """The tasks that inputs are recorded on, and the baseline that drives the recorded runs."""
 GROW = (
-    "best_known", "mpc_energy", "mpc_greenhouse", "outdoor", "ppo_greenhouse", "ppo_memory_greenhouse", "rule_based_greenhouse", "sac_fast",
+    "best_known", "mpc_energy", "mpc_greenhouse", "outdoor", "ppo_energy", "ppo_greenhouse", "ppo_memory_greenhouse",
+    "rule_based_greenhouse", "sac_fast",
 )  # fmt: skip
 """These, and further trainings of them, get plans, policies, pages or end values for more tasks, and with them another digest.
 ``earlier`` in an entry are the digests of the results that are released."""
