@@ -57,7 +57,8 @@ class ObservationModel:
             by_name = ByName(model.states, states)
             air: dict[str, Any] = {}
             if model.air:
-                air = dict(zip(AIR, air_quantities(*(states[model.state_index(name)] for name in model.air)), strict=True))
+                parcel = model.air_of(*(states[model.state_index(name)] for name in model.air))
+                air = dict(zip(AIR, air_quantities(*parcel), strict=True))
             for module in task.observation.modules:
                 observed = task.observed_by(module)
                 of_model = model.observed(module, task.observation_context().horizon)

@@ -234,6 +234,7 @@ def air_of(model: Model, states: ArrayLike) -> AirAlong:
 def _air(model: Model) -> TapeDerivatives:
     assert model.air is not None
     with Recorder() as recorder:
-        for place, value in enumerate(air_quantities(*(recorder.input("after", model.state_index(name)) for name in model.air))):
+        states = (recorder.input("after", model.state_index(name)) for name in model.air)
+        for place, value in enumerate(air_quantities(*model.air_of(*states))):
             recorder.output("table", place, value)
     return TapeDerivatives(recorder.tape(), [("table", place) for place in range(len(AIR))], ("after",))

@@ -191,7 +191,7 @@ def _true_air(task: TaskSpec, recorder: Recorder, moment: Literal["before", "aft
     model = task.model_value
     if not model.air:
         return []
-    return list(air_quantities(*(recorder.input(moment, model.state_index(name)) for name in model.air)))
+    return list(air_quantities(*model.air_of(*(recorder.input(moment, model.state_index(name)) for name in model.air))))
 
 
 def _outcome(task: TaskSpec, scenarios: RunScenarios, update: Recorder) -> tuple[Tape, tuple[Lookup, ...], int, Any, Any]:

@@ -1,7 +1,8 @@
 """One control step of a model, for one greenhouse or a batch of them: the kernel, and the backends that it chooses from.
 
 ``compiled`` is generated C++ and by far the fastest; ``casadi`` works everywhere; ``cvodes`` is the slow, independent check.
-``auto`` takes ``compiled`` where a library can be loaded or built, else ``casadi``.
+``auto`` takes ``compiled`` where a library can be loaded or built, else ``casadi``. A model that is a map (``Model.step_map``) has a
+backend of its own, ``discrete``, and no other.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from glbench.kernel.trajectories import Horizons, Trajectories
 from glbench.model import TOMATO, Model
 
 BACKENDS = ("compiled", "casadi", "cvodes")
+DISCRETE = "discrete"
 
 
 class Backend(Protocol):
@@ -64,15 +66,23 @@ class Backend(Protocol):
 
 def available(model: Model = TOMATO) -> tuple[str, ...]:
     """Names of the backends that can step ``model`` on this machine, fastest first. The first call may compile for some seconds."""
+    if model.step_map is not None:
+        return (DISCRETE,)
     return BACKENDS if why_not_compiled(model) is None else tuple(name for name in BACKENDS if name != "compiled")
 
 
 def choose(name: str, model: Model = TOMATO) -> str:
-    """Name of the backend meant by ``name``, which may be ``auto``. Raises ``UnknownNameError`` when there is no backend of that name."""
+    """Name of the backend meant by ``name``, which may be ``auto``.
+
+    Raises ``UnknownNameError`` when there is no backend of that name, or not for this model.
+    """
     if name == "auto":
         return available(model)[0]
-    if name not in BACKENDS:
-        refuse(f"The kernel has no backend '{name}'.{did_you_mean(name, ('auto', *BACKENDS))}", UnknownNameError)
+    if model.step_map is not None and name in BACKENDS:
+        refuse(f"{model.id} is a map, which the backend '{DISCRETE}' steps and not '{name}'. Leave the choice to 'auto'.", UnknownNameError)
+    names = BACKENDS if model.step_map is None else available(model)
+    if name not in names:
+        refuse(f"The kernel has no backend '{name}'.{did_you_mean(name, ('auto', *names))}", UnknownNameError)
     return name
 
 
@@ -83,6 +93,10 @@ def make_backend(name: str, model: Model, *, step_seconds: float, preset: str, t
     ``UnknownNameError`` when backend or preset do not exist, and ``GlbenchError``, with the reason, when the backend does not work here.
     """
     name = choose(name, model)
+    if name == DISCRETE:
+        from glbench.kernel.discrete import DiscreteBackend
+
+        return DiscreteBackend(model, step_seconds=step_seconds, preset=preset)
     if name == "compiled":
         from glbench.kernel.compiled.stepper import CompiledStepper
 
@@ -96,7 +110,7 @@ def will_compile(model: Model = TOMATO) -> bool:
     """Whether the next kernel for ``model`` is going to be compiled, which takes some seconds, once on a machine."""
     from glbench.kernel.compiled.stepper import is_built
 
-    return not is_built(model)
+    return model.step_map is None and not is_built(model)
 
 
 def built_libraries(model: Model, p: FloatArray, *, for_plans: bool = False) -> dict[str, Path]:
@@ -112,12 +126,14 @@ def built_libraries(model: Model, p: FloatArray, *, for_plans: bool = False) -> 
 
     lent = os.environ.get(LENT)
     passed_on = {file.name: file for file in Path(lent).glob("*.*")} if lent else {}
-    return {**built_libraries(model, p, for_plans=for_plans), **passed_on}
+    return passed_on if model.step_map is not None else {**built_libraries(model, p, for_plans=for_plans), **passed_on}
 
 
 @cache
 def why_not_compiled(model: Model = TOMATO) -> str | None:
     """None where the compiled backend works, else the reason in words. The first call may compile for some seconds."""
+    if model.step_map is not None:
+        return f"{model.id} is a map: its step is part of the model, and is not compiled."
     from glbench.kernel.compiled.stepper import availability
 
     return availability(model)
@@ -137,7 +153,7 @@ class Kernel(Trajectories):
     step_seconds : float
         Length h of the control step [s], positive.
     backend : str
-        ``"auto"``, ``"compiled"``, ``"casadi"`` or ``"cvodes"``, see ``glbench.kernel.kernel``.
+        ``"auto"``, ``"compiled"``, ``"casadi"``, ``"cvodes"`` or, of a map, ``"discrete"``, see ``glbench.kernel.kernel``.
     preset : str
         ``"reference"`` (what scores are made with: 1e-6 a step), ``"standard"`` (at least as accurate as CVODES at 1e-6, which
         the benchmark's paper used), ``"fast"`` (for training), or ``"tight"`` (to check the others against).
@@ -149,7 +165,7 @@ class Kernel(Trajectories):
     model, step_seconds, preset, threads
         As given.
     backend : str
-        Name of the backend that steps: ``"compiled"``, ``"casadi"`` or ``"cvodes"``.
+        Name of the backend that steps: ``"compiled"``, ``"casadi"``, ``"cvodes"`` or ``"discrete"``.
     """
 
     def __init__(

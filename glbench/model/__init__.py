@@ -29,7 +29,7 @@ from glbench.model.expressions import Expr
 from glbench.model.greenhouse import Meter, compose
 from glbench.model.greenlight import GreenLightClimate
 from glbench.model.heat_harvesting import HARVEST_METERS, HeatHarvesting
-from glbench.model.model import Capacity, Evaluation, Flow, Model, ObservedColumn, Signal, Step, Stock
+from glbench.model.model import Capacity, Evaluation, Flow, Model, ObservedColumn, Signal, Step, StepMap, Stock
 from glbench.model.paper import (
     AUXILIARIES,
     BUTTERHEAD,
@@ -41,6 +41,7 @@ from glbench.model.paper import (
     DISTURBANCES,
     HARVEST,
     LETTUCE,
+    LETTUCE_CLASSIC,
     MODEL_VERSION,
     PARAMETER_NAMES,
     PARAMETERS,
@@ -89,6 +90,7 @@ __all__ = [
     "HARVEST",
     "HARVEST_METERS",
     "LETTUCE",
+    "LETTUCE_CLASSIC",
     "MODEL_VERSION",
     "NO_LIMIT",
     "PARAMETERS",
@@ -132,6 +134,7 @@ __all__ = [
     "Side",
     "Signal",
     "Step",
+    "StepMap",
     "Stock",
     "Surroundings",
     "TrussTomato",

@@ -9,6 +9,7 @@ Models are frozen dataclasses: equal when their fields are, picklable, and usabl
 
 from __future__ import annotations
 
+import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -24,7 +25,7 @@ from glbench.model.air import Air
 from glbench.model.bounds import Horizon
 from glbench.model.digest import digest_of
 from glbench.model.disturbances import Disturbances
-from glbench.model.expressions import Expr, simplification
+from glbench.model.expressions import Expr, if_else, simplification
 from glbench.model.parameter_checks import Order, Shares
 from glbench.model.parameter_sets import ParameterValues
 from glbench.model.parameter_table import ParameterInfo
@@ -162,6 +163,25 @@ class Signal:
     today: Callable[[Record, Record, Record], Expr] | None = None
 
 
+@dataclass(frozen=True)
+class StepMap:
+    """A control step that belongs to the model: Runge-Kutta steps of equal length, then every state is limited to its range.
+
+    ``method`` is the classical method of fourth order (``rk4``), with ``parts`` steps. Controls, disturbances and parameters are held.
+    ``low`` and ``high`` are the range of each state [unit of the state].
+    """
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    parts: int = 4
+    method: Literal["rk4"] = "rk4"
+
+    def digest(self, rates: str) -> str:
+        """SHA-256 [hex] of the map, made of that of its ``rates``."""
+        limits = (limit.hex() for limit in (*self.low, *self.high))
+        return hashlib.sha256("\n".join((rates, self.method, str(self.parts), *limits)).encode("ascii")).hexdigest()
+
+
 Start: TypeAlias = Callable[[Disturbances, float, Record], Record]
 """State at the start from the first row of the weather, the temperature of air and surfaces [°C] and the nominal parameters."""
 
@@ -211,9 +231,18 @@ class Model(ABC):
         return "author"
 
     @property
-    def air(self) -> tuple[str, str, str] | None:
-        """States of the main air: temperature [°C], CO2 density [mg m-3], vapour pressure [Pa]; None without an air."""
+    def step_map(self) -> StepMap | None:
+        """The control step, where it is part of the model; None where a kernel integrates the rates as accurately as it is asked to."""
         return None
+
+    @property
+    def air(self) -> tuple[str, str, str] | None:
+        """States of the main air: its temperature, CO2 and vapour, in the units that ``air_of`` takes; None without an air."""
+        return None
+
+    def air_of(self, temperature: Expr, co2: Expr, vapour: Expr) -> tuple[Expr, Expr, Expr]:
+        """Temperature [°C], CO2 density [mg m-3] and vapour pressure [Pa] of the main air, from its states. They may use arithmetic."""
+        return temperature, co2, vapour
 
     @property
     def singular(self) -> tuple[str, str] | None:
@@ -341,12 +370,13 @@ class Model(ABC):
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of the equations: 64 hexadecimal digits.
+        """SHA-256 of the equations, and of the step where it is part of the model: 64 hexadecimal digits.
 
         It changes with any equation, with any bit of a constant and with the order of inputs and outputs. It does not change
         with names, with the order of evaluation or with the machine.
         """
-        return digest_of(self.rhs_function())
+        rates = digest_of(self.rhs_function())
+        return rates if self.step_map is None else self.step_map.digest(rates)
 
     def state_index(self, name: str) -> int:
         """Place of a state in the vector. Raises ``UnknownNameError`` when there is none of that name; the message names the nearest."""
@@ -404,6 +434,15 @@ class Model(ABC):
         """
         return _rhs_function(self, symbolic)
 
+    def step_function(self, seconds: float) -> casadi.Function:
+        """CasADi function ``step`` of x, u, d, p that gives ``x_next``, the state after a control step of ``seconds`` [s].
+
+        Raises ``ShapeError`` when the step is no part of the model (``step_map``).
+        """
+        if self.step_map is None:
+            refuse(f"{self.id} has rates and no step of its own: glbench.kernel.Kernel integrates them.", ShapeError)
+        return _step_function(self, self.step_map, seconds)
+
     def auxiliaries_function(self) -> casadi.Function:
         """CasADi function of x, u, d, p that gives all quantities of ``auxiliaries``, in that order, as one vector."""
         return _auxiliaries_function(self)
@@ -434,7 +473,7 @@ class Model(ABC):
         ndarray
             Shape ``(states,)``, or ``(n, states)`` when any input has a batch axis; unit of the state per second.
         """
-        return _evaluate(self.names, self.rhs_function(), x, u, d, p)[..., 0]
+        return evaluate_rows(self.names, self.rhs_function(), x, u, d, p)[..., 0]
 
     def auxiliary_values(self, x: ArrayLike, u: ArrayLike, d: ArrayLike, p: ArrayLike) -> dict[str, Array]:
         """Every quantity computed on the way to the time derivative, by its public name.
@@ -446,7 +485,7 @@ class Model(ABC):
         dict of str to ndarray
             For each entry of ``auxiliaries`` an array of shape () or (n,), in the unit given there.
         """
-        values = _evaluate(self.names, self.auxiliaries_function(), x, u, d, p)[..., 0]
+        values = evaluate_rows(self.names, self.auxiliaries_function(), x, u, d, p)[..., 0]
         return {entry.name: values[..., index] for index, entry in enumerate(self.auxiliaries)}
 
     def jacobian(self, x: ArrayLike, u: ArrayLike, d: ArrayLike, p: ArrayLike, wrt: str = "x") -> Array:
@@ -459,7 +498,7 @@ class Model(ABC):
         ndarray
             Shape ``(states, m)`` or ``(n, states, m)``, with m the length of that input.
         """
-        return _evaluate(self.names, self.jacobian_function(wrt), x, u, d, p)
+        return evaluate_rows(self.names, self.jacobian_function(wrt), x, u, d, p)
 
     def __getstate__(self) -> dict[str, Any]:
         """The fields: what follows from them is computed anew by who takes a copy."""
@@ -490,6 +529,23 @@ def _rhs_function(model: Model, symbolic: Symbolic) -> casadi.Function:
 
 @lru_cache(maxsize=32)
 @simplification(on=True)
+def _step_function(model: Model, step: StepMap, seconds: float) -> casadi.Function:
+    vectors, rate, length = _symbolic_model(model, "SX")[0], model.rhs_function(), seconds / step.parts
+    x, *held = vectors.values()
+    for _ in range(step.parts):
+        first = rate(x, *held)
+        second = rate(x + length / 2 * first, *held)
+        third = rate(x + length / 2 * second, *held)
+        last = rate(x + length * third, *held)
+        x = x + length / 6 * (first + 2 * second + 2 * third + last)
+    # Unlike a minimum of a maximum this keeps what is not a number, which is reported as a failure.
+    limits = zip(casadi.vertsplit(x), step.low, step.high, strict=True)
+    after = [if_else(state < low, low, if_else(state > high, high, state)) for state, low, high in limits]
+    return _function("step", vectors, casadi.vertcat(*after), "x_next")
+
+
+@lru_cache(maxsize=32)
+@simplification(on=True)
 def _auxiliaries_function(model: Model) -> casadi.Function:
     vectors, evaluation = _symbolic_model(model, "SX")
     values = casadi.vertcat(*(v for record in evaluation.fluxes for v in record))
@@ -510,8 +566,11 @@ def _function(name: str, vectors: dict[str, Any], output: Any, output_name: str)
     return casadi.Function(name, list(vectors.values()), [shared], list(vectors), [output_name])
 
 
-def _evaluate(names: Mapping[str, Sequence[str]], function: casadi.Function, *inputs: ArrayLike) -> Array:
-    """Value of a function with one output matrix: shape (rows, columns) or (n, rows, columns)."""
+def evaluate_rows(names: Mapping[str, Sequence[str]], function: casadi.Function, *inputs: ArrayLike) -> Array:
+    """Value of a function of x, u, d, p with one output matrix: shape (rows, columns), or (n, rows, columns) of a batch.
+
+    ``names`` are ``Model.names``. A row has the same bits alone and in any batch. Raises ``ShapeError`` as ``Model.rhs`` does.
+    """
     arrays = _checked(names, inputs)
     sizes = {array.shape[0] for array in arrays if array.ndim == 2}
     n = sizes.pop() if sizes else 1

@@ -5,6 +5,7 @@ parameters. ``greenlight-tomato-harvest-1.0.0`` also has a meter on the harvest,
 engine and a hot-water buffer besides, ``greenlight-tomato-harvest-heat-pump-1.0.0`` a cooler, a heat pump and two buffers instead;
 ``greenlight-lettuce-1.0.0`` has lettuce as its crop, ``greenlight-lettuce-2-1.0.0`` sells it by weight class, and
 ``greenlight-tomato-compartment-1.0.0`` is a compartment as it was measured.
+``lettuce-classic-1.0.0`` is van Henten's greenhouse with four states (``lettuce_classic``).
 ``greenlight-tomato-2-1.0.0`` has a crop with trusses in stages, and three more whose ids begin with ``greenlight-tomato-2`` have it, too.
 ``STATES``, ``rhs`` and the other names and functions here are those of the first; code that serves any model asks the model.
 """
@@ -28,6 +29,7 @@ from glbench.model.energy import DUMPED, PIPE_HEAT, ChpBoilerBuffer
 from glbench.model.greenhouse import Greenhouse, Meter, compose
 from glbench.model.greenlight import GreenLightClimate
 from glbench.model.heat_harvesting import HARVEST_METERS, HeatHarvesting
+from glbench.model.lettuce_classic import ClassicLettuce
 from glbench.model.model import Evaluation, Model, Symbolic
 from glbench.model.parameter_sets import Override
 from glbench.model.parameter_table import BENCHMARK
@@ -105,6 +107,9 @@ TOMATO_2_HEAT_PUMP = compose(
     GreenLightClimate(), TrussTomato(), HeatHarvesting(), meters=(HARVEST, *HARVEST_METERS, CO2_DOSED), name="greenlight-tomato-2-heat-pump"
 )
 """That crop with boiler, cooler, heat pump, cold and hot buffer."""
+
+LETTUCE_CLASSIC = ClassicLettuce()
+"""Van Henten's greenhouse of four states, with the step by which it is published: a map."""
 
 STATES, CONTROLS, DISTURBANCES, PARAMETERS = TOMATO.states, TOMATO.controls, TOMATO.disturbances, TOMATO.table
 STATE_NAMES, CONTROL_NAMES = TOMATO.state_names, TOMATO.control_names
@@ -250,6 +255,6 @@ register_model(TOMATO_ENERGY)
 register_model(TOMATO_SEASON)
 register_model(TOMATO_HEAT_PUMP)
 register_model(COMPARTMENT)
-for _model in (TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP):
+for _model in (TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP, LETTUCE_CLASSIC):
     register_model(_model)
 _SHIPPED = frozenset(_MODELS)

@@ -105,6 +105,7 @@ class WithViolationMeters(Model):
     Controls = _of_base("Controls")
     Disturbances = _of_base("Disturbances")
     air = _of_base("air")
+    air_of = _of_base("air_of")
     singular = _of_base("singular")
     crop_states = _of_base("crop_states")
     shares = _of_base("shares")
@@ -137,7 +138,7 @@ class WithViolationMeters(Model):
     def equations(self, x: Record, u: Record, d: Record, p: Record) -> Evaluation:
         """Evaluate the model, and the distances of its main air from the limits; relative humidity is not cut off at 100 %."""
         evaluation = self.base.equations(self.base.State(*x[: len(self.base.states)]), u, d, self._own(p))
-        temperature, density, pressure = (x[self.base.state_index(name)] for name in self.base.air or ())
+        temperature, density, pressure = self.base.air_of(*(x[self.base.state_index(name)] for name in self.base.air or ()))
         air = {
             "air_temperature": temperature,
             "co2": co2_ppm(temperature, density),
@@ -172,7 +173,8 @@ def with_violation_meters(model: Model) -> WithViolationMeters:
     """The same model with meters on how far air temperature [°C s], CO2 [ppm s] and relative humidity [% s] are outside limits.
 
     The limits are parameters (``limit_parameter``) with values that are never reached, the meters states (``violation_meter``), both after
-    those of ``model``. Raises ``GlbenchError`` when the model has no air, or a state or parameter that is called like a meter or a limit.
+    those of ``model``. Raises ``GlbenchError`` when the model has no air or a step of its own, or a state or parameter that is called like
+    a meter or a limit.
     """
     return model if isinstance(model, WithViolationMeters) else _with_violation_meters(model)
 
@@ -181,6 +183,8 @@ def with_violation_meters(model: Model) -> WithViolationMeters:
 def _with_violation_meters(model: Model) -> WithViolationMeters:
     if model.air is None:
         refuse(f"{model.id} has no air whose climate could be judged: its `air` is None. Name its states there.", GlbenchError)
+    if model.step_map is not None:
+        refuse(f'{model.id} has a step of its own, whose middle nobody sees: judge the end of each step (judged = "end").', GlbenchError)
     metered = WithViolationMeters(model)
     states = (model.state_names, [violation_meter(*place) for place in _PLACES])
     parameters = (model.parameter_names, [info.name for info in _LIMITS])

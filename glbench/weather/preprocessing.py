@@ -125,7 +125,7 @@ def vapour_pressure(temperature: FloatArray, relative_humidity: FloatArray) -> F
     return np.asarray(relative_humidity / 100.0 * saturation_vapour_pressure(temperature))
 
 
-def co2_density(temperature: FloatArray, ppm: float) -> FloatArray:
+def co2_density(temperature: FloatArray, ppm: float | FloatArray) -> FloatArray:
     """CO2 density [mg m-3] of ``ppm`` at ``temperature`` [degC] and 101325 Pa (ideal gas; 731.82 for 400 ppm at 20)."""
     return np.asarray(1e6 * PRESSURE * 1e-6 * ppm * MOLAR_MASS_CO2 / (GAS_CONSTANT * (temperature + KELVIN)))
 

@@ -19,9 +19,11 @@ import numpy.typing as npt
 from glbench.errors import UnknownNameError, WeatherError, did_you_mean, refuse
 from glbench.weather.preprocessing import Prepared, Window, clock_time, to_utc_seconds
 from glbench.weather.record import SCHEMA, FloatArray, WeatherRecord, canonical_digest, utc_text
+from glbench.weather.trace import FILE_DIGEST, WeatherTrace
 
-PREPROCESSINGS = ("paper", "conserving")
-"""``paper`` repeats the published pipeline; ``conserving`` puts every value at its right time and keeps hourly sums."""
+PREPROCESSINGS = ("paper", "conserving", "sampled")
+"""``paper`` repeats the published pipeline; ``conserving`` puts every value at its right time and keeps hourly sums; ``sampled`` takes the
+samples of a trace."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,13 +36,13 @@ class Disturbances:
     times: npt.NDArray[np.datetime64]
     """Start of every step ``(steps,)``, UTC."""
     hour_of_day: FloatArray
-    """``(steps,)``, 0..24 h on the clock of the preprocessing: UTC for ``paper``, the local clock with summer time for ``conserving``."""
+    """``(steps,)``, 0..24 h on the clock of the preprocessing: UTC for ``paper``, that of the record for the others."""
     day_of_year: FloatArray
     """``(steps,)``, days since 1 January 00:00 of the same year on that clock, 0 to 365 (366 in a leap year)."""
     digest: str
     """SHA-256 [hex] over the canonical hourly figures used and the window; the same on every machine."""
     preprocessing: str
-    """``"paper"`` or ``"conserving"``."""
+    """One of ``PREPROCESSINGS``."""
 
 
 def disturbances(
@@ -55,7 +57,7 @@ def disturbances(
     """Disturbances for ``steps`` control steps of ``step_seconds`` from ``start``.
 
     Raises ``UnknownNameError`` when there is no such preprocessing, and ``WeatherError`` when the window is not inside the record's period,
-    or an argument is impossible.
+    the preprocessing is not one for the record, or an argument is impossible.
 
     Parameters
     ----------
@@ -63,7 +65,7 @@ def disturbances(
         From ``load_weather`` or one of the readers.
     start : datetime.datetime or datetime.date
         Start of the first step. A date, or a datetime without time zone, is read on the clock of the preprocessing (UTC for
-        ``paper``, local for ``conserving``), so that ``hour_of_day[0]`` is the hour asked for.
+        ``paper``, else that of the record), so that ``hour_of_day[0]`` is the hour asked for.
     steps : int
         Number of rows, at least 1.
     step_seconds : float
@@ -71,12 +73,15 @@ def disturbances(
     preprocessing : str
         One of ``PREPROCESSINGS``.
     co2_ppm : float
-        CO2 outside [ppm].
+        CO2 outside [ppm]; a trace has its own.
     """
     if preprocessing not in PREPROCESSINGS:
         refuse(f"There is no weather preprocessing '{preprocessing}'.{did_you_mean(preprocessing, PREPROCESSINGS)}", UnknownNameError)
     if not isinstance(record, WeatherRecord):
         refuse(f"Disturbances are made of a weather record; got {record!r}. `load_weather` takes one by its name.", WeatherError)
+    if isinstance(record, WeatherTrace) != (preprocessing == "sampled"):
+        kind, use = ("a trace", "'sampled'") if isinstance(record, WeatherTrace) else ("an hourly record", "'paper' or 'conserving'")
+        refuse(f"Weather '{record.name}' is {kind}, which is not prepared as '{preprocessing}': choose {use}.", WeatherError)
     if not isinstance(start, dt.date):
         refuse(f"The start is a datetime.date or datetime.datetime; got {start!r}.", WeatherError)
     clock = "UTC" if preprocessing == "paper" else record.timezone
@@ -105,7 +110,7 @@ def disturbances(
 
 def _pipeline(preprocessing: str) -> ModuleType:
     """The module of a preprocessing; one that nobody asks for is not imported."""
-    return import_module(f"glbench.weather.{preprocessing}")
+    return import_module(f"glbench.weather.{'trace' if preprocessing == 'sampled' else preprocessing}")
 
 
 def _check_period(record: WeatherRecord, window: Window) -> None:
@@ -137,6 +142,8 @@ def _digest(record: WeatherRecord, window: Window, prepared: Prepared, preproces
         "co2_ppm": window.co2_ppm,
         "first_slot_start": record.begin + 3600 * first,
     }
+    if isinstance(record, WeatherTrace):
+        header["file"] = FILE_DIGEST
     if preprocessing == "conserving":
         # Only this one looks at the sun, the local clock and the moment of each value.
         header["place"] = [record.latitude, record.longitude, record.altitude, record.timezone]

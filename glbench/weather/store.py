@@ -26,6 +26,7 @@ from glbench.errors import UnknownNameError, WeatherError, did_you_mean, refuse
 from glbench.resources import data_folder, user_data_folder, write_atomically
 from glbench.weather.knmi import native_rows
 from glbench.weather.record import QUANTITIES, SCHEMA, SLOT_SECONDS, IntArray, Origin, Place, WeatherInfo, WeatherRecord, assemble
+from glbench.weather.trace import TRACE, load_trace
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -36,20 +37,22 @@ NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,63}")
 
 
 def load_weather(name: str) -> WeatherRecord:
-    """Weather record ``name``: a shipped one, such as ``"schiphol"``, or one imported or fetched by the user.
+    """Weather record ``name``: a shipped one, such as ``"schiphol"``, that of an extra, or one imported or fetched by the user.
 
     Raises ``UnknownNameError`` when there is no such record; names the nearest. Raises ``WeatherError`` when the record's file is damaged
-    or was changed.
+    or was changed, and ``GlbenchError`` when its extra is not installed.
     """
     if not isinstance(name, str):
         refuse(f"A weather record is asked for by its name, such as 'schiphol'; got {name!r}.", UnknownNameError)
     shipped = _manifest(data_folder("weather"))
     if name in shipped:
         return _load_shipped(name, data_folder("weather"))
+    if name == TRACE:
+        return load_trace()
     own = _user_files()
     if name in own and own[name].is_file():
         return read_stored(own[name])
-    near = did_you_mean(name, [*shipped, *own])
+    near = did_you_mean(name, [*shipped, TRACE, *own])
     msg = f"There is no weather record '{name}'.{near} Add one with `glbench weather import` or `glbench weather fetch`."
     raise UnknownNameError(msg)
 
@@ -88,8 +91,8 @@ def user_folder() -> Path:
 
 
 def user_file(name: str) -> Path | None:
-    """File of the user's own record ``name``; ``None`` for a shipped one."""
-    return None if name in _manifest(data_folder("weather")) else user_folder() / f"{name}.parquet"
+    """File of the user's own record ``name``; ``None`` for one that comes with glbench or with an extra."""
+    return None if name == TRACE or name in _manifest(data_folder("weather")) else user_folder() / f"{name}.parquet"
 
 
 def save_weather(record: WeatherRecord, name: str, *, overwrite: bool = False) -> Path:
@@ -143,7 +146,7 @@ def check_new_name(name: str, *, overwrite: bool = False) -> Path:
     if not NAME.fullmatch(name):
         msg = f"'{name}' cannot name a weather record: use up to 64 lower-case letters, digits, and . _ - (the first a letter or digit)."
         raise WeatherError(msg)
-    if name in _manifest(data_folder("weather")):
+    if name == TRACE or name in _manifest(data_folder("weather")):
         refuse(f"'{name}' is the name of a shipped weather record, which never changes. Choose another name.", WeatherError)
     path = user_folder() / f"{name}.parquet"
     if path.exists() and not overwrite:

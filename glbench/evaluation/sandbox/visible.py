@@ -35,8 +35,8 @@ SYSTEM: Final = (
 )  # fmt: skip
 """Files and folders of the system, at the same places inside."""
 _LIBRARIES = ("site-packages", "dist-packages")
-_DATA_OF_PACKAGES = ("glbench", "glbench_data", "pvlib/data")
-"""Folders of packages that stay empty. glbench is visible at ``CODE``, without its data; pvlib contains weather of published tasks."""
+_DATA_OF_PACKAGES = ("glbench", "glbench_data", "pvlib/data", "lettuce_greenhouse_gym/data")
+"""Folders of packages that stay empty. glbench is visible at ``CODE``, without its data; the others contain weather of tasks."""
 _RULES = (
     "grower/card.toml", "grower/settings.toml", "rule_based/rule_based.yml", "rule_based_fair/card.toml",
     "rule_based_tuned/card.toml", "rule_based_tuned/rules", "rule_based_energy/card.toml", "rule_based_energy/rules",
