@@ -135,7 +135,7 @@ class _Steering:
 
     def __init__(self, task: TaskSpec, runs: int) -> None:
         self._task, self._move = task, None if task.on_off else make_actuation(task)
-        self.controls = np.zeros((runs, len(task.model_value.controls)))
+        self.controls = np.tile(task.initial_controls, (runs, 1))
 
     def towards(self, controls: Floats) -> Floats:
         """Actions that bring about controls ``(runs, controls)``, of which the scheduled ones come about by themselves."""

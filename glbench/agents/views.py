@@ -24,7 +24,7 @@ OUTDOOR = ("global_radiation", "outdoor_temperature", "outdoor_relative_humidity
 """Columns that a blind agent keeps running means of."""
 VIEWS: Mapping[str, tuple[str, ...]] = {
     "clock": ("time", "local_time", "published_time", "step_counter", "prices", "day_ahead_prices"),
-    "outdoor": ("clock", "weather", "schedule", *_POSITIONS, *_FORECASTS),
+    "outdoor": ("clock", "weather", "weather_window", "schedule", *_POSITIONS, *_FORECASTS),
     "blind": ("outdoor",),
     "two_sensors": ("outdoor", *_POSITIONS, "air_temperature", "relative_humidity", "vapour_deficit"),
     "sensors": (

@@ -144,7 +144,7 @@ class StateEstimator:
         self._covariance = np.zeros((self._n, 0, 0))
         self._last = np.full((self._n, len(self._model.names)), np.nan)
         self._delivery.reset(self._n)
-        self._u = self._commands = np.zeros((self._n, len(self.task.model_value.controls)))
+        self._u = self._commands = np.tile(self.task.initial_controls, (self._n, 1))
 
     @property
     def states(self) -> Floats:

@@ -70,7 +70,7 @@ class Scenario:
             task=task,
             seed=seed,
             x0=read_only(scene.states[0]),
-            u_before=read_only(np.zeros(len(names))),
+            u_before=task.initial_controls,
             d=read_only(weather),
             p=read_only(run_parameters(task, seed)),
             calendar=read_only(run_calendar(task, scenarios.pool.calendar[scene.first[0] + steps], steps)),

@@ -70,8 +70,8 @@ class Accounts:
     """Length of the control step [s]."""
     names: tuple[str, ...]
     """Names of all quantities of a step, in order."""
-    limits: tuple[tuple[str, float, float, float], ...]
-    """Name, low, high and penalty scale of each constrained quantity of the air."""
+    limits: tuple[tuple[str, float, float, tuple[float, float]], ...]
+    """Name, low, high and penalty scales, below and above, of each constrained quantity of the air."""
     means: bool = False
     """Whether a violation is the mean over the step, by the meters of the model; else that at the end of the step."""
     stated_bounds: tuple[float, float] | None = None
@@ -283,7 +283,7 @@ class Accounts:
         hours = self.step_seconds / 3600.0
         violations: dict[str, Any] = {}
         penalty: Any = None
-        for name, low, high, scale in self.limits:
+        for name, low, high, scales in self.limits:
             if self.means:
                 # The mean over the step; an integrator may leave a meter below 0 by its error.
                 meters = (self._meters[name, side] for side in SIDES)
@@ -294,14 +294,15 @@ class Accounts:
             for side, violation in (("low", below), ("high", above)):
                 violations[f"violation_{name}_{side}"] = violation
                 violations[f"hours_outside_{name}_{side}"] = np.sign(violation) * hours
-            share = (below + above) / scale
+            share = (below + above) / scales[0] if scales[0] == scales[1] else below / scales[0] + above / scales[1]
             penalty = share if penalty is None else penalty + share
         return {"penalty": 0.0 if penalty is None else penalty, **violations}
 
 
 def make_accounts(task: TaskSpec) -> Accounts:
     """Accounts of a task, from its model, nominal parameters, ledger and constraints."""
-    model, scale = task.model_value, task.penalty_scales
+    model, scales, hours = task.model_value, task.penalty_scales, task.step_seconds / 3600.0
+    lower = {name: 1.0 / (price * hours) for name, price in task.lower_prices.items()}
     bounds = getattr(task.reward, "epi_scale", None)
     return Accounts(
         source=task.source,
@@ -310,7 +311,9 @@ def make_accounts(task: TaskSpec) -> Accounts:
         parameters=model.Parameters(*task.parameters().tolist()),
         step_seconds=task.step_seconds,
         names=tuple(quantity.name for quantity in task.quantities),
-        limits=tuple((name, limits.low, limits.high, scale[name]) for name, limits in task.constraints.items()),
+        limits=tuple(
+            (name, limits.low, limits.high, (lower.get(name, scales[name]), scales[name])) for name, limits in task.constraints.items()
+        ),
         means=task.judges_means,
         stated_bounds=None if bounds is None else (bounds.low, bounds.high),
         scheduled_places=tuple(task.scheduled_places.values()),
@@ -334,7 +337,7 @@ def flow_amounts(
         Controls ``(steps, ..., controls)``.
     """
     model = task.model_value
-    controls_before = np.concatenate([np.zeros_like(u[:1]), u[:-1]])
+    controls_before = np.concatenate([np.broadcast_to(task.initial_controls, u[:1].shape), u[:-1]])
     step = Step(
         before=model.State(*np.moveaxis(x[:-1], -1, 0)),
         after=model.State(*np.moveaxis(x[1:], -1, 0)),

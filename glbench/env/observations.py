@@ -158,6 +158,7 @@ _SOURCES: dict[str, Callable[[TaskSpec, WeatherTables], tuple[ColumnSource, ...]
     ),
     "forecast": lambda task, tables: _ahead(task, tables.measured),
     "weather_forecast": lambda task, tables: (Lookup(tables.forecast, every=max(HOUR // task.weather.step_seconds, 1)),),
+    "weather_window": lambda task, tables: (Lookup(tables.window, rows=task.observation.forecast_steps + 1),),
     "full_state": lambda task, tables: _plain("states", *(1.0,) * len(task.model_value.state_names)),
     # The published code counts the step just taken, hence the step whose weather is shown and not the number of steps.
     "step_counter": lambda task, tables: (Numbers("counter", (1,), (1.0,)),),

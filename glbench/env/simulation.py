@@ -429,7 +429,7 @@ class Simulation:
     def _start(self, rows: NDArray[np.intp], seeds: Sequence[int]) -> None:
         environments = self._environments
         environments.x[rows], environments.memory[rows] = self._set_scenarios(rows, seeds)
-        environments.u[rows], environments.k[rows], environments.ended[rows] = 0.0, 0, False
+        environments.u[rows], environments.k[rows], environments.ended[rows] = self.task.initial_controls, 0, False
         self._observe()
 
     def _set_scenarios(self, rows: NDArray[np.intp], seeds: Sequence[int]) -> tuple[Floats, Floats]:

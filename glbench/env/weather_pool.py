@@ -23,9 +23,10 @@ from glbench.env.generated import SeasonMaker
 from glbench.env.random import ar1_paths
 from glbench.env.uncertainty import season_key
 from glbench.errors import TaskError
+from glbench.model import vapour_density
 from glbench.tasks.prices import SeasonOfPrices, day_ahead, local_times, price_rows
 from glbench.tasks.schedule import schedule_rows
-from glbench.tasks.vocabulary import DAY_AHEAD, PRICES
+from glbench.tasks.vocabulary import DAY_AHEAD, PRICES, WEATHER_WINDOW
 from glbench.weather import COLUMNS
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ class WeatherTables:
 
     ``measured``: global radiation [W m-2], temperature [degC], relative humidity [%], CO2 [ppm], wind [m s-1].
     ``published``: the same with vapour pressure [Pa] and CO2 density [mg m-3].
+    ``window``: radiation, CO2 density [kg m-3], temperature, vapour density [kg m-3]; without rows if they are not observed.
     ``clock``: sine and cosine of the hour of day, then of the day of year, by row of the calendar.
     ``forecast``: the forecast by the hour, a row for each hour of the pool; without columns where a task has none.
     ``prices``, ``day_ahead``: prices of now and of coming hours, by row of the calendar; without rows if they are not observed.
@@ -61,6 +63,7 @@ class WeatherTables:
     forecast: NDArray[np.float32]
     prices: NDArray[np.float32]
     day_ahead: NDArray[np.float32]
+    window: NDArray[np.float32]
 
     @staticmethod
     def of(task: TaskSpec) -> WeatherTables:
@@ -198,6 +201,8 @@ class WeatherPool:
             measured = _measured(season.values)
             self.values[slot], self.tables.measured[slot] = season.values[:rows], measured[:rows]
             self.tables.published[slot] = season.values[:rows, _PUBLISHED]
+            if len(self.tables.window):
+                self.tables.window[slot] = _window(season.values[:rows])
             if self._forecast is not None:
                 self._forecast.fill(self.tables.forecast, number * rows, rows, measured, season.times, number)
             if self._season_prices is not None:
@@ -251,15 +256,17 @@ def _make_pool(task: TaskSpec) -> WeatherPool:
             calendar, price_tables = _calendar(task, times, clock, np.zeros((rows, len(tables)))), priced.room(rows)
         else:
             calendar, price_tables = _priced(priced, times, clock, [(0, len(times))], np.zeros((len(times), 5)))
-        weather_tables = WeatherTables(measured, published, turns, _room(forecast, rows), *price_tables)
+        window = np.zeros((rows if WEATHER_WINDOW in task.observation.modules else 0, 4), np.float32)
+        weather_tables = WeatherTables(measured, published, turns, _room(forecast, rows), *price_tables, window)
         return WeatherPool(values, times, calendar, tables, (0,), day, days, weather_tables, maker, forecast, of_seasons)
     values = seasons[0].values if len(seasons) == 1 else np.concatenate([season.values for season in seasons])
     firsts = tuple(int(row) for row in np.cumsum([0, *(len(season.values) for season in seasons[:-1])]))
     measured_rows = _measured(values)
     spans = [(first, first + len(season.values)) for first, season in zip(firsts, seasons, strict=True)]
     calendar, price_tables = _priced(priced, times, clock, spans, measured_rows)
+    window = _window(values if WEATHER_WINDOW in task.observation.modules else values[:0])
     weather_tables = WeatherTables(
-        _frozen(measured_rows), _frozen(values[:, _PUBLISHED]), turns, _room(forecast, len(values)), *price_tables
+        _frozen(measured_rows), _frozen(values[:, _PUBLISHED]), turns, _room(forecast, len(values)), *price_tables, window
     )
     if forecast is not None:
         for number, ((first, end), season) in enumerate(zip(spans, seasons, strict=True)):
@@ -297,6 +304,13 @@ def _measured(values: Floats) -> Floats:
     """Measured columns of some rows of weather ``(rows, 5)``."""
     air = read_air(values[:, _TEMPERATURE], values[:, _CO2], values[:, _PRESSURE])
     return np.stack([values[:, _RADIATION], air[0], air[2], air[1], values[:, _WIND]], axis=1)
+
+
+def _window(values: Floats) -> NDArray[np.float32]:
+    """Columns of the window of some rows of weather ``(rows, 4)``."""
+    temperature = values[:, _TEMPERATURE]
+    vapour = vapour_density(temperature, values[:, _PRESSURE])
+    return _frozen(np.stack([values[:, _RADIATION], values[:, _CO2] * 1e-6, temperature, vapour], axis=1))
 
 
 def _turn(share: float) -> tuple[float, float]:

@@ -118,6 +118,7 @@ def _make_pointers(
         "key": scenes.keys,
         "parameter": program.nominal if scenes.parameters is None else scenes.parameters,
         "trait": scenes.traits,
+        "in_force": task.initial_controls,
         "remembered": scenarios.memory_layout.start,
         "show": np.array(columns, np.int64),
     }

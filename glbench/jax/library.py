@@ -30,7 +30,7 @@ class DoorPointers(ctypes.Structure):
 
     _fields_ = binding.members(
         "run* settings* program* states controls actions memory keys days traits parameters columns width shared_parameters "
-        "scenarios places low* high* start* at* sequence* first* key* parameter* trait* remembered* reward shown show*"
+        "scenarios places low* high* start* at* sequence* first* key* parameter* trait* in_force* remembered* reward shown show*"
     )
 
 

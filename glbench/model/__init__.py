@@ -17,6 +17,7 @@ from glbench.model.air import (
     humidity_deficit,
     relative_humidity,
     saturation_vapour_pressure,
+    vapour_density,
     vapour_pressure_deficit,
 )
 from glbench.model.bounds import Horizon
@@ -162,6 +163,7 @@ __all__ = [
     "rhs",
     "saturation_vapour_pressure",
     "tomato",
+    "vapour_density",
     "vapour_pressure_deficit",
     "violation_meter",
     "with_violation_meters",

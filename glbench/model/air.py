@@ -64,6 +64,16 @@ def co2_density(temperature: Expr, ppm: Expr) -> Expr:
     return 1e6 * STANDARD_PRESSURE * 1e-6 * ppm * CO2_MOLAR_MASS / (GAS_CONSTANT * kelvin(temperature))
 
 
+def vapour_density(temperature: Expr, vapour_pressure: Expr) -> Expr:
+    """Vapour density [kg m-3] from temperature [°C] and vapour pressure [Pa]."""
+    return vapour_pressure * WATER_MOLAR_MASS / (GAS_CONSTANT * kelvin(temperature))
+
+
+def vapour_pressure(temperature: Expr, density: Expr) -> Expr:
+    """Vapour pressure [Pa] from temperature [°C] and vapour density [kg m-3]."""
+    return density * GAS_CONSTANT * kelvin(temperature) / WATER_MOLAR_MASS
+
+
 def vapour_pressure_deficit(temperature: Expr, humidity: Expr) -> Expr:
     """Vapour pressure that the air lacks to saturation [kPa], from temperature [°C] and relative humidity [%].
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple
 
-from glbench.model.air import CELSIUS_ZERO, GAS_CONSTANT, WATER_MOLAR_MASS
+from glbench.model.air import vapour_density, vapour_pressure
 from glbench.model.bounds import Horizon
 from glbench.model.disturbances import Disturbances
 from glbench.model.expressions import Expr, exp, square
@@ -88,16 +88,6 @@ class Exchange(NamedTuple):
     heat_lost: Annotated[Expr, Quantity("W m-2", "heat lost through vents and cover")]
 
 
-def vapour_pressure_of(temperature: Expr, density: Expr) -> Expr:
-    """Vapour pressure [Pa] from temperature [°C] and vapour density [kg m-3]."""
-    return density * GAS_CONSTANT * (temperature + CELSIUS_ZERO) / WATER_MOLAR_MASS
-
-
-def vapour_density(temperature: Expr, pressure: Expr) -> Expr:
-    """Vapour density [kg m-3] from temperature [°C] and vapour pressure [Pa]."""
-    return pressure * WATER_MOLAR_MASS / (GAS_CONSTANT * (temperature + CELSIUS_ZERO))
-
-
 def exchange(x: ClassicState, u: ClassicControls, d: Disturbances, p: ClassicParameters) -> Exchange:
     """All fluxes at a state, with controls, weather and coefficients."""
     cover = 1 - exp(-p.leaf_surface * x.x_d)
@@ -149,7 +139,7 @@ class ClassicLettuce(Model):
         return Evaluation(rates(x, u, d, p, f), (f,))
 
     def air_of(self, temperature: Expr, co2: Expr, vapour: Expr) -> tuple[Expr, Expr, Expr]:
-        return temperature, co2 * MG_PER_KG, vapour_pressure_of(temperature, vapour)
+        return temperature, co2 * MG_PER_KG, vapour_pressure(temperature, vapour)
 
     def starts(self) -> Mapping[str, Start]:
         return {"transplants": lambda d, air_temperature, p: ClassicState(0.0035, 1e-3, air_temperature, 0.008)}

@@ -59,7 +59,7 @@ class Step(NamedTuple):
     seconds: float
     """Length of the step [s]."""
     controls_before: Record = None
-    """Controls of the step before, 0 before the first: for what a change of controls brings, such as a start."""
+    """Controls of the step before, or those before the first: for what a change of controls brings, such as a start."""
 
 
 @dataclass(frozen=True)

@@ -183,6 +183,8 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
         if one.price is not None:
             each = 1 if one.price >= 1e-3 else 100
             cost = f"{each * one.price:.2g} EUR/m² for every {'' if each == 1 else '100 '}{unit} and hour"
+            if one.lower_price is not None:
+                cost += f"; {each * one.lower_price:.2g} EUR/m² below the lowest"
         limits.append((words.limits[one.name], f"{one.low:g} {unit}", f"{one.high:g} {unit}", cost))
     if limits:
         yield plain("Limits of the climate", (), ("Quantity", "Lowest", "Highest", "What a violation costs"), limits)
@@ -521,7 +523,9 @@ def _money(task: tasks.TaskSpec, card: tasks.TaskCard | None) -> Iterator[Sectio
             (
                 words.limits[one.name],
                 *(f"{value:g} {one.unit}" for value in (one.low, one.high)),
-                f"{one.scale:g} {one.unit}" if one.price is None else f"{one.price:g} {VIOLATION_PRICES[one.name]}",
+                f"{one.scale:g} {one.unit}"
+                if one.price is None
+                else f"{one.price:g}{'' if one.lower_price is None else f', below {one.lower_price:g}'} {VIOLATION_PRICES[one.name]}",
             )
             for one in card.constraints
         ]

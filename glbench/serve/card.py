@@ -48,6 +48,7 @@ def card(task: TaskSpec, splits: Sequence[str]) -> dict[str, Any]:
         ],
         "limits": [
             {"name": one.name, "unit": one.unit, "low": one.low, "high": one.high, "price_of_a_unit_and_hour": one.price}
+            | ({} if one.lower_price is None else {"price_of_a_unit_too_low_and_hour": one.lower_price})
             for one in public.constraints
         ],
         "ledger": [

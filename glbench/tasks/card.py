@@ -39,7 +39,8 @@ class Place:
 class Constraint:
     """A quantity that should stay between ``low`` and ``high``.
 
-    ``scale`` is the violation that costs 1 a step; where violations have prices, 1 EUR m-2, and ``price`` is that of a unit and hour.
+    ``scale`` is the violation that costs 1 a step; where violations have prices, 1 EUR m-2, and ``price`` is that of a unit and hour. Where
+    values below ``low`` have another price, it is ``lower_price``, and both others are of values above ``high``.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Constraint:
     high: float
     scale: float
     price: float | None = None
+    lower_price: float | None = None
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,7 @@ class TaskCard:
 
 def task_card(task: TaskSpec) -> TaskCard:
     """Card of ``task``."""
-    record = task.record()
+    record, scales, prices, lower = task.record(), task.penalty_scales, task.violation_prices, task.lower_prices
     return TaskCard(
         id=task.id,
         title=task.title,
@@ -148,7 +150,7 @@ def task_card(task: TaskSpec) -> TaskCard:
         max_change=task.actuation.max_change,
         controls=task.capacities(),
         constraints=tuple(
-            Constraint(name, LIMITED[name], limits.low, limits.high, task.penalty_scales[name], task.violation_prices.get(name))
+            Constraint(name, LIMITED[name], limits.low, limits.high, scales[name], prices.get(name), lower.get(name))
             for name, limits in task.constraints.items()
         ),
         prices=None if task.file.prices is None else Prices(**task.file.prices.model_dump()),

@@ -122,7 +122,7 @@ def fingerprint_of(task: ResolvedTask) -> Fingerprint:
             if name not in model.control_names:
                 msg = f"There is no control called '{name}'.{did_you_mean(name, model.control_names)}"
                 raise UnknownNameError(msg)
-    _ = task.scenario, task.ledger, task.scheduled_places  # what is unknown is an error before anything is recorded
+    _ = task.scenario, task.ledger, task.scheduled_places, task.initial_controls  # what is unknown is an error before anything is recorded
     if model.air is None and task.constraints.items():
         msg = f"{task.source}: [constraints] {model.id} has no air whose climate could be limited. Leave the table out."
         raise TaskError(msg)

@@ -60,6 +60,22 @@ def in_unit(unit: str) -> BeforeValidator:
     return BeforeValidator(number)
 
 
+def price_in(unit: str) -> BeforeValidator:
+    """Read a price above 0 in ``unit``, or one for each side: ``{ low = ..., high = ..., unit = "..." }``, which becomes a pair."""
+    number = in_unit(unit).func
+
+    def price(entry: object) -> object:
+        sides = ("low", "high") if isinstance(entry, Mapping) and "value" not in entry else ("value",)
+        if not isinstance(entry, Mapping) or set(entry) != {*sides, "unit"}:
+            refuse(f'Write it with its unit: {{ value = ..., unit = "{unit}" }}, or {{ low = ..., high = ..., unit = "{unit}" }}.')
+        prices = tuple(number({"value": entry[side], "unit": entry["unit"]}) for side in sides)  # type: ignore[call-arg]
+        if not all(isinstance(one, int | float) and not isinstance(one, bool) and one > 0.0 for one in prices):
+            refuse("It must be a price above 0.")
+        return prices[0] if len({*prices}) == 1 else tuple(map(float, prices))
+
+    return BeforeValidator(price)
+
+
 def limits_in(unit: str) -> BeforeValidator:
     """Refuse limits that state another unit than ``unit``."""
 
@@ -106,9 +122,9 @@ def as_tuple(value: object) -> object:
 
 
 def sorted_overrides(table: object) -> tuple[Override, ...]:
-    """``[model.overrides]``: parameters with value and unit, in the order of their names."""
+    """``[model.overrides]`` or ``[initial_state.controls]``: names with value and unit, in the order of their names."""
     if not isinstance(table, Mapping):
-        refuse('It must be a table: [model.overrides] with lines such as hAir = { value = 5.7, unit = "m" }.')
+        refuse('It must be a table with lines such as hAir = { value = 5.7, unit = "m" }.')
     overrides = []
     for name, entry in sorted(table.items()):
         if not isinstance(entry, Mapping) or set(entry) != {"value", "unit"} or not isinstance(entry["unit"], str):

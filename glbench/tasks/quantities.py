@@ -303,6 +303,12 @@ _WEATHER = _of_catalogue(OUTDOOR, "global_radiation", "outdoor_temperature", "ou
 _PUBLISHED_FORECAST = _of_catalogue(
     OUTDOOR, "global_radiation", "outdoor_temperature", "outdoor_vapour_pressure", "outdoor_co2_density", "wind_speed"
 )
+_WINDOW = (
+    *_of_catalogue(OUTDOOR, "global_radiation"),
+    Quantity("outdoor_co2_density", "kg m-3", 0.0, 0.01, OUTDOOR["outdoor_co2_density"].meaning),
+    *_of_catalogue(OUTDOOR, "outdoor_temperature"),
+    Quantity("outdoor_vapour_density", "kg m-3", 0.0, 0.2, "vapour density outside"),
+)
 
 
 def weather(context: ObservationContext) -> tuple[Quantity, ...]:
@@ -343,6 +349,11 @@ def weather_forecast(context: ObservationContext) -> tuple[Quantity, ...]:
 def published_forecast(context: ObservationContext) -> tuple[Quantity, ...]:
     """As ``forecast``, with vapour pressure [Pa] and CO2 density [mg m-3] in the places of humidity and CO2."""
     return _ahead(context.forecast_steps, _PUBLISHED_FORECAST)
+
+
+def weather_window(context: ObservationContext) -> tuple[Quantity, ...]:
+    """Radiation, CO2 density [kg m-3], temperature and vapour density [kg m-3] of now, then of the next ``forecast_steps`` rows."""
+    return _WINDOW + _ahead(context.forecast_steps, _WINDOW)
 
 
 def step_counter(context: ObservationContext) -> tuple[Quantity, ...]:

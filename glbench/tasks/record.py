@@ -231,8 +231,17 @@ class TaskRecord:
 
     @cached_property
     def violation_prices(self) -> Mapping[str, float]:
-        """Price of violations by constraint, in ``VIOLATION_PRICES``; empty if the task has penalty scales."""
-        return MappingProxyType(dict(self.reward.violation_price.items()))
+        """Price of violations by constraint, in ``VIOLATION_PRICES``; empty if the task has penalty scales.
+
+        It is that of values too high where those too low have another (``lower_prices``).
+        """
+        prices = self.reward.violation_price.items()
+        return MappingProxyType({name: price[1] if isinstance(price, tuple) else price for name, price in prices})
+
+    @cached_property
+    def lower_prices(self) -> Mapping[str, float]:
+        """Price of values too low, where it differs from that of values too high."""
+        return MappingProxyType({name: price[0] for name, price in self.reward.violation_price.items() if isinstance(price, tuple)})
 
     @property
     def scores_money(self) -> bool:
@@ -241,7 +250,10 @@ class TaskRecord:
 
     @cached_property
     def penalty_scales(self) -> Mapping[str, float]:
-        """Violation that adds 1 to the penalty of a step, by constraint: 1 EUR m-2 if violations have prices."""
+        """Violation that adds 1 to the penalty of a step, by constraint: 1 EUR m-2 if violations have prices.
+
+        It is that of values too high where those too low have another price (``lower_prices``).
+        """
         hours = self.step_seconds / 3600.0
         prices = {name: 1.0 / (price * hours) for name, price in self.violation_prices.items()}
         return MappingProxyType({**dict(self.reward.penalty_scale.items()), **prices})

@@ -183,6 +183,30 @@ class ResolvedTask(TaskRecord):
     def _initial_state(self) -> FloatArray:
         return _read_only(self.start_state(self.disturbances().values[0]))
 
+    @cached_property
+    def initial_controls(self) -> FloatArray:
+        """Controls in force before the first step, fractions ``(controls,)``, read-only; 0 where the file says nothing.
+
+        Raises ``TaskError`` when a control cannot start there.
+        """
+        capacities = self.capacities()
+        controls, names = np.zeros(len(capacities)), [one.name for one in capacities]
+        with self.errors_in("initial_state"):
+            for name, value, unit in self.initial.controls:
+                if name not in self.actuation.controls or name not in names:
+                    msg = f"controls: the agent moves no control '{name}'.{did_you_mean(name, self.actuation.controls)}"
+                    raise UnknownNameError(msg)
+                if name in self.on_off or name in self.actuators:
+                    msg = f"controls: {name} starts at 0, because it is off or on or its actuator is not ideal. Leave it out."
+                    raise ParameterError(msg)
+                place = names.index(name)
+                one = capacities[place]
+                if unit != one.unit or not 0.0 <= value <= one.at_one:
+                    msg = f"controls.{name} = {value:g} {unit} is not allowed. It must be 0 to {one.at_one:g} {one.unit}."
+                    raise ParameterError(msg)
+                controls[place] = value / one.at_one
+        return _read_only(controls)
+
     def check_start(self) -> None:
         """Evaluate the nominal state at the start, and the rates there, once.
 

@@ -31,6 +31,7 @@ from glbench.tasks.fields import (
     list_of,
     one_line,
     one_of,
+    price_in,
     printable,
     set_or_list,
     sorted_overrides,
@@ -121,11 +122,14 @@ class ModelTable(Table):
 
 
 class InitialStateTable(Table):
-    """``[initial_state]``: one of the model's starts."""
+    """``[initial_state]``: one of the model's starts, and the controls before the first step."""
 
     kind: str = Field(min_length=1, description="the name of a start in quotes")
     air_temperature: Annotated[float, in_unit("degC")] = Field(
         ge=-20.0, le=50.0, description='a temperature of -20 to 50 degC: { value = 16.5, unit = "degC" }'
+    )
+    controls: Annotated[tuple[Override, ...], BeforeValidator(sorted_overrides)] = Field(
+        default=(), description="a table of controls, each with value and unit"
     )
 
 
@@ -207,6 +211,7 @@ class ObservationTable(Table):
             return self  # a name that does not exist is reported by itself
         by_row = [name for name in self.modules if name in registry and registry[name].is_forecast]
         by_hour = [name for name in self.modules if name == words.WEATHER_FORECAST]
+        ahead = [name for name in self.modules if registry[name].may_forecast] if forecast is not None and forecast.steps else []
         for key, modules, example, module in (
             ("steps", by_row, "steps = 48", "forecast"),
             ("hours", by_hour, "hours = [1, 2, 3, 6, 12, 18, 24]", words.WEATHER_FORECAST),
@@ -214,9 +219,9 @@ class ObservationTable(Table):
             reaches = forecast is not None and bool(getattr(forecast, key))
             if modules and not reaches:
                 refuse(f"'{modules[0]}' is among the modules, so say how far it looks: add [observation.forecast] with {example}.")
-            if reaches and not modules:
+            if reaches and not modules and not (key == "steps" and ahead):
                 refuse(f'[observation.forecast] has {key}, but no such forecast is among the modules: add "{module}" to them.')
-        if forecast is not None and not by_row and not by_hour:
+        if forecast is not None and not by_row and not by_hour and not ahead:
             refuse(f'There is a table [observation.forecast], but no forecast among the modules: add "{words.WEATHER_FORECAST}" to them.')
         return self
 
@@ -363,16 +368,16 @@ class PenaltyScales(ClimateQuantityTable):
     relative_humidity: Annotated[float | None, in_unit(LIMITED["relative_humidity"])] = Field(default=None, gt=0.0, description="above 0 %")
 
 
+Price = float | tuple[float, float]
+"""A price, or that of a value too low and that of one too high."""
+
+
 class ViolationPrices(ClimateQuantityTable):
     """What a violation costs for every unit beyond the limit and every hour."""
 
-    air_temperature: Annotated[float | None, in_unit(VIOLATION_PRICES["air_temperature"])] = Field(
-        default=None, gt=0.0, description="a price above 0"
-    )
-    co2: Annotated[float | None, in_unit(VIOLATION_PRICES["co2"])] = Field(default=None, gt=0.0, description="a price above 0")
-    relative_humidity: Annotated[float | None, in_unit(VIOLATION_PRICES["relative_humidity"])] = Field(
-        default=None, gt=0.0, description="a price above 0"
-    )
+    air_temperature: Annotated[Price | None, price_in(VIOLATION_PRICES["air_temperature"])] = None
+    co2: Annotated[Price | None, price_in(VIOLATION_PRICES["co2"])] = None
+    relative_humidity: Annotated[Price | None, price_in(VIOLATION_PRICES["relative_humidity"])] = None
 
 
 class RewardTable(Table):

@@ -80,6 +80,8 @@ class ObservationModule(Word):
 
     is_forecast: bool = False
     """Whether it shows coming weather: such a module needs ``[observation.forecast]`` in the task file."""
+    may_forecast: bool = False
+    """Whether it also shows coming weather where the task file has ``[observation.forecast]``."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,8 @@ FORECAST_ERRORS: Registry[Word] = Registry("level of forecast errors")
 
 WEATHER_FORECAST = "weather_forecast"
 """The observation module that forecasts by the hour, with errors."""
+WEATHER_WINDOW = "weather_window"
+"""The observation module that shows weather as densities, now and in coming steps."""
 PRICES = "prices"
 """The observation module that shows prices of now."""
 DAY_AHEAD = "day_ahead_prices"
@@ -138,6 +142,9 @@ for _module in (
     ObservationModule("light_today", "radiation outside and PAR above the canopy since midnight", tables.of_model("light_today")),
     ObservationModule("controls", "the controls in force, in physical units", tables.controls),
     ObservationModule("weather", "the five measured weather quantities", tables.weather),
+    ObservationModule(
+        WEATHER_WINDOW, "the weather of now and of the steps that are forecast, as densities", tables.weather_window, may_forecast=True
+    ),
     ObservationModule("full_state", "all states of the model, in its own units", tables.full_state),
     ObservationModule("step_counter", "number of steps taken", tables.step_counter),
     ObservationModule("forecast", "the weather of the next steps, without error", tables.forecast, is_forecast=True),

@@ -60,7 +60,7 @@ struct Door {
     const int64_t *sequence, *first;
     const uint64_t* key;
     const double *parameter, *trait;
-    const double* remembered;       // memory at the start
+    const double *in_force, *remembered;  // controls before the first step, memory at the start
     int64_t reward;                 // column of the table
     int64_t shown;                  // numbers told besides: columns of the table, and after the table's width those of the state
     const int64_t* show;
@@ -96,7 +96,7 @@ class Workspace {
         set_scenario(row, scenario);
         const int64_t from = scenario * door_.places + place;
         copy(x, door_.start, row, from, door_.states);
-        std::fill_n(u.begin() + row * door_.controls, door_.controls, 0.0);
+        copy(u, door_.in_force, row, 0, door_.controls);
         copy(memory, door_.remembered, row, 0, door_.memory);
         k[row] = door_.at[from];
         ended[row] = 0;
