@@ -16,9 +16,16 @@ from typing import Any
 import numpy as np
 
 from glbench.resources import data_folder
-from glbench.tasks import TaskSpec, get_task
+from glbench.tasks import TaskSpec, get_task, list_drafts, list_tasks
+from glbench.weather.trace import lacks_package
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+def shipped_tasks(*, maps: bool = True) -> list[TaskSpec]:
+    """The published tasks and the drafts whose weather is installed here; without those whose model is a map, if ``maps`` is false."""
+    here = [task for task in (*list_tasks(), *list_drafts()) if not lacks_package(task.weather.source)]
+    return [task for task in here if maps or task.model_value.step_map is None]
 
 
 def wait_for_checkpoint(folder: Path, process: subprocess.Popen[str]) -> None:

@@ -88,7 +88,9 @@ def check_command(
     from glbench.tasks import TaskSpec
     from glbench.tasks.library import price_doubts, series_in_words
 
-    drafts = {} if tasks else {f"tasks/{DRAFTS}/{path.name}": path for path in draft_files()}
+    paths = [] if tasks else draft_files()
+    lacking = [path for path in paths if _lacks_weather(path)]
+    drafts = {f"tasks/{DRAFTS}/{path.name}": path for path in paths if path not in lacking}
     outcomes = {name: _check(name) for name in tasks} if tasks else check_all()
     outcomes |= {name: _check(str(path)) for name, path in drafts.items()}
     wrong = sum(isinstance(outcome, str) for outcome in outcomes.values())
@@ -120,6 +122,9 @@ def check_command(
         )
         verdict = f"{wrong} wrong" if wrong else f"usable, but {count(number, 'doubt')} above" if number else "nothing wrong"
         yield console.aside(f"{total}, {verdict}.")
+        if lacking:
+            names = ", ".join(path.stem for path in lacking)
+            yield console.aside(f"Not checked, because an extra with their weather is not installed: {names}.")
 
     def document() -> list[dict[str, Any]]:
         return [
@@ -166,6 +171,17 @@ def check_all() -> dict[str, TaskSpec | str]:
                 f"tasks/lock.toml lists {entry.id}, but its file tasks/{entry.file} is gone. Published tasks stay: restore the file."
             )
     return outcomes
+
+
+def _lacks_weather(path: Path) -> bool:
+    """Whether the weather of a draft comes with an extra that is not installed."""
+    from glbench.tasks.inheritance import read_tables
+    from glbench.weather.trace import lacks_package
+
+    try:
+        return lacks_package(read_tables(path).content["weather"]["source"])
+    except (GlbenchError, KeyError, TypeError):
+        return False  # the check says what is wrong with it
 
 
 def _check(name: str, *, published: bool = False) -> TaskSpec | str:

@@ -102,7 +102,7 @@ class SeasonMaker:
             path = ar1_paths(key, -(-total // every), np.array([CO2_PERSISTENCE]))[:, 0]
             middle, half = (low + high) / 2.0, (high - low) / 2.0
             ppm = np.repeat(middle + half * np.clip(path / 2.0, -1.0, 1.0), every)[:total]  # never leaves its range
-            values[:, _CO2] = co2_density(values[:, _TEMPERATURE], ppm)  # type: ignore[arg-type]
+            values[:, _CO2] = co2_density(values[:, _TEMPERATURE], ppm)
         return MadeSeason(values, record.times, source)
 
     def year(self, number: int) -> int:

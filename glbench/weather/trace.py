@@ -22,7 +22,7 @@ from types import MappingProxyType
 import numpy as np
 
 from glbench.errors import WeatherError, refuse
-from glbench.extras import require
+from glbench.extras import missing, require
 from glbench.weather import preprocessing
 from glbench.weather.record import QUANTITIES, RAW_SECONDS, REQUIRED, SLOT_SECONDS, FloatArray, Place, WeatherRecord
 
@@ -44,6 +44,11 @@ class WeatherTrace(WeatherRecord):
 
     samples: FloatArray
     """Global radiation [W m-2], temperature [degC], relative humidity [%], wind speed [m s-1] and CO2 [ppm], ``(rows, 5)``."""
+
+
+def lacks_package(name: str) -> bool:
+    """Whether the weather ``name`` comes with a package that is not installed."""
+    return name == TRACE and bool(missing(PACKAGE))
 
 
 def load_trace() -> WeatherTrace:

@@ -15,8 +15,9 @@ from glbench.agents.energy_rules import EnergyRulesAgent, EnergyRuleSettings
 from glbench.agents.tuned_rules import RulePage, read_rule_page, read_rule_pages, settings_text
 from glbench.env import Simulation
 from glbench.errors import ShapeError, SubmissionError
-from glbench.tasks import TaskCard, TaskSpec, get_task, list_drafts, list_tasks, task_card
+from glbench.tasks import TaskCard, TaskSpec, get_task, task_card
 from tests.agents.test_tuned_rules import PLAIN as CLIMATE
+from tests.support import shipped_tasks
 
 RULES = Path(__file__).resolve().parents[2] / "baselines" / "rule_based_energy" / "rules"
 FAMILIES = ("WinterLED", "SpringEnergy", "FullSeason", "FullSeasonEnergy")
@@ -155,7 +156,7 @@ def test_a_run_gets_the_same_bits_alone_and_in_a_batch_and_may_have_numbers_of_i
         observations = simulation.step(actions).observations
 
 
-@pytest.mark.parametrize("task", [*list_tasks(), *list_drafts()], ids=lambda task: task.short_id)
+@pytest.mark.parametrize("task", shipped_tasks(), ids=lambda task: task.short_id)
 def test_it_plays_tasks_with_an_hourly_price_of_power_and_refuses_others(task: TaskSpec) -> None:
     card = task_card(task)
     agent = read_baseline("rule_based_energy").make(card)

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from glbench.control import Scenario
 from glbench.env import Simulation, make_accounts
 from glbench.kernel import StepFailure
-from glbench.tasks import TaskSpec, get_task, list_drafts, list_tasks
+from glbench.tasks import TaskSpec, get_task
+from tests.support import shipped_tasks
 
 Floats = NDArray[np.float64]
 
-TASKS = [task.id for task in (*list_tasks(), *list_drafts())]
+TASKS = [task.id for task in shipped_tasks()]
 VARIED = ("Schiphol2010-Delta10-v1", "Schiphol2010Code-Delta00-v1", "Spring-v1", "Lettuce-v1")
 """A task of each kind of reward."""
 

@@ -13,12 +13,13 @@ from gymnasium.utils.env_checker import check_env
 import glbench  # noqa: F401  # registers the ids
 from glbench.env import GreenhouseEnv, info_quantities
 from glbench.errors import ActionError, GlbenchError, UnknownNameError
-from glbench.tasks import TaskSpec, get_task, list_drafts, list_tasks
+from glbench.tasks import TaskSpec, get_task
 from tests.env.checking import check_env_for_stable_baselines3
 from tests.env.stepping import GOLDEN, StillKernel, walk
+from tests.support import shipped_tasks
 
 MakeTask = Callable[..., TaskSpec]
-EVERY = (*list_tasks(), *list_drafts())
+EVERY = shipped_tasks()
 TASKS = [task.id for task in EVERY]
 SPLITS = {task.id: None if task.splits is None or "training" in task.splits.names else task.splits.names[-1] for task in EVERY}
 """Where to make a task of which there is nothing to train on."""

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from glbench.env import GreenhouseVectorEnv, Simulation, Snapshot, register_reward
 from glbench.errors import ActionError, GlbenchError, ShapeError, TaskError, UnknownNameError
 from glbench.kernel import make_kernel, why_not_compiled
-from glbench.tasks import TaskSpec, list_drafts, list_tasks
+from glbench.tasks import TaskSpec
+from tests.support import shipped_tasks
 
 jax = pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
 pytestmark = pytest.mark.skipif(why_not_compiled() is not None, reason=str(why_not_compiled()))
@@ -20,7 +21,7 @@ from glbench.jax import Environment, Params, State, door  # noqa: E402
 
 SEEDS = (10_003, 10_001, 2**63 + 5)
 N = len(SEEDS)
-SERVED = {task.id: task for task in (*list_tasks(), *list_drafts())}
+SERVED = {task.id: task for task in shipped_tasks(maps=False)}
 
 
 def split_of(task: TaskSpec) -> str | None:

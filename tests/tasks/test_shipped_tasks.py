@@ -11,6 +11,7 @@ from glbench.env import Simulation
 from glbench.registration import draft_files, task_files
 from glbench.tasks import PAPER_TASK, TaskSpec, get_suite, get_task, list_drafts, list_suites, list_tasks, read_lock
 from glbench.tasks.library import check_file_name
+from tests.support import shipped_tasks
 
 DELTAS = (0.0, 0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
 FILES = task_files()
@@ -136,9 +137,10 @@ def test_drafts_can_be_used_and_are_not_published() -> None:
     assert "glbench/SpringSetpoints-v1" in {task.id for task in drafts}
     assert [f"{task.short_id.lower()}.toml" for task in drafts] == [path.name for path in draft_files()]
     for task in drafts:
-        assert get_task(task.short_id).digest == task.digest
-        assert not task.locked
         assert task.id not in {published.id for published in list_tasks()}
+        if task in shipped_tasks():  # its weather is installed
+            assert get_task(task.short_id).digest == task.digest
+            assert not task.locked
 
 
 def test_the_lettuce_draft_draws_season_start_and_crop_for_each_run() -> None:
