@@ -32,9 +32,9 @@ class ClassicState(NamedTuple):
     """What stands in the greenhouse."""
 
     x_d: Annotated[Expr, Variable("kg m-2", "dry weight of the crop", scale=0.1, small=1e-4)]
-    x_c: Annotated[Expr, Variable("kg m-3", "CO2 of the indoor air", scale=1e-3, small=1e-6)]
-    x_t: Annotated[Expr, Variable("°C", "temperature of the indoor air")]
-    x_h: Annotated[Expr, Variable("kg m-3", "water vapour of the indoor air", scale=1e-2, small=1e-5)]
+    x_c: Annotated[Expr, Variable("kg m-3", "CO2 in the air", scale=1e-3, small=1e-6)]
+    x_t: Annotated[Expr, Variable("°C", "temperature of the air")]
+    x_h: Annotated[Expr, Variable("kg m-3", "water vapour in the air", scale=1e-2, small=1e-5)]
 
 
 class ClassicControls(NamedTuple):

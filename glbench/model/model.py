@@ -531,12 +531,12 @@ def _rhs_function(model: Model, symbolic: Symbolic) -> casadi.Function:
 @simplification(on=True)
 def _step_function(model: Model, step: StepMap, seconds: float) -> casadi.Function:
     vectors, rate, length = _symbolic_model(model, "SX")[0], model.rhs_function(), seconds / step.parts
-    x, *held = vectors.values()
+    x, *inputs = vectors.values()
     for _ in range(step.parts):
-        first = rate(x, *held)
-        second = rate(x + length / 2 * first, *held)
-        third = rate(x + length / 2 * second, *held)
-        last = rate(x + length * third, *held)
+        first = rate(x, *inputs)
+        second = rate(x + length / 2 * first, *inputs)
+        third = rate(x + length / 2 * second, *inputs)
+        last = rate(x + length * third, *inputs)
         x = x + length / 6 * (first + 2 * second + 2 * third + last)
     # Unlike a minimum of a maximum this keeps what is not a number, which is reported as a failure.
     limits = zip(casadi.vertsplit(x), step.low, step.high, strict=True)

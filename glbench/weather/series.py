@@ -21,9 +21,10 @@ from glbench.weather.preprocessing import Prepared, Window, clock_time, to_utc_s
 from glbench.weather.record import SCHEMA, FloatArray, WeatherRecord, canonical_digest, utc_text
 from glbench.weather.trace import FILE_DIGEST, WeatherTrace
 
-PREPROCESSINGS = ("paper", "conserving", "sampled")
-"""``paper`` repeats the published pipeline; ``conserving`` puts every value at its right time and keeps hourly sums; ``sampled`` takes the
-samples of a trace."""
+PREPROCESSINGS = ("paper", "conserving")
+"""Of hourly records: ``paper`` repeats the published pipeline; ``conserving`` puts every value at its right time and keeps hourly sums."""
+SAMPLED = "sampled"
+"""Of traces: the sample nearest to the start of each step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +43,7 @@ class Disturbances:
     digest: str
     """SHA-256 [hex] over the canonical hourly figures used and the window; the same on every machine."""
     preprocessing: str
-    """One of ``PREPROCESSINGS``."""
+    """One of ``PREPROCESSINGS``, or ``SAMPLED``."""
 
 
 def disturbances(
@@ -71,15 +72,15 @@ def disturbances(
     step_seconds : float
         Control step, a whole number of seconds from 1 to 86400.
     preprocessing : str
-        One of ``PREPROCESSINGS``.
+        One of ``PREPROCESSINGS``; ``SAMPLED`` for a trace.
     co2_ppm : float
         CO2 outside [ppm]; a trace has its own.
     """
-    if preprocessing not in PREPROCESSINGS:
+    if preprocessing not in (*PREPROCESSINGS, SAMPLED):
         refuse(f"There is no weather preprocessing '{preprocessing}'.{did_you_mean(preprocessing, PREPROCESSINGS)}", UnknownNameError)
     if not isinstance(record, WeatherRecord):
         refuse(f"Disturbances are made of a weather record; got {record!r}. `load_weather` takes one by its name.", WeatherError)
-    if isinstance(record, WeatherTrace) != (preprocessing == "sampled"):
+    if isinstance(record, WeatherTrace) != (preprocessing == SAMPLED):
         kind, use = ("a trace", "'sampled'") if isinstance(record, WeatherTrace) else ("an hourly record", "'paper' or 'conserving'")
         refuse(f"Weather '{record.name}' is {kind}, which is not prepared as '{preprocessing}': choose {use}.", WeatherError)
     if not isinstance(start, dt.date):
@@ -110,7 +111,7 @@ def disturbances(
 
 def _pipeline(preprocessing: str) -> ModuleType:
     """The module of a preprocessing; one that nobody asks for is not imported."""
-    return import_module(f"glbench.weather.{'trace' if preprocessing == 'sampled' else preprocessing}")
+    return import_module(f"glbench.weather.{'trace' if preprocessing == SAMPLED else preprocessing}")
 
 
 def _check_period(record: WeatherRecord, window: Window) -> None:
