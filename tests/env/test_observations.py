@@ -99,9 +99,10 @@ def test_every_column_of_every_module_has_the_value_of_its_definition(make_task:
 
 
 def test_the_tested_modules_are_all_there_are() -> None:
-    """Those of growers, the forecast by the hour, machines that are switched and prices have files of their own."""
+    """Those of growers, the forecast by the hour, machines that are switched and prices have files of their own, the window of weather is
+    compared in tests/tasks/test_lettuce_classic.py."""
     files = (test_growers_quantities, test_forecast, test_on_off, test_prices, test_schedule)
-    elsewhere = {name for file in files for name in file.MODULES}
+    elsewhere = {"weather_window", *(name for file in files for name in file.MODULES)}
     assert {name for names in EVERYTHING for name in names} | elsewhere == set(OBSERVATION_MODULES.names)
 
 

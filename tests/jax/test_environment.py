@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from glbench.env import GreenhouseVectorEnv, Simulation, Snapshot, register_reward
 from glbench.errors import ActionError, GlbenchError, ShapeError, TaskError, UnknownNameError
 from glbench.kernel import make_kernel, why_not_compiled
-from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec, get_task
 from tests.support import shipped_tasks
 
 jax = pytest.importorskip("jax", reason="JAX is not installed (extra 'jax')")
@@ -300,3 +300,11 @@ def test_an_action_that_is_not_a_row_of_real_numbers_is_refused(action: Any) -> 
     _, state = environment.reset(jax.random.key(0))
     with pytest.raises(ActionError, match=r"is an array of real numbers, (not of|and this)"):
         environment.step(jax.random.key(1), state, action)
+
+
+def test_an_episode_begins_with_the_controls_of_the_task() -> None:
+    heated = {"schema": 2, "initial_state.controls": {"uBoil": {"value": 65.0, "unit": "W m-2"}}}
+    environment = Environment(get_task("Schiphol2010-Delta10-v1").replace(heated), seeds=SEEDS)
+    _, state = reset_each(environment)
+    _, controls, _ = environment.unpack(state)
+    assert np.asarray(controls)[1].tolist() == [0.5, 0.0, 0.0, 0.0, 0.0, 0.0]

@@ -13,6 +13,7 @@ import numpy as np
 from glbench.resources import data_folder
 from glbench.tasks import list_drafts, list_tasks
 from glbench.weather import list_weather, load_weather
+from glbench.weather.trace import TRACE, lacks_package
 from tests.evaluation.sandbox.content_search import WINDOW, Needles
 
 _DAY = 24
@@ -40,10 +41,10 @@ def _seeds() -> set[tuple[int, int]]:
 
 
 def _weather() -> Iterator[tuple[str, Any, int]]:
-    for info in list_weather():
-        if info.origin == "shipped":
-            for quantity, counts in load_weather(info.name).counts.items():
-                yield f"{quantity} of {info.name}", counts, _DAY
+    names = [info.name for info in list_weather() if info.origin == "shipped"]
+    for name in names if lacks_package(TRACE) else (*names, TRACE):
+        for quantity, counts in load_weather(name).counts.items():
+            yield f"{quantity} of {name}", counts, _DAY
 
 
 def _actions() -> Iterator[tuple[str, Any, int]]:
