@@ -327,6 +327,8 @@ def _period(task: tasks.TaskSpec, card: tasks.TaskCard | None) -> list[str]:
         when = f"{period(task)}, {choice}{'' if scenario.generated else ' for every run'}"
     between = scenario.generated.co2_range if scenario.generated is not None else None
     co2 = f"{weather.co2_ppm:g} ppm" if between is None else f"wanders between {between[0]:g} and {between[1]:g} ppm"
+    if weather.preprocessing == "sampled":
+        co2 = "as sampled"
     return [
         f"{when}{clock}; one decision every {minutes(task.step_seconds)}, {task.steps} in all.",
         f"Weather '{weather.source}': {place}; CO2 outside {co2}.",
@@ -360,11 +362,14 @@ def _splits(task: tasks.TaskSpec, splits: SplitsTable) -> Iterator[str]:
 def _greenhouse(task: tasks.TaskSpec) -> Iterator[Section]:
     """The model with its parameters and start, what of it a run draws, and what each sensor is off by."""
     names, uncertainty, scenario = task.uncertain_parameters(), task.uncertainty, task.scenario
+    equations = f"; {_meaning(tasks.MODEL_VARIANTS, task.model.variant)}" if task.model_id.startswith("greenlight") else ""
+    running = "".join(f"{name} at {value:g} {unit}, " for name, value, unit in task.initial.controls)
     lines = [
         *([f"Model {task.model_id}."] if task.conventions.names_model else []),
-        f"Parameter set '{task.model.parameters}'; {_meaning(tasks.MODEL_VARIANTS, task.model.variant)}.",
+        f"Parameter set '{task.model.parameters}'{equations}.",
         *(f"Changed: {name} = {value:g} {unit}." for name, value, unit in task.model.overrides),
-        f"Start: {_meaning(tasks.INITIAL_STATES, task.initial.kind)} ({task.initial.air_temperature:g} degC), all controls at 0.",
+        f"Start: {_meaning(tasks.INITIAL_STATES, task.initial.kind)} ({task.initial.air_temperature:g} degC), "
+        f"{running}all {'other ' if running else ''}controls at 0.",
     ]
     if not task.conventions.shows_delta:
         lines.append(f"Random numbers of the family '{scenario.family}'.")

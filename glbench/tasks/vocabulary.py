@@ -203,7 +203,7 @@ for _words, _entries in (
         {
             "paper": "as the benchmark paper prepared its weather, its half-hour shifts included; the clock is UTC",
             "conserving": "hourly sums and moments kept exactly; the clock is the greenhouse's own, with summer time",
-            "sampled": "the samples of a trace, each the nearest to the start of its step; the clock is that of the trace",
+            "sampled": "as the samples of a trace, each the nearest to the start of its step; the clock is that of the trace",
         },
     ),
     (
