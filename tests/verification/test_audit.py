@@ -1,0 +1,198 @@
+"""The auditor confirms results that were honestly made, finds those that were forged, and says what it cannot audit.
+
+Forgeries are thorough: digests and summaries follow what was changed, so that only recomputing finds it.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import rfc8785
+
+from benchmarks import audit
+from glbench.evaluation import evaluate, result_path
+from glbench.tasks import get_task
+from tests.episodes.day import FAILING, RANDOM
+from tests.evaluation.agent_files import agent_writer
+from tests.support import write_short_task
+from tests.verification.forging import changed, perturb, rewrite, rewrite_record
+
+SPRING = """
+base = "glbench/Spring-v1"
+id = "test/SpringDay-v1"
+title = "A day of spring"
+weather.days = 1
+evaluation.runs = 2
+evaluation.first_seed = 10003
+"""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with tasks of a day and results on them."""
+    folder = tmp_path_factory.mktemp("audited")
+    (folder / "springday.toml").write_text(SPRING)
+    write_short_task(folder, "Day", days=1)
+    write = agent_writer(folder)
+    evaluate(get_task(folder / "springday.toml"), write(RANDOM, "wavy"), out=folder / "reports", episodes="none")
+    for agent in (write(FAILING, "failing"), "rule_based"):
+        evaluate(get_task(folder / "day.toml"), agent, out=folder / "reports", episodes="none")
+    return folder
+
+
+@pytest.fixture
+def forged(made: Path, tmp_path: Path) -> Path:
+    """A copy of the result on the day of spring, to be forged."""
+    reports = Path(shutil.copytree(made / "reports", tmp_path / "reports"))
+    return result_path(reports, "test/SpringDay-v1", "wavy")
+
+
+def audited(result: Path, made: Path, capsys: pytest.CaptureFixture[str], *more: str, task: str = "springday") -> tuple[int, str]:
+    code = audit.main([str(result), "--task", str(made / f"{task}.toml"), *more])
+    return code, capsys.readouterr().out
+
+
+def test_an_honest_result_agrees(made, capsys):
+    """Crop, house, start, a generated season and its CO2, violations as means."""
+    code, words = audited(result_path(made / "reports", "test/SpringDay-v1", "wavy"), made, capsys)
+    assert code == 0, words
+    assert "run 10003: 96 steps" in words
+    assert "run 10004: 96 steps" in words
+    assert words.endswith("agrees\n")
+
+
+@pytest.mark.parametrize("agent", ["failing", "rule_based"])
+def test_an_honest_result_on_the_paper_s_weather_agrees(made, capsys, agent):
+    """Parameters that are redrawn in every step, runs that ended early, and a controller that sets controls."""
+    code, words = audited(result_path(made / "reports", "test/Day-v1", agent), made, capsys, task="day")
+    assert code == 0, words
+    assert ("17 steps" if agent == "failing" else "24 steps") in words
+
+
+def differs(result: Path, made: Path, capsys: pytest.CaptureFixture[str], *words: str) -> None:
+    code, said = audited(result, made, capsys)
+    assert code == 1, said
+    for word in ("differs: ", *words):
+        assert word in said
+
+
+def test_a_changed_reward(forged, made, capsys):
+    rewrite_record(forged, lambda log: replace(log, rewards=changed(log.rewards, (40, 0), log.rewards[40, 0] + 1e-4)))
+    differs(forged, made, capsys, "run 10003, step 41: the reward")
+
+
+def test_a_changed_metric(forged, made, capsys):
+    def cheaper(document):
+        metrics = document["runs"][0]["metrics"]
+        metrics["cost_heat"] *= 0.99
+
+    rewrite(forged, cheaper)
+    differs(forged, made, capsys, "run 10003: 'cost_heat'")
+
+
+def test_a_better_reward_of_a_run(forged, made, capsys):
+    rewrite(forged, lambda document: document["runs"][0]["metrics"].update(reward=1.0))
+    differs(forged, made, capsys, "run 10003: the sum of the recorded rewards", "1.0")
+
+
+def test_a_changed_action(forged, made, capsys):
+    rewrite_record(forged, lambda log: replace(log, actions=changed(log.actions, (7, 0, 0), 0.9)))
+    differs(forged, made, capsys, "run 10003, step 8: the reward")
+
+
+def test_an_action_that_is_not_allowed(forged, made, capsys):
+    """Kept within its bounds it would lead to the recorded rewards."""
+    rewrite_record(forged, lambda log: replace(log, actions=changed(log.actions, (0, 0, 0), 7.0)))
+    differs(forged, made, capsys, "run 10003: an action is outside its bounds")
+
+
+def test_a_final_state_that_is_cut(forged, made, capsys):
+    rewrite_record(forged, lambda log: replace(log, final_states=log.final_states[:, :5]))
+    code, words = audited(forged, made, capsys)
+    assert (code, words.startswith("cannot be audited: ")) == (2, True), words
+
+
+def test_a_changed_final_state(forged, made, capsys):
+    rewrite_record(forged, lambda log: replace(log, final_states=changed(log.final_states, (0, 2), log.final_states[0, 2] + 0.01)))
+    differs(forged, made, capsys, "run 10003: 'tAir' at the end")
+
+
+def test_other_seeds(forged, made, capsys):
+    """Both seeds one later: another season, crop and house."""
+
+    def shift(document):
+        for run in document["runs"]:
+            run["seed"] += 1
+
+    rewrite(forged, shift)
+    rewrite_record(forged, lambda log: replace(log, runs=tuple(run.model_copy(update={"seed": run.seed + 1}) for run in log.runs)))
+    differs(forged, made, capsys, "run 10004, step 1: the reward")
+
+
+def test_runs_that_change_places(forged, made, capsys):
+    def swap(document):
+        first, second = document["runs"]
+        first["metrics"], second["metrics"] = second["metrics"], first["metrics"]
+
+    rewrite(forged, swap)
+    rewrite_record(
+        forged, lambda log: replace(log, actions=log.actions[:, ::-1], rewards=log.rewards[:, ::-1], final_states=log.final_states[::-1])
+    )
+    differs(forged, made, capsys, "run 10003, step 1: the reward")
+
+
+def test_everything_a_hundredth_better(forged, made, capsys):
+    """Rewards, states and metrics agree with each other, and not with the actions."""
+    perturb(forged, 1.01)
+    differs(forged, made, capsys, "run 10003, step ")
+
+
+def test_a_digest_that_was_not_repaired(forged, made, capsys):
+    rewrite(forged, lambda document: document["runs"][0]["metrics"].update(heat=0.0), repair=False)
+    differs(forged, made, capsys, "results_digest")
+
+
+def test_what_cannot_be_audited(forged, made, capsys):
+    code, words = audited(forged, made, capsys, task="day")
+    assert (code, "the task file is of test/Day-v1" in words) == (2, True), words
+    forged.with_name("wavy.actions.mcap").write_bytes(b"no record")
+    code, words = audited(forged, made, capsys)
+    assert (code, words.startswith("cannot be audited: ")) == (2, True), words
+    with pytest.raises(audit.VerdictError, match=r"ledger\.cost_electricity\.price=power") as error:
+        audit.Task(audit.task_tables("glbench/WinterLED-v1", Path()), "test")
+    assert error.value.args[0] == audit.CANNOT
+
+
+def test_only_the_model_comes_from_glbench():
+    tree = ast.parse(Path(audit.__file__).read_text(encoding="utf-8"))
+    imported = {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    imported |= {name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names}
+    assert {name for name in imported if name and name.partition(".")[0] == "glbench"} == {"glbench.model"}
+
+
+def test_canonical_json():
+    numbers = [
+        0.0,
+        -0.0,
+        1.0,
+        -1.5,
+        123456789012.0,
+        1e20,
+        1e21,
+        1.5e300,
+        1e-6,
+        1.2e-7,
+        5e-324,
+        0.1,
+        2.0**53 - 1,
+        math.pi * 1e-5,
+        math.pi * 1e25,
+        7,
+    ]
+    value = {"b": numbers, "a": [True, None, 'é\n"\u2028'], "€": {}, "\U0001f600": []}
+    assert audit.canonical(value).encode() == rfc8785.dumps(value)
