@@ -7,8 +7,8 @@ The exit code is 0 if the result agrees, 1 if it differs (in which run, step and
 **From glbench** comes `glbench.model` alone, and of it the right-hand side of the plain model as a CasADi function; names; typical
 sizes of states; nominal parameters, the list `crop28`, and which parameters follow from which.
 
-**Written again here**, from the documentation: digests, inheritance of task files, Philox and all draws, weather and seasons, the start,
-actuation, the meters of violations, the integration, ledger, reward, sums and means.
+**Written again here**, from the documentation: digests of results and records, inheritance of task files, Philox and all draws, weather and
+seasons, the start, actuation, the meters of violations, the integration, ledger, reward, sums and means.
 
 **Other libraries**, no part of glbench: mcap with its protobuf support unpacks the record, pyarrow reads the weather's Parquet file, and
 pvlib has NREL's algorithm for the position of the sun, which docs/weather.md names. docs/verification.md says how closely results agree.

@@ -164,11 +164,12 @@ def digests_of_baseline(name: str) -> tuple[str, ...]:
     """Digest of the baseline today, and those before it got policies or plans for more tasks; none of an agent of another name."""
     if name not in baseline_names():
         return ()
-    earlier = read_toml(data_folder("baselines") / "lock.toml").get(name, {}).get("earlier", ())
+    entry = read_toml(data_folder("baselines") / "lock.toml").get(name)
+    locked = () if entry is None else (entry["digest"], *entry.get("earlier", ()))  # the first is an earlier one until the lock is written
     try:
-        return (shipped_digest(name), *earlier)
+        return tuple(dict.fromkeys((shipped_digest(name), *locked)))
     except GlbenchError:
-        return tuple(earlier)
+        return locked
 
 
 def shipped_sight(name: str) -> Sight:

@@ -79,7 +79,7 @@ def choose(name: str, model: Model = TOMATO) -> str:
     if name == "auto":
         return available(model)[0]
     if model.step_map is not None and name in BACKENDS:
-        refuse(f"{model.id} is a map, which the backend '{DISCRETE}' steps and not '{name}'. Leave the choice to 'auto'.", UnknownNameError)
+        refuse(f"{model.id} is a map: only the backend '{DISCRETE}' can step it, not '{name}'. Use 'auto'.", UnknownNameError)
     names = BACKENDS if model.step_map is None else available(model)
     if name not in names:
         refuse(f"The kernel has no backend '{name}'.{did_you_mean(name, ('auto', *names))}", UnknownNameError)

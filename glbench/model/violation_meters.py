@@ -184,7 +184,8 @@ def _with_violation_meters(model: Model) -> WithViolationMeters:
     if model.air is None:
         refuse(f"{model.id} has no air whose climate could be judged: its `air` is None. Name its states there.", GlbenchError)
     if model.step_map is not None:
-        refuse(f'{model.id} has a step of its own, whose middle nobody sees: judge the end of each step (judged = "end").', GlbenchError)
+        msg = 'has a step of its own, so the air within a step is not known: judge the end of each step (judged = "end").'
+        refuse(f"{model.id} {msg}", GlbenchError)
     metered = WithViolationMeters(model)
     states = (model.state_names, [violation_meter(*place) for place in _PLACES])
     parameters = (model.parameter_names, [info.name for info in _LIMITS])

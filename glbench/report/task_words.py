@@ -184,7 +184,7 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
             each = 1 if one.price >= 1e-3 else 100
             cost = f"{each * one.price:.2g} EUR/m² for every {'' if each == 1 else '100 '}{unit} and hour"
             if one.lower_price is not None:
-                cost += f"; {each * one.lower_price:.2g} EUR/m² below the lowest"
+                cost += f"; {each * one.lower_price:.2g} EUR/m² for values below the lower limit"
         limits.append((words.limits[one.name], f"{one.low:g} {unit}", f"{one.high:g} {unit}", cost))
     if limits:
         yield plain("Limits of the climate", (), ("Quantity", "Lowest", "Highest", "What a violation costs"), limits)

@@ -143,7 +143,10 @@ for _module in (
     ObservationModule("controls", "the controls in force, in physical units", tables.controls),
     ObservationModule("weather", "the five measured weather quantities", tables.weather),
     ObservationModule(
-        WEATHER_WINDOW, "the weather of now and of the steps that are forecast, as densities", tables.weather_window, may_forecast=True
+        WEATHER_WINDOW,
+        "radiation, temperature, CO2 and vapour density outside, now and in the coming steps",
+        tables.weather_window,
+        may_forecast=True,
     ),
     ObservationModule("full_state", "all states of the model, in its own units", tables.full_state),
     ObservationModule("step_counter", "number of steps taken", tables.step_counter),

@@ -6,7 +6,7 @@ strategies, Acta Horticulturae 1037, 83-92. It is read where the extra ``lettuce
 is used. Its terms of use are not known to glbench, which therefore carries no copy.
 
 The file counts seconds from midnight of 10 January 2014. Days have 288 samples in a row, as published results count them: the clock is that
-of winter. Radiation says that the samples after 30 March are of summer time, an hour early.
+of winter. The radiation shows that samples from 30 March to 26 October are stamped in summer time: the sun is an hour late there.
 """
 
 from __future__ import annotations

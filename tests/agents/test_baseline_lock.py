@@ -47,6 +47,14 @@ def test_the_lock_holds_every_baseline_and_the_digests_of_released_results() -> 
     assert {name.partition("_seed")[0] for name, entry in ENTRIES.items() if "earlier" in entry} <= set(LOCK.GROW)
 
 
+def test_results_of_a_baseline_that_has_just_grown_are_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Until the lock is written, its digest is that of the released results, and tables are made in between."""
+    today = baselines.shipped_digest("rule_based")
+    monkeypatch.setattr(baselines, "shipped_digest", lambda _: today)
+    monkeypatch.setattr(baselines, "read_toml", lambda _: {"rule_based": {"digest": "before", "earlier": ["first"]}})
+    assert baselines.digests_of_baseline("rule_based") == (today, "before", "first")
+
+
 def test_writing_adds_tasks_that_an_entry_lacks_and_keeps_the_others(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     name, other = "rule_based_fair", "Lettuce-v1"
     whole = ENTRIES[name]["actions"]
