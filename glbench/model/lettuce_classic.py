@@ -57,7 +57,7 @@ class ClassicParameters(NamedTuple):
     sat_vp3: Annotated[Expr, _coefficient("c_v,3", "°C", "temperature in the exponent of saturation", 239.0)]
     sat_vp4: Annotated[Expr, _coefficient("c_v,4", "J m-3", "saturation in the paper's limit of humidity; not read", 10998.0)]
     gas_constant: Annotated[Expr, _coefficient("c_R", "J K-1 kmol-1", "gas constant", 8314.0)]
-    kelvin: Annotated[Expr, _coefficient("c_T,abs", "K", "0 °C", 273.15)]
+    t_abs: Annotated[Expr, _coefficient("c_T,abs", "K", "0 °C", 273.15)]
     leakage: Annotated[Expr, _coefficient("c_leak", "m s-1", "leakage through the cover", 0.75e-5)]
     cap_co2: Annotated[Expr, _coefficient("c_cap,c", "m", "volume of air for CO2", 4.1)]
     cap_vapour: Annotated[Expr, _coefficient("c_cap,h", "m", "volume of air for vapour", 4.1)]
@@ -93,7 +93,7 @@ def exchange(x: ClassicState, u: ClassicControls, d: Disturbances, p: ClassicPar
     cover = 1 - exp(-p.leaf_surface * x.x_d)
     by_light = p.light_use * d.i_glob
     by_co2 = (-p.s_co2_1 * square(x.x_t) + p.s_co2_2 * x.x_t - p.s_co2_3) * (x.x_c - p.compensation)
-    saturated = p.sat_vp1 / (p.gas_constant * (x.x_t + p.kelvin)) * exp(p.sat_vp2 * x.x_t / (x.x_t + p.sat_vp3))
+    saturated = p.sat_vp1 / (p.gas_constant * (x.x_t + p.t_abs)) * exp(p.sat_vp2 * x.x_t / (x.x_t + p.sat_vp3))
     ventilation = u.u_vent * MOST_VENTILATION
     return Exchange(
         cover=cover,

@@ -138,7 +138,7 @@ def test_search_and_menu_of_versions_work_from_files(out: Path, browser_page: Pa
     assert browser_page.locator("select.versions").input_value() == "dev"
     browser_page.keyboard.press("Control+k")
     browser_page.keyboard.type("hygrometer")
-    found = browser_page.locator("a[href*='reference/']").filter(has_text="AirAlong")
+    found = browser_page.locator("a[href*='reference/']").filter(has_text="gradient")
     found.first.wait_for(timeout=30_000)
 
 

@@ -19,6 +19,7 @@ from glbench.tasks import MODEL_VARIANTS, OBSERVATION_MODULES, PAPER_TASK, PREPR
 from glbench.tasks import quantities as q
 from glbench.tasks.ledger import MONEY
 from glbench.weather import PREPROCESSINGS as WEATHER_PREPROCESSINGS
+from glbench.weather.series import SAMPLED
 
 Vary = Callable[..., Path]
 
@@ -147,7 +148,7 @@ def test_set_points_are_asked_for_between_0_and_1(vary: Vary) -> None:
 
 def test_the_vocabulary_has_the_words_of_model_and_weather() -> None:
     assert set(MODEL_VARIANTS.names) == set(VARIANTS)
-    assert set(PREPROCESSINGS.names) == set(WEATHER_PREPROCESSINGS)
+    assert set(PREPROCESSINGS.names) == {*WEATHER_PREPROCESSINGS, SAMPLED}
 
 
 def test_a_registry_takes_a_new_word_once_and_names_the_nearest() -> None:
