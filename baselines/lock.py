@@ -42,7 +42,7 @@ TOLERANCE = 1e-9
 """Relative to the sum of magnitudes."""
 LIMITS = TimeLimits(start=3600.0, step=600.0)
 """Actions are compared, not times: a busy machine is no reason to fail."""
-PLANNERS = {"mpc", "mpc_energy", "mpc_greenhouse", "mpc_true_state"}
+PLANNERS = {"mpc", "mpc_energy", "mpc_greenhouse", "mpc_greenhouse_book", "mpc_true_state"}
 PLANNER_STEPS, PLANNER_TOLERANCE, OTHER_PROCESSOR = 6, 1e-3, 3e-2
 """For predictive control. Each step starts from the plan of the last one, so rounding of 1e-15 grows to 1e-2 within half a day. The
 third is for processors of another kind than the recorded one."""
