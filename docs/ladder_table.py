@@ -30,7 +30,8 @@ def read() -> list[Ladder]:
 
 
 def _leaves_out(ladder: Ladder) -> bool:
-    return any(rung.name.startswith("without_") for rung in ladder.rungs)
+    names = [rung.name for rung in ladder.rungs]
+    return "blind" not in names and any(name.startswith("without_") for name in names)
 
 
 def kept(ladder: Ladder) -> str:

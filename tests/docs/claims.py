@@ -259,9 +259,10 @@ def kept_when_blind(task: str) -> float:
     return share.value
 
 
-def prices_of_sensors(*sensors: str) -> tuple[float, ...]:
+def prices_of_sensors(*sensors: str, task: str = "GreenhouseReal-v1") -> tuple[float, ...]:
     """What policies lose without each sensor, and the ends of its interval [EUR m-2]."""
-    ladder = next(one for one in ladder_table.read() if any(rung.name.startswith("without_") for rung in one.rungs))
+    of_task = (one for one in ladder_table.read() if one.task == f"glbench/{task}")
+    ladder = next(one for one in of_task if any(rung.name.startswith("without_") for rung in one.rungs))
     steps = {row.name: row.step for row in ladder.rows}
     return tuple(abs(number) for name in sensors for number in (steps[name].value, steps[name].high, steps[name].low))
 
@@ -1045,6 +1046,10 @@ CLAIMS: dict[str, list[Claim]] = {
             "without the hygrometer {} ({} to {}), without the sensor of the pipe temperature {} ({} to {}), without the CO2 sensor {} "
             "({} to {}), without the weekly counts of the crew {} ({} to {});",
             lambda: prices_of_sensors("without_relative_humidity", "without_pipe_temperature", "without_co2", "without_registration"),
+        ),
+        (
+            "policies trained without the prices earn {} ({} to {}) EUR/m² less in 150 days",
+            lambda: prices_of_sensors("without_prices", task="WinterLED-v2"),
         ),
         (
             "The weather is worth less than {}, the forecast less than {}, the thermometer less than {}.",
