@@ -69,12 +69,8 @@ def read_settings(
 ) -> Model:
     """The settings in a YAML file, or with ``toml`` in a TOML file.
 
-    ``what`` names the file in messages, such as ``"the rules"``; ``advice`` is a sentence at the end of messages.
-
-    Raises
-    ------
-    GlbenchError
-        An ``error_type``: when the file cannot be read, lacks a setting, or has an unknown or impossible one.
+    ``what`` names the file in messages, such as ``"the rules"``; ``advice`` is a sentence at the end of messages. Raises an ``error_type``
+    when the file cannot be read, lacks a setting, or has an unknown or impossible one.
     """
     if toml:
         try:

@@ -54,20 +54,12 @@ def controller(
 ) -> Callable[[Maker], Maker]:
     """Declare the class below as the controller called ``name``; the class is called with what ``read`` returns.
 
-    Parameters
-    ----------
-    name
-        The name that cards use.
-    read
-        Reads what a card calls the settings (a file or folder): rules, a grower's page, trained policies, recorded actions.
-    version
-        Part of the digest of every agent of this controller. The source may change as long as the actions stay the same;
-        ``baselines/lock.toml`` records the actions of the shipped baselines, and a test compares them. If the actions change, the version
-        must change. The first version of older controllers is the SHA-256 of their source when their first results were released.
-    sees
-        What the controller is shown.
-    information
-        The same in words, for results.
+    ``name`` is what cards call it. ``read`` reads what a card calls the settings (a file or folder): rules, a grower's page, trained
+    policies, recorded actions. ``sees`` is what the controller is shown, and ``information`` the same in words, for results.
+
+    ``version`` is part of the digest of every agent of this controller. The source may change as long as the actions stay the same;
+    ``baselines/lock.toml`` records the actions of the shipped baselines, and a test compares them. If the actions change, the version must
+    change. The first version of older controllers is the SHA-256 of their source when their first results were released.
     """
 
     def declare(make: Maker) -> Maker:

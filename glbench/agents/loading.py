@@ -240,13 +240,9 @@ class LoadedAgent:
 def load_agent(ref: str | Path) -> LoadedAgent:
     """Load the agent that ``ref`` names. Of a Python submission the file is run; a saved policy is opened when the agent is made.
 
-    Raises ``SubmissionError`` when there is no such thing, or it cannot be loaded; the message says what to do.
-
-    Parameters
-    ----------
-    ref : str or Path
-        Name of a baseline, or path of a submission: a Python file, a saved policy, or a folder with ``agent.py``, with a saved policy,
-        or with ``card.toml`` (custom settings for a built-in controller).
+    Raises ``SubmissionError`` when there is no such thing, or it cannot be loaded; the message says what to do. ``ref`` is the name of a
+    baseline, or the path of a submission: a Python file, a saved policy, or a folder with ``agent.py``, with a saved policy, or with
+    ``card.toml`` (custom settings for a built-in controller).
     """
     if isinstance(ref, str) and ref in identity.baseline_names():
         return _baseline(ref, ref, "baseline")

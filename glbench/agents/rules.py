@@ -166,10 +166,7 @@ def _smaller(a: Shared, b: Shared) -> Shared:
 def rule_controls(inputs: RuleInputs, settings: RuleSettings) -> Array:
     """Controls that the rules ask for.
 
-    Returns
-    -------
-    ndarray (n, 6)
-        Boiler, CO2 dosing, thermal screen, vents, lamps, blackout screen: fractions of capacity, 0 to 1.
+    Boiler, CO2 dosing, thermal screen, vents, lamps, blackout screen: fractions of capacity, 0 to 1, ``(n, 6)``.
     """
     return Rules(settings).controls(inputs)
 
@@ -292,16 +289,9 @@ class RuleBasedController:
     def controls(self, x: Array, d: Array, hour_of_day: float | Array, day_of_year: float | Array, /) -> Array:
         """Controls (n, controls of the model) for the step that begins now, fractions of capacity.
 
-        Raises ``ShapeError`` when x or d has another shape.
-
-        Parameters
-        ----------
-        x : ndarray (n, states)
-            State at the start of the step.
-        d : ndarray (n, disturbances) or (disturbances,)
-            Disturbance acting in the step.
-        hour_of_day, day_of_year : float or ndarray (n,)
-            Clock at the start of the step [h], [day], one number or one a run.
+        ``x`` is the state at the start of the step (n, states), ``d`` the disturbance acting in it, (n, disturbances) or (disturbances,),
+        and ``hour_of_day`` [h] and ``day_of_year`` [day] the clock at its start, one number or (n,). Raises ``ShapeError`` when x or d has
+        another shape.
         """
         controls = self._rules.controls(privileged_inputs(x, d, hour_of_day, day_of_year))
         return np.pad(controls, ((0, 0), (0, self._others))) if self._others else controls

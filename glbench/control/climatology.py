@@ -92,14 +92,8 @@ class Climatology:
     def of(cls, task: TaskSpec | str, years: tuple[int, ...] | None = None) -> Climatology:
         """The climatology of a task; needs the weather.
 
-        Raises ``TaskError`` when there are no such years.
-
-        Parameters
-        ----------
-        task
-            The task, or its id.
-        years
-            Years of its record; those of its training split unless given. Without one those before its seasons, or all others.
+        Raises ``TaskError`` when there are no such years. ``years`` are those of its record to learn from; those of its training split
+        unless given. Without one those before its seasons, or all others.
         """
         task = the_task(task)
         record = task.record()
@@ -249,21 +243,9 @@ class Climatology:
     def forecast_deviations(self, forecast: Floats, issued: Floats, times: Floats, otherwise: Floats) -> Floats:
         """Deviations that a forecast tells of ``times``.
 
-        Parameters
-        ----------
-        forecast
-            Radiation, temperature, humidity and wind of the hours ``(n, 4, hours)``; NaN says nothing.
-        issued
-            When, seconds since 1970 UTC ``(n,)``.
-        times
-            Of the rows asked for ``(n, T)``.
-        otherwise
-            Deviations where the forecast says nothing ``(n, quantities)``.
-
-        Returns
-        -------
-        ndarray
-            ``(n, T, quantities)``; between the middles of the forecast hours linear.
+        ``forecast`` has radiation, temperature, humidity and wind of the hours ``(n, 4, hours)``, and NaN where it says nothing; ``issued``
+        is when, seconds since 1970 UTC ``(n,)``, ``times`` those of the rows asked for ``(n, T)``, ``otherwise`` the deviations where the
+        forecast says nothing ``(n, quantities)``. Returns ``(n, T, quantities)``, linear between the middles of the forecast hours.
         """
         n, rows = times.shape
         deviations = np.repeat(otherwise[:, None], rows, axis=1)
@@ -318,12 +300,8 @@ def day_of_year(seconds: Floats) -> Floats:
 class WeatherObservation:
     """Deviations of the observed weather from the mean, row after row.
 
-    Attributes
-    ----------
-    now
-        Of the last row ``(n, quantities)``; that of clearness is relative, and by night that of late.
-    lately
-        Mean of the rows so far, the older the lighter: of clearness in daylight and by energy.
+    ``now`` are those of the last row ``(n, quantities)``; that of clearness is relative, and by night that of late. ``lately`` is the mean
+    of the rows so far, the older the lighter: of clearness in daylight and by energy.
     """
 
     def __init__(self, climatology: Climatology, n: int, step_seconds: float) -> None:

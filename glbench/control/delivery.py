@@ -100,15 +100,9 @@ class Delivery:
 class ExpectedDelivery:
     """What the actuators of a task deliver in runs while none has a fault, and how far off it may be.
 
-    Attributes
-    ----------
-    places
-        Controls whose actuators are not ideal.
-    spread
-        Of each, the standard deviation of what it delivers from what is expected: over time with and without faults, with commands and
-        positions spread evenly.
-    hours
-        The mean time of its faults, in which the deviation is forgotten to 1/e; without faults, that of the run.
+    ``places`` are the controls whose actuators are not ideal. Of each, ``spread`` is the standard deviation of what it delivers from what
+    is expected (over time with and without faults, with commands and positions spread evenly), and ``hours`` the mean time of its faults,
+    in which the deviation is forgotten to 1/e; without faults, that of the run.
     """
 
     def __init__(self, task: TaskSpec) -> None:

@@ -71,19 +71,9 @@ class Outlook:
     as after ``reset(1)``.
 
     Raises ``TaskError`` when the task does not show weather and time, the climatology is for other weather or other forecasts, or the model
-    has disturbances of its own.
+    has disturbances of its own. ``climatology`` is that of its training years, or of another task with the same weather.
 
-    Parameters
-    ----------
-    task
-        The task, or its id.
-    climatology
-        Of its training years, or of another task with the same weather.
-
-    Attributes
-    ----------
-    past
-        Disturbances of the step just past ``(n, d)``; before the first step those of the step to come.
+    ``past`` are the disturbances of the step just past ``(n, d)``; before the first step those of the step to come.
     """
 
     def __init__(self, task: TaskSpec | str, climatology: Climatology) -> None:

@@ -200,21 +200,10 @@ class StateEstimator:
         Raises ``TaskError`` when observations have the wrong shape, a reading is infinite, or controls are neither given nor shown. Raises
         ``ShapeError`` when the disturbances have the wrong shape, as ``Outlook.past`` has before its first update.
 
-        Parameters
-        ----------
-        observations
-            ``(n, columns)``, as an agent gets them. A reading that is NaN is missing: it is left out for its run.
-        d
-            Disturbances ``(n, d)`` of the step just past; at the first call those of the step to come, from which the start follows:
-            ``Outlook.past`` is both.
-        controls
-            Controls in force in the step just past ``(n, c)``, fractions; read from the observations where the task shows them. Scheduled
-            ones are those of the calendar (``with_schedule``).
-
-        Returns
-        -------
-        ndarray
-            States ``(n, s)``, a new array.
+        ``observations`` are ``(n, columns)``, as an agent gets them; a reading that is NaN is missing: it is left out for its run. ``d``
+        are the disturbances ``(n, d)`` of the step just past; at the first call those of the step to come, from which the start follows:
+        ``Outlook.past`` is both. ``controls`` are those in force in the step just past ``(n, c)``, fractions; read from the observations
+        where the task shows them. Scheduled ones are those of the calendar (``with_schedule``). Returns the states ``(n, s)``, a new array.
         """
         task, n = self.task, self._n
         readings = checked_observations(task, observations, n, self._names)
@@ -361,14 +350,9 @@ class _UncertainParameters:
     A parameter is its nominal value times 1 + its deviation; those of a ``Spread`` are theirs times exp(size deviation), of which the
     standard deviation is 1.
 
-    Attributes
-    ----------
-    names
-        Parameters that change with them, derived ones among them.
-    chain
-        How, where all deviations are 0: derivatives of the parameters by the deviations ``(names, deviations)``.
-    spread, low, high, hours
-        Standard deviation of each deviation, its limits, and the hours in which it is forgotten to 1/e.
+    ``names`` are the parameters that change with them, derived ones among them; ``chain`` is how, where all deviations are 0: derivatives
+    of the parameters by the deviations ``(names, deviations)``. ``spread``, ``low``, ``high`` and ``hours`` are the standard deviation of
+    each deviation, its limits, and the hours in which it is forgotten to 1/e.
     """
 
     def __init__(self, task: TaskSpec, groups: list[ParameterGroup]) -> None:

@@ -44,12 +44,7 @@ class Schedule:
 class Machines:
     """The machines of a task that are off or on, and for how long each has been in each of some runs.
 
-    Attributes
-    ----------
-    columns
-        Of them among the controls ``(m,)``.
-    since
-        Steps since each was switched ``(runs, m)``.
+    ``columns`` are their places among the controls ``(m,)``, ``since`` the steps since each was switched ``(runs, m)``.
     """
 
     def __init__(self, task: TaskSpec, runs: int = 1) -> None:

@@ -127,14 +127,8 @@ class PredictiveController:
     def reset(self, runs: int, controls: ArrayLike | None = None) -> None:
         """``runs`` runs begin.
 
-        Raises ``ShapeError`` when the number is none, or the controls have another shape.
-
-        Parameters
-        ----------
-        runs
-            How many rows there are.
-        controls
-            Where the first plan begins, fractions: ``(T, c)`` or ``(runs, T, c)``. Without any it begins with the controls in force.
+        ``controls`` are where the first plan begins, fractions: ``(T, c)`` or ``(runs, T, c)``. Without any it begins with the controls in
+        force. Raises ``ShapeError`` when the number of runs is none, or the controls have another shape.
         """
         self._runs = _at_least_one(runs, "The number of runs")
         self._radius = np.full(self._runs, _FIRST_RADIUS)

@@ -27,19 +27,9 @@ class ObservationModel:
     computed from the observed air, which add no information, and sums since midnight, which are not functions of the
     states.
 
-    Attributes
-    ----------
-    columns
-        Indices of the columns in the observation.
-    names
-        Their names.
-    control_columns
-        Indices in the observation of the controls in force; ``None`` if the task does not show them.
-    sensor
-        For each column, the index of its sensor among the task's sensors with errors; -1 if it is observed without
-        errors.
-    samples
-        For each column, how it is sampled by hand; ``None`` if it is observed in every step.
+    ``columns`` are their indices in the observation, ``names`` their names, and ``control_columns`` the indices of the controls in force;
+    ``None`` if the task does not show them. For each column, ``sensor`` is the index of its sensor among the task's sensors with errors, -1
+    if it is observed without errors, and ``samples`` how it is sampled by hand, ``None`` if it is observed in every step.
     """
 
     def __init__(self, task: TaskSpec) -> None:

@@ -97,24 +97,11 @@ def plan_season(
     Raises ``ShapeError`` when the controls have another shape or are not finite, or the number of iterations is none. Raises ``TaskError``
     when the reward has no derivatives. Raises ``StepError`` when a step of the first plan cannot be integrated.
 
-    Parameters
-    ----------
-    scenario
-        The run. Its task needs a reward with derivatives (``StageReward``).
-    controls
-        Where the search begins, fractions ``(T, c)``: the commands of a good controller, brought within the bounds and the largest change.
-        Machines that are off or on are taken to run as the task lets them.
-    iterations
-        How many; one takes about 3 s of one core for 5,760 steps.
-    preset
-        Of the kernel that plans.
-    watch
-        Called after each iteration.
-
-    Returns
-    -------
-    SeasonPlan
-        The best plan found. It is the best one known, and no proof that there is none better. The same arguments give the same bits.
+    ``scenario`` is the run; its task needs a reward with derivatives (``StageReward``). The search begins at ``controls``, fractions
+    ``(T, c)``: the commands of a good controller, brought within the bounds and the largest change. Machines that are off or on are taken
+    to run as the task lets them. An iteration takes about 3 s of one core for 5,760 steps; ``watch`` is called after each. ``preset`` is
+    that of the kernel that plans. The plan returned is the best one known, and no proof that there is none better. The same arguments give
+    the same bits.
     """
     count = whole_number(iterations, "The number of iterations")
     search = _Search(scenario, np.asarray(controls, dtype=np.float64), preset)
@@ -323,14 +310,8 @@ class EndValue:
     def __call__(self, task: TaskSpec | str, hour_of_day: ArrayLike, days_left: ArrayLike) -> Floats:
         """What a unit of each state of the task's model is worth ``(n, s)``, in the unit of the task's reward.
 
-        Raises ``TaskError`` when the model lacks a state, or the reward does not count money.
-
-        Parameters
-        ----------
-        task
-            Whose model has the states. Meters of violations are worth nothing.
-        hour_of_day, days_left
-            Where horizons end, ``(n,)`` or numbers.
+        Raises ``TaskError`` when the model lacks a state, or the reward does not count money. Of ``task`` counts whose model has the
+        states; meters of violations are worth nothing. Horizons end at ``hour_of_day`` and ``days_left``, ``(n,)`` or numbers.
         """
         task = the_task(task)
         names = task.model_value.state_names

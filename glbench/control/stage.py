@@ -77,15 +77,9 @@ class StageReward:
     Raises ``TaskError`` when a part of the reward was registered, Python without derivatives, or depends on changes of controls.
     Raises ``ShapeError`` when the smoothing is negative or no finite number.
 
-    Parameters
-    ----------
-    task
-        The task, or its id.
-    smoothing
-        Width w within which violations count quadratically, as a share of the distance between the two limits of a quantity: a violation v
-        counts as v^2 / (2 w) up to w, and as v - w / 2 from there. 0 is exact. At 0.03 limits of 15 and 34 degC have w = 0.57 K.
-    counted
-        What counts as the reward: "reward", or "epi" for the profit alone.
+    ``smoothing`` is the width w within which violations count quadratically, as a share of the distance between the two limits of a
+    quantity: a violation v counts as v^2 / (2 w) up to w, and as v - w / 2 from there. 0 is exact. At 0.03 limits of 15 and 34 degC have
+    w = 0.57 K. ``counted`` is what counts as the reward: "reward", or "epi" for the profit alone.
     """
 
     def __init__(self, task: TaskSpec | str, *, smoothing: float = 0.0, counted: str = "reward") -> None:
@@ -135,17 +129,10 @@ class StageReward:
     def __call__(self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None = None) -> StageValues:
         """What the steps of a trajectory earn.
 
-        Raises ``ShapeError`` when states, controls and calendar do not fit each other or the task.
-
-        Parameters
-        ----------
-        x
-            States ``(T + 1, s)``, or a batch ``(..., T + 1, s)``.
-        u
-            Controls ``(T, c)``, fractions, or a batch ``(..., T, c)``.
-        calendar
-            Rows of the scenario's calendar at the start of each step and at the end of the last one ``(T + 1, columns)``, such as
-            ``scenario.calendar[k : k + T + 1]``; needed where prices change.
+        States ``x`` are ``(T + 1, s)``, and controls ``u``, fractions, ``(T, c)``, or batches ``(..., T + 1, s)`` and ``(..., T, c)``.
+        ``calendar`` has the rows of the scenario's calendar at the start of each step and at the end of the last one ``(T + 1, columns)``,
+        such as ``scenario.calendar[k : k + T + 1]``; needed where prices change. Raises ``ShapeError`` when states, controls and calendar
+        do not fit each other or the task.
         """
         read, shape = self._inputs(x, u, calendar)
         return self._stages(self._derivatives.values(read), shape)

@@ -33,14 +33,8 @@ _FLAT = 1e-3
 def feasible(controls: ArrayLike, before: Floats, high: Floats, max_change: float) -> Floats:
     """The controls nearest to ``controls``, in the middle of what is possible, that keep bounds and change little enough.
 
-    Parameters
-    ----------
-    controls
-        ``(..., T, c)``.
-    before, high
-        In force before the first step ``(..., c)``, and upper bounds ``(c,)``; the lower ones are 0.
-    max_change
-        The largest change in a step.
+    ``controls`` are ``(..., T, c)``, ``before`` those in force before the first step ``(..., c)``, ``high`` the upper bounds ``(c,)`` (the
+    lower ones are 0), and ``max_change`` is the largest change in a step.
     """
     bounded = np.clip(np.asarray(controls, dtype=np.float64), 0.0, high)
     reach = int(np.ceil(1.0 / max_change))

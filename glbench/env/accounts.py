@@ -153,18 +153,10 @@ class Accounts:
     ) -> NDArray[np.float64]:
         """All quantities of a step but the reward, which stays 0; rows as ``names``, shape ``(quantities, n)``.
 
-        Parameters
-        ----------
-        before, after
-            States at the start and at the end of the step, ``(n, states)``.
-        controls
-            Controls during the step, fractions, ``(n, controls)``.
-        air
-            Air temperature, CO2 and relative humidity at the end of the step, ``(3, n)``.
-        prices, later
-            Prices of the step and of the next one, ``(n, price_tables)``.
-        controls_before
-            Controls before the step, ``(n, controls)``; those during it if none are given.
+        ``before`` and ``after`` are the states at the start and at the end of the step, ``(n, states)``; ``controls`` those during it,
+        fractions, ``(n, controls)``; ``air`` its temperature, CO2 and relative humidity at the end, ``(3, n)``; ``prices`` and ``later``
+        the prices of the step and of the next one, ``(n, price_tables)``; ``controls_before`` those before the step, by default those
+        during it.
         """
         now = () if prices is None else prices.T
         previous = controls if controls_before is None else controls_before
@@ -325,16 +317,8 @@ def flow_amounts(
 ) -> dict[str, NDArray[np.float64]]:
     """Amounts of the flows ``names`` of the task's model in every step, each as ``u`` without its last axis.
 
-    Parameters
-    ----------
-    task
-        Whose model and nominal parameters count.
-    names
-        Those that the model does not have are left out.
-    x
-        States ``(steps + 1, ..., states)``, the start included.
-    u
-        Controls ``(steps, ..., controls)``.
+    Model and nominal parameters are those of ``task``; names that its model does not have are left out. ``x`` are states
+    ``(steps + 1, ..., states)``, the start included, ``u`` controls ``(steps, ..., controls)``.
     """
     model = task.model_value
     controls_before = np.concatenate([np.broadcast_to(task.initial_controls, u[:1].shape), u[:-1]])

@@ -47,10 +47,7 @@ def read_air(
 ) -> NDArray[np.float64]:
     """Air temperature [degC], CO2 [ppm], relative humidity [%, 0 to 100], shape ``(3, n)``.
 
-    Parameters
-    ----------
-    temperature, co2_density, vapour_pressure
-        In degC, mg m-3 and Pa, each of shape ``(n,)``.
+    The arguments are in degC, mg m-3 and Pa, each of shape ``(n,)``.
     """
     values = (temperature, co2_density, vapour_pressure)
     outputs = _tape().play(lambda source, index: values[index])

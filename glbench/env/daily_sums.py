@@ -28,20 +28,9 @@ def initial_memory(task: TaskSpec) -> dict[str, float]:
 def daily_sum(so_far: Any, rate: Any, hour_before: Any, hour: Any, step_seconds: float) -> Any:
     """Sum since midnight at the end of a step, from that at its start.
 
-    Parameters
-    ----------
-    so_far
-        Sum at the start of the step.
-    rate
-        What comes in a second of the step.
-    hour_before, hour
-        Hour of day at the start and at the end of the step, 0 to 24.
-    step_seconds
-        Length of the step [s], at most an hour.
-
-    Returns
-    -------
-    Number, array or recorded value, as given. Of a step over midnight only the part after it counts.
+    ``so_far`` is the sum at the start of the step, ``rate`` what comes in a second of it. Its start and end are at ``hour_before`` and
+    ``hour`` of the day, 0 to 24, and it lasts ``step_seconds`` [s], at most an hour. Returns a number, an array or a recorded value, as
+    given. Of a step over midnight only the part after it counts.
     """
     share, seconds = _daily_share(hour_before, hour, step_seconds)
     return so_far * share + rate * seconds

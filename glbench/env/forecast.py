@@ -99,16 +99,9 @@ class ForecastTable:
     def fill(self, table: NDArray[np.float32], first: int, rows: int, measured: Floats, times: NDArray[np.datetime64], season: int) -> None:
         """Write the forecasts of a season into ``table``.
 
-        Parameters
-        ----------
-        table
-            ``(rows of the pool // every, columns)``.
-        first, rows
-            The season's first row in the pool, and how many it has there; whole hours.
-        measured, times
-            Its weather as measured (``WeatherTables.measured``) ``(rows + reach, 5)``, and the start of each of these rows, UTC.
-        season
-            Its number.
+        The table is ``(rows of the pool // every, columns)``. ``first`` is the season's first row in the pool, and ``rows`` how many it has
+        there, whole hours; ``measured`` its weather as measured (``WeatherTables.measured``) ``(rows + reach, 5)``, ``times`` the start of
+        each of these rows, UTC, and ``season`` its number.
         """
         issues = rows // self.every
         weather = measured[: len(measured) // self.every * self.every, _MEASURED]

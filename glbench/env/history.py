@@ -39,10 +39,7 @@ class DailyLight:
 class DailyLightSums:
     """Sums up the light of the day while runs are followed, whether a task observes it or not.
 
-    Attributes
-    ----------
-    columns
-        The summed columns, as the task's model observes them.
+    ``columns`` are the summed ones, as the task's model observes them.
     """
 
     def __init__(self, task: TaskSpec) -> None:
@@ -78,17 +75,8 @@ class DailyLightSums:
 class RecentHistory:
     """Air, controls in force and EPI so far of one run.
 
-    Parameters
-    ----------
-    first_step
-        Steps taken when the history begins; the EPI counts from there.
-    step_seconds
-        Length of a step [s].
-
-    Attributes
-    ----------
-    light
-        Light since midnight, where it is followed.
+    ``first_step`` steps were taken when the history begins; the EPI counts from there. A step lasts ``step_seconds`` [s]. ``light`` is that
+    since midnight, where it is followed.
     """
 
     def __init__(self, first_step: int, step_seconds: float) -> None:

@@ -98,10 +98,7 @@ class _Curve:
 class Picture:
     """Draws histories of a task's runs.
 
-    Parameters
-    ----------
-    task
-        The task whose limits and controls are shown.
+    It shows the limits and controls of ``task``.
     """
 
     def __init__(self, task: TaskSpec) -> None:

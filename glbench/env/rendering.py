@@ -51,10 +51,7 @@ def drawable_modes() -> tuple[str, ...]:
 def checked_render_mode(render_mode: str | None) -> str | None:
     """``render_mode`` if there is such a mode; warns, once, when pictures are wanted and cannot be drawn.
 
-    Raises
-    ------
-    UnknownNameError
-        Otherwise.
+    Raises ``UnknownNameError`` otherwise.
     """
     if render_mode is not None and render_mode not in RENDER_MODES:
         msg = f"There is no render mode {render_mode!r}. Use {', '.join(map(repr, RENDER_MODES))} or None."

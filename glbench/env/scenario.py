@@ -46,24 +46,10 @@ class Scenes:
 class RunScenarios:
     """Draws the scenarios of a task's runs from their seeds.
 
-    Attributes
-    ----------
-    pool
-        Weather and calendar.
-    nominal
-        Nominal parameters ``(p,)``.
-    in_step, in_episode
-        The groups of parameters that the step draws, and those that are drawn here.
-    sensors, outdoor_sensors
-        Those that err.
-    actuators, actuator_draws
-        Those that are not ideal, and where their draws begin.
-    samples
-        What is counted or weighed by hand.
-    drawing_parts
-        The parts that draw numbers of their own, in the order in which tapes read them (``DrawPlaces``).
-    memory_layout
-        What the runs keep in memory.
+    ``nominal`` are the nominal parameters ``(p,)``; ``in_step`` and ``in_episode`` the groups of them that the step draws, and those that
+    are drawn here. ``sensors`` and ``outdoor_sensors`` err; ``actuators`` are not ideal, and their draws begin at ``actuator_draws``;
+    ``samples`` are counted or weighed by hand. ``drawing_parts`` draw numbers of their own, in the order in which tapes read them
+    (``DrawPlaces``). ``pool`` has weather and calendar, ``memory_layout`` what the runs keep in memory.
     """
 
     def __init__(self, task: TaskSpec) -> None:

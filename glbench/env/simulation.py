@@ -268,12 +268,7 @@ class Simulation:
         """Restart runs with ``seeds`` (one each), in all rows or in ``rows`` (numbers or a mask).
 
         Raises ``GlbenchError`` when there are not as many seeds as rows, a seed is not a whole number from 0 to 2**64 - 1, or some rows
-        only are reset before all were.
-
-        Returns
-        -------
-        ndarray
-            Observations of all rows, ``(n, columns)`` float32.
+        only are reset before all were. Returns the observations of all rows, ``(n, columns)`` float32.
         """
         places = self._rows(rows)
         numbers = [checked_seed(seed) for seed in seeds]
@@ -308,16 +303,8 @@ class Simulation:
     def step_single(self, action: ArrayLike) -> tuple[NDArray[np.float32], list[float], bool]:
         """Take one step with the only run, without the cost of arrays for many.
 
-        Parameters
-        ----------
-        action
-            ``(m,)``.
-
-        Returns
-        -------
-        observation, numbers, ended
-            ``(columns,)`` float32; the numbers of ``info_columns`` and, after them, the step's quantities; whether the run has ended.
-            ``result`` has the rest.
+        The action is ``(m,)``. Returns the observation ``(columns,)`` float32; the numbers of ``info_columns`` and, after them, the step's
+        quantities; whether the run has ended. ``result`` has the rest.
         """
         if not self._ready or self.over == self.n:
             self._check_running()

@@ -95,20 +95,9 @@ def spread_multipliers(spread: Spread, keys: NDArray[np.uint64]) -> Floats:
 class DerivedParameters:
     """Carries draws of uncertain parameters through to the derived ones, by the model's own formulas.
 
-    With the crop parameters that is the leaf mass at which leaves are pruned: cLeafMax = laiMax/sla. A derived parameter
-    that depends on none of the uncertain ones keeps its value.
-
-    Parameters
-    ----------
-    model, nominal
-        The model and its parameters.
-    uncertain
-        Places of the parameters that are drawn.
-
-    Attributes
-    ----------
-    followers
-        Places of the derived parameters that follow from them, even if they are among them.
+    With the crop parameters that is the leaf mass at which leaves are pruned: cLeafMax = laiMax/sla. A derived parameter that depends on
+    none of the uncertain ones keeps its value. ``uncertain`` are the places of the parameters that are drawn, ``nominal`` the parameters of
+    ``model``; ``followers`` are the places of the derived parameters that follow from them, even if they are among them.
     """
 
     def __init__(self, model: Model, nominal: Floats, uncertain: tuple[int, ...]) -> None:

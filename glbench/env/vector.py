@@ -165,12 +165,8 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         """Take one step in every row.
 
         Raises ``ActionError`` for actions of the wrong shape, not finite, or out of bounds (in rows that are not being reset). Raises
-        ``GlbenchError`` when no episode was started, or in mode ``DISABLED`` a row has ended and was not reset.
-
-        Returns
-        -------
-        observations, rewards, terminations, truncations, infos
-            One entry a row.
+        ``GlbenchError`` when no episode was started, or in mode ``DISABLED`` a row has ended and was not reset. Returns observations,
+        rewards, terminations, truncations and infos, with one entry a row.
         """
         any_over = self.simulation.over > 0
         over = self.simulation.ended

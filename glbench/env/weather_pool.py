@@ -112,14 +112,8 @@ class SeasonPrices:
     def rows(self, number: int, times: NDArray[np.datetime64], hour_of_day: Floats, measured: NDArray[np.floating]) -> Floats:
         """Prices at each row of the calendar of the season ``number``, ``(rows, price tables)``.
 
-        Parameters
-        ----------
-        number
-            Of the season.
-        times, hour_of_day
-            Start [UTC] and hour of day of each row, ``(rows,)``.
-        measured
-            The season's weather as measured (``WeatherTables.measured``), ``(rows, 5)``.
+        ``times`` and ``hour_of_day`` are start [UTC] and hour of day of each row, ``(rows,)``, ``measured`` the season's weather as
+        measured (``WeatherTables.measured``), ``(rows, 5)``.
         """
         tables, season = self.task.price_tables, None
         if self.by_season:

@@ -195,12 +195,9 @@ class Environment:
         Raises ``jax.errors.JaxRuntimeError`` for an action that is not finite. Under ``jit`` it may be raised when a later result is waited
         for.
 
-        Returns
-        -------
-        observation, state, reward, done, info
-            Observation and state are those of the new episode where one has begun; reward, ``done`` and ``info`` are those of the step.
-            Reward and ``info`` are float32, or float64 where JAX has 64 bits switched on. ``info["failed"]`` says that the step could
-            not be integrated, which ends the episode, ``info["discount"]`` is 0 where the season or a failure ended it, else 1.
+        Observation and state are those of the new episode where one has begun; reward, ``done`` and ``info`` are those of the step. Reward
+        and ``info`` are float32, or float64 where JAX has 64 bits switched on. ``info["failed"]`` says that the step could not be
+        integrated, which ends the episode, ``info["discount"]`` is 0 where the season or a failure ended it, else 1.
         """
         key_cut, key_end = jax.random.split(key)
         observation, state, reward, done, info = self._step(state, action, self._scenario(key_end, params), autoreset=True)

@@ -174,10 +174,7 @@ class Environments(ABC):
     def step(self) -> int:
         """Take a step with ``actions``.
 
-        Returns
-        -------
-        int
-            How many environments failed in it; -1 when a value given is out of bounds or no number, and nothing was done.
+        Returns how many environments failed in it; -1 when a value given is out of bounds or no number, and nothing was done.
         """
 
     @abstractmethod

@@ -220,10 +220,7 @@ class TapeDerivatives:
     def __call__(self, read: Read, slopes: Mapping[Source, npt.NDArray[np.float64]]) -> list[Any]:
         """The same; ``slopes`` are filled with the derivatives.
 
-        Parameters
-        ----------
-        slopes
-            For each source zeros ``(..., outputs, n)``, with n the number of its inputs, used or not.
+        They are for each source zeros ``(..., outputs, n)``, with n the number of its inputs, used or not.
         """
         played = [values for _, _, values in self._with_slopes.play(read)]
         for (place, source, index), values in zip(self._entries, played[self._count :], strict=True):

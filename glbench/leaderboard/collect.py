@@ -174,10 +174,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
     left out. In the folder of a sealed round, where all results are of one, only these are returned. Raises ``ResultError`` when the
     released results hold two of one agent and task.
 
-    Returns
-    -------
-    stored, problems
-        Results, at most one an agent and task, sorted by task id and agent name; and an error for every file that is left out.
+    Returns at most one result an agent and task, sorted by task id and agent name; and an error for every file that is left out.
     """
     home = data_folder("reports/released/results")
     released, problems = read_folder(home)

@@ -459,31 +459,18 @@ class Model(ABC):
     def rhs(self, x: ArrayLike, u: ArrayLike, d: ArrayLike, p: ArrayLike) -> Array:
         """Time derivative of the state.
 
-        Raises ``ShapeError`` when an input has another shape, other batch sizes than the rest, or values that are not finite.
-
-        Parameters
-        ----------
-        x, u, d, p
-            State, controls, disturbances and parameters in the order and units of ``states``, ``controls``, ``disturbances`` and
-            ``table``. Each may have a leading batch axis; those without one apply to every row. Rows are independent, and a row
-            gives the same bits alone and in any batch.
-
-        Returns
-        -------
-        ndarray
-            Shape ``(states,)``, or ``(n, states)`` when any input has a batch axis; unit of the state per second.
+        State ``x``, controls ``u``, disturbances ``d`` and parameters ``p`` are in the order and units of ``states``, ``controls``,
+        ``disturbances`` and ``table``. Each may have a leading batch axis; those without one apply to every row. Rows are independent, and
+        a row gives the same bits alone and in any batch. Returns ``(states,)``, or ``(n, states)`` when any input has a batch axis; unit of
+        the state per second. Raises ``ShapeError`` when an input has another shape, other batch sizes than the rest, or values that are not
+        finite.
         """
         return evaluate_rows(self.names, self.rhs_function(), x, u, d, p)[..., 0]
 
     def auxiliary_values(self, x: ArrayLike, u: ArrayLike, d: ArrayLike, p: ArrayLike) -> dict[str, Array]:
         """Every quantity computed on the way to the time derivative, by its public name.
 
-        Parameters and errors as for :meth:`rhs`.
-
-        Returns
-        -------
-        dict of str to ndarray
-            For each entry of ``auxiliaries`` an array of shape () or (n,), in the unit given there.
+        For each entry of ``auxiliaries`` an array of shape () or (n,), in the unit given there. Inputs and errors are as for :meth:`rhs`.
         """
         values = evaluate_rows(self.names, self.auxiliaries_function(), x, u, d, p)[..., 0]
         return {entry.name: values[..., index] for index, entry in enumerate(self.auxiliaries)}
@@ -491,12 +478,7 @@ class Model(ABC):
     def jacobian(self, x: ArrayLike, u: ArrayLike, d: ArrayLike, p: ArrayLike, wrt: str = "x") -> Array:
         """Derivative of the time derivative of the state to the input ``wrt``: ``"x"``, ``"u"``, ``"d"`` or ``"p"``.
 
-        Parameters and errors as for :meth:`rhs`.
-
-        Returns
-        -------
-        ndarray
-            Shape ``(states, m)`` or ``(n, states, m)``, with m the length of that input.
+        Its shape is ``(states, m)`` or ``(n, states, m)``, with m the length of that input. Inputs and errors are as for :meth:`rhs`.
         """
         return evaluate_rows(self.names, self.jacobian_function(wrt), x, u, d, p)
 

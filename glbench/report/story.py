@@ -165,14 +165,8 @@ def levels_of(task: TaskSpec) -> tuple[Curve, ...]:
 def parts_of(radiation: Floats, days: Places, step_seconds: float) -> Places:
     """The part of the day that each step belongs to, ``(steps,)``.
 
-    Parameters
-    ----------
-    radiation
-        Global radiation outside during each step [W m-2], ``(steps,)``.
-    days
-        Day on which each step begins, ``(steps,)``, from 0 without gaps.
-    step_seconds
-        Length of a step [s].
+    Of each step, ``(steps,)``, ``radiation`` is the global radiation outside [W m-2], and ``days`` the day on which it begins, from 0
+    without gaps; a step lasts ``step_seconds`` [s].
     """
     parts = np.full(len(radiation), NIGHT)
     before, after = (round(hours * 3600.0 / step_seconds) for hours in (BEFORE_LIGHT, AFTER_LIGHT))

@@ -309,10 +309,7 @@ def as_written(value: object, longest: int = _LONGEST_VALUE) -> str:
 def check_plain(content: Mapping[str, Any], source: str) -> None:
     """Refuse numbers and nestings that what reads the task later would stumble over.
 
-    Raises
-    ------
-    TaskError
-        That names the key.
+    Raises ``TaskError``, which names the key.
     """
     inside: list[tuple[str, object, int]] = [("the file", content, 0)]
     while inside:

@@ -92,18 +92,10 @@ def read_prices(path: Path, unit: object, *, clock: object = None, column: objec
 
     Raises ``TaskError`` when the file is not one of prices; names row, column and value.
 
-    Parameters
-    ----------
-    path
-        The file. ``.zip`` and ``.gz`` with one table inside are opened.
-    unit
-        Unit of the table, such as ``EUR kWh-1``; ``None``, of a table without one, is refused.
-    clock
-        IANA zone of stamps without an offset; by default UTC, or that of an exchange where the title says CET/CEST.
-    column
-        Title of the column of prices, where there are several.
-    file_unit
-        Unit of the file's prices, such as ``EUR/MWh``, where its title has none.
+    ``path`` may also be a ``.zip`` or ``.gz`` with one table inside. ``unit`` is that of the table, such as ``EUR kWh-1``; ``None``, of a
+    table without one, is refused. ``clock`` is the IANA zone of stamps without an offset; by default UTC, or that of an exchange where the
+    title says CET/CEST. ``column`` is the title of the column of prices, where there are several, ``file_unit`` the unit of the file's
+    prices, such as ``EUR/MWh``, where its title has none.
     """
     text = read_text(path, TaskError)
     table = split_table(text, str(path), TaskError)

@@ -38,19 +38,10 @@ def train_compiled(
     """Train one agent in ``folder``; the same task, settings and seed give the same policy on the same machine.
 
     Raises ``TrainingError`` when ``folder`` holds something else, or an unfinished training without ``resume``; when the learner diverges,
-    or the compiled kernel cannot step the task, and ``TaskError`` when the task has only a test split.
-
-    Parameters
-    ----------
-    task, settings, seed
-        What to train. The seed is the learner's: first weights, first places, exploration, batches. The bits of the policy also depend on
-        the number of cores, or ``PJRT_NPROC``.
-    folder
-        Where to keep the learner's state, the best policy, the learning curve and the card.
-    resume
-        Continue from what ``folder`` holds, with the same bits as without the interruption; begin if it holds nothing.
-    listeners
-        Receive progress, evaluations and saves.
+    or the compiled kernel cannot step the task, and ``TaskError`` when the task has only a test split. The seed is the learner's: first
+    weights, first places, exploration, batches. The bits of the policy also depend on the number of cores, or ``PJRT_NPROC``. ``folder``
+    keeps the learner's state, the best policy, the learning curve and the card; ``resume`` continues from it, with the same bits as without
+    the interruption, or begins if it holds nothing. ``listeners`` receive progress, evaluations and saves.
     """
     task.check_training()
     steps = settings.updates * settings.rollout

@@ -235,18 +235,9 @@ def tune_rules(
     ``reward_of``, and ``TaskError`` when a task has a test alone, and ``SubmissionError`` when the page cannot be read, or the rules do not
     fit a task.
 
-    Parameters
-    ----------
-    tasks
-        What is tuned for, in their training split where they have splits: the mean of their rewards counts.
-    start
-        File of the page to begin with; the reward that it names does not matter.
-    settings, seed
-        How; the seed is the strategy's.
-    folder
-        Where it is kept: the best page, rewards so far, learning curve and card.
-    listeners
-        Receive progress, evaluations and saves.
+    ``tasks`` are tuned for in their training split where they have splits: the mean of their rewards counts. ``start`` is the file of the
+    page to begin with; the reward that it names does not matter. The seed is the strategy's. ``folder`` keeps the best page, rewards so
+    far, learning curve and card. ``listeners`` receive progress, evaluations and saves.
     """
     for task in tasks:
         task.check_training()

@@ -155,20 +155,10 @@ def train(
     Raises ``TrainingError`` when ``folder`` holds something else, or a training that was begun and is not to be resumed; when the algorithm
     fails.
 
-    Parameters
-    ----------
-    task, settings, seed
-        What is trained. The seed is the algorithm's: first weights, exploration, batches.
-    folder
-        Where it is kept: checkpoint, best model with its normalisation, learning curve, card.
-    resume
-        Go on from the checkpoint in ``folder``, to the same bits as without the interruption; begin when there is none.
-    save_seconds
-        Wall time [s] between checkpoints.
-    tensorboard
-        Whether to write TensorBoard's files to ``folder/tensorboard``.
-    listeners
-        Receive progress, evaluations and saves.
+    The seed is the algorithm's: first weights, exploration, batches. ``folder`` keeps the checkpoint, the best model with its
+    normalisation, the learning curve and the card, and with ``tensorboard`` a folder of that name with TensorBoard's files; checkpoints are
+    ``save_seconds`` of wall time [s] apart. ``resume`` goes on from the checkpoint, to the same bits as without the interruption, or begins
+    when there is none. ``listeners`` receive progress, evaluations and saves.
     """
     with folder_lock(folder):
         words = {"task": task.id, "task_digest": task.digest, "algorithm": settings.algorithm}

@@ -51,10 +51,7 @@ _LOOKED_AT = 5  # Only every fifth step of the runs is used to compute the direc
 class BatchedPolicy:
     """Acts with another last layer in each row.
 
-    Attributes
-    ----------
-    seconds
-        Time spent on actions so far [s].
+    ``seconds`` is the time spent on actions so far [s].
     """
 
     def __init__(self, policy: NetworkPolicy) -> None:
@@ -225,16 +222,9 @@ def search(
     Raises ``TrainingError`` when ``folder`` holds another search, or one that was begun and is not to be resumed; when the policy does not
     fit the task, and ``SubmissionError`` when there is no policy to start from, and ``TaskError`` when the task has a test alone.
 
-    Parameters
-    ----------
-    task, settings, seed
-        What is searched for. The seed is the strategy's.
-    folder
-        Where it is kept: rewards so far, the best policy, the learning curve, the card.
-    resume
-        Go on from what ``folder`` holds, to the same bits as without the interruption; begin when it holds nothing.
-    listeners
-        Receive progress, evaluations and saves.
+    The seed is the strategy's. ``folder`` keeps rewards so far, the best policy, the learning curve and the card; ``resume`` goes on from
+    it, to the same bits as without the interruption, or begins when it holds nothing. ``listeners`` receive progress, evaluations and
+    saves.
     """
     task.check_training()
     under_way = _SeasonSearch([task], settings, settings.digest, seed, folder)

@@ -30,14 +30,8 @@ Arrays = Mapping[str, NDArray[Any]]
 class Session(ABC):
     """A training or a search under way.
 
-    Parameters
-    ----------
-    tasks, settings
-        What it works for, and how: settings with an ``evaluation`` and a ``kernel_preset``.
-    settings_digest, seed
-        With the tasks' digest, what tells it from others.
-    folder
-        Where it is kept: its state, the best that it made, the learning curve and the card.
+    It works for ``tasks`` by ``settings`` with an ``evaluation`` and a ``kernel_preset``; ``settings_digest`` and ``seed`` tell it, with
+    the tasks' digest, from others. ``folder`` keeps its state, the best that it made, the learning curve and the card.
     """
 
     what: ClassVar[str]

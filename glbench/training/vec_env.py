@@ -44,20 +44,9 @@ class TrainingVecEnv(VecEnv):
     Episode j of row i has the seed ``first_seed + j n_envs + i``, both counted from 0. The algorithm's own seed has no part in it. Raises
     ``TrainingError`` when the model has no state of the name in ``accrual``.
 
-    Parameters
-    ----------
-    task
-        The task.
-    n_envs
-        Number of greenhouses.
-    first_seed
-        Seed of row 0's first episode; from ``FIRST_TRAINING_SEED`` on, no task is scored with any of them.
-    kernel_preset
-        ``"fast"`` (for training) or ``"reference"`` (what scores are made with).
-    workers
-        Cores that share the rows, to the same bits.
-    accrual
-        What is added to the rewards, but not to the sums of episodes; ``None`` for nothing.
+    ``first_seed`` is that of row 0's first episode; from ``FIRST_TRAINING_SEED`` on, no task is scored with any of them. ``kernel_preset``
+    is ``"fast"`` (for training) or ``"reference"`` (what scores are made with). ``workers`` cores share the rows, to the same bits.
+    ``accrual`` is added to the rewards, but not to the sums of episodes; ``None`` for nothing.
     """
 
     def __init__(

@@ -22,16 +22,9 @@ _NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9_-]")
 class WandbListener(Listener):
     """Logs evaluations and speed to a run of Weights & Biases.
 
-    Raises ``TrainingError`` when the package is not installed, or no run can be started (not logged in, no network).
-
-    Parameters
-    ----------
-    name
-        Name of the run, which a run of that name is continued under; ``None`` in a sweep, which names its trials itself.
-    config
-        Settings to show beside it.
-    folder
-        Where its files go.
+    ``name`` is that of the run, which a run of that name is continued under; ``None`` in a sweep, which names its trials itself. ``config``
+    are settings to show beside it, ``folder`` is where its files go. Raises ``TrainingError`` when the package is not installed, or no run
+    can be started (not logged in, no network).
     """
 
     def __init__(self, name: str | None, config: dict[str, Any], folder: Path) -> None:

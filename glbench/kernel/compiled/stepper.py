@@ -169,21 +169,11 @@ class CompiledStepper:
     def step_rows(self, x: Array, u: Array, d: Array, p: Array, out: Array) -> binding.Status:
         """Advance all rows by one control step.
 
-        Raises ``ShapeError`` when an array has another shape or type, or, with more than 64 rows, another layout.
-
-        Parameters
-        ----------
-        x, u, d : ndarray
-            States (n, states), controls (n, controls), disturbances (n, disturbances): float64, C-contiguous.
-        p : ndarray
-            Parameters (n, parameters), or (parameters,) or (1, parameters) shared by all rows.
-        out : ndarray
-            States after the step (n, states); may be ``x``. Rows that fail keep their state.
-
-        Returns
-        -------
-        ndarray
-            Status (n,), 0 for rows that were stepped, else for ``explain``. Overwritten by the next call.
+        States ``x`` (n, states), controls ``u`` (n, controls) and disturbances ``d`` (n, disturbances) are float64 and C-contiguous;
+        parameters ``p`` (n, parameters), or (parameters,) or (1, parameters) shared by all rows. ``out`` gets the states after the step (n,
+        states) and may be ``x``; rows that fail keep their state. Returns the status (n,), 0 for rows that were stepped, else for
+        ``explain``, which the next call overwrites. Raises ``ShapeError`` when an array has another shape or type, or, with more than 64
+        rows, another layout.
         """
         batch = self._batch
         if batch.n != len(x):
@@ -371,14 +361,8 @@ class _Batch:
 class CompiledBoundStep:
     """Made by ``CompiledStepper.bind``: ``step()`` advances rows, by one call of the library with all pointers set beforehand.
 
-    Attributes
-    ----------
-    status : ndarray
-        0 for rows that were stepped (n,).
-    substeps : ndarray
-        Substeps that each row took (n,), rejected ones included.
-    reached : ndarray
-        Time within the step that each row reached (n,) [s].
+    Of each row, ``(n,)``, ``status`` is 0 where it was stepped, ``substeps`` are those that it took, rejected ones included, and
+    ``reached`` is the time within the step that it reached [s].
     """
 
     def __init__(
