@@ -4,8 +4,6 @@
 rule-based ones.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from glbench.extras import lazy_names

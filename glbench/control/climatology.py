@@ -26,7 +26,7 @@ from glbench.env.air import read_air
 from glbench.env.forecast import HOUR, ForecastTable
 from glbench.env.generated import CO2_PERSISTENCE
 from glbench.env.spaces import the_task
-from glbench.errors import TaskError, WeatherError
+from glbench.errors import TaskError, WeatherError, refuse
 from glbench.resources import write_atomically
 from glbench.tasks.quantities import FORECAST
 from glbench.untrusted import reason_of
@@ -107,8 +107,7 @@ class Climatology:
         seasons = [season for season in by_year.values() if season is not None]
         years = tuple(year for year, season in by_year.items() if season is not None)
         if not seasons:
-            msg = f"The weather record of {task.id} has no year that a climatology could be made of. Name some: years=..."
-            raise TaskError(msg)
+            refuse(f"The weather record of {task.id} has no year that a climatology could be made of. Name some: years=...", TaskError)
         weather = task.weather
         bare = cls(
             task.id, weather.source, weather.preprocessing, years, record.latitude, record.longitude,
@@ -138,13 +137,11 @@ class Climatology:
             values |= {name: tuple(values[name]) for name in ("years", "forecast_hours")}
             climatology = cls(**values)
         except (KeyError, TypeError, ValueError) as error:
-            msg = f"These settings are no climatology: {error}. `Climatology.of(task).write(...)` makes one."
-            raise TaskError(msg) from error
+            refuse(f"These settings are no climatology: {error}. `Climatology.of(task).write(...)` makes one.", TaskError, error)
         shapes = climatology.means.shape[1:], climatology.weights.shape, climatology.sky.shape
         expected = (24, len(QUANTITIES)), (LEADS, len(QUANTITIES), 3), (3,)
         if shapes != expected or len(climatology.means) != len(climatology.days):
-            msg = f"These settings are no climatology: its tables have the shapes {shapes} for {len(climatology.days)} days."
-            raise TaskError(msg)
+            refuse(f"These settings are no climatology: its tables have the shapes {shapes} for {len(climatology.days)} days.", TaskError)
         return climatology
 
     def check_for(self, task: TaskSpec) -> None:
@@ -173,8 +170,7 @@ class Climatology:
         if scored and self.task != task.id:
             reasons.append(f"it knows {', '.join(map(str, scored))}, which the task scores")
         if reasons:
-            msg = f"The climatology of {self.task} is not for {task.id}: {'; '.join(reasons)}. Make one: Climatology.of(task)."
-            raise TaskError(msg)
+            refuse(f"The climatology of {self.task} is not for {task.id}: {'; '.join(reasons)}. Make one: Climatology.of(task).", TaskError)
 
     def without_deviations(self) -> Climatology:
         """The mean days alone: nothing that is seen or forecast changes what is expected after the row of now."""
@@ -198,8 +194,7 @@ class Climatology:
         try:
             return cls.of_settings(json.loads(Path(path).read_text(encoding="utf-8")))
         except (OSError, ValueError) as error:
-            msg = f"There is no climatology in {path}: {reason_of(error)}."
-            raise TaskError(msg) from error
+            refuse(f"There is no climatology in {path}: {reason_of(error)}.", TaskError, error)
 
     def clear(self, times: Floats) -> Floats:
         """Radiation of a clear sky [W m-2] in rows of weather that begin at ``times``, seconds since 1970 UTC, of any shape."""
@@ -402,8 +397,7 @@ def _means(bare: Climatology, task: TaskSpec, seasons: list[_Season]) -> dict[st
     for place, centre in enumerate(days):
         near = np.abs(day - centre) <= REACH
         if not near.any():
-            msg = f"The years {bare.years} have no weather {centre:.0f} days into the season of {task.id}. Name others."
-            raise TaskError(msg)
+            refuse(f"The years {bare.years} have no weather {centre:.0f} days into the season of {task.id}. Name others.", TaskError)
         light = near & (clear > BRIGHT)
         share = values[light, 0].sum() / max(clear[light].sum(), 1.0)
         for of_day in range(24):

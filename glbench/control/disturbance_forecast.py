@@ -34,7 +34,7 @@ from glbench.env.memory_layout import DrawPlaces
 from glbench.env.outdoor import MEASURED, OutdoorSensors
 from glbench.env.spaces import the_task
 from glbench.env.weather_pool import DAYS_A_YEAR, HOURS_A_DAY
-from glbench.errors import TaskError, whole_number
+from glbench.errors import TaskError, refuse, whole_number
 from glbench.tasks.quantities import FORECAST
 from glbench.tasks.schedule import schedule_rows
 from glbench.tasks.vocabulary import WEEKDAYS
@@ -88,14 +88,12 @@ class Outlook:
         self._names = names = [column.name for column in task.observed()]
         missing = [name for name in MEASURED if name not in names]
         if missing:
-            msg = f"{task.id} does not show {', '.join(missing)}: an outlook needs the weather of now."
-            raise TaskError(msg)
+            refuse(f"{task.id} does not show {', '.join(missing)}: an outlook needs the weather of now.", TaskError)
         self._weather = [names.index(name) for name in MEASURED]
         by_module = (("hour_of_day", "day_of_year"), ("sin_hour_of_day", "cos_hour_of_day", "sin_day_of_year", "cos_day_of_year"))
         clock = next((columns for columns in by_module if all(name in names for name in columns)), None)
         if clock is None:
-            msg = f"{task.id} shows neither the hour of day nor the day of year: an outlook needs them. Add the module 'time'."
-            raise TaskError(msg)
+            refuse(f"{task.id} shows neither the hour of day nor the day of year: an outlook needs them. Add the module 'time'.", TaskError)
         self._clock_columns = [names.index(name) for name in clock]
         climatology.check_for(task)
         hours = task.observation.forecast_hours
@@ -115,8 +113,7 @@ class Outlook:
         predictable = ("iGlob", "tOut", "vpOut", "co2Out", "wind", "tSky", "tSoOut", *_UNUSED)
         odd = [name for name in task.model_value.disturbance_names if name not in predictable]
         if odd:
-            msg = f"The outlook knows nothing of {', '.join(odd)}, which acts on {task.model_id}."
-            raise TaskError(msg)
+            refuse(f"The outlook knows nothing of {', '.join(odd)}, which acts on {task.model_id}.", TaskError)
         model = ObservationModel(task)
         self._controls = model if model.control_columns is not None and any(entry.weekdays for entry in task.schedule) else None
         self._late, self._middles = task.observation.timing == "published", OutdoorSensors.of(task, DrawPlaces()).middles
@@ -174,8 +171,7 @@ class Outlook:
         """
         steps = whole_number(steps, "The number of steps ahead")
         if self._k < 0:
-            msg = "Nothing was observed yet: call update(observations) first."
-            raise TaskError(msg)
+            refuse("Nothing was observed yet: call update(observations) first.", TaskError)
         prices = {}
         if self._prices.tables and steps > 0:
             prices = self._prices.ahead(self._k, self._values(np.arange(steps) + self._lag)[0][..., _SUN_AND_WIND])

@@ -32,7 +32,7 @@ from glbench.env.memory_layout import DrawPlaces
 from glbench.env.outdoor import OutdoorSensors
 from glbench.env.spaces import the_task
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters
-from glbench.errors import ShapeError, StepError, TaskError, whole_number
+from glbench.errors import ShapeError, StepError, TaskError, refuse, whole_number
 from glbench.kernel import Kernel
 
 if TYPE_CHECKING:
@@ -101,8 +101,7 @@ class StateEstimator:
         self._restarts = restart
         self._model = ObservationModel(task)
         if not self._model.names:
-            msg = f"{task.id} shows nothing of the states of its model: there is nothing to estimate them from."
-            raise TaskError(msg)
+            refuse(f"{task.id} shows nothing of the states of its model: there is nothing to estimate them from.", TaskError)
         model = task.model_value
         self.kernel = Kernel(model, task.step_seconds, preset=preset)
         self.kernel.prepare(task.parameters())  # now, and not within the time of the first decision
@@ -210,16 +209,14 @@ class StateEstimator:
         d, expected = np.array(d, dtype=np.float64), (n, len(task.model_value.disturbance_names))
         if d.shape != expected:
             first = "call outlook.update(observations) first" if d.size == 0 else "a row for each run"
-            msg = f"Wrong shape of the disturbances of {task.id}: expected {expected}, got {d.shape}; {first}."
-            raise ShapeError(msg)
+            refuse(f"Wrong shape of the disturbances of {task.id}: expected {expected}, got {d.shape}; {first}.", ShapeError)
         if self._covariance.shape[1] == 0:
             self._start(d)
         else:
             if controls is not None:
                 u = np.array(controls, dtype=np.float64)
             elif self._model.control_columns is None:
-                msg = f"{task.id} does not show its controls: say which were in force, controls=..."
-                raise TaskError(msg)
+                refuse(f"{task.id} does not show its controls: say which were in force, controls=...", TaskError)
             else:
                 why = "Say which controls were in force: controls=..."
                 refuse_missing(readings, self._model.control_columns, task, self._names, why)

@@ -21,7 +21,7 @@ from glbench.control.stage import StageReward, judged_at_the_end, with_constrain
 from glbench.control.trust_region import LENGTHS, feasible, radius_shares, trust_region_step
 from glbench.env.air import AIR
 from glbench.env.spaces import the_task
-from glbench.errors import ShapeError, StepError, TaskError, UnknownNameError, did_you_mean, whole_number
+from glbench.errors import ShapeError, StepError, TaskError, UnknownNameError, did_you_mean, refuse, whole_number
 from glbench.kernel import Kernel
 from glbench.kernel.trajectories import RolloutError, Trajectory
 from glbench.untrusted import quoted
@@ -250,8 +250,7 @@ class PredictiveController:
         Raises ``ShapeError`` when the plan is over.
         """
         if self._at >= self._plan.shape[1]:
-            msg = f"The plan has {self._plan.shape[1]} steps, and all are taken: decide makes another one."
-            raise ShapeError(msg)
+            refuse(f"The plan has {self._plan.shape[1]} steps, and all are taken: decide makes another one.", ShapeError)
         self._at, self._steps_done = self._at + 1, self._steps_done + 1
         controls = self._plan[:, self._at - 1].copy()
         self._machines.follow(self._before, controls)
@@ -421,8 +420,7 @@ def _within(task: TaskSpec, margin: dict[str, float]) -> TaskSpec:
 def _at_least_one(value: int, what: str) -> int:
     number = whole_number(value, what)
     if number < 1:
-        msg = f"{what} is 1 or more; got {number}."
-        raise ShapeError(msg)
+        refuse(f"{what} is 1 or more; got {number}.", ShapeError)
     return number
 
 

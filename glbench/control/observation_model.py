@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from glbench.env.accounts import ByName
 from glbench.env.air import AIR, Sensors, air_quantities
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.kernel.tape import Recorder, TapeDerivatives
 
 if TYPE_CHECKING:
@@ -106,8 +106,7 @@ def checked_observations(task: TaskSpec, observations: Any, n: int, names: Seque
     values = np.array(observations, dtype=np.float64)
     expected = (n, len(names))
     if values.shape != expected:
-        msg = f"Wrong shape of the observations of {task.id}: expected {expected}, a row for each run; got {values.shape}."
-        raise TaskError(msg)
+        refuse(f"Wrong shape of the observations of {task.id}: expected {expected}, a row for each run; got {values.shape}.", TaskError)
     _refuse(np.isinf(values), task, names, "is infinite. If it is missing, pass NaN.")
     return values
 
@@ -122,5 +121,4 @@ def refuse_missing(observations: Floats, columns: Sequence[int] | NDArray[np.int
 
 def _refuse(wrong: NDArray[np.bool_], task: TaskSpec, names: Sequence[str], what: str) -> None:
     for run, column in np.argwhere(wrong).tolist():
-        msg = f"The reading of '{names[column]}' in row {run} of the observations of {task.id} {what}"
-        raise TaskError(msg)
+        refuse(f"The reading of '{names[column]}' in row {run} of the observations of {task.id} {what}", TaskError)

@@ -15,7 +15,7 @@ from glbench.env.program import calendar_columns
 from glbench.env.scenario import RunScenarios
 from glbench.env.simulation import read_only, run_parameters
 from glbench.env.spaces import checked_seed, the_task
-from glbench.errors import ShapeError, TaskError
+from glbench.errors import ShapeError, TaskError, refuse
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskSpec
@@ -114,8 +114,7 @@ def actions_of(task: TaskSpec, before: Floats, controls: Floats) -> Floats:
     if task.actuation.kind == "set_point":
         return controls[..., columns]
     if task.actuation.kind != "rate":
-        msg = f"A plan gives controls, and the actions of {task.id} are of the kind '{task.actuation.kind}'."
-        raise TaskError(msg)
+        refuse(f"A plan gives controls, and the actions of {task.id} are of the kind '{task.actuation.kind}'.", TaskError)
     change = controls[..., columns] - before[..., columns]
     for place, name in enumerate(task.actuation.controls):
         if name in task.on_off:

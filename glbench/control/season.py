@@ -24,7 +24,7 @@ from glbench.control.stage import StageReward, StageValues, judged_at_the_end
 from glbench.control.trust_region import LENGTHS, feasible, radius_shares, trust_region_step
 from glbench.env.program import calendar_columns
 from glbench.env.spaces import the_task
-from glbench.errors import GlbenchError, ShapeError, TaskError, whole_number
+from glbench.errors import GlbenchError, ShapeError, TaskError, refuse, whole_number
 from glbench.kernel import Kernel
 
 if TYPE_CHECKING:
@@ -123,8 +123,7 @@ class _Search:
         self.scenario, task = scenario, scenario.task
         shape = (task.steps, len(scenario.high))
         if controls.shape != shape or not np.isfinite(controls).all():
-            msg = f"The controls to begin with are finite and have the shape {shape}; got {controls.shape}."
-            raise ShapeError(msg)
+            refuse(f"The controls to begin with are finite and have the shape {shape}; got {controls.shape}.", ShapeError)
         self.task, self.near = task, judged_at_the_end(task)
         self.reward = StageReward(task)
         self.kernel = Kernel(task.model_value, task.step_seconds, preset=preset)
@@ -317,8 +316,7 @@ class EndValue:
         names = task.model_value.state_names
         missing = [name for name in self.states if name not in names]
         if missing:
-            msg = f"This end value is not for {task.id}: its model {task.model_id} has no {', '.join(missing)}."
-            raise TaskError(msg)
+            refuse(f"This end value is not for {task.id}: its model {task.model_id} has no {', '.join(missing)}.", TaskError)
         hour, days = (np.atleast_1d(np.asarray(moment, dtype=np.float64)) for moment in (hour_of_day, days_left))
         middles = np.arange(-_HOURS / 2.0, 24.0 + _HOURS, _HOURS)
         around = np.vstack([self.by_hour[-1:], self.by_hour, self.by_hour[:1]])
@@ -353,8 +351,7 @@ def money_in_reward(task: TaskSpec) -> float:
     stage = StageReward(task)(states, controls, calendar)
     earned, reward = (float(a[1, 0] - a[0, 0]) for a in (stage.epi, stage.reward))
     if earned == 0.0 or reward == 0.0:
-        msg = f"An end value counts money, which does not count in the reward of {task.id}."
-        raise TaskError(msg)
+        refuse(f"An end value counts money, which does not count in the reward of {task.id}.", TaskError)
     return reward / earned
 
 

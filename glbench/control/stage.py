@@ -17,7 +17,7 @@ from glbench.env import REWARDS
 from glbench.env.air import AIR, air_quantities
 from glbench.env.program import calendar_columns, info_columns, record_quantities
 from glbench.env.spaces import the_task
-from glbench.errors import GlbenchError, ShapeError, TaskError
+from glbench.errors import GlbenchError, ShapeError, TaskError, refuse
 from glbench.kernel.tape import Read, Recorder, Source, TapeDerivatives, Target
 from glbench.model import Model
 
@@ -92,8 +92,7 @@ class StageReward:
             msg = f"The reward of {task.id} has no derivatives: {registered} is Python that somebody registered. Others have: {shipped}."
             raise TaskError(msg)
         if not (np.isfinite(smoothing) and smoothing >= 0.0):
-            msg = f"The smoothing is a finite share of the distance between two limits, 0 or more; got {smoothing!r}."
-            raise ShapeError(msg)
+            refuse(f"The smoothing is a finite share of the distance between two limits, 0 or more; got {smoothing!r}.", ShapeError)
         first = info_columns(task)
         columns = {quantity.name: first + place for place, quantity in enumerate(task.quantities)}
         widths = {
@@ -206,11 +205,9 @@ def air_of(model: Model, states: ArrayLike) -> AirAlong:
     """
     x = np.asarray(states, dtype=np.float64)
     if model.air is None:
-        msg = f"{model.id} has no air: its `air` is None."
-        raise GlbenchError(msg)
+        refuse(f"{model.id} has no air: its `air` is None.", GlbenchError)
     if x.shape[-1:] != (len(model.states),):
-        msg = f"The states have shape {x.shape}; the last axis must have the {len(model.states)} states of {model.id}."
-        raise ShapeError(msg)
+        refuse(f"The states have shape {x.shape}; the last axis must have the {len(model.states)} states of {model.id}.", ShapeError)
     values, gradient = np.empty((*x.shape[:-1], len(AIR))), np.zeros((*x.shape[:-1], len(AIR), x.shape[-1]))
     for place, column in enumerate(_air(model)(lambda source, index: x[..., index], {"after": gradient})):
         values[..., place] = column

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from glbench.env.memory_layout import MemoryLayout
 from glbench.env.random import UNIFORMS_PER_NORMAL, approx_normal
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.kernel.tape import Recorder, Tape, with_simplification
 from glbench.model import co2_ppm, relative_humidity
 from glbench.quantities import AIR as _AIR
@@ -113,8 +113,7 @@ class Sensors:
         if table is None:
             return Sensors((), 0.0, 0.0, task.steps)
         if not task.model_value.air:
-            msg = f"{task.source}: [sensors] {task.model_id} has no air that a sensor could measure. Leave the table out."
-            raise TaskError(msg)
+            refuse(f"{task.source}: [sensors] {task.model_id} has no air that a sensor could measure. Leave the table out.", TaskError)
         model, horizon = task.model_value, task.observation_context().horizon
         columns = [column for module in model.observation_modules for column in model.observed(module, horizon) or ()]
         bounds = {  # of the columns in which the model can show each quantity of its air
@@ -122,8 +121,7 @@ class Sensors:
         }
         for name in dict(table.items()):
             if name not in bounds:
-                msg = f"{task.source}: [sensors.{name}] {task.model_id} never shows '{name}'. Leave the table out."
-                raise TaskError(msg)
+                refuse(f"{task.source}: [sensors.{name}] {task.model_id} never shows '{name}'. Leave the table out.", TaskError)
         sensors = tuple(
             Sensor(name, list(AIR).index(name), entry.noise, entry.bias, entry.drift, *bounds[name]) for name, entry in table.items()
         )

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from glbench.env.accounts import make_accounts
 from glbench.env.scenario import RunScenarios
 from glbench.env.simulation import Simulation
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.registration import BEHAVIOUR_NAME
 from glbench.resources import write_atomically
 from glbench.tasks.card import task_card
@@ -89,8 +89,7 @@ def check_behaviour(task: TaskSpec) -> None:
     """
     locked = read_behaviour().get(task.id)
     if locked is None:
-        msg = f"{BEHAVIOUR_WORDS} has no entry for {task.id}. Add it with `glbench tasks lock`."
-        raise TaskError(msg)
+        refuse(f"{BEHAVIOUR_WORDS} has no entry for {task.id}. Add it with `glbench tasks lock`.", TaskError)
     numbers = behaviour(task)
     differences = []
     for name, number in locked.items():  # what was not measured when the task was published is not compared
@@ -141,8 +140,7 @@ def read_behaviour() -> Mapping[str, Mapping[str, float]]:
             for task_id, groups in content.items()
         }
     except (OSError, ValueError, TypeError, AttributeError) as error:
-        msg = f"Cannot read {path}: {error}. Restore the file, or install glbench again."
-        raise TaskError(msg) from error
+        refuse(f"Cannot read {path}: {error}. Restore the file, or install glbench again.", TaskError, error)
 
 
 class _FixedStep:

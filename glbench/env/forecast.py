@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from glbench.env.random import ar1_paths
 from glbench.env.uncertainty import season_key
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.tasks.quantities import FORECAST
 from glbench.weather.generator import calendar_days, clear_sky
 
@@ -79,8 +79,7 @@ class ForecastTable:
             return None
         step = task.weather.step_seconds
         if HOUR % step:
-            msg = f"{task.source}: [observation.forecast] goes by the hour; step_seconds = {step} does not divide it. Use 900."
-            raise TaskError(msg)
+            refuse(f"{task.source}: [observation.forecast] goes by the hour; step_seconds = {step} does not divide it. Use 900.", TaskError)
         reach = -(-hours[-1] // 24) * task.steps_per_day
         table = task.observation.forecast
         assert table is not None  # tasks with hours have it

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from glbench.env.forecast import ForecastTable
 from glbench.env.random import ar1_paths, uniforms
 from glbench.env.uncertainty import season_key
-from glbench.errors import GlbenchError, TaskError
+from glbench.errors import GlbenchError, TaskError, refuse
 from glbench.weather import COLUMNS, GeneratedSeason, SeasonGenerator, disturbances
 from glbench.weather.preprocessing import co2_density
 
@@ -61,8 +61,7 @@ class SeasonMaker:
         try:
             self._generator = SeasonGenerator(task.season_record(), generated.years)
         except GlbenchError as error:
-            msg = f"{task.source}: [splits.{task.split}] {error}"
-            raise TaskError(msg) from error
+            refuse(f"{task.source}: [splits.{task.split}] {error}", TaskError, error)
 
     def start_days(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
         """Days from the first possible day to the first day of each season; the first m of them are spread evenly, for every m."""

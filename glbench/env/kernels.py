@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.errors import GlbenchError, UnknownNameError, did_you_mean
+from glbench.errors import GlbenchError, UnknownNameError, did_you_mean, refuse
 
 if TYPE_CHECKING:
     from glbench.kernel import Kernel, StepFailure
@@ -57,12 +57,10 @@ def check_kernel(kernel: object, task: TaskSpec) -> None:
         if isinstance(kernel, str):
             if kernel in PRESETS:
                 return
-            msg = f"There is no kernel preset '{kernel}'.{did_you_mean(kernel, PRESETS)}"
-            raise UnknownNameError(msg)
+            refuse(f"There is no kernel preset '{kernel}'.{did_you_mean(kernel, PRESETS)}", UnknownNameError)
         presets = ", ".join(f"'{name}'" for name in PRESETS)
         example = f"Kernel(task.model_value, {task.step_seconds:g})"
-        msg = f"The kernel is the name of a preset ({presets}) or a Kernel, such as {example}; got {kernel!r}."
-        raise GlbenchError(msg)
+        refuse(f"The kernel is the name of a preset ({presets}) or a Kernel, such as {example}; got {kernel!r}.", GlbenchError)
     model = task.model_value
     own = getattr(kernel, "model", model)
     for name, value, expected in (

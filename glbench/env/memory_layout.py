@@ -17,7 +17,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +54,7 @@ def allocate(**requests: Mapping[str, float]) -> MemoryLayout:
         parts[part] = MappingProxyType({name: len(start) + place for place, name in enumerate(numbers)})
         for name, value in numbers.items():
             if not np.isfinite(value):
-                msg = f"'{name}' of the {part} starts at {value!r}. The memory of a run starts with finite numbers."
-                raise TaskError(msg)
+                refuse(f"'{name}' of the {part} starts at {value!r}. The memory of a run starts with finite numbers.", TaskError)
             start.append(float(value))
     array = np.array(start, dtype=np.float64)
     array.flags.writeable = False

@@ -25,7 +25,7 @@ from glbench.env.forecast import HOUR
 from glbench.env.numpy_environments import ObservationInputs
 from glbench.env.outdoor import MEASURED
 from glbench.env.weather_pool import CLOCK, WeatherTables
-from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
 from glbench.kernel.environment import Lookup
 from glbench.model import ObservedColumn
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
@@ -121,14 +121,12 @@ def column_sources(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Co
         if name in _SOURCES:
             return _SOURCES[name](task, tables)
         names = (*_MAKERS, *_SOURCES, *model.observation_modules)
-        msg = f"There is no observation module called '{name}'.{did_you_mean(name, names)}"
-        raise UnknownNameError(msg)
+        refuse(f"There is no observation module called '{name}'.{did_you_mean(name, names)}", UnknownNameError)
     air = list(AIR) if model.air else []
     sources: list[ColumnSource] = []
     for column in columns:
         if column.of_air is not None and not model.air:
-            msg = f"{model.id} shows '{column.name}' of its air, and has none."
-            raise TaskError(msg)
+            refuse(f"{model.id} shows '{column.name}' of its air, and has none.", TaskError)
         if column.of is not None or column.of_air is not None or column.today is not None:
             sources.append(column)
         elif column.source in air:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from glbench.env.air import air_quantities
 from glbench.env.memory_layout import DrawPlaces
 from glbench.env.random import UNIFORMS_PER_NORMAL, approx_normal
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.kernel.tape import Recorder
 from glbench.quantities import OUTDOOR
 from glbench.tasks.tables import PROCESS_COMPUTER, OffsetSensorTable, ScaledSensorTable
@@ -56,8 +56,7 @@ class OutdoorSensors:
         """
         table, modules = task.outdoor_sensors, task.observation.modules
         if table is not None and task.actuation.kind != PROCESS_COMPUTER and not {"weather", "light_today"} & {*modules}:
-            msg = f"{task.source}: [outdoor_sensors] nobody reads them. Leave the table out, or add the module 'weather'."
-            raise TaskError(msg)
+            refuse(f"{task.source}: [outdoor_sensors] nobody reads them. Leave the table out, or add the module 'weather'.", TaskError)
         return OutdoorSensors({} if table is None else dict(table.items()), places)
 
     @property

@@ -25,7 +25,7 @@ from glbench.env.rewards import REWARDS, StepOutcome, make_reward
 from glbench.env.scenario import RunScenarios
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters
 from glbench.env.weather_pool import CLOCK, WeatherPool, WeatherTables
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.kernel.environment import Lookup, ParameterNoise, Program
 from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, with_simplification
 from glbench.model import Air, humidity_deficit
@@ -286,8 +286,7 @@ def _observation(
                 recorder.output("observation", at, value)
                 at += 1
     if at != len(task.observed()):
-        msg = f"{task.id} announces {len(task.observed())} observed columns, its modules have {at}."
-        raise TaskError(msg)
+        refuse(f"{task.id} announces {len(task.observed())} observed columns, its modules have {at}.", TaskError)
     return tuple(lookups), tuple(parts), at
 
 

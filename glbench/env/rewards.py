@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.registries import PartRegistry
-from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
 from glbench.tasks.vocabulary import REWARD_MODULES
 
 if TYPE_CHECKING:
@@ -111,8 +111,7 @@ def _scaled_epi(task: TaskSpec, accounts: Accounts) -> RewardPart:
     lowest = accounts.lowest_epi
     span = accounts.highest_epi - lowest
     if span == 0.0:
-        msg = f"{task.id} scales the EPI, but all its prices are 0. Give it prices, or take another reward module."
-        raise TaskError(msg)
+        refuse(f"{task.id} scales the EPI, but all its prices are 0. Give it prices, or take another reward module.", TaskError)
     return lambda outcome: (outcome["epi"] - lowest) / span
 
 

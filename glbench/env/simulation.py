@@ -20,7 +20,7 @@ from glbench.env.program import air_columns, info_columns, make_program
 from glbench.env.scenario import RunScenarios
 from glbench.env.snapshot import Snapshot
 from glbench.env.spaces import checked_seed, no_generators, the_task
-from glbench.errors import GlbenchError, ShapeError, TaskError
+from glbench.errors import GlbenchError, ShapeError, TaskError, refuse
 from glbench.kernel.environment import Environments
 from glbench.kernel.records import all_finite
 from glbench.kernel.tape import Tape
@@ -77,8 +77,7 @@ def check_runs(n: int) -> None:
     Raises ``ShapeError`` when it is not a whole number, or less than one.
     """
     if not isinstance(n, int | np.integer) or isinstance(n, bool) or n < 1:
-        msg = f"A simulation has a whole number of runs, at least one; got {n!r}."
-        raise ShapeError(msg)
+        refuse(f"A simulation has a whole number of runs, at least one; got {n!r}.", ShapeError)
 
 
 def run_parameters(task: TaskSpec, seed: int) -> Floats:
@@ -273,11 +272,9 @@ class Simulation:
         places = self._rows(rows)
         numbers = [checked_seed(seed) for seed in seeds]
         if len(numbers) != len(places):
-            msg = f"reset got {len(numbers)} seeds for {len(places)} runs. Give one seed a run."
-            raise ShapeError(msg)
+            refuse(f"reset got {len(numbers)} seeds for {len(places)} runs. Give one seed a run.", ShapeError)
         if rows is not None and not self._ready:
-            msg = "Some runs cannot be reset before all were: call reset with one seed for each run first."
-            raise GlbenchError(msg)
+            refuse("Some runs cannot be reset before all were: call reset with one seed for each run first.", GlbenchError)
         all_seeds = self.seeds.copy()
         all_seeds[places] = np.array(numbers, dtype=np.uint64)
         self.seeds = read_only(all_seeds)
@@ -396,8 +393,7 @@ class Simulation:
             )
             raise TaskError(msg)
         if snapshot.n != self.n:
-            msg = f"The snapshot has {snapshot.n} rows, the simulation {self.n}. Choose rows with snapshot.take([...])."
-            raise ShapeError(msg)
+            refuse(f"The snapshot has {snapshot.n} rows, the simulation {self.n}. Choose rows with snapshot.take([...]).", ShapeError)
         self._continue(snapshot, None)
         return self.observe()
 
@@ -482,14 +478,12 @@ class Simulation:
 
     def _check_ready(self) -> None:
         if not self._ready:
-            msg = "Nothing was started yet: call reset first."
-            raise GlbenchError(msg)
+            refuse("Nothing was started yet: call reset first.", GlbenchError)
 
     def _check_running(self) -> None:
         self._check_ready()
         if self.over == self.n:
-            msg = "Every run has ended. Call reset to start new ones."
-            raise GlbenchError(msg)
+            refuse("Every run has ended. Call reset to start new ones.", GlbenchError)
 
 
 def _split(task: TaskSpec) -> str:

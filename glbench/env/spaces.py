@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from glbench.env.actuation import action_bounds
 from glbench.env.snapshot import Snapshot
-from glbench.errors import GlbenchError, ShapeError, did_you_mean
+from glbench.errors import GlbenchError, ShapeError, did_you_mean, refuse
 from glbench.tasks import Normalisation, TaskSpec, get_task
 from glbench.tasks.record import PREVIEW
 
@@ -89,8 +89,7 @@ def check_names(options: Mapping[str, Any] | None, names: tuple[str, ...]) -> Ma
     options = options or {}
     for name in options:
         if name not in names:
-            msg = f"reset has no option called '{name}'.{did_you_mean(name, names)}"
-            raise GlbenchError(msg)
+            refuse(f"reset has no option called '{name}'.{did_you_mean(name, names)}", GlbenchError)
     return options
 
 
@@ -103,11 +102,9 @@ def state_option(options: Mapping[str, Any], seed: object) -> Snapshot | None:
     if snapshot is None:
         return None
     if not isinstance(snapshot, Snapshot):
-        msg = f"The option 'state' is a {type(snapshot).__name__}; expected what snapshot() or Snapshot.from_bytes gave."
-        raise GlbenchError(msg)
+        refuse(f"The option 'state' is a {type(snapshot).__name__}; expected what snapshot() or Snapshot.from_bytes gave.", GlbenchError)
     if seed is not None or options.get(RESET_MASK) is not None:
-        msg = "A snapshot brings its own seeds and rows: call reset with the option 'state' and nothing else."
-        raise GlbenchError(msg)
+        refuse("A snapshot brings its own seeds and rows: call reset with the option 'state' and nothing else.", GlbenchError)
     return snapshot
 
 
@@ -120,8 +117,7 @@ def mask_option(options: Mapping[str, Any], n: int) -> NDArray[np.bool_]:
     if mask is None:
         return np.ones(n, dtype=np.bool_)
     if not isinstance(mask, np.ndarray) or mask.shape != (n,) or mask.dtype != np.bool_ or not mask.any():
-        msg = f"The option 'reset_mask' must be an array of {n} booleans, at least one of them true; it is {mask!r}."
-        raise ShapeError(msg)
+        refuse(f"The option 'reset_mask' must be an array of {n} booleans, at least one of them true; it is {mask!r}.", ShapeError)
     return mask
 
 
@@ -135,8 +131,7 @@ def checked_seed(seed: object) -> int:
     except TypeError:
         number = -1
     if not 0 <= number <= LARGEST_SEED:
-        msg = f"The seed {seed!r} is not a whole number from 0 to 2**64 - 1."
-        raise GlbenchError(msg)
+        refuse(f"The seed {seed!r} is not a whole number from 0 to 2**64 - 1.", GlbenchError)
     return number
 
 

@@ -18,7 +18,7 @@ from glbench.env.info import InfoWriter, add_failures, add_objects
 from glbench.env.kernels import SCORING_PRESET, check_kernel
 from glbench.env.rendering import PICTURES, Camera, checked_render_mode, panel
 from glbench.env.simulation import Simulation, check_runs
-from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean, whole_number
+from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean, refuse, whole_number
 from glbench.kernel import make_kernel
 from glbench.tasks import Normalisation
 
@@ -96,8 +96,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         if not isinstance(autoreset_mode, AutoresetMode):
             modes = {mode.value: mode for mode in AutoresetMode}
             if autoreset_mode not in modes:
-                msg = f"There is no autoreset mode {autoreset_mode!r}.{did_you_mean(str(autoreset_mode), modes)}"
-                raise UnknownNameError(msg)
+                refuse(f"There is no autoreset mode {autoreset_mode!r}.{did_you_mean(str(autoreset_mode), modes)}", UnknownNameError)
             autoreset_mode = modes[autoreset_mode]
         self.autoreset_mode = autoreset_mode
         self.metadata = {**GreenhouseEnv.metadata, "autoreset_mode": self.autoreset_mode}
@@ -151,8 +150,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         seeds: list[int | None] = [None] * self.num_envs
         if isinstance(seed, Sequence | np.ndarray):
             if len(seed) != self.num_envs:
-                msg = f"reset got {len(seed)} seeds for {self.num_envs} environments. Give one seed an environment."
-                raise ShapeError(msg)
+                refuse(f"reset got {len(seed)} seeds for {self.num_envs} environments. Give one seed an environment.", ShapeError)
             seeds = [None if one is None else spaces.checked_seed(one) for one in seed]
         elif seed is not None:
             first = spaces.checked_seed(seed)
@@ -173,8 +171,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         if any_over:
             if self.autoreset_mode is not AutoresetMode.NEXT_STEP:
                 rows = np.flatnonzero(over).tolist()
-                msg = f"The episodes of rows {rows} have ended. Reset them with the option 'reset_mask'."
-                raise GlbenchError(msg)
+                refuse(f"The episodes of rows {rows} have ended. Reset them with the option 'reset_mask'.", GlbenchError)
             if over.all():  # every row starts a new episode
                 observations = self._start(np.arange(self.num_envs))
                 self._result = None

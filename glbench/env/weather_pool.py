@@ -22,7 +22,7 @@ from glbench.env.forecast import HOUR, ForecastTable
 from glbench.env.generated import SeasonMaker
 from glbench.env.random import ar1_paths
 from glbench.env.uncertainty import season_key
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.model import vapour_density
 from glbench.tasks.prices import SeasonOfPrices, day_ahead, local_times, price_rows
 from glbench.tasks.schedule import schedule_rows
@@ -99,8 +99,7 @@ class SeasonPrices:
         step = task.weather.step_seconds
         by_hour = [*(f"price_tables.{name}" for name in markets), *(["observation.day_ahead"] if ahead is not None else [])]
         if by_hour and HOUR % step:
-            msg = f"{task.source}: [{by_hour[0]}] is hourly; step_seconds = {step} does not divide an hour. Use 900."
-            raise TaskError(msg)
+            refuse(f"{task.source}: [{by_hour[0]}] is hourly; step_seconds = {step} does not divide an hour. Use 900.", TaskError)
         coming = 0 if ahead is None or DAY_AHEAD not in modules else len(ahead.prices) * len(ahead.hours)
         return SeasonPrices(task, max(HOUR // step, 1), (len(tables) if PRICES in modules else 0, coming), bool(markets))
 

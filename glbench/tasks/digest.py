@@ -120,12 +120,10 @@ def fingerprint_of(task: ResolvedTask) -> Fingerprint:
     for name in task.actuation.controls:
         with task.errors_in("actuation"):
             if name not in model.control_names:
-                msg = f"There is no control called '{name}'.{did_you_mean(name, model.control_names)}"
-                raise UnknownNameError(msg)
+                refuse(f"There is no control called '{name}'.{did_you_mean(name, model.control_names)}", UnknownNameError)
     _ = task.scenario, task.ledger, task.scheduled_places, task.initial_controls  # what is unknown is an error before anything is recorded
     if model.air is None and task.constraints.items():
-        msg = f"{task.source}: [constraints] {model.id} has no air whose climate could be limited. Leave the table out."
-        raise TaskError(msg)
+        refuse(f"{task.source}: [constraints] {model.id} has no air whose climate could be limited. Leave the table out.", TaskError)
     parts = _parts(task)
     named = {name: canonical_sha256(part) for name, part in parts.items() if name in Fingerprint.PARTS}
     return Fingerprint(digest=canonical_sha256(parts), **named, model_version=model.version)
@@ -225,8 +223,7 @@ def _read(path: Path, _modified: int, _size: int) -> Mapping[str, LockEntry]:
             entries[task_id] = LockEntry(task_id, entry["file"], Fingerprint(**{name: entry[name] for name in names}))
         return MappingProxyType(entries)
     except (OSError, ValueError) as error:
-        msg = f"Cannot read {path}: {error}. Restore the file, or install glbench again."
-        raise TaskError(msg) from error
+        refuse(f"Cannot read {path}: {error}. Restore the file, or install glbench again.", TaskError, error)
 
 
 def write_lock(entries: Mapping[str, LockEntry], path: Path) -> None:

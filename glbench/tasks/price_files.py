@@ -17,7 +17,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
 
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.outside_tables import (
     DAY,
     HOUR,
@@ -246,8 +246,7 @@ def _conversion(table: TextTable, title: str, unit: object, file_unit: object) -
     target = None if unit is None else _UNIT.search(str(unit))
     if match is None:
         if file_unit is not None:
-            msg = f"{table.file}: '{visible(str(file_unit))}' is not a unit of prices such as EUR/MWh, ct/kWh or EUR/m3."
-            raise TaskError(msg)
+            refuse(f"{table.file}: '{visible(str(file_unit))}' is not a unit of prices such as EUR/MWh, ct/kWh or EUR/m3.", TaskError)
         if unit is None:
             table.refuse('neither the file nor the price table has a unit: write unit = "EUR kWh-1" in the table.')
         if len(table.titles) > 2 or title.lower() != "price":

@@ -111,8 +111,7 @@ def _read(path: Path, _changed: int, _size: int) -> BestKnown:
     try:
         return BestKnown.model_validate_json(path.read_bytes())
     except (OSError, ValidationError) as error:
-        msg = f"{path} cannot be used: {error}. `glbench tasks references --write` makes it again from the results."
-        raise TaskError(msg) from error
+        refuse(f"{path} cannot be used: {error}. `glbench tasks references --write` makes it again from the results.", TaskError, error)
 
 
 def write_best_known(best: BestKnown) -> Path:
@@ -193,8 +192,7 @@ def _entries(path: Path, kind: type[Entry], advice: str) -> Mapping[str, Entry]:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
         return {task_id: kind.model_validate(entry) for task_id, entry in data.items()}
     except (OSError, ValueError, RecursionError) as error:
-        msg = f"{path} cannot be used: {error}. {advice}"
-        raise TaskError(msg) from error
+        refuse(f"{path} cannot be used: {error}. {advice}", TaskError, error)
 
 
 def write_references(references: Mapping[str, References]) -> Path:

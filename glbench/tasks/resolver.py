@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import ParameterError, TaskError, UnknownNameError, WeatherError, did_you_mean
+from glbench.errors import ParameterError, TaskError, UnknownNameError, WeatherError, did_you_mean, refuse
 from glbench.quantities import MONEY
 from glbench.tasks.ledger import FLOW, STOCK, TRAVEL, Beyond, Ledger, LedgerItem, StepQuantity, step_quantities
 from glbench.tasks.quantities import Capacity, ObservationContext, Quantity, capacities, of_model
@@ -147,8 +147,7 @@ class ResolvedTask(TaskRecord):
 
                 limits = {limit_parameter(name, side): getattr(entry, side) for name, entry in self.constraints.items() for side in SIDES}
             for name in limits.keys() & overrides.keys():
-                msg = f"'{name}' is a limit of the task: state it in [constraints]."
-                raise ParameterError(msg)
+                refuse(f"'{name}' is a limit of the task: state it in [constraints].", ParameterError)
             return _read_only(self.model_value.parameters.default(self.model.parameters, overrides | limits))
 
     def parameters_by_name(self) -> dict[str, float]:
@@ -167,12 +166,10 @@ class ResolvedTask(TaskRecord):
                 return values.drawn_set(names)
             for name in names:
                 if name not in values.names:
-                    msg = f"There is no parameter called '{name}'.{did_you_mean(name, values.names)}"
-                    raise UnknownNameError(msg)
+                    refuse(f"There is no parameter called '{name}'.{did_you_mean(name, values.names)}", UnknownNameError)
                 info = values.info(name)
                 if info.is_derived:
-                    msg = f"'{name}' follows from other parameters ({name} = {info.formula}): list those instead."
-                    raise ParameterError(msg)
+                    refuse(f"'{name}' follows from other parameters ({name} = {info.formula}): list those instead.", ParameterError)
         return names
 
     def initial_state(self) -> FloatArray:
@@ -194,16 +191,14 @@ class ResolvedTask(TaskRecord):
         with self.errors_in("initial_state"):
             for name, value, unit in self.initial.controls:
                 if name not in self.actuation.controls or name not in names:
-                    msg = f"controls: the agent moves no control '{name}'.{did_you_mean(name, self.actuation.controls)}"
-                    raise UnknownNameError(msg)
+                    refuse(f"controls: the agent moves no control '{name}'.{did_you_mean(name, self.actuation.controls)}", UnknownNameError)
                 if name in self.on_off or name in self.actuators:
                     msg = f"controls: {name} starts at 0, because it is off or on or its actuator is not ideal. Leave it out."
                     raise ParameterError(msg)
                 place = names.index(name)
                 one = capacities[place]
                 if unit != one.unit or not 0.0 <= value <= one.at_one:
-                    msg = f"controls.{name} = {value:g} {unit} is not allowed. It must be 0 to {one.at_one:g} {one.unit}."
-                    raise ParameterError(msg)
+                    refuse(f"controls.{name} = {value:g} {unit} is not allowed. It must be 0 to {one.at_one:g} {one.unit}.", ParameterError)
                 controls[place] = value / one.at_one
         return _read_only(controls)
 
@@ -291,8 +286,7 @@ class ResolvedTask(TaskRecord):
                 if late:
                     parts.append(f"{late} days by which it may start later (scenario.start_within_days = {late}; 0 needs none)")
                 parts.append(f"{ahead:.2g} days beyond its end, which are observed or forecast")
-                msg = f"{error} What was asked for is {', '.join(parts)}."
-                raise WeatherError(msg) from error
+                refuse(f"{error} What was asked for is {', '.join(parts)}.", WeatherError, error)
 
     # What the agent does and observes.
 
@@ -314,8 +308,7 @@ class ResolvedTask(TaskRecord):
         for module in self.observation.modules:
             for quantity in self.observed_by(module):
                 if quantity.name in columns:
-                    msg = f"{self.source}: [observation] '{quantity.name}' of '{module}' is shown by another module already."
-                    raise TaskError(msg)
+                    refuse(f"{self.source}: [observation] '{quantity.name}' of '{module}' is shown by another module already.", TaskError)
                 columns[quantity.name] = quantity
         return tuple(columns.values())
 
@@ -373,14 +366,12 @@ class ResolvedTask(TaskRecord):
             sources: dict[str, tuple[str, float]] = {}
             for item in items:
                 if sources.setdefault(item.amount, (item.flow, item.factor)) != (item.flow, item.factor):
-                    msg = f"The amount '{item.amount}' is two things. Give one of them another name: amount = ..."
-                    raise UnknownNameError(msg)
+                    refuse(f"The amount '{item.amount}' is two things. Give one of them another name: amount = ...", UnknownNameError)
             limited = (name for name, _ in self.constraints.items())
             names = [quantity.name for quantity in step_quantities(ledger, limited, extra=(TRAVEL,))]
             for name in names:
                 if names.count(name) > 1:
-                    msg = f"'{name}' is the name of two columns. Give one of them another name."
-                    raise UnknownNameError(msg)
+                    refuse(f"'{name}' is the name of two columns. Give one of them another name.", UnknownNameError)
         return ledger
 
     def _item(self, name: str, table: ItemTable) -> LedgerItem:
@@ -389,8 +380,7 @@ class ResolvedTask(TaskRecord):
         kind, source = ("flow", table.flow) if table.flow is not None else ("stock", table.stock)
         entries: dict[str, Any] = {entry.name: entry for entry in getattr(self.model_value, f"{kind}s")()}
         if source is None or source not in entries:
-            msg = f"{self.model_id} has no {kind} '{source}'.{did_you_mean(str(source), entries)}"
-            raise UnknownNameError(msg)
+            refuse(f"{self.model_id} has no {kind} '{source}'.{did_you_mean(str(source), entries)}", UnknownNameError)
         entry = entries[source]
         amount, unit = table.amount or (source if kind == "flow" else f"{source}_gained"), entry.unit
         amount_unit = table.unit or unit
@@ -407,8 +397,7 @@ class ResolvedTask(TaskRecord):
             msg = f"A price in {price_unit} times an amount in {amount_unit} is not in {MONEY}. Correct the unit of one of them."
             raise ParameterError(msg)
         if table.factor == 1.0 and other != parse_unit(unit):
-            msg = f"'{source}' is in {unit}, the amount in {amount_unit}: give the factor between them."
-            raise ParameterError(msg)
+            refuse(f"'{source}' is in {unit}, the amount in {amount_unit}: give the factor between them.", ParameterError)
         beyond = None if table.beyond is None else self._beyond(table, table.beyond, amount_unit, str(price_unit), entry)
         return LedgerItem(
             name, source, amount, amount_unit, table.factor, table.price, 1 if table.side == "earned" else -1,
@@ -430,8 +419,7 @@ class ResolvedTask(TaskRecord):
             raise ParameterError(msg)
         for what, unit, item_unit in (("amount", beyond.amount_unit, amount_unit), ("price", beyond.price_unit, price_unit)):
             if unit != item_unit:
-                msg = f"beyond: its {what} is in {unit}, that of the item in {item_unit}. Write both in one unit."
-                raise ParameterError(msg)
+                refuse(f"beyond: its {what} is in {unit}, that of the item in {item_unit}. Write both in one unit.", ParameterError)
         return Beyond(beyond.amount, beyond.price)
 
     @cached_property
@@ -474,8 +462,7 @@ class ResolvedTask(TaskRecord):
         names_of_all = [name for one in groups for name in one.parameters]
         for name in names_of_all:
             if names_of_all.count(name) > 1:
-                msg = f"{self.source}: [scenario.parameters] '{name}' is in two groups. Keep it in one."
-                raise TaskError(msg)
+                refuse(f"{self.source}: [scenario.parameters] '{name}' is in two groups. Keep it in one.", TaskError)
         split = self.split_table
         salt, generated, source = scenario.salt, None, weather.source
         years = scenario.years if split is None else split.years

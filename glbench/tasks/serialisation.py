@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from glbench.errors import TaskError, did_you_mean
+from glbench.errors import TaskError, did_you_mean, refuse
 from glbench.registration import task_ids
 from glbench.settings import Problem, field_of, problems_of, table_at
 from glbench.tasks.inheritance import WITHOUT, TaskTables, as_written, check_plain, inherit, take_over_prices
@@ -152,8 +152,7 @@ def changed_tables(base: Mapping[str, Any], base_id: str, *changes: Mapping[str,
     tables: dict[str, Any] = {}
     for change in changes:
         if not isinstance(change, Mapping):
-            msg = f'{own_id}: changes of a task are a mapping such as {{"weather.days": 30}}; got {change!r}.'
-            raise TaskError(msg)
+            refuse(f'{own_id}: changes of a task are a mapping such as {{"weather.days": 30}}; got {change!r}.', TaskError)
         for key, value in _nested(change, names_to_drop, "").items():
             _add(tables, key, value, "")
     own = {"id": own_id, "title": f"{base['title']}, changed", **tables}
@@ -176,8 +175,7 @@ def _nested(changes: Mapping[str, Any], names_to_drop: list[str], prefix: str) -
     nested: dict[str, Any] = {}
     for key, value in changes.items():
         if not isinstance(key, str) or not all(key.split(".")):
-            msg = f'{prefix}{key!r} is not a key of a task. A key is text such as "weather.days".'
-            raise TaskError(msg)
+            refuse(f'{prefix}{key!r} is not a key of a task. A key is text such as "weather.days".', TaskError)
         first, _, rest = key.partition(".")
         if value is None and not rest:
             names_to_drop.append(f"{prefix}{first}")
@@ -200,8 +198,7 @@ def _add(table: dict[str, Any], key: str, value: Any, prefix: str) -> None:
         for inner, entry in value.items():
             _add(there, inner, entry, f"{prefix}{key}.")
     elif key in table:
-        msg = f"{prefix}{key} is given twice. Keep one of the two."
-        raise TaskError(msg)
+        refuse(f"{prefix}{key} is given twice. Keep one of the two.", TaskError)
     else:
         table[key] = value
 

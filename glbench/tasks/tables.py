@@ -789,8 +789,7 @@ class TaskFile2(TaskFile):
         Raises ``TaskError`` when the record is an unchecked copy, which no file defines.
         """
         if self._content is None:
-            msg = f"{source} is a changed copy of a task, which nothing checked. Make it with replace, or write it as a file."
-            raise TaskError(msg)
+            refuse(f"{source} is a changed copy of a task, which nothing checked. Make it with replace, or write it as a file.", TaskError)
         return copy.deepcopy(dict(self._content))
 
     def with_tables(self, update: Mapping[str, Any]) -> TaskFile2:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
 from glbench.tasks import quantities as tables
 from glbench.tasks.quantities import Action, QuantityTable
 
@@ -44,8 +44,7 @@ class Registry(Generic[Entry]):
         Raises ``TaskError`` when the name is taken: a word of the vocabulary never changes its meaning within a process.
         """
         if entry.name in self._entries:
-            msg = f"There is a {self.kind} called '{entry.name}' already. Give the new one another name."
-            raise TaskError(msg)
+            refuse(f"There is a {self.kind} called '{entry.name}' already. Give the new one another name.", TaskError)
         self._entries[entry.name] = entry
         return entry
 

@@ -146,8 +146,7 @@ class Accrual(FrozenSettings):
         names = task.model_value.state_names
         for state in self.states:
             if state not in names:
-                msg = f"'accrual': the model of {task.id} has no state '{state}'.{did_you_mean(state, names)}"
-                raise TrainingError(msg)
+                refuse(f"'accrual': the model of {task.id} has no state '{state}'.{did_you_mean(state, names)}", TrainingError)
         return [names.index(state) for state in self.states]
 
     def in_words(self, task: TaskSpec) -> str:
