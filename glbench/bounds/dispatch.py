@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,14 +25,12 @@ from numpy.typing import NDArray
 from glbench.control import Scenario
 from glbench.env.accounts import flow_amounts
 from glbench.env.weather_pool import WeatherPool
+from glbench.episodes import Episode
 from glbench.errors import EpisodeError, GlbenchError, refuse
 from glbench.model.equipment import BUFFER, Equipment, lacks_energy
 from glbench.model.greenlight import JOULES_PER_KWH
+from glbench.tasks import TaskSpec
 from glbench.tasks.ledger import FLOW
-
-if TYPE_CHECKING:
-    from glbench.episodes import Episode
-    from glbench.tasks import TaskSpec
 
 Floats: TypeAlias = "NDArray[np.float64]"
 Flows = Mapping[str, Floats]

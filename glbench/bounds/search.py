@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +22,11 @@ from glbench.agents.plans import PlanBook, read_book
 from glbench.control import Iteration, Scenario, plan_season
 from glbench.env import Simulation, StepResult
 from glbench.errors import EpisodeError, GlbenchError, refuse
-from glbench.evaluation import prepare
+from glbench.evaluation import Progress, Protected, prepare
 from glbench.evaluation.jobs import PackedTask, Payload
 from glbench.execution import Executor, JobContext, RayExecutor, local_executor
 from glbench.resources import write_atomically
-
-if TYPE_CHECKING:
-    from glbench.evaluation import Progress, Protected
-    from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 

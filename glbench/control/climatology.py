@@ -17,7 +17,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +28,10 @@ from glbench.env.generated import CO2_PERSISTENCE
 from glbench.env.spaces import the_task
 from glbench.errors import TaskError, WeatherError, refuse
 from glbench.resources import write_atomically
+from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import FORECAST
 from glbench.untrusted import reason_of
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.weather import WeatherRecord
-
+from glbench.weather import WeatherRecord
 
 Floats = NDArray[np.float64]
 

@@ -21,18 +21,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from itertools import accumulate
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.actuators import WIND, Actuators, fault
 from glbench.env.random import uniforms
+from glbench.env.scenario import RunScenarios, Scenes
 from glbench.env.uncertainty import stream_key
-
-if TYPE_CHECKING:
-    from glbench.env.scenario import RunScenarios, Scenes
-    from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 

@@ -19,7 +19,6 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,14 +34,12 @@ from glbench.env.outdoor import MEASURED, OutdoorSensors
 from glbench.env.spaces import the_task
 from glbench.env.weather_pool import DAYS_A_YEAR, HOURS_A_DAY
 from glbench.errors import TaskError, refuse, whole_number
+from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import FORECAST
 from glbench.tasks.schedule import schedule_rows
 from glbench.tasks.vocabulary import WEEKDAYS
 from glbench.untrusted import quoted
 from glbench.weather.preprocessing import co2_density, seconds_into_year, soil_temperature, to_utc_seconds, utc_offsets, vapour_pressure
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 

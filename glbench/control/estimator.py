@@ -20,8 +20,6 @@ taken one after the other in Joseph's form.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -34,10 +32,8 @@ from glbench.env.spaces import the_task
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters
 from glbench.errors import ShapeError, StepError, TaskError, refuse, whole_number
 from glbench.kernel import Kernel
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.resolver import ParameterGroup
+from glbench.tasks import TaskSpec
+from glbench.tasks.resolver import ParameterGroup
 
 Floats = NDArray[np.float64]
 

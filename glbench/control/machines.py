@@ -13,16 +13,13 @@ Source: Sager, Jung and Kirches (2011), Combinatorial integral approximation, Ma
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench.control.trust_region import feasible
 from glbench.env.actuation import LONG_AGO, hold_steps
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ worth is given by an ``EndValue``. Reasons and figures: docs/adr/0020-predictive
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,10 +24,8 @@ from glbench.env.spaces import the_task
 from glbench.errors import ShapeError, StepError, TaskError, UnknownNameError, did_you_mean, refuse, whole_number
 from glbench.kernel import Kernel
 from glbench.kernel.trajectories import RolloutError, Trajectory
+from glbench.tasks import TaskSpec
 from glbench.untrusted import quoted
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]

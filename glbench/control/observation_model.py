@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,8 @@ from glbench.env.accounts import ByName
 from glbench.env.air import AIR, Sensors, air_quantities
 from glbench.errors import TaskError, refuse
 from glbench.kernel.tape import Recorder, TapeDerivatives
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.tables import SampleTable
+from glbench.tasks import TaskSpec
+from glbench.tasks.tables import SampleTable
 
 Floats = NDArray[np.float64]
 

@@ -9,16 +9,12 @@ likely as the steps of the path that follow from it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.tasks import TaskSpec
 from glbench.tasks.prices import RADIATION, SHAPE, WIND
 from glbench.weather.preprocessing import utc_offsets
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +15,7 @@ from glbench.env.scenario import RunScenarios
 from glbench.env.simulation import read_only, run_parameters
 from glbench.env.spaces import checked_seed, the_task
 from glbench.errors import ShapeError, TaskError, refuse
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
+from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,10 +26,7 @@ from glbench.env.program import calendar_columns
 from glbench.env.spaces import the_task
 from glbench.errors import GlbenchError, ShapeError, TaskError, refuse, whole_number
 from glbench.kernel import Kernel
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
+from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 

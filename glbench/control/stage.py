@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,10 +20,7 @@ from glbench.env.spaces import the_task
 from glbench.errors import GlbenchError, ShapeError, TaskError, refuse
 from glbench.kernel.tape import Read, Recorder, Source, TapeDerivatives, Target
 from glbench.model import Model
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
+from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 

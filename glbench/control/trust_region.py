@@ -6,17 +6,14 @@ All functions take one trajectory or a batch with leading axes; each has the bit
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glbench.control.delivery import Delivery
 from glbench.control.stage import StageReward, air_of
 from glbench.env.air import AIR
-
-if TYPE_CHECKING:
-    from glbench.control.delivery import Delivery
-    from glbench.kernel.trajectories import Trajectory
+from glbench.kernel.trajectories import Trajectory
 
 Floats = NDArray[np.float64]
 

@@ -9,19 +9,17 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import TaskError
 from glbench.model import SIDES, Flow, Model, Side, Step, Stock, violation_meter
+from glbench.tasks import TaskSpec
 from glbench.tasks.ledger import LIMITED, STOCK, TRAVEL, Ledger, LedgerItem, StepQuantity, step_quantities
 from glbench.tasks.schema1 import paper_v1
 from glbench.tasks.tables import PricesTable
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 _PAPER = paper_v1(
     PricesTable.model_construct(fruit=1.0, dry_matter_content=1.0, co2=1.0, heat=1.0, electricity=1.0)  # names, not prices

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +24,11 @@ from glbench.env.registries import PartRegistry
 from glbench.env.weather_pool import CLOCK
 from glbench.errors import ActionError, TaskError, refuse
 from glbench.kernel.environment import ActionBounds
+from glbench.kernel.tape import Read
+from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import Action
+from glbench.tasks.tables import OnOffTable
 from glbench.tasks.vocabulary import ACTUATION_KINDS, ActuationKind
-
-if TYPE_CHECKING:
-    from glbench.kernel.tape import Read
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.tables import OnOffTable
 
 Floats = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import count
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,11 +32,9 @@ from glbench.env.memory_layout import DrawPlaces, MemoryLayout
 from glbench.env.process_computer import below, select, share
 from glbench.errors import TaskError, refuse
 from glbench.kernel.tape import Recorder, Tape
+from glbench.tasks import TaskSpec
+from glbench.tasks.tables import WindLimitTable
 from glbench.weather import COLUMNS
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.tables import WindLimitTable
 
 Floats = NDArray[np.float64]
 

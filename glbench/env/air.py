@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import casadi
 import numpy as np
@@ -29,9 +29,7 @@ from glbench.errors import TaskError, refuse
 from glbench.kernel.tape import Recorder, Tape, with_simplification
 from glbench.model import co2_ppm, relative_humidity
 from glbench.quantities import AIR as _AIR
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 

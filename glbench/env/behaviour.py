@@ -21,7 +21,7 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,15 +30,13 @@ from glbench.env.accounts import make_accounts
 from glbench.env.scenario import RunScenarios
 from glbench.env.simulation import Simulation
 from glbench.errors import TaskError, refuse
+from glbench.kernel import StepFailure
 from glbench.registration import BEHAVIOUR_NAME
 from glbench.resources import write_atomically
+from glbench.tasks import TaskSpec
 from glbench.tasks.card import task_card
 from glbench.tasks.digest import lock_path
 from glbench.weather import COLUMNS
-
-if TYPE_CHECKING:
-    from glbench.kernel import StepFailure
-    from glbench.tasks import TaskSpec
 
 TOLERANCE = 1e-9
 """Relative to the sum of the magnitudes that a number is the sum of."""

@@ -17,7 +17,6 @@ truth q from the nearer limit: q + min(max(e, -m), m). Errors e and -e are equal
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +24,10 @@ from numpy.typing import NDArray
 from glbench.env.random import ar1_paths
 from glbench.env.uncertainty import season_key
 from glbench.errors import TaskError, refuse
+from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import FORECAST
+from glbench.weather import Place
 from glbench.weather.generator import calendar_days, clear_sky
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.weather import Place
 
 Floats = NDArray[np.float64]
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import datetime as dt
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +16,9 @@ from glbench.env.forecast import ForecastTable
 from glbench.env.random import ar1_paths, uniforms
 from glbench.env.uncertainty import season_key
 from glbench.errors import GlbenchError, TaskError, refuse
+from glbench.tasks import TaskSpec
 from glbench.weather import COLUMNS, GeneratedSeason, SeasonGenerator, disturbances
 from glbench.weather.preprocessing import co2_density
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 

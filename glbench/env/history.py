@@ -6,17 +6,15 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.daily_sums import HOURS_BACK, daily_sum
+from glbench.env.simulation import Simulation
+from glbench.tasks import TaskSpec
 from glbench.tasks.prices import local_times
-
-if TYPE_CHECKING:
-    from glbench.env.simulation import Simulation
-    from glbench.tasks import TaskSpec
 
 HOURS_SHOWN = 48.0
 

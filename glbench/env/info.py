@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.simulation import Simulation, StepResult
 from glbench.quantities import CLOCK
+from glbench.tasks import TaskSpec
 from glbench.tasks.ledger import LIMITED, StepQuantity
-
-if TYPE_CHECKING:
-    from glbench.env.simulation import Simulation, StepResult
-    from glbench.tasks import TaskSpec
 
 FAILURE = "failure"
 """Key of the reason, in words, why a step could not be integrated; there only when that happened."""

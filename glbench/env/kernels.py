@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench.errors import GlbenchError, UnknownNameError, did_you_mean, refuse
-
-if TYPE_CHECKING:
-    from glbench.kernel import Kernel, StepFailure
-    from glbench.model import Model
-    from glbench.tasks import TaskSpec
+from glbench.kernel import Kernel, StepFailure
+from glbench.model import Model
+from glbench.tasks import TaskSpec
 
 SCORING_PRESET = "reference"
 """The preset of scores, and the default."""

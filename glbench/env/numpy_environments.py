@@ -9,20 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.kernels import Stepper
 from glbench.env.random import uniforms
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters, Deviation
 from glbench.errors import TaskError
+from glbench.kernel import StepFailure
 from glbench.kernel.environment import ActionBounds, Environments, ParameterNoise, Program
 from glbench.kernel.tape import Read, Source, Tape
-
-if TYPE_CHECKING:
-    from glbench.env.kernels import Stepper
-    from glbench.kernel import StepFailure
 
 Floats = NDArray[np.float64]
 

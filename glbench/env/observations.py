@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +28,8 @@ from glbench.env.weather_pool import CLOCK, WeatherTables
 from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
 from glbench.kernel.environment import Lookup
 from glbench.model import ObservedColumn
+from glbench.tasks import TaskSpec
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 Source = Literal["states", "air", "weather", "controls", "counter", "clock", "schedule"]
 

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from glbench.tasks import TaskSpec
 from glbench.tasks import set_points as points
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.tables import ProcessComputerTable
+from glbench.tasks.tables import ProcessComputerTable
 
 _SECONDS_AN_HOUR = 3600.0
 _LONG_AGO = 1e6

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +28,9 @@ from glbench.env.weather_pool import CLOCK, WeatherPool, WeatherTables
 from glbench.errors import TaskError, refuse
 from glbench.kernel.environment import Lookup, ParameterNoise, Program
 from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, with_simplification
-from glbench.model import Air, humidity_deficit
+from glbench.model import Air, ObservedColumn, humidity_deficit
+from glbench.tasks import TaskSpec
 from glbench.tasks.ledger import TRAVEL
-
-if TYPE_CHECKING:
-    from glbench.model import ObservedColumn
-    from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 

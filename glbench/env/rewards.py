@@ -13,18 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.accounts import Accounts
 from glbench.env.registries import PartRegistry
 from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
+from glbench.tasks import TaskSpec
 from glbench.tasks.vocabulary import REWARD_MODULES
-
-if TYPE_CHECKING:
-    from glbench.env.accounts import Accounts
-    from glbench.tasks import TaskSpec
 
 
 @dataclass(frozen=True, eq=False)

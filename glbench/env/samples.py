@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +23,9 @@ from glbench.env.process_computer import at_least, below, select, within
 from glbench.env.random import UNIFORMS_PER_NORMAL, approx_normal
 from glbench.errors import TaskError, refuse
 from glbench.kernel.tape import Recorder
-
-if TYPE_CHECKING:
-    from glbench.model import ObservedColumn
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.tables import SampleTable
+from glbench.model import ObservedColumn
+from glbench.tasks import TaskSpec
+from glbench.tasks.tables import SampleTable
 
 Floats = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,13 +21,11 @@ from glbench.env.scenario import RunScenarios
 from glbench.env.snapshot import Snapshot
 from glbench.env.spaces import checked_seed, no_generators, the_task
 from glbench.errors import GlbenchError, ShapeError, TaskError, refuse
+from glbench.kernel import StepFailure
 from glbench.kernel.environment import Environments
 from glbench.kernel.records import all_finite
 from glbench.kernel.tape import Tape
-
-if TYPE_CHECKING:
-    from glbench.kernel import StepFailure
-    from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from threading import Lock
-from typing import TYPE_CHECKING
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -24,13 +23,11 @@ from glbench.env.random import ar1_paths
 from glbench.env.uncertainty import season_key
 from glbench.errors import TaskError, refuse
 from glbench.model import vapour_density
+from glbench.tasks import TaskSpec
 from glbench.tasks.prices import SeasonOfPrices, day_ahead, local_times, price_rows
 from glbench.tasks.schedule import schedule_rows
 from glbench.tasks.vocabulary import DAY_AHEAD, PRICES, WEATHER_WINDOW
 from glbench.weather import COLUMNS
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 

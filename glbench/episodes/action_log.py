@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
@@ -27,10 +27,8 @@ from glbench.episodes.episode import PROVENANCE, TASK
 from glbench.episodes.header import Facts, Provenance, RunFacts, as_words, canonical, task_of
 from glbench.episodes.mcap_file import FRAME, McapWriter, Scan, scan
 from glbench.errors import EpisodeError, refuse
+from glbench.tasks import TaskSpec
 from glbench.untrusted import refuse_crowd, visible
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 LOG_FORMAT = "1"
 _RUNS = "runs.json"

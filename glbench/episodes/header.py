@@ -8,19 +8,17 @@ from __future__ import annotations
 import json
 import platform
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import pydantic
 
 from glbench import __version__
+from glbench.agents import LoadedAgent
 from glbench.canonical import canonical_json
 from glbench.errors import EpisodeError, TaskError, refuse
 from glbench.fields import MOST_ENTRIES, Count, Text, Word, only_if_sealed
+from glbench.tasks import TaskSpec
 from glbench.untrusted import is_agent_name, parse_json, steers, visible
-
-if TYPE_CHECKING:
-    from glbench.agents import LoadedAgent
-    from glbench.tasks import TaskSpec
 
 Status = Literal["ok", "crashed", "timed_out", "invalid_action", "simulation_failed"]
 Acts = Literal["actions", "controls"]

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env import Simulation, StepResult, run_weather
+from glbench.env.kernels import Stepper
 from glbench.episodes.action_log import ActionLog, exactly
 from glbench.episodes.episode import Episode
 from glbench.episodes.header import Provenance, RunFacts, definition_json
 from glbench.episodes.signals import ACTION, Source, signals_of
 from glbench.errors import EpisodeError, did_you_mean, refuse
-
-if TYPE_CHECKING:
-    from glbench.env.kernels import Stepper
-    from glbench.tasks import TaskSpec
-
+from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 LARGEST_TRACE = 512 * 2**20  # Bytes of memory above which no trace is kept: the episodes are then made by replaying

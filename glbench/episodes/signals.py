@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +19,10 @@ from glbench import quantities
 from glbench.env.daily_sums import daily_sums
 from glbench.env.weather_pool import CLOCK
 from glbench.errors import TaskError
-from glbench.model import humidity_deficit, vapour_pressure_deficit
+from glbench.model import Model, humidity_deficit, vapour_pressure_deficit
+from glbench.model import Signal as ModelSignal
+from glbench.tasks import Action, TaskSpec
 from glbench.tasks.ledger import FLOW, LedgerItem
-
-if TYPE_CHECKING:
-    from glbench.model import Model
-    from glbench.model import Signal as ModelSignal
-    from glbench.tasks import Action, TaskSpec
 
 Floats = NDArray[np.float64]
 Columns = Mapping[str, Floats]  # Columns of an episode by name, each ``(steps,)``

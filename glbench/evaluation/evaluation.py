@@ -7,10 +7,11 @@ import logging
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 from glbench import __version__
 from glbench.agents import Identity, LoadedAgent
+from glbench.agents.card import Split
 from glbench.canonical import canonical_sha256
 from glbench.env import Simulation
 from glbench.env.kernels import shared_kernel
@@ -30,9 +31,6 @@ from glbench.evaluation.saving import Computed, agent_folder, make_episodes, res
 from glbench.kernel import make_kernel
 from glbench.tasks import TaskSpec, get_task, task_card
 from glbench.untrusted import real_path
-
-if TYPE_CHECKING:
-    from glbench.agents.card import Split
 
 logger = logging.getLogger(__name__)
 

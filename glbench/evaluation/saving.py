@@ -12,12 +12,12 @@ import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import filelock
 import numpy as np
 
 from glbench.agents.identity import CARD_FILE
+from glbench.agents.plans import Recording
 from glbench.episodes import (
     ActionLog,
     Episode,
@@ -40,9 +40,6 @@ from glbench.evaluation.records import RecordReference, Result, RunResult
 from glbench.registration import task_ids
 from glbench.resources import write_atomically
 from glbench.tasks import Round, TaskSpec, get_task, task_card
-
-if TYPE_CHECKING:
-    from glbench.agents.plans import Recording
 
 
 @dataclass(frozen=True)

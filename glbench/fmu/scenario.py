@@ -5,13 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
 
 from glbench.errors import TaskError, did_you_mean, refuse
-from glbench.tasks import get_task
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec, get_task
 
 LARGEST_SEED = 2**53  # FMI 2.0 has no integers of 64 bits: a seed is a real number, exact up to here
 

@@ -11,12 +11,13 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench import __version__
+from glbench.env.kernels import Stepper
 from glbench.episodes import ActionLog, replayed_episodes
 from glbench.episodes.episode import local_days, sums_by
 from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
@@ -31,10 +32,7 @@ from glbench.leaderboard.pairs import failures
 from glbench.leaderboard.statistics import estimate_difference
 from glbench.quantities import capitalised, in_sentence, plain_unit, pretty_unit, sentence
 from glbench.report.task_words import clock_of
-
-if TYPE_CHECKING:
-    from glbench.env.kernels import Stepper
-    from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec
 
 Floats = NDArray[np.float64]
 Places = NDArray[np.integer[Any]]

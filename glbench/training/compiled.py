@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import numpy as np
@@ -15,18 +15,14 @@ import numpy as np
 from glbench.agents.network_policy import FAST, Actor, ActorAgent, Gru, NetworkPolicy
 from glbench.errors import ShapeError, TrainingError
 from glbench.resources import write_atomically
-from glbench.tasks import task_card
+from glbench.tasks import TaskSpec, task_card
 from glbench.training.card import POLICY, TrainingFacts, training_table
-from glbench.training.compiled_settings import NAME, in_view
+from glbench.training.compiled_settings import NAME, CompiledSettings, in_view
 from glbench.training.constant_columns import without_constant_columns
 from glbench.training.folder import LEARNER, Trained
 from glbench.training.learner import Learner, Learning
 from glbench.training.periodic_evaluation import Listener, Probe, ProbeResult
 from glbench.training.session import Arrays, Session
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.training.compiled_settings import CompiledSettings
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _CONSTANT = 1e-4  # A column whose spread is less than this share of its mean counts as constant

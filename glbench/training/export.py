@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -21,16 +21,12 @@ from glbench.agents.network_policy import ACTIVATIONS, NetworkPolicy, read_polic
 from glbench.agents.saved_policies import DAMAGED
 from glbench.errors import TrainingError, refuse
 from glbench.resources import write_atomically
-from glbench.tasks import task_card
+from glbench.tasks import TaskSpec, task_card
 from glbench.training.algorithms import algorithm_class
 from glbench.training.card import CARD, POLICY, read_card, to_toml
 from glbench.training.constant_columns import without_constant_columns
 from glbench.training.vec_env import Normalizer
 from glbench.untrusted import reason_of
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
 
 Output = Literal["clip", "tanh"]
 _WEIGHT = 1e6  # Observations that a policy's statistics count for: they follow what is new within a training of the usual length

@@ -11,18 +11,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from glbench import execution
 from glbench.errors import GlbenchError, TrainingError, refuse
 from glbench.evaluation.jobs import PackedTask
 from glbench.resources import Scratch, write_atomically
+from glbench.tasks import TaskSpec
 from glbench.training.card import CARD, POLICY
 from glbench.training.folder import CHECKPOINT, LEARNER, SETTINGS, Trained, folder_lock, replaced
 from glbench.training.periodic_evaluation import CurvePoint, Listener, Progress
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 Training = Callable[..., Trained]
 """A training function: takes task, settings and folder, and by name ``seed``, ``resume``, ``listeners`` and its own options."""

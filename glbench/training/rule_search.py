@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from glbench.env import Simulation
 from glbench.errors import TrainingError, refuse
 from glbench.kernel import make_kernel
 from glbench.resources import data_folder, write_atomically
-from glbench.tasks import task_card
+from glbench.tasks import TaskCard, TaskSpec, task_card
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training import periodic_evaluation
 from glbench.training.card import CARD, TrainingFacts
@@ -33,9 +33,6 @@ from glbench.training.export import start_of
 from glbench.training.folder import Trained
 from glbench.training.settings import EvaluationPlan, FrozenSettings, TrainingSeed
 from glbench.training.strategy import HANSEN, Search
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskCard, TaskSpec
 
 Floats = NDArray[np.float64]
 

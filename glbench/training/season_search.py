@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from glbench.errors import TrainingError, did_you_mean, refuse
 from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
 from glbench.settings import validated
+from glbench.tasks import TaskSpec
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training.card import POLICY, TrainingFacts
 from glbench.training.constant_columns import varies, without_constant_columns
@@ -38,10 +39,6 @@ from glbench.training.periodic_evaluation import Listener, Probe, ProbeResult, s
 from glbench.training.settings import EvaluationPlan, FrozenSettings, PolicyFile, TrainingSeed, section
 from glbench.training.strategy import HANSEN, Search
 from glbench.untrusted import real_path
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
 
 Singles = NDArray[np.float32]
 Floats = NDArray[np.float64]

@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from glbench.errors import TrainingError, did_you_mean, refuse
 from glbench.resources import data_folder
 from glbench.settings import validated
+from glbench.tasks import TaskSpec
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.untrusted import real_path
 from glbench.yaml_reader import read_yaml
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 PAPER = {"ppo": "ppo/paper.yml", "sac": "sac/sac.yml"}  # Shipped settings of the paper's algorithms, in ``baselines``
 

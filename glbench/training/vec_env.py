@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,13 +22,10 @@ from glbench.env.kernels import check_kernel
 from glbench.env.spaces import task_of_environment
 from glbench.errors import GlbenchError, refuse, whole_number
 from glbench.kernel import make_kernel
+from glbench.tasks import TaskSpec
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training.constant_columns import Floats, Mask, varies
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.training.settings import Accrual
-
+from glbench.training.settings import Accrual
 
 _SEEDS, _SEEDS_APART = 10_000, 1_000_000
 """Upper limit of ``seed`` in ``make_vec_env``, below the seeds of evaluations during a training, and the distance of first episodes."""

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from glbench.errors import TrainingError
 from glbench.training.periodic_evaluation import CurvePoint, Listener, Progress
-
-if TYPE_CHECKING:
-    from glbench.training.sweep import Search
+from glbench.training.sweep import Search
 
 _NOT_INSTALLED = (
     'Weights & Biases is not installed. Install it with `pip install "glbench[train,wandb]"`, '
