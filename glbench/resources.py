@@ -177,10 +177,7 @@ def write_atomically(path: Path, data: bytes | str) -> None:
 
 
 class Scratch:
-    """A folder for temporary files, made when it is first asked for. It is removed even if its process was killed: by the next one.
-
-    Nobody but this user can look into it.
-    """
+    """A folder of this user alone for temporary files, made when asked for; if its process is killed, the next one removes it."""
 
     def __init__(self) -> None:
         self._folder: Path | None = None

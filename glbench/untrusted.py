@@ -173,10 +173,7 @@ def place_of(parts: Iterable[object]) -> str:
 
 
 def refuse_crowd(text: bytes | str) -> None:
-    """Refuse a JSON text of so many small parts that they would fill the memory.
-
-    Raises ``ValueError`` when it has more than ``MOST_MARKS`` objects, lists and keys.
-    """
+    """Raises ``ValueError`` for a JSON text of more than ``MOST_MARKS`` objects, lists and keys, which would fill the memory."""
     marks = sum(map(text.count, "{[:")) if isinstance(text, str) else sum(map(text.count, (b"{", b"[", b":")))
     if marks > MOST_MARKS:
         refuse(f"it has more than {MOST_MARKS:,} objects, lists and keys")
@@ -198,10 +195,7 @@ def visible(text: str, keep: str = "") -> str:
 
 
 def html_of(heading: str, facts: Iterable[tuple[str, object]], columns: Sequence[str] = (), rows: Iterable[Sequence[object]] = ()) -> str:
-    """HTML for notebooks (``_repr_html_``): a heading, a table of facts, and below it a table with ``columns``.
-
-    Texts are escaped; numbers are aligned to the right.
-    """
+    """HTML for notebooks: a heading, a table of facts, and one with ``columns``; texts escaped, numbers on the right."""
     fact_rows = "".join(f'<tr><th style="text-align:left">{escaped(name)}</th>{_cell(value, "left")}</tr>' for name, value in facts)
     parts = [f"<p><strong>{escaped(heading)}</strong></p>", f"<table>{fact_rows}</table>"]
     if columns:

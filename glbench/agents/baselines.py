@@ -173,10 +173,7 @@ def digests_of_baseline(name: str) -> tuple[str, ...]:
 
 
 def shipped_sight(name: str) -> Sight:
-    """What a shipped baseline is shown, also where its policies or plans are not installed.
-
-    Raises ``SubmissionError`` when there is no such baseline.
-    """
+    """What a shipped baseline is shown, also where its policies or plans are missing. Raises ``SubmissionError`` when there is none."""
     return find_controller(_read_card(data_folder("baselines") / name / "card.toml").controller).sees
 
 
@@ -191,10 +188,7 @@ def _shipped_trainings(folder: Path) -> dict[str, Recipe | None]:
 
 
 def _check_place(place: Path, folder: Path) -> None:
-    """Refuse settings that lie elsewhere, are no regular files, or are or expand to more than they may.
-
-    Raises ``SubmissionError`` when they do.
-    """
+    """Raises ``SubmissionError`` when settings lie elsewhere, are no regular files, or are or expand to more than they may."""
     if not place.is_relative_to(folder.resolve()):
         refuse(f"The card in {folder} names settings that lie elsewhere: {place}. Copy them into the folder.", SubmissionError)
     files = files_of_folder(place) if place.is_dir() else (place,)

@@ -144,10 +144,7 @@ class GrowerSettings(Table):
 
 
 def read_grower_settings(path: Path) -> GrowerSettings:
-    """Read the page of settings from a TOML file.
-
-    Raises ``SubmissionError`` when the file cannot be read, lacks a setting, or has an unknown or impossible one.
-    """
+    """The page of settings in a TOML file. Raises ``SubmissionError`` when it cannot be read, lacks a setting, or has a wrong one."""
     return read_settings(GrowerSettings, path, "the grower's settings", toml=True)
 
 
@@ -162,10 +159,7 @@ class GrowerAgent(ObservedController):
         self.settings = settings
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
-        """Forget the light; ``n_runs`` runs of ``task`` begin.
-
-        Raises ``SubmissionError`` when the task has no process computer, or does not show clock and radiation.
-        """
+        """``n_runs`` runs of ``task`` begin. Raises ``SubmissionError`` when it has no process computer, or hides clock or radiation."""
         if task.actuation not in self.actuations:
             refuse(f"The grower works at a process computer, and {task.id} has the actuation '{task.actuation}'.", SubmissionError)
         self.begin(task, n_runs, (*CLOCK, _RADIATION), optional=(_VENTS,))

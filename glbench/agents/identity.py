@@ -116,10 +116,7 @@ def check_file(file: Path, root: Path) -> None:
 
 
 def check_sizes(files: tuple[Path, ...], root: Path) -> None:
-    """Refuse what is too large before any of it is read.
-
-    Raises ``SubmissionError`` when all files together are larger than ``LARGEST_SUBMISSION``.
-    """
+    """Raises ``SubmissionError`` when all files together are larger than ``LARGEST_SUBMISSION``, before any of them is read."""
     sizes = {file: file.stat().st_size for file in files}
     total = sum(sizes.values())
     if total > LARGEST_SUBMISSION:
@@ -194,10 +191,7 @@ class Training:
 
 
 def policy_digest(weights: Iterable[Path]) -> str | None:
-    """SHA-256 (hex) over files of weights, independent of names, order and, in archives, of packing.
-
-    Raises ``OSError`` when a file cannot be read.
-    """
+    """SHA-256 (hex) over files of weights, whatever their names, order and packing. Raises ``OSError`` when one cannot be read."""
     parts = []
     for file in weights:
         try:

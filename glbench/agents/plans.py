@@ -123,10 +123,7 @@ class PlanBook:
         )
 
     def merged(self, other: PlanBook) -> PlanBook:
-        """These plans, and for the runs of ``other`` its plans in their place.
-
-        Raises ``SubmissionError`` when the two are not of the same task.
-        """
+        """These plans, but for the runs of ``other`` its plans. Raises ``SubmissionError`` when the two are of different tasks."""
         if self.same_task != other.same_task:
             msg = f"Plans of {self.task_id} ({self.task_digest[:12]}) and of {other.task_id} ({other.task_digest[:12]}) do not go together."
             raise SubmissionError(msg)

@@ -231,10 +231,7 @@ class PredictiveAgent:
         self._task, self._step = spec, 0
 
     def act(self, observations: NDArray[np.float32], /) -> Floats:
-        """Actions for the coming step.
-
-        Raises ``TaskError`` when there are not as many rows as runs, or other columns than the task shows.
-        """
+        """Actions for the coming step. Raises ``TaskError`` when there are not as many rows as runs, or other columns than the task's."""
         k, controls = self._step, self._steering.controls
         self._step += 1
         if self._hidden is not None:

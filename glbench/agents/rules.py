@@ -95,10 +95,7 @@ class RuleSettings(Table):
 
 
 def read_rule_settings(path: Path) -> RuleSettings:
-    """Read settings from the YAML file ``path``.
-
-    Raises ``SubmissionError`` when the file is missing, is no YAML mapping, lacks a setting, or has an unknown or impossible one.
-    """
+    """Settings in a YAML file. Raises ``SubmissionError`` when it is missing or no mapping, lacks a setting, or has a wrong one."""
     return read_settings(RuleSettings, path, "the rule settings")
 
 
@@ -164,10 +161,7 @@ def _smaller(a: Shared, b: Shared) -> Shared:
 
 
 def rule_controls(inputs: RuleInputs, settings: RuleSettings) -> Array:
-    """Controls that the rules ask for.
-
-    Boiler, CO2 dosing, thermal screen, vents, lamps, blackout screen: fractions of capacity, 0 to 1, ``(n, 6)``.
-    """
+    """Boiler, CO2 dosing, thermal screen, vents, lamps, blackout screen as the rules ask for: shares of capacity, 0 to 1, ``(n, 6)``."""
     return Rules(settings).controls(inputs)
 
 

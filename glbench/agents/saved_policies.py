@@ -180,10 +180,7 @@ class PolicyAgent:
         self._high = np.array([action.high for action in task.actions])
 
     def act(self, observations: Observations, /) -> Actions:
-        """Actions (n_runs, actions) for ``observations`` (n_runs, columns).
-
-        Raises ``ShapeError`` when there are not as many rows as runs were announced to ``reset``.
-        """
+        """Actions (n_runs, actions) for ``observations`` (n_runs, columns). Raises ``ShapeError`` for another number of runs."""
         check_runs(observations, len(self._state))
         rows = np.ascontiguousarray(self._normalise(observations), dtype=np.float32)
         answer = self._ask(np.concatenate([rows, self._state], axis=1) if self._state_width else rows)

@@ -157,10 +157,7 @@ class Search:
         return [PlanJob(task, seeds, u, name, self.iterations) for seeds, u in zip(groups, controls, strict=True)]
 
     def run(self, jobs: Sequence[PlanJob], *, engine: str = "local", listener: Listener | None = None) -> Iterator[PlanOutcome]:
-        """Search for plans, and save each one as soon as it is found.
-
-        Raises ``GlbenchError`` when the engine does not exist, or a plan cannot be written.
-        """
+        """Search for plans, and save each at once. Raises ``GlbenchError`` when there is no such engine, or a plan cannot be written."""
         if engine not in _ENGINES:
             refuse(f"There is no engine '{engine}'. It is one of {', '.join(_ENGINES)}.", GlbenchError)
         if not jobs:

@@ -153,10 +153,7 @@ def story(
 
 
 def _other(path: Path, result: Result, against: str | None) -> Path:
-    """The result to compare with: a file, or that of an agent in the same folder.
-
-    Raises ``ResultError`` when there is none, with the command that makes it.
-    """
+    """The result to compare with: a file, or that of an agent in the same folder. Raises ``ResultError`` when there is none."""
     from glbench.agents.energy_rules import POWER
     from glbench.evaluation.evaluation import TRIALS, VALIDATION
     from glbench.evaluation.saving import task_of_result

@@ -123,10 +123,7 @@ class Climatology:
 
     @classmethod
     def of_settings(cls, settings: Mapping[str, Any]) -> Climatology:
-        """The climatology of which ``settings`` gave plain values.
-
-        Raises ``TaskError`` when they are none.
-        """
+        """The climatology of which ``settings`` gave plain values. Raises ``TaskError`` when they are none."""
         try:
             values = {field.name: settings[field.name] for field in fields(cls)}
             for name in ("days", "means", "weights", "sky"):
@@ -184,10 +181,7 @@ class Climatology:
 
     @classmethod
     def read(cls, path: Path | str) -> Climatology:
-        """Read what ``write`` wrote.
-
-        Raises ``TaskError`` when the file is missing, or no climatology.
-        """
+        """Read what ``write`` wrote. Raises ``TaskError`` when the file is missing, or no climatology."""
         try:
             return cls.of_settings(json.loads(Path(path).read_text(encoding="utf-8")))
         except (OSError, ValueError) as error:

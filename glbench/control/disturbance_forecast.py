@@ -162,10 +162,7 @@ class Outlook:
         self.past = self._now if self._late or self._k == 0 else before
 
     def ahead(self, steps: int) -> Ahead:
-        """The coming ``steps`` steps, as expected now.
-
-        Raises ``TaskError`` before the first update.
-        """
+        """The coming ``steps`` steps, as expected now. Raises ``TaskError`` before the first update."""
         steps = whole_number(steps, "The number of steps ahead")
         if self._k < 0:
             refuse("Nothing was observed yet: call update(observations) first.", TaskError)

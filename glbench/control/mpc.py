@@ -243,10 +243,7 @@ class PredictiveController:
         return self.follow()
 
     def follow(self) -> Floats:
-        """Take the next step of the plan as it stands ``(runs, c)``: cheaper than replanning in every step.
-
-        Raises ``ShapeError`` when the plan is over.
-        """
+        """Take the next step of the plan as it stands ``(runs, c)``: cheaper than a new one. Raises ``ShapeError`` when it is over."""
         if self._at >= self._plan.shape[1]:
             refuse(f"The plan has {self._plan.shape[1]} steps, and all are taken: decide makes another one.", ShapeError)
         self._at, self._steps_done = self._at + 1, self._steps_done + 1

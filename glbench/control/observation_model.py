@@ -110,10 +110,7 @@ def checked_observations(task: TaskSpec, observations: Any, n: int, names: Seque
 
 
 def refuse_missing(observations: Floats, columns: Sequence[int] | NDArray[np.intp], task: TaskSpec, names: Sequence[str], why: str) -> None:
-    """Refuse observations that lack a reading (NaN) of these columns, and say ``why``.
-
-    Raises ``TaskError`` when one is missing.
-    """
+    """Refuse observations that lack a reading (NaN) of these columns, and say ``why``. Raises ``TaskError`` when one is missing."""
     _refuse(np.isnan(observations[:, columns]), task, [names[column] for column in columns], f"is missing (NaN). {why}")
 
 

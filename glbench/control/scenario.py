@@ -53,10 +53,7 @@ class Scenario:
 
     @classmethod
     def of(cls, task: TaskSpec | str, seed: int) -> Scenario:
-        """The scenario of the run with ``seed`` of a task, or of the task with an id.
-
-        Raises ``GlbenchError`` when the seed is not a whole number from 0 to 2**64 - 1.
-        """
+        """The scenario of the run with ``seed`` of a task or task id. Raises ``GlbenchError`` unless the seed is one, 0 to 2**64 - 1."""
         task, seed = the_task(task), checked_seed(seed)
         scenarios = RunScenarios(task)
         scene, steps = scenarios.draw([seed]), np.arange(task.steps + 1)

@@ -268,10 +268,7 @@ class EndValue:
 
     @classmethod
     def read(cls, content: Mapping[str, Any]) -> EndValue:
-        """The end value that ``written`` gave.
-
-        Raises ``GlbenchError`` when ``content`` is none.
-        """
+        """The end value that ``written`` gave. Raises ``GlbenchError`` when ``content`` is none."""
         try:
             states = content["states"]
             value = cls(

@@ -1,7 +1,4 @@
-"""The reward of every step of a trajectory and the air along it, with their gradients, from the formulas of the task's own program.
-
-Neither needs weather.
-"""
+"""The reward of every step of a trajectory and the air along it, with gradients, by the formulas of the task's program; no weather."""
 
 from __future__ import annotations
 

@@ -94,10 +94,7 @@ class Accounts:
 
     @cached_property
     def full_use(self) -> NDArray[np.float64]:
-        """Amounts paid for in a step with every control at 1, in the order of the ledger.
-
-        Raises ``TaskError`` when an amount depends on more than controls.
-        """
+        """Amounts paid for in a step with all controls at 1, by the ledger. Raises ``TaskError`` when one depends on more than these."""
         step = self._step(0.0, 1.0)
         amounts = [self._amount(item, step) for item in self.ledger.paid]
         if step.before.reads | step.after.reads:
@@ -112,10 +109,7 @@ class Accounts:
 
     @cached_property
     def full_growth(self) -> NDArray[np.float64]:
-        """Amounts earned in a step at the potential rates of the model, in the order of the ledger.
-
-        Raises ``TaskError`` when the model states no potential of what is earned.
-        """
+        """Amounts earned in a step at the model's potential rates, by the ledger. Raises ``TaskError`` when one has no potential."""
         step, amounts = self._step(0.0, 1.0), []
         for item in self.ledger.earned:
             potential = self.flows[item.flow].potential if item.valued != STOCK else None

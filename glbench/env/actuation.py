@@ -78,10 +78,7 @@ def register_actuation(
 
 
 def make_actuation(task: TaskSpec) -> Actuation:
-    """The task's kind of actuation.
-
-    Raises ``UnknownNameError`` for a kind without a part, with the nearest known one.
-    """
+    """The task's kind of actuation. Raises ``UnknownNameError`` for a kind without a part, with the nearest known one."""
     move = ACTUATIONS[task.actuation.kind](task)
     names, columns = task.model_value.control_names, task.actuation.controls
     places = [names.index(name) for name in columns]
@@ -217,10 +214,7 @@ ACTUATIONS.provide("process_computer", _only_recorded, recorded=RecordedActuatio
 
 
 def recorded_actuation(task: TaskSpec) -> RecordedActuation | None:
-    """How the controls of a task move; ``None`` for a registered kind, which is Python.
-
-    Raises ``UnknownNameError`` for a kind without a part, with the nearest known one.
-    """
+    """How controls move; ``None`` for a registered kind, which is Python. Raises ``UnknownNameError`` for an unknown one."""
     recorded: RecordedActuation | None = ACTUATIONS.recorded(task.actuation.kind)
     return recorded
 
@@ -300,10 +294,7 @@ class ActionReader:
         return actions
 
     def read(self, values: object, n: int) -> Floats:
-        """Own copy of ``values`` as ``(n, m)`` float64, whatever they are.
-
-        Raises ``ActionError`` for a wrong shape or type.
-        """
+        """Own copy of ``values`` as ``(n, m)`` float64, whatever they are. Raises ``ActionError`` for a wrong shape or type."""
         numbers = real_numbers(values)
         if numbers is None:
             kind = f"array of {values.dtype}" if type(values) is np.ndarray else type(values).__name__

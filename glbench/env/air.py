@@ -43,10 +43,7 @@ PART = "sensors"
 def read_air(
     temperature: NDArray[np.float64], co2_density: NDArray[np.float64], vapour_pressure: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Air temperature [degC], CO2 [ppm], relative humidity [%, 0 to 100], shape ``(3, n)``.
-
-    The arguments are in degC, mg m-3 and Pa, each of shape ``(n,)``.
-    """
+    """Air temperature [degC], CO2 [ppm], relative humidity [%, 0 to 100], ``(3, n)``, from degC, mg m-3 and Pa, each ``(n,)``."""
     values = (temperature, co2_density, vapour_pressure)
     outputs = _tape().play(lambda source, index: values[index])
     return np.stack([temperature, *(values for _, _, values in outputs)])
@@ -103,10 +100,7 @@ class Sensors:
 
     @staticmethod
     def of(task: TaskSpec) -> Sensors:
-        """The sensors of a task; of a task without any, nothing.
-
-        Raises ``TaskError`` when the model has no air that could be measured, or never shows one of the quantities.
-        """
+        """A task's sensors, or nothing. Raises ``TaskError`` when the model has no air, or never shows one of the quantities."""
         table = task.sensors
         if table is None:
             return Sensors((), 0.0, 0.0, task.steps)

@@ -124,10 +124,7 @@ def lock_behaviour(tasks: Iterable[TaskSpec]) -> tuple[str, ...]:
 
 
 def read_behaviour() -> Mapping[str, Mapping[str, float]]:
-    """The numbers of the published tasks by id and name; empty when there is no file yet.
-
-    Raises ``TaskError`` when the file is damaged.
-    """
+    """The numbers of the published tasks by id and name; empty when there is no file yet. Raises ``TaskError`` when the file is damaged."""
     path = _path()
     if not path.is_file():
         return {}

@@ -67,10 +67,7 @@ class ForecastTable:
 
     @staticmethod
     def of(task: TaskSpec) -> ForecastTable | None:
-        """The forecast of a task; ``None`` where it grants none by the hour.
-
-        Raises ``TaskError`` when a control step does not divide an hour.
-        """
+        """The task's forecast; ``None`` where it grants none by the hour. Raises ``TaskError`` unless its step divides an hour."""
         hours = task.observation.forecast_hours
         if not hours:
             return None

@@ -193,10 +193,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         return replace(self.simulation.snapshot(), generators=spaces.pack_generator(self.np_random)[None])
 
     def restore(self, snapshot: Snapshot) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Continue from ``snapshot`` (of one row); observation and info as after a reset.
-
-        Raises ``GlbenchError`` when it belongs to another task or has more than one row.
-        """
+        """Continue from a snapshot of one row; observation and info as after a reset. Raises ``GlbenchError`` for another task or more."""
         observation = self.simulation.restore(snapshot)[0]
         if len(snapshot.generators):
             self.np_random = spaces.unpack_generator(snapshot.generators[0])

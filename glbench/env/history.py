@@ -35,10 +35,7 @@ class DailyLight:
 
 
 class DailyLightSums:
-    """Sums up the light of the day while runs are followed, whether a task observes it or not.
-
-    ``columns`` are the summed ones, as the task's model observes them.
-    """
+    """Sums up the light of the day of runs, whether a task observes it or not: ``columns`` are those of the model that are sums."""
 
     def __init__(self, task: TaskSpec) -> None:
         model = task.model_value

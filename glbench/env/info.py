@@ -26,10 +26,7 @@ def info_of_step(task: TaskSpec) -> tuple[StepQuantity, ...]:
 
 
 def info_quantities(task: TaskSpec) -> tuple[StepQuantity, ...]:
-    """Names, units and meanings of the numbers in ``info`` for ``task``.
-
-    The last group, the quantities of the step, is missing after a reset.
-    """
+    """Names, units and meanings of the numbers in ``info``; the last, the quantities of the step, are missing after a reset."""
     return (
         StepQuantity("seed", "-", "seed of the episode"),
         StepQuantity("step", "-", "steps taken"),
@@ -88,10 +85,7 @@ class InfoWriter:
         return columns
 
     def masked(self, columns: dict[str, NDArray[np.generic]], rows: NDArray[np.bool_], stepped: NDArray[np.bool_]) -> dict[str, Any]:
-        """Columns with Gymnasium's masks: quantities of a step hold for the rows in ``stepped``, the others for ``rows``.
-
-        Where a column does not hold it is 0.
-        """
+        """Columns with Gymnasium's masks: those of a step hold for the rows in ``stepped``, others for ``rows``; elsewhere 0."""
         info: dict[str, Any] = {}
         in_step, in_row = (stepped, bool(stepped.all())), (rows, bool(rows.all()))
         for name, values in columns.items():

@@ -68,10 +68,7 @@ _MAKERS: dict[str, MakeObservation] = {}
 
 
 def register_observation(module: ObservationModule, make: MakeObservation) -> None:
-    """Make an observation module known, here and in task files.
-
-    Raises ``TaskError`` when its name is taken.
-    """
+    """Make an observation module known, here and in task files. Raises ``TaskError`` when its name is taken."""
     OBSERVATION_MODULES.add(module)
     _MAKERS[module.name] = make
 

@@ -48,10 +48,7 @@ class OutdoorSensors:
 
     @staticmethod
     def of(task: TaskSpec, places: DrawPlaces) -> OutdoorSensors:
-        """The sensors of a task; of a task without any, nothing.
-
-        Raises ``TaskError`` when nobody reads them.
-        """
+        """The sensors of a task; of a task without any, nothing. Raises ``TaskError`` when nobody reads them."""
         table, modules = task.outdoor_sensors, task.observation.modules
         if table is not None and task.actuation.kind != PROCESS_COMPUTER and not {"weather", "light_today"} & {*modules}:
             refuse(f"{task.source}: [outdoor_sensors] nobody reads them. Leave the table out, or add the module 'weather'.", TaskError)

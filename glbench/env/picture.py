@@ -96,10 +96,7 @@ class _Curve:
 
 
 class Picture:
-    """Draws histories of a task's runs.
-
-    It shows the limits and controls of ``task``.
-    """
+    """Draws histories of a task's runs. It shows the limits and controls of ``task``."""
 
     def __init__(self, task: TaskSpec) -> None:
         self._task = task

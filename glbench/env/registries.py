@@ -24,10 +24,7 @@ class PartRegistry(Generic[Make]):
         self._makers: dict[str, tuple[Make, Any]] = {}
 
     def register(self, name: str, meaning: str, make: Make) -> None:
-        """Make a part known under a new name, here and in task files.
-
-        Raises ``TaskError`` when the name is taken.
-        """
+        """Make a part known under a new name, here and in task files. Raises ``TaskError`` when the name is taken."""
         self._vocabulary.add(Word(name, meaning))
         self.provide(name, make)
 

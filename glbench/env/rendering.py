@@ -49,10 +49,7 @@ def drawable_modes() -> tuple[str, ...]:
 
 
 def checked_render_mode(render_mode: str | None) -> str | None:
-    """``render_mode`` if there is such a mode; warns, once, when pictures are wanted and cannot be drawn.
-
-    Raises ``UnknownNameError`` otherwise.
-    """
+    """``render_mode``, with one warning when pictures cannot be drawn. Raises ``UnknownNameError`` when there is no such mode."""
     if render_mode is not None and render_mode not in RENDER_MODES:
         refuse(f"There is no render mode {render_mode!r}. Use {', '.join(map(repr, RENDER_MODES))} or None.", UnknownNameError)
     if render_mode == PICTURES and PICTURES not in drawable_modes():
@@ -102,10 +99,7 @@ class Camera:
             self._histories[row].light = self._light.add(self._histories[row].light, self._simulation, row)
 
     def picture(self, row: int) -> NDArray[np.uint8]:
-        """Picture of a run, ``(480, 640, 3)``.
-
-        Raises ``GlbenchError`` without matplotlib, or before the first reset.
-        """
+        """Picture of a run, ``(480, 640, 3)``. Raises ``GlbenchError`` without matplotlib, or before the first reset."""
         if not self._histories:
             refuse("There is nothing to draw yet: call reset first.", GlbenchError)
         if row not in self._pictures:

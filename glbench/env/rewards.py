@@ -62,18 +62,12 @@ REWARDS: PartRegistry[MakeReward] = PartRegistry("reward module", REWARD_MODULES
 
 
 def register_reward(name: str, meaning: str, make: MakeReward) -> None:
-    """Make a reward part known under ``name``, here and in task files.
-
-    Raises ``TaskError`` when the name is taken.
-    """
+    """Make a reward part known under ``name``, here and in task files. Raises ``TaskError`` when the name is taken."""
     REWARDS.register(name, meaning, make)
 
 
 def make_reward(task: TaskSpec, accounts: Accounts) -> RewardPart:
-    """The sum of the task's parts.
-
-    Raises ``UnknownNameError`` for a name without a part, with the nearest known one.
-    """
+    """The sum of the task's parts. Raises ``UnknownNameError`` for a name without a part, with the nearest known one."""
     first, *others = [_part(task, name, accounts) for name in task.reward.modules]
 
     def total(outcome: StepOutcome) -> NDArray[np.float64]:

@@ -70,10 +70,7 @@ class StepResult:
 
 
 def check_runs(n: int) -> None:
-    """Refuse an impossible number of runs.
-
-    Raises ``ShapeError`` when it is not a whole number, or less than one.
-    """
+    """Refuse an impossible number of runs. Raises ``ShapeError`` when it is not a whole number, or less than one."""
     if not isinstance(n, int | np.integer) or isinstance(n, bool) or n < 1:
         refuse(f"A simulation has a whole number of runs, at least one; got {n!r}.", ShapeError)
 

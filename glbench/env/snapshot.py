@@ -65,10 +65,7 @@ class Snapshot:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Snapshot:
-        """Read what ``to_bytes`` wrote.
-
-        Raises ``ResultError`` when the bytes are damaged or no snapshot.
-        """
+        """Read what ``to_bytes`` wrote. Raises ``ResultError`` when the bytes are damaged or no snapshot."""
         try:
             with np.load(io.BytesIO(data), allow_pickle=False) as file:
                 version = int(file["format"])

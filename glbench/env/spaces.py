@@ -82,10 +82,7 @@ def with_horizon(spec: EnvSpec | None, task: TaskSpec) -> EnvSpec | None:
 
 
 def check_names(options: Mapping[str, Any] | None, names: tuple[str, ...]) -> Mapping[str, Any]:
-    """``options``, none as an empty mapping.
-
-    Raises ``GlbenchError`` for an option that is not among ``names``.
-    """
+    """``options``, none as an empty mapping. Raises ``GlbenchError`` for an option that is not among ``names``."""
     options = options or {}
     for name in options:
         if name not in names:
@@ -94,10 +91,7 @@ def check_names(options: Mapping[str, Any] | None, names: tuple[str, ...]) -> Ma
 
 
 def state_option(options: Mapping[str, Any], seed: object) -> Snapshot | None:
-    """The snapshot to continue from, if there is one.
-
-    Raises ``GlbenchError`` when it is no snapshot, or a seed or another option comes with it: the snapshot has its own.
-    """
+    """The snapshot to continue from, if any. Raises ``GlbenchError`` when it is none, or a seed or another option comes with it."""
     snapshot = options.get(STATE)
     if snapshot is None:
         return None
@@ -109,10 +103,7 @@ def state_option(options: Mapping[str, Any], seed: object) -> Snapshot | None:
 
 
 def mask_option(options: Mapping[str, Any], n: int) -> NDArray[np.bool_]:
-    """The rows to reset, ``(n,)``; all of them without the option.
-
-    Raises ``ShapeError`` when the mask has another shape or type, or chooses no row.
-    """
+    """The rows to reset, ``(n,)``; all without the option. Raises ``ShapeError`` when the mask has another shape or type, or no row."""
     mask = options.get(RESET_MASK)
     if mask is None:
         return np.ones(n, dtype=np.bool_)
@@ -122,10 +113,7 @@ def mask_option(options: Mapping[str, Any], n: int) -> NDArray[np.bool_]:
 
 
 def checked_seed(seed: object) -> int:
-    """``seed`` as a plain ``int``.
-
-    Raises ``GlbenchError`` when it is not a whole number from 0 to 2**64 - 1.
-    """
+    """``seed`` as a plain ``int``. Raises ``GlbenchError`` when it is not a whole number from 0 to 2**64 - 1."""
     try:
         number = -1 if isinstance(seed, bool) else index(seed)  # type: ignore[arg-type]  # raises if it is no integer
     except TypeError:

@@ -86,10 +86,7 @@ class SeasonPrices:
 
     @staticmethod
     def of(task: TaskSpec) -> SeasonPrices:
-        """The prices of a task, which may be none.
-
-        Raises ``TaskError`` when prices go by the hour and a control step does not divide an hour.
-        """
+        """The prices of a task, which may be none. Raises ``TaskError`` when prices go by the hour, which its step does not divide."""
         tables, ahead = task.price_tables, task.day_ahead
         modules = task.observation.modules
         markets = [name for name, table in tables.items() if table.market is not None]

@@ -130,10 +130,7 @@ def log_bytes(log: ActionLog) -> bytes:
 
 
 def is_action_log(path: Path | str) -> bool:
-    """Whether ``path`` holds the actions of an evaluation, rather than one episode.
-
-    Raises ``EpisodeError`` when there is no such file, or it is no MCAP file.
-    """
+    """Whether ``path`` holds the actions of an evaluation, not one episode. Raises ``EpisodeError`` when it is missing, or no MCAP file."""
     return _TITLE in scan(Path(path)).metadata
 
 

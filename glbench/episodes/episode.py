@@ -432,10 +432,7 @@ class Recorded(Protocol):
 
 
 def sums_by(run: Recorded, signals: Signals, places: Places, count: int) -> Floats:
-    """Sums of the accounts of ``signals`` over the steps of each place, ``(count, lines)``.
-
-    ``places`` ``(steps,)`` says to which of ``count`` groups each step belongs.
-    """
+    """Sums of the accounts of ``signals`` over the steps of each of ``count`` ``places`` ``(steps,)``: ``(count, lines)``."""
     return np.stack([np.bincount(places, line_values(run, signals, one), count) for one in signals.accounts], axis=1)
 
 

@@ -102,10 +102,7 @@ class Provenance(Facts):
 
 
 def provenance_of(task: TaskSpec, agent: LoadedAgent, kernel: dict[str, str | float]) -> Provenance:
-    """Provenance of an evaluation of ``agent`` on ``task`` with a kernel of that description.
-
-    Raises ``TaskError`` when the task's title cannot be shown on one line.
-    """
+    """Provenance of an evaluation with a kernel of that description. Raises ``TaskError`` when the task's title is not one line."""
     if any(steers(letter) for letter in task.title):
         refuse(f"The title of the task {task.id} is {task.title!r}: it must stand on one line, without control characters.", TaskError)
     prints = task.fingerprint()
@@ -173,10 +170,7 @@ def definition_json(task: TaskSpec) -> bytes:
 
 
 def task_of(definition: bytes) -> TaskSpec:
-    """The task that a record's attached definition defines. Whether it is the right one, its digest tells.
-
-    Raises ``EpisodeError`` when the attachment defines no task.
-    """
+    """The task that a record's attached definition defines, right or not. Raises ``EpisodeError`` when it defines none."""
     from glbench.tasks import TaskSpec
 
     try:

@@ -127,10 +127,7 @@ class Recorder:
 
 
 def check_round(task: TaskSpec, provenance: Provenance) -> None:
-    """Refuse to simulate runs of a sealed round with other draws than its own.
-
-    Raises ``EpisodeError`` when the task is not given the secret of the record's round.
-    """
+    """Raises ``EpisodeError`` when a record is of a sealed round and the task is not given that round's secret."""
     recorded, available = provenance.task.salt_commitment, task.salt_commitment
     if recorded == available:
         return
@@ -177,10 +174,7 @@ class Replay:
 
 
 def replayed_episodes(task: TaskSpec, log: ActionLog, rows: Sequence[int], kernel: Stepper | None = None) -> Iterator[Episode]:
-    """Full episodes of the runs ``rows`` of ``log``, by simulating them again.
-
-    Raises ``ActionError`` when a recorded action is none of the task's.
-    """
+    """Full episodes of the runs ``rows`` of ``log``, simulated again. Raises ``ActionError`` when an action is none of the task's."""
     replay = Replay(task, log, rows, kernel)
     trace = Trace(replay.simulation)
     for outcome in replay.steps():

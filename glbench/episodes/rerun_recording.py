@@ -161,10 +161,7 @@ def trajectory_of(episode: Episode) -> Trajectory:
 
 
 def shown_of(episodes: Sequence[Episode]) -> RunSet:
-    """Recorded episodes of one task, to be shown together.
-
-    Raises ``GlbenchError`` when they are not of one and the same task, and as ``show_together`` does.
-    """
+    """Recorded episodes, to be shown together. Raises ``GlbenchError`` when they are not of the same task, and as ``show_together``."""
     if not episodes:
         raise GlbenchError(_NOTHING)
     facts = [episode.provenance.task for episode in episodes]

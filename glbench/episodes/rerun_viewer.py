@@ -86,10 +86,7 @@ def has_screen() -> bool:
 
 
 def open_window(recording: Path) -> None:
-    """Open the viewer with ``recording`` and wait until it is closed.
-
-    Raises ``GlbenchError`` without the package, without a screen, or when the viewer fails.
-    """
+    """Open the viewer and wait until it is closed. Raises ``GlbenchError`` without the package or a screen, or when the viewer fails."""
     program = viewer_program()
     require_screen()
     with Viewer(program, [str(recording), *_listening(free_port())]) as viewer:

@@ -338,10 +338,7 @@ class Evaluation:
         return Computed(result, log, recorder.trace, self.prints.text())
 
     def save(self, computed: Computed) -> records.Result:
-        """Save what was computed, if there is a folder for it, and remove the checkpoint.
-
-        Raises ``GlbenchError`` when it cannot be written.
-        """
+        """Save what was computed, if there is a folder, and remove the checkpoint. Raises ``GlbenchError`` when it cannot be written."""
         if self.out is None:
             return computed.result
         result = save(computed, self.out, self.task, self.episodes, checkpointed=self.interrupted)
@@ -349,10 +346,7 @@ class Evaluation:
         return result
 
     def result_lock(self) -> AbstractContextManager[None]:
-        """Hold the lock of this result, if it is to be saved.
-
-        Raises ``GlbenchError`` when another process holds it, or the folder cannot be written.
-        """
+        """Lock this result, if it is to be saved. Raises ``GlbenchError`` when another process does, or no folder can be written."""
         return nullcontext() if self.out is None else result_lock(self.out, self.task.id, self.agent.name)
 
     def complete_episodes(self, result: records.Result) -> None:

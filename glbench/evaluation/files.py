@@ -37,10 +37,7 @@ def result_path(out: Path, task_id: str, agent_name: str) -> Path:
 
 
 def save_result(result: Result, out: Path) -> Path:
-    """Write ``result`` atomically to its place below ``out`` and return the path.
-
-    Raises ``GlbenchError`` when the folder cannot be written.
-    """
+    """Write ``result`` atomically to its place below ``out``; its path. Raises ``GlbenchError`` when the folder cannot be written."""
     path = result_path(out, result.task.id, result.agent.name)
     write_atomically(path, result.to_json())
     return path

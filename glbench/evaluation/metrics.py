@@ -84,10 +84,7 @@ def units_of(task: TaskSpec) -> dict[str, str]:
 
 
 class StepMetrics:
-    """Reads the values of all ``metrics`` of a task from its quantities, step by step.
-
-    ``names`` are those of the metrics, in the order of the values.
-    """
+    """Reads the values of all ``metrics`` of a task from its quantities, step by step, in the order of ``names``."""
 
     def __init__(self, task: TaskSpec) -> None:
         metrics = metrics_of(task)

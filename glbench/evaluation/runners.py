@@ -95,10 +95,7 @@ class AgentRunner(ABC):
 
 
 def make_runner(agent: LoadedAgent, task: TaskSpec, card: TaskCard, seeds: Sequence[int], limits: TimeLimits) -> AgentRunner:
-    """A fresh agent for the runs of ``task`` with ``seeds``, in this process, in the harness that fits it.
-
-    Raises ``SubmissionError`` when the agent cannot be made.
-    """
+    """A fresh agent for runs of ``task`` with ``seeds``, in this process. Raises ``SubmissionError`` when it cannot be made."""
     first, n = _make_agent(agent, card, limits), len(seeds)
     if isinstance(first, PerRunAgent):
         others = [_make_agent(agent, card, limits) for _ in range(n - 1)]
@@ -137,11 +134,7 @@ class BatchRunner(AgentRunner):
         """Errors of ``reset`` that end the evaluation instead of its runs."""
 
     def start(self) -> tuple[Failure, ...]:
-        """Reset the agent.
-
-        Raises ``SubmissionError`` when it is a controller of glbench that does not fit the task: such an evaluation is refused, and no run
-        fails.
-        """
+        """Reset the agent. Raises ``SubmissionError``, and no run fails, when it is a controller of glbench that does not fit the task."""
         answer = guarded(self._reset, self.limits.start, "reset", through=self.through)
         return (answer.failure,) if answer.failure else ()
 

@@ -225,10 +225,7 @@ def task_of_result(result: Result, path: Path, sealed: Round | None = None) -> T
 
 
 def recorded_actions(result: Result, path: Path) -> ActionLog:
-    """The recorded actions that belong to ``result``, which is at ``path``.
-
-    Raises ``EpisodeError`` when they are missing, damaged, or of another result.
-    """
+    """The recorded actions of ``result``, at ``path``. Raises ``EpisodeError`` when they are missing, damaged, or of another one."""
     if result.record is None:
         refuse(f"{path} has no recorded actions: it was made by an earlier glbench. Evaluate again with --fresh.", EpisodeError)
     log = read_log(path.with_name(result.record.file))

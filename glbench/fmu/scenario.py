@@ -32,10 +32,7 @@ class FmuSetup:
         return hashlib.sha256(json.dumps(asdict(self)).encode("utf-8")).hexdigest()
 
     def find_task(self) -> TaskSpec:
-        """The task.
-
-        Raises ``TaskError`` when the task of this name is another one here than where the FMU was exported. Errors as for ``get_task``.
-        """
+        """The task. Raises ``TaskError`` when it is another one here than where the FMU was exported, and as ``get_task``."""
         from glbench.tasks import TaskSpec
 
         task = TaskSpec.of_attachment(json.loads(self.definition)) if self.definition else get_task(self.task)
@@ -49,10 +46,7 @@ class FmuSetup:
 
 
 def splits_of(task: TaskSpec) -> tuple[str, ...]:
-    """The splits whose seasons an FMU may show; ``("",)`` for a task without splits.
-
-    Raises ``TaskError`` when the task has only a test split.
-    """
+    """The splits whose seasons an FMU may show; ``("",)`` for a task without any. Raises ``TaskError`` when it has only a test split."""
     if task.splits is None:
         return ("",)
     names = tuple(name for name in task.splits.names if name != "test")

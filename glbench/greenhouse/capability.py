@@ -66,10 +66,7 @@ def outdoors(temperature: float, wind: float = WIND) -> Array:
 
 
 def balance(parameters: Array, weather: Array, **controls: float) -> Array:
-    """The state (states,) in which a greenhouse settles with constant weather (disturbances,) and controls by name.
-
-    Raises ``ParameterError`` when there is none.
-    """
+    """State (states,) that settles with constant weather (disturbances,) and controls by name. Raises ``ParameterError`` when none does."""
     state, u = TOMATO.start("mature_crop", weather, INSIDE, parameters), _vector(TOMATO.control_names, **controls)
     step = _FIRST_STEP
     while step < _LAST_STEP:

@@ -40,10 +40,7 @@ class Lookup:
 
 @dataclass(frozen=True, eq=False)
 class ActionBounds:
-    """Bounds of values from outside, each ``(m,)``.
-
-    Values from ``lowest`` to ``highest`` are accepted; those between them and ``low`` or ``high`` are taken as these.
-    """
+    """Bounds of values from outside, each ``(m,)``: ``lowest`` to ``highest`` are accepted, and cut to ``low`` and ``high``."""
 
     lowest: FloatArray
     highest: FloatArray
@@ -172,10 +169,7 @@ class Environments(ABC):
 
     @abstractmethod
     def step(self) -> int:
-        """Take a step with ``actions``.
-
-        Returns how many environments failed in it; -1 when a value given is out of bounds or no number, and nothing was done.
-        """
+        """Take a step with ``actions``; how many environments failed in it, or -1, and no step, for a value out of bounds or no number."""
 
     @abstractmethod
     def step_controls(self) -> int:

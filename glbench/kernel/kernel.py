@@ -28,10 +28,7 @@ DISCRETE = "discrete"
 
 
 class Backend(Protocol):
-    """One way of stepping rows over a fixed control step.
-
-    Contract: row i of ``out`` has the same bits whatever the other rows, their order and earlier calls were.
-    """
+    """A way of stepping rows over a fixed control step. Row i of ``out`` has the same bits whatever other rows and calls were."""
 
     name: str
 
@@ -72,10 +69,7 @@ def available(model: Model = TOMATO) -> tuple[str, ...]:
 
 
 def choose(name: str, model: Model = TOMATO) -> str:
-    """Name of the backend meant by ``name``, which may be ``auto``.
-
-    Raises ``UnknownNameError`` when there is no backend of that name, or not for this model.
-    """
+    """Name of the backend meant by ``name``, which may be ``auto``. Raises ``UnknownNameError`` when it is none, or not for this model."""
     if name == "auto":
         return available(model)[0]
     if model.step_map is not None and name in BACKENDS:

@@ -250,10 +250,7 @@ class Differentiable(ABC):
         return result
 
     def _check(self, rows: Rows, failed: npt.NDArray[np.bool_], derivatives: Sequence[FloatArray], *, steps: int = 0) -> None:
-        """Raise StepError for rows that failed, or whose derivatives are not finite.
-
-        Rows of horizons, ``steps`` of each, are named by horizon and step.
-        """
+        """Raise StepError for rows, or horizons of ``steps`` each, with step, that failed or have derivatives that are not finite."""
         if failed.any():
             _, failures = self.advance(rows)
             reason = failures[0] if failures else StepFailure(0, "it could be stepped, but not differentiated")

@@ -138,10 +138,7 @@ class Recorder:
         self._values.append(number)
 
     def tape(self) -> Tape:
-        """The recorded operations that the outputs need.
-
-        Raises ``RecordingError`` when a formula uses a CasADi operation that tapes do not have.
-        """
+        """The recorded operations that the outputs need. Raises ``RecordingError`` for an operation that tapes do not have."""
         return _read(list(self._inputs), list(self._inputs.values()), self._outputs, self._values)
 
 
@@ -218,10 +215,7 @@ class TapeDerivatives:
         return [values for _, _, values in self._tape.play(read)]
 
     def __call__(self, read: Read, slopes: Mapping[Source, npt.NDArray[np.float64]]) -> list[Any]:
-        """The same; ``slopes`` are filled with the derivatives.
-
-        They are for each source zeros ``(..., outputs, n)``, with n the number of its inputs, used or not.
-        """
+        """The same; ``slopes``, for each source zeros ``(..., outputs, n)`` with n its number of inputs, are filled with derivatives."""
         played = [values for _, _, values in self._with_slopes.play(read)]
         for (place, source, index), values in zip(self._entries, played[self._count :], strict=True):
             slopes[source][..., place, index] = values

@@ -1,7 +1,4 @@
-"""Two agents on one task, metric by metric, on the seeds that both were given.
-
-Of several trainings of one recipe the mean over them counts, run by run.
-"""
+"""Two agents on one task, metric by metric, on the seeds that both were given; of several trainings of one recipe the mean, run by run."""
 
 from __future__ import annotations
 

@@ -425,10 +425,7 @@ def aggregate(
 
 
 def performance_profile(agent: str, tasks: Sequence[Array], thresholds: Array, *, resamples: int = 2_000, seed: int = 0) -> Profile:
-    """Share of runs above each threshold, averaged over tasks, with pointwise 95 % bands.
-
-    Raises ``ResultError`` when there is no task, or a task without runs.
-    """
+    """Mean share over tasks of runs above each threshold, with pointwise 95 % bands. Raises ``ResultError`` without tasks or runs."""
     if not tasks or any(runs.size == 0 for runs in tasks):
         refuse("A performance profile needs at least one task, and runs in each of them.", ResultError)
     above = [(runs[:, None] > thresholds).astype(np.float64) for runs in tasks]

@@ -576,10 +576,7 @@ def _over_rows(function: casadi.Function, n: int) -> casadi.Function:
 
 
 def refuse_expression(what: str, value: object) -> None:
-    """Refuse a CasADi expression where numbers are expected, and name the functions that take one.
-
-    Raises ``ShapeError`` for an expression.
-    """
+    """Raises ``ShapeError`` for a CasADi expression in place of numbers, and names the functions that take one."""
     if isinstance(value, casadi.SX | casadi.MX):
         msg = (
             f"{what} is a CasADi expression ({type(value).__name__}), and numbers are expected. For expressions call the model's CasADi "

@@ -215,10 +215,7 @@ class Session:
 
 
 def read_action(task: TaskSpec, request: messages.StepRequest) -> NDArray[np.float64]:
-    """The action of a request, ``(m,)``.
-
-    Raises ``RequestError`` when there is none or two, a name is unknown or missing, or an entry is not a number within its bounds.
-    """
+    """The action of a request, ``(m,)``. Raises ``RequestError`` unless it is one, with the right names and numbers within bounds."""
     in_units = request.action is None
     field, entries = ("values", request.values) if in_units else ("action", request.action)
     if (request.action is None) == (request.values is None):

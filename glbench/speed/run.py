@@ -115,10 +115,7 @@ def references(subjects: Iterable[Subject]) -> Iterator[dict[float, Reference]]:
 
 
 class Comparisons:
-    """Sets subjects against references, each of which is prepared once: one for each step length [s].
-
-    A subject and its reference are timed in turn, ``rounds`` times.
-    """
+    """Times subjects in turn with references, each prepared once a step length [s], ``rounds`` times."""
 
     def __init__(self, by_length: Mapping[float, Reference], rounds: int) -> None:
         self._by_length = by_length

@@ -274,10 +274,7 @@ SUBJECTS: tuple[Subject, ...] = tuple(sorted(_subjects(), key=lambda one: list(G
 
 
 def choose_subjects(names: Sequence[str] = (), *, quick: bool = False) -> tuple[Subject, ...]:
-    """Subjects by name or by group; all of them, or the quick ones, without names.
-
-    Raises ``UnknownNameError`` when there is no such subject or group.
-    """
+    """Subjects by name or by group; without names all, or the quick ones. Raises ``UnknownNameError`` when there is no such one."""
     if not names:
         return tuple(one for one in SUBJECTS if one.quick or not quick)
     choices = {one.name for one in SUBJECTS} | set(GROUPS)

@@ -186,10 +186,7 @@ def set_task(definition: str) -> None:
 
 
 def injected_task(task_id: str) -> TaskSpec | None:
-    """The injected task, if that is its id or its short form.
-
-    Raises ``TaskError`` when its parts are not known here: somebody registered them in another process.
-    """
+    """The injected task, if it has that id or short form. Raises ``TaskError`` when its parts are registered in another process."""
     if not _DEFINITION:
         return None
     task = _task_of(_DEFINITION[0])

@@ -112,10 +112,7 @@ def definition_of(task: TaskRecord) -> dict[str, Any]:
 
 
 def fingerprint_of(task: ResolvedTask) -> Fingerprint:
-    """The digest of ``task`` and the digests of its parts; needs the model and the weather.
-
-    Raises ``TaskError`` when the task refers to something that does not exist.
-    """
+    """The digests of ``task`` and its parts; needs model and weather. Raises ``TaskError`` when it refers to what does not exist."""
     model = task.model_value
     for name in task.actuation.controls:
         with task.errors_in("actuation"):
@@ -200,10 +197,7 @@ def lock_path() -> Path:
 
 
 def read_lock() -> Mapping[str, LockEntry]:
-    """Entries of the lock by task id; empty if there is no lock yet.
-
-    Raises ``TaskError`` when the file is damaged.
-    """
+    """Entries of the lock by task id; empty if there is no lock yet. Raises ``TaskError`` when the file is damaged."""
     path = lock_path()
     try:
         state = path.stat()

@@ -49,10 +49,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Change:
-    """A key that differs from the base: its full name, and both values as a file writes them.
-
-    ``value`` is ``None`` for what is left out, ``before`` for what is new.
-    """
+    """A key that differs from the base: its full name, and both values as files write them; ``None`` for one that is not there."""
 
     key: str
     value: str | None
@@ -257,10 +254,7 @@ def take_over_prices(content: Mapping[str, Any], folder: Path, source: str, belo
 
 
 def shipped_file(name: str) -> Path:
-    """File of the shipped task with this id or short form.
-
-    Raises ``UnknownNameError`` when there is none; names the nearest.
-    """
+    """File of the shipped task with this id or short form. Raises ``UnknownNameError`` when there is none; names the nearest."""
     ids = task_ids()
     by_short_form = {task_id.partition("/")[2]: task_id for task_id in ids}
     full_id = name if name in ids else by_short_form.get(name)
@@ -300,10 +294,7 @@ def as_written(value: object, longest: int = _LONGEST_VALUE) -> str:
 
 
 def check_plain(content: Mapping[str, Any], source: str) -> None:
-    """Refuse numbers and nestings that what reads the task later would stumble over.
-
-    Raises ``TaskError``, which names the key.
-    """
+    """Refuse numbers and nestings that what reads the task later would stumble over. Raises ``TaskError``, which names the key."""
     inside: list[tuple[str, object, int]] = [("the file", content, 0)]
     while inside:
         key, value, depth = inside.pop()

@@ -86,10 +86,7 @@ def list_tasks() -> list[TaskSpec]:
 
 
 def list_drafts() -> list[TaskSpec]:
-    """Shipped tasks that are not published: they can be used like any other, and may change.
-
-    Raises ``TaskError`` when a file is invalid.
-    """
+    """Shipped tasks that are not published: usable like any other, and may change. Raises ``TaskError`` when a file is invalid."""
     return [read_task(path) for path in draft_files()]
 
 
@@ -104,10 +101,7 @@ def list_suites() -> dict[str, tuple[str, ...]]:
 
 
 def get_suite(name: str) -> tuple[TaskSpec, ...]:
-    """Tasks of a suite, each compared with the lock.
-
-    Raises ``UnknownNameError`` when there is no such suite; names the nearest. Raises ``TaskError`` as for ``get_task``.
-    """
+    """Tasks of a suite, each compared with the lock. Raises ``UnknownNameError`` for an unknown suite, and errors as for ``get_task``."""
     suites = list_suites()
     if name not in suites:
         refuse(f"There is no suite '{name}'.{did_you_mean(name, suites)}", UnknownNameError)
@@ -135,10 +129,7 @@ def lock_new_tasks() -> tuple[LockEntry, ...]:
 
 
 def check_file_name(task: TaskSpec, path: Path) -> None:
-    """Refuse a shipped task whose file is not called after its id.
-
-    Raises ``TaskError`` with the name the file should have.
-    """
+    """Refuse a shipped task whose file is not called after its id. Raises ``TaskError`` with the name the file should have."""
     expected = f"{task.short_id.lower()}.toml"
     if path.name != expected:
         refuse(f"{task.source} defines '{task.id}', so its file must be called {expected}. Rename the file or correct the id.", TaskError)

@@ -187,10 +187,7 @@ def _clock_of(table: TextTable, time: str, clock: object) -> tuple[ZoneInfo | No
 
 
 def _price_column(table: TextTable, column: object) -> str:
-    """Title of the column of prices.
-
-    Raises ``TaskError`` when there is none, or several and ``column`` does not say which.
-    """
+    """Title of the column of prices. Raises ``TaskError`` when there is none, or several and ``column`` does not say which."""
     if column is not None:
         table.texts(str(column))
         return str(column)

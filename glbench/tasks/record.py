@@ -202,10 +202,7 @@ class TaskRecord:
 
     @property
     def prices(self) -> tables.PricesTable:
-        """The prices of a task of schema 1.
-
-        Raises ``TaskError`` for a task of schema 2, which has a ledger.
-        """
+        """The prices of a task of schema 1. Raises ``TaskError`` for a task of schema 2, which has a ledger."""
         if self.file.prices is None:
             refuse(f"{self.source} has no table [prices]: its prices are those of its ledger (task.ledger).", TaskError)
         return self.file.prices

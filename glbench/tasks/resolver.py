@@ -113,10 +113,7 @@ class ResolvedTask(TaskRecord):
 
     @cached_property
     def model_value(self) -> Model:
-        """The model.
-
-        Raises ``TaskError`` when there is no model with that id and variant.
-        """
+        """The model. Raises ``TaskError`` when there is no model with that id and variant."""
         from glbench.model import get_model  # not at the top: task files are read without the model
 
         with self.errors_in("model"):

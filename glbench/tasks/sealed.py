@@ -58,10 +58,7 @@ class Round:
     """Closing time with its time zone, in whole seconds; a result made later is late. ``None``: the round never closes."""
 
     def __post_init__(self) -> None:
-        """Refuse what is not a secret of a round.
-
-        Raises ``GlbenchError`` when the salt, the digest, the years or the closing time is invalid.
-        """
+        """Raises ``GlbenchError`` when the salt, the digest, the years or the closing time cannot be those of a round."""
         # The wrong salt is not repeated: a right one with a typo would end up in a log.
         if not isinstance(self.salt, str) or not _HEX.fullmatch(self.salt):
             refuse("The salt of a round has 64 hexadecimal digits in small letters. `glbench round new` makes one.", GlbenchError)
@@ -144,10 +141,7 @@ def commitment_of(secret: str) -> str:
 
 
 def weather_of(secret: str) -> SealedWeather | None:
-    """The weather that a round's secret names, if any.
-
-    Raises ``GlbenchError`` when it looks like a round's secret and is none.
-    """
+    """The weather that a round's secret names, if any. Raises ``GlbenchError`` when it looks like a round's secret and is none."""
     first, *lines = secret.split("\n")
     if first != _FIRST_LINE:  # a plain salt
         return None
@@ -224,10 +218,7 @@ def _round_of(content: dict[str, Any]) -> tuple[Round, object]:
 
 
 def closing_time(text: str) -> dt.datetime:
-    """Parse a closing time such as ``2027-03-01T18:00+01:00``.
-
-    Raises ``GlbenchError`` when it is not a time, has no time zone, or is in the past.
-    """
+    """Parse a time such as ``2027-03-01T18:00+01:00``. Raises ``GlbenchError`` when it is none, has no time zone, or is in the past."""
     try:
         closes = dt.datetime.fromisoformat(text.strip())
     except ValueError:
@@ -240,10 +231,7 @@ def closing_time(text: str) -> dt.datetime:
 
 
 def round_weather(name: str, years: Sequence[int]) -> SealedWeather:
-    """The weather record ``name`` as a round's own.
-
-    Raises ``GlbenchError`` when there is no such record, it lacks one of the years, or no year is named.
-    """
+    """The weather ``name`` as a round's own. Raises ``GlbenchError`` when there is no such record, it lacks a year, or no year is named."""
     from glbench.weather import SeasonGenerator, load_weather  # not at the top: task files are read without the weather
 
     record = load_weather(name)

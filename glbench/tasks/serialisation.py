@@ -36,10 +36,7 @@ def schema_of(content: Mapping[str, Any]) -> type[TaskFile1] | type[TaskFile2]:
 
 
 def file_of(content: Mapping[str, Any]) -> TaskFile2:
-    """The record of the tables of a task file, whichever schema they are in.
-
-    Raises ``pydantic.ValidationError`` when they define no task.
-    """
+    """The record of the tables of a task file of either schema. Raises ``pydantic.ValidationError`` when they define no task."""
     kind = schema_of(content)
     return kind.of_content(content) if issubclass(kind, TaskFile2) else PaperTaskFile.of_file(kind.model_validate(content))
 
@@ -53,10 +50,7 @@ def file_of_attachment(plain: Mapping[str, Any]) -> TaskFile2:
 
 
 def record_of(tables: TaskTables, source: str) -> TaskFile2:
-    """The record of the tables of a file that messages call ``source``.
-
-    Raises ``TaskError`` when they define no task; it lists every mistake.
-    """
+    """The record of the tables of a file that messages call ``source``. Raises ``TaskError``, with every mistake, when they define none."""
     try:
         return file_of(tables.content)
     except ValidationError as error:

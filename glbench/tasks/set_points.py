@@ -64,10 +64,7 @@ def set_point_field(name: str) -> Any:
 
 
 def set_points(controls: tuple[str, ...]) -> tuple[Action, ...]:
-    """The set points of a process computer that works ``controls``.
-
-    Raises ``UnknownNameError`` when it cannot work one of them, or none that a set point steers.
-    """
+    """Set points of a process computer for ``controls``. Raises ``UnknownNameError`` when it cannot work one, or nothing steers any."""
     for name in controls:
         if name not in WORKED:
             refuse(f"The process computer cannot work '{name}', only {', '.join(WORKED)}.{did_you_mean(name, WORKED)}", UnknownNameError)

@@ -28,18 +28,12 @@ class TaskSpec(ResolvedTask):
 
     @classmethod
     def model_validate(cls, content: Mapping[str, Any]) -> Self:
-        """The task that the tables ``content`` define, as TOML gives them.
-
-        Raises ``pydantic.ValidationError`` when they define none.
-        """
+        """The task that the tables ``content`` define, as TOML gives them. Raises ``pydantic.ValidationError`` when they define none."""
         return cls(file_of(content))
 
     @classmethod
     def of_file(cls, tables: TaskTables, source: str) -> Self:
-        """The task of the tables of a file that messages call ``source``.
-
-        Raises ``TaskError`` when they define no task; it lists every mistake.
-        """
+        """The task of the tables of a file that messages call ``source``. Raises ``TaskError`` with every mistake of them."""
         return cls(record_of(tables, source), source, tables.base, tables.changes)
 
     @classmethod

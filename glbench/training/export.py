@@ -106,10 +106,7 @@ def export_model(file: Path, algorithm: str, normalization: Path | None, task: T
 
 
 def actor_of(model: BaseAlgorithm) -> tuple[list[nn.Linear], str, Output]:
-    """Layers of a model's actor, the activation between them, and what is made of the last one.
-
-    Raises ``TrainingError`` when it is no plain multilayer perceptron.
-    """
+    """Layers of an actor, their activation, and what is made of the last. Raises ``TrainingError`` when it is no plain perceptron."""
     policy = model.policy
     if type(policy).__name__.startswith("Recurrent"):
         refuse(f"{type(model).__name__} has a memory; only policies without one can be exported.", TrainingError)

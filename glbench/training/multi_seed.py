@@ -85,10 +85,7 @@ def submit_training(
 
 
 def outcome_of(future: execution.Future, folder: Path) -> Trained:
-    """The outcome of a training in ``folder``.
-
-    Raises ``TrainingError`` when it failed, or its workers were lost, and ``Exception`` when a listener raised it.
-    """
+    """The outcome of a training in ``folder``. Raises ``TrainingError`` when it failed or lost its workers, and what a listener raised."""
     try:
         trained: Trained = future.result()
     except execution.WorkerLostError as error:
@@ -187,10 +184,7 @@ def _replace_paths(text: str, paths: Mapping[str, str]) -> str:
 
 
 def _start_files(policy: Path | None) -> execution.Files:
-    """The policy that a training starts from and its cards, in the same relative places as here.
-
-    Raises ``TrainingError`` when it cannot be read.
-    """
+    """The policy to start from and its cards, in the same relative places. Raises ``TrainingError`` when it cannot be read."""
     if policy is None:
         return {}
     cards = {f"{_START}/{CARD}": policy.with_name(CARD)}

@@ -93,10 +93,7 @@ def kind_for(tasks: Sequence[TaskSpec]) -> type[tuned_rules.TunedRuleSettings]:
 
 
 def reward_of(tasks: Sequence[TaskSpec]) -> tuple[str, ...]:
-    """Reward modules that all ``tasks`` share.
-
-    Raises ``TrainingError`` when there is no task, one is named twice, or they have several rewards, whose sums say nothing.
-    """
+    """Reward modules that all ``tasks`` share. Raises ``TrainingError`` when there is no task, one comes twice, or rewards differ."""
     if not tasks:
         refuse("Rules are tuned for a task: name one with --task.", TrainingError)
     rewards = {task.id: tuple(task.reward.modules) for task in tasks}

@@ -46,10 +46,7 @@ _LOOKED_AT = 5  # Only every fifth step of the runs is used to compute the direc
 
 
 class BatchedPolicy:
-    """Acts with another last layer in each row.
-
-    ``seconds`` is the time spent on actions so far [s].
-    """
+    """Acts with another last layer in each row. ``seconds`` is the time spent on actions so far [s]."""
 
     def __init__(self, policy: NetworkPolicy) -> None:
         self._policy = replace(policy, arithmetic=FAST)

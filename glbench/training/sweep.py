@@ -128,10 +128,7 @@ def read_search(file: Path) -> Search:
 
 
 def with_choices(settings: TrainingSettings, choices: dict[str, Any], steps: int) -> TrainingSettings:
-    """Settings with the choices of a trial in their places.
-
-    Raises ``TrainingError`` when a choice is none of the settings' parts, or impossible.
-    """
+    """Settings with the choices of a trial. Raises ``TrainingError`` when a choice is none of the settings' parts, or impossible."""
     content: dict[str, Any] = settings.model_dump(mode="json")
     content["n_timesteps"] = steps
     for name, value in choices.items():

@@ -107,10 +107,7 @@ def _reproduced(
     workers: int | None,
     progress: Progress | None,
 ) -> _Reproduced:
-    """Simulate the runs of ``result`` again; raise ``Refused`` if they differ.
-
-    ``episodes``: a folder, and whether it must contain episodes.
-    """
+    """Simulate the runs of ``result`` again; raise ``Refused`` if they differ. ``episodes``: a folder, and whether some must be there."""
     log = documents.read_record(path, result)
     spec = documents.with_its_draws(result, documents.find_task(result, log, file), sealed)
     notes = documents.check_seeds(result, spec)

@@ -151,10 +151,7 @@ def generated_seasons(generator: SeasonGenerator, start: dt.date, within_days: i
 
 
 def real_seasons(generator: SeasonGenerator, start: dt.date, within_days: int, days: int) -> Seasons:
-    """Every season of the generator's years that begins on one of these first days.
-
-    Raises ``WeatherError`` when no such season lies wholly inside the years.
-    """
+    """Every season of the generator's years that begins on one of these days. Raises ``WeatherError`` when none lies wholly inside."""
     numbers, values = generator.real_days()
     first = calendar_days(np.array([(start - dt.date(1970, 1, 1)).days]))[0]
     calendar = calendar_days(numbers)

@@ -120,10 +120,7 @@ def read_weather(
 
 
 def detect_format(path: Path) -> Format:
-    """Format of a weather file, from the beginning of its text (and its suffix for TMY2).
-
-    Raises ``WeatherError`` when the file cannot be read, or is of no known format.
-    """
+    """Format of a weather file, from its beginning (TMY2: its suffix). Raises ``WeatherError`` when it cannot be read or told."""
     try:
         with open_regular(path) as file:
             head = read_pieces(file.read, 4)

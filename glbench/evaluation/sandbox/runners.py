@@ -92,10 +92,7 @@ class SandboxedAgent:
         return AgentProcess(self.submission, self.sizes, self.prints, longest, walls=self.walls, libraries=self.libraries)
 
     def made_in(self, process: AgentProcess) -> bool:
-        """Load the submission in ``process`` and make the agent; whether it is one agent a run.
-
-        Raises ``SubmissionError`` when the agent cannot be made.
-        """
+        """Load the submission in ``process`` and make the agent; whether it is one a run. Raises ``SubmissionError`` when that fails."""
         limit = self.time.start
         until = time.monotonic() + limit
         place = place_inside(self.submission) if self.walls else self.submission.path
@@ -119,10 +116,7 @@ class SandboxedAgent:
 
 
 def sandboxed_runner(agent: SandboxedAgent) -> AgentRunner:
-    """The agent in its sandbox, made and ready to be reset.
-
-    Raises ``SubmissionError`` when the agent cannot be made, and ``SandboxError`` when the sandbox does not start.
-    """
+    """The agent in its sandbox, ready for a reset. Raises ``SubmissionError`` when it cannot be made, ``SandboxError`` without one."""
     process, single = agent.started()
     return in_process(agent, process, single=single)
 

@@ -218,10 +218,7 @@ class CompiledStepper:
         return CompiledBoundStep(self, call, pointers, rows, out)
 
     def walk(self, horizons: Horizons, states: Array) -> int:
-        """Step horizons, all together step by step, with every pointer set beforehand; see ``Backend.walk``.
-
-        Lanes and threads share the horizons of a step.
-        """
+        """Step horizons together, step by step, with every pointer set beforehand: lanes and threads share them; see ``Backend.walk``."""
         n, steps = horizons.count, horizons.steps
         u, d = (np.ascontiguousarray(table.swapaxes(0, 1)) for table in (horizons.u, horizons.d))
         p, size = horizons.p, horizons.p.shape[2]
@@ -246,10 +243,7 @@ class CompiledStepper:
         return steps
 
     def differentiator(self) -> CompiledDifferentiator:
-        """What differentiates the steps: a second library, built now if need be.
-
-        Raises ``CompiledUnavailable`` when it can be neither loaded nor built.
-        """
+        """What differentiates the steps: a second library. Raises ``CompiledUnavailable`` when it can be neither loaded nor built."""
         return CompiledDifferentiator(self.model, self.settings, self.width)
 
     def prepare(self, p: Array) -> None:
@@ -377,10 +371,7 @@ class CompiledBoundStep:
         pointers.status, pointers.substeps = self.status.ctypes.data, self.substeps.ctypes.data
 
     def __call__(self) -> None:
-        """Step the rows.
-
-        Raises ``StepError`` when a row could not be integrated, or an input is not finite; the other rows have been stepped.
-        """
+        """Step the rows. Raises ``StepError`` when one could not be integrated, or an input is not finite; the others have been stepped."""
         if not self._call():
             return
         rows = np.flatnonzero(self.status)  # those that need the library of the full model, and failures
