@@ -31,7 +31,7 @@ from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import FORECAST
 from glbench.untrusted import reason_of
-from glbench.weather import WeatherRecord
+from glbench.weather import WeatherRecord, disturbances
 
 Floats = NDArray[np.float64]
 
@@ -324,8 +324,6 @@ class _Season:
 
     @staticmethod
     def of(task: TaskSpec, record: WeatherRecord, year: int) -> _Season | None:
-        from glbench.weather import disturbances
-
         weather, day = task.weather, dt.timedelta(days=1)
         forecast = ForecastTable.of(task)
         start = weather.start.replace(year=year, day=min(weather.start.day, 28)) - REACH * day

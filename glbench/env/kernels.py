@@ -32,8 +32,6 @@ _shared = threading.local()
 
 def shared_kernel(model: Model, step_seconds: float, preset: str = SCORING_PRESET) -> Kernel:
     """Kernel of this thread for a model, a step length [s] and a preset; made at the first call."""
-    from glbench.kernel import Kernel
-
     kernels: dict[tuple[Model, float, str], Kernel] = _shared.__dict__.setdefault("kernels", {})
     key = (model, step_seconds, preset)
     if key not in kernels:

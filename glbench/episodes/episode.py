@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
 from glbench.env.weather_pool import CLOCK
-from glbench.episodes.header import Provenance, RunFacts, as_words, canonical
+from glbench.episodes.header import Provenance, RunFacts, as_words, canonical, task_of
 from glbench.episodes.mcap_file import PACKAGE, Layout, McapWriter, Part, Scan, layout_from, scan
 from glbench.episodes.signals import ACTION, MESSAGES, TOPICS, Column, Floats, Group, Line, Moment, Signals, Source, signals_of
 from glbench.errors import EpisodeError, did_you_mean, refuse
@@ -121,8 +121,6 @@ class Episode:
 
     def task(self) -> TaskSpec:
         """The task, from the definition in the record."""
-        from glbench.episodes.header import task_of
-
         return task_of(self.definition)
 
     def to_frame(self, by: Literal["step", "time"] = "step") -> pd.DataFrame:

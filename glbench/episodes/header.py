@@ -171,8 +171,6 @@ def definition_json(task: TaskSpec) -> bytes:
 
 def task_of(definition: bytes) -> TaskSpec:
     """The task that a record's attached definition defines, right or not. Raises ``EpisodeError`` when it defines none."""
-    from glbench.tasks import TaskSpec
-
     try:
         return TaskSpec.of_attachment(parse_json(definition))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, pydantic.ValidationError) as error:

@@ -252,8 +252,6 @@ def write_recording(result: Path, seed: int, folder: Path) -> Recording:
     Raises ``EpisodeError`` when there is no such run, it failed, its record is missing or damaged, the agent set controls directly, or the
     folder is not empty.
     """
-    from glbench.agents.plans import Recording
-
     loaded = load_result(result)
     log = recorded_actions(loaded, result)
     agent, card = log.provenance.agent, task_card(task_of_result(loaded, result))

@@ -33,8 +33,6 @@ class FmuSetup:
 
     def find_task(self) -> TaskSpec:
         """The task. Raises ``TaskError`` when it is another one here than where the FMU was exported, and as ``get_task``."""
-        from glbench.tasks import TaskSpec
-
         task = TaskSpec.of_attachment(json.loads(self.definition)) if self.definition else get_task(self.task)
         if task.digest != self.digest:
             msg = (
