@@ -1,4 +1,4 @@
-"""Checks of untrusted arrays: actions must be real numbers; ``.npz`` files must have bounded size and contain no code."""
+"""Arrays, and checks of untrusted ones: actions must be real numbers; ``.npz`` files must have bounded size and contain no code."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from glbench.errors import refuse
 from glbench.untrusted import MIB, parse_json, quoted, read_pieces, read_regular
 
+Floats = NDArray[np.float64]
 _MOST_ENTRIES: Final = 1000
 _KINDS: Final = {"<f4", "<f8", "<u2", "<i8", "<u8", "|u1"}
 _NUMPY_ERRORS: Final = (ValueError, SyntaxError, TypeError, RecursionError, MemoryError, OverflowError, tokenize.TokenError)

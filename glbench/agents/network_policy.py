@@ -23,14 +23,13 @@ from glbench.agents import deterministic_math
 from glbench.agents.card import LARGEST, SMALLEST_CLIP, SMALLEST_SCALE
 from glbench.agents.controllers import controller
 from glbench.agents.protocol import check_runs
-from glbench.arrays import ArrayFile, checked_facts, packed
+from glbench.arrays import ArrayFile, Floats, checked_facts, packed
 from glbench.errors import ShapeError, SubmissionError, refuse
 from glbench.untrusted import MIB, quoted, read_regular, reason_of
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
-Floats = NDArray[np.float64]
 Layer = Callable[[Any], Any]
 FORMAT = 1
 

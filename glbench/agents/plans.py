@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glbench.agents.controllers import controller
 from glbench.agents.protocol import check_runs
-from glbench.arrays import ArrayFile, checked_facts, packed
+from glbench.arrays import ArrayFile, Floats, checked_facts, packed
 from glbench.errors import ShapeError, SubmissionError, refuse
 from glbench.resources import write_atomically
 from glbench.untrusted import reason_of
@@ -30,7 +30,6 @@ from glbench.untrusted import reason_of
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
 
-Floats = NDArray[np.float64]
 
 FORMAT = 1
 HALF_SCALE = 1000  # Numbers from the middle of an action's bounds to either of them; the middle, which is 0 for a change, is exact
@@ -379,7 +378,7 @@ class RecordingAgent:
             refuse(f"The recording does not fit this task: {reason}. Record an agent on a task with the same actions.", SubmissionError)
         self._runs, self._step = n_runs, 0
 
-    def act(self, observations: NDArray[np.float32], /) -> NDArray[np.float64]:
+    def act(self, observations: NDArray[np.float32], /) -> Floats:
         """The next action for every run, ``(n_runs, actions)``; of ``observations`` only the number of rows is looked at.
 
         Raises ``ShapeError`` when there are not as many rows as runs were announced to ``reset``.

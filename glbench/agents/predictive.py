@@ -16,6 +16,7 @@ from pydantic import Field
 from glbench.agents.controllers import controller
 from glbench.agents.protocol import check_runs
 from glbench.agents.views import visible_columns
+from glbench.arrays import Floats
 from glbench.control import Climatology, EndValue, Outlook, PredictiveController, Scenario, StateEstimator, actions_of
 from glbench.env.actuation import make_actuation
 from glbench.errors import GlbenchError, SubmissionError, UnknownNameError, did_you_mean, refuse
@@ -25,7 +26,6 @@ from glbench.settings import Table, read_settings
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
 
-Floats = NDArray[np.float64]
 
 _Count = Annotated[int, Field(ge=1, le=10_000)]
 _Margin = Annotated[float, Field(ge=0.0)]

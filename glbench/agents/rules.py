@@ -19,11 +19,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
 from glbench.agents.daylight import Daylight, DaylightEstimator
+from glbench.arrays import Floats
 from glbench.errors import ShapeError, SubmissionError, refuse
 from glbench.model import TOMATO, co2_ppm, relative_humidity
 from glbench.settings import Table, read_settings
@@ -32,7 +32,6 @@ from glbench.tasks import set_points
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
-Array = NDArray[np.float64]
 Shared = Any  # An array (n,), or one ``float`` for all runs
 
 _LOG_100 = math.log(100.0)
@@ -106,11 +105,11 @@ class RuleInputs:
     What is outside may also be one number for all runs: the rules then follow from it for all runs at once, with the same bits.
     """
 
-    air_temperature: Array
+    air_temperature: Floats
     """Air below the screens [degC]."""
-    relative_humidity: Array
+    relative_humidity: Floats
     """Relative humidity of that air [%]."""
-    co2: Array
+    co2: Floats
     """CO2 of that air [ppm]."""
     radiation: Shared
     """Global radiation outside [W m-2]."""
@@ -128,7 +127,7 @@ class RuleInputs:
     """Day of the year [day], 0 at 1 January 00:00."""
 
 
-def proportional(value: Array, set_point: Array | float, band: float, low: float, high: float) -> Array:
+def proportional(value: Floats, set_point: Floats | float, band: float, low: float, high: float) -> Floats:
     """Smooth proportional action from ``low`` to ``high`` while ``value`` goes from ``set_point`` to ``set_point + band``.
 
     ``low + (high - low) / (1 + exp(-2/band * ln(100) * (value - set_point - band/2)))``: 1 % of the way at the set point, 99 % at
@@ -137,12 +136,12 @@ def proportional(value: Array, set_point: Array | float, band: float, low: float
     return _action(value - set_point, 2.0 / band * _LOG_100, band / 2.0, low, high - low)
 
 
-def _action(above: Array, steepness: Any, half_band: Any, low: Any, span: Any) -> Array:
+def _action(above: Floats, steepness: Any, half_band: Any, low: Any, span: Any) -> Floats:
     z = steepness * (above - half_band)
     # exp only ever sees numbers that are not positive, so no distance from the set point overflows.
     decay = np.exp(-np.abs(z))
     share = np.where(z >= 0.0, 1.0, decay) / (1.0 + decay)
-    action: Array = low + span * share
+    action: Floats = low + span * share
     return action
 
 
@@ -160,7 +159,7 @@ def _smaller(a: Shared, b: Shared) -> Shared:
     return min(a, b) if isinstance(a, float) and isinstance(b, float) else np.minimum(a, b)
 
 
-def rule_controls(inputs: RuleInputs, settings: RuleSettings) -> Array:
+def rule_controls(inputs: RuleInputs, settings: RuleSettings) -> Floats:
     """Boiler, CO2 dosing, thermal screen, vents, lamps, blackout screen as the rules ask for: shares of capacity, 0 to 1, ``(n, 6)``."""
     return Rules(settings).controls(inputs)
 
@@ -189,7 +188,7 @@ class Rules:
             for column in zip(*((2.0 / b * _LOG_100, b / 2.0, low, high - low) for b, low, high in bands), strict=True)
         )
 
-    def controls(self, inputs: RuleInputs) -> Array:
+    def controls(self, inputs: RuleInputs) -> Floats:
         """Controls (n, 6) that the rules ask for, as ``rule_controls`` gives them."""
         s, air, humidity = self.settings, inputs.air_temperature, inputs.relative_humidity
         lamps_by_clock, heating, co2 = self._set_points(inputs)
@@ -215,7 +214,7 @@ class Rules:
         if s.lamp_rule == "author":
             # By day the blackout screen is open, and humidity is no reason; the published code lost this by operator precedence.
             not_humid = inputs.is_day_smooth + (1.0 - inputs.is_day_smooth) * not_humid
-        lamps: Array = lamps_by_clock * lamps_heat * not_humid
+        lamps: Floats = lamps_by_clock * lamps_heat * not_humid
         for_humidity = np.maximum(screen_humidity, 1.0 - not_cold)
         # Erratum of the published code: "opened for heat or humidity" became max, so only heat *and* humidity open the screen.
         keep_closed = np.maximum if s.thermal_screen_rule == "code" else np.minimum
@@ -280,7 +279,7 @@ class RuleBasedController:
         """Nothing to forget: the rules look at the present step only. Controls of the model beyond the paper's six stay at 0."""
         self._others = max(len(task.controls) - len(TOMATO.control_names), 0)
 
-    def controls(self, x: Array, d: Array, hour_of_day: float | Array, day_of_year: float | Array, /) -> Array:
+    def controls(self, x: Floats, d: Floats, hour_of_day: float | Floats, day_of_year: float | Floats, /) -> Floats:
         """Controls (n, controls of the model) for the step that begins now, fractions of capacity.
 
         ``x`` is the state at the start of the step (n, states), ``d`` the disturbance acting in it, (n, disturbances) or (disturbances,),
@@ -291,7 +290,7 @@ class RuleBasedController:
         return np.pad(controls, ((0, 0), (0, self._others))) if self._others else controls
 
 
-def privileged_inputs(x: Array, d: Array, hour_of_day: float | Array, day_of_year: float | Array) -> RuleInputs:
+def privileged_inputs(x: Floats, d: Floats, hour_of_day: float | Floats, day_of_year: float | Floats) -> RuleInputs:
     """What the rules look at, from states ``x`` and disturbances ``d`` as ``RuleBasedController.controls`` takes them."""
     n = x.shape[0] if x.ndim == 2 else -1
     state_count, outdoor_count = len(TOMATO.state_names), len(TOMATO.disturbance_names)
@@ -354,7 +353,7 @@ class FairRuleBasedAgent(ObservedController):
         age_seconds = task.step_seconds if task.timing == "published" else 0.0
         self._daylight = DaylightEstimator(n_runs, task.step_seconds, age_seconds)
 
-    def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
+    def decide(self, readings: dict[str, Floats], positions: dict[str, Floats], /) -> Floats:
         """Actions (n_runs, actions) towards the controls that the rules ask for."""
         hour, day = clock_from(readings)
         daylight = self._daylight.observe(hour, readings["global_radiation"])
@@ -362,7 +361,7 @@ class FairRuleBasedAgent(ObservedController):
         return self.towards(dict(zip(self._controls, controls.T, strict=False)), positions)
 
 
-def fair_inputs(readings: dict[str, Array], hour: Array, day: Array, daylight: Daylight) -> RuleInputs:
+def fair_inputs(readings: dict[str, Floats], hour: Floats, day: Floats, daylight: Daylight) -> RuleInputs:
     """What the rules look at, from readings by name, the clock, and the estimates of the day."""
     return RuleInputs(
         air_temperature=readings["air_temperature"],

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from glbench import __version__
 from glbench.agents.identity import CARD_FILE
 from glbench.agents.plans import PlanBook, read_book
+from glbench.arrays import Floats
 from glbench.control import Iteration, Scenario, plan_season
 from glbench.env import Simulation, StepResult
 from glbench.errors import EpisodeError, GlbenchError, refuse
@@ -27,8 +27,6 @@ from glbench.evaluation.jobs import PackedTask, Payload
 from glbench.execution import Executor, JobContext, RayExecutor, local_executor
 from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
 
 _ENGINES = ("local", "ray")
 

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.air import read_air
 from glbench.env.forecast import HOUR, ForecastTable
 from glbench.env.generated import CO2_PERSISTENCE
@@ -32,8 +33,6 @@ from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import FORECAST
 from glbench.untrusted import reason_of
 from glbench.weather import WeatherRecord, disturbances
-
-Floats = NDArray[np.float64]
 
 QUANTITIES = ("clearness", "outdoor_temperature", "outdoor_relative_humidity", "outdoor_co2", "wind_speed", "sky_depression")
 """What has a mean: share of clear-sky radiation [-], [degC], [%], [ppm], [m s-1], air minus sky temperature [K]."""

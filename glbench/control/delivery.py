@@ -25,13 +25,12 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.actuators import WIND, Actuators, fault
 from glbench.env.random import uniforms
 from glbench.env.scenario import RunScenarios, Scenes
 from glbench.env.uncertainty import stream_key
 from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
 
 VARIANCE = {"sticks": 1.0 / 6.0, "fails": 1.0 / 3.0}
 """Mean square of what an actuator is off during a fault: of the difference of two numbers drawn evenly from 0 to 1, and of one of them."""

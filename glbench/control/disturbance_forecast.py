@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glbench.arrays import Floats
 from glbench.control.climatology import CLEARNESS, CO2, HUMIDITY, TEMPERATURE, WIND, Climatology, WeatherObservation
 from glbench.control.observation_model import ObservationModel, checked_observations, refuse_missing
 from glbench.control.price_forecast import PriceForecast
@@ -40,8 +41,6 @@ from glbench.tasks.schedule import schedule_rows
 from glbench.tasks.vocabulary import WEEKDAYS
 from glbench.untrusted import quoted
 from glbench.weather.preprocessing import co2_density, seconds_into_year, soil_temperature, to_utc_seconds, utc_offsets, vapour_pressure
-
-Floats = NDArray[np.float64]
 
 _UNUSED = ("dayRadSum", "isDay", "isDaySmooth")
 _BRIGHTEST = 1.1

@@ -21,8 +21,9 @@ taken one after the other in Joseph's form.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from glbench.arrays import Floats
 from glbench.control.delivery import Delivery, ExpectedDelivery
 from glbench.control.observation_model import ObservationModel, checked_observations, refuse_missing
 from glbench.env.air import Sensors
@@ -34,8 +35,6 @@ from glbench.errors import ShapeError, StepError, TaskError, refuse, whole_numbe
 from glbench.kernel import Kernel
 from glbench.tasks import TaskSpec
 from glbench.tasks.resolver import ParameterGroup
-
-Floats = NDArray[np.float64]
 
 UNSEEN = {"tSky": (6.0, 4.0)}
 """Standard deviation [its unit] of what ``Outlook`` says of a column of the weather that nobody sees, and the hours in which the error

@@ -17,11 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.control.trust_region import feasible
 from glbench.env.actuation import LONG_AGO, hold_steps
 from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
 
 _TIE = 1e-9
 

@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glbench.arrays import Floats
 from glbench.control.delivery import Delivery
 from glbench.control.machines import Machines, Schedule
 from glbench.control.scenario import with_schedule
@@ -27,7 +28,6 @@ from glbench.kernel.trajectories import RolloutError, Trajectory
 from glbench.tasks import TaskSpec
 from glbench.untrusted import quoted
 
-Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 _Result = TypeVar("_Result")
 

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.accounts import ByName
 from glbench.env.air import AIR, Sensors, air_quantities
 from glbench.errors import TaskError, refuse
 from glbench.kernel.tape import Recorder, TapeDerivatives
 from glbench.tasks import TaskSpec
 from glbench.tasks.tables import SampleTable
-
-Floats = NDArray[np.float64]
 
 
 class ObservationModel:

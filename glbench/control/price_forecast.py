@@ -10,13 +10,11 @@ likely as the steps of the path that follow from it.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.tasks import TaskSpec
 from glbench.tasks.prices import RADIATION, SHAPE, WIND
 from glbench.weather.preprocessing import utc_offsets
-
-Floats = NDArray[np.float64]
 
 _HOUR, _DAY = 3600, 86400
 _ERROR = 0.1

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.control.delivery import Delivery
 from glbench.env import run_weather
 from glbench.env.actuation import off_position, run_calendar
@@ -16,8 +16,6 @@ from glbench.env.simulation import read_only, run_parameters
 from glbench.env.spaces import checked_seed, the_task
 from glbench.errors import ShapeError, TaskError, refuse
 from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

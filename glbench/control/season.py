@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from glbench.arrays import Floats
 from glbench.control.machines import Machines, Schedule
 from glbench.control.scenario import Scenario, actions_of, with_schedule
 from glbench.control.stage import StageReward, StageValues, judged_at_the_end
@@ -27,8 +28,6 @@ from glbench.env.spaces import the_task
 from glbench.errors import GlbenchError, ShapeError, TaskError, refuse, whole_number
 from glbench.kernel import Kernel
 from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
 
 _FIRST_RADIUS, _LARGEST_RADIUS = 0.1, 0.3
 """Trust region of a day: how far a control may move."""

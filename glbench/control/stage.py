@@ -8,8 +8,9 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from glbench.arrays import Floats
 from glbench.env import REWARDS
 from glbench.env.air import AIR, air_quantities
 from glbench.env.program import calendar_columns, info_columns, record_quantities
@@ -18,8 +19,6 @@ from glbench.errors import GlbenchError, ShapeError, TaskError, refuse
 from glbench.kernel.tape import Read, Recorder, Source, TapeDerivatives, Target
 from glbench.model import Model
 from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,14 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from glbench.arrays import Floats
 from glbench.control.delivery import Delivery
 from glbench.control.stage import StageReward, air_of
 from glbench.env.air import AIR
 from glbench.kernel.trajectories import Trajectory
-
-Floats = NDArray[np.float64]
 
 LENGTHS = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.25])
 """Shares of an improvement that are simulated."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.errors import TaskError
 from glbench.model import SIDES, Flow, Model, Side, Step, Stock, violation_meter
 from glbench.tasks import TaskSpec
@@ -32,7 +33,7 @@ QUANTITY_NAMES: tuple[str, ...] = tuple(quantity.name for quantity in QUANTITIES
 REWARD, EPI = 0, 1
 """Rows of every task's table: the reward and the profit."""
 
-Values = Sequence[Any] | Mapping[int, Any] | NDArray[np.float64]
+Values = Sequence[Any] | Mapping[int, Any] | Floats
 """A number, an array or a recorded value for each place; a mapping where only some are needed (``Accounts.ledger_states``)."""
 
 
@@ -93,7 +94,7 @@ class Accounts:
         return self.ledger.price_tables
 
     @cached_property
-    def full_use(self) -> NDArray[np.float64]:
+    def full_use(self) -> Floats:
         """Amounts paid for in a step with all controls at 1, by the ledger. Raises ``TaskError`` when one depends on more than these."""
         step = self._step(0.0, 1.0)
         amounts = [self._amount(item, step) for item in self.ledger.paid]
@@ -103,12 +104,12 @@ class Accounts:
         return _frozen(amounts)
 
     @property
-    def unit_costs(self) -> NDArray[np.float64]:
+    def unit_costs(self) -> Floats:
         """Prices of what is paid for, in the order of the ledger; TaskError where one changes with the calendar."""
         return _frozen(self._worth(self.ledger.paid, np.ones(len(self.ledger.paid))))
 
     @cached_property
-    def full_growth(self) -> NDArray[np.float64]:
+    def full_growth(self) -> Floats:
         """Amounts earned in a step at the model's potential rates, by the ledger. Raises ``TaskError`` when one has no potential."""
         step, amounts = self._step(0.0, 1.0), []
         for item in self.ledger.earned:
@@ -135,14 +136,14 @@ class Accounts:
 
     def quantities(
         self,
-        before: NDArray[np.float64],
-        after: NDArray[np.float64],
-        controls: NDArray[np.float64],
-        air: NDArray[np.float64],
-        prices: NDArray[np.float64] | None = None,
-        later: NDArray[np.float64] | None = None,
-        controls_before: NDArray[np.float64] | None = None,
-    ) -> NDArray[np.float64]:
+        before: Floats,
+        after: Floats,
+        controls: Floats,
+        air: Floats,
+        prices: Floats | None = None,
+        later: Floats | None = None,
+        controls_before: Floats | None = None,
+    ) -> Floats:
         """All quantities of a step but the reward, which stays 0; rows as ``names``, shape ``(quantities, n)``.
 
         ``before`` and ``after`` are the states at the start and at the end of the step, ``(n, states)``; ``controls`` those during it,
@@ -247,7 +248,7 @@ class Accounts:
     def _price(self, item: LedgerItem, prices: Values) -> Any:
         return prices[self.price_tables.index(item.price)] if isinstance(item.price, str) else item.price
 
-    def _worth(self, items: tuple[LedgerItem, ...], amounts: NDArray[np.float64]) -> list[float]:
+    def _worth(self, items: tuple[LedgerItem, ...], amounts: Floats) -> list[float]:
         for item in items:
             if isinstance(item.price, str):
                 reason = f"the price of '{item.name}' changes with the calendar"
@@ -304,9 +305,7 @@ def make_accounts(task: TaskSpec) -> Accounts:
     )
 
 
-def flow_amounts(
-    task: TaskSpec, names: Collection[str], x: NDArray[np.floating], u: NDArray[np.floating]
-) -> dict[str, NDArray[np.float64]]:
+def flow_amounts(task: TaskSpec, names: Collection[str], x: NDArray[np.floating], u: NDArray[np.floating]) -> dict[str, Floats]:
     """Amounts of the flows ``names`` of the task's model in every step, each as ``u`` without its last axis.
 
     Model and nominal parameters are those of ``task``; names that its model does not have are left out. ``x`` are states
@@ -333,7 +332,7 @@ def _times(value: Any, factor: float) -> Any:
     return value if factor == 1.0 else value * factor
 
 
-def _frozen(values: list[float]) -> NDArray[np.float64]:
+def _frozen(values: list[float]) -> Floats:
     column = np.array(values, dtype=np.float64)
     column.flags.writeable = False
     return column

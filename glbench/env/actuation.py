@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.arrays import real_numbers, unknown_type
+from glbench.arrays import Floats, real_numbers, unknown_type
 from glbench.env import process_computer
 from glbench.env.process_computer import Measured, at_least, held_switch, select, within
 from glbench.env.registries import PartRegistry
@@ -29,8 +29,6 @@ from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import Action
 from glbench.tasks.tables import OnOffTable
 from glbench.tasks.vocabulary import ACTUATION_KINDS, ActuationKind
-
-Floats = NDArray[np.float64]
 
 Actuation = Callable[[Floats, Floats], Floats]
 """New controls of those granted ``(n, c)`` from those in force ``(n, c)``, and the actions ``(n, m)``; changes neither of them."""

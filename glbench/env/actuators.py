@@ -25,8 +25,8 @@ from itertools import count
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.actuation import recorded_actuation
 from glbench.env.memory_layout import DrawPlaces, MemoryLayout
 from glbench.env.process_computer import below, select, share
@@ -35,8 +35,6 @@ from glbench.kernel.tape import Recorder, Tape
 from glbench.tasks import TaskSpec
 from glbench.tasks.tables import WindLimitTable
 from glbench.weather import COLUMNS
-
-Floats = NDArray[np.float64]
 
 PART = "actuators"
 """The actuators' part of a run's memory."""

@@ -21,8 +21,8 @@ from typing import Any, ClassVar
 
 import casadi
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.memory_layout import MemoryLayout
 from glbench.env.random import UNIFORMS_PER_NORMAL, approx_normal
 from glbench.errors import TaskError, refuse
@@ -31,8 +31,6 @@ from glbench.model import co2_ppm, relative_humidity
 from glbench.quantities import AIR as _AIR
 from glbench.tasks import TaskSpec
 
-Floats = NDArray[np.float64]
-
 AIR = {name: entry.unit for name, entry in _AIR.items()}
 """Quantities of the air inside, with units."""
 
@@ -40,9 +38,7 @@ PART = "sensors"
 """The sensors' part of a run's memory."""
 
 
-def read_air(
-    temperature: NDArray[np.float64], co2_density: NDArray[np.float64], vapour_pressure: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def read_air(temperature: Floats, co2_density: Floats, vapour_pressure: Floats) -> Floats:
     """Air temperature [degC], CO2 [ppm], relative humidity [%, 0 to 100], ``(3, n)``, from degC, mg m-3 and Pa, each ``(n,)``."""
     values = (temperature, co2_density, vapour_pressure)
     outputs = _tape().play(lambda source, index: values[index])

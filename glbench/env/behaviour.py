@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.accounts import make_accounts
 from glbench.env.scenario import RunScenarios
 from glbench.env.simulation import Simulation
@@ -141,19 +141,17 @@ def read_behaviour() -> Mapping[str, Mapping[str, float]]:
 class _FixedStep:
     """Stands in for a kernel: it returns fixed states and records its inputs."""
 
-    def __init__(self, after: NDArray[np.float64]) -> None:
+    def __init__(self, after: Floats) -> None:
         self.after = after
         self.controls = self.parameters = np.empty(0)
 
-    def try_step(
-        self, x: NDArray[np.float64], u: NDArray[np.float64], d: NDArray[np.float64], p: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], list[StepFailure]]:
+    def try_step(self, x: Floats, u: Floats, d: Floats, p: Floats) -> tuple[Floats, list[StepFailure]]:
         """The states that were fixed, four rows."""
         self.controls, self.parameters = u.copy(), np.broadcast_to(p, (len(x), p.shape[-1])).copy()
         return self.after.copy(), []
 
 
-def _step(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
+def _step(task: TaskSpec) -> dict[str, Floats]:
     """Every quantity of the fixed step, the controls, and the drawn parameters relative to their nominal values."""
     n, model, earning = len(_AIR), task.model_value, list(make_accounts(task).ledger_states())
     before = np.tile(10.0 + np.arange(len(model.states)), (n, 1))
@@ -180,7 +178,7 @@ def _step(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
     }
 
 
-def _draws(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
+def _draws(task: TaskSpec) -> dict[str, Floats]:
     """What four runs draw once: rows of weather and clock by column, forecasts, states, offsets of sensors."""
     scenarios = RunScenarios(task)
     pool, scenes = scenarios.pool, scenarios.draw(_SEEDS)
@@ -197,7 +195,7 @@ def _draws(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
     return draws
 
 
-def weighted_sum(values: NDArray[np.float64]) -> Number:
+def weighted_sum(values: Floats) -> Number:
     """Sum of ``values`` (k,) with weights between 1 and 2 that repeat nowhere."""
     weights = 1.0 + np.arange(len(values)) * _GOLDEN % 1.0
     terms = weights * values

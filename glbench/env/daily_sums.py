@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.tasks import TaskSpec
 
 DAILY_SUMS = "light of the day"
@@ -35,7 +35,7 @@ def daily_sum(so_far: Any, rate: Any, hour_before: Any, hour: Any, step_seconds:
     return so_far * share + rate * seconds
 
 
-def daily_sums(rates: NDArray[np.float64], hours: NDArray[np.float64], step_seconds: float) -> NDArray[np.float64]:
+def daily_sums(rates: Floats, hours: Floats, step_seconds: float) -> Floats:
     """The same for all steps of a run, to the bit: ``(steps + 1,)`` from rates ``(steps,)`` and hours of day ``(steps + 1,)``."""
     share, seconds = _daily_share(hours[:-1], hours[1:], step_seconds)
     sums = [0.0]

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.random import ar1_paths
 from glbench.env.uncertainty import season_key
 from glbench.errors import TaskError, refuse
@@ -28,8 +29,6 @@ from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import FORECAST
 from glbench.weather import Place
 from glbench.weather.generator import calendar_days, clear_sky
-
-Floats = NDArray[np.float64]
 
 HOUR = 3600
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.forecast import ForecastTable
 from glbench.env.random import ar1_paths, uniforms
 from glbench.env.uncertainty import season_key
@@ -19,8 +20,6 @@ from glbench.errors import GlbenchError, TaskError, refuse
 from glbench.tasks import TaskSpec
 from glbench.weather import COLUMNS, GeneratedSeason, SeasonGenerator, disturbances
 from glbench.weather.preprocessing import co2_density
-
-Floats = NDArray[np.float64]
 
 GOLDEN = 0.6180339887498949
 """Steps of this size, modulo 1, spread any number of points evenly over an interval."""

@@ -5,9 +5,7 @@ from __future__ import annotations
 import threading
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from glbench.arrays import Floats
 from glbench.errors import GlbenchError, UnknownNameError, did_you_mean, refuse
 from glbench.kernel import Kernel, StepFailure
 from glbench.model import Model
@@ -20,9 +18,7 @@ SCORING_PRESET = "reference"
 class Stepper(Protocol):
     """The method of a kernel that a simulation calls; ``glbench.kernel.Kernel`` has it."""
 
-    def try_step(
-        self, x: NDArray[np.float64], u: NDArray[np.float64], d: NDArray[np.float64], p: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], list[StepFailure]]:
+    def try_step(self, x: Floats, u: Floats, d: Floats, p: Floats) -> tuple[Floats, list[StepFailure]]:
         """States ``(n, states)`` at the end of the step; a row that fails keeps its state and is reported."""
 
 

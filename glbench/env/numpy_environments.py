@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.kernels import Stepper
 from glbench.env.random import uniforms
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters, Deviation
@@ -21,8 +22,6 @@ from glbench.errors import TaskError
 from glbench.kernel import StepFailure
 from glbench.kernel.environment import ActionBounds, Environments, ParameterNoise, Program
 from glbench.kernel.tape import Read, Source, Tape
-
-Floats = NDArray[np.float64]
 
 ROWS_AHEAD = 1024
 """About how many rows of draws are made at once: the generator is far quicker for many than for one."""

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.air import air_quantities
 from glbench.env.memory_layout import DrawPlaces
 from glbench.env.random import UNIFORMS_PER_NORMAL, approx_normal
@@ -29,8 +29,6 @@ from glbench.quantities import OUTDOOR
 from glbench.tasks import TaskSpec
 from glbench.tasks.tables import PROCESS_COMPUTER, OffsetSensorTable, ScaledSensorTable
 from glbench.weather import COLUMNS
-
-Floats = NDArray[np.float64]
 
 MEASURED = ("global_radiation", "outdoor_temperature", "outdoor_relative_humidity", "outdoor_co2", "wind_speed")
 """What is read outside, in the order of ``WeatherTables.measured``."""

@@ -12,8 +12,8 @@ from functools import lru_cache
 from typing import Any, Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env import actuation
 from glbench.env.accounts import REWARD, ByName, make_accounts
 from glbench.env.air import AIR, air_quantities
@@ -31,8 +31,6 @@ from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, with_simp
 from glbench.model import Air, ObservedColumn, humidity_deficit
 from glbench.tasks import TaskSpec
 from glbench.tasks.ledger import TRAVEL
-
-Floats = NDArray[np.float64]
 
 
 def air_columns(task: TaskSpec) -> slice:

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.accounts import ByName
 from glbench.env.memory_layout import DrawPlaces, MemoryLayout
 from glbench.env.process_computer import at_least, below, select, within
@@ -26,8 +26,6 @@ from glbench.kernel.tape import Recorder
 from glbench.model import ObservedColumn
 from glbench.tasks import TaskSpec
 from glbench.tasks.tables import SampleTable
-
-Floats = NDArray[np.float64]
 
 PART = "samples"
 """The samples' part of a run's memory."""

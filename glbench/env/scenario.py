@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env import actuation, actuators, air, samples
 from glbench.env.daily_sums import DAILY_SUMS, initial_memory
 from glbench.env.generated import SeasonMaker
@@ -23,8 +24,6 @@ from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters, spread_mul
 from glbench.env.weather_pool import CLOCK, WeatherPool
 from glbench.tasks import TaskSpec
 from glbench.tasks.resolver import ParameterGroup, Scenario
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.arrays import real_numbers
+from glbench.arrays import Floats, real_numbers
 from glbench.env.accounts import REWARD, make_accounts
 from glbench.env.actuation import ActionReader, run_calendar
 from glbench.env.kernels import SCORING_PRESET, Stepper, check_kernel, shared_kernel
@@ -26,8 +26,6 @@ from glbench.kernel.environment import Environments
 from glbench.kernel.records import all_finite
 from glbench.kernel.tape import Tape
 from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
 
 _REAL_TYPES = "fd"
 """Codes of the types that are copied without a look at them: float32 and float64."""
@@ -45,14 +43,14 @@ class StepResult:
 
     observations: NDArray[np.float32]
     """``(n, columns)`` float32."""
-    rewards: NDArray[np.float64]
+    rewards: Floats
     """``(n,)``."""
     terminated: NDArray[np.bool_]
     """``(n,)``; whether the run has ended, in this step or before."""
     failed: list[StepFailure]
     """Runs that could not be integrated in this step, with the reason in words. Such a run keeps its state and ends. Its reward, EPI and
     penalty are what the task counts for one failed step; the other quantities are those of a step in which nothing grew."""
-    table: NDArray[np.float64]
+    table: Floats
     """The quantities of the step, ``(quantities, n)``; rows, units and meanings in ``task.quantities``. 0 for a run that had ended before.
     """
     names: tuple[str, ...]
@@ -64,7 +62,7 @@ class StepResult:
         return not self.failed and all_finite(self.table)
 
     @cached_property
-    def quantities(self) -> dict[str, NDArray[np.float64]]:
+    def quantities(self) -> dict[str, Floats]:
         """The rows of ``table`` by name, each ``(n,)``."""
         return dict(zip(self.names, self.table, strict=True))
 

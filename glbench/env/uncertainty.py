@@ -13,6 +13,7 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.random import UNIFORMS_PER_NORMAL, approx_normal, key_of, uniforms
 from glbench.env.registries import PartRegistry
 from glbench.kernel.tape import EMPTY, Recorder, Tape
@@ -20,8 +21,6 @@ from glbench.model import Model
 from glbench.tasks.resolver import Scenario
 from glbench.tasks.spreads import ATTEMPTS, HEAT, Spread
 from glbench.tasks.vocabulary import DISTRIBUTIONS as DISTRIBUTION_WORDS
-
-Floats = NDArray[np.float64]
 
 Deviation = Callable[[Floats, float], Floats]
 """Relative deviations from uniform numbers in [0, 1) and the task's half width; element by element."""

@@ -16,6 +16,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.air import read_air
 from glbench.env.forecast import HOUR, ForecastTable
 from glbench.env.generated import SeasonMaker
@@ -28,8 +29,6 @@ from glbench.tasks.prices import SeasonOfPrices, day_ahead, local_times, price_r
 from glbench.tasks.schedule import schedule_rows
 from glbench.tasks.vocabulary import DAY_AHEAD, PRICES, WEATHER_WINDOW
 from glbench.weather import COLUMNS
-
-Floats = NDArray[np.float64]
 
 CLOCK = ("hour_of_day", "day_of_year")
 """Columns of a calendar before those of its price tables and of its schedule."""

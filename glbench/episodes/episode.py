@@ -18,10 +18,11 @@ from mcap.records import Channel
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
+from glbench.arrays import Floats
 from glbench.env.weather_pool import CLOCK
 from glbench.episodes.header import Provenance, RunFacts, as_words, canonical, task_of
 from glbench.episodes.mcap_file import PACKAGE, Layout, McapWriter, Part, Scan, layout_from, scan
-from glbench.episodes.signals import ACTION, MESSAGES, TOPICS, Column, Floats, Group, Line, Moment, Signals, Source, signals_of
+from glbench.episodes.signals import ACTION, MESSAGES, TOPICS, Column, Group, Line, Moment, Signals, Source, signals_of
 from glbench.errors import EpisodeError, did_you_mean, refuse
 from glbench.resources import write_atomically
 from glbench.settings import first_problems

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env import Simulation, StepResult, run_weather
 from glbench.env.kernels import Stepper
 from glbench.episodes.action_log import ActionLog, exactly
@@ -18,7 +19,6 @@ from glbench.episodes.signals import ACTION, Source, signals_of
 from glbench.errors import EpisodeError, did_you_mean, refuse
 from glbench.tasks import TaskSpec
 
-Floats = NDArray[np.float64]
 LARGEST_TRACE = 512 * 2**20  # Bytes of memory above which no trace is kept: the episodes are then made by replaying
 
 
@@ -101,7 +101,7 @@ class Recorder:
         if self._traces:
             self.trace = Trace(simulation)
 
-    def add(self, actions: NDArray[np.float64], simulation: Simulation, outcome: StepResult) -> None:
+    def add(self, actions: Floats, simulation: Simulation, outcome: StepResult) -> None:
         """Keep the step that was just taken with ``actions`` ``(n, m)``."""
         self.actions[self._steps], self.rewards[self._steps] = actions, outcome.rewards
         self._steps += 1
@@ -112,7 +112,7 @@ class Recorder:
         """What a checkpoint has to hold besides the actions, which it holds anyway."""
         return {"step_rewards": self.rewards[: self._steps]}
 
-    def restore(self, arrays: Mapping[str, NDArray[Any]], actions: NDArray[np.float64]) -> None:
+    def restore(self, arrays: Mapping[str, NDArray[Any]], actions: Floats) -> None:
         """Go on after an interruption, with what the checkpoint holds."""
         self._steps = len(actions)
         self.actions[: self._steps], self.rewards[: self._steps] = actions, arrays["step_rewards"]

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.episodes.episode import ACTING, Episode, weeks_of
-from glbench.episodes.signals import Curve, Floats, Page, Signals, signals_of
+from glbench.episodes.signals import Curve, Page, Signals, signals_of
 from glbench.errors import GlbenchError, refuse
 from glbench.quantities import pretty_unit, raised_unit
 from glbench.resources import write_atomically

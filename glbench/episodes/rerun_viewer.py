@@ -24,10 +24,11 @@ from urllib.parse import quote
 
 import numpy as np
 
+from glbench.arrays import Floats
 from glbench.children import Child
 from glbench.env import Simulation, StepResult, run_weather
 from glbench.episodes import rerun_recording
-from glbench.episodes.signals import Floats, Source, signals_of
+from glbench.episodes.signals import Source, signals_of
 from glbench.errors import GlbenchError, refuse
 from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec

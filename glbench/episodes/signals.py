@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench import quantities
+from glbench.arrays import Floats
 from glbench.env.daily_sums import daily_sums
 from glbench.env.weather_pool import CLOCK
 from glbench.errors import TaskError
@@ -24,7 +25,6 @@ from glbench.model import Signal as ModelSignal
 from glbench.tasks import Action, TaskSpec
 from glbench.tasks.ledger import FLOW, LedgerItem
 
-Floats = NDArray[np.float64]
 Columns = Mapping[str, Floats]  # Columns of an episode by name, each ``(steps,)``
 Moment = Literal["start", "end"]
 Source = Literal["control", "disturbance", "air", "state", "clock", "derived", "quantity"]

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench import __version__
+from glbench.arrays import Floats
 from glbench.env.kernels import Stepper
 from glbench.episodes import ActionLog, replayed_episodes
 from glbench.episodes.episode import local_days, sums_by
@@ -34,7 +35,6 @@ from glbench.quantities import capitalised, in_sentence, plain_unit, pretty_unit
 from glbench.report.task_words import clock_of
 from glbench.tasks import TaskSpec
 
-Floats = NDArray[np.float64]
 Places = NDArray[np.integer[Any]]
 
 DARK = 5.0  # Global radiation outside below which it is dark [W m-2]

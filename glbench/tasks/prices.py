@@ -26,10 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from glbench.arrays import Floats
 from glbench.errors import refuse
 from glbench.tasks.fields import Table, as_tuple
-
-Floats = NDArray[np.float64]
 
 HOURS_A_DAY = 24
 DAY = 86400

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from glbench.agents import tuned_rules
 from glbench.agents.energy_rules import POWER, EnergyRulesAgent, EnergyRuleSettings
+from glbench.arrays import Floats
 from glbench.env import Simulation
 from glbench.errors import TrainingError, refuse
 from glbench.kernel import make_kernel
@@ -33,8 +33,6 @@ from glbench.training.export import start_of
 from glbench.training.folder import Trained
 from glbench.training.settings import EvaluationPlan, FrozenSettings, TrainingSeed
 from glbench.training.strategy import HANSEN, Search
-
-Floats = NDArray[np.float64]
 
 RULES = "rules.yml"  # The page of the best rules, in the folder of a search
 CONTROLLER, ENERGY_CONTROLLER = "rule_based_tuned", "rule_based_energy"

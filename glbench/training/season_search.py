@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from glbench.agents.network_policy import FAST, NetworkPolicy
+from glbench.arrays import Floats
 from glbench.env import Simulation
 from glbench.errors import TrainingError, did_you_mean, refuse
 from glbench.kernel import make_kernel
@@ -41,7 +42,6 @@ from glbench.training.strategy import HANSEN, Search
 from glbench.untrusted import real_path
 
 Singles = NDArray[np.float32]
-Floats = NDArray[np.float64]
 _LOOKED_AT = 5  # Only every fifth step of the runs is used to compute the directions
 
 

@@ -17,6 +17,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
+from glbench.arrays import Floats
 from glbench.env import GreenhouseVectorEnv, Snapshot
 from glbench.env.kernels import check_kernel
 from glbench.env.spaces import task_of_environment
@@ -24,7 +25,7 @@ from glbench.errors import GlbenchError, refuse, whole_number
 from glbench.kernel import make_kernel
 from glbench.tasks import TaskSpec
 from glbench.tasks.record import FIRST_TRAINING_SEED
-from glbench.training.constant_columns import Floats, Mask, varies
+from glbench.training.constant_columns import Mask, varies
 from glbench.training.settings import Accrual
 
 _SEEDS, _SEEDS_APART = 10_000, 1_000_000
