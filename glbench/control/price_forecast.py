@@ -72,7 +72,8 @@ class PriceForecast:
         """Weigh the seven weekdays by the step of the path to an hour that is over."""
         table = self._markets[market]
         there = slice(hour - 1, hour + 1)
-        rest = self._rest(market, self._weather[:, there], there)[..., None] - table.weekend * self._weekends(there)
+        rest = self._prices[market][:, there] / table.level - self._explained(market, self._weather[:, there], there)
+        rest = rest[..., None] - table.weekend * self._weekends(there)  # a share of the level; NaN where the price is not known
         step = rest[:, 1] - table.persistence * rest[:, 0]
         spread = table.spread**2 * (1.0 - table.persistence**2) + _ERROR**2
         self._likely[market] -= np.nan_to_num(step**2) / (2.0 * spread)
@@ -80,10 +81,6 @@ class PriceForecast:
     def _weekends(self, hours: slice) -> Floats:
         """Whether hours are of a weekend, 1 or 0, if their dates are so many weekdays early ``(n, hours, 7)``."""
         return ((self._days[:, hours, None] + 3 + np.arange(7)) % 7 >= 5).astype(np.float64)
-
-    def _rest(self, market: str, weather: Floats, hours: slice) -> Floats:
-        """What shape, sun and wind leave of prices, as a share of the level ``(n, hours)``; NaN where the price is not known."""
-        return self._prices[market][:, hours] / self._markets[market].level - self._explained(market, weather, hours)
 
     def _explained(self, market: str, weather: Floats, hours: slice) -> Floats:
         table = self._markets[market]

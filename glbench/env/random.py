@@ -20,7 +20,6 @@ Words = NDArray[np.uint64]
 """Unsigned 32-bit words, each in 64 bits so that products of two of them do not overflow."""
 
 ROUNDS = 10
-WORDS_PER_BLOCK = 4
 UNIFORMS_PER_BLOCK = 2
 UNIFORMS_PER_NORMAL = 3
 """Uniform numbers that an approximately normal number is made of."""

@@ -34,31 +34,24 @@ class Backend(Protocol):
 
     def advance(self, rows: Rows, out: FloatArray) -> list[StepFailure]:
         """Write x(t + h) of all rows to ``out`` (n, states); failed rows keep their old state and are reported."""
-        ...
 
     def bind(self, rows: Rows, out: FloatArray) -> BoundStep:
         """A step of these very rows, which are not checked again."""
-        ...
 
     def walk(self, horizons: Horizons, states: FloatArray) -> int:
         """Step checked horizons: write ``states`` (T + 1, n, states), whose first is there; gives how many steps all of them took."""
-        ...
 
     def describe(self) -> Description:
         """Return method, tolerances and versions."""
-        ...
 
     def differentiator(self) -> Differentiator:
         """Return what differentiates the steps; may build a library for some ten seconds."""
-        ...
 
     def prepare(self, p: FloatArray) -> None:
         """Build now what steps with parameters ``p`` and their derivatives need."""
-        ...
 
     def environments(self, program: Program, n: int) -> Environments | None:
         """``n`` environments that run ``program`` around the step; None where there is no such thing."""
-        ...
 
 
 def available(model: Model = TOMATO) -> tuple[str, ...]:

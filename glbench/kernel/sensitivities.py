@@ -95,26 +95,21 @@ class Differentiator(Protocol):
 
     def forward(self, rows: Rows, directions: Directions) -> Forward:
         """Step and differentiate along directions."""
-        ...
 
     def reverse(self, rows: Rows, cotangents: FloatArray, *, parameters: bool) -> Reverse:
         """Step and pull cotangents (n, states) back; the gradient for the parameters is only there when asked for."""
-        ...
 
     def reverse_horizons(self, rows: Rows, steps: int, cotangents: FloatArray, *, parameters: bool) -> Reverse:
         """The same through horizons of ``steps`` rows each; what comes from a row is added to the cotangent of the row before."""
-        ...
 
     def push(self, jacobians: FloatArray, along: FloatArray, first: FloatArray) -> FloatArray:
         """Changes of all states (n, T + 1, states) from those of the inputs ``along`` (n, T, moves) and of the first states.
 
         ``jacobians`` (n, T, moves + states, states) hold what each direction does, those in inputs before those in states.
         """
-        ...
 
     def pull(self, jacobians: FloatArray, cotangents: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Costates (n, T + 1, states) and gradients of the inputs (n, T, moves) from cotangents (n, T + 1, states)."""
-        ...
 
 
 class Differentiable(ABC):
