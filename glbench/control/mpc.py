@@ -40,6 +40,8 @@ _SMOOTHING = 0.003
 """Width within which violations count quadratically, as a share of the distance between the limits."""
 _NEXT = 8
 """Coming steps whose derivatives every decision recomputes."""
+_ROOM = 1.5
+"""Memory for the derivatives of so many horizons."""
 _TOGETHER = 8
 """Runs whose plans are improved together: as many as the processor's cache and its vectors hold."""
 
@@ -92,6 +94,7 @@ class PredictiveController:
     ) -> None:
         self.task = task = the_task(task)
         self.horizon = _at_least_one(horizon, "The horizon")
+        self._room = int(_ROOM * self.horizon)
         self._iterations = _at_least_one(iterations, "The number of iterations")
         self._first_iterations = _at_least_one(first_iterations, "The number of first iterations")
         self._ascent_steps = _at_least_one(ascent_steps, "The number of gradient steps")
@@ -131,7 +134,7 @@ class PredictiveController:
         self._runs = _at_least_one(runs, "The number of runs")
         self._radius = np.full(self._runs, _FIRST_RADIUS)
         self._at, self._steps_done, self._decisions = 0, 0, 0
-        # A ring of steps ahead, which begins with the step of the decision: nothing is copied as the horizon moves on.
+        # Steps ahead, in one piece of memory: the horizon moves on in it, and back to its start when the end is reached.
         self._jacobians, self._slots = np.zeros(0), np.arange(0)
         self._renewed = np.zeros(self._runs, dtype=np.bool_)
         self._plan = np.zeros((self._runs, 0, len(self._high)))
@@ -215,7 +218,7 @@ class PredictiveController:
                 end = self._end_value(self._near, dates[:, -1, 0], after)
         # Derivatives of the last decision stay in their slots, and those to recompute are marked.
         overlap = len(self._slots) - self._at
-        self._slots = (self._steps_done + np.arange(steps)) % self.horizon
+        self._move_on(overlap, steps)
         turn = (self._steps_done + np.arange(steps) - self._decisions) % self._renew_every == 0
         self._outdated = np.tile(turn, (self._runs, 1))
         self._outdated[:, :_NEXT] = self._outdated[:, max(overlap, 0) :] = True
@@ -311,7 +314,7 @@ class PredictiveController:
             linearisation = kernel.linearise_trajectory(x, u, d, p)
             if self._renew_every > 1:
                 if not self._jacobians.size:
-                    self._jacobians = np.zeros((self._runs, self.horizon, *linearisation.jacobians.shape[2:]))
+                    self._jacobians = np.zeros((self._runs, self._room, *linearisation.jacobians.shape[2:]))
                 self._jacobians[rows[:, None], self._slots] = linearisation.jacobians
             return linearisation
         states = kernel.rollout(x, u, d, p)
@@ -320,7 +323,18 @@ class PredictiveController:
             states[run, step], u[run, step], d[run, step], p[run, step] if p.ndim == 3 else _of(p, run), inputs=("x", "u")
         )
         self._jacobians[rows[run], self._slots[step]] = np.concatenate([renewed.du, renewed.dx], axis=2).swapaxes(1, 2)
-        return Trajectory(states, ("x", "u"), self._jacobians[rows[:, None], self._slots], kernel)
+        ahead = self._jacobians[:, self._slots[0] : self._slots[-1] + 1]
+        in_turn = len(rows) == rows[-1] - rows[0] + 1  # then nothing is copied
+        return Trajectory(states, ("x", "u"), ahead[rows[0] : rows[-1] + 1] if in_turn else ahead[rows], kernel)
+
+    def _move_on(self, overlap: int, steps: int) -> None:
+        """Begin with the coming step; the derivatives of the first ``overlap`` steps are kept."""
+        first = int(self._slots[0]) + self._at if overlap > 0 else 0
+        if first + steps > self._room:
+            for stored in self._jacobians:
+                stored[:overlap] = stored[first : first + overlap].copy()
+            first = 0
+        self._slots = first + np.arange(steps)
 
     def _rollouts(self, candidates: Floats, x: Floats, d: Floats, p: Floats) -> Floats:
         """States ``(rows, lengths, T + 1, s)``, with meters where there are some; NaN where a step fails."""

@@ -158,6 +158,11 @@ class CompiledDifferentiator:
         return costates, along
 
     def _sweep(self, run: Callable[..., None], jacobians: FloatArray, along: FloatArray, states: FloatArray) -> None:
+        if len(jacobians) > 1 and not jacobians.flags.c_contiguous and jacobians[0].flags.c_contiguous:
+            for horizon in range(len(jacobians)):  # a part of a larger table: nothing is copied
+                part = slice(horizon, horizon + 1)
+                self._sweep(run, jacobians[part], along[part], states[part])
+            return
         tables = (np.ascontiguousarray(jacobians), np.ascontiguousarray(along), states)
         sweep = Sweep(*along.shape, *(table.ctypes.data for table in tables))
         run(ctypes.byref(self._settings), ctypes.byref(sweep))
