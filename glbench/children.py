@@ -75,8 +75,7 @@ class Child(subprocess.Popen[Any]):
 def run(command: Sequence[str], *, timeout: float, **options: Any) -> subprocess.CompletedProcess[str]:
     """Run ``command`` to its end and return its output; it is ended if this process ends.
 
-    Raises ``OSError`` when it cannot be started, and ``subprocess.TimeoutExpired`` when it takes longer than ``timeout`` seconds; it is
-    ended first.
+    Raises ``OSError`` when it cannot be started, and ``subprocess.TimeoutExpired`` after ``timeout`` seconds, when it has been ended.
     """
     with Child(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace", **options

@@ -38,8 +38,7 @@ _RUNNING = 0.01  # The engine counts as running above this load
 class EnergyRuleSettings(TunedRuleSettings):
     """Numbers of the rules for lamps at hourly prices, engine, boiler and buffer, besides those of the climate.
 
-    "Load" is a fraction of what is installed. Numbers of machines that a task does not have are not used there. A page names the tasks
-    that it is for.
+    "Load" is a fraction of what is installed. Numbers of machines that a task lacks are not used. A page names the tasks that it is for.
     """
 
     title: ClassVar[str] = "energy rules"

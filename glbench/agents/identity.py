@@ -131,9 +131,8 @@ def check_sizes(files: tuple[Path, ...], root: Path) -> None:
 def digest_of(files: tuple[Path, ...], root: Path, copy: Path | None = None) -> str:
     """SHA-256 (hex) over names and contents, as ``glbench.resources.sha256_of_files`` has it, of at most ``LARGEST_SUBMISSION`` bytes.
 
-    Text counts with LF line endings. With ``copy``, a folder, the covered files are copied into it under the same names: text with LF,
-    other files unchanged. Raises ``SubmissionError`` when a file changes while it is read, and ``OSError`` when a file cannot be read, or a
-    copy not be written.
+    Text counts with LF line endings. With ``copy``, a folder, the covered files are copied into it by their names, text with LF. Raises
+    ``SubmissionError`` when a file changes while it is read, and ``OSError`` when a file cannot be read, or a copy not be written.
     """
     digest, remaining = sha256(), LARGEST_SUBMISSION
     for name, file in sorted((file.relative_to(root).as_posix(), file) for file in files):
@@ -338,8 +337,8 @@ def baseline_like(name: str) -> str | None:
 def name_of(place: Path) -> str:
     """Name of the agent in the file or folder ``place``, under which results are filed.
 
-    Raises ``SubmissionError`` when it cannot be a name, or is that of a baseline or too much like it; or when ``place`` is a link, which
-    has two names.
+    Raises ``SubmissionError`` when it cannot be a name, is a baseline's or too much like it, or when ``place`` is a link, which has two
+    names.
     """
     if place.is_symlink():
         msg = f"{place} is a link. Name the file or folder that it leads to, under whose name results are filed, or copy it."

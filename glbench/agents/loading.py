@@ -315,8 +315,7 @@ _OWN_NAMES = ("submission.toml", "README.md")  # Files of a template that contai
 def new_submission(folder: Path, kind: Kind) -> tuple[Path, ...]:
     """Write a submission of that ``kind`` into a new ``folder``, whose name becomes the submission's, and return the files.
 
-    Raises ``SubmissionError`` when the folder is there already, or its name cannot be that of an agent, and ``GlbenchError`` when it cannot
-    be written.
+    Raises ``SubmissionError`` when the folder exists, or its name cannot be an agent's, and ``GlbenchError`` when it cannot be written.
     """
     if folder.exists():
         refuse(f"{folder} is there already, and nothing is overwritten. Choose another name, or move it away.", SubmissionError)
@@ -339,8 +338,7 @@ def new_submission(folder: Path, kind: Kind) -> tuple[Path, ...]:
 def copy_examples(folder: Path) -> tuple[Path, ...]:
     """Write the example submissions into ``folder``, ``my_agent.py`` among them, and return the files.
 
-    Raises ``SubmissionError`` when a file of one of their names is there that is not the example itself, and ``GlbenchError`` when they
-    cannot be written.
+    Raises ``SubmissionError`` when another file of one of their names is there, and ``GlbenchError`` when they cannot be written.
     """
     sources = sorted(data_folder("submissions").glob("*.py"))
     targets = tuple(folder / source.name for source in sources)

@@ -42,8 +42,8 @@ class PlanBook:
     """Plans for some runs of a task. Runs in which the same is given share one.
 
     ``split`` is the one whose runs these are, empty for a task without. ``names``, ``low`` and ``high`` are those of the actions;
-    ``actuation`` is how the task turns them into controls. ``runs`` gives the place of the plan by the seed of a run. ``actions`` ``(plans,
-    actions, steps)``, uint16, go from 0 for the lower bound to ``2 * HALF_SCALE`` for the upper one. ``about`` says of each plan how it was
+    ``actuation`` is how the task turns them into controls. ``runs`` gives the place of the plan by the seed of a run. ``actions``
+    ``(plans, actions, steps)``, uint16, go from 0 for the lower bound to ``2 * HALF_SCALE`` for the upper one. ``about`` says how each was
     made and what it earns.
     """
 

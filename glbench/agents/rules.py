@@ -7,8 +7,7 @@ a run gets the same bits alone and in a batch.
 Source: the published rule-based controller of the benchmark, after the GreenLight author's definition (Katzin, 2021). The two
 disagree in two rules, see ``RuleSettings.thermal_screen_rule`` and ``RuleSettings.lamp_rule``.
 
-The settings are read from a YAML file, which is the whole truth: there are no defaults here, so that what a controller does can be read
-in one place.
+The settings are read from a YAML file, the whole truth: no defaults here, so that what a controller does stands in one place.
 """
 
 from __future__ import annotations
@@ -339,8 +338,7 @@ class FairRuleBasedAgent(ObservedController):
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """Forget the weather; ``n_runs`` runs of ``task`` begin.
 
-        Raises ``SubmissionError`` when the task does not show a quantity that the rules need, or has another kind of actuation or of
-        greenhouse.
+        Raises ``SubmissionError`` when the task hides a quantity that the rules need, or has another actuation or greenhouse.
         """
         self.check_actuation(task)
         self._controls = [control.name for control in task.controls][:6]

@@ -1,7 +1,6 @@
 """Saved policies that are submissions without code: the agent around one, and the forms ONNX and TorchScript (``sb3.py`` has the third).
 
-Each form has a function ``*_agent(submission, task)``. torch, Stable-Baselines3 and onnxruntime are imported when such an agent is made,
-and never before.
+Each form has a function ``*_agent(submission, task)``. torch, Stable-Baselines3 and onnxruntime are imported when one is made.
 
 A run has the same bits alone and among others, from libraries whose matrix products round by the size of the batch. A library picks another
 order of summation for one row than for thirty, and sometimes another for odd widths, depending on where a row is in memory. So a policy is
@@ -111,8 +110,7 @@ def _check_columns(what: str, count: int, columns: int) -> None:
 class EvenRows:
     """``function`` asked so that row i of the answer depends on row i of the question only, to the last bit.
 
-    It is a policy that takes ``(b, width)`` float32 for the ``b`` of a ``block``: the rows that are asked for at once, 1 for a policy that
-    takes a single row.
+    A policy that takes ``(b, width)`` float32 for the ``b`` of a ``block``: the rows asked for at once, 1 for one that takes a single row.
     """
 
     def __init__(self, function: Function, width: int, block: int = BLOCK) -> None:

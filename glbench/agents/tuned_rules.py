@@ -194,8 +194,7 @@ class RulePages:
 def read_rule_pages(place: Path, kind: type[TunedRuleSettings] = TunedRuleSettings) -> RulePages:
     """Read the page in the YAML file ``place``, or those in all ``*.yml`` of the folder ``place``.
 
-    Raises ``SubmissionError`` when there is none, one cannot be read or lacks a number, has an unknown or impossible one, or two are for
-    the same.
+    Raises ``SubmissionError`` when there is none, one cannot be read, lacks a number or has a wrong one, or two are for the same.
     """
     files = sorted(place.glob("*.yml")) if place.is_dir() else [place]
     if not files:

@@ -63,8 +63,7 @@ class Ahead:
 class Outlook:
     """What comes in runs of a task, from their observations.
 
-    It knows what its agent knows: the task, observations and the climatology. It works inside the sandbox. A new one is ready for one run,
-    as after ``reset(1)``.
+    It knows what its agent does: task, observations and climatology. It works inside the sandbox. A new one is as after ``reset(1)``.
 
     Raises ``TaskError`` when the task does not show weather and time, the climatology is for other weather or other forecasts, or the model
     has disturbances of its own. ``climatology`` is that of its training years, or of another task with the same weather.

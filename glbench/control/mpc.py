@@ -164,8 +164,7 @@ class PredictiveController:
     ) -> Floats:
         """Replan, and give the controls of the coming step.
 
-        A run whose plan cannot be improved, because its state is not finite or a step ahead cannot be integrated, continues with the plan
-        that it has.
+        A run whose plan cannot be improved, as its state is not finite or a step cannot be integrated, continues with the one that it has.
 
         Raises ``ShapeError`` when a shape does not fit, or the controller has an end value and is not told the days left.
 

@@ -20,9 +20,8 @@ from glbench.tasks.tables import SampleTable
 class ObservationModel:
     """The observed columns of a task that are functions of its model's states, with their gradients.
 
-    These are the columns of the model's own modules, and ``full_state``. Two kinds of columns are left out: those
-    computed from the observed air, which add no information, and sums since midnight, which are not functions of the
-    states.
+    Those of the model's modules, and ``full_state``. Left out are those computed from the observed air, which add no information, and sums
+    since midnight, which are not functions of the states.
 
     ``columns`` are their indices in the observation, ``names`` their names, and ``control_columns`` the indices of the controls in force;
     ``None`` if the task does not show them. For each column, ``sensor`` is the index of its sensor among the task's sensors with errors, -1

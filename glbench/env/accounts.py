@@ -148,8 +148,7 @@ class Accounts:
 
         ``before`` and ``after`` are the states at the start and at the end of the step, ``(n, states)``; ``controls`` those during it,
         fractions, ``(n, controls)``; ``air`` its temperature, CO2 and relative humidity at the end, ``(3, n)``; ``prices`` and ``later``
-        the prices of the step and of the next one, ``(n, price_tables)``; ``controls_before`` those before the step, by default those
-        during it.
+        the prices of this and the next step, ``(n, price_tables)``; ``controls_before`` those before the step, by default those during it.
         """
         now = () if prices is None else prices.T
         previous = controls if controls_before is None else controls_before

@@ -92,8 +92,7 @@ class Actuators:
     def of(task: TaskSpec) -> Actuators:
         """The actuators of a task; nothing where all are ideal.
 
-        Raises ``TaskError`` when the task's kind of actuation is a registered one: it is Python, which does not tell a command from what is
-        delivered.
+        Raises ``TaskError`` when the kind of actuation is a registered one: Python, which does not tell a command from its delivery.
         """
         if task.actuators and recorded_actuation(task) is None:
             refuse(f"{task.source}: [actuators] go with the kinds of actuation that glbench ships, not '{task.actuation.kind}'.", TaskError)

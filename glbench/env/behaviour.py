@@ -9,10 +9,9 @@ does: for every published task it holds
 * of a task of schema 2, what its test draws: the weather and forecasts of these four runs, the states that they start with, what their
   sensors are off by, and what they observe after the fixed step.
 
-``glbench tasks check`` recomputes the numbers and compares them to ``TOLERANCE``, so that another processor or C library passes
-and another constant does not. A change of one row of weather by a thousandth of the column's mean is seen. What is not covered:
-the observations of tasks of schema 1 (their names, units and bounds are in the digest) and the integration of the model (its equations
-are).
+``glbench tasks check`` recomputes the numbers and compares them to ``TOLERANCE``, so that another processor or C library passes and another
+constant does not. A change of one row of weather by a thousandth of the column's mean is seen. What is not covered: observations of schema
+1 (their names, units and bounds are in the digest) and the model's integration (its equations are).
 """
 
 from __future__ import annotations

@@ -43,8 +43,7 @@ class SeasonMaker:
     """Makes the generated seasons of ``task`` in its split.
 
     Raises ``TaskError`` when the weather record does not have the years of the split. ``begin`` is when the first possible day begins, UTC.
-    Every season begins a whole number of days of 24 hours later: its rows are rows of the task's calendar also where the clock changes on a
-    day in between.
+    Seasons begin whole days of 24 hours later: its rows are those of the task's calendar also where the clock changes in between.
     """
 
     def __init__(self, task: TaskSpec, begin: np.datetime64) -> None:

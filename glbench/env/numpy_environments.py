@@ -1,8 +1,7 @@
 """Environments that execute a program with NumPy around any kernel.
 
-They are the reference for the compiled environments and replace them where those cannot run. They execute the same tapes, so
-no formula is written twice. Registered parts of a task are Python, which no tape can hold; they are called here where the tapes
-leave a gap.
+They are the reference for the compiled environments and replace them where those cannot run. They execute the same tapes, so no formula is
+written twice. Registered parts of a task are Python, which no tape can hold: they are called where tapes leave a gap.
 """
 
 from __future__ import annotations

@@ -107,8 +107,7 @@ def checked_part(task: TaskSpec, name: str, part: ObservationPart) -> CheckedObs
 def column_sources(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[ColumnSource, ...]:
     """The columns of a module that is data: of the task's model, or the environment's own.
 
-    Raises ``UnknownNameError`` for an unknown module. Raises ``TaskError`` when the model shows something that neither its states nor its
-    air have.
+    Raises ``UnknownNameError`` for an unknown module. Raises ``TaskError`` when neither states nor air have what the model shows.
     """
     model = task.model_value
     columns = model.observed(name, task.observation_context().horizon)

@@ -5,10 +5,9 @@ The reading of a quantity q in step k of a run is
     r(k) = a q(k) (1 + s w(k))      of global radiation and wind speed,
     r(k) = q(k) + b + s w(k)        of temperature and relative humidity,
 
-with a scale a of the run, drawn evenly between its limits; a bias b of the run, approximately normal with the stated standard
-deviation; and noise w(k), approximately normal and new in every step. The reading stays within the bounds of its column. A soiled dome or a
-mast of another height are factors. Sums since midnight have a reading for each step, with the noise of its end. docs/uncertainty.md has
-a picture.
+with a scale a of the run, drawn evenly between its limits; a bias b of the run, approximately normal with the stated standard deviation;
+and noise w(k), approximately normal and new in every step. The reading stays within the bounds of its column. A soiled dome or a mast of
+another height are factors. Sums since midnight have a reading for each step, with the noise of its end. See docs/uncertainty.md.
 """
 
 from __future__ import annotations

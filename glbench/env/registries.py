@@ -14,8 +14,8 @@ Make = TypeVar("Make")
 class PartRegistry(Generic[Make]):
     """Makers of parts by name.
 
-    The tasks' vocabulary knows which words a task file may use, and what they mean; this knows what they do. Registering a part adds
-    its name to both.
+    The tasks' vocabulary knows which words a task file may use and their meaning; this knows what they do. Registering a part adds its name
+    to both.
     """
 
     def __init__(self, kind: str, vocabulary: Registry[Any]) -> None:

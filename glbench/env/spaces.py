@@ -44,8 +44,7 @@ def task_of_environment(task: TaskSpec | str, split: str | None = None, override
 
     A task with only a test split gives previews (``TaskSpec.in_split``) unless ``split`` is ``"test"``.
 
-    Raises ``TaskError`` when the task has no such split, when none is named and the task has only scored real years, or when the overrides
-    make no task.
+    Raises ``TaskError`` when there is no such split, none is named and all years are real and scored, or the overrides make no task.
     """
     spec = the_task(task)
     if overrides is not None:

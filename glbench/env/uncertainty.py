@@ -34,8 +34,7 @@ UNIFORM = "uniform"
 def register_distribution(name: str, meaning: str, deviation: Deviation) -> None:
     """Make a distribution known under ``name``, here and in task files.
 
-    ``deviation`` maps each uniform number to the relative deviation of one parameter, such as an inverse distribution
-    function would.
+    ``deviation`` maps each uniform number to the relative deviation of one parameter, as an inverse distribution does.
 
     Raises ``TaskError`` when the name is taken.
     """

@@ -43,8 +43,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
     Spaces, reward, episodes and the numbers in ``info`` are those of ``GreenhouseEnv``; each entry of ``info`` is an array
     with one value a row and comes with a mask ``_name`` of the rows it holds for.
 
-    ``reset(seed=s)`` gives row i the seed s + i; a list gives each row its own (``None``: drawn). The option ``reset_mask``
-    resets some rows only.
+    ``reset(seed=s)`` gives row i the seed s + i; a list gives each row its own (``None``: drawn). ``reset_mask`` resets some rows only.
 
     Parameters
     ----------

@@ -208,8 +208,7 @@ def parse_selection(text: str) -> tuple[str, ...]:
 def chosen_rows(words: Sequence[str], seeds: Sequence[int], values: Sequence[float]) -> tuple[int, ...]:
     """Places of the chosen runs, in the order of the runs, by their ``values`` (higher is better; of equals the smaller seed).
 
-    Of an even number of runs the median is the lower of the two in the middle. Raises ``EpisodeError`` for a seed that is none of the
-    runs'.
+    Of an even number of runs the median is the lower middle one. Raises ``EpisodeError`` for a seed that is none of the runs'.
     """
     ranked = sorted(range(len(seeds)), key=lambda row: (values[row], -seeds[row]))
     named = {"best": ranked[-1], "worst": ranked[0], "median": ranked[(len(ranked) - 1) // 2]}

@@ -336,9 +336,8 @@ def load_rerun() -> Any:
 def save_recording(runs: RunSet, path: Path, properties: Mapping[str, str] | None = None, *, plain: bool = False) -> None:
     """Write ``runs`` with their blueprint to ``path`` (.rrd), whole or not at all.
 
-    ``properties`` are the provenance in words, kept in the recording: digests, versions. A ``plain`` one has no menu of the viewer, for
-    pictures. Raises ``GlbenchError`` without the viewer's package, when the chosen days are none of the episode's, or when the file cannot
-    be written.
+    ``properties`` are the provenance in words, kept in the recording. A ``plain`` one has no menu of the viewer, for pictures. Raises
+    ``GlbenchError`` without the viewer's package, when the chosen days are none of the episode's, or when the file cannot be written.
     """
     rerun = load_rerun()
     runs.closeup()  # an impossible choice of days raises before anything is made

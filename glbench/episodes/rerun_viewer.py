@@ -226,8 +226,7 @@ class Viewer:
 class LiveView:
     """Streams the run in ``row`` of an evaluation to the viewer at ``address`` (see ``rerun_viewer``), several times a second.
 
-    Closing the viewer does not disturb the evaluation. After an interruption it shows the steps from there on, and its sums count from
-    there.
+    Closing the viewer does not disturb the evaluation. After an interruption it shows the steps, and counts its sums, from there on.
     """
 
     def __init__(self, task: TaskSpec, controller: str, seed: int, address: str, row: int = 0) -> None:

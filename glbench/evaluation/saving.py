@@ -209,8 +209,8 @@ def task_of_result(result: Result, path: Path, sealed: Round | None = None) -> T
     """The task of ``result``: the published one, or a user's own as the record holds it.
 
     With the secret of a ``sealed`` round it has the draws of that round; without one, the public draws, with which the runs of a sealed
-    round cannot be simulated again. Raises ``EpisodeError`` when the result is of another version of the task, or its recorded actions
-    cannot be used.
+    round cannot be simulated again. Raises ``EpisodeError`` when the result is of another version of the task, or its actions cannot be
+    used.
     """
     task = (get_task(result.task.id) if result.task.id in task_ids() else recorded_actions(result, path).task()).scored_in(
         result.task.split
@@ -249,8 +249,8 @@ ACTIONS_FILE = "actions.npz"
 def write_recording(result: Path, seed: int, folder: Path) -> Recording:
     """Write the actions of the run with ``seed`` of the stored ``result`` as an agent into the new folder ``folder``.
 
-    Raises ``EpisodeError`` when there is no such run, it failed, its record is missing or damaged, the agent set controls directly, or the
-    folder is not empty.
+    Raises ``EpisodeError`` when there is no such run, it failed, its record is missing or damaged, it sets controls directly, or the folder
+    is not empty.
     """
     loaded = load_result(result)
     log = recorded_actions(loaded, result)

@@ -1,7 +1,6 @@
 """What a greenhouse can do, computed with the model: balances that it settles in, without sun and with controls that stay.
 
-In a balance nothing in the climate changes any more. It is reached by implicit Euler steps that grow until the rates are zero. The crop
-stays as it is.
+In a balance nothing in the climate changes. It is reached by implicit Euler steps that grow until the rates are zero. The crop stays.
 """
 
 from __future__ import annotations

@@ -192,8 +192,7 @@ class Environment:
     ) -> tuple[jax.Array, State, jax.Array, jax.Array, dict[str, jax.Array]]:
         """Take one step with an action ``(m,)``; when the episode ends, also by ``params.max_steps_in_episode``, begin the next.
 
-        Raises ``jax.errors.JaxRuntimeError`` for an action that is not finite. Under ``jit`` it may be raised when a later result is waited
-        for.
+        Raises ``jax.errors.JaxRuntimeError`` for an action that is not finite. Under ``jit`` that may wait for a later result.
 
         Observation and state are those of the new episode where one has begun; reward, ``done`` and ``info`` are those of the step. Reward
         and ``info`` are float32, or float64 where JAX has 64 bits switched on. ``info["failed"]`` says that the step could not be

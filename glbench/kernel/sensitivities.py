@@ -32,8 +32,7 @@ class Linearisation:
 
     ``x_next`` (states,) has the same bits as from ``step``. ``dx`` (states, states), ``du`` (states, controls) and ``dd`` (states,
     disturbances) are its derivatives with respect to states, controls and disturbances; element [i, j] is in units of state i per unit of
-    input j. One that was not asked for has no columns: (states, 0). ``dp`` (states, q) is the same for the parameters that were asked for,
-    in their order.
+    input j. One that was not asked for has no columns: (states, 0). ``dp`` (states, q) is that for the parameters asked for, in order.
     """
 
     x_next: FloatArray

@@ -81,8 +81,7 @@ class Tape:
     def play(self, read: Read) -> list[tuple[str, int, Any]]:
         """Do the operations with NumPy, with the bits of the compiled kernel: target, index and values of each output.
 
-        ``read`` gives the values of an input, ``(n,)`` or another shape, from its source and index. An output that depends on no input is a
-        plain number.
+        ``read`` gives the values of an input, ``(n,)`` or another shape, from its source and index. One without inputs is a plain number.
         """
         registers: list[Any] = self.constants.tolist()
         registers += [read(SOURCES[source], index) for source, index in self.inputs.tolist()]

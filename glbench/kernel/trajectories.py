@@ -207,8 +207,7 @@ class TrajectoryGradient:
     ``x0`` (states,), ``u`` (T, controls) and ``d`` (T, disturbances) are with respect to the state at the start, controls and disturbances
     [unit of the sum per unit of the input], without columns where the trajectory has no such derivatives. Horizons that share inputs have a
     gradient each: add them up for that of the shared input. ``p``, when it was asked for, is with respect to the parameters: (parameters,),
-    or (T, parameters) where they differ by step. ``costates`` (T + 1, states) are with respect to each state x[t], its own cotangent
-    included.
+    or (T, parameters) where they differ by step. ``costates`` (T + 1, states) are for each state x[t], with its own cotangent.
     """
 
     x0: FloatArray

@@ -89,8 +89,8 @@ class Entry:
 def entries_by_task(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, tuple[Entry, ...]]:
     """Entries of every board, by its name: the task's id, or more where draws are kept apart. Within a board their names differ.
 
-    ``expected`` is what the published tasks ask for, by id. A task that is not in it (a user's own) asks for the largest set of seeds among
-    its results.
+    ``expected`` is what published tasks ask for, by id. One that is not in it (a user's own) asks for the largest set of seeds of its
+    results.
     """
     by_task: dict[str, list[StoredResult]] = {}
     for item in stored:

@@ -263,8 +263,7 @@ def compose(
     control step, to be priced by a ledger. ``version`` is that of the whole: it changes when a result may change. ``name`` is by default
     those of the submodels, joined by hyphens. Equal arguments give the same greenhouse.
 
-    Raises ``GlbenchError`` when two submodels are called the same, or have a state, a control, a parameter, a flow or a stock of the same
-    name.
+    Raises ``GlbenchError`` when two submodels have one name, or states, controls, parameters, flows or stocks of one name.
     """
     return _composed(climate, crop, additions, meters, version, name)
 

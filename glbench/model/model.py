@@ -86,8 +86,7 @@ class Flow:
 class Stock:
     """An amount per m2 of floor that stands in the greenhouse: what a ledger can value at the start and at the end.
 
-    The ``amount`` is made from state and nominal parameters. It may use what the amount of a :class:`Flow` may; the other fields are as
-    there.
+    The ``amount`` is made from state and nominal parameters. It may use what that of a :class:`Flow` may, which also has the other fields.
     """
 
     name: str
@@ -461,9 +460,8 @@ class Model(ABC):
 
         State ``x``, controls ``u``, disturbances ``d`` and parameters ``p`` are in the order and units of ``states``, ``controls``,
         ``disturbances`` and ``table``. Each may have a leading batch axis; those without one apply to every row. Rows are independent, and
-        a row gives the same bits alone and in any batch. Returns ``(states,)``, or ``(n, states)`` when any input has a batch axis; unit of
-        the state per second. Raises ``ShapeError`` when an input has another shape, other batch sizes than the rest, or values that are not
-        finite.
+        has the same bits in any batch. Returns ``(states,)``, or ``(n, states)`` when any input has a batch axis; unit of the state per
+        second. Raises ``ShapeError`` when an input has another shape, other batch sizes than the rest, or values that are not finite.
         """
         return evaluate_rows(self.names, self.rhs_function(), x, u, d, p)[..., 0]
 

@@ -1,8 +1,7 @@
 """Speed measurement: reference and subject in turn, round by round; besides, time and memory of the first use.
 
-The reference is the model as the benchmark's paper steps it: CasADi's interface to CVODES with absolute and relative tolerance 1e-6 on
-the states as they are, the right-hand side compiled by the C compiler at -O3. Without a compiler CasADi's virtual machine evaluates it,
-which is reported.
+The reference is the model as the benchmark's paper steps it: CasADi's interface to CVODES with absolute and relative tolerance 1e-6 on the
+states as they are, the right-hand side compiled by the C compiler at -O3. Without one CasADi's virtual machine does, and a word says so.
 """
 
 from __future__ import annotations
@@ -157,8 +156,7 @@ def measure(
 ) -> SpeedRecord:
     """Set each of ``subjects`` (see ``choose_subjects``) against the reference, ``rounds`` times, 1 or more.
 
-    With ``processes``, first use and memory are measured too, in processes of their own (some seconds). ``progress`` is told before each
-    subject.
+    With ``processes``, first use and memory are measured too, in processes of their own (some seconds); ``progress`` hears of each subject.
     """
     tell = progress or (lambda words, number, total: None)
     measurements = []

@@ -1,10 +1,9 @@
 """The digest of a task, by the recipe of its schema. The recipes are frozen: published tasks and results depend on them.
 
 A digest is the SHA-256 of canonical JSON (RFC 8785) over: the definition without prose, the resolved parameters, the state at the start,
-the names, units and bounds of the observed columns, the weather, and the model's equations; for schema 2, also over the
-ledger and the names of drawn parameters. Each part also has its own digest, so that a mismatch can be traced to the
-right part. Computed numbers are rounded to nine significant digits, because the last bit of ``exp`` may differ between
-machines.
+the names, units and bounds of the observed columns, the weather, and the model's equations; for schema 2, also over the ledger and the
+names of drawn parameters. Each part also has its own digest, by which a mismatch is traced. Computed numbers are rounded to nine
+significant digits, because the last bit of ``exp`` may differ between machines.
 
 A published task never changes. ``tasks/lock.toml`` keeps the digest of every part, so that a message can tell an edited file from a
 changed model or changed weather (``glbench.tasks.library``).

@@ -78,8 +78,7 @@ def read_tables(path: Path, above: tuple[Path, ...] = ()) -> TaskTables:
 
     ``above`` are the files that led here.
 
-    Raises ``TaskError`` when a file cannot be read, is not TOML, or is based on itself. Raises ``UnknownNameError`` when there is no task
-    of the base's id.
+    Raises ``TaskError`` when a file cannot be read, is not TOML, or is based on itself. Raises ``UnknownNameError`` for an unknown base.
     """
     files = (*above, real_path(path))
     source = shown_path(path)

@@ -1,8 +1,7 @@
 """Files of prices as people have them: exports of ENTSO-E, EPEX, SMARD and others, and the plain two columns of docs/prices.md.
 
 The column of times and that of prices are recognised, stamps on a local clock become UTC with the 23 and 25 hours of the days on which the
-clock changes, and prices are converted to the unit of the table. Hours without a price are left out with a note: the price before them
-holds on.
+clock changes, and prices are converted to the unit of the table. Hours without one are left out with a note: the price before holds on.
 """
 
 from __future__ import annotations

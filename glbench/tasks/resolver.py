@@ -348,8 +348,7 @@ class ResolvedTask(TaskRecord):
 
         Items of schema 2 are sorted by side and name, so that the order of keys in a file does not change a sum.
 
-        Raises ``TaskError`` when an item prices something that the model does not have, or has the wrong unit; the message names file and
-        table.
+        Raises ``TaskError`` when an item prices what the model lacks, or has the wrong unit; names file and table.
         """
         paper = self.file.paper_ledger()
         if paper is not None:

@@ -64,8 +64,7 @@ class TaskSpec(ResolvedTask):
         a table or a key out. Quantities are written as in a file: ``{"value": 0.12, "unit": "EUR kWh-1"}``. Days and moments may be
         text (``"2011-03-01"``).
 
-        ``id`` and ``title`` are keys like others. Without an id the task is called ``my/`` and its short id. The split stays, if the
-        new task has it.
+        ``id`` and ``title`` are keys like others. Without an id it is called ``my/`` and its short id. The split stays, if there is one.
 
         Raises ``TaskError`` when the result is not a task; it names table, key and value. Also when the id is that of a shipped task.
         """

@@ -148,8 +148,7 @@ def train(
 ) -> Trained:
     """Train one agent in ``folder``; the same task, settings and seed give the same weights on the same machine.
 
-    Raises ``TrainingError`` when ``folder`` holds something else, or a training that was begun and is not to be resumed; when the algorithm
-    fails.
+    Raises ``TrainingError`` when ``folder`` holds something else, or one begun that is not to be resumed; when the algorithm fails.
 
     The seed is the algorithm's: first weights, exploration, batches. ``folder`` keeps the checkpoint, the best model with its
     normalisation, the learning curve and the card, and with ``tensorboard`` a folder of that name with TensorBoard's files; checkpoints are

@@ -217,8 +217,7 @@ def search(
     fit the task, and ``SubmissionError`` when there is no policy to start from, and ``TaskError`` when the task has a test alone.
 
     The seed is the strategy's. ``folder`` keeps rewards so far, the best policy, the learning curve and the card; ``resume`` goes on from
-    it, to the same bits as without the interruption, or begins when it holds nothing. ``listeners`` receive progress, evaluations and
-    saves.
+    it, to the same bits as in one go, or begins when it is empty. ``listeners`` receive progress, evaluations and saves.
     """
     task.check_training()
     under_way = _SeasonSearch([task], settings, settings.digest, seed, folder)

@@ -78,9 +78,8 @@ def known_stations() -> Mapping[int, Place]:
 def native_rows(file: str, native: Mapping[str, IntArray] | Mapping[str, FloatArray], numbers: IntArray | None = None) -> Rows:
     """Rows in canonical units from KNMI's own numbers.
 
-    ``native`` holds YYYYMMDD, HH, T and FH [0.1 degC, 0.1 m/s], U [%], N [octants], Q [J/cm2]; NaN for a missing value.
-    ``numbers`` are the rows' numbers in ``file``, 1, 2, 3, ... when not given. Raises ``WeatherError`` when a column is missing, or a date
-    or hour does not exist.
+    ``native`` holds YYYYMMDD, HH, T and FH [0.1 degC, 0.1 m/s], U [%], N [octants], Q [J/cm2]; NaN for a missing value. ``numbers`` are the
+    rows' numbers in ``file``, 1, 2, 3, ... when not given. Raises ``WeatherError`` when a column is missing, or a date or hour is none.
     """
     require_columns(file, list(native), NEEDED_COLUMNS[1:])
     value = {name: np.asarray(column, dtype=np.float64) for name, column in native.items()}
@@ -203,8 +202,8 @@ def fetch_knmi(
 ) -> WeatherRecord:
     """Weather record of a KNMI station and calendar year (UT), from the cache or from KNMI's service.
 
-    Raises ``WeatherError`` when the service cannot be reached, refuses, is out of order, breaks off, or lacks a part of the year. Nothing
-    of a bad answer is kept.
+    Raises ``WeatherError`` when the service cannot be reached, refuses, is out of order, breaks off, or lacks a part of the year; nothing
+    is kept then.
 
     Parameters
     ----------

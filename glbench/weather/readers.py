@@ -1,8 +1,7 @@
 """Readers of weather files by name, and one that tells the format from the content.
 
 **Parquet**: glbench's own canonical table with its description, as ``glbench weather generate`` and ``save_weather`` write it. **CSV**: a
-unit in every column's title, and the place in comment lines (docs/weather.md). The others are in ``typical_years``, ``services`` and
-``knmi``.
+unit in every column's title, and the place in comment lines (docs/weather.md). Others: ``typical_years``, ``services``, ``knmi``.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Weather records by name: those shipped with the package, and those in the user's own data folder.
 
 Shipped records are Parquet tables, KNMI's in its own whole numbers, the others in canonical ones; ``weather/manifest.toml`` says where they
-come from and locks the SHA-256 of their canonical values. A user's record is one canonical Parquet file, which carries its own description
-and digest.
+come from and locks the SHA-256 of their canonical values. A user's record is one canonical Parquet file, with description and digest.
 """
 
 from __future__ import annotations

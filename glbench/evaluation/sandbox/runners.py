@@ -37,8 +37,7 @@ _PLANNERS: Final = b"glbench.control"  # What a submission imports that needs th
 class SandboxedAgent:
     """All that is needed to start the process of an agent; without ``walls`` it has all rights of the user.
 
-    ``definition`` is the task's as its agents may know it, ``libraries`` are the compiled kernels that the process sees, by their
-    names there.
+    ``definition`` is the task's as its agents may know it, ``libraries`` the compiled kernels that the process sees, by name.
     """
 
     submission: Identity
