@@ -69,26 +69,12 @@ class StateEstimator:
 
     Raises ``TaskError`` when the task shows nothing of its states.
 
-    Parameters
-    ----------
-    task
-        The task, or its id.
-    preset
-        The kernel's preset.
-    parameters
-        Whether to estimate parameters that the task draws for the episode; without, their deviations act as noise of the states.
-    restart
-        Whether a run whose step fails starts over from what the nominal model made of the weather and the controls so far, as one does
-        whose estimate is no longer finite; without, it stays where it is.
+    ``preset`` is that of the kernel. ``parameters``: whether to estimate parameters that the task draws for the episode; without, their
+    deviations act as noise of the states. ``restart``: whether a run whose step fails starts over from what the nominal model made of the
+    weather and the controls so far, as one does whose estimate is no longer finite; without, it stays where it is.
 
-    Attributes
-    ----------
-    states
-        Estimates ``(n, s)`` after the last update.
-    parameters
-        Parameters ``(n, p)`` as estimated, derived ones made to fit; nominal where the task draws none.
-    deviations
-        Standard deviations of ``states`` by the filter's own account ``(n, s)``.
+    After an update ``states`` are the estimates ``(n, s)``, ``deviations`` their standard deviations by the filter's own account
+    ``(n, s)``, and ``parameters`` the parameters ``(n, p)`` as estimated, derived ones made to fit; nominal where the task draws none.
     """
 
     def __init__(self, task: TaskSpec | str, *, preset: str = "fast", parameters: bool = True, restart: bool = False) -> None:

@@ -56,27 +56,16 @@ class PredictiveController:
     another model. Raises ``UnknownNameError`` when a margin is for a quantity that has no limits. Raises ``ShapeError`` when a number is
     none, or too small.
 
-    Parameters
-    ----------
-    task
-        The task, or its id: its model, its reward, its limits. The reward needs derivatives (``StageReward``).
-    horizon
-        Steps that are planned ahead. At the end of a season it ends with it.
-    iterations, first_iterations
-        Of each plan, and of the first one, which has no plan before it.
-    end_value
-        What the state at the end of a horizon is worth. Without one only the horizon counts: fruit is not yet ripe, the
-        soil cools, and carbohydrate in store is wasted.
-    margin
-        How far the limits are moved inwards, by quantity, in its unit: ``{"relative_humidity": 1.0}`` plans for 84 % where 85 % is the
-        limit. For what is known roughly.
-    ascent_steps
-        Gradient steps in an iteration.
-    renew_every
-        The derivatives of a step ahead are recomputed once in this number of decisions, those of the coming steps in every decision. 1
-        recomputes all of them in every decision; more is faster. No plan gets worse, because every candidate is simulated.
-    preset
-        Of the kernel that plans.
+    ``task`` has the model, the reward, which needs derivatives (``StageReward``), and the limits. ``horizon`` steps are planned ahead; at
+    the end of a season it ends with it. ``iterations`` are those of each plan, ``first_iterations`` of the first one, which has no plan
+    before it, each with ``ascent_steps`` gradient steps. ``end_value`` is what the state at the end of a horizon is worth. Without one only
+    the horizon counts: fruit is not yet ripe, the soil cools, and carbohydrate in store is wasted. ``margin`` is how far the limits are
+    moved inwards, by quantity, in its unit, for what is known roughly: ``{"relative_humidity": 1.0}`` plans for 84 % where 85 % is the
+    limit.
+
+    The derivatives of a step ahead are recomputed once in ``renew_every`` decisions, those of the coming steps in every decision. 1
+    recomputes all of them in every decision; more is faster. No plan gets worse, because every candidate is simulated. ``preset`` is that
+    of the kernel that plans.
     """
 
     def __init__(
@@ -168,31 +157,16 @@ class PredictiveController:
 
         Raises ``ShapeError`` when a shape does not fit, or the controller has an end value and is not told the days left.
 
-        Parameters
-        ----------
-        x
-            States now ``(runs, s)``; those of meters may be missing.
-        u_before
-            Controls in force ``(runs, c)``.
-        d
-            Disturbances of the steps ahead ``(T, disturbances)``, for each run or for all. T is how far is planned: ``horizon``, or
-            less near the end of the season.
-        p
-            Parameters: ``(p,)``, ``(runs, p)``, or ``(runs, T, p)`` where they differ by step.
-        calendar
-            Hour of day [h], day of year, prices and scheduled controls at the start of each step and at the end of the last
-            ``(T + 1, columns)``, for each run or for all, as in ``Scenario.calendar``.
-        days_left
-            From now to the end of the season, which an end value needs.
-        delivery
-            What actuators are expected to deliver of the plan, whose controls are commands then (``StateEstimator.delivery``); all of
-            it by default.
+        ``x`` are the states now ``(runs, s)``; those of meters may be missing. ``u_before`` are the controls in force ``(runs, c)``. ``d``
+        are the disturbances of the steps ahead ``(T, disturbances)``, for each run or for all; T is how far is planned: ``horizon``, or
+        less near the end of the season. ``p`` are parameters: ``(p,)``, ``(runs, p)``, or ``(runs, T, p)`` where they differ by step.
+        ``calendar`` has hour of day [h], day of year, prices and scheduled controls at the start of each step and at the end of the last
+        ``(T + 1, columns)``, for each run or for all, as in ``Scenario.calendar``. ``days_left`` are those to the end of the season, which
+        an end value needs. ``delivery`` is what actuators are expected to deliver of the plan, whose controls are commands then
+        (``StateEstimator.delivery``); all of it by default.
 
-        Returns
-        -------
-        ndarray
-            Fractions ``(runs, c)``. They change by at most ``max_change``, unless a machine switches; scheduled ones are as the calendar
-            has them.
+        Returns fractions ``(runs, c)``. They change by at most ``max_change``, unless a machine switches; scheduled ones are as the
+        calendar has them.
         """
         if self._end_value is not None and (days_left is None or np.isnan(days_left)):
             msg = (

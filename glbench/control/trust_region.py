@@ -65,30 +65,12 @@ def trust_region_step(
 ) -> Floats:
     """Changes of the controls ``(..., T, c)`` that improve the rewards of linearised trajectories: gradient steps with momentum.
 
-    Parameters
-    ----------
-    stage
-        The reward.
-    linearisation
-        The trajectories, linearised in states and controls.
-    controls, calendar
-        Along them.
-    radius
-        How far each control may move ``(..., T, c)``; the gradient of one that may not is left out.
-    within
-        Brings controls within bounds and the largest change.
-    steps
-        How many gradient steps; the best controls of all of them count.
-    rate
-        Length of the first gradient step, in ``radius``.
-    start
-        The change to begin with ``(..., T, c)``; none by default.
-    x
-        States where nothing changes ``(..., T + 1, s)``, in place of those of ``linearisation``.
-    end
-        What a unit of each state is worth at the end ``(..., s)``, in the unit of the reward.
-    delivery
-        What actuators deliver of ``controls``, which are commands then; by default all of it.
+    The trajectories of ``linearisation`` are linearised in states and controls; ``controls`` and ``calendar`` are along them. Each control
+    may move by ``radius`` ``(..., T, c)``; the gradient of one that may not is left out. ``within`` brings controls within bounds and the
+    largest change. There are ``steps`` gradient steps, the first of length ``rate`` in ``radius``; the best controls of all of them count.
+    ``start`` is the change to begin with ``(..., T, c)``, none by default, and ``x`` are the states where nothing changes
+    ``(..., T + 1, s)``, by default those of ``linearisation``. ``end`` is what a unit of each state is worth at the end ``(..., s)``, in
+    the unit of the reward, ``delivery`` what actuators deliver of ``controls``, which are commands then; by default all of it.
     """
     still, delivered = linearisation.x if x is None else x, controls if delivery is None else delivery(controls) + delivery.rest
     move = best = np.zeros_like(controls) if start is None else start

@@ -94,29 +94,12 @@ class Simulation:
 
     The runs' environments overwrite their arrays in every step. The arrays here are read-only copies, made on first access after a step.
 
-    Parameters
-    ----------
-    task
-        The task, or its id.
-    n
-        Number of runs, 1 or more.
-    kernel
-        What integrates a step: a ``Kernel``, or the name of a preset, by default ``"reference"``, for a kernel that all
-        simulations of this thread share.
-    fused
-        Whether a step may be one call of the compiled kernel, where that is the kernel and every part of the task is one that
-        glbench ships. It changes no bit; without it numpy steps around the kernel.
+    ``n`` is 1 or more. ``kernel`` integrates a step: a ``Kernel``, or the name of a preset, by default ``"reference"``, for a kernel that
+    all simulations of this thread share. ``fused``: whether a step may be one call of the compiled kernel, where that is the kernel and
+    every part of the task is one that glbench ships. It changes no bit; without it numpy steps around the kernel.
 
-    Attributes
-    ----------
-    seeds
-        Seeds of the runs ``(n,)``, read-only.
-    over
-        How many runs have ended.
-    p_nominal
-        Nominal parameters ``(parameters,)``.
-    scenarios
-        Draws the scenario of a run from its seed.
+    ``seeds`` are those of the runs ``(n,)``, read-only, ``over`` how many have ended, ``p_nominal`` the nominal parameters
+    ``(parameters,)``; ``scenarios`` draws the scenario of a run from its seed.
     """
 
     def __init__(self, task: TaskSpec | str, n: int, kernel: Stepper | str | None = None, *, fused: bool = True) -> None:

@@ -133,26 +133,11 @@ class Kernel(Trajectories):
     thread-safe. Raises ``UnknownNameError`` when backend or preset do not exist, and ``ShapeError`` when ``step_seconds`` is not positive
     and finite, or ``model`` is none.
 
-    Parameters
-    ----------
-    model : Model
-        What is stepped, such as ``glbench.model.TOMATO``.
-    step_seconds : float
-        Length h of the control step [s], positive.
-    backend : str
-        ``"auto"``, ``"compiled"``, ``"casadi"``, ``"cvodes"`` or, of a map, ``"discrete"``, see ``glbench.kernel.kernel``.
-    preset : str
-        ``"reference"`` (what scores are made with: 1e-6 a step), ``"standard"`` (at least as accurate as CVODES at 1e-6, which
-        the benchmark's paper used), ``"fast"`` (for training), or ``"tight"`` (to check the others against).
-    threads : int
-        Threads that share the rows of a batch. They change no bit, and only the compiled backend uses them.
-
-    Attributes
-    ----------
-    model, step_seconds, preset, threads
-        As given.
-    backend : str
-        Name of the backend that steps: ``"compiled"``, ``"casadi"``, ``"cvodes"`` or ``"discrete"``.
+    A step of ``model``, such as ``glbench.model.TOMATO``, takes ``step_seconds`` [s]. ``backend`` is ``"auto"``, ``"compiled"``,
+    ``"casadi"``, ``"cvodes"`` or, of a map, ``"discrete"``, see ``glbench.kernel.kernel``; as an attribute it is the name of the one that
+    steps. ``preset`` is ``"reference"`` (what scores are made with: 1e-6 a step), ``"standard"`` (at least as accurate as CVODES at 1e-6,
+    which the benchmark's paper used), ``"fast"`` (for training), or ``"tight"`` (to check the others against). ``threads`` share the rows
+    of a batch; they change no bit, and only the compiled backend uses them.
     """
 
     def __init__(

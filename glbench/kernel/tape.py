@@ -157,19 +157,9 @@ class TapeDerivatives:
     the whole derivative. If the operands are equal, ``np.maximum`` and ``np.minimum`` take the second, so
     ``np.maximum(value, 0.0)`` has the derivative 0 at 0. ``np.sign`` has the derivative 0 everywhere.
 
-    Parameters
-    ----------
-    tape
-        The tape.
-    outputs
-        Target and index of each output.
-    sources
-        The derivatives are with respect to the inputs from these sources.
-    count
-        Number of outputs, counted from the first, that have derivatives; all by default.
-    changes
-        Formulas by output of the tape, whether or not it is in ``outputs``. The result of a formula replaces the value
-        of its output, in the outputs and in all operations that use it.
+    ``outputs`` has target and index of each; the derivatives are with respect to the inputs from ``sources``. Of ``count`` outputs, counted
+    from the first, there are derivatives; of all by default. ``changes`` are formulas by output of the tape, whether or not it is in
+    ``outputs``: the result of a formula replaces the value of its output, in the outputs and in all operations that use it.
     """
 
     def __init__(

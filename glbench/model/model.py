@@ -112,25 +112,11 @@ class Capacity:
 class ObservedColumn:
     """A column of an observation that the model supplies.
 
-    Attributes
-    ----------
-    name, unit, meaning
-        As observed.
-    source
-        Public name of a state, or ``air_temperature``, ``co2``, ``relative_humidity`` of the main air.
-    low, high
-        Finite bounds.
-    factor
-        From the unit of the source to ``unit``.
-    of
-        Instead of a source: the column from state and nominal parameters. It may use what the amount of a :class:`Flow` may.
-    of_air
-        Instead of a source: the column from the main air as the task's sensors show it, errors included. It never sees the true state.
-    today
-        Instead of a source: a rate [``unit`` s-1] from controls, disturbances and nominal parameters in force; the column is its sum
-        since midnight by the task's clock, or since the start.
-
-    All three may use what the amount of a :class:`Flow` may.
+    ``source`` is the public name of a state, or ``air_temperature``, ``co2``, ``relative_humidity`` of the main air; ``factor`` leads from
+    its unit to ``unit``. ``low`` and ``high`` are finite bounds. Three stand instead of a source, and may use what the amount of a
+    :class:`Flow` may: ``of``, the column from state and nominal parameters; ``of_air``, the column from the main air as the task's sensors
+    show it, errors included, which never sees the true state; and ``today``, a rate [``unit`` s-1] from controls, disturbances and nominal
+    parameters in force, of which the column is the sum since midnight by the task's clock, or since the start.
     """
 
     name: str

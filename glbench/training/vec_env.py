@@ -165,21 +165,11 @@ def make_vec_env(
     the kernel steps all of them. Infos of ended episodes contain what a ``Monitor`` adds, so that none is needed. Raises ``GlbenchError``
     for an unknown task, split or preset, for impossible numbers, and for a task without a training split where none is named.
 
-    Parameters
-    ----------
-    task
-        Id (with or without Gymnasium's ``glbench:`` before it), path of a task file, or the task itself.
-    n_envs
-        Number of greenhouses.
-    seed
-        Selects the scenarios: episode j of greenhouse i, both counted from 0, has the seed 10,000,000,000 + 1,000,000 ``seed``
-        + j ``n_envs`` + i. No task is scored with any of them. The algorithm's own seed has no effect on this.
-    kernel
-        ``"fast"`` or ``"standard"`` for training, ``"reference"`` for the kernel that scores are computed with.
-    workers
-        Cores that share the greenhouses, to the same bits.
-    split, overrides
-        As for ``glbench.env.GreenhouseEnv``; the default is the training split.
+    ``task`` is an id (with or without Gymnasium's ``glbench:`` before it), the path of a task file, or the task itself. ``seed`` selects
+    the scenarios: episode j of greenhouse i, both counted from 0, has the seed 10,000,000,000 + 1,000,000 ``seed`` + j ``n_envs`` + i. No
+    task is scored with any of them. The algorithm's own seed has no effect on this. ``kernel`` is ``"fast"`` or ``"standard"`` for
+    training, or ``"reference"``, which scores are computed with. ``workers`` cores share the greenhouses, to the same bits. ``split`` and
+    ``overrides`` are as for ``glbench.env.GreenhouseEnv``; the default is the training split.
     """
     if not 0 <= whole_number(seed, "The seed") < _SEEDS:
         refuse(f"The seed must be a whole number from 0 to {_SEEDS - 1:,}; got {seed}.", GlbenchError)

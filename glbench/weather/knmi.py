@@ -205,24 +205,11 @@ def fetch_knmi(
     Raises ``WeatherError`` when the service cannot be reached, refuses, is out of order, breaks off, or lacks a part of the year; nothing
     is kept then.
 
-    Parameters
-    ----------
-    station, year : int
-        KNMI's number of the station (240: Schiphol), and the year.
-    name : str, optional
-        Name of the record; ``knmi-240-2013`` by default.
-    url : str, optional
-        Address of the service; by default ``GLBENCH_KNMI_URL`` from the environment, else KNMI's own.
-    timeout_seconds : float
-        Longest silence of the service [s].
-    total_seconds : float
-        Longest time that the whole answer may take [s], however busily it drips.
-    refresh : bool
-        Ask the service although the cache has the answer.
-    fill_gaps : int
-        Fill up to so many missing hours in a row linearly (recorded in the notes); 0 fills nothing.
-    progress : callable, optional
-        Told about the download as it goes.
+    ``station`` is KNMI's number (240: Schiphol). ``name`` is that of the record, ``knmi-240-2013`` by default, ``url`` the address of the
+    service, by default ``GLBENCH_KNMI_URL`` from the environment, else KNMI's own. The longest silence of the service is
+    ``timeout_seconds`` [s], the longest time that the whole answer may take, however busily it drips, ``total_seconds`` [s]. ``refresh``
+    asks the service although the cache has the answer. Up to ``fill_gaps`` missing hours in a row are filled linearly (recorded in the
+    notes); 0 fills nothing. ``progress`` is told about the download as it goes.
     """
     station, year = whole_number(station, "The number of a KNMI station"), whole_number(year, "A year")
     if year < FIRST_YEAR:

@@ -104,23 +104,9 @@ class CompiledStepper:
 
     Raises ``UnknownNameError`` when there is no such preset, ``CompiledUnavailable`` when the library can be neither loaded nor built.
 
-    Parameters
-    ----------
-    model : Model
-        What is stepped.
-    step_seconds : float
-        Length of the control step [s].
-    preset : str or Preset
-        ``"reference"``, ``"standard"``, ``"fast"`` or ``"tight"``, or settings of one's own.
-    threads : int
-        Threads for large batches. They change no bit.
-    width : int, optional
-        Number of lanes, 1, 2, 4 or 8, instead of what suits the processor. It changes no bit.
-
-    Attributes
-    ----------
-    settings : Settings
-        Step length and tolerances, fixed for the library.
+    A control step of ``model`` takes ``step_seconds`` [s]. ``preset`` is ``"reference"``, ``"standard"``, ``"fast"`` or ``"tight"``, or
+    settings of one's own; ``settings`` has its step length and tolerances, fixed for the library. ``threads`` for large batches change no
+    bit, and neither does ``width``, the number of lanes, 1, 2, 4 or 8, instead of what suits the processor.
     """
 
     name = "compiled"
