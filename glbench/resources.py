@@ -123,10 +123,7 @@ def is_released(path: Path) -> bool:
 
 
 def user_data_folder() -> Path:
-    """Folder for data the user adds (imported weather); ``GLBENCH_DATA`` overrides the platform's default.
-
-    Raises ``GlbenchError`` when it is not set and the user has no home folder.
-    """
+    """Folder for what users add (weather); ``GLBENCH_DATA`` overrides the platform's. Raises ``GlbenchError`` without it and a home."""
     return _user_folder("GLBENCH_DATA", "XDG_DATA_HOME", ".local/share")
 
 

@@ -50,10 +50,7 @@ def read_regular(path: Path, largest: int) -> bytes:
 
 @contextmanager
 def open_regular(path: Path) -> Iterator[IO[bytes]]:
-    """The regular file ``path``, open for reading without a buffer.
-
-    Raises ``OSError`` when it is missing, cannot be read, or is a folder, a pipe or a device. A pipe is not waited for.
-    """
+    """The regular file ``path``, open for reading, unbuffered. Raises ``OSError`` for any other, at once for a pipe."""
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
     try:
         handle = os.open(path, flags)

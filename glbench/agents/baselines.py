@@ -107,10 +107,7 @@ class Baseline:
         return find_controller(self.card.controller).information
 
     def make(self, task: TaskCard) -> Agent | PrivilegedController | ScenarioController:
-        """A new controller; what else there is to know of its task it learns on reset.
-
-        Raises ``SubmissionError`` when it reads the state of another model, or cannot be made with its settings.
-        """
+        """A new controller, which learns the rest on reset. Raises ``SubmissionError`` for another model, or settings that do not fit."""
         if self.sees == "state" and not set(get_model(PAPER_MODEL).state_names) <= set(get_model(task.model).state_names):
             msg = (
                 f"'{self.card.controller}' reads the state of {PAPER_MODEL}, and {task.id} has {task.model}, which lacks some of it. "

@@ -284,10 +284,7 @@ _PAGES = (".yml", ".toml")  # Of settings for a controller of glbench
 
 
 def read_identity(path: Path) -> Identity:
-    """Find out what the file or folder ``path`` is.
-
-    Raises ``SubmissionError`` when it is no submission, its name cannot be used, its card is wrong, or its files cannot be read.
-    """
+    """What the file or folder ``path`` is. Raises ``SubmissionError`` when it is no submission, or its name, card or a file is wrong."""
     settings = next((one for one in list(path.parents)[:2] if is_built_in(one)), None)
     if path.suffix in _PAGES and settings is not None:
         refuse(f"{path} is a page of settings. Name the folder with its card.toml, such as: glbench evaluate {settings}", SubmissionError)

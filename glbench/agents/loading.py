@@ -127,10 +127,7 @@ def _hint_about_neighbours(error: BaseException, file: Path, folder: Path | None
 
 
 def python_maker(submission: identity.Identity) -> Callable[[TaskCard], Agent]:
-    """Run the submission's file and return what makes its agent for a task.
-
-    Raises ``SubmissionError`` when the file is no valid Python, raises, or has no ``make_agent(task)``.
-    """
+    """What a submission's file makes agents with. Raises ``SubmissionError`` when it is wrong, raises, or lacks ``make_agent(task)``."""
     file, folder = submission.entry, submission.folder
     module = import_file(file, f"_glbench_submission_{submission.digest[:16]}", folder)
     make_agent: Any = getattr(module, "make_agent", None)

@@ -69,10 +69,7 @@ class PlanBook:
 
     @classmethod
     def of(cls, task: TaskSpec, seeds: Sequence[int], actions: ArrayLike, about: Mapping[str, str | int | float]) -> PlanBook:
-        """A book with one plan, ``actions`` ``(steps, actions)``, for the runs of ``task`` with ``seeds``.
-
-        Raises ``ShapeError`` when the actions have another shape than those of a run.
-        """
+        """A book with one plan ``(steps, actions)`` for the runs of ``task`` with ``seeds``. Raises ``ShapeError`` for another shape."""
         low, high = (np.array([getattr(action, side) for action in task.actions]) for side in ("low", "high"))
         plan = np.asarray(actions, dtype=np.float64)
         if plan.shape != (task.steps, len(low)) or not np.isfinite(plan).all():

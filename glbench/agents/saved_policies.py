@@ -192,10 +192,7 @@ _HOW = 'Write one with: torch.jit.script(policy).save("policy.pt"), or torch.jit
 
 
 def onnx_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
-    """The agent of an ONNX file, run on one thread of the processor.
-
-    Raises ``SubmissionError`` when onnxruntime is missing, the file is no ONNX, or the policy does not fit the task.
-    """
+    """The agent of an ONNX file, on one thread. Raises ``SubmissionError`` without onnxruntime, or when file or policy do not fit."""
     file = submission.entry
     runtime = need("onnxruntime", f"The ONNX policy {file.name}")
     # onnxruntime has error types of its own below Exception, and names none of them in its interface.

@@ -46,10 +46,7 @@ class PlanValue(NamedTuple):
 
 
 def replay_plans(task: TaskSpec, book: PlanBook, seeds: Sequence[int]) -> dict[int, PlanValue]:
-    """What the plans of ``book`` earn in the runs of ``task`` with ``seeds``, with the same bits as an evaluation.
-
-    Raises ``EpisodeError`` when a step of a plan cannot be simulated.
-    """
+    """What the plans of ``book`` earn in the runs with ``seeds``, as evaluations count. Raises ``EpisodeError`` when a step fails."""
     simulation = Simulation(task, len(seeds))
     simulation.reset(list(seeds))
     actions = np.stack([book.plan(seed) for seed in seeds], axis=1)

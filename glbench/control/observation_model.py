@@ -95,10 +95,7 @@ class ObservationModel:
 
 
 def checked_observations(task: TaskSpec, observations: Any, n: int, names: Sequence[str]) -> Floats:
-    """Observations ``(n, columns)`` as float64, a new array, of the columns with these names. NaN is a missing reading.
-
-    Raises ``TaskError`` when the shape is wrong, or a reading is infinite.
-    """
+    """Own copy ``(n, columns)``, float32, of the columns; NaN is missing. Raises ``TaskError`` for a wrong shape or an infinite reading."""
     values = np.array(observations, dtype=np.float64)
     expected = (n, len(names))
     if values.shape != expected:

@@ -64,10 +64,7 @@ class SeasonPlan:
         return float(self.values.reward.sum())
 
     def actions(self) -> Floats:
-        """What an agent has to do to give these commands ``(T, actions)``.
-
-        Raises ``TaskError`` when the task's actions are not about single controls: set points of a process computer.
-        """
+        """Actions ``(T, actions)`` that give these commands. Raises ``TaskError`` when actions are set points of a process computer."""
         return actions_of(self.scenario.task, np.vstack([self.scenario.u_before, self.commands[:-1]]), self.commands)
 
 

@@ -80,10 +80,7 @@ def behaviour(task: TaskSpec) -> dict[str, Number]:
 
 
 def check_behaviour(task: TaskSpec) -> None:
-    """Refuse a published ``task`` from which glbench computes other numbers than when it was published.
-
-    Raises ``TaskError`` with the numbers that differ, or when there are none to compare with.
-    """
+    """Raises ``TaskError`` when glbench computes other numbers from a published task than when it was published; it has these numbers."""
     locked = read_behaviour().get(task.id)
     if locked is None:
         refuse(f"{BEHAVIOUR_WORDS} has no entry for {task.id}. Add it with `glbench tasks lock`.", TaskError)

@@ -62,10 +62,7 @@ class Samples:
 
     @staticmethod
     def of(task: TaskSpec, places: DrawPlaces) -> Samples:
-        """The samples of a task; of a task without any, nothing.
-
-        Raises ``TaskError`` when a module is not one of the model's own, or has columns that are not functions of the model's states.
-        """
+        """The samples of a task, if any. Raises ``TaskError`` when a module is not the model's own, or has other columns than states."""
         model, columns = task.model_value, []
         for module, table in task.samples.items():
             observed = model.observed(module, task.observation_context().horizon)

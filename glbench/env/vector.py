@@ -219,10 +219,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         return replace(self.simulation.snapshot(), generators=generators)
 
     def restore(self, snapshot: Snapshot) -> tuple[Observations, dict[str, Any]]:
-        """Continue from ``snapshot``; observations and infos as after a reset.
-
-        Raises ``GlbenchError`` when it belongs to another task or has another number of rows.
-        """
+        """Continue from ``snapshot``; observations and infos as after a reset. Raises ``GlbenchError`` for another task or row count."""
         observations = self.simulation.restore(snapshot)
         if len(snapshot.generators):
             self._generators = [spaces.unpack_generator(words) for words in snapshot.generators]

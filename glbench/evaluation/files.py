@@ -66,10 +66,7 @@ def load_result(path: Path | str) -> Result:
 
 
 def ensure_writable(folder: Path) -> None:
-    """Make ``folder`` and write a file of no length there: found out before the long run, not after it.
-
-    Raises ``GlbenchError`` when the folder cannot be made or written to.
-    """
+    """Make ``folder`` and try to write there: found out before the long run, not after it. Raises ``GlbenchError`` when that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=".can-write-", suffix=".partial", dir=folder)

@@ -176,10 +176,7 @@ class Kernel(Trajectories):
         return stepped[0] if np.ndim(x) == 1 else stepped
 
     def try_step(self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> tuple[FloatArray, list[StepFailure]]:
-        """Step a batch (n, states); a row that fails keeps its old state and is reported, the others are stepped.
-
-        Inputs and errors as for ``step``, but without StepError for rows that fail.
-        """
+        """Step a batch (n, states), as ``step`` does, but for rows that fail: they keep their old states and are reported."""
         if np.ndim(x) != 2:
             width = self.model.sizes["x"]
             refuse(f"try_step wants a batch of states (rows, {width}), not the shape {np.shape(x)}; use step for one state.", ShapeError)

@@ -98,10 +98,7 @@ def as_horizons(names: Names, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayL
 
 
 def by_horizon(what: str, values: npt.ArrayLike, count: int | None, shape: tuple[int, ...]) -> FloatArray:
-    """A table (horizons, *shape); ``count`` is None for one horizon without an axis of its own.
-
-    Raises ``ShapeError`` when ``values`` have neither ``shape`` nor, in a batch, (count, *shape).
-    """
+    """A table (horizons, *shape); ``count`` is None for one horizon without an axis. Raises ``ShapeError`` when ``values`` have another."""
     table = _numbers(what, values)
     if table.shape == shape:
         return np.broadcast_to(table, (1 if count is None else count, *shape))

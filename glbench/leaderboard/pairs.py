@@ -80,10 +80,7 @@ class Pair:
 
 
 def compare_entries(one: Entry, other: Entry) -> Pair:
-    """Compare two entries of one task on their common seeds.
-
-    Raises ``ResultError`` when they are of different tasks, have no seed in common, or one of them holds no reward.
-    """
+    """Compare entries on their common seeds. Raises ``ResultError`` for different tasks, no such seed, or one without a reward."""
     first, second = one.first, other.first
     if first.task.digest != second.task.digest:
         msg = (

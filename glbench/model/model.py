@@ -400,10 +400,7 @@ class Model(ABC):
         return start
 
     def check_rates(self, x: ArrayLike, d: ArrayLike, p: ArrayLike) -> None:
-        """See that the equations give finite rates in the state ``x``, with all controls at 0.
-
-        Raises ``ShapeError`` when a rate is not finite; the message names model, state and value.
-        """
+        """Raises ``ShapeError``, with model, state and value, when a rate is not finite in the state ``x`` with all controls at 0."""
         rates = self.rhs(x, np.zeros(len(self.controls)), d, p)
         self._refuse_not_finite(rates, f"At the start, with all controls at 0, the equations of {self.id} give as rate of")
 
@@ -433,10 +430,7 @@ class Model(ABC):
         return _auxiliaries_function(self)
 
     def jacobian_function(self, wrt: str = "x") -> casadi.Function:
-        """CasADi function of x, u, d, p that gives the derivative of ``dxdt`` to one of the inputs, a dense matrix.
-
-        Raises ``UnknownNameError`` when ``wrt`` is none of the inputs.
-        """
+        """CasADi function of x, u, d, p: ``dxdt`` by one of the inputs, a dense matrix. Raises ``UnknownNameError`` for another ``wrt``."""
         if wrt not in self.INPUTS:
             refuse(f"The model has no input '{wrt}'.{did_you_mean(wrt, self.INPUTS)}", UnknownNameError)
         return _jacobian_function(self, wrt)

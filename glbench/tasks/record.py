@@ -163,10 +163,7 @@ class TaskRecord:
         return self.in_split("validation") if self.splits is not None and self.splits.validation else self
 
     def check_training(self) -> None:
-        """Refuse a task that has only a test split: agents cannot train in it.
-
-        Raises ``TaskError`` when the task has only a test split; the message names the task to train on.
-        """
+        """Raises ``TaskError``, with the task to train on, when this one has only a test split, in which no agent can train."""
         if self.splits is not None and self.splits.training is None:
             instead = f"on {self.base}, its base," if self.base is not None else "on another task"
             msg = (

@@ -179,10 +179,7 @@ class ResolvedTask(TaskRecord):
 
     @cached_property
     def initial_controls(self) -> FloatArray:
-        """Controls in force before the first step, fractions ``(controls,)``, read-only; 0 where the file says nothing.
-
-        Raises ``TaskError`` when a control cannot start there.
-        """
+        """Controls before the first step, shares ``(controls,)``, read-only; 0 if unstated. Raises ``TaskError`` for an impossible one."""
         capacities = self.capacities()
         controls, names = np.zeros(len(capacities)), [one.name for one in capacities]
         with self.errors_in("initial_state"):
@@ -200,10 +197,7 @@ class ResolvedTask(TaskRecord):
         return _read_only(controls)
 
     def check_start(self) -> None:
-        """Evaluate the nominal state at the start, and the rates there, once.
-
-        Raises ``TaskError`` when one is not finite; the message names file, table, state and value.
-        """
+        """Raises ``TaskError``, with file, table, state and value, when the nominal start state or its rates are not finite."""
         state = self.initial_state()
         with self.errors_in("initial_state"):
             self.model_value.check_rates(state, self.disturbances().values[0], self.parameters())
@@ -289,18 +283,12 @@ class ResolvedTask(TaskRecord):
 
     @cached_property
     def actions(self) -> tuple[Action, ...]:
-        """The entries of an action, in order, with units and bounds.
-
-        Raises ``TaskError`` when there is no such kind of actuation, or it does not support one of the controls.
-        """
+        """The entries of an action, with units and bounds. Raises ``TaskError`` for an unknown actuation, or a control that it lacks."""
         with self.errors_in("actuation"):
             return ACTUATION_KINDS[self.actuation.kind].actions(self.actuation.controls)
 
     def observed(self) -> tuple[Quantity, ...]:
-        """Columns of the observation, in order, with units and finite bounds.
-
-        Raises ``TaskError`` when there is no such module, or two modules show a quantity of the same name.
-        """
+        """Columns of the observation, with units and finite bounds. Raises ``TaskError`` for an unknown module or the same name twice."""
         columns: dict[str, Quantity] = {}
         for module in self.observation.modules:
             for quantity in self.observed_by(module):
@@ -310,10 +298,7 @@ class ResolvedTask(TaskRecord):
         return tuple(columns.values())
 
     def observed_by(self, module: str) -> tuple[Quantity, ...]:
-        """Columns of one observation module: one that all models have, a registered one, or the model's own.
-
-        Raises ``TaskError`` when neither the vocabulary nor the model has the module.
-        """
+        """Columns of a module that all models have, is registered, or is the model's own. Raises ``TaskError`` when there is none."""
         context, model = self.observation_context(), self.model_value
         with self.errors_in("observation"):
             if module in OBSERVATION_MODULES:
@@ -434,10 +419,7 @@ class ResolvedTask(TaskRecord):
 
     @cached_property
     def scenario(self) -> Scenario:
-        """What a run draws: season, first day, start state, parameters.
-
-        Raises ``TaskError`` when a parameter, a set or a state is unknown; the message names file and table.
-        """
+        """What a run draws: season, first day, start, parameters. Raises ``TaskError``, with file and table, for an unknown name in it."""
         weather, scenario, groups, starts = self.weather, self.file.scenario, [], []
         for place, group in enumerate(scenario.parameters):
             names = self._drawable_parameters(group.parameters, self.conventions.draws_table)

@@ -155,10 +155,7 @@ def weather_of(secret: str) -> SealedWeather | None:
 
 
 def write_round(sealed: Round, path: Path) -> None:
-    """Write the round's file, which only its owner may read.
-
-    Raises ``GlbenchError`` when there is a file already, which might be the only copy of a secret, or it cannot be written.
-    """
+    """Write a round's file for its owner alone. Raises ``GlbenchError`` when there is one, maybe the only copy, or it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

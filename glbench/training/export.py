@@ -33,10 +33,7 @@ _WEIGHT = 1e6  # Observations that a policy's statistics count for: they follow 
 
 
 def load_model(file: Path, algorithm: str, normalization: Path | None) -> tuple[BaseAlgorithm, VecNormalize | None]:
-    """A saved model and its normalisation. Both files hold pickles, which can run code: load only what you trust.
-
-    Raises ``TrainingError`` when one of them cannot be read.
-    """
+    """A saved model and its normalisation: pickles, so load only what you trust. Raises ``TrainingError`` when one cannot be read."""
     for path in filter(None, (file, normalization)):
         if not path.is_file():
             msg = f"Cannot read the model: {path} is not a file. Give the model.zip that was saved, or a folder of glbench train."

@@ -65,10 +65,7 @@ class RuleSearchSettings(FrozenSettings):
 
 
 def shipped_start(tasks: Sequence[TaskSpec]) -> Path:
-    """File of the shipped page for ``tasks``: for their reward, or for the first of them where they show the price of power.
-
-    Raises ``TrainingError`` when none is shipped, or as for ``reward_of``.
-    """
+    """The shipped page for ``tasks``: by their reward, or by the first where power has a price. Raises ``TrainingError`` without one."""
     reward, energy = reward_of(tasks), about_energy(tasks)
     folder = data_folder("baselines") / (ENERGY_CONTROLLER if energy else CONTROLLER) / "rules"
     pages = tuned_rules.read_rule_pages(folder, kind_for(tasks))

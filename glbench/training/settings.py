@@ -194,10 +194,7 @@ OWN = frozenset(TrainingSettings.model_fields) - {"algorithm", "hyperparameters"
 
 
 def shipped_settings(algorithm: str) -> Path:
-    """File with the paper's settings of ``algorithm``, by its short name in any case or by its class path.
-
-    Raises ``TrainingError`` when there is none, as for algorithms given by class path.
-    """
+    """File with the paper's settings of ``algorithm``, a short name in any case or a class path. Raises ``TrainingError`` without one."""
     name = algorithm.removeprefix("stable_baselines3.").lower()
     if name not in PAPER:
         msg = f"glbench ships no settings for '{algorithm}'. Give a file of your own with --config (docs/training.md shows one)."

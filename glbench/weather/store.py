@@ -57,10 +57,7 @@ def load_weather(name: str) -> WeatherRecord:
 
 
 def find_weather(digest: str) -> str:
-    """Name of the weather record with that SHA-256, such as a host seals for a round and publishes afterwards.
-
-    Raises ``UnknownNameError`` when neither glbench nor the user has it.
-    """
+    """Name of the weather record with that SHA-256, as a host seals for a round. Raises ``UnknownNameError`` when it is not here."""
     for name, entry in sorted(_manifest(data_folder("weather")).items()):
         if entry["digest"] == digest:
             return name

@@ -163,10 +163,7 @@ def build(model: Model, traits: Traits, width: int | None = None, *, sensitiviti
 
 @contextmanager
 def build_lock(lock: Path, what: str, seconds: float) -> Iterator[None]:
-    """Hold ``lock`` while ``what`` is built in its folder of the cache.
-
-    Raises ``CompiledUnavailable`` when another process holds it for ``seconds``, or the folder cannot be used.
-    """
+    """Lock ``what`` while it is built. Raises ``CompiledUnavailable`` when another holds it for ``seconds``, or the folder fails."""
     try:
         lock.parent.mkdir(parents=True, exist_ok=True)
         with FileLock(lock, timeout=seconds):
