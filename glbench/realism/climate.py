@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from glbench.realism.comparison import COLOURS, INK, saved_figure, tidy
+from glbench.realism.comparison import COLOURS, saved_figure
 from glbench.realism.free_run import CHANNELS, Drive, Error, drive, free_run
 from glbench.realism.houses import House, Settings, model, parameters
 from glbench.realism.indoor import read_indoor
 from glbench.realism.inputs import outdoors
 from glbench.realism.published import ROW_SECONDS, Archive
 from glbench.settings import Table
+from glbench.weather.comparison import INK, tidy
 from glbench.weather.record import FloatArray
 
 LABELS: Mapping[str, str] = {"air_temperature": "air temperature\n[°C]", "humidity": "relative humidity\n[%]", "co2": "CO2\n[ppm]"}

@@ -277,6 +277,14 @@ def _repeats(generated: Seasons, seed: int) -> list[Figure]:
     ]
 
 
+def tidy(axes: Any) -> None:
+    """The look of all pictures: a quiet grid, no frame above and at the right."""
+    axes.tick_params(labelsize=8.5, colors=QUIET)
+    axes.grid(color=EDGE, lw=0.5, alpha=0.6)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
 def write_picture(generator: SeasonGenerator, season: GeneratedSeason, path: Path) -> None:
     """Write a PNG to ``path``: daily figures of ``season`` over those of the generator's years, and where each day was taken from.
 
@@ -307,10 +315,7 @@ def write_picture(generator: SeasonGenerator, season: GeneratedSeason, path: Pat
             axes.plot(dates, factor * values[name].mean(axis=-1), color=_colour(i), lw=1.0, alpha=0.75, label=f"{year}")
         axes.plot(dates, factor * hours[name].mean(axis=-1), color=INK, lw=2.2, label="generated")
         axes.set_ylabel(title, fontsize=9, color=INK)
-        axes.tick_params(labelsize=8.5, colors=QUIET)
-        axes.grid(color=EDGE, lw=0.5, alpha=0.6)
-        for side in ("top", "right"):
-            axes.spines[side].set_visible(False)
+        tidy(axes)
     low, high = hours["air_temperature"].min(axis=-1), hours["air_temperature"].max(axis=-1)
     rows[0].fill_between(dates, low, high, color=INK, alpha=0.10, lw=0, label="generated, lowest to highest hour")
     for axes in (rows[1], rows[3]):
