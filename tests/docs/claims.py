@@ -116,6 +116,12 @@ def score(agent: str, task: str) -> float:
     return float(np.mean([run["metrics"]["reward"] for run in result["runs"]]))
 
 
+def first_thirty(task: str, *agents: str) -> tuple[float, ...]:
+    """Mean reward of each agent in the first 30 runs of a task; its seeds are in this order."""
+    results = [json.loads((RESULTS / task / f"{agent}.json").read_text(encoding="utf-8")) for agent in agents]
+    return tuple(float(np.mean([run["metrics"]["reward"] for run in result["runs"][:30]])) for result in results)
+
+
 def on_the_scale(value: float) -> float:
     """A mean score of the default task on the scale from its zero to its one."""
     ends = read_references()[HEADLINE.id].ends
@@ -685,6 +691,10 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
     ],
     "docs/control.md": [
+        (
+            "In the first 30 test runs of `GreenhouseReal-v1` it earns {} EUR/m2, where `mpc_greenhouse` earns {} and the tuned rules {}:",
+            lambda: first_thirty("GreenhouseReal-v1", "mpc_greenhouse_book", "mpc_greenhouse", "rule_based_greenhouse"),
+        ),
         ("`mpc` earns {} EUR/m2, more than", lambda: score("mpc", "Spring-v1")),
         ("(tuned rules: {}); on `Schiphol", lambda: score("rule_based_tuned", "Spring-v1")),
         ("its {} stay below", lambda: mean("mpc", 10)),
@@ -700,6 +710,18 @@ CLAIMS: dict[str, list[Claim]] = {
     ],
     "docs/speed.md": [("changed by more than {} %", largest_change)],
     "README.md": [
+        (
+            "(`mpc_greenhouse_book`, the first 30 test runs) it earns {} EUR/m²;",
+            lambda: first_thirty("GreenhouseReal-v1", "mpc_greenhouse_book"),
+        ),
+        (
+            "in the same runs `mpc_greenhouse` earns {}, the best trained policy {} and the tuned rules {}.",
+            lambda: (
+                *first_thirty("GreenhouseReal-v1", "mpc_greenhouse"),
+                float(np.mean(first_thirty("GreenhouseReal-v1", *(f"ppo_memory_greenhouse{seed}" for seed in ("", "_seed1", "_seed2"))))),
+                *first_thirty("GreenhouseReal-v1", "rule_based_greenhouse"),
+            ),
+        ),
         (
             "it earns {} EUR/m² (`mpc_energy`), the rules {}, the best known plans {}.",
             lambda: tuple(score(agent, "WinterLED-v1") for agent in ("mpc_energy", "rule_based_energy", "best_known")),
