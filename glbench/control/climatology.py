@@ -32,7 +32,7 @@ from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import FORECAST
 from glbench.untrusted import reason_of
-from glbench.weather import WeatherRecord, disturbances
+from glbench.weather import WeatherRecord
 
 QUANTITIES = ("clearness", "outdoor_temperature", "outdoor_relative_humidity", "outdoor_co2", "wind_speed", "sky_depression")
 """What has a mean: share of clear-sky radiation [-], [degC], [%], [ppm], [m s-1], air minus sky temperature [K]."""
@@ -323,6 +323,8 @@ class _Season:
 
     @staticmethod
     def of(task: TaskSpec, record: WeatherRecord, year: int) -> _Season | None:
+        from glbench.weather import disturbances
+
         weather, day = task.weather, dt.timedelta(days=1)
         forecast = ForecastTable.of(task)
         start = weather.start.replace(year=year, day=min(weather.start.day, 28)) - REACH * day
