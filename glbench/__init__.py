@@ -1,7 +1,5 @@
 """glbench: a reproducible benchmark for greenhouse climate control on the GreenLight model."""
 
-from __future__ import annotations
-
 from importlib.metadata import version
 
 from glbench.registration import register_tasks

@@ -1,4 +1,4 @@
-"""Checks of untrusted arrays: actions must be real numbers; ``.npz`` files must have bounded size and contain no code."""
+"""Arrays, and checks of untrusted ones: actions must be real numbers; ``.npz`` files must have bounded size and contain no code."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from glbench.errors import refuse
 from glbench.untrusted import MIB, parse_json, quoted, read_pieces, read_regular
 
+Floats = NDArray[np.float64]
 _MOST_ENTRIES: Final = 1000
 _KINDS: Final = {"<f4", "<f8", "<u2", "<i8", "<u8", "|u1"}
 _NUMPY_ERRORS: Final = (ValueError, SyntaxError, TypeError, RecursionError, MemoryError, OverflowError, tokenize.TokenError)
@@ -27,8 +28,7 @@ _NUMPY_ERRORS: Final = (ValueError, SyntaxError, TypeError, RecursionError, Memo
 def real_numbers(value: object) -> NDArray[Any] | None:
     """``value`` as an array of real numbers, or ``None`` if it is not one.
 
-    Refused are complex numbers, dates, text, booleans, objects (such as integers beyond 64 bits), rows of unequal length and arrays
-    with masked entries.
+    Refused are complex numbers, dates, text, booleans, objects (such as integers beyond 64 bits), unequal rows and masked entries.
     """
     parts = (value, *value) if isinstance(value, list | tuple) else (value,)
     try:
@@ -74,8 +74,7 @@ class ArrayFile:
     def at(cls, file: Path, largest: int = 64 * MIB) -> ArrayFile:
         """The arrays in ``file``, which takes at most ``largest`` bytes, packed and unpacked.
 
-        Raises ``OSError``, ``ValueError`` when the file cannot be read, is larger, or holds anything else. The message completes a sentence
-        that begins with "it".
+        Raises ``OSError``, ``ValueError`` when the file cannot be read, is larger, or holds anything else. Messages go on after "it".
         """
         return cls.of(read_regular(file, largest), largest)
 

@@ -12,8 +12,7 @@ import rfc8785
 def canonical_json(value: Any) -> bytes:
     """Canonical JSON (RFC 8785) of a value of plain JSON types, as UTF-8.
 
-    Raises ``rfc8785.CanonicalizationError`` for values that JSON cannot represent: NaN, an integer beyond 2**53, a key that is not a
-    string.
+    Raises ``rfc8785.CanonicalizationError`` for what JSON cannot hold: NaN, an integer beyond 2**53, a key that is not a string.
     """
     return _text(value).encode()
 

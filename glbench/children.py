@@ -26,10 +26,7 @@ except ImportError:  # Windows
 
 
 def end_with_parent() -> None:
-    """End this process when its parent ends. Call it first in every process that ``multiprocessing`` starts.
-
-    Does nothing in a process that ``multiprocessing`` did not start.
-    """
+    """End this process when its parent ends. Call it first in a process of ``multiprocessing``; in others it does nothing."""
     parent = parent_process()
     if parent is None:
         return
@@ -54,10 +51,7 @@ def _call(call: bytes, *connections: Any) -> None:
 
 
 class Child(subprocess.Popen[Any]):
-    """A program in its own session. It and what it started there end when this process ends or releases the object.
-
-    Arguments are those of ``subprocess.Popen``.
-    """
+    """A program in its own session, which ends with all that it started when this process ends or releases it. Arguments: see ``Popen``."""
 
     def __init__(self, command: Sequence[str], *, pass_fds: Sequence[int] = (), **options: Any) -> None:
         reading, self._until_we_end = os.pipe()
@@ -81,8 +75,7 @@ class Child(subprocess.Popen[Any]):
 def run(command: Sequence[str], *, timeout: float, **options: Any) -> subprocess.CompletedProcess[str]:
     """Run ``command`` to its end and return its output; it is ended if this process ends.
 
-    Raises ``OSError`` when it cannot be started, and ``subprocess.TimeoutExpired`` when it takes longer than ``timeout`` seconds; it is
-    ended first.
+    Raises ``OSError`` when it cannot be started, and ``subprocess.TimeoutExpired`` after ``timeout`` seconds, when it has been ended.
     """
     with Child(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace", **options

@@ -87,10 +87,7 @@ def refuse(reason: str, error: type[Exception] = ValueError, cause: BaseExceptio
 def did_you_mean(name: str, choices: Iterable[str], *, list_few: bool = True) -> str:
     """Sentence that points to the names of ``choices`` nearest to ``name``; without one, and with ``list_few``, lists all if they are few.
 
-    Returns
-    -------
-    str
-        ``" Did you mean 'tAir'?"`` style text with a leading space, or the list of all names, or an empty string.
+    Text such as ``" Did you mean 'tAir'?"`` with a leading space, or the list of all names, or an empty string.
     """
     names = [str(k) for k in choices]
     by_lower = {k.lower(): k for k in names}

@@ -18,10 +18,7 @@ _INSTALL_NAMES = {"stable_baselines3": "stable-baselines3", "sb3_contrib": "sb3-
 
 
 def require(what: str, extra: str, *modules: str) -> None:
-    """Check, without importing them, that the packages of an optional part of glbench are installed.
-
-    Raises ``GlbenchError`` when one of them is missing; the message says how to install it.
-    """
+    """Raises ``GlbenchError``, with how to install it, when a package of an optional part is not installed; nothing is imported."""
     absent = missing(*modules)
     if absent:
         msg = (

@@ -123,10 +123,7 @@ def is_released(path: Path) -> bool:
 
 
 def user_data_folder() -> Path:
-    """Folder for data the user adds (imported weather); ``GLBENCH_DATA`` overrides the platform's default.
-
-    Raises ``GlbenchError`` when it is not set and the user has no home folder.
-    """
+    """Folder for what users add (weather); ``GLBENCH_DATA`` overrides the platform's. Raises ``GlbenchError`` without it and a home."""
     return _user_folder("GLBENCH_DATA", "XDG_DATA_HOME", ".local/share")
 
 
@@ -177,10 +174,7 @@ def write_atomically(path: Path, data: bytes | str) -> None:
 
 
 class Scratch:
-    """A folder for temporary files, made when it is first asked for. It is removed even if its process was killed: by the next one.
-
-    Nobody but this user can look into it.
-    """
+    """A folder of this user alone for temporary files, made when asked for; if its process is killed, the next one removes it."""
 
     def __init__(self) -> None:
         self._folder: Path | None = None

@@ -69,12 +69,8 @@ def read_settings(
 ) -> Model:
     """The settings in a YAML file, or with ``toml`` in a TOML file.
 
-    ``what`` names the file in messages, such as ``"the rules"``; ``advice`` is a sentence at the end of messages.
-
-    Raises
-    ------
-    GlbenchError
-        An ``error_type``: when the file cannot be read, lacks a setting, or has an unknown or impossible one.
+    ``what`` names the file in messages, such as ``"the rules"``; ``advice`` is a sentence at the end of messages. Raises an ``error_type``
+    when the file cannot be read, lacks a setting, or has an unknown or impossible one.
     """
     if toml:
         try:
@@ -104,10 +100,7 @@ def validated(
 
 
 def read_toml(file: Path) -> dict[str, Any]:
-    """The content of a small TOML file from an untrusted source.
-
-    Raises ``SubmissionError`` when it is not TOML; the message continues a sentence that begins with "it", and has no full stop.
-    """
+    """The content of a small TOML file. Raises ``SubmissionError`` when it is none, in words that go on after "it", without a full stop."""
     text = ""
     try:
         text = read_regular(file, _LARGEST_TOML).decode("utf-8-sig").replace("\r\n", "\n")

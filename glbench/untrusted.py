@@ -50,10 +50,7 @@ def read_regular(path: Path, largest: int) -> bytes:
 
 @contextmanager
 def open_regular(path: Path) -> Iterator[IO[bytes]]:
-    """The regular file ``path``, open for reading without a buffer.
-
-    Raises ``OSError`` when it is missing, cannot be read, or is a folder, a pipe or a device. A pipe is not waited for.
-    """
+    """The regular file ``path``, open for reading, unbuffered. Raises ``OSError`` for any other, at once for a pipe."""
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
     try:
         handle = os.open(path, flags)
@@ -91,8 +88,8 @@ def real_path(path: Path) -> Path:
 def opened_archive(file: Path) -> Iterator[ZipFile]:
     """The archive in ``file``.
 
-    Raises ``ValueError`` when its table of contents is too long, and ``OSError``, ``zipfile.BadZipFile``, ``NotImplementedError`` as
-    ``ZipFile`` does.
+    Raises ``ValueError`` when its contents are too many, and ``OSError``, ``zipfile.BadZipFile``, ``NotImplementedError`` as ``ZipFile``
+    does.
     """
     with _InPieces(file) as stream, ZipFile(stream) as archive:
         yield archive
@@ -173,10 +170,7 @@ def place_of(parts: Iterable[object]) -> str:
 
 
 def refuse_crowd(text: bytes | str) -> None:
-    """Refuse a JSON text of so many small parts that they would fill the memory.
-
-    Raises ``ValueError`` when it has more than ``MOST_MARKS`` objects, lists and keys.
-    """
+    """Raises ``ValueError`` for a JSON text of more than ``MOST_MARKS`` objects, lists and keys, which would fill the memory."""
     marks = sum(map(text.count, "{[:")) if isinstance(text, str) else sum(map(text.count, (b"{", b"[", b":")))
     if marks > MOST_MARKS:
         refuse(f"it has more than {MOST_MARKS:,} objects, lists and keys")
@@ -198,10 +192,7 @@ def visible(text: str, keep: str = "") -> str:
 
 
 def html_of(heading: str, facts: Iterable[tuple[str, object]], columns: Sequence[str] = (), rows: Iterable[Sequence[object]] = ()) -> str:
-    """HTML for notebooks (``_repr_html_``): a heading, a table of facts, and below it a table with ``columns``.
-
-    Texts are escaped; numbers are aligned to the right.
-    """
+    """HTML for notebooks: a heading, a table of facts, and one with ``columns``; texts escaped, numbers on the right."""
     fact_rows = "".join(f'<tr><th style="text-align:left">{escaped(name)}</th>{_cell(value, "left")}</tr>' for name, value in facts)
     parts = [f"<p><strong>{escaped(heading)}</strong></p>", f"<table>{fact_rows}</table>"]
     if columns:

@@ -32,14 +32,10 @@ class _RefusedError(Exception):
 def read_yaml(file: Path, what: str, error_type: type[GlbenchError]) -> dict[str, Any]:
     """The names and values in the YAML file ``file``: text, numbers, true or false, nothing, and lists and tables of them.
 
-    Follows YAML 1.1, except that dates and times of day stay text. ``what`` names the file in messages, such as ``"the rules"``.
-
-    Raises
-    ------
-    GlbenchError
-        Of the type ``error_type``, with the line: when the file cannot be read, is larger than 64 KiB, is not UTF-8 or not YAML, is nested
-        deeper than 20 levels, or has a name twice, a name that is not text, a tag, a number that has a decimal comma, more than 30
-        digits or is not finite, or more than 10,000 values with aliases expanded.
+    Follows YAML 1.1, except that dates and times of day stay text. ``what`` names the file in messages, such as ``"the rules"``. Raises an
+    ``error_type``, with the line, when the file cannot be read, is larger than 64 KiB, is not UTF-8 or not YAML, is nested deeper than 20
+    levels, or has a name twice, a name that is not text, a tag, a number that has a decimal comma, more than 30 digits or is not finite, or
+    more than 10,000 values with aliases expanded.
     """
     text = ""
     cause: Exception

@@ -1,10 +1,7 @@
 """Agents: what they are, how submissions are loaded, and the rule-based baselines.
 
-``docs/submit.md`` shows how to write an agent; ``docs/adr/0007-privileged-baseline-and-fair-twin.md`` tells why there are two
-rule-based ones.
+``docs/submit.md`` shows how to write an agent; ``docs/adr/0007-privileged-baseline-and-fair-twin.md`` says why two are rule-based.
 """
-
-from __future__ import annotations
 
 from typing import TYPE_CHECKING
 

@@ -107,10 +107,7 @@ class Baseline:
         return find_controller(self.card.controller).information
 
     def make(self, task: TaskCard) -> Agent | PrivilegedController | ScenarioController:
-        """A new controller; what else there is to know of its task it learns on reset.
-
-        Raises ``SubmissionError`` when it reads the state of another model, or cannot be made with its settings.
-        """
+        """A new controller, which learns the rest on reset. Raises ``SubmissionError`` for another model, or settings that do not fit."""
         if self.sees == "state" and not set(get_model(PAPER_MODEL).state_names) <= set(get_model(task.model).state_names):
             msg = (
                 f"'{self.card.controller}' reads the state of {PAPER_MODEL}, and {task.id} has {task.model}, which lacks some of it. "
@@ -173,10 +170,7 @@ def digests_of_baseline(name: str) -> tuple[str, ...]:
 
 
 def shipped_sight(name: str) -> Sight:
-    """What a shipped baseline is shown, also where its policies or plans are not installed.
-
-    Raises ``SubmissionError`` when there is no such baseline.
-    """
+    """What a shipped baseline is shown, also where its policies or plans are missing. Raises ``SubmissionError`` when there is none."""
     return find_controller(_read_card(data_folder("baselines") / name / "card.toml").controller).sees
 
 
@@ -191,10 +185,7 @@ def _shipped_trainings(folder: Path) -> dict[str, Recipe | None]:
 
 
 def _check_place(place: Path, folder: Path) -> None:
-    """Refuse settings that lie elsewhere, are no regular files, or are or expand to more than they may.
-
-    Raises ``SubmissionError`` when they do.
-    """
+    """Raises ``SubmissionError`` when settings lie elsewhere, are no regular files, or are or expand to more than they may."""
     if not place.is_relative_to(folder.resolve()):
         refuse(f"The card in {folder} names settings that lie elsewhere: {place}. Copy them into the folder.", SubmissionError)
     files = files_of_folder(place) if place.is_dir() else (place,)

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from glbench.agents.identity import OBSERVATIONS_ONLY
 from glbench.agents.protocol import Agent, PrivilegedController, ScenarioController, Sight, check_runs
+from glbench.arrays import Floats
 from glbench.errors import SubmissionError
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
-Array = NDArray[np.float64]
 Maker = TypeVar("Maker", bound=Callable[..., Any])
 
 MODULES = {
@@ -54,20 +54,12 @@ def controller(
 ) -> Callable[[Maker], Maker]:
     """Declare the class below as the controller called ``name``; the class is called with what ``read`` returns.
 
-    Parameters
-    ----------
-    name
-        The name that cards use.
-    read
-        Reads what a card calls the settings (a file or folder): rules, a grower's page, trained policies, recorded actions.
-    version
-        Part of the digest of every agent of this controller. The source may change as long as the actions stay the same;
-        ``baselines/lock.toml`` records the actions of the shipped baselines, and a test compares them. If the actions change, the version
-        must change. The first version of older controllers is the SHA-256 of their source when their first results were released.
-    sees
-        What the controller is shown.
-    information
-        The same in words, for results.
+    ``name`` is what cards call it. ``read`` reads what a card calls the settings (a file or folder): rules, a grower's page, trained
+    policies, recorded actions. ``sees`` is what the controller is shown, and ``information`` the same in words, for results.
+
+    ``version`` is part of the digest of every agent of this controller. The source may change as long as the actions stay the same;
+    ``baselines/lock.toml`` records the actions of the shipped baselines, and a test compares them. If the actions change, the version must
+    change. The first version of older controllers is the SHA-256 of their source when their first results were released.
     """
 
     def declare(make: Maker) -> Maker:
@@ -90,7 +82,7 @@ _DAYS_A_YEAR = 365.0  # as the observation counts
 CLOCK = ("sin_hour_of_day", "cos_hour_of_day", "sin_day_of_year", "cos_day_of_year")  # Observations that tell the time
 
 
-def clock_from(readings: Mapping[str, Array]) -> tuple[Array, Array]:
+def clock_from(readings: Mapping[str, Floats]) -> tuple[Floats, Floats]:
     """Hour of day [h] and day of year [day] from their sines and cosines.
 
     The hour is rounded to whole seconds: float32 blurs it by milliseconds, and rules compare it with full hours.
@@ -120,10 +112,10 @@ class ObservedController(ABC):
         """Clear all memory; ``n_runs`` runs of ``task`` begin."""
 
     @abstractmethod
-    def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
+    def decide(self, readings: dict[str, Floats], positions: dict[str, Floats], /) -> Floats:
         """Actions (n_runs, actions) for the observations."""
 
-    def act(self, observations: NDArray[np.float32], /) -> Array:
+    def act(self, observations: NDArray[np.float32], /) -> Floats:
         """Actions (n_runs, actions). Raises ``ShapeError`` when the number of rows differs from the number of runs passed to ``reset``."""
         check_runs(observations, self.runs)
         # Rows of an array of their own: numpy may take another path, with another last bit, through the columns of a larger one.
@@ -166,7 +158,7 @@ class ObservedController(ABC):
                 msg += " The baseline 'grower' works at a process computer."
             raise SubmissionError(msg)
 
-    def towards(self, controls: Mapping[str, Array], positions: Mapping[str, Array]) -> Array:
+    def towards(self, controls: Mapping[str, Floats], positions: Mapping[str, Floats]) -> Floats:
         """Actions (n, actions) towards controls, by name: at once, or as fast as the actuation allows."""
         names = self.task.action_names
         actions = np.stack([controls[name] for name in names])

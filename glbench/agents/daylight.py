@@ -17,10 +17,11 @@ from zoneinfo import ZoneInfo
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
+
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
-Array = NDArray[np.float64]
 
 MEMORY = 0.2  # Weight of the latest complete day in the mean course of the radiation [-]; earlier days fade by 0.8 a day
 
@@ -39,11 +40,11 @@ _SIGMOID_STEEPNESS = 10.0  # as in the published smooth day flag
 class Daylight:
     """Estimates for the present step, shape (n,) each."""
 
-    is_day: Array
+    is_day: Floats
     """1 by day, 0 by night, linear within dusk and dawn [-]."""
-    is_day_smooth: Array
+    is_day_smooth: Floats
     """The same with sigmoid dusk and dawn [-]."""
-    radiation_sum: Array
+    radiation_sum: Floats
     """Radiation sum of the calendar day, the hours to come included [MJ m-2 d-1]."""
 
 
@@ -72,7 +73,7 @@ class DaylightEstimator:
         self._mean = np.zeros((n_runs, self._slots))
         self._expected = np.zeros((n_runs, self._slots))
 
-    def observe(self, hour: Array, radiation: Array) -> Daylight:
+    def observe(self, hour: Floats, radiation: Floats) -> Daylight:
         """Take in the clock [h] and the global radiation [W m-2] of this step, shape (n,) each, and estimate."""
         slot = np.minimum((hour / self._step_hours).astype(np.int64), self._slots - 1)
         self._begin_days(hour, slot)
@@ -101,7 +102,7 @@ class DaylightEstimator:
         radiation_sum = self._so_far + rest * (self._so_far + PRIOR) / (expected_now + PRIOR)
         return Daylight(is_day, smooth, radiation_sum)
 
-    def _begin_days(self, hour: Array, slot: NDArray[np.int64]) -> None:
+    def _begin_days(self, hour: Floats, slot: NDArray[np.int64]) -> None:
         """At the start of a new day: learn from the one that ended, if it was observed from its start."""
         first = np.isnan(self._hour)
         # Half a day back is midnight; an hour back is only the end of summer time.
@@ -123,9 +124,9 @@ class Sun:
 
     def __init__(self, task: TaskCard) -> None:
         self._task = task
-        self._day: Array | None = None
+        self._day: Floats | None = None
 
-    def hours(self, day: Array) -> tuple[Array, Array]:
+    def hours(self, day: Floats) -> tuple[Floats, Floats]:
         """Both [h], (n,) each, on days of the year (n,)."""
         today = np.floor(day)
         if self._day is None or not np.array_equal(today, self._day):

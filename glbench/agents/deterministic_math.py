@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from glbench.arrays import Floats
 
 _WEIGHT_BITS = 25
 _SLICE_BITS = 18

@@ -15,17 +15,16 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from glbench.agents.controllers import clock_from, controller
 from glbench.agents.tuned_rules import NEEDED, TunedRulesAgent, TunedRuleSettings, number, read_rule_pages
+from glbench.arrays import Floats
 from glbench.errors import SubmissionError, refuse
 from glbench.tasks.set_points import BLACKOUT, BOILER, DOSING, LAMPS, VENTS, WORKED
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
-Array = NDArray[np.float64]
 
 _ENGINE, _PIPES = "engine", "pipe_heat"
 """What two controls of an energy system deliver: power, and heat for the pipes. Where they are, the boiler's heat goes into the buffer."""
@@ -39,8 +38,7 @@ _RUNNING = 0.01  # The engine counts as running above this load
 class EnergyRuleSettings(TunedRuleSettings):
     """Numbers of the rules for lamps at hourly prices, engine, boiler and buffer, besides those of the climate.
 
-    "Load" is a fraction of what is installed. Numbers of machines that a task does not have are not used there. A page names the tasks
-    that it is for.
+    "Load" is a fraction of what is installed. Numbers of machines that a task lacks are not used. A page names the tasks that it is for.
     """
 
     title: ClassVar[str] = "energy rules"
@@ -116,7 +114,7 @@ class EnergyRulesAgent(TunedRulesAgent):
         self._installed = [one.name for one in task.controls if one.at_one > 0.0 and one.quantity in columns]
         self.begin(task, n_runs, (*NEEDED, *required), optional=columns, positions=(VENTS, *self._installed))
 
-    def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
+    def decide(self, readings: dict[str, Floats], positions: dict[str, Floats], /) -> Floats:
         """Actions (n_runs, actions) towards the controls that the rules ask for."""
         n, sun, power = self._numbers, readings["global_radiation"], readings[POWER]
         self._lit = positions.get(LAMPS, self._lit)
@@ -136,12 +134,12 @@ class EnergyRulesAgent(TunedRulesAgent):
             controls |= self._energy(readings, positions, controls)
         return self.towards({name: controls[name] if name in self._installed else self._calm for name in self.task.action_names}, positions)
 
-    def _energy(self, readings: dict[str, Array], positions: dict[str, Array], controls: dict[str, Array]) -> dict[str, Array]:
+    def _energy(self, readings: dict[str, Floats], positions: dict[str, Floats], controls: dict[str, Floats]) -> dict[str, Floats]:
         """Engine, boiler, pipes and CO2, from the heat and the CO2 that the climate asks for."""
         n, share, power = self._numbers, readings[_SHARE], readings[POWER]
         filled = share / 100.0
         # Price of power [EUR kWh-1] that the engine runs above.
-        price: Array = n.engine_price + n.engine_full * filled
+        price: Floats = n.engine_price + n.engine_full * filled
         if _NIGHT in readings:
             price = price - n.engine_cold * np.maximum(_WARM_NIGHT - readings[_NIGHT], 0.0)
         if self._hours_ahead:
@@ -163,7 +161,7 @@ class EnergyRulesAgent(TunedRulesAgent):
             DOSING: np.minimum(dose, free + n.co2_bought),
         }
 
-    def _shares(self, hour: Array, day: Array, radiation: Array, *others: Array) -> Any:
+    def _shares(self, hour: Floats, day: Floats, radiation: Floats, *others: Floats) -> Any:
         """As for the tuned rules, but lit hours are no evening, and the screen opens by the sun alone."""
         n = self._numbers
         shares = super()._shares(hour, day, radiation, *others)

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
 from glbench.agents.daylight import Sun
+from glbench.arrays import Floats
 from glbench.errors import SubmissionError, did_you_mean, refuse
 from glbench.settings import Table, read_settings
 from glbench.tasks import set_points as names
@@ -23,7 +23,6 @@ from glbench.tasks import set_points as names
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
-Array = NDArray[np.float64]
 
 _RADIATION, _VENTS = "global_radiation", "vents"
 _MEAN_HOURS = 1.0  # Light is a running mean: its weight fades by 1/e within this time [h]
@@ -144,10 +143,7 @@ class GrowerSettings(Table):
 
 
 def read_grower_settings(path: Path) -> GrowerSettings:
-    """Read the page of settings from a TOML file.
-
-    Raises ``SubmissionError`` when the file cannot be read, lacks a setting, or has an unknown or impossible one.
-    """
+    """The page of settings in a TOML file. Raises ``SubmissionError`` when it cannot be read, lacks a setting, or has a wrong one."""
     return read_settings(GrowerSettings, path, "the grower's settings", toml=True)
 
 
@@ -162,10 +158,7 @@ class GrowerAgent(ObservedController):
         self.settings = settings
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
-        """Forget the light; ``n_runs`` runs of ``task`` begin.
-
-        Raises ``SubmissionError`` when the task has no process computer, or does not show clock and radiation.
-        """
+        """``n_runs`` runs of ``task`` begin. Raises ``SubmissionError`` when it has no process computer, or hides clock or radiation."""
         if task.actuation not in self.actuations:
             refuse(f"The grower works at a process computer, and {task.id} has the actuation '{task.actuation}'.", SubmissionError)
         self.begin(task, n_runs, (*CLOCK, _RADIATION), optional=(_VENTS,))
@@ -175,10 +168,10 @@ class GrowerAgent(ObservedController):
                 near = did_you_mean(action.name, rules)
                 refuse(f"The grower's settings page has no '{action.name}', a set point of {task.id}.{near}", SubmissionError)
         self._sun, self._shut = Sun(task), np.zeros(n_runs)
-        self._mean: Array | None = None
+        self._mean: Floats | None = None
         self._weight = 1.0 - math.exp(-task.step_seconds / 3600.0 / _MEAN_HOURS)
 
-    def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
+    def decide(self, readings: dict[str, Floats], positions: dict[str, Floats], /) -> Floats:
         """Actions (n_runs, actions): the set points of the page; bounds cut off what rounding adds."""
         radiation = readings[_RADIATION]
         self._mean = radiation if self._mean is None else self._mean + self._weight * (radiation - self._mean)
@@ -193,10 +186,10 @@ class GrowerAgent(ObservedController):
         rules = self._set_points(period, self._mean, readings.get(_VENTS, self._shut))
         low, high = self.task.action_bounds
         set_points = [np.broadcast_to(one.of(rules[one.name]), self.runs) for one in self.task.actions]
-        actions: Array = np.minimum(np.maximum(np.stack(set_points, axis=1), low), high)
+        actions: Floats = np.minimum(np.maximum(np.stack(set_points, axis=1), low), high)
         return actions
 
-    def _set_points(self, period: Array, radiation: Array, vents: Array) -> dict[str, Array | float]:
+    def _set_points(self, period: Floats, radiation: Floats, vents: Floats) -> dict[str, Floats | float]:
         """Set points by name, for the period (0 day, 1 pre-night, 2 night), mean radiation [W m-2] and position of the vents."""
         s, day = self.settings, period == 0.0
         light = np.where(day, _share(radiation, s.heating.light_from, s.heating.light_full), 0.0)
@@ -217,7 +210,7 @@ class GrowerAgent(ObservedController):
         }
 
 
-def _share(value: Array, start: float, full: float) -> Array:
+def _share(value: Floats, start: float, full: float) -> Floats:
     """From 0 at ``start`` to 1 at ``full``."""
     return np.minimum(np.maximum((value - start) / (full - start), 0.0), 1.0)
 

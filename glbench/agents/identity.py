@@ -116,10 +116,7 @@ def check_file(file: Path, root: Path) -> None:
 
 
 def check_sizes(files: tuple[Path, ...], root: Path) -> None:
-    """Refuse what is too large before any of it is read.
-
-    Raises ``SubmissionError`` when all files together are larger than ``LARGEST_SUBMISSION``.
-    """
+    """Raises ``SubmissionError`` when all files together are larger than ``LARGEST_SUBMISSION``, before any of them is read."""
     sizes = {file: file.stat().st_size for file in files}
     total = sum(sizes.values())
     if total > LARGEST_SUBMISSION:
@@ -134,9 +131,8 @@ def check_sizes(files: tuple[Path, ...], root: Path) -> None:
 def digest_of(files: tuple[Path, ...], root: Path, copy: Path | None = None) -> str:
     """SHA-256 (hex) over names and contents, as ``glbench.resources.sha256_of_files`` has it, of at most ``LARGEST_SUBMISSION`` bytes.
 
-    Text counts with LF line endings. With ``copy``, a folder, the covered files are copied into it under the same names: text with LF,
-    other files unchanged. Raises ``SubmissionError`` when a file changes while it is read, and ``OSError`` when a file cannot be read, or a
-    copy not be written.
+    Text counts with LF line endings. With ``copy``, a folder, the covered files are copied into it by their names, text with LF. Raises
+    ``SubmissionError`` when a file changes while it is read, and ``OSError`` when a file cannot be read, or a copy not be written.
     """
     digest, remaining = sha256(), LARGEST_SUBMISSION
     for name, file in sorted((file.relative_to(root).as_posix(), file) for file in files):
@@ -194,10 +190,7 @@ class Training:
 
 
 def policy_digest(weights: Iterable[Path]) -> str | None:
-    """SHA-256 (hex) over files of weights, independent of names, order and, in archives, of packing.
-
-    Raises ``OSError`` when a file cannot be read.
-    """
+    """SHA-256 (hex) over files of weights, whatever their names, order and packing. Raises ``OSError`` when one cannot be read."""
     parts = []
     for file in weights:
         try:
@@ -291,10 +284,7 @@ _PAGES = (".yml", ".toml")  # Of settings for a controller of glbench
 
 
 def read_identity(path: Path) -> Identity:
-    """Find out what the file or folder ``path`` is.
-
-    Raises ``SubmissionError`` when it is no submission, its name cannot be used, its card is wrong, or its files cannot be read.
-    """
+    """What the file or folder ``path`` is. Raises ``SubmissionError`` when it is no submission, or its name, card or a file is wrong."""
     settings = next((one for one in list(path.parents)[:2] if is_built_in(one)), None)
     if path.suffix in _PAGES and settings is not None:
         refuse(f"{path} is a page of settings. Name the folder with its card.toml, such as: glbench evaluate {settings}", SubmissionError)
@@ -344,8 +334,8 @@ def baseline_like(name: str) -> str | None:
 def name_of(place: Path) -> str:
     """Name of the agent in the file or folder ``place``, under which results are filed.
 
-    Raises ``SubmissionError`` when it cannot be a name, or is that of a baseline or too much like it; or when ``place`` is a link, which
-    has two names.
+    Raises ``SubmissionError`` when it cannot be a name, is a baseline's or too much like it, or when ``place`` is a link, which has two
+    names.
     """
     if place.is_symlink():
         msg = f"{place} is a link. Name the file or folder that it leads to, under whose name results are filed, or copy it."

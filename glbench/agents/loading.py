@@ -127,10 +127,7 @@ def _hint_about_neighbours(error: BaseException, file: Path, folder: Path | None
 
 
 def python_maker(submission: identity.Identity) -> Callable[[TaskCard], Agent]:
-    """Run the submission's file and return what makes its agent for a task.
-
-    Raises ``SubmissionError`` when the file is no valid Python, raises, or has no ``make_agent(task)``.
-    """
+    """What a submission's file makes agents with. Raises ``SubmissionError`` when it is wrong, raises, or lacks ``make_agent(task)``."""
     file, folder = submission.entry, submission.folder
     module = import_file(file, f"_glbench_submission_{submission.digest[:16]}", folder)
     make_agent: Any = getattr(module, "make_agent", None)
@@ -240,13 +237,9 @@ class LoadedAgent:
 def load_agent(ref: str | Path) -> LoadedAgent:
     """Load the agent that ``ref`` names. Of a Python submission the file is run; a saved policy is opened when the agent is made.
 
-    Raises ``SubmissionError`` when there is no such thing, or it cannot be loaded; the message says what to do.
-
-    Parameters
-    ----------
-    ref : str or Path
-        Name of a baseline, or path of a submission: a Python file, a saved policy, or a folder with ``agent.py``, with a saved policy,
-        or with ``card.toml`` (custom settings for a built-in controller).
+    Raises ``SubmissionError`` when there is no such thing, or it cannot be loaded; the message says what to do. ``ref`` is the name of a
+    baseline, or the path of a submission: a Python file, a saved policy, or a folder with ``agent.py``, with a saved policy, or with
+    ``card.toml`` (custom settings for a built-in controller).
     """
     if isinstance(ref, str) and ref in identity.baseline_names():
         return _baseline(ref, ref, "baseline")
@@ -319,8 +312,7 @@ _OWN_NAMES = ("submission.toml", "README.md")  # Files of a template that contai
 def new_submission(folder: Path, kind: Kind) -> tuple[Path, ...]:
     """Write a submission of that ``kind`` into a new ``folder``, whose name becomes the submission's, and return the files.
 
-    Raises ``SubmissionError`` when the folder is there already, or its name cannot be that of an agent, and ``GlbenchError`` when it cannot
-    be written.
+    Raises ``SubmissionError`` when the folder exists, or its name cannot be an agent's, and ``GlbenchError`` when it cannot be written.
     """
     if folder.exists():
         refuse(f"{folder} is there already, and nothing is overwritten. Choose another name, or move it away.", SubmissionError)
@@ -343,8 +335,7 @@ def new_submission(folder: Path, kind: Kind) -> tuple[Path, ...]:
 def copy_examples(folder: Path) -> tuple[Path, ...]:
     """Write the example submissions into ``folder``, ``my_agent.py`` among them, and return the files.
 
-    Raises ``SubmissionError`` when a file of one of their names is there that is not the example itself, and ``GlbenchError`` when they
-    cannot be written.
+    Raises ``SubmissionError`` when another file of one of their names is there, and ``GlbenchError`` when they cannot be written.
     """
     sources = sorted(data_folder("submissions").glob("*.py"))
     targets = tuple(folder / source.name for source in sources)

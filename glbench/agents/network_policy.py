@@ -23,14 +23,13 @@ from glbench.agents import deterministic_math
 from glbench.agents.card import LARGEST, SMALLEST_CLIP, SMALLEST_SCALE
 from glbench.agents.controllers import controller
 from glbench.agents.protocol import check_runs
-from glbench.arrays import ArrayFile, checked_facts, packed
+from glbench.arrays import ArrayFile, Floats, checked_facts, packed
 from glbench.errors import ShapeError, SubmissionError, refuse
 from glbench.untrusted import MIB, quoted, read_regular, reason_of
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
-Floats = NDArray[np.float64]
 Layer = Callable[[Any], Any]
 FORMAT = 1
 
@@ -336,10 +335,7 @@ def read_actor(file: Path) -> Actor:
 
 
 def read_policy(file: Path) -> NetworkPolicy:
-    """The network in ``file``, which has to be one without a memory.
-
-    Raises ``SubmissionError`` when it cannot be read, or has a memory or positions.
-    """
+    """The network in ``file``. Raises ``SubmissionError`` when it cannot be read, or has a memory or positions."""
     policy = read_actor(file)
     if not policy.plain:
         msg = (
@@ -380,10 +376,7 @@ class ActorAgent:
         self._runs = 0
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
-        """Begin ``n_runs`` runs: all controls are at 0, and there are no traces yet.
-
-        Raises ``SubmissionError`` when no policy fits the task's observations and actions.
-        """
+        """Begin ``n_runs`` runs, with all controls at 0 and no traces. Raises ``SubmissionError`` when no policy fits the task."""
         self.policy = policy = policy_for(task, self._policies)
         self._runs = n_runs
         self._positions = np.zeros((n_runs, len(policy.max_change)))

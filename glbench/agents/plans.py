@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from glbench.agents.controllers import controller
 from glbench.agents.protocol import check_runs
-from glbench.arrays import ArrayFile, checked_facts, packed
+from glbench.arrays import ArrayFile, Floats, checked_facts, packed
 from glbench.errors import ShapeError, SubmissionError, refuse
 from glbench.resources import write_atomically
 from glbench.untrusted import reason_of
@@ -30,7 +30,6 @@ from glbench.untrusted import reason_of
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
 
-Floats = NDArray[np.float64]
 
 FORMAT = 1
 HALF_SCALE = 1000  # Numbers from the middle of an action's bounds to either of them; the middle, which is 0 for a change, is exact
@@ -43,8 +42,8 @@ class PlanBook:
     """Plans for some runs of a task. Runs in which the same is given share one.
 
     ``split`` is the one whose runs these are, empty for a task without. ``names``, ``low`` and ``high`` are those of the actions;
-    ``actuation`` is how the task turns them into controls. ``runs`` gives the place of the plan by the seed of a run. ``actions`` ``(plans,
-    actions, steps)``, uint16, go from 0 for the lower bound to ``2 * HALF_SCALE`` for the upper one. ``about`` says of each plan how it was
+    ``actuation`` is how the task turns them into controls. ``runs`` gives the place of the plan by the seed of a run. ``actions``
+    ``(plans, actions, steps)``, uint16, go from 0 for the lower bound to ``2 * HALF_SCALE`` for the upper one. ``about`` says how each was
     made and what it earns.
     """
 
@@ -70,10 +69,7 @@ class PlanBook:
 
     @classmethod
     def of(cls, task: TaskSpec, seeds: Sequence[int], actions: ArrayLike, about: Mapping[str, str | int | float]) -> PlanBook:
-        """A book with one plan, ``actions`` ``(steps, actions)``, for the runs of ``task`` with ``seeds``.
-
-        Raises ``ShapeError`` when the actions have another shape than those of a run.
-        """
+        """A book with one plan ``(steps, actions)`` for the runs of ``task`` with ``seeds``. Raises ``ShapeError`` for another shape."""
         low, high = (np.array([getattr(action, side) for action in task.actions]) for side in ("low", "high"))
         plan = np.asarray(actions, dtype=np.float64)
         if plan.shape != (task.steps, len(low)) or not np.isfinite(plan).all():
@@ -123,10 +119,7 @@ class PlanBook:
         )
 
     def merged(self, other: PlanBook) -> PlanBook:
-        """These plans, and for the runs of ``other`` its plans in their place.
-
-        Raises ``SubmissionError`` when the two are not of the same task.
-        """
+        """These plans, but for the runs of ``other`` its plans. Raises ``SubmissionError`` when the two are of different tasks."""
         if self.same_task != other.same_task:
             msg = f"Plans of {self.task_id} ({self.task_digest[:12]}) and of {other.task_id} ({other.task_digest[:12]}) do not go together."
             raise SubmissionError(msg)
@@ -382,7 +375,7 @@ class RecordingAgent:
             refuse(f"The recording does not fit this task: {reason}. Record an agent on a task with the same actions.", SubmissionError)
         self._runs, self._step = n_runs, 0
 
-    def act(self, observations: NDArray[np.float32], /) -> NDArray[np.float64]:
+    def act(self, observations: NDArray[np.float32], /) -> Floats:
         """The next action for every run, ``(n_runs, actions)``; of ``observations`` only the number of rows is looked at.
 
         Raises ``ShapeError`` when there are not as many rows as runs were announced to ``reset``.

@@ -16,6 +16,7 @@ from pydantic import Field
 from glbench.agents.controllers import controller
 from glbench.agents.protocol import check_runs
 from glbench.agents.views import visible_columns
+from glbench.arrays import Floats
 from glbench.control import Climatology, EndValue, Outlook, PredictiveController, Scenario, StateEstimator, actions_of
 from glbench.env.actuation import make_actuation
 from glbench.errors import GlbenchError, SubmissionError, UnknownNameError, did_you_mean, refuse
@@ -25,7 +26,6 @@ from glbench.settings import Table, read_settings
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
 
-Floats = NDArray[np.float64]
 
 _Count = Annotated[int, Field(ge=1, le=10_000)]
 _Margin = Annotated[float, Field(ge=0.0)]
@@ -231,10 +231,7 @@ class PredictiveAgent:
         self._task, self._step = spec, 0
 
     def act(self, observations: NDArray[np.float32], /) -> Floats:
-        """Actions for the coming step.
-
-        Raises ``TaskError`` when there are not as many rows as runs, or other columns than the task shows.
-        """
+        """Actions for the coming step. Raises ``TaskError`` when there are not as many rows as runs, or other columns than the task's."""
         k, controls = self._step, self._steering.controls
         self._step += 1
         if self._hidden is not None:

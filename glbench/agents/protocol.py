@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.arrays import real_numbers, unknown_type
+from glbench.arrays import Floats, real_numbers, unknown_type
 from glbench.errors import ActionError, ShapeError, refuse
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
 
-Floats = NDArray[np.float64]
 Observations = NDArray[np.float32]  # What agents see: shape (n, observations of the task), in the units of the task card
 Actions = Floats  # What agents return: shape (n, actions of the task), within the bounds of the task card
 ROUNDING = 1e-6  # How far an action may lie outside its bounds: what float32 arithmetic loses
@@ -61,7 +60,7 @@ class SingleRunAgent(Protocol):
     def reset(self, task: TaskCard, /) -> None:
         """Forget everything; a run of ``task`` begins."""
 
-    def act(self, observation: NDArray[np.float32], /) -> NDArray[np.float64]:
+    def act(self, observation: NDArray[np.float32], /) -> Floats:
         """Action (actions,) for the ``observation`` (observations,) of this run."""
 
 
@@ -161,7 +160,7 @@ def action_problems(returned: object, task: TaskCard, n_runs: int) -> dict[int, 
         return value_problems(np.asarray(returned, dtype=np.float64), task)
 
 
-def value_problems(actions: NDArray[np.float64], task: TaskCard) -> dict[int, str]:
+def value_problems(actions: Floats, task: TaskCard) -> dict[int, str]:
     """Reasons, by row, why ``actions`` (n, actions of the task) are not finite or not within the bounds of the task card."""
     low, high = task.action_bounds
     good = (actions >= low - ROUNDING) & (actions <= high + ROUNDING)  # False for nan too
@@ -181,7 +180,7 @@ def value_problems(actions: NDArray[np.float64], task: TaskCard) -> dict[int, st
     return problems
 
 
-def read_actions(returned: object, card: TaskCard, n: int) -> tuple[NDArray[np.float64], dict[int, str]]:
+def read_actions(returned: object, card: TaskCard, n: int) -> tuple[Floats, dict[int, str]]:
     """Own copy ``(n, m)`` float64 of what ``act`` returned, and the reasons, by row, why its shape or type is wrong; such rows are zero.
 
     Something of the wrong shape as a whole is wrong in every row; a list of rows of which one has another length is wrong in that row

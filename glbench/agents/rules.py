@@ -7,8 +7,7 @@ a run gets the same bits alone and in a batch.
 Source: the published rule-based controller of the benchmark, after the GreenLight author's definition (Katzin, 2021). The two
 disagree in two rules, see ``RuleSettings.thermal_screen_rule`` and ``RuleSettings.lamp_rule``.
 
-The settings are read from a YAML file, which is the whole truth: there are no defaults here, so that what a controller does can be read
-in one place.
+The settings are read from a YAML file, the whole truth: no defaults here, so that what a controller does stands in one place.
 """
 
 from __future__ import annotations
@@ -19,11 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
 from glbench.agents.daylight import Daylight, DaylightEstimator
+from glbench.arrays import Floats
 from glbench.errors import ShapeError, SubmissionError, refuse
 from glbench.model import TOMATO, co2_ppm, relative_humidity
 from glbench.settings import Table, read_settings
@@ -32,7 +31,6 @@ from glbench.tasks import set_points
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
-Array = NDArray[np.float64]
 Shared = Any  # An array (n,), or one ``float`` for all runs
 
 _LOG_100 = math.log(100.0)
@@ -95,10 +93,7 @@ class RuleSettings(Table):
 
 
 def read_rule_settings(path: Path) -> RuleSettings:
-    """Read settings from the YAML file ``path``.
-
-    Raises ``SubmissionError`` when the file is missing, is no YAML mapping, lacks a setting, or has an unknown or impossible one.
-    """
+    """Settings in a YAML file. Raises ``SubmissionError`` when it is missing or no mapping, lacks a setting, or has a wrong one."""
     return read_settings(RuleSettings, path, "the rule settings")
 
 
@@ -109,11 +104,11 @@ class RuleInputs:
     What is outside may also be one number for all runs: the rules then follow from it for all runs at once, with the same bits.
     """
 
-    air_temperature: Array
+    air_temperature: Floats
     """Air below the screens [degC]."""
-    relative_humidity: Array
+    relative_humidity: Floats
     """Relative humidity of that air [%]."""
-    co2: Array
+    co2: Floats
     """CO2 of that air [ppm]."""
     radiation: Shared
     """Global radiation outside [W m-2]."""
@@ -131,7 +126,7 @@ class RuleInputs:
     """Day of the year [day], 0 at 1 January 00:00."""
 
 
-def proportional(value: Array, set_point: Array | float, band: float, low: float, high: float) -> Array:
+def proportional(value: Floats, set_point: Floats | float, band: float, low: float, high: float) -> Floats:
     """Smooth proportional action from ``low`` to ``high`` while ``value`` goes from ``set_point`` to ``set_point + band``.
 
     ``low + (high - low) / (1 + exp(-2/band * ln(100) * (value - set_point - band/2)))``: 1 % of the way at the set point, 99 % at
@@ -140,12 +135,12 @@ def proportional(value: Array, set_point: Array | float, band: float, low: float
     return _action(value - set_point, 2.0 / band * _LOG_100, band / 2.0, low, high - low)
 
 
-def _action(above: Array, steepness: Any, half_band: Any, low: Any, span: Any) -> Array:
+def _action(above: Floats, steepness: Any, half_band: Any, low: Any, span: Any) -> Floats:
     z = steepness * (above - half_band)
     # exp only ever sees numbers that are not positive, so no distance from the set point overflows.
     decay = np.exp(-np.abs(z))
     share = np.where(z >= 0.0, 1.0, decay) / (1.0 + decay)
-    action: Array = low + span * share
+    action: Floats = low + span * share
     return action
 
 
@@ -163,14 +158,8 @@ def _smaller(a: Shared, b: Shared) -> Shared:
     return min(a, b) if isinstance(a, float) and isinstance(b, float) else np.minimum(a, b)
 
 
-def rule_controls(inputs: RuleInputs, settings: RuleSettings) -> Array:
-    """Controls that the rules ask for.
-
-    Returns
-    -------
-    ndarray (n, 6)
-        Boiler, CO2 dosing, thermal screen, vents, lamps, blackout screen: fractions of capacity, 0 to 1.
-    """
+def rule_controls(inputs: RuleInputs, settings: RuleSettings) -> Floats:
+    """Boiler, CO2 dosing, thermal screen, vents, lamps, blackout screen as the rules ask for: shares of capacity, 0 to 1, ``(n, 6)``."""
     return Rules(settings).controls(inputs)
 
 
@@ -198,7 +187,7 @@ class Rules:
             for column in zip(*((2.0 / b * _LOG_100, b / 2.0, low, high - low) for b, low, high in bands), strict=True)
         )
 
-    def controls(self, inputs: RuleInputs) -> Array:
+    def controls(self, inputs: RuleInputs) -> Floats:
         """Controls (n, 6) that the rules ask for, as ``rule_controls`` gives them."""
         s, air, humidity = self.settings, inputs.air_temperature, inputs.relative_humidity
         lamps_by_clock, heating, co2 = self._set_points(inputs)
@@ -224,7 +213,7 @@ class Rules:
         if s.lamp_rule == "author":
             # By day the blackout screen is open, and humidity is no reason; the published code lost this by operator precedence.
             not_humid = inputs.is_day_smooth + (1.0 - inputs.is_day_smooth) * not_humid
-        lamps: Array = lamps_by_clock * lamps_heat * not_humid
+        lamps: Floats = lamps_by_clock * lamps_heat * not_humid
         for_humidity = np.maximum(screen_humidity, 1.0 - not_cold)
         # Erratum of the published code: "opened for heat or humidity" became max, so only heat *and* humidity open the screen.
         keep_closed = np.maximum if s.thermal_screen_rule == "code" else np.minimum
@@ -289,25 +278,18 @@ class RuleBasedController:
         """Nothing to forget: the rules look at the present step only. Controls of the model beyond the paper's six stay at 0."""
         self._others = max(len(task.controls) - len(TOMATO.control_names), 0)
 
-    def controls(self, x: Array, d: Array, hour_of_day: float | Array, day_of_year: float | Array, /) -> Array:
+    def controls(self, x: Floats, d: Floats, hour_of_day: float | Floats, day_of_year: float | Floats, /) -> Floats:
         """Controls (n, controls of the model) for the step that begins now, fractions of capacity.
 
-        Raises ``ShapeError`` when x or d has another shape.
-
-        Parameters
-        ----------
-        x : ndarray (n, states)
-            State at the start of the step.
-        d : ndarray (n, disturbances) or (disturbances,)
-            Disturbance acting in the step.
-        hour_of_day, day_of_year : float or ndarray (n,)
-            Clock at the start of the step [h], [day], one number or one a run.
+        ``x`` is the state at the start of the step (n, states), ``d`` the disturbance acting in it, (n, disturbances) or (disturbances,),
+        and ``hour_of_day`` [h] and ``day_of_year`` [day] the clock at its start, one number or (n,). Raises ``ShapeError`` when x or d has
+        another shape.
         """
         controls = self._rules.controls(privileged_inputs(x, d, hour_of_day, day_of_year))
         return np.pad(controls, ((0, 0), (0, self._others))) if self._others else controls
 
 
-def privileged_inputs(x: Array, d: Array, hour_of_day: float | Array, day_of_year: float | Array) -> RuleInputs:
+def privileged_inputs(x: Floats, d: Floats, hour_of_day: float | Floats, day_of_year: float | Floats) -> RuleInputs:
     """What the rules look at, from states ``x`` and disturbances ``d`` as ``RuleBasedController.controls`` takes them."""
     n = x.shape[0] if x.ndim == 2 else -1
     state_count, outdoor_count = len(TOMATO.state_names), len(TOMATO.disturbance_names)
@@ -356,8 +338,7 @@ class FairRuleBasedAgent(ObservedController):
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """Forget the weather; ``n_runs`` runs of ``task`` begin.
 
-        Raises ``SubmissionError`` when the task does not show a quantity that the rules need, or has another kind of actuation or of
-        greenhouse.
+        Raises ``SubmissionError`` when the task hides a quantity that the rules need, or has another actuation or greenhouse.
         """
         self.check_actuation(task)
         self._controls = [control.name for control in task.controls][:6]
@@ -370,7 +351,7 @@ class FairRuleBasedAgent(ObservedController):
         age_seconds = task.step_seconds if task.timing == "published" else 0.0
         self._daylight = DaylightEstimator(n_runs, task.step_seconds, age_seconds)
 
-    def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
+    def decide(self, readings: dict[str, Floats], positions: dict[str, Floats], /) -> Floats:
         """Actions (n_runs, actions) towards the controls that the rules ask for."""
         hour, day = clock_from(readings)
         daylight = self._daylight.observe(hour, readings["global_radiation"])
@@ -378,7 +359,7 @@ class FairRuleBasedAgent(ObservedController):
         return self.towards(dict(zip(self._controls, controls.T, strict=False)), positions)
 
 
-def fair_inputs(readings: dict[str, Array], hour: Array, day: Array, daylight: Daylight) -> RuleInputs:
+def fair_inputs(readings: dict[str, Floats], hour: Floats, day: Floats, daylight: Daylight) -> RuleInputs:
     """What the rules look at, from readings by name, the clock, and the estimates of the day."""
     return RuleInputs(
         air_temperature=readings["air_temperature"],

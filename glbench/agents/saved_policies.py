@@ -1,7 +1,6 @@
 """Saved policies that are submissions without code: the agent around one, and the forms ONNX and TorchScript (``sb3.py`` has the third).
 
-Each form has a function ``*_agent(submission, task)``. torch, Stable-Baselines3 and onnxruntime are imported when such an agent is made,
-and never before.
+Each form has a function ``*_agent(submission, task)``. torch, Stable-Baselines3 and onnxruntime are imported when one is made.
 
 A run has the same bits alone and among others, from libraries whose matrix products round by the size of the batch. A library picks another
 order of summation for one row than for thirty, and sometimes another for odd widths, depending on where a row is in memory. So a policy is
@@ -111,8 +110,7 @@ def _check_columns(what: str, count: int, columns: int) -> None:
 class EvenRows:
     """``function`` asked so that row i of the answer depends on row i of the question only, to the last bit.
 
-    It is a policy that takes ``(b, width)`` float32 for the ``b`` of a ``block``: the rows that are asked for at once, 1 for a policy that
-    takes a single row.
+    A policy that takes ``(b, width)`` float32 for the ``b`` of a ``block``: the rows asked for at once, 1 for one that takes a single row.
     """
 
     def __init__(self, function: Function, width: int, block: int = BLOCK) -> None:
@@ -180,10 +178,7 @@ class PolicyAgent:
         self._high = np.array([action.high for action in task.actions])
 
     def act(self, observations: Observations, /) -> Actions:
-        """Actions (n_runs, actions) for ``observations`` (n_runs, columns).
-
-        Raises ``ShapeError`` when there are not as many rows as runs were announced to ``reset``.
-        """
+        """Actions (n_runs, actions) for ``observations`` (n_runs, columns). Raises ``ShapeError`` for another number of runs."""
         check_runs(observations, len(self._state))
         rows = np.ascontiguousarray(self._normalise(observations), dtype=np.float32)
         answer = self._ask(np.concatenate([rows, self._state], axis=1) if self._state_width else rows)
@@ -197,10 +192,7 @@ _HOW = 'Write one with: torch.jit.script(policy).save("policy.pt"), or torch.jit
 
 
 def onnx_agent(submission: Identity, task: TaskCard) -> PolicyAgent:
-    """The agent of an ONNX file, run on one thread of the processor.
-
-    Raises ``SubmissionError`` when onnxruntime is missing, the file is no ONNX, or the policy does not fit the task.
-    """
+    """The agent of an ONNX file, on one thread. Raises ``SubmissionError`` without onnxruntime, or when file or policy do not fit."""
     file = submission.entry
     runtime = need("onnxruntime", f"The ONNX policy {file.name}")
     # onnxruntime has error types of its own below Exception, and names none of them in its interface.

@@ -92,10 +92,7 @@ class Archive:
 
 
 def read_archive(file: Path) -> Archive:
-    """Read what ``file`` says about itself.
-
-    Raises ``SubmissionError`` when it is not a model of Stable-Baselines3, or of an algorithm that cannot be told.
-    """
+    """What ``file`` says about itself. Raises ``SubmissionError`` when it is no model of Stable-Baselines3, or of an unclear algorithm."""
     data = archive_data(file)
     with _opened(file) as archive:
         recurrent, before = False, b""
@@ -127,10 +124,7 @@ def read_archive(file: Path) -> Archive:
 
 
 def archive_data(file: Path) -> dict[str, Any]:
-    """The settings in a saved model; Python objects among them are left as descriptions of pickles.
-
-    Raises ``SubmissionError`` when it is not a model of Stable-Baselines3.
-    """
+    """The settings in a saved model, pickled objects described only. Raises ``SubmissionError`` when it is none of Stable-Baselines3."""
     with _opened(file) as archive:
         lacking = {"data", "policy.pth"} - set(archive.namelist())
         if lacking:

@@ -18,11 +18,11 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, create_model
 
 from glbench.agents.controllers import CLOCK, ObservedController, clock_from, controller
 from glbench.agents.daylight import Sun
+from glbench.arrays import Floats
 from glbench.errors import ShapeError, SubmissionError, refuse
 from glbench.settings import Table, validated
 from glbench.tasks.set_points import BLACKOUT, BOILER, DOSING, LAMPS, SCREEN, VENTS, WORKED
@@ -31,7 +31,6 @@ from glbench.yaml_reader import read_yaml
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard
 
-Array = NDArray[np.float64]
 
 _SIGNIFICANT = 4
 _COMMENT_COLUMN = 32
@@ -195,8 +194,7 @@ class RulePages:
 def read_rule_pages(place: Path, kind: type[TunedRuleSettings] = TunedRuleSettings) -> RulePages:
     """Read the page in the YAML file ``place``, or those in all ``*.yml`` of the folder ``place``.
 
-    Raises ``SubmissionError`` when there is none, one cannot be read or lacks a number, has an unknown or impossible one, or two are for
-    the same.
+    Raises ``SubmissionError`` when there is none, one cannot be read, lacks a number or has a wrong one, or two are for the same.
     """
     files = sorted(place.glob("*.yml")) if place.is_dir() else [place]
     if not files:
@@ -294,11 +292,11 @@ class TunedRulesAgent(ObservedController):
             raise SubmissionError(msg)
         self.begin(task, n_runs, NEEDED, optional=_WELCOME, positions=(VENTS,))
 
-    def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
+    def decide(self, readings: dict[str, Floats], positions: dict[str, Floats], /) -> Floats:
         """Actions (n_runs, actions) towards the controls that the rules ask for."""
         return self.towards(self._rules(readings, positions[VENTS]), positions)
 
-    def _rules(self, readings: dict[str, Array], vents: Array) -> dict[str, Array]:
+    def _rules(self, readings: dict[str, Floats], vents: Floats) -> dict[str, Floats]:
         """Controls (n,) by name, fractions of what is installed, with the vents where they are now."""
         n = self._numbers
         hour, day = clock_from(readings)
@@ -333,7 +331,7 @@ class TunedRulesAgent(ObservedController):
             BLACKOUT: np.where(radiation <= 0.0, lamps, 0.0),
         }
 
-    def _shares(self, hour: Array, day: Array, radiation: Array, temperature: Array, outdoor: Array, wind: Array) -> _Shares:
+    def _shares(self, hour: Floats, day: Floats, radiation: Floats, temperature: Floats, outdoor: Floats, wind: Floats) -> _Shares:
         """All shares at once: numpy takes as long for one of them as for ten."""
         n = self._numbers
         rise, fall = self._sun.hours(day)
@@ -358,29 +356,29 @@ class TunedRulesAgent(ObservedController):
 class _Shares(NamedTuple):
     """How far along each of these is, from 0 to 1 in a straight line; shape (n,) each [-]."""
 
-    morning: Array
+    morning: Floats
     """From the temperature of the night to that of the morning."""
-    evening: Array
+    evening: Floats
     """From the end of the day's temperature on; stays 1 until morning."""
-    night: Array
+    night: Floats
     """From the temperature of the evening to that of the night."""
-    daylight: Array
-    sunny: Array
+    daylight: Floats
+    sunny: Floats
     """Light that raises temperatures."""
-    co2_sunny: Array
+    co2_sunny: Floats
     """Light that raises the CO2 set point."""
-    cold: Array
+    cold: Floats
     """How much colder it is outside."""
-    windy: Array
-    warm_enough: Array
+    windy: Floats
+    warm_enough: Floats
     """For open vents."""
-    bright: Array
+    bright: Floats
     """Too bright for the screen."""
-    mild: Array
+    mild: Floats
     """Too mild outside for the screen."""
 
 
-def _spans(n: Any) -> Array:
+def _spans(n: Any) -> Floats:
     """What each share goes from 0 to 1 in."""
     ramp = n.ramp_hours
     lights = n.heating_daylight, n.heating_light_span, n.co2_light_span
@@ -391,37 +389,37 @@ def _spans(n: Any) -> Array:
 class _Smoothed:
     """A reading smoothed over some hours: it goes step/(step + hours) of the way to what is read."""
 
-    def __init__(self, hours: Array, step: float) -> None:
+    def __init__(self, hours: Floats, step: float) -> None:
         self._weight = step / (step + hours)
-        self._value: Array | None = None
+        self._value: Floats | None = None
 
-    def take(self, reading: Array) -> tuple[Array, Array]:
+    def take(self, reading: Floats) -> tuple[Floats, Floats]:
         """The smoothed value, and its change in this step."""
         change = np.zeros_like(reading) if self._value is None else self._weight * (reading - self._value)
         self._value = reading if self._value is None else self._value + change
         return self._value, change
 
 
-def _share(value: Array, span: Array) -> Array:
+def _share(value: Floats, span: Floats) -> Floats:
     """From 0 at 0 to 1 at ``span``."""
     return np.minimum(np.maximum(value / span, 0.0), 1.0)
 
 
-def _boiler(n: Any, s: _Shares, heating: Array, temperature: Array, warming: Array, outdoor: Array, above: Array) -> Array:
+def _boiler(n: Any, s: _Shares, heating: Floats, temperature: Floats, warming: Floats, outdoor: Floats, above: Floats) -> Floats:
     """P-band, feed-forward on what is lost to the outside, minimum heat by day and against humidity."""
     power = (heating - temperature) / n.boiler_band + n.boiler_outside * (heating - outdoor)
     power = power + n.boiler_daylight * s.daylight - n.boiler_trend * warming
     power = power + n.boiler_humidity * np.maximum(above - n.boiler_humidity_above, 0.0)
-    share: Array = np.minimum(np.maximum(power, 0.0), 1.0)
+    share: Floats = np.minimum(np.maximum(power, 0.0), 1.0)
     return share
 
 
-def _vents(n: Any, s: _Shares, vents: Array, temperature: Array, above: Array, rising: Array, step: float) -> Array:
+def _vents(n: Any, s: _Shares, vents: Floats, temperature: Floats, above: Floats, rising: Floats, step: float) -> Floats:
     """Against humidity a PI controller in velocity form: it moves the vents from where they are, so that nothing winds up."""
     target = n.vents_humidity_night + (n.vents_humidity_day - n.vents_humidity_night) * s.daylight
     change = n.vents_gain * step * (above - target) + n.vents_trend * rising
     change = change * (1.0 - n.vents_cold_less * s.cold) * (1.0 - n.vents_wind_less * s.windy)
     humid = np.minimum(np.maximum(vents + change, 0.0), n.vents_most) * s.warm_enough
     hot = _share(temperature - n.vents_temperature - n.vents_light_raise * s.sunny, n.vents_band)
-    wider: Array = np.maximum(humid, hot)
+    wider: Floats = np.maximum(humid, hot)
     return wider

@@ -43,10 +43,7 @@ _OPTIONAL = {name.removeprefix("-") for names in VIEWS.values() for name in name
 
 
 def visible_columns(task: TaskSpec, view: Sequence[str]) -> NDArray[np.bool_]:
-    """Which observed columns ``(n,)`` of a task a view has.
-
-    Raises ``UnknownNameError`` when a name is that of no view, module or column, or the view has no column of the task.
-    """
+    """Columns ``(n,)`` of a task that a view has. Raises ``UnknownNameError`` when a name is unknown, or the view has none of them."""
     columns = _columns(task, view)
     mask = np.array([column.name in columns for column in task.observed()], np.bool_)
     if not mask.any():

@@ -5,8 +5,6 @@ known ones. See docs/best-known.md. ``dispatch`` finds the least cost of the ene
 and engine earn by it; see docs/energy-dispatch.md.
 """
 
-from __future__ import annotations
-
 from glbench.bounds.search import PlanOutcome, PlanValue, Search, agent_controls, group_by_conditions, replay_plans
 from glbench.bounds.submitting import PlanComparison, best_known, candidates, repeats_actions, submit
 

@@ -17,24 +17,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Self, TypeAlias
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.control import Scenario
 from glbench.env.accounts import flow_amounts
 from glbench.env.weather_pool import WeatherPool
+from glbench.episodes import Episode
 from glbench.errors import EpisodeError, GlbenchError, refuse
 from glbench.model.equipment import BUFFER, Equipment, lacks_energy
 from glbench.model.greenlight import JOULES_PER_KWH
+from glbench.tasks import TaskSpec
 from glbench.tasks.ledger import FLOW
 
-if TYPE_CHECKING:
-    from glbench.episodes import Episode
-    from glbench.tasks import TaskSpec
-
-Floats: TypeAlias = "NDArray[np.float64]"
 Flows = Mapping[str, Floats]
 """Amounts of a model's flows in every step ``(steps,)``, or their prices, by name."""
 

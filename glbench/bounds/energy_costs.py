@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,10 +14,8 @@ from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
 from glbench.errors import GlbenchError, refuse
 from glbench.evaluation.files import load_result
 from glbench.evaluation.saving import recorded_actions, task_of_result
-
-if TYPE_CHECKING:
-    from glbench.model.equipment import Equipment
-    from glbench.tasks import Round
+from glbench.model.equipment import Equipment
+from glbench.tasks import Round
 
 
 @dataclass(frozen=True)

@@ -11,27 +11,22 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from glbench import __version__
 from glbench.agents.identity import CARD_FILE
 from glbench.agents.plans import PlanBook, read_book
+from glbench.arrays import Floats
 from glbench.control import Iteration, Scenario, plan_season
 from glbench.env import Simulation, StepResult
 from glbench.errors import EpisodeError, GlbenchError, refuse
-from glbench.evaluation import prepare
+from glbench.evaluation import Progress, Protected, prepare
 from glbench.evaluation.jobs import PackedTask, Payload
 from glbench.execution import Executor, JobContext, RayExecutor, local_executor
 from glbench.resources import write_atomically
-
-if TYPE_CHECKING:
-    from glbench.evaluation import Progress, Protected
-    from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
+from glbench.tasks import TaskSpec
 
 _ENGINES = ("local", "ray")
 
@@ -51,10 +46,7 @@ class PlanValue(NamedTuple):
 
 
 def replay_plans(task: TaskSpec, book: PlanBook, seeds: Sequence[int]) -> dict[int, PlanValue]:
-    """What the plans of ``book`` earn in the runs of ``task`` with ``seeds``, with the same bits as an evaluation.
-
-    Raises ``EpisodeError`` when a step of a plan cannot be simulated.
-    """
+    """What the plans of ``book`` earn in the runs with ``seeds``, as evaluations count. Raises ``EpisodeError`` when a step fails."""
     simulation = Simulation(task, len(seeds))
     simulation.reset(list(seeds))
     actions = np.stack([book.plan(seed) for seed in seeds], axis=1)
@@ -160,10 +152,7 @@ class Search:
         return [PlanJob(task, seeds, u, name, self.iterations) for seeds, u in zip(groups, controls, strict=True)]
 
     def run(self, jobs: Sequence[PlanJob], *, engine: str = "local", listener: Listener | None = None) -> Iterator[PlanOutcome]:
-        """Search for plans, and save each one as soon as it is found.
-
-        Raises ``GlbenchError`` when the engine does not exist, or a plan cannot be written.
-        """
+        """Search for plans, and save each at once. Raises ``GlbenchError`` when there is no such engine, or a plan cannot be written."""
         if engine not in _ENGINES:
             refuse(f"There is no engine '{engine}'. It is one of {', '.join(_ENGINES)}.", GlbenchError)
         if not jobs:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from glbench import __version__
 from glbench.agents.baselines import read_baseline
@@ -15,10 +14,7 @@ from glbench.errors import GlbenchError, SubmissionError, UnknownNameError, refu
 from glbench.evaluation import load_result
 from glbench.evaluation.saving import recorded_actions, task_of_result
 from glbench.resources import data_folder
-from glbench.tasks import get_task
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec, get_task
 
 BASELINE = "best_known"
 """Name of the baseline that carries out the best known plans."""

@@ -344,10 +344,7 @@ def tell_interrupted(consequence: str = "") -> None:
 
 @contextlib.contextmanager
 def interruption(consequence: str | Callable[[], str]) -> Iterator[None]:
-    """Turn Ctrl-C into the message ``Interrupted.`` with its ``consequence``.
-
-    Raises ``typer.Exit`` with code ``INTERRUPTED`` after Ctrl-C.
-    """
+    """Turn Ctrl-C into the message ``Interrupted.`` with its ``consequence``, and into ``typer.Exit`` with the code ``INTERRUPTED``."""
     try:
         yield
     except KeyboardInterrupt:

@@ -16,7 +16,7 @@ from glbench.cli import console, options
 from glbench.cli.console import Markup, plain, styled
 from glbench.cli.options import REPORTS
 from glbench.errors import ResultError, did_you_mean, refuse
-from glbench.resources import where_results_are
+from glbench.resources import where_results_are, write_atomically
 from glbench.untrusted import visible
 
 if TYPE_CHECKING:
@@ -127,7 +127,6 @@ def badge(
     from glbench.leaderboard import rank
     from glbench.leaderboard.collect import own_and_released_results, published_expectations
     from glbench.leaderboard.tables import badge as draw
-    from glbench.resources import write_atomically
     from glbench.tasks import DEFAULT_TASK, usual_task
 
     options.check_folder(out)

@@ -16,7 +16,7 @@ from glbench.cli.console import show as show_view
 from glbench.cli.options import REPORTS, AsJson, OneTask, Out, Workers, is_file, result_file, warn_of
 from glbench.errors import ResultError, refuse
 from glbench.extras import require
-from glbench.resources import data_package, how_to_get_data, is_released
+from glbench.resources import data_package, how_to_get_data, is_released, write_atomically
 
 if TYPE_CHECKING:
     from glbench.evaluation import Result
@@ -128,7 +128,6 @@ def story(
     from glbench.evaluation import load_result
     from glbench.report.story import document_of, page_of, text_of
     from glbench.report.story import tell as tell_story
-    from glbench.resources import write_atomically
 
     if show and page is None:
         refuse("--open opens the page that --page FILE.html writes: give it, too.", ResultError)
@@ -153,10 +152,7 @@ def story(
 
 
 def _other(path: Path, result: Result, against: str | None) -> Path:
-    """The result to compare with: a file, or that of an agent in the same folder.
-
-    Raises ``ResultError`` when there is none, with the command that makes it.
-    """
+    """The result to compare with: a file, or that of an agent in the same folder. Raises ``ResultError`` when there is none."""
     from glbench.agents.energy_rules import POWER
     from glbench.evaluation.evaluation import TRIALS, VALIDATION
     from glbench.evaluation.saving import task_of_result

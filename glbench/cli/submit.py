@@ -73,7 +73,7 @@ def new(
 ) -> None:
     """Write a folder with a submission that runs at once: its code or model, a card, a README. Nothing is overwritten."""
     from glbench.agents.loading import EXAMPLE_KIND, KINDS, copy_examples, new_submission
-    from glbench.errors import SubmissionError, did_you_mean
+    from glbench.errors import SubmissionError, did_you_mean, refuse
 
     folder = Path(name)
     if kind == EXAMPLE_KIND:
@@ -82,8 +82,7 @@ def new(
         console.tell(f"Next: glbench evaluate {folder / 'my_agent.py'}")
         return
     if kind not in KINDS:
-        msg = f"There is no template '{kind}'.{did_you_mean(kind, (*KINDS, EXAMPLE_KIND))}"
-        raise SubmissionError(msg)
+        refuse(f"There is no template '{kind}'.{did_you_mean(kind, (*KINDS, EXAMPLE_KIND))}", SubmissionError)
     files = new_submission(folder, kind)
     for file in (*files, *(_untrained_model(folder) if kind == "sb3" else ())):
         console.tell(f"Wrote {file}")

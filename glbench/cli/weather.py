@@ -16,7 +16,7 @@ from glbench.cli import console
 from glbench.cli.console import Markup, styled
 from glbench.cli.options import AsJson, check_new, numbers_of
 from glbench.cli.progress import status_bar
-from glbench.errors import refuse
+from glbench.errors import WeatherError, refuse
 from glbench.extras import require
 
 if TYPE_CHECKING:
@@ -129,7 +129,6 @@ def import_file(
     replace: Replace = False,
 ) -> None:
     """Check a weather file and keep it under a name."""
-    from glbench.errors import WeatherError
     from glbench.weather import read_weather, save_weather
     from glbench.weather.store import check_new_name
 
@@ -252,7 +251,6 @@ def generate(
         require("--picture", "video", "matplotlib")
     import numpy as np
 
-    from glbench.errors import WeatherError
     from glbench.weather import SeasonGenerator, load_weather
     from glbench.weather.comparison import write_picture
     from glbench.weather.store import write_record
@@ -314,8 +312,6 @@ def statistics(
 
 
 def _date(text: str) -> dt.date:
-    from glbench.errors import WeatherError
-
     try:
         return dt.date.fromisoformat(text)
     except ValueError as error:

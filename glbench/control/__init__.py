@@ -5,8 +5,6 @@ given in a run. ``plan_season`` plans a run in which everything is known, ``Pred
 The steps themselves and their derivatives are in ``glbench.kernel``.
 """
 
-from __future__ import annotations
-
 from glbench.control.climatology import Climatology
 from glbench.control.disturbance_forecast import Ahead, Outlook
 from glbench.control.estimator import StateEstimator

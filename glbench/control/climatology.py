@@ -17,26 +17,22 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.air import read_air
 from glbench.env.forecast import HOUR, ForecastTable
 from glbench.env.generated import CO2_PERSISTENCE
 from glbench.env.spaces import the_task
-from glbench.errors import TaskError, WeatherError
+from glbench.errors import TaskError, WeatherError, refuse
 from glbench.resources import write_atomically
+from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import FORECAST
 from glbench.untrusted import reason_of
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.weather import WeatherRecord
-
-
-Floats = NDArray[np.float64]
+from glbench.weather import WeatherRecord
 
 QUANTITIES = ("clearness", "outdoor_temperature", "outdoor_relative_humidity", "outdoor_co2", "wind_speed", "sky_depression")
 """What has a mean: share of clear-sky radiation [-], [degC], [%], [ppm], [m s-1], air minus sky temperature [K]."""
@@ -92,14 +88,8 @@ class Climatology:
     def of(cls, task: TaskSpec | str, years: tuple[int, ...] | None = None) -> Climatology:
         """The climatology of a task; needs the weather.
 
-        Raises ``TaskError`` when there are no such years.
-
-        Parameters
-        ----------
-        task
-            The task, or its id.
-        years
-            Years of its record; those of its training split unless given. Without one those before its seasons, or all others.
+        Raises ``TaskError`` when there are no such years. ``years`` are those of its record to learn from; those of its training split
+        unless given. Without one those before its seasons, or all others.
         """
         task = the_task(task)
         record = task.record()
@@ -113,8 +103,7 @@ class Climatology:
         seasons = [season for season in by_year.values() if season is not None]
         years = tuple(year for year, season in by_year.items() if season is not None)
         if not seasons:
-            msg = f"The weather record of {task.id} has no year that a climatology could be made of. Name some: years=..."
-            raise TaskError(msg)
+            refuse(f"The weather record of {task.id} has no year that a climatology could be made of. Name some: years=...", TaskError)
         weather = task.weather
         bare = cls(
             task.id, weather.source, weather.preprocessing, years, record.latitude, record.longitude,
@@ -133,10 +122,7 @@ class Climatology:
 
     @classmethod
     def of_settings(cls, settings: Mapping[str, Any]) -> Climatology:
-        """The climatology of which ``settings`` gave plain values.
-
-        Raises ``TaskError`` when they are none.
-        """
+        """The climatology of which ``settings`` gave plain values. Raises ``TaskError`` when they are none."""
         try:
             values = {field.name: settings[field.name] for field in fields(cls)}
             for name in ("days", "means", "weights", "sky"):
@@ -144,13 +130,11 @@ class Climatology:
             values |= {name: tuple(values[name]) for name in ("years", "forecast_hours")}
             climatology = cls(**values)
         except (KeyError, TypeError, ValueError) as error:
-            msg = f"These settings are no climatology: {error}. `Climatology.of(task).write(...)` makes one."
-            raise TaskError(msg) from error
+            refuse(f"These settings are no climatology: {error}. `Climatology.of(task).write(...)` makes one.", TaskError, error)
         shapes = climatology.means.shape[1:], climatology.weights.shape, climatology.sky.shape
         expected = (24, len(QUANTITIES)), (LEADS, len(QUANTITIES), 3), (3,)
         if shapes != expected or len(climatology.means) != len(climatology.days):
-            msg = f"These settings are no climatology: its tables have the shapes {shapes} for {len(climatology.days)} days."
-            raise TaskError(msg)
+            refuse(f"These settings are no climatology: its tables have the shapes {shapes} for {len(climatology.days)} days.", TaskError)
         return climatology
 
     def check_for(self, task: TaskSpec) -> None:
@@ -179,8 +163,7 @@ class Climatology:
         if scored and self.task != task.id:
             reasons.append(f"it knows {', '.join(map(str, scored))}, which the task scores")
         if reasons:
-            msg = f"The climatology of {self.task} is not for {task.id}: {'; '.join(reasons)}. Make one: Climatology.of(task)."
-            raise TaskError(msg)
+            refuse(f"The climatology of {self.task} is not for {task.id}: {'; '.join(reasons)}. Make one: Climatology.of(task).", TaskError)
 
     def without_deviations(self) -> Climatology:
         """The mean days alone: nothing that is seen or forecast changes what is expected after the row of now."""
@@ -197,15 +180,11 @@ class Climatology:
 
     @classmethod
     def read(cls, path: Path | str) -> Climatology:
-        """Read what ``write`` wrote.
-
-        Raises ``TaskError`` when the file is missing, or no climatology.
-        """
+        """Read what ``write`` wrote. Raises ``TaskError`` when the file is missing, or no climatology."""
         try:
             return cls.of_settings(json.loads(Path(path).read_text(encoding="utf-8")))
         except (OSError, ValueError) as error:
-            msg = f"There is no climatology in {path}: {reason_of(error)}."
-            raise TaskError(msg) from error
+            refuse(f"There is no climatology in {path}: {reason_of(error)}.", TaskError, error)
 
     def clear(self, times: Floats) -> Floats:
         """Radiation of a clear sky [W m-2] in rows of weather that begin at ``times``, seconds since 1970 UTC, of any shape."""
@@ -249,21 +228,9 @@ class Climatology:
     def forecast_deviations(self, forecast: Floats, issued: Floats, times: Floats, otherwise: Floats) -> Floats:
         """Deviations that a forecast tells of ``times``.
 
-        Parameters
-        ----------
-        forecast
-            Radiation, temperature, humidity and wind of the hours ``(n, 4, hours)``; NaN says nothing.
-        issued
-            When, seconds since 1970 UTC ``(n,)``.
-        times
-            Of the rows asked for ``(n, T)``.
-        otherwise
-            Deviations where the forecast says nothing ``(n, quantities)``.
-
-        Returns
-        -------
-        ndarray
-            ``(n, T, quantities)``; between the middles of the forecast hours linear.
+        ``forecast`` has radiation, temperature, humidity and wind of the hours ``(n, 4, hours)``, and NaN where it says nothing; ``issued``
+        is when, seconds since 1970 UTC ``(n,)``, ``times`` those of the rows asked for ``(n, T)``, ``otherwise`` the deviations where the
+        forecast says nothing ``(n, quantities)``. Returns ``(n, T, quantities)``, linear between the middles of the forecast hours.
         """
         n, rows = times.shape
         deviations = np.repeat(otherwise[:, None], rows, axis=1)
@@ -318,12 +285,8 @@ def day_of_year(seconds: Floats) -> Floats:
 class WeatherObservation:
     """Deviations of the observed weather from the mean, row after row.
 
-    Attributes
-    ----------
-    now
-        Of the last row ``(n, quantities)``; that of clearness is relative, and by night that of late.
-    lately
-        Mean of the rows so far, the older the lighter: of clearness in daylight and by energy.
+    ``now`` are those of the last row ``(n, quantities)``; that of clearness is relative, and by night that of late. ``lately`` is the mean
+    of the rows so far, the older the lighter: of clearness in daylight and by energy.
     """
 
     def __init__(self, climatology: Climatology, n: int, step_seconds: float) -> None:
@@ -424,8 +387,7 @@ def _means(bare: Climatology, task: TaskSpec, seasons: list[_Season]) -> dict[st
     for place, centre in enumerate(days):
         near = np.abs(day - centre) <= REACH
         if not near.any():
-            msg = f"The years {bare.years} have no weather {centre:.0f} days into the season of {task.id}. Name others."
-            raise TaskError(msg)
+            refuse(f"The years {bare.years} have no weather {centre:.0f} days into the season of {task.id}. Name others.", TaskError)
         light = near & (clear > BRIGHT)
         share = values[light, 0].sum() / max(clear[light].sum(), 1.0)
         for of_day in range(24):

@@ -21,20 +21,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from itertools import accumulate
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.actuators import WIND, Actuators, fault
 from glbench.env.random import uniforms
+from glbench.env.scenario import RunScenarios, Scenes
 from glbench.env.uncertainty import stream_key
-
-if TYPE_CHECKING:
-    from glbench.env.scenario import RunScenarios, Scenes
-    from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
+from glbench.tasks import TaskSpec
 
 VARIANCE = {"sticks": 1.0 / 6.0, "fails": 1.0 / 3.0}
 """Mean square of what an actuator is off during a fault: of the difference of two numbers drawn evenly from 0 to 1, and of one of them."""
@@ -100,15 +96,9 @@ class Delivery:
 class ExpectedDelivery:
     """What the actuators of a task deliver in runs while none has a fault, and how far off it may be.
 
-    Attributes
-    ----------
-    places
-        Controls whose actuators are not ideal.
-    spread
-        Of each, the standard deviation of what it delivers from what is expected: over time with and without faults, with commands and
-        positions spread evenly.
-    hours
-        The mean time of its faults, in which the deviation is forgotten to 1/e; without faults, that of the run.
+    ``places`` are the controls whose actuators are not ideal. Of each, ``spread`` is the standard deviation of what it delivers from what
+    is expected (over time with and without faults, with commands and positions spread evenly), and ``hours`` the mean time of its faults,
+    in which the deviation is forgotten to 1/e; without faults, that of the run.
     """
 
     def __init__(self, task: TaskSpec) -> None:

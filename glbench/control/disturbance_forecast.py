@@ -19,11 +19,11 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glbench.arrays import Floats
 from glbench.control.climatology import CLEARNESS, CO2, HUMIDITY, TEMPERATURE, WIND, Climatology, WeatherObservation
 from glbench.control.observation_model import ObservationModel, checked_observations, refuse_missing
 from glbench.control.price_forecast import PriceForecast
@@ -34,17 +34,13 @@ from glbench.env.memory_layout import DrawPlaces
 from glbench.env.outdoor import MEASURED, OutdoorSensors
 from glbench.env.spaces import the_task
 from glbench.env.weather_pool import DAYS_A_YEAR, HOURS_A_DAY
-from glbench.errors import TaskError, whole_number
+from glbench.errors import TaskError, refuse, whole_number
+from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import FORECAST
 from glbench.tasks.schedule import schedule_rows
 from glbench.tasks.vocabulary import WEEKDAYS
 from glbench.untrusted import quoted
 from glbench.weather.preprocessing import co2_density, seconds_into_year, soil_temperature, to_utc_seconds, utc_offsets, vapour_pressure
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
 
 _UNUSED = ("dayRadSum", "isDay", "isDaySmooth")
 _BRIGHTEST = 1.1
@@ -67,23 +63,12 @@ class Ahead:
 class Outlook:
     """What comes in runs of a task, from their observations.
 
-    It knows what its agent knows: the task, observations and the climatology. It works inside the sandbox. A new one is ready for one run,
-    as after ``reset(1)``.
+    It knows what its agent does: task, observations and climatology. It works inside the sandbox. A new one is as after ``reset(1)``.
 
     Raises ``TaskError`` when the task does not show weather and time, the climatology is for other weather or other forecasts, or the model
-    has disturbances of its own.
+    has disturbances of its own. ``climatology`` is that of its training years, or of another task with the same weather.
 
-    Parameters
-    ----------
-    task
-        The task, or its id.
-    climatology
-        Of its training years, or of another task with the same weather.
-
-    Attributes
-    ----------
-    past
-        Disturbances of the step just past ``(n, d)``; before the first step those of the step to come.
+    ``past`` are the disturbances of the step just past ``(n, d)``; before the first step those of the step to come.
     """
 
     def __init__(self, task: TaskSpec | str, climatology: Climatology) -> None:
@@ -98,14 +83,12 @@ class Outlook:
         self._names = names = [column.name for column in task.observed()]
         missing = [name for name in MEASURED if name not in names]
         if missing:
-            msg = f"{task.id} does not show {', '.join(missing)}: an outlook needs the weather of now."
-            raise TaskError(msg)
+            refuse(f"{task.id} does not show {', '.join(missing)}: an outlook needs the weather of now.", TaskError)
         self._weather = [names.index(name) for name in MEASURED]
         by_module = (("hour_of_day", "day_of_year"), ("sin_hour_of_day", "cos_hour_of_day", "sin_day_of_year", "cos_day_of_year"))
         clock = next((columns for columns in by_module if all(name in names for name in columns)), None)
         if clock is None:
-            msg = f"{task.id} shows neither the hour of day nor the day of year: an outlook needs them. Add the module 'time'."
-            raise TaskError(msg)
+            refuse(f"{task.id} shows neither the hour of day nor the day of year: an outlook needs them. Add the module 'time'.", TaskError)
         self._clock_columns = [names.index(name) for name in clock]
         climatology.check_for(task)
         hours = task.observation.forecast_hours
@@ -125,8 +108,7 @@ class Outlook:
         predictable = ("iGlob", "tOut", "vpOut", "co2Out", "wind", "tSky", "tSoOut", *_UNUSED)
         odd = [name for name in task.model_value.disturbance_names if name not in predictable]
         if odd:
-            msg = f"The outlook knows nothing of {', '.join(odd)}, which acts on {task.model_id}."
-            raise TaskError(msg)
+            refuse(f"The outlook knows nothing of {', '.join(odd)}, which acts on {task.model_id}.", TaskError)
         model = ObservationModel(task)
         self._controls = model if model.control_columns is not None and any(entry.weekdays for entry in task.schedule) else None
         self._late, self._middles = task.observation.timing == "published", OutdoorSensors.of(task, DrawPlaces()).middles
@@ -178,14 +160,10 @@ class Outlook:
         self.past = self._now if self._late or self._k == 0 else before
 
     def ahead(self, steps: int) -> Ahead:
-        """The coming ``steps`` steps, as expected now.
-
-        Raises ``TaskError`` before the first update.
-        """
+        """The coming ``steps`` steps, as expected now. Raises ``TaskError`` before the first update."""
         steps = whole_number(steps, "The number of steps ahead")
         if self._k < 0:
-            msg = "Nothing was observed yet: call update(observations) first."
-            raise TaskError(msg)
+            refuse("Nothing was observed yet: call update(observations) first.", TaskError)
         prices = {}
         if self._prices.tables and steps > 0:
             prices = self._prices.ahead(self._k, self._values(np.arange(steps) + self._lag)[0][..., _SUN_AND_WIND])

@@ -20,11 +20,10 @@ taken one after the other in Joseph's form.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from glbench.arrays import Floats
 from glbench.control.delivery import Delivery, ExpectedDelivery
 from glbench.control.observation_model import ObservationModel, checked_observations, refuse_missing
 from glbench.env.air import Sensors
@@ -32,14 +31,10 @@ from glbench.env.memory_layout import DrawPlaces
 from glbench.env.outdoor import OutdoorSensors
 from glbench.env.spaces import the_task
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters
-from glbench.errors import ShapeError, StepError, TaskError, whole_number
+from glbench.errors import ShapeError, StepError, TaskError, refuse, whole_number
 from glbench.kernel import Kernel
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.resolver import ParameterGroup
-
-Floats = NDArray[np.float64]
+from glbench.tasks import TaskSpec
+from glbench.tasks.resolver import ParameterGroup
 
 UNSEEN = {"tSky": (6.0, 4.0)}
 """Standard deviation [its unit] of what ``Outlook`` says of a column of the weather that nobody sees, and the hours in which the error
@@ -74,26 +69,12 @@ class StateEstimator:
 
     Raises ``TaskError`` when the task shows nothing of its states.
 
-    Parameters
-    ----------
-    task
-        The task, or its id.
-    preset
-        The kernel's preset.
-    parameters
-        Whether to estimate parameters that the task draws for the episode; without, their deviations act as noise of the states.
-    restart
-        Whether a run whose step fails starts over from what the nominal model made of the weather and the controls so far, as one does
-        whose estimate is no longer finite; without, it stays where it is.
+    ``preset`` is that of the kernel. ``parameters``: whether to estimate parameters that the task draws for the episode; without, their
+    deviations act as noise of the states. ``restart``: whether a run whose step fails starts over from what the nominal model made of the
+    weather and the controls so far, as one does whose estimate is no longer finite; without, it stays where it is.
 
-    Attributes
-    ----------
-    states
-        Estimates ``(n, s)`` after the last update.
-    parameters
-        Parameters ``(n, p)`` as estimated, derived ones made to fit; nominal where the task draws none.
-    deviations
-        Standard deviations of ``states`` by the filter's own account ``(n, s)``.
+    After an update ``states`` are the estimates ``(n, s)``, ``deviations`` their standard deviations by the filter's own account
+    ``(n, s)``, and ``parameters`` the parameters ``(n, p)`` as estimated, derived ones made to fit; nominal where the task draws none.
     """
 
     def __init__(self, task: TaskSpec | str, *, preset: str = "fast", parameters: bool = True, restart: bool = False) -> None:
@@ -101,8 +82,7 @@ class StateEstimator:
         self._restarts = restart
         self._model = ObservationModel(task)
         if not self._model.names:
-            msg = f"{task.id} shows nothing of the states of its model: there is nothing to estimate them from."
-            raise TaskError(msg)
+            refuse(f"{task.id} shows nothing of the states of its model: there is nothing to estimate them from.", TaskError)
         model = task.model_value
         self.kernel = Kernel(model, task.step_seconds, preset=preset)
         self.kernel.prepare(task.parameters())  # now, and not within the time of the first decision
@@ -200,37 +180,24 @@ class StateEstimator:
         Raises ``TaskError`` when observations have the wrong shape, a reading is infinite, or controls are neither given nor shown. Raises
         ``ShapeError`` when the disturbances have the wrong shape, as ``Outlook.past`` has before its first update.
 
-        Parameters
-        ----------
-        observations
-            ``(n, columns)``, as an agent gets them. A reading that is NaN is missing: it is left out for its run.
-        d
-            Disturbances ``(n, d)`` of the step just past; at the first call those of the step to come, from which the start follows:
-            ``Outlook.past`` is both.
-        controls
-            Controls in force in the step just past ``(n, c)``, fractions; read from the observations where the task shows them. Scheduled
-            ones are those of the calendar (``with_schedule``).
-
-        Returns
-        -------
-        ndarray
-            States ``(n, s)``, a new array.
+        ``observations`` are ``(n, columns)``, as an agent gets them; a reading that is NaN is missing: it is left out for its run. ``d``
+        are the disturbances ``(n, d)`` of the step just past; at the first call those of the step to come, from which the start follows:
+        ``Outlook.past`` is both. ``controls`` are those in force in the step just past ``(n, c)``, fractions; read from the observations
+        where the task shows them. Scheduled ones are those of the calendar (``with_schedule``). Returns the states ``(n, s)``, a new array.
         """
         task, n = self.task, self._n
         readings = checked_observations(task, observations, n, self._names)
         d, expected = np.array(d, dtype=np.float64), (n, len(task.model_value.disturbance_names))
         if d.shape != expected:
             first = "call outlook.update(observations) first" if d.size == 0 else "a row for each run"
-            msg = f"Wrong shape of the disturbances of {task.id}: expected {expected}, got {d.shape}; {first}."
-            raise ShapeError(msg)
+            refuse(f"Wrong shape of the disturbances of {task.id}: expected {expected}, got {d.shape}; {first}.", ShapeError)
         if self._covariance.shape[1] == 0:
             self._start(d)
         else:
             if controls is not None:
                 u = np.array(controls, dtype=np.float64)
             elif self._model.control_columns is None:
-                msg = f"{task.id} does not show its controls: say which were in force, controls=..."
-                raise TaskError(msg)
+                refuse(f"{task.id} does not show its controls: say which were in force, controls=...", TaskError)
             else:
                 why = "Say which controls were in force: controls=..."
                 refuse_missing(readings, self._model.control_columns, task, self._names, why)
@@ -358,17 +325,12 @@ class StateEstimator:
 class _UncertainParameters:
     """Parameters that a task draws, by deviations with a spread: one for every parameter, or for every number that a ``Spread`` draws.
 
-    A parameter is its nominal value times 1 + its deviation; those of a ``Spread`` are theirs times exp(size deviation), of which the
-    standard deviation is 1.
+    A parameter is its nominal value times 1 + its deviation; those of a ``Spread`` are theirs times exp(size deviation), with standard
+    deviation 1.
 
-    Attributes
-    ----------
-    names
-        Parameters that change with them, derived ones among them.
-    chain
-        How, where all deviations are 0: derivatives of the parameters by the deviations ``(names, deviations)``.
-    spread, low, high, hours
-        Standard deviation of each deviation, its limits, and the hours in which it is forgotten to 1/e.
+    ``names`` are the parameters that change with them, derived ones among them; ``chain`` is how, where all deviations are 0: derivatives
+    of the parameters by the deviations ``(names, deviations)``. ``spread``, ``low``, ``high`` and ``hours`` are the standard deviation of
+    each deviation, its limits, and the hours in which it is forgotten to 1/e.
     """
 
     def __init__(self, task: TaskSpec, groups: list[ParameterGroup]) -> None:

@@ -13,18 +13,14 @@ Source: Sager, Jung and Kirches (2011), Combinatorial integral approximation, Ma
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.control.trust_region import feasible
 from glbench.env.actuation import LONG_AGO, hold_steps
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
+from glbench.tasks import TaskSpec
 
 _TIE = 1e-9
 
@@ -44,12 +40,7 @@ class Schedule:
 class Machines:
     """The machines of a task that are off or on, and for how long each has been in each of some runs.
 
-    Attributes
-    ----------
-    columns
-        Of them among the controls ``(m,)``.
-    since
-        Steps since each was switched ``(runs, m)``.
+    ``columns`` are their places among the controls ``(m,)``, ``since`` the steps since each was switched ``(runs, m)``.
     """
 
     def __init__(self, task: TaskSpec, runs: int = 1) -> None:

@@ -8,11 +8,12 @@ worth is given by an ``EndValue``. Reasons and figures: docs/adr/0020-predictive
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from glbench.arrays import Floats
 from glbench.control.delivery import Delivery
 from glbench.control.machines import Machines, Schedule
 from glbench.control.scenario import with_schedule
@@ -21,15 +22,12 @@ from glbench.control.stage import StageReward, judged_at_the_end, with_constrain
 from glbench.control.trust_region import LENGTHS, feasible, radius_shares, trust_region_step
 from glbench.env.air import AIR
 from glbench.env.spaces import the_task
-from glbench.errors import ShapeError, StepError, TaskError, UnknownNameError, did_you_mean, whole_number
+from glbench.errors import ShapeError, StepError, TaskError, UnknownNameError, did_you_mean, refuse, whole_number
 from glbench.kernel import Kernel
 from glbench.kernel.trajectories import RolloutError, Trajectory
+from glbench.tasks import TaskSpec
 from glbench.untrusted import quoted
 
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 _Result = TypeVar("_Result")
 
@@ -58,27 +56,16 @@ class PredictiveController:
     another model. Raises ``UnknownNameError`` when a margin is for a quantity that has no limits. Raises ``ShapeError`` when a number is
     none, or too small.
 
-    Parameters
-    ----------
-    task
-        The task, or its id: its model, its reward, its limits. The reward needs derivatives (``StageReward``).
-    horizon
-        Steps that are planned ahead. At the end of a season it ends with it.
-    iterations, first_iterations
-        Of each plan, and of the first one, which has no plan before it.
-    end_value
-        What the state at the end of a horizon is worth. Without one only the horizon counts: fruit is not yet ripe, the
-        soil cools, and carbohydrate in store is wasted.
-    margin
-        How far the limits are moved inwards, by quantity, in its unit: ``{"relative_humidity": 1.0}`` plans for 84 % where 85 % is the
-        limit. For what is known roughly.
-    ascent_steps
-        Gradient steps in an iteration.
-    renew_every
-        The derivatives of a step ahead are recomputed once in this number of decisions, those of the coming steps in every decision. 1
-        recomputes all of them in every decision; more is faster. No plan gets worse, because every candidate is simulated.
-    preset
-        Of the kernel that plans.
+    ``task`` has the model, the reward, which needs derivatives (``StageReward``), and the limits. ``horizon`` steps are planned ahead; at
+    the end of a season it ends with it. ``iterations`` are those of each plan, ``first_iterations`` of the first one, which has no plan
+    before it, each with ``ascent_steps`` gradient steps. ``end_value`` is what the state at the end of a horizon is worth. Without one only
+    the horizon counts: fruit is not yet ripe, the soil cools, and carbohydrate in store is wasted. ``margin`` is how far the limits are
+    moved inwards, by quantity, in its unit, for what is known roughly: ``{"relative_humidity": 1.0}`` plans for 84 % where 85 % is the
+    limit.
+
+    The derivatives of a step ahead are recomputed once in ``renew_every`` decisions, those of the coming steps in every decision. 1
+    recomputes all of them in every decision; more is faster. No plan gets worse, because every candidate is simulated. ``preset`` is that
+    of the kernel that plans.
     """
 
     def __init__(
@@ -130,14 +117,8 @@ class PredictiveController:
     def reset(self, runs: int, controls: ArrayLike | None = None) -> None:
         """``runs`` runs begin.
 
-        Raises ``ShapeError`` when the number is none, or the controls have another shape.
-
-        Parameters
-        ----------
-        runs
-            How many rows there are.
-        controls
-            Where the first plan begins, fractions: ``(T, c)`` or ``(runs, T, c)``. Without any it begins with the controls in force.
+        ``controls`` are where the first plan begins, fractions: ``(T, c)`` or ``(runs, T, c)``. Without any it begins with the controls in
+        force. Raises ``ShapeError`` when the number of runs is none, or the controls have another shape.
         """
         self._runs = _at_least_one(runs, "The number of runs")
         self._radius = np.full(self._runs, _FIRST_RADIUS)
@@ -172,36 +153,20 @@ class PredictiveController:
     ) -> Floats:
         """Replan, and give the controls of the coming step.
 
-        A run whose plan cannot be improved, because its state is not finite or a step ahead cannot be integrated, continues with the plan
-        that it has.
+        A run whose plan cannot be improved, as its state is not finite or a step cannot be integrated, continues with the one that it has.
 
         Raises ``ShapeError`` when a shape does not fit, or the controller has an end value and is not told the days left.
 
-        Parameters
-        ----------
-        x
-            States now ``(runs, s)``; those of meters may be missing.
-        u_before
-            Controls in force ``(runs, c)``.
-        d
-            Disturbances of the steps ahead ``(T, disturbances)``, for each run or for all. T is how far is planned: ``horizon``, or
-            less near the end of the season.
-        p
-            Parameters: ``(p,)``, ``(runs, p)``, or ``(runs, T, p)`` where they differ by step.
-        calendar
-            Hour of day [h], day of year, prices and scheduled controls at the start of each step and at the end of the last
-            ``(T + 1, columns)``, for each run or for all, as in ``Scenario.calendar``.
-        days_left
-            From now to the end of the season, which an end value needs.
-        delivery
-            What actuators are expected to deliver of the plan, whose controls are commands then (``StateEstimator.delivery``); all of
-            it by default.
+        ``x`` are the states now ``(runs, s)``; those of meters may be missing. ``u_before`` are the controls in force ``(runs, c)``. ``d``
+        are the disturbances of the steps ahead ``(T, disturbances)``, for each run or for all; T is how far is planned: ``horizon``, or
+        less near the end of the season. ``p`` are parameters: ``(p,)``, ``(runs, p)``, or ``(runs, T, p)`` where they differ by step.
+        ``calendar`` has hour of day [h], day of year, prices and scheduled controls at the start of each step and at the end of the last
+        ``(T + 1, columns)``, for each run or for all, as in ``Scenario.calendar``. ``days_left`` are those to the end of the season, which
+        an end value needs. ``delivery`` is what actuators are expected to deliver of the plan, whose controls are commands then
+        (``StateEstimator.delivery``); all of it by default.
 
-        Returns
-        -------
-        ndarray
-            Fractions ``(runs, c)``. They change by at most ``max_change``, unless a machine switches; scheduled ones are as the calendar
-            has them.
+        Returns fractions ``(runs, c)``. They change by at most ``max_change``, unless a machine switches; scheduled ones are as the
+        calendar has them.
         """
         if self._end_value is not None and (days_left is None or np.isnan(days_left)):
             msg = (
@@ -254,13 +219,9 @@ class PredictiveController:
         return self.follow()
 
     def follow(self) -> Floats:
-        """Take the next step of the plan as it stands ``(runs, c)``: cheaper than replanning in every step.
-
-        Raises ``ShapeError`` when the plan is over.
-        """
+        """Take the next step of the plan as it stands ``(runs, c)``: cheaper than a new one. Raises ``ShapeError`` when it is over."""
         if self._at >= self._plan.shape[1]:
-            msg = f"The plan has {self._plan.shape[1]} steps, and all are taken: decide makes another one."
-            raise ShapeError(msg)
+            refuse(f"The plan has {self._plan.shape[1]} steps, and all are taken: decide makes another one.", ShapeError)
         self._at, self._steps_done = self._at + 1, self._steps_done + 1
         controls = self._plan[:, self._at - 1].copy()
         self._machines.follow(self._before, controls)
@@ -441,8 +402,7 @@ def _within(task: TaskSpec, margin: dict[str, float]) -> TaskSpec:
 def _at_least_one(value: int, what: str) -> int:
     number = whole_number(value, what)
     if number < 1:
-        msg = f"{what} is 1 or more; got {number}."
-        raise ShapeError(msg)
+        refuse(f"{what} is 1 or more; got {number}.", ShapeError)
     return number
 
 

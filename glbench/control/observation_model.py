@@ -3,43 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.accounts import ByName
 from glbench.env.air import AIR, Sensors, air_quantities
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.kernel.tape import Recorder, TapeDerivatives
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.tables import SampleTable
-
-Floats = NDArray[np.float64]
+from glbench.tasks import TaskSpec
+from glbench.tasks.tables import SampleTable
 
 
 class ObservationModel:
     """The observed columns of a task that are functions of its model's states, with their gradients.
 
-    These are the columns of the model's own modules, and ``full_state``. Two kinds of columns are left out: those
-    computed from the observed air, which add no information, and sums since midnight, which are not functions of the
-    states.
+    Those of the model's modules, and ``full_state``. Left out are those computed from the observed air, which add no information, and sums
+    since midnight, which are not functions of the states.
 
-    Attributes
-    ----------
-    columns
-        Indices of the columns in the observation.
-    names
-        Their names.
-    control_columns
-        Indices in the observation of the controls in force; ``None`` if the task does not show them.
-    sensor
-        For each column, the index of its sensor among the task's sensors with errors; -1 if it is observed without
-        errors.
-    samples
-        For each column, how it is sampled by hand; ``None`` if it is observed in every step.
+    ``columns`` are their indices in the observation, ``names`` their names, and ``control_columns`` the indices of the controls in force;
+    ``None`` if the task does not show them. For each column, ``sensor`` is the index of its sensor among the task's sensors with errors, -1
+    if it is observed without errors, and ``samples`` how it is sampled by hand, ``None`` if it is observed in every step.
     """
 
     def __init__(self, task: TaskSpec) -> None:
@@ -109,28 +95,20 @@ class ObservationModel:
 
 
 def checked_observations(task: TaskSpec, observations: Any, n: int, names: Sequence[str]) -> Floats:
-    """Observations ``(n, columns)`` as float64, a new array, of the columns with these names. NaN is a missing reading.
-
-    Raises ``TaskError`` when the shape is wrong, or a reading is infinite.
-    """
+    """Own copy ``(n, columns)``, float32, of the columns; NaN is missing. Raises ``TaskError`` for a wrong shape or an infinite reading."""
     values = np.array(observations, dtype=np.float64)
     expected = (n, len(names))
     if values.shape != expected:
-        msg = f"Wrong shape of the observations of {task.id}: expected {expected}, a row for each run; got {values.shape}."
-        raise TaskError(msg)
+        refuse(f"Wrong shape of the observations of {task.id}: expected {expected}, a row for each run; got {values.shape}.", TaskError)
     _refuse(np.isinf(values), task, names, "is infinite. If it is missing, pass NaN.")
     return values
 
 
 def refuse_missing(observations: Floats, columns: Sequence[int] | NDArray[np.intp], task: TaskSpec, names: Sequence[str], why: str) -> None:
-    """Refuse observations that lack a reading (NaN) of these columns, and say ``why``.
-
-    Raises ``TaskError`` when one is missing.
-    """
+    """Refuse observations that lack a reading (NaN) of these columns, and say ``why``. Raises ``TaskError`` when one is missing."""
     _refuse(np.isnan(observations[:, columns]), task, [names[column] for column in columns], f"is missing (NaN). {why}")
 
 
 def _refuse(wrong: NDArray[np.bool_], task: TaskSpec, names: Sequence[str], what: str) -> None:
     for run, column in np.argwhere(wrong).tolist():
-        msg = f"The reading of '{names[column]}' in row {run} of the observations of {task.id} {what}"
-        raise TaskError(msg)
+        refuse(f"The reading of '{names[column]}' in row {run} of the observations of {task.id} {what}", TaskError)

@@ -9,18 +9,12 @@ likely as the steps of the path that follow from it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
+from glbench.tasks import TaskSpec
 from glbench.tasks.prices import RADIATION, SHAPE, WIND
 from glbench.weather.preprocessing import utc_offsets
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
 
 _HOUR, _DAY = 3600, 86400
 _ERROR = 0.1
@@ -78,7 +72,8 @@ class PriceForecast:
         """Weigh the seven weekdays by the step of the path to an hour that is over."""
         table = self._markets[market]
         there = slice(hour - 1, hour + 1)
-        rest = self._rest(market, self._weather[:, there], there)[..., None] - table.weekend * self._weekends(there)
+        rest = self._prices[market][:, there] / table.level - self._explained(market, self._weather[:, there], there)
+        rest = rest[..., None] - table.weekend * self._weekends(there)  # a share of the level; NaN where the price is not known
         step = rest[:, 1] - table.persistence * rest[:, 0]
         spread = table.spread**2 * (1.0 - table.persistence**2) + _ERROR**2
         self._likely[market] -= np.nan_to_num(step**2) / (2.0 * spread)
@@ -86,10 +81,6 @@ class PriceForecast:
     def _weekends(self, hours: slice) -> Floats:
         """Whether hours are of a weekend, 1 or 0, if their dates are so many weekdays early ``(n, hours, 7)``."""
         return ((self._days[:, hours, None] + 3 + np.arange(7)) % 7 >= 5).astype(np.float64)
-
-    def _rest(self, market: str, weather: Floats, hours: slice) -> Floats:
-        """What shape, sun and wind leave of prices, as a share of the level ``(n, hours)``; NaN where the price is not known."""
-        return self._prices[market][:, hours] / self._markets[market].level - self._explained(market, weather, hours)
 
     def _explained(self, market: str, weather: Floats, hours: slice) -> Floats:
         table = self._markets[market]

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.control.delivery import Delivery
 from glbench.env import run_weather
 from glbench.env.actuation import off_position, run_calendar
@@ -15,13 +14,8 @@ from glbench.env.program import calendar_columns
 from glbench.env.scenario import RunScenarios
 from glbench.env.simulation import read_only, run_parameters
 from glbench.env.spaces import checked_seed, the_task
-from glbench.errors import ShapeError, TaskError
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
-
-Floats = NDArray[np.float64]
+from glbench.errors import ShapeError, TaskError, refuse
+from glbench.tasks import TaskSpec
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +51,7 @@ class Scenario:
 
     @classmethod
     def of(cls, task: TaskSpec | str, seed: int) -> Scenario:
-        """The scenario of the run with ``seed`` of a task, or of the task with an id.
-
-        Raises ``GlbenchError`` when the seed is not a whole number from 0 to 2**64 - 1.
-        """
+        """The scenario of the run with ``seed`` of a task or task id. Raises ``GlbenchError`` unless the seed is one, 0 to 2**64 - 1."""
         task, seed = the_task(task), checked_seed(seed)
         scenarios = RunScenarios(task)
         scene, steps = scenarios.draw([seed]), np.arange(task.steps + 1)
@@ -114,8 +105,7 @@ def actions_of(task: TaskSpec, before: Floats, controls: Floats) -> Floats:
     if task.actuation.kind == "set_point":
         return controls[..., columns]
     if task.actuation.kind != "rate":
-        msg = f"A plan gives controls, and the actions of {task.id} are of the kind '{task.actuation.kind}'."
-        raise TaskError(msg)
+        refuse(f"A plan gives controls, and the actions of {task.id} are of the kind '{task.actuation.kind}'.", TaskError)
     change = controls[..., columns] - before[..., columns]
     for place, name in enumerate(task.actuation.controls):
         if name in task.on_off:

@@ -13,25 +13,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from glbench.arrays import Floats
 from glbench.control.machines import Machines, Schedule
 from glbench.control.scenario import Scenario, actions_of, with_schedule
 from glbench.control.stage import StageReward, StageValues, judged_at_the_end
 from glbench.control.trust_region import LENGTHS, feasible, radius_shares, trust_region_step
 from glbench.env.program import calendar_columns
 from glbench.env.spaces import the_task
-from glbench.errors import GlbenchError, ShapeError, TaskError, whole_number
+from glbench.errors import GlbenchError, ShapeError, TaskError, refuse, whole_number
 from glbench.kernel import Kernel
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
-
-Floats = NDArray[np.float64]
+from glbench.tasks import TaskSpec
 
 _FIRST_RADIUS, _LARGEST_RADIUS = 0.1, 0.3
 """Trust region of a day: how far a control may move."""
@@ -68,10 +64,7 @@ class SeasonPlan:
         return float(self.values.reward.sum())
 
     def actions(self) -> Floats:
-        """What an agent has to do to give these commands ``(T, actions)``.
-
-        Raises ``TaskError`` when the task's actions are not about single controls: set points of a process computer.
-        """
+        """Actions ``(T, actions)`` that give these commands. Raises ``TaskError`` when actions are set points of a process computer."""
         return actions_of(self.scenario.task, np.vstack([self.scenario.u_before, self.commands[:-1]]), self.commands)
 
 
@@ -97,24 +90,11 @@ def plan_season(
     Raises ``ShapeError`` when the controls have another shape or are not finite, or the number of iterations is none. Raises ``TaskError``
     when the reward has no derivatives. Raises ``StepError`` when a step of the first plan cannot be integrated.
 
-    Parameters
-    ----------
-    scenario
-        The run. Its task needs a reward with derivatives (``StageReward``).
-    controls
-        Where the search begins, fractions ``(T, c)``: the commands of a good controller, brought within the bounds and the largest change.
-        Machines that are off or on are taken to run as the task lets them.
-    iterations
-        How many; one takes about 3 s of one core for 5,760 steps.
-    preset
-        Of the kernel that plans.
-    watch
-        Called after each iteration.
-
-    Returns
-    -------
-    SeasonPlan
-        The best plan found. It is the best one known, and no proof that there is none better. The same arguments give the same bits.
+    ``scenario`` is the run; its task needs a reward with derivatives (``StageReward``). The search begins at ``controls``, fractions
+    ``(T, c)``: the commands of a good controller, brought within the bounds and the largest change. Machines that are off or on are taken
+    to run as the task lets them. An iteration takes about 3 s of one core for 5,760 steps; ``watch`` is called after each. ``preset`` is
+    that of the kernel that plans. The plan returned is the best one known, and no proof that there is none better. The same arguments give
+    the same bits.
     """
     count = whole_number(iterations, "The number of iterations")
     search = _Search(scenario, np.asarray(controls, dtype=np.float64), preset)
@@ -136,8 +116,7 @@ class _Search:
         self.scenario, task = scenario, scenario.task
         shape = (task.steps, len(scenario.high))
         if controls.shape != shape or not np.isfinite(controls).all():
-            msg = f"The controls to begin with are finite and have the shape {shape}; got {controls.shape}."
-            raise ShapeError(msg)
+            refuse(f"The controls to begin with are finite and have the shape {shape}; got {controls.shape}.", ShapeError)
         self.task, self.near = task, judged_at_the_end(task)
         self.reward = StageReward(task)
         self.kernel = Kernel(task.model_value, task.step_seconds, preset=preset)
@@ -285,10 +264,7 @@ class EndValue:
 
     @classmethod
     def read(cls, content: Mapping[str, Any]) -> EndValue:
-        """The end value that ``written`` gave.
-
-        Raises ``GlbenchError`` when ``content`` is none.
-        """
+        """The end value that ``written`` gave. Raises ``GlbenchError`` when ``content`` is none."""
         try:
             states = content["states"]
             value = cls(
@@ -323,21 +299,14 @@ class EndValue:
     def __call__(self, task: TaskSpec | str, hour_of_day: ArrayLike, days_left: ArrayLike) -> Floats:
         """What a unit of each state of the task's model is worth ``(n, s)``, in the unit of the task's reward.
 
-        Raises ``TaskError`` when the model lacks a state, or the reward does not count money.
-
-        Parameters
-        ----------
-        task
-            Whose model has the states. Meters of violations are worth nothing.
-        hour_of_day, days_left
-            Where horizons end, ``(n,)`` or numbers.
+        Raises ``TaskError`` when the model lacks a state, or the reward does not count money. Of ``task`` counts whose model has the
+        states; meters of violations are worth nothing. Horizons end at ``hour_of_day`` and ``days_left``, ``(n,)`` or numbers.
         """
         task = the_task(task)
         names = task.model_value.state_names
         missing = [name for name in self.states if name not in names]
         if missing:
-            msg = f"This end value is not for {task.id}: its model {task.model_id} has no {', '.join(missing)}."
-            raise TaskError(msg)
+            refuse(f"This end value is not for {task.id}: its model {task.model_id} has no {', '.join(missing)}.", TaskError)
         hour, days = (np.atleast_1d(np.asarray(moment, dtype=np.float64)) for moment in (hour_of_day, days_left))
         middles = np.arange(-_HOURS / 2.0, 24.0 + _HOURS, _HOURS)
         around = np.vstack([self.by_hour[-1:], self.by_hour, self.by_hour[:1]])
@@ -372,8 +341,7 @@ def money_in_reward(task: TaskSpec) -> float:
     stage = StageReward(task)(states, controls, calendar)
     earned, reward = (float(a[1, 0] - a[0, 0]) for a in (stage.epi, stage.reward))
     if earned == 0.0 or reward == 0.0:
-        msg = f"An end value counts money, which does not count in the reward of {task.id}."
-        raise TaskError(msg)
+        refuse(f"An end value counts money, which does not count in the reward of {task.id}.", TaskError)
     return reward / earned
 
 

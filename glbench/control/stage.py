@@ -1,31 +1,24 @@
-"""The reward of every step of a trajectory and the air along it, with their gradients, from the formulas of the task's own program.
-
-Neither needs weather.
-"""
+"""The reward of every step of a trajectory and the air along it, with gradients, by the formulas of the task's program; no weather."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from glbench.arrays import Floats
 from glbench.env import REWARDS
 from glbench.env.air import AIR, air_quantities
 from glbench.env.program import calendar_columns, info_columns, record_quantities
 from glbench.env.spaces import the_task
-from glbench.errors import GlbenchError, ShapeError, TaskError
+from glbench.errors import GlbenchError, ShapeError, TaskError, refuse
 from glbench.kernel.tape import Read, Recorder, Source, TapeDerivatives, Target
 from glbench.model import Model
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
-
-Floats = NDArray[np.float64]
+from glbench.tasks import TaskSpec
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,15 +70,9 @@ class StageReward:
     Raises ``TaskError`` when a part of the reward was registered, Python without derivatives, or depends on changes of controls.
     Raises ``ShapeError`` when the smoothing is negative or no finite number.
 
-    Parameters
-    ----------
-    task
-        The task, or its id.
-    smoothing
-        Width w within which violations count quadratically, as a share of the distance between the two limits of a quantity: a violation v
-        counts as v^2 / (2 w) up to w, and as v - w / 2 from there. 0 is exact. At 0.03 limits of 15 and 34 degC have w = 0.57 K.
-    counted
-        What counts as the reward: "reward", or "epi" for the profit alone.
+    ``smoothing`` is the width w within which violations count quadratically, as a share of the distance between the two limits of a
+    quantity: a violation v counts as v^2 / (2 w) up to w, and as v - w / 2 from there. 0 is exact. At 0.03 limits of 15 and 34 degC have
+    w = 0.57 K. ``counted`` is what counts as the reward: "reward", or "epi" for the profit alone.
     """
 
     def __init__(self, task: TaskSpec | str, *, smoothing: float = 0.0, counted: str = "reward") -> None:
@@ -98,8 +85,7 @@ class StageReward:
             msg = f"The reward of {task.id} has no derivatives: {registered} is Python that somebody registered. Others have: {shipped}."
             raise TaskError(msg)
         if not (np.isfinite(smoothing) and smoothing >= 0.0):
-            msg = f"The smoothing is a finite share of the distance between two limits, 0 or more; got {smoothing!r}."
-            raise ShapeError(msg)
+            refuse(f"The smoothing is a finite share of the distance between two limits, 0 or more; got {smoothing!r}.", ShapeError)
         first = info_columns(task)
         columns = {quantity.name: first + place for place, quantity in enumerate(task.quantities)}
         widths = {
@@ -135,17 +121,10 @@ class StageReward:
     def __call__(self, x: ArrayLike, u: ArrayLike, calendar: ArrayLike | None = None) -> StageValues:
         """What the steps of a trajectory earn.
 
-        Raises ``ShapeError`` when states, controls and calendar do not fit each other or the task.
-
-        Parameters
-        ----------
-        x
-            States ``(T + 1, s)``, or a batch ``(..., T + 1, s)``.
-        u
-            Controls ``(T, c)``, fractions, or a batch ``(..., T, c)``.
-        calendar
-            Rows of the scenario's calendar at the start of each step and at the end of the last one ``(T + 1, columns)``, such as
-            ``scenario.calendar[k : k + T + 1]``; needed where prices change.
+        States ``x`` are ``(T + 1, s)``, and controls ``u``, fractions, ``(T, c)``, or batches ``(..., T + 1, s)`` and ``(..., T, c)``.
+        ``calendar`` has the rows of the scenario's calendar at the start of each step and at the end of the last one ``(T + 1, columns)``,
+        such as ``scenario.calendar[k : k + T + 1]``; needed where prices change. Raises ``ShapeError`` when states, controls and calendar
+        do not fit each other or the task.
         """
         read, shape = self._inputs(x, u, calendar)
         return self._stages(self._derivatives.values(read), shape)
@@ -219,11 +198,9 @@ def air_of(model: Model, states: ArrayLike) -> AirAlong:
     """
     x = np.asarray(states, dtype=np.float64)
     if model.air is None:
-        msg = f"{model.id} has no air: its `air` is None."
-        raise GlbenchError(msg)
+        refuse(f"{model.id} has no air: its `air` is None.", GlbenchError)
     if x.shape[-1:] != (len(model.states),):
-        msg = f"The states have shape {x.shape}; the last axis must have the {len(model.states)} states of {model.id}."
-        raise ShapeError(msg)
+        refuse(f"The states have shape {x.shape}; the last axis must have the {len(model.states)} states of {model.id}.", ShapeError)
     values, gradient = np.empty((*x.shape[:-1], len(AIR))), np.zeros((*x.shape[:-1], len(AIR), x.shape[-1]))
     for place, column in enumerate(_air(model)(lambda source, index: x[..., index], {"after": gradient})):
         values[..., place] = column

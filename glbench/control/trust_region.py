@@ -6,19 +6,15 @@ All functions take one trajectory or a batch with leading axes; each has the bit
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from glbench.arrays import Floats
+from glbench.control.delivery import Delivery
 from glbench.control.stage import StageReward, air_of
 from glbench.env.air import AIR
-
-if TYPE_CHECKING:
-    from glbench.control.delivery import Delivery
-    from glbench.kernel.trajectories import Trajectory
-
-Floats = NDArray[np.float64]
+from glbench.kernel.trajectories import Trajectory
 
 LENGTHS = np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.8, 1.0, 1.25])
 """Shares of an improvement that are simulated."""
@@ -33,14 +29,8 @@ _FLAT = 1e-3
 def feasible(controls: ArrayLike, before: Floats, high: Floats, max_change: float) -> Floats:
     """The controls nearest to ``controls``, in the middle of what is possible, that keep bounds and change little enough.
 
-    Parameters
-    ----------
-    controls
-        ``(..., T, c)``.
-    before, high
-        In force before the first step ``(..., c)``, and upper bounds ``(c,)``; the lower ones are 0.
-    max_change
-        The largest change in a step.
+    ``controls`` are ``(..., T, c)``, ``before`` those in force before the first step ``(..., c)``, ``high`` the upper bounds ``(c,)`` (the
+    lower ones are 0), and ``max_change`` is the largest change in a step.
     """
     bounded = np.clip(np.asarray(controls, dtype=np.float64), 0.0, high)
     reach = int(np.ceil(1.0 / max_change))
@@ -75,30 +65,12 @@ def trust_region_step(
 ) -> Floats:
     """Changes of the controls ``(..., T, c)`` that improve the rewards of linearised trajectories: gradient steps with momentum.
 
-    Parameters
-    ----------
-    stage
-        The reward.
-    linearisation
-        The trajectories, linearised in states and controls.
-    controls, calendar
-        Along them.
-    radius
-        How far each control may move ``(..., T, c)``; the gradient of one that may not is left out.
-    within
-        Brings controls within bounds and the largest change.
-    steps
-        How many gradient steps; the best controls of all of them count.
-    rate
-        Length of the first gradient step, in ``radius``.
-    start
-        The change to begin with ``(..., T, c)``; none by default.
-    x
-        States where nothing changes ``(..., T + 1, s)``, in place of those of ``linearisation``.
-    end
-        What a unit of each state is worth at the end ``(..., s)``, in the unit of the reward.
-    delivery
-        What actuators deliver of ``controls``, which are commands then; by default all of it.
+    The trajectories of ``linearisation`` are linearised in states and controls; ``controls`` and ``calendar`` are along them. Each control
+    may move by ``radius`` ``(..., T, c)``; the gradient of one that may not is left out. ``within`` brings controls within bounds and the
+    largest change. There are ``steps`` gradient steps, the first of length ``rate`` in ``radius``; the best controls of all of them count.
+    ``start`` is the change to begin with ``(..., T, c)``, none by default, and ``x`` are the states where nothing changes
+    ``(..., T + 1, s)``, by default those of ``linearisation``. ``end`` is what a unit of each state is worth at the end ``(..., s)``, in
+    the unit of the reward, ``delivery`` what actuators deliver of ``controls``, which are commands then; by default all of it.
     """
     still, delivered = linearisation.x if x is None else x, controls if delivery is None else delivery(controls) + delivery.rest
     move = best = np.zeros_like(controls) if start is None else start

@@ -4,8 +4,6 @@
 See docs/environment.md.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from glbench.env.accounts import QUANTITIES, Accounts, make_accounts

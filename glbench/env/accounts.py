@@ -9,19 +9,18 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.errors import TaskError
 from glbench.model import SIDES, Flow, Model, Side, Step, Stock, violation_meter
+from glbench.tasks import TaskSpec
 from glbench.tasks.ledger import LIMITED, STOCK, TRAVEL, Ledger, LedgerItem, StepQuantity, step_quantities
 from glbench.tasks.schema1 import paper_v1
 from glbench.tasks.tables import PricesTable
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 _PAPER = paper_v1(
     PricesTable.model_construct(fruit=1.0, dry_matter_content=1.0, co2=1.0, heat=1.0, electricity=1.0)  # names, not prices
@@ -34,7 +33,7 @@ QUANTITY_NAMES: tuple[str, ...] = tuple(quantity.name for quantity in QUANTITIES
 REWARD, EPI = 0, 1
 """Rows of every task's table: the reward and the profit."""
 
-Values = Sequence[Any] | Mapping[int, Any] | NDArray[np.float64]
+Values = Sequence[Any] | Mapping[int, Any] | Floats
 """A number, an array or a recorded value for each place; a mapping where only some are needed (``Accounts.ledger_states``)."""
 
 
@@ -95,11 +94,8 @@ class Accounts:
         return self.ledger.price_tables
 
     @cached_property
-    def full_use(self) -> NDArray[np.float64]:
-        """Amounts paid for in a step with every control at 1, in the order of the ledger.
-
-        Raises ``TaskError`` when an amount depends on more than controls.
-        """
+    def full_use(self) -> Floats:
+        """Amounts paid for in a step with all controls at 1, by the ledger. Raises ``TaskError`` when one depends on more than these."""
         step = self._step(0.0, 1.0)
         amounts = [self._amount(item, step) for item in self.ledger.paid]
         if step.before.reads | step.after.reads:
@@ -108,16 +104,13 @@ class Accounts:
         return _frozen(amounts)
 
     @property
-    def unit_costs(self) -> NDArray[np.float64]:
+    def unit_costs(self) -> Floats:
         """Prices of what is paid for, in the order of the ledger; TaskError where one changes with the calendar."""
         return _frozen(self._worth(self.ledger.paid, np.ones(len(self.ledger.paid))))
 
     @cached_property
-    def full_growth(self) -> NDArray[np.float64]:
-        """Amounts earned in a step at the potential rates of the model, in the order of the ledger.
-
-        Raises ``TaskError`` when the model states no potential of what is earned.
-        """
+    def full_growth(self) -> Floats:
+        """Amounts earned in a step at the model's potential rates, by the ledger. Raises ``TaskError`` when one has no potential."""
         step, amounts = self._step(0.0, 1.0), []
         for item in self.ledger.earned:
             potential = self.flows[item.flow].potential if item.valued != STOCK else None
@@ -143,28 +136,19 @@ class Accounts:
 
     def quantities(
         self,
-        before: NDArray[np.float64],
-        after: NDArray[np.float64],
-        controls: NDArray[np.float64],
-        air: NDArray[np.float64],
-        prices: NDArray[np.float64] | None = None,
-        later: NDArray[np.float64] | None = None,
-        controls_before: NDArray[np.float64] | None = None,
-    ) -> NDArray[np.float64]:
+        before: Floats,
+        after: Floats,
+        controls: Floats,
+        air: Floats,
+        prices: Floats | None = None,
+        later: Floats | None = None,
+        controls_before: Floats | None = None,
+    ) -> Floats:
         """All quantities of a step but the reward, which stays 0; rows as ``names``, shape ``(quantities, n)``.
 
-        Parameters
-        ----------
-        before, after
-            States at the start and at the end of the step, ``(n, states)``.
-        controls
-            Controls during the step, fractions, ``(n, controls)``.
-        air
-            Air temperature, CO2 and relative humidity at the end of the step, ``(3, n)``.
-        prices, later
-            Prices of the step and of the next one, ``(n, price_tables)``.
-        controls_before
-            Controls before the step, ``(n, controls)``; those during it if none are given.
+        ``before`` and ``after`` are the states at the start and at the end of the step, ``(n, states)``; ``controls`` those during it,
+        fractions, ``(n, controls)``; ``air`` its temperature, CO2 and relative humidity at the end, ``(3, n)``; ``prices`` and ``later``
+        the prices of this and the next step, ``(n, price_tables)``; ``controls_before`` those before the step, by default those during it.
         """
         now = () if prices is None else prices.T
         previous = controls if controls_before is None else controls_before
@@ -263,7 +247,7 @@ class Accounts:
     def _price(self, item: LedgerItem, prices: Values) -> Any:
         return prices[self.price_tables.index(item.price)] if isinstance(item.price, str) else item.price
 
-    def _worth(self, items: tuple[LedgerItem, ...], amounts: NDArray[np.float64]) -> list[float]:
+    def _worth(self, items: tuple[LedgerItem, ...], amounts: Floats) -> list[float]:
         for item in items:
             if isinstance(item.price, str):
                 reason = f"the price of '{item.name}' changes with the calendar"
@@ -320,21 +304,11 @@ def make_accounts(task: TaskSpec) -> Accounts:
     )
 
 
-def flow_amounts(
-    task: TaskSpec, names: Collection[str], x: NDArray[np.floating], u: NDArray[np.floating]
-) -> dict[str, NDArray[np.float64]]:
+def flow_amounts(task: TaskSpec, names: Collection[str], x: NDArray[np.floating], u: NDArray[np.floating]) -> dict[str, Floats]:
     """Amounts of the flows ``names`` of the task's model in every step, each as ``u`` without its last axis.
 
-    Parameters
-    ----------
-    task
-        Whose model and nominal parameters count.
-    names
-        Those that the model does not have are left out.
-    x
-        States ``(steps + 1, ..., states)``, the start included.
-    u
-        Controls ``(steps, ..., controls)``.
+    Model and nominal parameters are those of ``task``; names that its model does not have are left out. ``x`` are states
+    ``(steps + 1, ..., states)``, the start included, ``u`` controls ``(steps, ..., controls)``.
     """
     model = task.model_value
     controls_before = np.concatenate([np.broadcast_to(task.initial_controls, u[:1].shape), u[:-1]])
@@ -357,7 +331,7 @@ def _times(value: Any, factor: float) -> Any:
     return value if factor == 1.0 else value * factor
 
 
-def _frozen(values: list[float]) -> NDArray[np.float64]:
+def _frozen(values: list[float]) -> Floats:
     column = np.array(values, dtype=np.float64)
     column.flags.writeable = False
     return column

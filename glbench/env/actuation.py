@@ -12,27 +12,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.arrays import real_numbers, unknown_type
+from glbench.arrays import Floats, real_numbers, unknown_type
 from glbench.env import process_computer
 from glbench.env.process_computer import Measured, at_least, held_switch, select, within
 from glbench.env.registries import PartRegistry
 from glbench.env.weather_pool import CLOCK
-from glbench.errors import ActionError, TaskError
+from glbench.errors import ActionError, TaskError, refuse
 from glbench.kernel.environment import ActionBounds
+from glbench.kernel.tape import Read
+from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import Action
+from glbench.tasks.tables import OnOffTable
 from glbench.tasks.vocabulary import ACTUATION_KINDS, ActuationKind
-
-if TYPE_CHECKING:
-    from glbench.kernel.tape import Read
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.tables import OnOffTable
-
-Floats = NDArray[np.float64]
 
 Actuation = Callable[[Floats, Floats], Floats]
 """New controls of those granted ``(n, c)`` from those in force ``(n, c)``, and the actions ``(n, m)``; changes neither of them."""
@@ -74,17 +70,13 @@ def register_actuation(
     Raises ``TaskError`` when the name is taken, or the bounds are not finite and in order.
     """
     if not (np.isfinite([low, high]).all() and low < high):
-        msg = f"Actions of '{name}' cannot lie between {low:g} and {high:g}. Give finite bounds, the lower one first."
-        raise TaskError(msg)
+        refuse(f"Actions of '{name}' cannot lie between {low:g} and {high:g}. Give finite bounds, the lower one first.", TaskError)
     ACTUATION_KINDS.add(ActuationKind(name, meaning, low, high, actions))
     ACTUATIONS.provide(name, make)
 
 
 def make_actuation(task: TaskSpec) -> Actuation:
-    """The task's kind of actuation.
-
-    Raises ``UnknownNameError`` for a kind without a part, with the nearest known one.
-    """
+    """The task's kind of actuation. Raises ``UnknownNameError`` for a kind without a part, with the nearest known one."""
     move = ACTUATIONS[task.actuation.kind](task)
     names, columns = task.model_value.control_names, task.actuation.controls
     places = [names.index(name) for name in columns]
@@ -204,16 +196,14 @@ def _provide(name: str, position: _Position) -> None:
 
 def _computed(task: TaskSpec, inputs: ActuationInputs) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     if inputs.measured is None:
-        msg = f"{task.source}: [actuation] A process computer needs an air to measure, and {task.model_id} has none."
-        raise TaskError(msg)
+        refuse(f"{task.source}: [actuation] A process computer needs an air to measure, and {task.model_id} has none.", TaskError)
     set_points = {action.name: action.value(inputs.actions[action.name]) for action in task.actions}
     return process_computer.work(task, set_points, inputs.controls, inputs.measured, inputs.memory)
 
 
 def _only_recorded(task: TaskSpec) -> Actuation:
     what = f"of {', '.join(task.on_off)} remembers" if task.on_off else f"'{task.actuation.kind}' remembers and measures"
-    msg = f"The actuation {what}: it works in the step of a Simulation only."
-    raise TaskError(msg)
+    refuse(f"The actuation {what}: it works in the step of a Simulation only.", TaskError)
 
 
 _provide("rate", _rate)
@@ -222,10 +212,7 @@ ACTUATIONS.provide("process_computer", _only_recorded, recorded=RecordedActuatio
 
 
 def recorded_actuation(task: TaskSpec) -> RecordedActuation | None:
-    """How the controls of a task move; ``None`` for a registered kind, which is Python.
-
-    Raises ``UnknownNameError`` for a kind without a part, with the nearest known one.
-    """
+    """How controls move; ``None`` for a registered kind, which is Python. Raises ``UnknownNameError`` for an unknown one."""
     recorded: RecordedActuation | None = ACTUATIONS.recorded(task.actuation.kind)
     return recorded
 
@@ -305,21 +292,16 @@ class ActionReader:
         return actions
 
     def read(self, values: object, n: int) -> Floats:
-        """Own copy of ``values`` as ``(n, m)`` float64, whatever they are.
-
-        Raises ``ActionError`` for a wrong shape or type.
-        """
+        """Own copy of ``values`` as ``(n, m)`` float64, whatever they are. Raises ``ActionError`` for a wrong shape or type."""
         numbers = real_numbers(values)
         if numbers is None:
             kind = f"array of {values.dtype}" if type(values) is np.ndarray else type(values).__name__
             problem = unknown_type(values) or f"The {self.what}s ({kind}) are not real numbers in rows of one length."
-            msg = f"{problem} {self._expected(n)} {TO_NUMBERS}"
-            raise ActionError(msg)
+            refuse(f"{problem} {self._expected(n)} {TO_NUMBERS}", ActionError)
         with np.errstate(over="ignore"):  # of a longdouble
             actions = numbers.astype(np.float64)
         if actions.shape != (n, len(self.names)):
-            msg = f"The {self.what}s have shape {actions.shape}. {self._expected(n)}"
-            raise ActionError(msg)
+            refuse(f"The {self.what}s have shape {actions.shape}. {self._expected(n)}", ActionError)
         return actions
 
     def _expected(self, n: int) -> str:

@@ -22,23 +22,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import count
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.actuation import recorded_actuation
 from glbench.env.memory_layout import DrawPlaces, MemoryLayout
 from glbench.env.process_computer import below, select, share
 from glbench.errors import TaskError, refuse
 from glbench.kernel.tape import Recorder, Tape
+from glbench.tasks import TaskSpec
+from glbench.tasks.tables import WindLimitTable
 from glbench.weather import COLUMNS
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.tables import WindLimitTable
-
-Floats = NDArray[np.float64]
 
 PART = "actuators"
 """The actuators' part of a run's memory."""
@@ -96,8 +92,7 @@ class Actuators:
     def of(task: TaskSpec) -> Actuators:
         """The actuators of a task; nothing where all are ideal.
 
-        Raises ``TaskError`` when the task's kind of actuation is a registered one: it is Python, which does not tell a command from what is
-        delivered.
+        Raises ``TaskError`` when the kind of actuation is a registered one: Python, which does not tell a command from its delivery.
         """
         if task.actuators and recorded_actuation(task) is None:
             refuse(f"{task.source}: [actuators] go with the kinds of actuation that glbench ships, not '{task.actuation.kind}'.", TaskError)

@@ -5,8 +5,8 @@ The reading of a quantity q in step k of a run of N steps is
     r(k) = q(k) + s w(k) + b + d k / N
 
 with noise s w(k), w approximately normal and new in every step; a bias b of the run, approximately normal with the stated standard
-deviation; and a drift that reaches d at the end, drawn evenly between minus and plus the stated value. The reading stays within the
-bounds of its column.
+deviation; and a drift that reaches d at the end, drawn evenly between minus and plus the stated value. Readings stay within the column's
+bounds.
 
 A sensor that drops out shows its last reading until it is back. It does so with the chance 1 / (mean steps between) in each step but the
 first of a run, and comes back with the chance 1 / (mean steps of a drop-out). docs/uncertainty.md has pictures.
@@ -17,23 +17,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import casadi
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.memory_layout import MemoryLayout
 from glbench.env.random import UNIFORMS_PER_NORMAL, approx_normal
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.kernel.tape import Recorder, Tape, with_simplification
 from glbench.model import co2_ppm, relative_humidity
 from glbench.quantities import AIR as _AIR
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
+from glbench.tasks import TaskSpec
 
 AIR = {name: entry.unit for name, entry in _AIR.items()}
 """Quantities of the air inside, with units."""
@@ -42,16 +38,8 @@ PART = "sensors"
 """The sensors' part of a run's memory."""
 
 
-def read_air(
-    temperature: NDArray[np.float64], co2_density: NDArray[np.float64], vapour_pressure: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Air temperature [degC], CO2 [ppm], relative humidity [%, 0 to 100], shape ``(3, n)``.
-
-    Parameters
-    ----------
-    temperature, co2_density, vapour_pressure
-        In degC, mg m-3 and Pa, each of shape ``(n,)``.
-    """
+def read_air(temperature: Floats, co2_density: Floats, vapour_pressure: Floats) -> Floats:
+    """Air temperature [degC], CO2 [ppm], relative humidity [%, 0 to 100], ``(3, n)``, from degC, mg m-3 and Pa, each ``(n,)``."""
     values = (temperature, co2_density, vapour_pressure)
     outputs = _tape().play(lambda source, index: values[index])
     return np.stack([temperature, *(values for _, _, values in outputs)])
@@ -108,16 +96,12 @@ class Sensors:
 
     @staticmethod
     def of(task: TaskSpec) -> Sensors:
-        """The sensors of a task; of a task without any, nothing.
-
-        Raises ``TaskError`` when the model has no air that could be measured, or never shows one of the quantities.
-        """
+        """A task's sensors, or nothing. Raises ``TaskError`` when the model has no air, or never shows one of the quantities."""
         table = task.sensors
         if table is None:
             return Sensors((), 0.0, 0.0, task.steps)
         if not task.model_value.air:
-            msg = f"{task.source}: [sensors] {task.model_id} has no air that a sensor could measure. Leave the table out."
-            raise TaskError(msg)
+            refuse(f"{task.source}: [sensors] {task.model_id} has no air that a sensor could measure. Leave the table out.", TaskError)
         model, horizon = task.model_value, task.observation_context().horizon
         columns = [column for module in model.observation_modules for column in model.observed(module, horizon) or ()]
         bounds = {  # of the columns in which the model can show each quantity of its air
@@ -125,8 +109,7 @@ class Sensors:
         }
         for name in dict(table.items()):
             if name not in bounds:
-                msg = f"{task.source}: [sensors.{name}] {task.model_id} never shows '{name}'. Leave the table out."
-                raise TaskError(msg)
+                refuse(f"{task.source}: [sensors.{name}] {task.model_id} never shows '{name}'. Leave the table out.", TaskError)
         sensors = tuple(
             Sensor(name, list(AIR).index(name), entry.noise, entry.bias, entry.drift, *bounds[name]) for name, entry in table.items()
         )

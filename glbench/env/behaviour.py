@@ -9,10 +9,9 @@ does: for every published task it holds
 * of a task of schema 2, what its test draws: the weather and forecasts of these four runs, the states that they start with, what their
   sensors are off by, and what they observe after the fixed step.
 
-``glbench tasks check`` recomputes the numbers and compares them to ``TOLERANCE``, so that another processor or C library passes
-and another constant does not. A change of one row of weather by a thousandth of the column's mean is seen. What is not covered:
-the observations of tasks of schema 1 (their names, units and bounds are in the digest) and the integration of the model (its equations
-are).
+``glbench tasks check`` recomputes the numbers and compares them to ``TOLERANCE``, so that another processor or C library passes and another
+constant does not. A change of one row of weather by a thousandth of the column's mean is seen. What is not covered: observations of schema
+1 (their names, units and bounds are in the digest) and the model's integration (its equations are).
 """
 
 from __future__ import annotations
@@ -21,24 +20,22 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.accounts import make_accounts
 from glbench.env.scenario import RunScenarios
 from glbench.env.simulation import Simulation
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
+from glbench.kernel import StepFailure
 from glbench.registration import BEHAVIOUR_NAME
 from glbench.resources import write_atomically
+from glbench.tasks import TaskSpec
 from glbench.tasks.card import task_card
 from glbench.tasks.digest import lock_path
 from glbench.weather import COLUMNS
-
-if TYPE_CHECKING:
-    from glbench.kernel import StepFailure
-    from glbench.tasks import TaskSpec
 
 TOLERANCE = 1e-9
 """Relative to the sum of the magnitudes that a number is the sum of."""
@@ -83,14 +80,10 @@ def behaviour(task: TaskSpec) -> dict[str, Number]:
 
 
 def check_behaviour(task: TaskSpec) -> None:
-    """Refuse a published ``task`` from which glbench computes other numbers than when it was published.
-
-    Raises ``TaskError`` with the numbers that differ, or when there are none to compare with.
-    """
+    """Raises ``TaskError`` when glbench computes other numbers from a published task than when it was published; it has these numbers."""
     locked = read_behaviour().get(task.id)
     if locked is None:
-        msg = f"{BEHAVIOUR_WORDS} has no entry for {task.id}. Add it with `glbench tasks lock`."
-        raise TaskError(msg)
+        refuse(f"{BEHAVIOUR_WORDS} has no entry for {task.id}. Add it with `glbench tasks lock`.", TaskError)
     numbers = behaviour(task)
     differences = []
     for name, number in locked.items():  # what was not measured when the task was published is not compared
@@ -127,10 +120,7 @@ def lock_behaviour(tasks: Iterable[TaskSpec]) -> tuple[str, ...]:
 
 
 def read_behaviour() -> Mapping[str, Mapping[str, float]]:
-    """The numbers of the published tasks by id and name; empty when there is no file yet.
-
-    Raises ``TaskError`` when the file is damaged.
-    """
+    """The numbers of the published tasks by id and name; empty when there is no file yet. Raises ``TaskError`` when the file is damaged."""
     path = _path()
     if not path.is_file():
         return {}
@@ -141,26 +131,23 @@ def read_behaviour() -> Mapping[str, Mapping[str, float]]:
             for task_id, groups in content.items()
         }
     except (OSError, ValueError, TypeError, AttributeError) as error:
-        msg = f"Cannot read {path}: {error}. Restore the file, or install glbench again."
-        raise TaskError(msg) from error
+        refuse(f"Cannot read {path}: {error}. Restore the file, or install glbench again.", TaskError, error)
 
 
 class _FixedStep:
     """Stands in for a kernel: it returns fixed states and records its inputs."""
 
-    def __init__(self, after: NDArray[np.float64]) -> None:
+    def __init__(self, after: Floats) -> None:
         self.after = after
         self.controls = self.parameters = np.empty(0)
 
-    def try_step(
-        self, x: NDArray[np.float64], u: NDArray[np.float64], d: NDArray[np.float64], p: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], list[StepFailure]]:
+    def try_step(self, x: Floats, u: Floats, d: Floats, p: Floats) -> tuple[Floats, list[StepFailure]]:
         """The states that were fixed, four rows."""
         self.controls, self.parameters = u.copy(), np.broadcast_to(p, (len(x), p.shape[-1])).copy()
         return self.after.copy(), []
 
 
-def _step(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
+def _step(task: TaskSpec) -> dict[str, Floats]:
     """Every quantity of the fixed step, the controls, and the drawn parameters relative to their nominal values."""
     n, model, earning = len(_AIR), task.model_value, list(make_accounts(task).ledger_states())
     before = np.tile(10.0 + np.arange(len(model.states)), (n, 1))
@@ -187,7 +174,7 @@ def _step(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
     }
 
 
-def _draws(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
+def _draws(task: TaskSpec) -> dict[str, Floats]:
     """What four runs draw once: rows of weather and clock by column, forecasts, states, offsets of sensors."""
     scenarios = RunScenarios(task)
     pool, scenes = scenarios.pool, scenarios.draw(_SEEDS)
@@ -204,7 +191,7 @@ def _draws(task: TaskSpec) -> dict[str, NDArray[np.float64]]:
     return draws
 
 
-def weighted_sum(values: NDArray[np.float64]) -> Number:
+def weighted_sum(values: Floats) -> Number:
     """Sum of ``values`` (k,) with weights between 1 and 2 that repeat nowhere."""
     weights = 1.0 + np.arange(len(values)) * _GOLDEN % 1.0
     terms = weights * values

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
+from glbench.arrays import Floats
+from glbench.tasks import TaskSpec
 
 DAILY_SUMS = "light of the day"
 """Part of a run's memory that holds these sums (``glbench.env.memory_layout``)."""
@@ -28,26 +27,15 @@ def initial_memory(task: TaskSpec) -> dict[str, float]:
 def daily_sum(so_far: Any, rate: Any, hour_before: Any, hour: Any, step_seconds: float) -> Any:
     """Sum since midnight at the end of a step, from that at its start.
 
-    Parameters
-    ----------
-    so_far
-        Sum at the start of the step.
-    rate
-        What comes in a second of the step.
-    hour_before, hour
-        Hour of day at the start and at the end of the step, 0 to 24.
-    step_seconds
-        Length of the step [s], at most an hour.
-
-    Returns
-    -------
-    Number, array or recorded value, as given. Of a step over midnight only the part after it counts.
+    ``so_far`` is the sum at the start of the step, ``rate`` what comes in a second of it. Its start and end are at ``hour_before`` and
+    ``hour`` of the day, 0 to 24, and it lasts ``step_seconds`` [s], at most an hour. Returns a number, an array or a recorded value, as
+    given. Of a step over midnight only the part after it counts.
     """
     share, seconds = _daily_share(hour_before, hour, step_seconds)
     return so_far * share + rate * seconds
 
 
-def daily_sums(rates: NDArray[np.float64], hours: NDArray[np.float64], step_seconds: float) -> NDArray[np.float64]:
+def daily_sums(rates: Floats, hours: Floats, step_seconds: float) -> Floats:
     """The same for all steps of a run, to the bit: ``(steps + 1,)`` from rates ``(steps,)`` and hours of day ``(steps + 1,)``."""
     share, seconds = _daily_share(hours[:-1], hours[1:], step_seconds)
     sums = [0.0]

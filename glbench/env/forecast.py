@@ -17,22 +17,18 @@ truth q from the nearer limit: q + min(max(e, -m), m). Errors e and -e are equal
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.random import ar1_paths
 from glbench.env.uncertainty import season_key
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
+from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import FORECAST
+from glbench.weather import Place
 from glbench.weather.generator import calendar_days, clear_sky
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.weather import Place
-
-Floats = NDArray[np.float64]
 
 HOUR = 3600
 
@@ -70,17 +66,13 @@ class ForecastTable:
 
     @staticmethod
     def of(task: TaskSpec) -> ForecastTable | None:
-        """The forecast of a task; ``None`` where it grants none by the hour.
-
-        Raises ``TaskError`` when a control step does not divide an hour.
-        """
+        """The task's forecast; ``None`` where it grants none by the hour. Raises ``TaskError`` unless its step divides an hour."""
         hours = task.observation.forecast_hours
         if not hours:
             return None
         step = task.weather.step_seconds
         if HOUR % step:
-            msg = f"{task.source}: [observation.forecast] goes by the hour; step_seconds = {step} does not divide it. Use 900."
-            raise TaskError(msg)
+            refuse(f"{task.source}: [observation.forecast] goes by the hour; step_seconds = {step} does not divide it. Use 900.", TaskError)
         reach = -(-hours[-1] // 24) * task.steps_per_day
         table = task.observation.forecast
         assert table is not None  # tasks with hours have it
@@ -99,16 +91,9 @@ class ForecastTable:
     def fill(self, table: NDArray[np.float32], first: int, rows: int, measured: Floats, times: NDArray[np.datetime64], season: int) -> None:
         """Write the forecasts of a season into ``table``.
 
-        Parameters
-        ----------
-        table
-            ``(rows of the pool // every, columns)``.
-        first, rows
-            The season's first row in the pool, and how many it has there; whole hours.
-        measured, times
-            Its weather as measured (``WeatherTables.measured``) ``(rows + reach, 5)``, and the start of each of these rows, UTC.
-        season
-            Its number.
+        The table is ``(rows of the pool // every, columns)``. ``first`` is the season's first row in the pool, and ``rows`` how many it has
+        there, whole hours; ``measured`` its weather as measured (``WeatherTables.measured``) ``(rows + reach, 5)``, ``times`` the start of
+        each of these rows, UTC, and ``season`` its number.
         """
         issues = rows // self.every
         weather = measured[: len(measured) // self.every * self.every, _MEASURED]

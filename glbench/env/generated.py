@@ -8,22 +8,18 @@ from __future__ import annotations
 
 import datetime as dt
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.forecast import ForecastTable
 from glbench.env.random import ar1_paths, uniforms
 from glbench.env.uncertainty import season_key
-from glbench.errors import GlbenchError, TaskError
+from glbench.errors import GlbenchError, TaskError, refuse
+from glbench.tasks import TaskSpec
 from glbench.weather import COLUMNS, GeneratedSeason, SeasonGenerator, disturbances
 from glbench.weather.preprocessing import co2_density
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
 
 GOLDEN = 0.6180339887498949
 """Steps of this size, modulo 1, spread any number of points evenly over an interval."""
@@ -46,15 +42,8 @@ class MadeSeason:
 class SeasonMaker:
     """Makes the generated seasons of ``task`` in its split.
 
-    Raises ``TaskError`` when the weather record does not have the years of the split.
-
-    Parameters
-    ----------
-    task
-        The task.
-    begin
-        When the first possible day begins, UTC. Every season begins a whole number of days of 24 hours later: its rows are rows of the
-        task's calendar also where the clock changes on a day in between.
+    Raises ``TaskError`` when the weather record does not have the years of the split. ``begin`` is when the first possible day begins, UTC.
+    Seasons begin whole days of 24 hours later: its rows are those of the task's calendar also where the clock changes in between.
     """
 
     def __init__(self, task: TaskSpec, begin: np.datetime64) -> None:
@@ -67,8 +56,7 @@ class SeasonMaker:
         try:
             self._generator = SeasonGenerator(task.season_record(), generated.years)
         except GlbenchError as error:
-            msg = f"{task.source}: [splits.{task.split}] {error}"
-            raise TaskError(msg) from error
+            refuse(f"{task.source}: [splits.{task.split}] {error}", TaskError, error)
 
     def start_days(self, numbers: NDArray[np.int64]) -> NDArray[np.int64]:
         """Days from the first possible day to the first day of each season; the first m of them are spread evenly, for every m."""

@@ -132,19 +132,9 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Start an episode.
 
-        Raises ``GlbenchError`` for an impossible seed or option, or a snapshot of another task.
-
-        Parameters
-        ----------
-        seed
-            Seed of the episode, 0 to 2**64 - 1; it also seeds ``np_random``. Without one the next seed is drawn.
-        options
-            ``{"state": snapshot}`` continues from a snapshot instead; no seed goes with it.
-
-        Returns
-        -------
-        observation, info
-            ``(columns,)`` float32 and the numbers of ``info_quantities`` but those of a step.
+        Raises ``GlbenchError`` for an impossible seed or option, or a snapshot of another task. ``seed``, 0 to 2**64 - 1, also seeds
+        ``np_random``; without one the next seed is drawn. The option ``{"state": snapshot}`` continues from a snapshot instead; no seed
+        goes with it. Returns the observation ``(columns,)`` float32, and the numbers of ``info_quantities`` but those of a step.
         """
         snapshot = spaces.state_option(spaces.check_names(options, (spaces.STATE,)), seed)
         if snapshot is not None:
@@ -160,12 +150,8 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Take one step.
 
         Raises ``ActionError`` for an action of the wrong shape, not finite, or out of bounds. Raises ``GlbenchError`` when the episode has
-        ended or none was started.
-
-        Returns
-        -------
-        observation, reward, terminated, truncated, info
-            ``(columns,)`` float32, float, bool, always ``False``, and the numbers of ``info_quantities``.
+        ended or none was started. Returns the observation ``(columns,)`` float32, reward, ``terminated``, ``truncated``, which is always
+        ``False``, and the numbers of ``info_quantities``.
         """
         try:
             observation, values, terminated = self.simulation.step_single(action)
@@ -207,10 +193,7 @@ class GreenhouseEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         return replace(self.simulation.snapshot(), generators=spaces.pack_generator(self.np_random)[None])
 
     def restore(self, snapshot: Snapshot) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Continue from ``snapshot`` (of one row); observation and info as after a reset.
-
-        Raises ``GlbenchError`` when it belongs to another task or has more than one row.
-        """
+        """Continue from a snapshot of one row; observation and info as after a reset. Raises ``GlbenchError`` for another task or more."""
         observation = self.simulation.restore(snapshot)[0]
         if len(snapshot.generators):
             self.np_random = spaces.unpack_generator(snapshot.generators[0])

@@ -6,17 +6,15 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.daily_sums import HOURS_BACK, daily_sum
+from glbench.env.simulation import Simulation
+from glbench.tasks import TaskSpec
 from glbench.tasks.prices import local_times
-
-if TYPE_CHECKING:
-    from glbench.env.simulation import Simulation
-    from glbench.tasks import TaskSpec
 
 HOURS_SHOWN = 48.0
 
@@ -37,13 +35,7 @@ class DailyLight:
 
 
 class DailyLightSums:
-    """Sums up the light of the day while runs are followed, whether a task observes it or not.
-
-    Attributes
-    ----------
-    columns
-        The summed columns, as the task's model observes them.
-    """
+    """Sums up the light of the day of runs, whether a task observes it or not: ``columns`` are those of the model that are sums."""
 
     def __init__(self, task: TaskSpec) -> None:
         model = task.model_value
@@ -78,17 +70,8 @@ class DailyLightSums:
 class RecentHistory:
     """Air, controls in force and EPI so far of one run.
 
-    Parameters
-    ----------
-    first_step
-        Steps taken when the history begins; the EPI counts from there.
-    step_seconds
-        Length of a step [s].
-
-    Attributes
-    ----------
-    light
-        Light since midnight, where it is followed.
+    ``first_step`` steps were taken when the history begins; the EPI counts from there. A step lasts ``step_seconds`` [s]. ``light`` is that
+    since midnight, where it is followed.
     """
 
     def __init__(self, first_step: int, step_seconds: float) -> None:

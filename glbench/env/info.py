@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.env.simulation import Simulation, StepResult
 from glbench.quantities import CLOCK
+from glbench.tasks import TaskSpec
 from glbench.tasks.ledger import LIMITED, StepQuantity
-
-if TYPE_CHECKING:
-    from glbench.env.simulation import Simulation, StepResult
-    from glbench.tasks import TaskSpec
 
 FAILURE = "failure"
 """Key of the reason, in words, why a step could not be integrated; there only when that happened."""
@@ -28,10 +26,7 @@ def info_of_step(task: TaskSpec) -> tuple[StepQuantity, ...]:
 
 
 def info_quantities(task: TaskSpec) -> tuple[StepQuantity, ...]:
-    """Names, units and meanings of the numbers in ``info`` for ``task``.
-
-    The last group, the quantities of the step, is missing after a reset.
-    """
+    """Names, units and meanings of the numbers in ``info``; the last, the quantities of the step, are missing after a reset."""
     return (
         StepQuantity("seed", "-", "seed of the episode"),
         StepQuantity("step", "-", "steps taken"),
@@ -90,10 +85,7 @@ class InfoWriter:
         return columns
 
     def masked(self, columns: dict[str, NDArray[np.generic]], rows: NDArray[np.bool_], stepped: NDArray[np.bool_]) -> dict[str, Any]:
-        """Columns with Gymnasium's masks: quantities of a step hold for the rows in ``stepped``, the others for ``rows``.
-
-        Where a column does not hold it is 0.
-        """
+        """Columns with Gymnasium's masks: those of a step hold for the rows in ``stepped``, others for ``rows``; elsewhere 0."""
         info: dict[str, Any] = {}
         in_step, in_row = (stepped, bool(stepped.all())), (rows, bool(rows.all()))
         for name, values in columns.items():

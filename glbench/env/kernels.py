@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from glbench.errors import GlbenchError, UnknownNameError, did_you_mean
-
-if TYPE_CHECKING:
-    from glbench.kernel import Kernel, StepFailure
-    from glbench.model import Model
-    from glbench.tasks import TaskSpec
+from glbench.arrays import Floats
+from glbench.errors import GlbenchError, UnknownNameError, did_you_mean, refuse
+from glbench.kernel import Kernel, StepFailure
+from glbench.model import Model
+from glbench.tasks import TaskSpec
 
 SCORING_PRESET = "reference"
 """The preset of scores, and the default."""
@@ -22,9 +18,7 @@ SCORING_PRESET = "reference"
 class Stepper(Protocol):
     """The method of a kernel that a simulation calls; ``glbench.kernel.Kernel`` has it."""
 
-    def try_step(
-        self, x: NDArray[np.float64], u: NDArray[np.float64], d: NDArray[np.float64], p: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], list[StepFailure]]:
+    def try_step(self, x: Floats, u: Floats, d: Floats, p: Floats) -> tuple[Floats, list[StepFailure]]:
         """States ``(n, states)`` at the end of the step; a row that fails keeps its state and is reported."""
 
 
@@ -34,8 +28,6 @@ _shared = threading.local()
 
 def shared_kernel(model: Model, step_seconds: float, preset: str = SCORING_PRESET) -> Kernel:
     """Kernel of this thread for a model, a step length [s] and a preset; made at the first call."""
-    from glbench.kernel import Kernel
-
     kernels: dict[tuple[Model, float, str], Kernel] = _shared.__dict__.setdefault("kernels", {})
     key = (model, step_seconds, preset)
     if key not in kernels:
@@ -57,12 +49,10 @@ def check_kernel(kernel: object, task: TaskSpec) -> None:
         if isinstance(kernel, str):
             if kernel in PRESETS:
                 return
-            msg = f"There is no kernel preset '{kernel}'.{did_you_mean(kernel, PRESETS)}"
-            raise UnknownNameError(msg)
+            refuse(f"There is no kernel preset '{kernel}'.{did_you_mean(kernel, PRESETS)}", UnknownNameError)
         presets = ", ".join(f"'{name}'" for name in PRESETS)
         example = f"Kernel(task.model_value, {task.step_seconds:g})"
-        msg = f"The kernel is the name of a preset ({presets}) or a Kernel, such as {example}; got {kernel!r}."
-        raise GlbenchError(msg)
+        refuse(f"The kernel is the name of a preset ({presets}) or a Kernel, such as {example}; got {kernel!r}.", GlbenchError)
     model = task.model_value
     own = getattr(kernel, "model", model)
     for name, value, expected in (

@@ -15,9 +15,9 @@ from types import MappingProxyType
 from typing import ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from glbench.errors import TaskError
+from glbench.arrays import Floats
+from glbench.errors import TaskError, refuse
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class MemoryLayout:
 
     parts: Mapping[str, Mapping[str, int]]
     """For each part of the task, the place of each of its numbers."""
-    start: NDArray[np.float64]
+    start: Floats
     """Value of every place when a run starts, ``(m,)``, read-only."""
 
     @property
@@ -38,7 +38,7 @@ class MemoryLayout:
         """Places of the numbers of ``part`` by name; empty where it has none."""
         return self.parts.get(part, {})
 
-    def rows(self, n: int) -> NDArray[np.float64]:
+    def rows(self, n: int) -> Floats:
         """What ``n`` runs start with, ``(n, m)``."""
         return np.tile(self.start, (n, 1))
 
@@ -54,8 +54,7 @@ def allocate(**requests: Mapping[str, float]) -> MemoryLayout:
         parts[part] = MappingProxyType({name: len(start) + place for place, name in enumerate(numbers)})
         for name, value in numbers.items():
             if not np.isfinite(value):
-                msg = f"'{name}' of the {part} starts at {value!r}. The memory of a run starts with finite numbers."
-                raise TaskError(msg)
+                refuse(f"'{name}' of the {part} starts at {value!r}. The memory of a run starts with finite numbers.", TaskError)
             start.append(float(value))
     array = np.array(start, dtype=np.float64)
     array.flags.writeable = False
@@ -80,7 +79,7 @@ class DrawingPart(Protocol):
     def trait_count(self) -> int:
         """Traits that are made of these."""
 
-    def traits(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+    def traits(self, numbers: Floats) -> Floats:
         """Traits ``(n, trait_count)`` from uniform numbers ``(n, trait_numbers)``."""
 
 

@@ -1,30 +1,26 @@
 """Environments that execute a program with NumPy around any kernel.
 
-They are the reference for the compiled environments and replace them where those cannot run. They execute the same tapes, so
-no formula is written twice. Registered parts of a task are Python, which no tape can hold; they are called here where the tapes
-leave a gap.
+They are the reference for the compiled environments and replace them where those cannot run. They execute the same tapes, so no formula is
+written twice. Registered parts of a task are Python, which no tape can hold: they are called where tapes leave a gap.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
+from glbench.env.kernels import Stepper
 from glbench.env.random import uniforms
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters, Deviation
 from glbench.errors import TaskError
+from glbench.kernel import StepFailure
 from glbench.kernel.environment import ActionBounds, Environments, ParameterNoise, Program
 from glbench.kernel.tape import Read, Source, Tape
-
-if TYPE_CHECKING:
-    from glbench.env.kernels import Stepper
-    from glbench.kernel import StepFailure
-
-Floats = NDArray[np.float64]
 
 ROWS_AHEAD = 1024
 """About how many rows of draws are made at once: the generator is far quicker for many than for one."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +25,11 @@ from glbench.env.forecast import HOUR
 from glbench.env.numpy_environments import ObservationInputs
 from glbench.env.outdoor import MEASURED
 from glbench.env.weather_pool import CLOCK, WeatherTables
-from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
 from glbench.kernel.environment import Lookup
 from glbench.model import ObservedColumn
+from glbench.tasks import TaskSpec
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 Source = Literal["states", "air", "weather", "controls", "counter", "clock", "schedule"]
 
@@ -70,10 +68,7 @@ _MAKERS: dict[str, MakeObservation] = {}
 
 
 def register_observation(module: ObservationModule, make: MakeObservation) -> None:
-    """Make an observation module known, here and in task files.
-
-    Raises ``TaskError`` when its name is taken.
-    """
+    """Make an observation module known, here and in task files. Raises ``TaskError`` when its name is taken."""
     OBSERVATION_MODULES.add(module)
     _MAKERS[module.name] = make
 
@@ -112,8 +107,7 @@ def checked_part(task: TaskSpec, name: str, part: ObservationPart) -> CheckedObs
 def column_sources(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[ColumnSource, ...]:
     """The columns of a module that is data: of the task's model, or the environment's own.
 
-    Raises ``UnknownNameError`` for an unknown module. Raises ``TaskError`` when the model shows something that neither its states nor its
-    air have.
+    Raises ``UnknownNameError`` for an unknown module. Raises ``TaskError`` when neither states nor air have what the model shows.
     """
     model = task.model_value
     columns = model.observed(name, task.observation_context().horizon)
@@ -121,14 +115,12 @@ def column_sources(name: str, task: TaskSpec, tables: WeatherTables) -> tuple[Co
         if name in _SOURCES:
             return _SOURCES[name](task, tables)
         names = (*_MAKERS, *_SOURCES, *model.observation_modules)
-        msg = f"There is no observation module called '{name}'.{did_you_mean(name, names)}"
-        raise UnknownNameError(msg)
+        refuse(f"There is no observation module called '{name}'.{did_you_mean(name, names)}", UnknownNameError)
     air = list(AIR) if model.air else []
     sources: list[ColumnSource] = []
     for column in columns:
         if column.of_air is not None and not model.air:
-            msg = f"{model.id} shows '{column.name}' of its air, and has none."
-            raise TaskError(msg)
+            refuse(f"{model.id} shows '{column.name}' of its air, and has none.", TaskError)
         if column.of is not None or column.of_air is not None or column.today is not None:
             sources.append(column)
         elif column.source in air:

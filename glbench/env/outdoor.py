@@ -5,34 +5,29 @@ The reading of a quantity q in step k of a run is
     r(k) = a q(k) (1 + s w(k))      of global radiation and wind speed,
     r(k) = q(k) + b + s w(k)        of temperature and relative humidity,
 
-with a scale a of the run, drawn evenly between its limits; a bias b of the run, approximately normal with the stated standard
-deviation; and noise w(k), approximately normal and new in every step. The reading stays within the bounds of its column. A soiled dome or a
-mast of another height are factors. Sums since midnight have a reading for each step, with the noise of its end. docs/uncertainty.md has
-a picture.
+with a scale a of the run, drawn evenly between its limits; a bias b of the run, approximately normal with the stated standard deviation;
+and noise w(k), approximately normal and new in every step. The reading stays within the bounds of its column. A soiled dome or a mast of
+another height are factors. Sums since midnight have a reading for each step, with the noise of its end. See docs/uncertainty.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.air import air_quantities
 from glbench.env.memory_layout import DrawPlaces
 from glbench.env.random import UNIFORMS_PER_NORMAL, approx_normal
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.kernel.tape import Recorder
 from glbench.quantities import OUTDOOR
+from glbench.tasks import TaskSpec
 from glbench.tasks.tables import PROCESS_COMPUTER, OffsetSensorTable, ScaledSensorTable
 from glbench.weather import COLUMNS
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
 
 MEASURED = ("global_radiation", "outdoor_temperature", "outdoor_relative_humidity", "outdoor_co2", "wind_speed")
 """What is read outside, in the order of ``WeatherTables.measured``."""
@@ -50,14 +45,10 @@ class OutdoorSensors:
 
     @staticmethod
     def of(task: TaskSpec, places: DrawPlaces) -> OutdoorSensors:
-        """The sensors of a task; of a task without any, nothing.
-
-        Raises ``TaskError`` when nobody reads them.
-        """
+        """The sensors of a task; of a task without any, nothing. Raises ``TaskError`` when nobody reads them."""
         table, modules = task.outdoor_sensors, task.observation.modules
         if table is not None and task.actuation.kind != PROCESS_COMPUTER and not {"weather", "light_today"} & {*modules}:
-            msg = f"{task.source}: [outdoor_sensors] nobody reads them. Leave the table out, or add the module 'weather'."
-            raise TaskError(msg)
+            refuse(f"{task.source}: [outdoor_sensors] nobody reads them. Leave the table out, or add the module 'weather'.", TaskError)
         return OutdoorSensors({} if table is None else dict(table.items()), places)
 
     @property

@@ -25,6 +25,7 @@ from matplotlib.transforms import Affine2D, IdentityTransform
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from glbench.arrays import Floats
 from glbench.env.air import AIR
 from glbench.env.history import HOURS_SHOWN, MONEY, DailyLightSums, RecentHistory, time_words
 from glbench.model import Air
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
     from glbench.env.simulation import Simulation
     from glbench.tasks import TaskSpec
 
-Floats = NDArray[np.float64]
 
 WIDTH, HEIGHT = 640, 480
 """Size of a picture [pixels]."""
@@ -96,13 +96,7 @@ class _Curve:
 
 
 class Picture:
-    """Draws histories of a task's runs.
-
-    Parameters
-    ----------
-    task
-        The task whose limits and controls are shown.
-    """
+    """Draws histories of a task's runs. It shows the limits and controls of ``task``."""
 
     def __init__(self, task: TaskSpec) -> None:
         self._task = task

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from glbench.tasks import TaskSpec
 from glbench.tasks import set_points as points
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.tables import ProcessComputerTable
+from glbench.tasks.tables import ProcessComputerTable
 
 _SECONDS_AN_HOUR = 3600.0
 _LONG_AGO = 1e6
@@ -64,21 +62,8 @@ def work(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """A step of the computer.
 
-    Parameters
-    ----------
-    set_points
-        Set points by name, those of ``task.actions``, in their units.
-    controls
-        Controls in force by name, fractions.
-    measured
-        What the computer measures.
-    memory
-        Its memory, by the names of ``MEMORY``.
-
-    Returns
-    -------
-    controls, memory
-        New values of the granted controls, and the memory for the next step.
+    ``set_points`` are by name those of ``task.actions``, in their units, ``controls`` those in force, fractions, and ``memory`` what it
+    remembers, by the names of ``MEMORY``. Returns new values of the granted controls, and the memory for the next step.
     """
     return _Step(task, task.actuation.process_computer, set_points, controls, measured, memory).run()
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import Any, Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env import actuation
 from glbench.env.accounts import REWARD, ByName, make_accounts
 from glbench.env.air import AIR, air_quantities
@@ -25,17 +25,12 @@ from glbench.env.rewards import REWARDS, StepOutcome, make_reward
 from glbench.env.scenario import RunScenarios
 from glbench.env.uncertainty import DISTRIBUTIONS, UNIFORM, DerivedParameters
 from glbench.env.weather_pool import CLOCK, WeatherPool, WeatherTables
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.kernel.environment import Lookup, ParameterNoise, Program
 from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, with_simplification
-from glbench.model import Air, humidity_deficit
+from glbench.model import Air, ObservedColumn, humidity_deficit
+from glbench.tasks import TaskSpec
 from glbench.tasks.ledger import TRAVEL
-
-if TYPE_CHECKING:
-    from glbench.model import ObservedColumn
-    from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
 
 
 def air_columns(task: TaskSpec) -> slice:
@@ -286,8 +281,7 @@ def _observation(
                 recorder.output("observation", at, value)
                 at += 1
     if at != len(task.observed()):
-        msg = f"{task.id} announces {len(task.observed())} observed columns, its modules have {at}."
-        raise TaskError(msg)
+        refuse(f"{task.id} announces {len(task.observed())} observed columns, its modules have {at}.", TaskError)
     return tuple(lookups), tuple(parts), at
 
 

@@ -20,7 +20,6 @@ Words = NDArray[np.uint64]
 """Unsigned 32-bit words, each in 64 bits so that products of two of them do not overflow."""
 
 ROUNDS = 10
-WORDS_PER_BLOCK = 4
 UNIFORMS_PER_BLOCK = 2
 UNIFORMS_PER_NORMAL = 3
 """Uniform numbers that an approximately normal number is made of."""
@@ -34,17 +33,8 @@ _HALF = np.uint64(32)
 def philox4x32(counter: ArrayLike, key: ArrayLike) -> Words:
     """Four random 32-bit words for each counter under its key.
 
-    Parameters
-    ----------
-    counter
-        Four words; shape ``(4, ...)``.
-    key
-        Two words; shape ``(2, ...)``, trailing axes broadcast against those of ``counter``.
-
-    Returns
-    -------
-    ndarray
-        Shape ``(4, ...)``, uint64, each value below 2**32.
+    ``counter`` has four words, ``(4, ...)``, ``key`` two, ``(2, ...)``, whose trailing axes are broadcast against those of ``counter``.
+    Returns ``(4, ...)``, uint64, each value below 2**32.
     """
     words = np.asarray(counter, dtype=np.uint64)
     round_key = np.asarray(key, dtype=np.uint64)
@@ -81,19 +71,9 @@ def key_of(label: str) -> tuple[int, int]:
 def uniforms(keys: Words, steps: NDArray[np.int64], count: int) -> NDArray[np.float64]:
     """Uniform numbers in [0, 1) with 53 random bits, addressed by key, step and position.
 
-    Parameters
-    ----------
-    keys
-        One key a row, shape ``(n, 2)``.
-    steps
-        Which draws of each row, shape ``(n, m)``; counter word 0. Not negative and below 2**32.
-    count
-        Numbers a draw. Numbers 2b and 2b + 1 come from counter word 1 = b; words 2 and 3 of the counter stay 0.
-
-    Returns
-    -------
-    ndarray
-        Shape ``(n, m, count)``.
+    ``keys`` has one key a row, ``(n, 2)``, and ``steps`` says which draws of each row, ``(n, m)``: counter word 0, not negative and below
+    2**32. Of the ``count`` numbers of a draw 2b and 2b + 1 come from counter word 1 = b; words 2 and 3 of the counter stay 0. Returns
+    ``(n, m, count)``.
     """
     blocks = -(-count // UNIFORMS_PER_BLOCK)
     n, m = steps.shape
@@ -119,19 +99,8 @@ def approx_normal(a: Any, b: Any, c: Any) -> Any:
 def ar1_paths(key: NDArray[np.uint64], length: int, persistence: NDArray[np.float64]) -> NDArray[np.float64]:
     """Paths a(t) = phi a(t - 1) + sqrt(1 - phi**2) w(t), with w approximately normal and a(0) = w(0); mean 0 and standard deviation 1.
 
-    Parameters
-    ----------
-    key
-        Of the stream of random numbers, ``(1, 2)``.
-    length
-        How many values a path has.
-    persistence
-        phi of each path, ``(paths,)``.
-
-    Returns
-    -------
-    ndarray
-        Shape ``(length, paths)``.
+    ``key`` is that of the stream of random numbers, ``(1, 2)``, ``persistence`` phi of each path, ``(paths,)``. Returns
+    ``(length, paths)``.
     """
     count = len(persistence)
     numbers = uniforms(key, np.arange(length, dtype=np.int64)[None], UNIFORMS_PER_NORMAL * count)[0]

@@ -14,8 +14,8 @@ Make = TypeVar("Make")
 class PartRegistry(Generic[Make]):
     """Makers of parts by name.
 
-    The tasks' vocabulary knows which words a task file may use, and what they mean; this knows what they do. Registering a part adds
-    its name to both.
+    The tasks' vocabulary knows which words a task file may use and their meaning; this knows what they do. Registering a part adds its name
+    to both.
     """
 
     def __init__(self, kind: str, vocabulary: Registry[Any]) -> None:
@@ -24,10 +24,7 @@ class PartRegistry(Generic[Make]):
         self._makers: dict[str, tuple[Make, Any]] = {}
 
     def register(self, name: str, meaning: str, make: Make) -> None:
-        """Make a part known under a new name, here and in task files.
-
-        Raises ``TaskError`` when the name is taken.
-        """
+        """Make a part known under a new name, here and in task files. Raises ``TaskError`` when the name is taken."""
         self._vocabulary.add(Word(name, meaning))
         self.provide(name, make)
 

@@ -14,7 +14,7 @@ from glbench.env.accounts import EPI
 from glbench.env.air import AIR
 from glbench.env.history import DailyLightSums, RecentHistory, time_words
 from glbench.env.program import air_columns, info_columns
-from glbench.errors import GlbenchError, UnknownNameError
+from glbench.errors import GlbenchError, UnknownNameError, refuse
 from glbench.model import Air
 from glbench.quantities import AIR as LIMITED
 from glbench.quantities import VIOLATION, in_sentence
@@ -49,16 +49,9 @@ def drawable_modes() -> tuple[str, ...]:
 
 
 def checked_render_mode(render_mode: str | None) -> str | None:
-    """``render_mode`` if there is such a mode; warns, once, when pictures are wanted and cannot be drawn.
-
-    Raises
-    ------
-    UnknownNameError
-        Otherwise.
-    """
+    """``render_mode``, with one warning when pictures cannot be drawn. Raises ``UnknownNameError`` when there is no such mode."""
     if render_mode is not None and render_mode not in RENDER_MODES:
-        msg = f"There is no render mode {render_mode!r}. Use {', '.join(map(repr, RENDER_MODES))} or None."
-        raise UnknownNameError(msg)
+        refuse(f"There is no render mode {render_mode!r}. Use {', '.join(map(repr, RENDER_MODES))} or None.", UnknownNameError)
     if render_mode == PICTURES and PICTURES not in drawable_modes():
         _warn_without_matplotlib()
     return render_mode
@@ -106,13 +99,9 @@ class Camera:
             self._histories[row].light = self._light.add(self._histories[row].light, self._simulation, row)
 
     def picture(self, row: int) -> NDArray[np.uint8]:
-        """Picture of a run, ``(480, 640, 3)``.
-
-        Raises ``GlbenchError`` without matplotlib, or before the first reset.
-        """
+        """Picture of a run, ``(480, 640, 3)``. Raises ``GlbenchError`` without matplotlib, or before the first reset."""
         if not self._histories:
-            msg = "There is nothing to draw yet: call reset first."
-            raise GlbenchError(msg)
+            refuse("There is nothing to draw yet: call reset first.", GlbenchError)
         if row not in self._pictures:
             try:
                 from glbench.env.picture import Picture

@@ -13,18 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
+from glbench.env.accounts import Accounts
 from glbench.env.registries import PartRegistry
-from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
+from glbench.tasks import TaskSpec
 from glbench.tasks.vocabulary import REWARD_MODULES
-
-if TYPE_CHECKING:
-    from glbench.env.accounts import Accounts
-    from glbench.tasks import TaskSpec
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,25 +34,25 @@ class StepOutcome:
     and relative humidity [%] at the end of the step ``(3, n)``.
     """
 
-    table: NDArray[np.float64]
-    before: NDArray[np.float64]
-    after: NDArray[np.float64]
-    controls: NDArray[np.float64]
-    air: NDArray[np.float64]
+    table: Floats
+    before: Floats
+    after: Floats
+    controls: Floats
+    air: Floats
     names: tuple[str, ...]
 
-    def __getitem__(self, name: str) -> NDArray[np.float64]:
+    def __getitem__(self, name: str) -> Floats:
         """One quantity of the step, ``(n,)``."""
         try:
             row = self.names.index(name)
         except ValueError:
             msg = f"A step has no quantity called '{name}'.{did_you_mean(name, self.names)}"
             raise UnknownNameError(msg) from None
-        values: NDArray[np.float64] = self.table[row]
+        values: Floats = self.table[row]
         return values
 
 
-RewardPart = Callable[[StepOutcome], NDArray[np.float64]]
+RewardPart = Callable[[StepOutcome], Floats]
 """Contribution to the reward, ``(n,)``. Row i may depend on row i of the outcome only."""
 
 MakeReward = Callable[["TaskSpec", "Accounts"], RewardPart]
@@ -64,21 +62,15 @@ REWARDS: PartRegistry[MakeReward] = PartRegistry("reward module", REWARD_MODULES
 
 
 def register_reward(name: str, meaning: str, make: MakeReward) -> None:
-    """Make a reward part known under ``name``, here and in task files.
-
-    Raises ``TaskError`` when the name is taken.
-    """
+    """Make a reward part known under ``name``, here and in task files. Raises ``TaskError`` when the name is taken."""
     REWARDS.register(name, meaning, make)
 
 
 def make_reward(task: TaskSpec, accounts: Accounts) -> RewardPart:
-    """The sum of the task's parts.
-
-    Raises ``UnknownNameError`` for a name without a part, with the nearest known one.
-    """
+    """The sum of the task's parts. Raises ``UnknownNameError`` for a name without a part, with the nearest known one."""
     first, *others = [_part(task, name, accounts) for name in task.reward.modules]
 
-    def total(outcome: StepOutcome) -> NDArray[np.float64]:
+    def total(outcome: StepOutcome) -> Floats:
         reward = first(outcome)
         for part in others:
             reward = reward + part(outcome)
@@ -93,7 +85,7 @@ def _part(task: TaskSpec, name: str, accounts: Accounts) -> RewardPart:
     if REWARDS.recorded(name):
         return part
 
-    def checked(outcome: StepOutcome) -> NDArray[np.float64]:
+    def checked(outcome: StepOutcome) -> Floats:
         reward = np.asarray(part(outcome), dtype=np.float64)
         expected = (outcome.table.shape[1],)
         if reward.shape != expected:
@@ -111,8 +103,7 @@ def _scaled_epi(task: TaskSpec, accounts: Accounts) -> RewardPart:
     lowest = accounts.lowest_epi
     span = accounts.highest_epi - lowest
     if span == 0.0:
-        msg = f"{task.id} scales the EPI, but all its prices are 0. Give it prices, or take another reward module."
-        raise TaskError(msg)
+        refuse(f"{task.id} scales the EPI, but all its prices are 0. Give it prices, or take another reward module.", TaskError)
     return lambda outcome: (outcome["epi"] - lowest) / span
 
 
@@ -121,11 +112,11 @@ def _penalties(task: TaskSpec, accounts: Accounts) -> RewardPart:
     if not violations:
         return _scaled_penalty(task, accounts)
 
-    def minus_violations(outcome: StepOutcome) -> NDArray[np.float64]:
+    def minus_violations(outcome: StepOutcome) -> Floats:
         total: Any = 0.0
         for name in violations:  # one by one: the order of the sum must not depend on the batch
             total = total - outcome[name]
-        minus: NDArray[np.float64] = total
+        minus: Floats = total
         return minus
 
     return minus_violations

@@ -12,24 +12,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.accounts import ByName
 from glbench.env.memory_layout import DrawPlaces, MemoryLayout
 from glbench.env.process_computer import at_least, below, select, within
 from glbench.env.random import UNIFORMS_PER_NORMAL, approx_normal
 from glbench.errors import TaskError, refuse
 from glbench.kernel.tape import Recorder
-
-if TYPE_CHECKING:
-    from glbench.model import ObservedColumn
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.tables import SampleTable
-
-Floats = NDArray[np.float64]
+from glbench.model import ObservedColumn
+from glbench.tasks import TaskSpec
+from glbench.tasks.tables import SampleTable
 
 PART = "samples"
 """The samples' part of a run's memory."""
@@ -66,10 +62,7 @@ class Samples:
 
     @staticmethod
     def of(task: TaskSpec, places: DrawPlaces) -> Samples:
-        """The samples of a task; of a task without any, nothing.
-
-        Raises ``TaskError`` when a module is not one of the model's own, or has columns that are not functions of the model's states.
-        """
+        """The samples of a task, if any. Raises ``TaskError`` when a module is not the model's own, or has other columns than states."""
         model, columns = task.model_value, []
         for module, table in task.samples.items():
             observed = model.observed(module, task.observation_context().horizon)

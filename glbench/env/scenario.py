@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env import actuation, actuators, air, samples
 from glbench.env.daily_sums import DAILY_SUMS, initial_memory
 from glbench.env.generated import SeasonMaker
@@ -22,12 +22,8 @@ from glbench.env.outdoor import OutdoorSensors
 from glbench.env.random import uniforms
 from glbench.env.uncertainty import DISTRIBUTIONS, DerivedParameters, spread_multipliers, stream_key
 from glbench.env.weather_pool import CLOCK, WeatherPool
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.resolver import ParameterGroup, Scenario
-
-Floats = NDArray[np.float64]
+from glbench.tasks import TaskSpec
+from glbench.tasks.resolver import ParameterGroup, Scenario
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,24 +42,10 @@ class Scenes:
 class RunScenarios:
     """Draws the scenarios of a task's runs from their seeds.
 
-    Attributes
-    ----------
-    pool
-        Weather and calendar.
-    nominal
-        Nominal parameters ``(p,)``.
-    in_step, in_episode
-        The groups of parameters that the step draws, and those that are drawn here.
-    sensors, outdoor_sensors
-        Those that err.
-    actuators, actuator_draws
-        Those that are not ideal, and where their draws begin.
-    samples
-        What is counted or weighed by hand.
-    drawing_parts
-        The parts that draw numbers of their own, in the order in which tapes read them (``DrawPlaces``).
-    memory_layout
-        What the runs keep in memory.
+    ``nominal`` are the nominal parameters ``(p,)``; ``in_step`` and ``in_episode`` the groups of them that the step draws, and those that
+    are drawn here. ``sensors`` and ``outdoor_sensors`` err; ``actuators`` are not ideal, and their draws begin at ``actuator_draws``;
+    ``samples`` are counted or weighed by hand. ``drawing_parts`` draw numbers of their own, in the order in which tapes read them
+    (``DrawPlaces``). ``pool`` has weather and calendar, ``memory_layout`` what the runs keep in memory.
     """
 
     def __init__(self, task: TaskSpec) -> None:

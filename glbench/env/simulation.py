@@ -6,12 +6,12 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from glbench.arrays import real_numbers
+from glbench.arrays import Floats, real_numbers
 from glbench.env.accounts import REWARD, make_accounts
 from glbench.env.actuation import ActionReader, run_calendar
 from glbench.env.kernels import SCORING_PRESET, Stepper, check_kernel, shared_kernel
@@ -20,16 +20,12 @@ from glbench.env.program import air_columns, info_columns, make_program
 from glbench.env.scenario import RunScenarios
 from glbench.env.snapshot import Snapshot
 from glbench.env.spaces import checked_seed, no_generators, the_task
-from glbench.errors import GlbenchError, ShapeError, TaskError
+from glbench.errors import GlbenchError, ShapeError, TaskError, refuse
+from glbench.kernel import StepFailure
 from glbench.kernel.environment import Environments
 from glbench.kernel.records import all_finite
 from glbench.kernel.tape import Tape
-
-if TYPE_CHECKING:
-    from glbench.kernel import StepFailure
-    from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
+from glbench.tasks import TaskSpec
 
 _REAL_TYPES = "fd"
 """Codes of the types that are copied without a look at them: float32 and float64."""
@@ -47,14 +43,14 @@ class StepResult:
 
     observations: NDArray[np.float32]
     """``(n, columns)`` float32."""
-    rewards: NDArray[np.float64]
+    rewards: Floats
     """``(n,)``."""
     terminated: NDArray[np.bool_]
     """``(n,)``; whether the run has ended, in this step or before."""
     failed: list[StepFailure]
     """Runs that could not be integrated in this step, with the reason in words. Such a run keeps its state and ends. Its reward, EPI and
     penalty are what the task counts for one failed step; the other quantities are those of a step in which nothing grew."""
-    table: NDArray[np.float64]
+    table: Floats
     """The quantities of the step, ``(quantities, n)``; rows, units and meanings in ``task.quantities``. 0 for a run that had ended before.
     """
     names: tuple[str, ...]
@@ -66,19 +62,15 @@ class StepResult:
         return not self.failed and all_finite(self.table)
 
     @cached_property
-    def quantities(self) -> dict[str, NDArray[np.float64]]:
+    def quantities(self) -> dict[str, Floats]:
         """The rows of ``table`` by name, each ``(n,)``."""
         return dict(zip(self.names, self.table, strict=True))
 
 
 def check_runs(n: int) -> None:
-    """Refuse an impossible number of runs.
-
-    Raises ``ShapeError`` when it is not a whole number, or less than one.
-    """
+    """Refuse an impossible number of runs. Raises ``ShapeError`` when it is not a whole number, or less than one."""
     if not isinstance(n, int | np.integer) or isinstance(n, bool) or n < 1:
-        msg = f"A simulation has a whole number of runs, at least one; got {n!r}."
-        raise ShapeError(msg)
+        refuse(f"A simulation has a whole number of runs, at least one; got {n!r}.", ShapeError)
 
 
 def run_parameters(task: TaskSpec, seed: int) -> Floats:
@@ -102,29 +94,12 @@ class Simulation:
 
     The runs' environments overwrite their arrays in every step. The arrays here are read-only copies, made on first access after a step.
 
-    Parameters
-    ----------
-    task
-        The task, or its id.
-    n
-        Number of runs, 1 or more.
-    kernel
-        What integrates a step: a ``Kernel``, or the name of a preset, by default ``"reference"``, for a kernel that all
-        simulations of this thread share.
-    fused
-        Whether a step may be one call of the compiled kernel, where that is the kernel and every part of the task is one that
-        glbench ships. It changes no bit; without it numpy steps around the kernel.
+    ``n`` is 1 or more. ``kernel`` integrates a step: a ``Kernel``, or the name of a preset, by default ``"reference"``, for a kernel that
+    all simulations of this thread share. ``fused``: whether a step may be one call of the compiled kernel, where that is the kernel and
+    every part of the task is one that glbench ships. It changes no bit; without it numpy steps around the kernel.
 
-    Attributes
-    ----------
-    seeds
-        Seeds of the runs ``(n,)``, read-only.
-    over
-        How many runs have ended.
-    p_nominal
-        Nominal parameters ``(parameters,)``.
-    scenarios
-        Draws the scenario of a run from its seed.
+    ``seeds`` are those of the runs ``(n,)``, read-only, ``over`` how many have ended, ``p_nominal`` the nominal parameters
+    ``(parameters,)``; ``scenarios`` draws the scenario of a run from its seed.
     """
 
     def __init__(self, task: TaskSpec | str, n: int, kernel: Stepper | str | None = None, *, fused: bool = True) -> None:
@@ -268,21 +243,14 @@ class Simulation:
         """Restart runs with ``seeds`` (one each), in all rows or in ``rows`` (numbers or a mask).
 
         Raises ``GlbenchError`` when there are not as many seeds as rows, a seed is not a whole number from 0 to 2**64 - 1, or some rows
-        only are reset before all were.
-
-        Returns
-        -------
-        ndarray
-            Observations of all rows, ``(n, columns)`` float32.
+        only are reset before all were. Returns the observations of all rows, ``(n, columns)`` float32.
         """
         places = self._rows(rows)
         numbers = [checked_seed(seed) for seed in seeds]
         if len(numbers) != len(places):
-            msg = f"reset got {len(numbers)} seeds for {len(places)} runs. Give one seed a run."
-            raise ShapeError(msg)
+            refuse(f"reset got {len(numbers)} seeds for {len(places)} runs. Give one seed a run.", ShapeError)
         if rows is not None and not self._ready:
-            msg = "Some runs cannot be reset before all were: call reset with one seed for each run first."
-            raise GlbenchError(msg)
+            refuse("Some runs cannot be reset before all were: call reset with one seed for each run first.", GlbenchError)
         all_seeds = self.seeds.copy()
         all_seeds[places] = np.array(numbers, dtype=np.uint64)
         self.seeds = read_only(all_seeds)
@@ -308,16 +276,8 @@ class Simulation:
     def step_single(self, action: ArrayLike) -> tuple[NDArray[np.float32], list[float], bool]:
         """Take one step with the only run, without the cost of arrays for many.
 
-        Parameters
-        ----------
-        action
-            ``(m,)``.
-
-        Returns
-        -------
-        observation, numbers, ended
-            ``(columns,)`` float32; the numbers of ``info_columns`` and, after them, the step's quantities; whether the run has ended.
-            ``result`` has the rest.
+        The action is ``(m,)``. Returns the observation ``(columns,)`` float32; the numbers of ``info_columns`` and, after them, the step's
+        quantities; whether the run has ended. ``result`` has the rest.
         """
         if not self._ready or self.over == self.n:
             self._check_running()
@@ -409,8 +369,7 @@ class Simulation:
             )
             raise TaskError(msg)
         if snapshot.n != self.n:
-            msg = f"The snapshot has {snapshot.n} rows, the simulation {self.n}. Choose rows with snapshot.take([...])."
-            raise ShapeError(msg)
+            refuse(f"The snapshot has {snapshot.n} rows, the simulation {self.n}. Choose rows with snapshot.take([...]).", ShapeError)
         self._continue(snapshot, None)
         return self.observe()
 
@@ -495,14 +454,12 @@ class Simulation:
 
     def _check_ready(self) -> None:
         if not self._ready:
-            msg = "Nothing was started yet: call reset first."
-            raise GlbenchError(msg)
+            refuse("Nothing was started yet: call reset first.", GlbenchError)
 
     def _check_running(self) -> None:
         self._check_ready()
         if self.over == self.n:
-            msg = "Every run has ended. Call reset to start new ones."
-            raise GlbenchError(msg)
+            refuse("Every run has ended. Call reset to start new ones.", GlbenchError)
 
 
 def _split(task: TaskSpec) -> str:

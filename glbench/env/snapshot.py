@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.errors import ResultError
+from glbench.errors import ResultError, refuse
 
 _FORMAT = 3
 _SINCE = {"memory": 2, "split": 3}
@@ -65,16 +65,12 @@ class Snapshot:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Snapshot:
-        """Read what ``to_bytes`` wrote.
-
-        Raises ``ResultError`` when the bytes are damaged or no snapshot.
-        """
+        """Read what ``to_bytes`` wrote. Raises ``ResultError`` when the bytes are damaged or no snapshot."""
         try:
             with np.load(io.BytesIO(data), allow_pickle=False) as file:
                 version = int(file["format"])
                 if not 1 <= version <= _FORMAT:
-                    msg = f"The snapshot has format {version}; this version of glbench reads formats 1 to {_FORMAT}."
-                    raise ResultError(msg)
+                    refuse(f"The snapshot has format {version}; this version of glbench reads formats 1 to {_FORMAT}.", ResultError)
                 names = [field.name for field in fields(cls) if version >= _SINCE.get(field.name, 1)]
                 values: dict[str, Any] = {name: file[name] for name in names}
                 values.setdefault("memory", np.zeros((len(values["states"]), 0)))

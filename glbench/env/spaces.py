@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from glbench.env.actuation import action_bounds
 from glbench.env.snapshot import Snapshot
-from glbench.errors import GlbenchError, ShapeError, did_you_mean
+from glbench.errors import GlbenchError, ShapeError, did_you_mean, refuse
 from glbench.tasks import Normalisation, TaskSpec, get_task
 from glbench.tasks.record import PREVIEW
 
@@ -44,8 +44,7 @@ def task_of_environment(task: TaskSpec | str, split: str | None = None, override
 
     A task with only a test split gives previews (``TaskSpec.in_split``) unless ``split`` is ``"test"``.
 
-    Raises ``TaskError`` when the task has no such split, when none is named and the task has only scored real years, or when the overrides
-    make no task.
+    Raises ``TaskError`` when there is no such split, none is named and all years are real and scored, or the overrides make no task.
     """
     spec = the_task(task)
     if overrides is not None:
@@ -82,61 +81,44 @@ def with_horizon(spec: EnvSpec | None, task: TaskSpec) -> EnvSpec | None:
 
 
 def check_names(options: Mapping[str, Any] | None, names: tuple[str, ...]) -> Mapping[str, Any]:
-    """``options``, none as an empty mapping.
-
-    Raises ``GlbenchError`` for an option that is not among ``names``.
-    """
+    """``options``, none as an empty mapping. Raises ``GlbenchError`` for an option that is not among ``names``."""
     options = options or {}
     for name in options:
         if name not in names:
-            msg = f"reset has no option called '{name}'.{did_you_mean(name, names)}"
-            raise GlbenchError(msg)
+            refuse(f"reset has no option called '{name}'.{did_you_mean(name, names)}", GlbenchError)
     return options
 
 
 def state_option(options: Mapping[str, Any], seed: object) -> Snapshot | None:
-    """The snapshot to continue from, if there is one.
-
-    Raises ``GlbenchError`` when it is no snapshot, or a seed or another option comes with it: the snapshot has its own.
-    """
+    """The snapshot to continue from, if any. Raises ``GlbenchError`` when it is none, or a seed or another option comes with it."""
     snapshot = options.get(STATE)
     if snapshot is None:
         return None
     if not isinstance(snapshot, Snapshot):
-        msg = f"The option 'state' is a {type(snapshot).__name__}; expected what snapshot() or Snapshot.from_bytes gave."
-        raise GlbenchError(msg)
+        refuse(f"The option 'state' is a {type(snapshot).__name__}; expected what snapshot() or Snapshot.from_bytes gave.", GlbenchError)
     if seed is not None or options.get(RESET_MASK) is not None:
-        msg = "A snapshot brings its own seeds and rows: call reset with the option 'state' and nothing else."
-        raise GlbenchError(msg)
+        refuse("A snapshot brings its own seeds and rows: call reset with the option 'state' and nothing else.", GlbenchError)
     return snapshot
 
 
 def mask_option(options: Mapping[str, Any], n: int) -> NDArray[np.bool_]:
-    """The rows to reset, ``(n,)``; all of them without the option.
-
-    Raises ``ShapeError`` when the mask has another shape or type, or chooses no row.
-    """
+    """The rows to reset, ``(n,)``; all without the option. Raises ``ShapeError`` when the mask has another shape or type, or no row."""
     mask = options.get(RESET_MASK)
     if mask is None:
         return np.ones(n, dtype=np.bool_)
     if not isinstance(mask, np.ndarray) or mask.shape != (n,) or mask.dtype != np.bool_ or not mask.any():
-        msg = f"The option 'reset_mask' must be an array of {n} booleans, at least one of them true; it is {mask!r}."
-        raise ShapeError(msg)
+        refuse(f"The option 'reset_mask' must be an array of {n} booleans, at least one of them true; it is {mask!r}.", ShapeError)
     return mask
 
 
 def checked_seed(seed: object) -> int:
-    """``seed`` as a plain ``int``.
-
-    Raises ``GlbenchError`` when it is not a whole number from 0 to 2**64 - 1.
-    """
+    """``seed`` as a plain ``int``. Raises ``GlbenchError`` when it is not a whole number from 0 to 2**64 - 1."""
     try:
         number = -1 if isinstance(seed, bool) else index(seed)  # type: ignore[arg-type]  # raises if it is no integer
     except TypeError:
         number = -1
     if not 0 <= number <= LARGEST_SEED:
-        msg = f"The seed {seed!r} is not a whole number from 0 to 2**64 - 1."
-        raise GlbenchError(msg)
+        refuse(f"The seed {seed!r} is not a whole number from 0 to 2**64 - 1.", GlbenchError)
     return number
 
 

@@ -13,6 +13,7 @@ import casadi
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.random import UNIFORMS_PER_NORMAL, approx_normal, key_of, uniforms
 from glbench.env.registries import PartRegistry
 from glbench.kernel.tape import EMPTY, Recorder, Tape
@@ -20,8 +21,6 @@ from glbench.model import Model
 from glbench.tasks.resolver import Scenario
 from glbench.tasks.spreads import ATTEMPTS, HEAT, Spread
 from glbench.tasks.vocabulary import DISTRIBUTIONS as DISTRIBUTION_WORDS
-
-Floats = NDArray[np.float64]
 
 Deviation = Callable[[Floats, float], Floats]
 """Relative deviations from uniform numbers in [0, 1) and the task's half width; element by element."""
@@ -35,8 +34,7 @@ UNIFORM = "uniform"
 def register_distribution(name: str, meaning: str, deviation: Deviation) -> None:
     """Make a distribution known under ``name``, here and in task files.
 
-    ``deviation`` maps each uniform number to the relative deviation of one parameter, such as an inverse distribution
-    function would.
+    ``deviation`` maps each uniform number to the relative deviation of one parameter, as an inverse distribution does.
 
     Raises ``TaskError`` when the name is taken.
     """
@@ -95,20 +93,9 @@ def spread_multipliers(spread: Spread, keys: NDArray[np.uint64]) -> Floats:
 class DerivedParameters:
     """Carries draws of uncertain parameters through to the derived ones, by the model's own formulas.
 
-    With the crop parameters that is the leaf mass at which leaves are pruned: cLeafMax = laiMax/sla. A derived parameter
-    that depends on none of the uncertain ones keeps its value.
-
-    Parameters
-    ----------
-    model, nominal
-        The model and its parameters.
-    uncertain
-        Places of the parameters that are drawn.
-
-    Attributes
-    ----------
-    followers
-        Places of the derived parameters that follow from them, even if they are among them.
+    With the crop parameters that is the leaf mass at which leaves are pruned: cLeafMax = laiMax/sla. A derived parameter that depends on
+    none of the uncertain ones keeps its value. ``uncertain`` are the places of the parameters that are drawn, ``nominal`` the parameters of
+    ``model``; ``followers`` are the places of the derived parameters that follow from them, even if they are among them.
     """
 
     def __init__(self, model: Model, nominal: Floats, uncertain: tuple[int, ...]) -> None:

@@ -18,7 +18,7 @@ from glbench.env.info import InfoWriter, add_failures, add_objects
 from glbench.env.kernels import SCORING_PRESET, check_kernel
 from glbench.env.rendering import PICTURES, Camera, checked_render_mode, panel
 from glbench.env.simulation import Simulation, check_runs
-from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean, whole_number
+from glbench.errors import GlbenchError, ShapeError, UnknownNameError, did_you_mean, refuse, whole_number
 from glbench.kernel import make_kernel
 from glbench.tasks import Normalisation
 
@@ -43,8 +43,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
     Spaces, reward, episodes and the numbers in ``info`` are those of ``GreenhouseEnv``; each entry of ``info`` is an array
     with one value a row and comes with a mask ``_name`` of the rows it holds for.
 
-    ``reset(seed=s)`` gives row i the seed s + i; a list gives each row its own (``None``: drawn). The option ``reset_mask``
-    resets some rows only.
+    ``reset(seed=s)`` gives row i the seed s + i; a list gives each row its own (``None``: drawn). ``reset_mask`` resets some rows only.
 
     Parameters
     ----------
@@ -96,8 +95,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         if not isinstance(autoreset_mode, AutoresetMode):
             modes = {mode.value: mode for mode in AutoresetMode}
             if autoreset_mode not in modes:
-                msg = f"There is no autoreset mode {autoreset_mode!r}.{did_you_mean(str(autoreset_mode), modes)}"
-                raise UnknownNameError(msg)
+                refuse(f"There is no autoreset mode {autoreset_mode!r}.{did_you_mean(str(autoreset_mode), modes)}", UnknownNameError)
             autoreset_mode = modes[autoreset_mode]
         self.autoreset_mode = autoreset_mode
         self.metadata = {**GreenhouseEnv.metadata, "autoreset_mode": self.autoreset_mode}
@@ -151,8 +149,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         seeds: list[int | None] = [None] * self.num_envs
         if isinstance(seed, Sequence | np.ndarray):
             if len(seed) != self.num_envs:
-                msg = f"reset got {len(seed)} seeds for {self.num_envs} environments. Give one seed an environment."
-                raise ShapeError(msg)
+                refuse(f"reset got {len(seed)} seeds for {self.num_envs} environments. Give one seed an environment.", ShapeError)
             seeds = [None if one is None else spaces.checked_seed(one) for one in seed]
         elif seed is not None:
             first = spaces.checked_seed(seed)
@@ -165,20 +162,15 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         """Take one step in every row.
 
         Raises ``ActionError`` for actions of the wrong shape, not finite, or out of bounds (in rows that are not being reset). Raises
-        ``GlbenchError`` when no episode was started, or in mode ``DISABLED`` a row has ended and was not reset.
-
-        Returns
-        -------
-        observations, rewards, terminations, truncations, infos
-            One entry a row.
+        ``GlbenchError`` when no episode was started, or in mode ``DISABLED`` a row has ended and was not reset. Returns observations,
+        rewards, terminations, truncations and infos, with one entry a row.
         """
         any_over = self.simulation.over > 0
         over = self.simulation.ended
         if any_over:
             if self.autoreset_mode is not AutoresetMode.NEXT_STEP:
                 rows = np.flatnonzero(over).tolist()
-                msg = f"The episodes of rows {rows} have ended. Reset them with the option 'reset_mask'."
-                raise GlbenchError(msg)
+                refuse(f"The episodes of rows {rows} have ended. Reset them with the option 'reset_mask'.", GlbenchError)
             if over.all():  # every row starts a new episode
                 observations = self._start(np.arange(self.num_envs))
                 self._result = None
@@ -227,10 +219,7 @@ class GreenhouseVectorEnv(VectorEnv[Observations, Actions, NDArray[Any]]):
         return replace(self.simulation.snapshot(), generators=generators)
 
     def restore(self, snapshot: Snapshot) -> tuple[Observations, dict[str, Any]]:
-        """Continue from ``snapshot``; observations and infos as after a reset.
-
-        Raises ``GlbenchError`` when it belongs to another task or has another number of rows.
-        """
+        """Continue from ``snapshot``; observations and infos as after a reset. Raises ``GlbenchError`` for another task or row count."""
         observations = self.simulation.restore(snapshot)
         if len(snapshot.generators):
             self._generators = [spaces.unpack_generator(words) for words in snapshot.generators]

@@ -11,28 +11,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from threading import Lock
-from typing import TYPE_CHECKING
 from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env.air import read_air
 from glbench.env.forecast import HOUR, ForecastTable
 from glbench.env.generated import SeasonMaker
 from glbench.env.random import ar1_paths
 from glbench.env.uncertainty import season_key
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.model import vapour_density
+from glbench.tasks import TaskSpec
 from glbench.tasks.prices import SeasonOfPrices, day_ahead, local_times, price_rows
 from glbench.tasks.schedule import schedule_rows
 from glbench.tasks.vocabulary import DAY_AHEAD, PRICES, WEATHER_WINDOW
 from glbench.weather import COLUMNS
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
 
 CLOCK = ("hour_of_day", "day_of_year")
 """Columns of a calendar before those of its price tables and of its schedule."""
@@ -89,18 +85,14 @@ class SeasonPrices:
 
     @staticmethod
     def of(task: TaskSpec) -> SeasonPrices:
-        """The prices of a task, which may be none.
-
-        Raises ``TaskError`` when prices go by the hour and a control step does not divide an hour.
-        """
+        """The prices of a task, which may be none. Raises ``TaskError`` when prices go by the hour, which its step does not divide."""
         tables, ahead = task.price_tables, task.day_ahead
         modules = task.observation.modules
         markets = [name for name, table in tables.items() if table.market is not None]
         step = task.weather.step_seconds
         by_hour = [*(f"price_tables.{name}" for name in markets), *(["observation.day_ahead"] if ahead is not None else [])]
         if by_hour and HOUR % step:
-            msg = f"{task.source}: [{by_hour[0]}] is hourly; step_seconds = {step} does not divide an hour. Use 900."
-            raise TaskError(msg)
+            refuse(f"{task.source}: [{by_hour[0]}] is hourly; step_seconds = {step} does not divide an hour. Use 900.", TaskError)
         coming = 0 if ahead is None or DAY_AHEAD not in modules else len(ahead.prices) * len(ahead.hours)
         return SeasonPrices(task, max(HOUR // step, 1), (len(tables) if PRICES in modules else 0, coming), bool(markets))
 
@@ -112,14 +104,8 @@ class SeasonPrices:
     def rows(self, number: int, times: NDArray[np.datetime64], hour_of_day: Floats, measured: NDArray[np.floating]) -> Floats:
         """Prices at each row of the calendar of the season ``number``, ``(rows, price tables)``.
 
-        Parameters
-        ----------
-        number
-            Of the season.
-        times, hour_of_day
-            Start [UTC] and hour of day of each row, ``(rows,)``.
-        measured
-            The season's weather as measured (``WeatherTables.measured``), ``(rows, 5)``.
+        ``times`` and ``hour_of_day`` are start [UTC] and hour of day of each row, ``(rows,)``, ``measured`` the season's weather as
+        measured (``WeatherTables.measured``), ``(rows, 5)``.
         """
         tables, season = self.task.price_tables, None
         if self.by_season:

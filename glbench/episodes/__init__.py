@@ -3,8 +3,6 @@
 ``read(path)`` gives a DataFrame; ``docs/episodes.md`` explains the files.
 """
 
-from __future__ import annotations
-
 from glbench.episodes.action_log import ActionLog, is_action_log, log_bytes, read_log
 from glbench.episodes.episode import Episode, EpisodeWriter, by_week, episode_bytes, read, read_episode, recover, write_episode
 from glbench.episodes.header import AgentFacts, Provenance, RunFacts, TaskFacts, provenance_of

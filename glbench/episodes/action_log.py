@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
@@ -27,10 +27,8 @@ from glbench.episodes.episode import PROVENANCE, TASK
 from glbench.episodes.header import Facts, Provenance, RunFacts, as_words, canonical, task_of
 from glbench.episodes.mcap_file import FRAME, McapWriter, Scan, scan
 from glbench.errors import EpisodeError, refuse
+from glbench.tasks import TaskSpec
 from glbench.untrusted import refuse_crowd, visible
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 LOG_FORMAT = "1"
 _RUNS = "runs.json"
@@ -132,10 +130,7 @@ def log_bytes(log: ActionLog) -> bytes:
 
 
 def is_action_log(path: Path | str) -> bool:
-    """Whether ``path`` holds the actions of an evaluation, rather than one episode.
-
-    Raises ``EpisodeError`` when there is no such file, or it is no MCAP file.
-    """
+    """Whether ``path`` holds the actions of an evaluation, not one episode. Raises ``EpisodeError`` when it is missing, or no MCAP file."""
     return _TITLE in scan(Path(path)).metadata
 
 

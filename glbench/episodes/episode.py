@@ -18,10 +18,11 @@ from mcap.records import Channel
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
+from glbench.arrays import Floats
 from glbench.env.weather_pool import CLOCK
-from glbench.episodes.header import Provenance, RunFacts, as_words, canonical
+from glbench.episodes.header import Provenance, RunFacts, as_words, canonical, task_of
 from glbench.episodes.mcap_file import PACKAGE, Layout, McapWriter, Part, Scan, layout_from, scan
-from glbench.episodes.signals import ACTION, MESSAGES, TOPICS, Column, Floats, Group, Line, Moment, Signals, Source, signals_of
+from glbench.episodes.signals import ACTION, MESSAGES, TOPICS, Column, Group, Line, Moment, Signals, Source, signals_of
 from glbench.errors import EpisodeError, did_you_mean, refuse
 from glbench.resources import write_atomically
 from glbench.settings import first_problems
@@ -121,8 +122,6 @@ class Episode:
 
     def task(self) -> TaskSpec:
         """The task, from the definition in the record."""
-        from glbench.episodes.header import task_of
-
         return task_of(self.definition)
 
     def to_frame(self, by: Literal["step", "time"] = "step") -> pd.DataFrame:
@@ -432,10 +431,7 @@ class Recorded(Protocol):
 
 
 def sums_by(run: Recorded, signals: Signals, places: Places, count: int) -> Floats:
-    """Sums of the accounts of ``signals`` over the steps of each place, ``(count, lines)``.
-
-    ``places`` ``(steps,)`` says to which of ``count`` groups each step belongs.
-    """
+    """Sums of the accounts of ``signals`` over the steps of each of ``count`` ``places`` ``(steps,)``: ``(count, lines)``."""
     return np.stack([np.bincount(places, line_values(run, signals, one), count) for one in signals.accounts], axis=1)
 
 

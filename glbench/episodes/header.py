@@ -8,19 +8,17 @@ from __future__ import annotations
 import json
 import platform
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import pydantic
 
 from glbench import __version__
+from glbench.agents import LoadedAgent
 from glbench.canonical import canonical_json
 from glbench.errors import EpisodeError, TaskError, refuse
 from glbench.fields import MOST_ENTRIES, Count, Text, Word, only_if_sealed
+from glbench.tasks import TaskSpec
 from glbench.untrusted import is_agent_name, parse_json, steers, visible
-
-if TYPE_CHECKING:
-    from glbench.agents import LoadedAgent
-    from glbench.tasks import TaskSpec
 
 Status = Literal["ok", "crashed", "timed_out", "invalid_action", "simulation_failed"]
 Acts = Literal["actions", "controls"]
@@ -104,10 +102,7 @@ class Provenance(Facts):
 
 
 def provenance_of(task: TaskSpec, agent: LoadedAgent, kernel: dict[str, str | float]) -> Provenance:
-    """Provenance of an evaluation of ``agent`` on ``task`` with a kernel of that description.
-
-    Raises ``TaskError`` when the task's title cannot be shown on one line.
-    """
+    """Provenance of an evaluation with a kernel of that description. Raises ``TaskError`` when the task's title is not one line."""
     if any(steers(letter) for letter in task.title):
         refuse(f"The title of the task {task.id} is {task.title!r}: it must stand on one line, without control characters.", TaskError)
     prints = task.fingerprint()
@@ -175,12 +170,7 @@ def definition_json(task: TaskSpec) -> bytes:
 
 
 def task_of(definition: bytes) -> TaskSpec:
-    """The task that a record's attached definition defines. Whether it is the right one, its digest tells.
-
-    Raises ``EpisodeError`` when the attachment defines no task.
-    """
-    from glbench.tasks import TaskSpec
-
+    """The task that a record's attached definition defines, right or not. Raises ``EpisodeError`` when it defines none."""
     try:
         return TaskSpec.of_attachment(parse_json(definition))
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError, pydantic.ValidationError) as error:

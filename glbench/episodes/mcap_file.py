@@ -362,10 +362,7 @@ class Scan:
 
 
 def scan(path: Path) -> Scan:
-    """Read ``path`` from the front to its end, or to where it is cut or damaged.
-
-    Raises ``EpisodeError`` when there is no such file, it cannot be read, or it is no MCAP file at all.
-    """
+    """Read ``path`` to its end, or to where it is cut or damaged. Raises ``EpisodeError`` when it is missing, unreadable, no MCAP file."""
     try:
         data = read_regular(path, LARGEST_FILE)
     except FileNotFoundError as error:

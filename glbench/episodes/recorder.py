@@ -4,24 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.env import Simulation, StepResult, run_weather
+from glbench.env.kernels import Stepper
 from glbench.episodes.action_log import ActionLog, exactly
 from glbench.episodes.episode import Episode
 from glbench.episodes.header import Provenance, RunFacts, definition_json
 from glbench.episodes.signals import ACTION, Source, signals_of
 from glbench.errors import EpisodeError, did_you_mean, refuse
+from glbench.tasks import TaskSpec
 
-if TYPE_CHECKING:
-    from glbench.env.kernels import Stepper
-    from glbench.tasks import TaskSpec
-
-
-Floats = NDArray[np.float64]
 LARGEST_TRACE = 512 * 2**20  # Bytes of memory above which no trace is kept: the episodes are then made by replaying
 
 
@@ -104,7 +101,7 @@ class Recorder:
         if self._traces:
             self.trace = Trace(simulation)
 
-    def add(self, actions: NDArray[np.float64], simulation: Simulation, outcome: StepResult) -> None:
+    def add(self, actions: Floats, simulation: Simulation, outcome: StepResult) -> None:
         """Keep the step that was just taken with ``actions`` ``(n, m)``."""
         self.actions[self._steps], self.rewards[self._steps] = actions, outcome.rewards
         self._steps += 1
@@ -115,7 +112,7 @@ class Recorder:
         """What a checkpoint has to hold besides the actions, which it holds anyway."""
         return {"step_rewards": self.rewards[: self._steps]}
 
-    def restore(self, arrays: Mapping[str, NDArray[Any]], actions: NDArray[np.float64]) -> None:
+    def restore(self, arrays: Mapping[str, NDArray[Any]], actions: Floats) -> None:
         """Go on after an interruption, with what the checkpoint holds."""
         self._steps = len(actions)
         self.actions[: self._steps], self.rewards[: self._steps] = actions, arrays["step_rewards"]
@@ -130,10 +127,7 @@ class Recorder:
 
 
 def check_round(task: TaskSpec, provenance: Provenance) -> None:
-    """Refuse to simulate runs of a sealed round with other draws than its own.
-
-    Raises ``EpisodeError`` when the task is not given the secret of the record's round.
-    """
+    """Raises ``EpisodeError`` when a record is of a sealed round and the task is not given that round's secret."""
     recorded, available = provenance.task.salt_commitment, task.salt_commitment
     if recorded == available:
         return
@@ -180,10 +174,7 @@ class Replay:
 
 
 def replayed_episodes(task: TaskSpec, log: ActionLog, rows: Sequence[int], kernel: Stepper | None = None) -> Iterator[Episode]:
-    """Full episodes of the runs ``rows`` of ``log``, by simulating them again.
-
-    Raises ``ActionError`` when a recorded action is none of the task's.
-    """
+    """Full episodes of the runs ``rows`` of ``log``, simulated again. Raises ``ActionError`` when an action is none of the task's."""
     replay = Replay(task, log, rows, kernel)
     trace = Trace(replay.simulation)
     for outcome in replay.steps():
@@ -217,8 +208,7 @@ def parse_selection(text: str) -> tuple[str, ...]:
 def chosen_rows(words: Sequence[str], seeds: Sequence[int], values: Sequence[float]) -> tuple[int, ...]:
     """Places of the chosen runs, in the order of the runs, by their ``values`` (higher is better; of equals the smaller seed).
 
-    Of an even number of runs the median is the lower of the two in the middle. Raises ``EpisodeError`` for a seed that is none of the
-    runs'.
+    Of an even number of runs the median is the lower middle one. Raises ``EpisodeError`` for a seed that is none of the runs'.
     """
     ranked = sorted(range(len(seeds)), key=lambda row: (values[row], -seeds[row]))
     named = {"best": ranked[-1], "worst": ranked[0], "median": ranked[(len(ranked) - 1) // 2]}

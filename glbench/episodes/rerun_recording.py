@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.episodes.episode import ACTING, Episode, weeks_of
-from glbench.episodes.signals import Curve, Floats, Page, Signals, signals_of
+from glbench.episodes.signals import Curve, Page, Signals, signals_of
 from glbench.errors import GlbenchError, refuse
 from glbench.quantities import pretty_unit, raised_unit
 from glbench.resources import write_atomically
@@ -161,10 +162,7 @@ def trajectory_of(episode: Episode) -> Trajectory:
 
 
 def shown_of(episodes: Sequence[Episode]) -> RunSet:
-    """Recorded episodes of one task, to be shown together.
-
-    Raises ``GlbenchError`` when they are not of one and the same task, and as ``show_together`` does.
-    """
+    """Recorded episodes, to be shown together. Raises ``GlbenchError`` when they are not of the same task, and as ``show_together``."""
     if not episodes:
         raise GlbenchError(_NOTHING)
     facts = [episode.provenance.task for episode in episodes]
@@ -338,9 +336,8 @@ def load_rerun() -> Any:
 def save_recording(runs: RunSet, path: Path, properties: Mapping[str, str] | None = None, *, plain: bool = False) -> None:
     """Write ``runs`` with their blueprint to ``path`` (.rrd), whole or not at all.
 
-    ``properties`` are the provenance in words, kept in the recording: digests, versions. A ``plain`` one has no menu of the viewer, for
-    pictures. Raises ``GlbenchError`` without the viewer's package, when the chosen days are none of the episode's, or when the file cannot
-    be written.
+    ``properties`` are the provenance in words, kept in the recording. A ``plain`` one has no menu of the viewer, for pictures. Raises
+    ``GlbenchError`` without the viewer's package, when the chosen days are none of the episode's, or when the file cannot be written.
     """
     rerun = load_rerun()
     runs.closeup()  # an impossible choice of days raises before anything is made

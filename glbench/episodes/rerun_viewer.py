@@ -24,10 +24,11 @@ from urllib.parse import quote
 
 import numpy as np
 
+from glbench.arrays import Floats
 from glbench.children import Child
 from glbench.env import Simulation, StepResult, run_weather
 from glbench.episodes import rerun_recording
-from glbench.episodes.signals import Floats, Source, signals_of
+from glbench.episodes.signals import Source, signals_of
 from glbench.errors import GlbenchError, refuse
 from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec
@@ -86,10 +87,7 @@ def has_screen() -> bool:
 
 
 def open_window(recording: Path) -> None:
-    """Open the viewer with ``recording`` and wait until it is closed.
-
-    Raises ``GlbenchError`` without the package, without a screen, or when the viewer fails.
-    """
+    """Open the viewer and wait until it is closed. Raises ``GlbenchError`` without the package or a screen, or when the viewer fails."""
     program = viewer_program()
     require_screen()
     with Viewer(program, [str(recording), *_listening(free_port())]) as viewer:
@@ -228,8 +226,7 @@ class Viewer:
 class LiveView:
     """Streams the run in ``row`` of an evaluation to the viewer at ``address`` (see ``rerun_viewer``), several times a second.
 
-    Closing the viewer does not disturb the evaluation. After an interruption it shows the steps from there on, and its sums count from
-    there.
+    Closing the viewer does not disturb the evaluation. After an interruption it shows the steps, and counts its sums, from there on.
     """
 
     def __init__(self, task: TaskSpec, controller: str, seed: int, address: str, row: int = 0) -> None:

@@ -10,24 +10,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench import quantities
+from glbench.arrays import Floats
 from glbench.env.daily_sums import daily_sums
 from glbench.env.weather_pool import CLOCK
 from glbench.errors import TaskError
-from glbench.model import humidity_deficit, vapour_pressure_deficit
+from glbench.model import Model, humidity_deficit, vapour_pressure_deficit
+from glbench.model import Signal as ModelSignal
+from glbench.tasks import Action, TaskSpec
 from glbench.tasks.ledger import FLOW, LedgerItem
 
-if TYPE_CHECKING:
-    from glbench.model import Model
-    from glbench.model import Signal as ModelSignal
-    from glbench.tasks import Action, TaskSpec
-
-Floats = NDArray[np.float64]
 Columns = Mapping[str, Floats]  # Columns of an episode by name, each ``(steps,)``
 Moment = Literal["start", "end"]
 Source = Literal["control", "disturbance", "air", "state", "clock", "derived", "quantity"]
@@ -287,7 +284,7 @@ class Signals:
         """All groups, in the order of the record: what acts during a step, then its result.
 
         ``agent_columns`` are the controls that the agent drives, or its set points; ``controls`` is true for privileged ones, which set
-        the controls themselves.
+        them.
         """
         what = "control asked for" if controls else "action"
         words = {signal.name: ("-", f"{what}: {signal.meaning}") for signal in self.vector("control")}

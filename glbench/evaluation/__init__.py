@@ -3,8 +3,6 @@
 ``evaluate(task, agent)`` is the whole of it; docs/results.md explains what comes out.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from glbench.extras import lazy_names

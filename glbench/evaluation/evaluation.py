@@ -7,10 +7,11 @@ import logging
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 from glbench import __version__
 from glbench.agents import Identity, LoadedAgent
+from glbench.agents.card import Split
 from glbench.canonical import canonical_sha256
 from glbench.env import Simulation
 from glbench.env.kernels import shared_kernel
@@ -30,9 +31,6 @@ from glbench.evaluation.saving import Computed, agent_folder, make_episodes, res
 from glbench.kernel import make_kernel
 from glbench.tasks import TaskSpec, get_task, task_card
 from glbench.untrusted import real_path
-
-if TYPE_CHECKING:
-    from glbench.agents.card import Split
 
 logger = logging.getLogger(__name__)
 
@@ -340,10 +338,7 @@ class Evaluation:
         return Computed(result, log, recorder.trace, self.prints.text())
 
     def save(self, computed: Computed) -> records.Result:
-        """Save what was computed, if there is a folder for it, and remove the checkpoint.
-
-        Raises ``GlbenchError`` when it cannot be written.
-        """
+        """Save what was computed, if there is a folder, and remove the checkpoint. Raises ``GlbenchError`` when it cannot be written."""
         if self.out is None:
             return computed.result
         result = save(computed, self.out, self.task, self.episodes, checkpointed=self.interrupted)
@@ -351,10 +346,7 @@ class Evaluation:
         return result
 
     def result_lock(self) -> AbstractContextManager[None]:
-        """Hold the lock of this result, if it is to be saved.
-
-        Raises ``GlbenchError`` when another process holds it, or the folder cannot be written.
-        """
+        """Lock this result, if it is to be saved. Raises ``GlbenchError`` when another process does, or no folder can be written."""
         return nullcontext() if self.out is None else result_lock(self.out, self.task.id, self.agent.name)
 
     def complete_episodes(self, result: records.Result) -> None:

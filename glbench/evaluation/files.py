@@ -37,10 +37,7 @@ def result_path(out: Path, task_id: str, agent_name: str) -> Path:
 
 
 def save_result(result: Result, out: Path) -> Path:
-    """Write ``result`` atomically to its place below ``out`` and return the path.
-
-    Raises ``GlbenchError`` when the folder cannot be written.
-    """
+    """Write ``result`` atomically to its place below ``out``; its path. Raises ``GlbenchError`` when the folder cannot be written."""
     path = result_path(out, result.task.id, result.agent.name)
     write_atomically(path, result.to_json())
     return path
@@ -69,10 +66,7 @@ def load_result(path: Path | str) -> Result:
 
 
 def ensure_writable(folder: Path) -> None:
-    """Make ``folder`` and write a file of no length there: found out before the long run, not after it.
-
-    Raises ``GlbenchError`` when the folder cannot be made or written to.
-    """
+    """Make ``folder`` and try to write there: found out before the long run, not after it. Raises ``GlbenchError`` when that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=".can-write-", suffix=".partial", dir=folder)

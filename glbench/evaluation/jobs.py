@@ -411,10 +411,7 @@ class RayEngine:
         self._address, self._cores = address, cores
 
     def run(self, jobs: Sequence[Job], report: Report) -> Iterator[Outcome]:
-        """Do the jobs; outcomes come in the order in which jobs end.
-
-        Raises ``GlbenchError`` when the cluster cannot be reached or started.
-        """
+        """Do the jobs; outcomes come in the order in which jobs end. Raises ``GlbenchError`` when no cluster can be reached or started."""
         payload = Payload.of({job.task.digest: job.task for job in jobs}.values())
         cores = None if self._address is not None else self._cores
         with RayExecutor(self._address, cores, payload.unpack) as executor:

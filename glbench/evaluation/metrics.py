@@ -8,17 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench.env.accounts import QUANTITIES
 from glbench.quantities import OUTSIDE, RUN, STEP, VIOLATION
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.ledger import StepQuantity
+from glbench.tasks import TaskSpec
+from glbench.tasks.ledger import StepQuantity
 
 ANY_LIMIT = "hours_outside_limits"
 HOURS = RUN[ANY_LIMIT].unit
@@ -87,10 +84,7 @@ def units_of(task: TaskSpec) -> dict[str, str]:
 
 
 class StepMetrics:
-    """Reads the values of all ``metrics`` of a task from its quantities, step by step.
-
-    ``names`` are those of the metrics, in the order of the values.
-    """
+    """Reads the values of all ``metrics`` of a task from its quantities, step by step, in the order of ``names``."""
 
     def __init__(self, task: TaskSpec) -> None:
         metrics = metrics_of(task)

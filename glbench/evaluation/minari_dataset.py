@@ -209,19 +209,10 @@ def write_dataset(
     would be used; see ``check_learnable``, and ``SubmissionError`` when an agent does not act, fails, or is named twice, and
     ``EpisodeError`` when Minari does not accept the name, the dataset exists, or it cannot be written.
 
-    Parameters
-    ----------
-    dataset_id
-        Minari's name of the dataset, such as ``glbench/spring/mixed-v0``. It goes to Minari's folder: ``MINARI_DATASETS_PATH``, or
-        ``~/.minari/datasets``.
-    task, agents, runs
-        Season i of agent j, both counted from 0, has the seed ``first_seed + j runs + i``.
-    noise, progress
-        As for ``trajectories``.
-    first_seed
-        Seed of the first run, 10,000,000,000 or more.
-    about
-        Further entries of the metadata, such as ``author`` and ``code_permalink``.
+    ``dataset_id`` is Minari's name of it, such as ``glbench/spring/mixed-v0``; it goes to Minari's folder: ``MINARI_DATASETS_PATH``, or
+    ``~/.minari/datasets``. Season i of agent j, both counted from 0, has the seed ``first_seed + j runs + i``; ``first_seed`` is
+    10,000,000,000 or more. ``noise`` and ``progress`` are as for ``trajectories``, ``about`` further entries of the metadata, such as
+    ``author`` and ``code_permalink``.
     """
     check_learnable(task, first_seed, runs * len(agents))
     names = [agent.agent.name for agent in agents]

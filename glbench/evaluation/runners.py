@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from glbench.agents import Agent, LoadedAgent, PerRunAgent, PrivilegedController, ScenarioController
 from glbench.agents.protocol import ROUNDING, read_actions, value_problems
+from glbench.arrays import Floats
 from glbench.env import Simulation, StepResult
 from glbench.errors import SubmissionError, refuse
 from glbench.evaluation.limits import Failure, TimeLimits, guarded
@@ -28,8 +29,7 @@ from glbench.model import get_model
 from glbench.tasks import Action, TaskCard, TaskSpec
 from glbench.tasks.quantities import PAPER_MODEL
 
-Inputs = NDArray[np.float32] | NDArray[np.float64]
-Array = NDArray[np.float64]
+Inputs = NDArray[np.float32] | Floats
 Mask = NDArray[np.bool_]
 
 
@@ -41,9 +41,9 @@ class Decision:
     time that each run's decision took (of a batched agent: an equal share).
     """
 
-    actions: Array
+    actions: Floats
     failures: tuple[Failure, ...]
-    seconds: Array
+    seconds: Floats
 
 
 class AgentRunner(ABC):
@@ -86,7 +86,7 @@ class AgentRunner(ABC):
     def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
         """What the agent says, whatever the values."""
 
-    def apply(self, simulation: Simulation, actions: Array) -> StepResult:
+    def apply(self, simulation: Simulation, actions: Floats) -> StepResult:
         """Take a step with what was decided: with actions, through the actuation."""
         return simulation.step(actions)
 
@@ -95,10 +95,7 @@ class AgentRunner(ABC):
 
 
 def make_runner(agent: LoadedAgent, task: TaskSpec, card: TaskCard, seeds: Sequence[int], limits: TimeLimits) -> AgentRunner:
-    """A fresh agent for the runs of ``task`` with ``seeds``, in this process, in the harness that fits it.
-
-    Raises ``SubmissionError`` when the agent cannot be made.
-    """
+    """A fresh agent for runs of ``task`` with ``seeds``, in this process. Raises ``SubmissionError`` when it cannot be made."""
     first, n = _make_agent(agent, card, limits), len(seeds)
     if isinstance(first, PerRunAgent):
         others = [_make_agent(agent, card, limits) for _ in range(n - 1)]
@@ -137,11 +134,7 @@ class BatchRunner(AgentRunner):
         """Errors of ``reset`` that end the evaluation instead of its runs."""
 
     def start(self) -> tuple[Failure, ...]:
-        """Reset the agent.
-
-        Raises ``SubmissionError`` when it is a controller of glbench that does not fit the task: such an evaluation is refused, and no run
-        fails.
-        """
+        """Reset the agent. Raises ``SubmissionError``, and no run fails, when it is a controller of glbench that does not fit the task."""
         answer = guarded(self._reset, self.limits.start, "reset", through=self.through)
         return (answer.failure,) if answer.failure else ()
 
@@ -153,7 +146,7 @@ class BatchRunner(AgentRunner):
         # A copy: an agent that works in its observations must not change what is recorded or what the simulation holds.
         own = inputs.copy()
         answer = guarded(lambda: read_actions(self._returned(step, own), self.card, self.n), self.limits.step * deciding, self._call)
-        seconds: Array = np.where(alive, answer.seconds / deciding, 0.0)
+        seconds: Floats = np.where(alive, answer.seconds / deciding, 0.0)
         if answer.value is None:
             return Decision(np.zeros(self.shape), (answer.failure,) if answer.failure else (), seconds)
         actions, problems = answer.value
@@ -192,7 +185,7 @@ class PrivilegedRunner(BatchRunner):
         clock = simulation.hour_of_day[:, None], simulation.day_of_year[:, None]
         return np.concatenate([states, simulation.d, *clock], axis=1)
 
-    def apply(self, simulation: Simulation, actions: Array) -> StepResult:
+    def apply(self, simulation: Simulation, actions: Floats) -> StepResult:
         """Take a step with controls, past the actuation."""
         return simulation.step_controls(actions)
 
@@ -241,7 +234,7 @@ class PerRunRunner(AgentRunner):
         return tuple(failures)
 
     def _decided(self, step: int, inputs: Inputs, alive: Mask) -> Decision:
-        rows: list[Array] = [np.zeros(self.shape[1])] * self.n
+        rows: list[Floats] = [np.zeros(self.shape[1])] * self.n
         seconds, failures = np.zeros(self.n), []
         for row in np.flatnonzero(alive).tolist():
             agent, own = self._agents[row], inputs[row : row + 1].astype(np.float32)

@@ -12,12 +12,12 @@ import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import filelock
 import numpy as np
 
 from glbench.agents.identity import CARD_FILE
+from glbench.agents.plans import Recording
 from glbench.episodes import (
     ActionLog,
     Episode,
@@ -40,9 +40,6 @@ from glbench.evaluation.records import RecordReference, Result, RunResult
 from glbench.registration import task_ids
 from glbench.resources import write_atomically
 from glbench.tasks import Round, TaskSpec, get_task, task_card
-
-if TYPE_CHECKING:
-    from glbench.agents.plans import Recording
 
 
 @dataclass(frozen=True)
@@ -212,8 +209,8 @@ def task_of_result(result: Result, path: Path, sealed: Round | None = None) -> T
     """The task of ``result``: the published one, or a user's own as the record holds it.
 
     With the secret of a ``sealed`` round it has the draws of that round; without one, the public draws, with which the runs of a sealed
-    round cannot be simulated again. Raises ``EpisodeError`` when the result is of another version of the task, or its recorded actions
-    cannot be used.
+    round cannot be simulated again. Raises ``EpisodeError`` when the result is of another version of the task, or its actions cannot be
+    used.
     """
     task = (get_task(result.task.id) if result.task.id in task_ids() else recorded_actions(result, path).task()).scored_in(
         result.task.split
@@ -228,10 +225,7 @@ def task_of_result(result: Result, path: Path, sealed: Round | None = None) -> T
 
 
 def recorded_actions(result: Result, path: Path) -> ActionLog:
-    """The recorded actions that belong to ``result``, which is at ``path``.
-
-    Raises ``EpisodeError`` when they are missing, damaged, or of another result.
-    """
+    """The recorded actions of ``result``, at ``path``. Raises ``EpisodeError`` when they are missing, damaged, or of another one."""
     if result.record is None:
         refuse(f"{path} has no recorded actions: it was made by an earlier glbench. Evaluate again with --fresh.", EpisodeError)
     log = read_log(path.with_name(result.record.file))
@@ -255,11 +249,9 @@ ACTIONS_FILE = "actions.npz"
 def write_recording(result: Path, seed: int, folder: Path) -> Recording:
     """Write the actions of the run with ``seed`` of the stored ``result`` as an agent into the new folder ``folder``.
 
-    Raises ``EpisodeError`` when there is no such run, it failed, its record is missing or damaged, the agent set controls directly, or the
-    folder is not empty.
+    Raises ``EpisodeError`` when there is no such run, it failed, its record is missing or damaged, it sets controls directly, or the folder
+    is not empty.
     """
-    from glbench.agents.plans import Recording
-
     loaded = load_result(result)
     log = recorded_actions(loaded, result)
     agent, card = log.provenance.agent, task_card(task_of_result(loaded, result))

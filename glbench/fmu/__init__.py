@@ -3,8 +3,6 @@
 ``export_fmu`` writes the file with PythonFMU; ``slave`` is what runs in it. See docs/fmu.md.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from glbench.extras import lazy_names

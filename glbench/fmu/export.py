@@ -8,7 +8,6 @@ import sys
 import tempfile
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from glbench import __version__
 from glbench.errors import TaskError, refuse
@@ -16,9 +15,7 @@ from glbench.extras import require
 from glbench.fmu.scenario import FmuSetup, splits_of, task_in_season
 from glbench.registration import task_ids
 from glbench.resources import write_atomically
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec
 
 _PROGRAM = '''"""The greenhouse of {task} as an FMU, written by glbench export fmu."""
 

@@ -5,13 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
 
 from glbench.errors import TaskError, did_you_mean, refuse
-from glbench.tasks import get_task
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec, get_task
 
 LARGEST_SEED = 2**53  # FMI 2.0 has no integers of 64 bits: a seed is a real number, exact up to here
 
@@ -36,12 +32,7 @@ class FmuSetup:
         return hashlib.sha256(json.dumps(asdict(self)).encode("utf-8")).hexdigest()
 
     def find_task(self) -> TaskSpec:
-        """The task.
-
-        Raises ``TaskError`` when the task of this name is another one here than where the FMU was exported. Errors as for ``get_task``.
-        """
-        from glbench.tasks import TaskSpec
-
+        """The task. Raises ``TaskError`` when it is another one here than where the FMU was exported, and as ``get_task``."""
         task = TaskSpec.of_attachment(json.loads(self.definition)) if self.definition else get_task(self.task)
         if task.digest != self.digest:
             msg = (
@@ -53,10 +44,7 @@ class FmuSetup:
 
 
 def splits_of(task: TaskSpec) -> tuple[str, ...]:
-    """The splits whose seasons an FMU may show; ``("",)`` for a task without splits.
-
-    Raises ``TaskError`` when the task has only a test split.
-    """
+    """The splits whose seasons an FMU may show; ``("",)`` for a task without any. Raises ``TaskError`` when it has only a test split."""
     if task.splits is None:
         return ("",)
     names = tuple(name for name in task.splits.names if name != "test")

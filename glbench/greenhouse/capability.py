@@ -1,7 +1,6 @@
 """What a greenhouse can do, computed with the model: balances that it settles in, without sun and with controls that stay.
 
-In a balance nothing in the climate changes any more. It is reached by implicit Euler steps that grow until the rates are zero. The crop
-stays as it is.
+In a balance nothing in the climate changes. It is reached by implicit Euler steps that grow until the rates are zero. The crop stays.
 """
 
 from __future__ import annotations
@@ -10,14 +9,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.errors import ParameterError
 from glbench.model import TOMATO, saturation_vapour_pressure
 from glbench.model.states import ClimateState
 from glbench.tasks.set_points import BLACKOUT, SCREEN
 
-Array = NDArray[np.float64]
 Parameters = Mapping[str, float]
 
 WIND, SKY_BELOW, HUMIDITY, SOIL = 4.0, 15.0, 0.8, 8.0
@@ -54,22 +52,19 @@ class Capability:
     """Volumes of air that leave with open vents in an hour, 26 degC inside, 20 degC outside [h-1]."""
 
 
-def _vector(names: tuple[str, ...], **values: float) -> Array:
+def _vector(names: tuple[str, ...], **values: float) -> Floats:
     return np.array([values.get(name, 0.0) for name in names])
 
 
-def outdoors(temperature: float, wind: float = WIND) -> Array:
+def outdoors(temperature: float, wind: float = WIND) -> Floats:
     """Disturbances of a night outside with this air temperature [degC] and wind [m s-1]."""
     vapour = HUMIDITY * float(saturation_vapour_pressure(temperature))
     sky = temperature - SKY_BELOW
     return _vector(TOMATO.disturbance_names, tOut=temperature, vpOut=vapour, co2Out=750.0, wind=wind, tSky=sky, tSoOut=SOIL)
 
 
-def balance(parameters: Array, weather: Array, **controls: float) -> Array:
-    """The state (states,) in which a greenhouse settles with constant weather (disturbances,) and controls by name.
-
-    Raises ``ParameterError`` when there is none.
-    """
+def balance(parameters: Floats, weather: Floats, **controls: float) -> Floats:
+    """State (states,) that settles with constant weather (disturbances,) and controls by name. Raises ``ParameterError`` when none does."""
     state, u = TOMATO.start("mature_crop", weather, INSIDE, parameters), _vector(TOMATO.control_names, **controls)
     step = _FIRST_STEP
     while step < _LAST_STEP:
@@ -87,7 +82,7 @@ def balance(parameters: Array, weather: Array, **controls: float) -> Array:
     return state
 
 
-def heat_for(temperature: float, parameters: Parameters, weather: Array, **controls: float) -> float:
+def heat_for(temperature: float, parameters: Parameters, weather: Floats, **controls: float) -> float:
     """Heat [W m-2] that holds the air at a temperature [degC] in the balance."""
     from scipy.optimize import brentq
 

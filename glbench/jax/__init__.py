@@ -4,8 +4,6 @@
 ``GymnaxEnvironment(task)`` is an environment of gymnax 1.x. See docs/jax.md.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from glbench.errors import GlbenchError

@@ -10,7 +10,7 @@ import ctypes
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +28,8 @@ from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
 from glbench.jax.library import DoorPointers, library
 from glbench.kernel import make_kernel, why_not_compiled
 from glbench.kernel.compiled.environment import CompiledEnvironments, Entry, entry_of
-
-if TYPE_CHECKING:
-    from glbench.kernel.environment import Program
-    from glbench.tasks import TaskSpec
+from glbench.kernel.environment import Program
+from glbench.tasks import TaskSpec
 
 GOLDEN = 0.6180339887498949  # Steps of this size, modulo 1, spread any number of points evenly over an interval
 

@@ -95,31 +95,15 @@ class Environment:
     for a task with parts that the compiled kernel does not know, with their names, and ``GlbenchError`` for unknown names, seeds that are
     none, and where there is no compiler.
 
-    Parameters
-    ----------
-    task
-        Id, path of a task file, or the task itself; where it has splits, its training split unless it is in another one.
-    preset
-        Of the kernel: ``"fast"`` for training; scores are made with ``"reference"``.
-    seeds
-        Scenarios that episodes can be in, drawn here: weather, start, parameters, sensors. A generated season takes some 50 ms to make.
-    places
-        At how many places of each season ``reset`` may begin; 1 is its start alone. With more, environments that are reset together
-        spread over seasons and hours of day. An episode that begins late ends with its season, and the next one begins at the start.
-    info
-        What ``info`` tells of a step besides ``failed`` and ``discount``: names as in ``info`` of the other environments
-        (``glbench.env.info_quantities``) and of states of the model.
-    workers
-        Cores that share the rows of a call, to the same bits.
-    split, overrides, normalise
-        As for ``GreenhouseVectorEnv``.
+    ``task`` is an id, the path of a task file, or the task itself; where it has splits, its training split unless it is in another one.
+    ``preset`` is that of the kernel: ``"fast"`` for training; scores are made with ``"reference"``. ``seeds`` are scenarios that episodes
+    can be in, drawn here: weather, start, parameters, sensors; a generated season takes some 50 ms to make. ``places`` says at how many
+    places of each season ``reset`` may begin; 1 is its start alone. With more, environments that are reset together spread over seasons and
+    hours of day. An episode that begins late ends with its season, and the next one begins at the start.
 
-    Attributes
-    ----------
-    task
-        The task.
-    seeds, info
-        As given.
+    ``info`` is what ``info`` tells of a step besides ``failed`` and ``discount``: names as in ``info`` of the other environments
+    (``glbench.env.info_quantities``) and of states of the model. ``workers`` are cores that share the rows of a call, to the same bits;
+    ``split``, ``overrides`` and ``normalise`` are as for ``GreenhouseVectorEnv``.
     """
 
     def __init__(
@@ -192,15 +176,11 @@ class Environment:
     ) -> tuple[jax.Array, State, jax.Array, jax.Array, dict[str, jax.Array]]:
         """Take one step with an action ``(m,)``; when the episode ends, also by ``params.max_steps_in_episode``, begin the next.
 
-        Raises ``jax.errors.JaxRuntimeError`` for an action that is not finite. Under ``jit`` it may be raised when a later result is waited
-        for.
+        Raises ``jax.errors.JaxRuntimeError`` for an action that is not finite. Under ``jit`` that may wait for a later result.
 
-        Returns
-        -------
-        observation, state, reward, done, info
-            Observation and state are those of the new episode where one has begun; reward, ``done`` and ``info`` are those of the step.
-            Reward and ``info`` are float32, or float64 where JAX has 64 bits switched on. ``info["failed"]`` says that the step could
-            not be integrated, which ends the episode, ``info["discount"]`` is 0 where the season or a failure ended it, else 1.
+        Observation and state are those of the new episode where one has begun; reward, ``done`` and ``info`` are those of the step. Reward
+        and ``info`` are float32, or float64 where JAX has 64 bits switched on. ``info["failed"]`` says that the step could not be
+        integrated, which ends the episode, ``info["discount"]`` is 0 where the season or a failure ended it, else 1.
         """
         key_cut, key_end = jax.random.split(key)
         observation, state, reward, done, info = self._step(state, action, self._scenario(key_end, params), autoreset=True)

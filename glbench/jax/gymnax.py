@@ -49,17 +49,8 @@ class GymnaxEnvironment(gymnax_environment.Environment):  # type: ignore[misc]
     """A task as an environment of gymnax 1.x; ``step`` returns observation, state, reward, terminated, truncated and info.
 
     ``terminated``: the season ended, or the step could not be integrated. ``truncated``: the episode reached ``max_steps_in_episode``
-    before. In both cases ``step`` begins the next episode; the last observation is in ``info["final_observation"]``.
-
-    Parameters
-    ----------
-    task, options
-        As for ``glbench.jax.Environment``, with its errors.
-
-    Attributes
-    ----------
-    greenhouse
-        The ``Environment`` inside; it gives the same bits.
+    before. In both cases ``step`` begins the next episode; the last observation is in ``info["final_observation"]``. ``task`` and
+    ``options`` are as for ``glbench.jax.Environment``, with its errors; it is inside as ``greenhouse``, and gives the same bits.
     """
 
     def __init__(self, task: Any, preset: str = "fast", **options: Any) -> None:

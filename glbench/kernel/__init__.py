@@ -4,8 +4,6 @@
 on four cores, with the same bits. Method, accuracy and speed: docs/kernel.md.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from glbench.extras import lazy_names

@@ -25,11 +25,10 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import StepError, UnknownNameError, did_you_mean, refuse
-from glbench.kernel.environment import Program
-from glbench.kernel.records import BoundStep, Description, FloatArray, Rows, StepFailure, all_finite, inputs_in_words
+from glbench.errors import UnknownNameError, did_you_mean, refuse
+from glbench.kernel.records import Description, FloatArray, Rows, StepFailure, all_finite, inputs_in_words
 from glbench.kernel.sensitivities import Differentiator, Directions, Forward, Reverse
-from glbench.kernel.trajectories import Horizons, pull_by_steps, push_by_steps, reverse_by_steps, walk
+from glbench.kernel.trajectories import DifferentiatesBySteps, StatesOnly
 from glbench.model import Model
 from glbench.model.expressions import simplification
 
@@ -120,7 +119,7 @@ PRESETS = ("reference", "standard", "fast", "tight")
 _FLAG = re.compile(r'returned "(CV_\w+)"')
 
 
-class CvodesBackend:
+class CvodesBackend(StatesOnly):
     """Steps rows one after the other; each row is a fresh start, so its bits depend on its own inputs only.
 
     Not thread-safe: the integrator's buffers are shared between calls.
@@ -169,26 +168,9 @@ class CvodesBackend:
                     row += 1
         return failures
 
-    def walk(self, horizons: Horizons, states: FloatArray) -> int:
-        """Step horizons, one row after the other; see ``Backend.walk``."""
-        return walk(self.advance, horizons, states)
-
     def differentiator(self) -> Differentiator:
         """Return what differentiates the steps."""
         return CvodesDifferentiator(self._model.sizes, self._reduced, _options(self._settings), self._step_seconds, self.advance)
-
-    def bind(self, rows: Rows, out: FloatArray) -> BoundStep:
-        """A step of these very rows without checks; see ``Kernel.bind``."""
-
-        def step() -> None:
-            failures = self.advance(rows, out)
-            if failures:
-                refuse(f"The step failed in row {failures[0].row} of {len(out)}: {failures[0].reason}.", StepError)
-
-        return step
-
-    def prepare(self, p: FloatArray) -> None:
-        """There is nothing to build."""
 
     def describe(self) -> Description:
         """Return method, tolerances and versions, as recorded in results."""
@@ -201,9 +183,6 @@ class CvodesBackend:
             "substep_limit": float(SUBSTEP_LIMIT),
             "casadi": str(ca.CasadiMeta.version()),
         }
-
-    def environments(self, program: Program, n: int) -> None:
-        """None: CasADi's integrators step states only."""
 
     def _step_row(self, x: FloatArray, u: FloatArray, d: FloatArray, out: FloatArray) -> str:
         """Step one row with the parameters in the buffer; when it fails, give the integrator's own word and keep ``x``."""
@@ -291,7 +270,7 @@ class _Buffered:
         self._call()
 
 
-class CvodesDifferentiator:
+class CvodesDifferentiator(DifferentiatesBySteps):
     """Differentiates rows one after the other, from the sensitivity and adjoint equations that CasADi derives and CVODES integrates.
 
     Slow, and owing nothing to the compiled kernel: the independent check of its derivatives. For the tomato, a row with all 44
@@ -345,18 +324,6 @@ class CvodesDifferentiator:
         if not parameters:
             del gradients["p"]
         return Reverse(x_next, gradients, failed)
-
-    def reverse_horizons(self, rows: Rows, steps: int, cotangents: FloatArray, *, parameters: bool) -> Reverse:
-        """Step and pull cotangents back through horizons, step by step."""
-        return reverse_by_steps(self, rows, steps, cotangents, parameters=parameters)
-
-    def push(self, jacobians: FloatArray, along: FloatArray, first: FloatArray) -> FloatArray:
-        """Changes of all states, in NumPy."""
-        return push_by_steps(jacobians, along, first)
-
-    def pull(self, jacobians: FloatArray, cotangents: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Costates and gradients of the inputs, in NumPy."""
-        return pull_by_steps(jacobians, cotangents)
 
     def _step(self, rows: Rows) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
         x_next = np.empty_like(rows.x)

@@ -12,19 +12,18 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import StepError, UnknownNameError, did_you_mean, refuse
+from glbench.errors import UnknownNameError, did_you_mean, refuse
 from glbench.kernel.cvodes import PRESETS
-from glbench.kernel.environment import Program
-from glbench.kernel.records import BoundStep, Description, FloatArray, Rows, StepFailure, inputs_in_words
+from glbench.kernel.records import Description, FloatArray, Rows, StepFailure, inputs_in_words
 from glbench.kernel.sensitivities import Directions, Forward, Reverse
-from glbench.kernel.trajectories import Horizons, pull_by_steps, push_by_steps, reverse_by_steps, walk
+from glbench.kernel.trajectories import DifferentiatesBySteps, StatesOnly
 from glbench.model import Model
 from glbench.model.model import evaluate_rows
 
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 
-class DiscreteBackend:
+class DiscreteBackend(StatesOnly, DifferentiatesBySteps):
     """Steps rows by the map of ``model`` over ``step_seconds`` [s], and differentiates these steps: a backend and its differentiator.
 
     Raises ``UnknownNameError`` when there is no such preset, and ``ShapeError`` when the model is no map.
@@ -56,23 +55,6 @@ class DiscreteBackend:
         numbers = np.flatnonzero(failed).tolist()
         return [StepFailure(row, f"the result is not finite; {inputs_in_words(self._model, rows, row)}") for row in numbers]
 
-    def bind(self, rows: Rows, out: FloatArray) -> BoundStep:
-        """A step of these very rows; see ``Kernel.bind``."""
-
-        def step() -> None:
-            failures = self.advance(rows, out)
-            if failures:
-                refuse(f"The step failed in row {failures[0].row} of {len(out)}: {failures[0].reason}.", StepError)
-
-        return step
-
-    def walk(self, horizons: Horizons, states: FloatArray) -> int:
-        """Step horizons; see ``Backend.walk``."""
-        return walk(self.advance, horizons, states)
-
-    def prepare(self, p: FloatArray) -> None:
-        """There is nothing to build."""
-
     def describe(self) -> Description:
         """Return method and versions, as recorded in results."""
         step = self._model.step_map
@@ -81,9 +63,6 @@ class DiscreteBackend:
             "method": f"part of the model: {step.method}, {step.parts} steps of equal length, then the states are limited",
             "casadi": str(ca.CasadiMeta.version()),
         }
-
-    def environments(self, program: Program, n: int) -> None:
-        """None: this backend steps states only."""
 
     def differentiator(self) -> DiscreteBackend:
         """What differentiates the steps: this backend."""
@@ -115,15 +94,3 @@ class DiscreteBackend:
         jacobians = np.where(failed[:, None, None], 0.0, self._evaluate(self._jacobian, rows))
         parts = np.split(jacobians, np.cumsum([*self._model.sizes.values()])[:-1], axis=2)
         return x_next, failed, dict(zip(self._model.sizes, parts, strict=True))
-
-    def reverse_horizons(self, rows: Rows, steps: int, cotangents: FloatArray, *, parameters: bool) -> Reverse:
-        """Step and pull cotangents back through horizons, step by step."""
-        return reverse_by_steps(self, rows, steps, cotangents, parameters=parameters)
-
-    def push(self, jacobians: FloatArray, along: FloatArray, first: FloatArray) -> FloatArray:
-        """Changes of all states."""
-        return push_by_steps(jacobians, along, first)
-
-    def pull(self, jacobians: FloatArray, cotangents: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Costates and gradients of the inputs."""
-        return pull_by_steps(jacobians, cotangents)

@@ -40,10 +40,7 @@ class Lookup:
 
 @dataclass(frozen=True, eq=False)
 class ActionBounds:
-    """Bounds of values from outside, each ``(m,)``.
-
-    Values from ``lowest`` to ``highest`` are accepted; those between them and ``low`` or ``high`` are taken as these.
-    """
+    """Bounds of values from outside, each ``(m,)``: ``lowest`` to ``highest`` are accepted, and cut to ``low`` and ``high``."""
 
     lowest: FloatArray
     highest: FloatArray
@@ -130,22 +127,13 @@ class Environments(ABC):
     the other attributes stay the same arrays, which the next call overwrites. To start environments, write into the arrays down to
     ``memory``, and ``observe``.
 
-    Attributes
-    ----------
-    x, u, k, ended
-        States ``(n, s)``, controls ``(n, c)``, steps taken ``(n,)`` and whether the environment has ended ``(n,)``.
-    keys
-        Keys of the random numbers, ``(n, program.keys, 2)`` uint64 words of 32 bits.
-    days, first
-        Rows of the pool of weather at which the environment's days begin, ``(n, days)``; row of the calendar at its start, ``(n,)``.
-    parameters
-        ``(n, p)``, or ``(1, p)`` when all share them.
-    traits, memory
-        What is constant in an episode ``(n, traits)``, and what tapes write for the next step ``(n, memory)``.
-    given, given_controls
-        Actions for ``step``, ``(n, m)``, and controls for ``step_controls``, ``(n, c)``.
-    table, observations
-        What the program makes of the last step, ``(n, width)`` float64 and ``(n, columns)`` float32.
+    ``x``, ``u``, ``k`` and ``ended`` are states ``(n, s)``, controls ``(n, c)``, steps taken ``(n,)`` and whether the environment has ended
+    ``(n,)``; ``keys`` those of the random numbers, ``(n, program.keys, 2)`` uint64 words of 32 bits. ``days`` are the rows of the pool of
+    weather at which the environment's days begin, ``(n, days)``, ``first`` the row of the calendar at its start, ``(n,)``. ``parameters``
+    are ``(n, p)``, or ``(1, p)`` when all share them; ``traits`` is what is constant in an episode ``(n, traits)``, ``memory`` what tapes
+    write for the next step ``(n, memory)``. ``given`` are actions for ``step``, ``(n, m)``, ``given_controls`` controls for
+    ``step_controls``, ``(n, c)``. ``table`` and ``observations`` are what the program makes of the last step, ``(n, width)`` float64 and
+    ``(n, columns)`` float32.
     """
 
     def __init__(self, program: Program, n: int, states: int) -> None:
@@ -172,13 +160,7 @@ class Environments(ABC):
 
     @abstractmethod
     def step(self) -> int:
-        """Take a step with ``actions``.
-
-        Returns
-        -------
-        int
-            How many environments failed in it; -1 when a value given is out of bounds or no number, and nothing was done.
-        """
+        """Take a step with ``actions``; how many environments failed in it, or -1, and no step, for a value out of bounds or no number."""
 
     @abstractmethod
     def step_controls(self) -> int:

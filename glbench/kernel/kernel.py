@@ -28,40 +28,30 @@ DISCRETE = "discrete"
 
 
 class Backend(Protocol):
-    """One way of stepping rows over a fixed control step.
-
-    Contract: row i of ``out`` has the same bits whatever the other rows, their order and earlier calls were.
-    """
+    """A way of stepping rows over a fixed control step. Row i of ``out`` has the same bits whatever other rows and calls were."""
 
     name: str
 
     def advance(self, rows: Rows, out: FloatArray) -> list[StepFailure]:
         """Write x(t + h) of all rows to ``out`` (n, states); failed rows keep their old state and are reported."""
-        ...
 
     def bind(self, rows: Rows, out: FloatArray) -> BoundStep:
         """A step of these very rows, which are not checked again."""
-        ...
 
     def walk(self, horizons: Horizons, states: FloatArray) -> int:
         """Step checked horizons: write ``states`` (T + 1, n, states), whose first is there; gives how many steps all of them took."""
-        ...
 
     def describe(self) -> Description:
         """Return method, tolerances and versions."""
-        ...
 
     def differentiator(self) -> Differentiator:
         """Return what differentiates the steps; may build a library for some ten seconds."""
-        ...
 
     def prepare(self, p: FloatArray) -> None:
         """Build now what steps with parameters ``p`` and their derivatives need."""
-        ...
 
     def environments(self, program: Program, n: int) -> Environments | None:
         """``n`` environments that run ``program`` around the step; None where there is no such thing."""
-        ...
 
 
 def available(model: Model = TOMATO) -> tuple[str, ...]:
@@ -72,10 +62,7 @@ def available(model: Model = TOMATO) -> tuple[str, ...]:
 
 
 def choose(name: str, model: Model = TOMATO) -> str:
-    """Name of the backend meant by ``name``, which may be ``auto``.
-
-    Raises ``UnknownNameError`` when there is no backend of that name, or not for this model.
-    """
+    """Name of the backend meant by ``name``, which may be ``auto``. Raises ``UnknownNameError`` when it is none, or not for this model."""
     if name == "auto":
         return available(model)[0]
     if model.step_map is not None and name in BACKENDS:
@@ -146,26 +133,11 @@ class Kernel(Trajectories):
     thread-safe. Raises ``UnknownNameError`` when backend or preset do not exist, and ``ShapeError`` when ``step_seconds`` is not positive
     and finite, or ``model`` is none.
 
-    Parameters
-    ----------
-    model : Model
-        What is stepped, such as ``glbench.model.TOMATO``.
-    step_seconds : float
-        Length h of the control step [s], positive.
-    backend : str
-        ``"auto"``, ``"compiled"``, ``"casadi"``, ``"cvodes"`` or, of a map, ``"discrete"``, see ``glbench.kernel.kernel``.
-    preset : str
-        ``"reference"`` (what scores are made with: 1e-6 a step), ``"standard"`` (at least as accurate as CVODES at 1e-6, which
-        the benchmark's paper used), ``"fast"`` (for training), or ``"tight"`` (to check the others against).
-    threads : int
-        Threads that share the rows of a batch. They change no bit, and only the compiled backend uses them.
-
-    Attributes
-    ----------
-    model, step_seconds, preset, threads
-        As given.
-    backend : str
-        Name of the backend that steps: ``"compiled"``, ``"casadi"``, ``"cvodes"`` or ``"discrete"``.
+    A step of ``model``, such as ``glbench.model.TOMATO``, takes ``step_seconds`` [s]. ``backend`` is ``"auto"``, ``"compiled"``,
+    ``"casadi"``, ``"cvodes"`` or, of a map, ``"discrete"``, see ``glbench.kernel.kernel``; as an attribute it is the name of the one that
+    steps. ``preset`` is ``"reference"`` (what scores are made with: 1e-6 a step), ``"standard"`` (at least as accurate as CVODES at 1e-6,
+    which the benchmark's paper used), ``"fast"`` (for training), or ``"tight"`` (to check the others against). ``threads`` share the rows
+    of a batch; they change no bit, and only the compiled backend uses them.
     """
 
     def __init__(
@@ -204,10 +176,7 @@ class Kernel(Trajectories):
         return stepped[0] if np.ndim(x) == 1 else stepped
 
     def try_step(self, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, p: npt.ArrayLike) -> tuple[FloatArray, list[StepFailure]]:
-        """Step a batch (n, states); a row that fails keeps its old state and is reported, the others are stepped.
-
-        Inputs and errors as for ``step``, but without StepError for rows that fail.
-        """
+        """Step a batch (n, states), as ``step`` does, but for rows that fail: they keep their old states and are reported."""
         if np.ndim(x) != 2:
             width = self.model.sizes["x"]
             refuse(f"try_step wants a batch of states (rows, {width}), not the shape {np.shape(x)}; use step for one state.", ShapeError)

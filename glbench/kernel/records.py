@@ -39,8 +39,8 @@ class StepFailure:
 class Rows(NamedTuple):
     """Inputs of one control step for ``n`` greenhouses: finite, C-contiguous float64, controls within 0..1.
 
-    ``x`` (n, states), ``u`` (n, controls) [fraction of capacity], ``d`` (n, disturbances), and ``p`` (n, parameters), or (1, parameters)
-    when all rows share them.
+    ``x`` (n, states), ``u`` (n, controls) [fraction of capacity], ``d`` (n, disturbances), and ``p`` (n, parameters), or (1, parameters) if
+    shared.
     """
 
     x: FloatArray
@@ -106,10 +106,7 @@ def as_rows(names: Names, x: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayLike, 
 
 
 def bound_rows(names: Names, x: FloatArray, u: FloatArray, d: FloatArray, p: FloatArray, out: FloatArray) -> tuple[Rows, FloatArray]:
-    """The same memory as rows (n, ·) and results (n, states).
-
-    Raises ``ShapeError`` when an array is not C-contiguous float64, has another shape, or ``out`` cannot be written.
-    """
+    """The same memory as rows (n, ·) and results (n, states). Raises ``ShapeError`` for other shapes and types, or read-only results."""
     count = len(x) if np.ndim(x) == 2 else 1
     arrays = {"x": x, "u": u, "d": d, "p": p, "out": out}
     tables = []

@@ -32,8 +32,7 @@ class Linearisation:
 
     ``x_next`` (states,) has the same bits as from ``step``. ``dx`` (states, states), ``du`` (states, controls) and ``dd`` (states,
     disturbances) are its derivatives with respect to states, controls and disturbances; element [i, j] is in units of state i per unit of
-    input j. One that was not asked for has no columns: (states, 0). ``dp`` (states, q) is the same for the parameters that were asked for,
-    in their order.
+    input j. One that was not asked for has no columns: (states, 0). ``dp`` (states, q) is that for the parameters asked for, in order.
     """
 
     x_next: FloatArray
@@ -95,26 +94,21 @@ class Differentiator(Protocol):
 
     def forward(self, rows: Rows, directions: Directions) -> Forward:
         """Step and differentiate along directions."""
-        ...
 
     def reverse(self, rows: Rows, cotangents: FloatArray, *, parameters: bool) -> Reverse:
         """Step and pull cotangents (n, states) back; the gradient for the parameters is only there when asked for."""
-        ...
 
     def reverse_horizons(self, rows: Rows, steps: int, cotangents: FloatArray, *, parameters: bool) -> Reverse:
         """The same through horizons of ``steps`` rows each; what comes from a row is added to the cotangent of the row before."""
-        ...
 
     def push(self, jacobians: FloatArray, along: FloatArray, first: FloatArray) -> FloatArray:
         """Changes of all states (n, T + 1, states) from those of the inputs ``along`` (n, T, moves) and of the first states.
 
         ``jacobians`` (n, T, moves + states, states) hold what each direction does, those in inputs before those in states.
         """
-        ...
 
     def pull(self, jacobians: FloatArray, cotangents: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Costates (n, T + 1, states) and gradients of the inputs (n, T, moves) from cotangents (n, T + 1, states)."""
-        ...
 
 
 class Differentiable(ABC):
@@ -250,10 +244,7 @@ class Differentiable(ABC):
         return result
 
     def _check(self, rows: Rows, failed: npt.NDArray[np.bool_], derivatives: Sequence[FloatArray], *, steps: int = 0) -> None:
-        """Raise StepError for rows that failed, or whose derivatives are not finite.
-
-        Rows of horizons, ``steps`` of each, are named by horizon and step.
-        """
+        """Raise StepError for rows, or horizons of ``steps`` each, with step, that failed or have derivatives that are not finite."""
         if failed.any():
             _, failures = self.advance(rows)
             reason = failures[0] if failures else StepFailure(0, "it could be stepped, but not differentiated")

@@ -81,8 +81,7 @@ class Tape:
     def play(self, read: Read) -> list[tuple[str, int, Any]]:
         """Do the operations with NumPy, with the bits of the compiled kernel: target, index and values of each output.
 
-        ``read`` gives the values of an input, ``(n,)`` or another shape, from its source and index. An output that depends on no input is a
-        plain number.
+        ``read`` gives the values of an input, ``(n,)`` or another shape, from its source and index. One without inputs is a plain number.
         """
         registers: list[Any] = self.constants.tolist()
         registers += [read(SOURCES[source], index) for source, index in self.inputs.tolist()]
@@ -138,10 +137,7 @@ class Recorder:
         self._values.append(number)
 
     def tape(self) -> Tape:
-        """The recorded operations that the outputs need.
-
-        Raises ``RecordingError`` when a formula uses a CasADi operation that tapes do not have.
-        """
+        """The recorded operations that the outputs need. Raises ``RecordingError`` for an operation that tapes do not have."""
         return _read(list(self._inputs), list(self._inputs.values()), self._outputs, self._values)
 
 
@@ -161,19 +157,9 @@ class TapeDerivatives:
     the whole derivative. If the operands are equal, ``np.maximum`` and ``np.minimum`` take the second, so
     ``np.maximum(value, 0.0)`` has the derivative 0 at 0. ``np.sign`` has the derivative 0 everywhere.
 
-    Parameters
-    ----------
-    tape
-        The tape.
-    outputs
-        Target and index of each output.
-    sources
-        The derivatives are with respect to the inputs from these sources.
-    count
-        Number of outputs, counted from the first, that have derivatives; all by default.
-    changes
-        Formulas by output of the tape, whether or not it is in ``outputs``. The result of a formula replaces the value
-        of its output, in the outputs and in all operations that use it.
+    ``outputs`` has target and index of each; the derivatives are with respect to the inputs from ``sources``. Of ``count`` outputs, counted
+    from the first, there are derivatives; of all by default. ``changes`` are formulas by output of the tape, whether or not it is in
+    ``outputs``: the result of a formula replaces the value of its output, in the outputs and in all operations that use it.
     """
 
     def __init__(
@@ -218,13 +204,7 @@ class TapeDerivatives:
         return [values for _, _, values in self._tape.play(read)]
 
     def __call__(self, read: Read, slopes: Mapping[Source, npt.NDArray[np.float64]]) -> list[Any]:
-        """The same; ``slopes`` are filled with the derivatives.
-
-        Parameters
-        ----------
-        slopes
-            For each source zeros ``(..., outputs, n)``, with n the number of its inputs, used or not.
-        """
+        """The same; ``slopes``, for each source zeros ``(..., outputs, n)`` with n its number of inputs, are filled with derivatives."""
         played = [values for _, _, values in self._with_slopes.play(read)]
         for (place, source, index), values in zip(self._entries, played[self._count :], strict=True):
             slopes[source][..., place, index] = values

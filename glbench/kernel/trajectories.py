@@ -5,7 +5,7 @@ For season-long optimisation and model predictive control. Method and speed: doc
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from glbench.errors import ActionError, ShapeError, StepError, refuse
-from glbench.kernel.records import FloatArray, Names, Rows, StepFailure, all_finite
-from glbench.kernel.sensitivities import ORDER, Differentiable, Differentiator, Reverse, all_directions, checked_inputs
+from glbench.kernel.environment import Program
+from glbench.kernel.records import BoundStep, FloatArray, Names, Rows, StepFailure, all_finite
+from glbench.kernel.sensitivities import ORDER, Differentiable, Reverse, all_directions, checked_inputs
 
 _KINDS = {"x": "state", "u": "control", "d": "disturbance", "p": "parameter"}
 
@@ -97,10 +98,7 @@ def as_horizons(names: Names, x0: npt.ArrayLike, u: npt.ArrayLike, d: npt.ArrayL
 
 
 def by_horizon(what: str, values: npt.ArrayLike, count: int | None, shape: tuple[int, ...]) -> FloatArray:
-    """A table (horizons, *shape); ``count`` is None for one horizon without an axis of its own.
-
-    Raises ``ShapeError`` when ``values`` have neither ``shape`` nor, in a batch, (count, *shape).
-    """
+    """A table (horizons, *shape); ``count`` is None for one horizon without an axis. Raises ``ShapeError`` when ``values`` have another."""
     table = _numbers(what, values)
     if table.shape == shape:
         return np.broadcast_to(table, (1 if count is None else count, *shape))
@@ -110,12 +108,55 @@ def by_horizon(what: str, values: npt.ArrayLike, count: int | None, shape: tuple
     raise ShapeError(_wrong_shape(what, table.shape, expected))
 
 
-def walk(advance: Callable[[Rows, FloatArray], list[StepFailure]], horizons: Horizons, states: FloatArray) -> int:
-    """Step all horizons in step and write ``states`` (T + 1, n, states), the first of which are there; gives how many steps succeeded."""
-    for step in range(horizons.steps):
-        if advance(horizons.at(step, states[step]), states[step + 1]):
-            return step
-    return horizons.steps
+class StatesOnly(ABC):
+    """What backends share that step rows and nothing else, and have nothing to build; see ``Backend`` for the methods."""
+
+    @abstractmethod
+    def advance(self, rows: Rows, out: FloatArray) -> list[StepFailure]:
+        """Write x(t + h) of all rows to ``out``; a row that fails keeps its old state and is reported."""
+
+    def bind(self, rows: Rows, out: FloatArray) -> BoundStep:
+        """A step of these very rows without checks; see ``Kernel.bind``."""
+
+        def step() -> None:
+            failures = self.advance(rows, out)
+            if failures:
+                refuse(f"The step failed in row {failures[0].row} of {len(out)}: {failures[0].reason}.", StepError)
+
+        return step
+
+    def walk(self, horizons: Horizons, states: FloatArray) -> int:
+        """Step all horizons in step; see ``Backend.walk``."""
+        for step in range(horizons.steps):
+            if self.advance(horizons.at(step, states[step]), states[step + 1]):
+                return step
+        return horizons.steps
+
+    def prepare(self, p: FloatArray) -> None:  # noqa: B027  that there is nothing to do is the method
+        """There is nothing to build."""
+
+    def environments(self, program: Program, n: int) -> None:  # noqa: B027
+        """None: such a backend has no environments."""
+
+
+class DifferentiatesBySteps(ABC):
+    """The methods of a ``Differentiator`` for whole horizons, step by step and in NumPy."""
+
+    @abstractmethod
+    def reverse(self, rows: Rows, cotangents: FloatArray, *, parameters: bool) -> Reverse:
+        """Step and pull cotangents (n, states) back."""
+
+    def reverse_horizons(self, rows: Rows, steps: int, cotangents: FloatArray, *, parameters: bool) -> Reverse:
+        """Step and pull cotangents back through horizons, step by step."""
+        return reverse_by_steps(self.reverse, rows, steps, cotangents, parameters=parameters)
+
+    def push(self, jacobians: FloatArray, along: FloatArray, first: FloatArray) -> FloatArray:
+        """Changes of all states."""
+        return push_by_steps(jacobians, along, first)
+
+    def pull(self, jacobians: FloatArray, cotangents: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Costates and gradients of the inputs."""
+        return pull_by_steps(jacobians, cotangents)
 
 
 def _parameters(p: FloatArray, count: int | None, steps: int, size: int) -> FloatArray:
@@ -163,8 +204,7 @@ class TrajectoryGradient:
     ``x0`` (states,), ``u`` (T, controls) and ``d`` (T, disturbances) are with respect to the state at the start, controls and disturbances
     [unit of the sum per unit of the input], without columns where the trajectory has no such derivatives. Horizons that share inputs have a
     gradient each: add them up for that of the shared input. ``p``, when it was asked for, is with respect to the parameters: (parameters,),
-    or (T, parameters) where they differ by step. ``costates`` (T + 1, states) are with respect to each state x[t], its own cotangent
-    included.
+    or (T, parameters) where they differ by step. ``costates`` (T + 1, states) are for each state x[t], with its own cotangent.
     """
 
     x0: FloatArray
@@ -364,8 +404,8 @@ class Trajectories(Differentiable):
         return reached
 
 
-def reverse_by_steps(differentiator: Differentiator, rows: Rows, steps: int, cotangents: FloatArray, *, parameters: bool) -> Reverse:
-    """``Differentiator.reverse_horizons`` by calls of ``reverse``, one a step."""
+def reverse_by_steps(reverse: Callable[..., Reverse], rows: Rows, steps: int, cotangents: FloatArray, *, parameters: bool) -> Reverse:
+    """``Differentiator.reverse_horizons`` by calls of its ``reverse``, one a step."""
     count = len(rows.x)
     firsts = np.arange(0, count, max(steps, 1))
     x_next, failed = np.empty_like(rows.x), np.zeros(count, dtype=np.bool_)
@@ -374,7 +414,7 @@ def reverse_by_steps(differentiator: Differentiator, rows: Rows, steps: int, cot
     costates = cotangents.copy()
     for step in reversed(range(steps)):
         now = firsts + step
-        result = differentiator.reverse(rows.take(now), costates[now], parameters=parameters)
+        result = reverse(rows.take(now), costates[now], parameters=parameters)
         for key, gradient in result.gradients.items():
             gradients[key][now] = gradient
         x_next[now], failed[now] = result.x_next, result.failed

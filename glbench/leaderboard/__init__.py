@@ -1,7 +1,5 @@
 """Statistics over runs, ranking of agents, and leaderboard tables. Nothing in here simulates."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from glbench.extras import lazy_names

@@ -12,17 +12,13 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from itertools import cycle
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from glbench import quantities
 from glbench.quantities import MONEY, in_sentence, pretty_unit, sentence, unit_sold
 from glbench.registration import task_ids
-from glbench.tasks import PAPER_TASK, published_task
-from glbench.tasks.ledger import FLOW
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.tasks.ledger import LedgerItem
+from glbench.tasks import PAPER_TASK, TaskSpec, published_task
+from glbench.tasks.ledger import FLOW, LedgerItem
 
 Kind = Literal["score", "profit", "penalty", "earned", "paid", "amount", "violation", "outside", "unknown"]
 _ORDER = ("score", "profit", "earned", "paid", "penalty", "amount", "violation", "outside", "unknown")

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from glbench.agents.baselines import digests_of_baseline, shipped_sight
 from glbench.agents.identity import baseline_names
@@ -20,12 +20,9 @@ from glbench.evaluation.records import AgentRecord
 from glbench.evaluation.saving import recorded_actions
 from glbench.leaderboard.catalogue import catalogue
 from glbench.resources import data_folder, is_released
-from glbench.tasks import list_tasks, published_task, read_lock
+from glbench.tasks import TaskSpec, list_tasks, published_task, read_lock
 from glbench.untrusted import real_path
 from glbench.verification import SUFFIX, was_reproduced
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 Origin = Literal["released", "own", "trial"]
 """Where a result comes from: it came with glbench, is the user's own, or is the user's own with other seeds than the task's."""
@@ -174,10 +171,7 @@ def own_and_released_results(out: Path) -> tuple[tuple[StoredResult, ...], tuple
     left out. In the folder of a sealed round, where all results are of one, only these are returned. Raises ``ResultError`` when the
     released results hold two of one agent and task.
 
-    Returns
-    -------
-    stored, problems
-        Results, at most one an agent and task, sorted by task id and agent name; and an error for every file that is left out.
+    Returns at most one result an agent and task, sorted by task id and agent name; and an error for every file that is left out.
     """
     home = data_folder("reports/released/results")
     released, problems = read_folder(home)

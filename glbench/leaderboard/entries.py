@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,9 +21,7 @@ from glbench.leaderboard.catalogue import catalogue, of_published
 from glbench.leaderboard.collect import ORIGINS, Expectation, Origin, StoredResult, task_of_board
 from glbench.leaderboard.statistics import RESOLUTION, Array
 from glbench.leaderboard.training_data import budget_of
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec
 
 _Recipe = tuple[object, ...]
 
@@ -92,13 +89,8 @@ class Entry:
 def entries_by_task(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, tuple[Entry, ...]]:
     """Entries of every board, by its name: the task's id, or more where draws are kept apart. Within a board their names differ.
 
-    Parameters
-    ----------
-    stored
-        Results.
-    expected
-        What the published tasks ask for, by id. A task that is not in it (a user's own) asks for the largest set of seeds among its
-        results.
+    ``expected`` is what published tasks ask for, by id. One that is not in it (a user's own) asks for the largest set of seeds of its
+    results.
     """
     by_task: dict[str, list[StoredResult]] = {}
     for item in stored:

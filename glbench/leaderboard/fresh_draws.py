@@ -71,12 +71,7 @@ def fresh_score(result: Result) -> FreshScore | None:
 def drop_beside(published: Array, fresh: Array, error: float = ERROR) -> tuple[float, float]:
     """Mean of ``published`` minus that of ``fresh``, and the lower end of its one-sided interval (Welch 1947).
 
-    Parameters
-    ----------
-    published, fresh
-        One value a run, each ``(n,)``, of independent runs.
-    error
-        Probability that the lower end is above the true difference.
+    Both have one value a run, ``(n,)``, of independent runs. ``error`` is the probability that the lower end is above the true difference.
     """
     from scipy import special  # not at the top: most boards have no fresh draws
 

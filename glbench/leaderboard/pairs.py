@@ -1,7 +1,4 @@
-"""Two agents on one task, metric by metric, on the seeds that both were given.
-
-Of several trainings of one recipe the mean over them counts, run by run.
-"""
+"""Two agents on one task, metric by metric, on the seeds that both were given; of several trainings of one recipe the mean, run by run."""
 
 from __future__ import annotations
 
@@ -83,10 +80,7 @@ class Pair:
 
 
 def compare_entries(one: Entry, other: Entry) -> Pair:
-    """Compare two entries of one task on their common seeds.
-
-    Raises ``ResultError`` when they are of different tasks, have no seed in common, or one of them holds no reward.
-    """
+    """Compare entries on their common seeds. Raises ``ResultError`` for different tasks, no such seed, or one without a reward."""
     first, second = one.first, other.first
     if first.task.digest != second.task.digest:
         msg = (

@@ -187,15 +187,9 @@ def with_late_entries(tables: Sequence[TaskTable], stored: Sequence[StoredResult
 def rank(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> tuple[TaskTable, ...]:
     """Rank the entries of every task by the mean of the task's metric, highest first; those that cannot be told apart share a rank.
 
-    Raises ``ResultError`` when results of different tasks stand under one id, or a task asks for a metric that cannot rank.
-
-    Parameters
-    ----------
-    stored
-        Results.
-    expected
-        Digest, seeds and metric of the published tasks by id. A task that is not in it (a user's own) is ranked by the metric that its
-        definition names, by the reward where no result has the definition, over the largest set of seeds among its results.
+    Raises ``ResultError`` when results of different tasks stand under one id, or a task asks for a metric that cannot rank. ``expected``
+    has digest, seeds and metric of the published tasks by id. A task that is not in it (a user's own) is ranked by the metric that its
+    definition names, by the reward where no result has the definition, over the largest set of seeds among its results.
     """
     items = tuple(stored)
     refuse_mixed_digests(items, expected)

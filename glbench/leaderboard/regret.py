@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field
@@ -18,11 +17,9 @@ from pydantic import Field
 from glbench.errors import SubmissionError
 from glbench.evaluation import Result
 from glbench.evaluation.records import RANKING_METRIC, AgentRecord, RunResult
+from glbench.leaderboard.collect import Expectation, StoredResult
 from glbench.leaderboard.statistics import Array, Estimate, FrozenModel, estimate_over_trainings
 from glbench.tasks.references import BestKnown, KnownRun, read_best_known
-
-if TYPE_CHECKING:
-    from glbench.leaderboard.collect import Expectation, StoredResult
 
 PROFIT, PENALTY = "epi", "penalty"
 PARTS = ("total", "profit", "violations")  # Regret, and what it is made of

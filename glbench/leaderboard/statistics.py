@@ -130,21 +130,11 @@ def bootstrap_interval(
 ) -> tuple[float, float]:
     """Percentile bootstrap interval of ``statistic`` over runs.
 
-    Raises ``ResultError`` when there are no values, a value is not finite, or ``confidence`` is not between 0 and 1.
-
-    Parameters
-    ----------
-    values
-        One value a run, shape ``(n,)``, n >= 1, finite.
-    statistic
-        Function that maps ``(resamples, n)`` to ``(resamples,)``: ``mean``, ``interquartile_mean`` or ``worst_tenth``.
-    confidence, resamples, seed
-        Coverage between 0 and 1, number of samples drawn with replacement, seed of the resampling; the same seed gives the same bits.
-
-    Returns
-    -------
-    tuple of float
-        Lower and upper end, in the unit of ``values``. With one run, or with equal values, both ends are that value.
+    ``values`` are one a run, ``(n,)``, n >= 1, finite; ``statistic`` maps ``(resamples, n)`` to ``(resamples,)``: ``mean``,
+    ``interquartile_mean`` or ``worst_tenth``. ``confidence`` is the coverage between 0 and 1, ``resamples`` the number of samples drawn
+    with replacement; the same ``seed`` gives the same bits. Returns the lower and upper end, in the unit of ``values``. With one run, or
+    with equal values, both ends are that value. Raises ``ResultError`` when there are no values, a value is not finite, or ``confidence``
+    is not between 0 and 1.
     """
     return stratified_interval(
         [_checked(values)], lambda samples: statistic(samples[0]), confidence=confidence, resamples=resamples, seed=seed
@@ -184,14 +174,9 @@ class MeanEstimate:
 def estimate_mean(tasks: Sequence[Array], scenarios: Sequence[Sequence[Hashable]] | None = None) -> MeanEstimate:
     """An agent's mean over tasks of the mean over trainings and runs.
 
-    Raises ``ResultError`` when there is no task, a task has no runs, or a value is not finite.
-
-    Parameters
-    ----------
-    tasks
-        Values of each task, ``(n,)`` of one training or ``(trainings, n)``, finite. Training i of one task is training i of all.
-    scenarios
-        For each task, a name for each run; runs of different tasks with the same name have the same draws. ``None``: all draws differ.
+    ``tasks`` has the values of each task, ``(n,)`` of one training or ``(trainings, n)``, finite; training i of one task is training i of
+    all. ``scenarios`` has for each task a name for each run; runs of different tasks with the same name have the same draws. ``None``: all
+    draws differ. Raises ``ResultError`` when there is no task, a task has no runs, or a value is not finite.
     """
     side = _matrices(tasks)
     return _estimate([side], [one.mean(axis=0) for one in side], scenarios)
@@ -213,16 +198,8 @@ def estimate_difference(
 
     If one agent has one training and the other has several, the single one is a draw that varies as much as one of the others, unless its
     agent is ``fixed``, which means not trained. If both have one training, the difference is that of these two policies. Raises
-    ``ResultError`` as ``estimate_mean``, and when the two do not have the same tasks and runs.
-
-    Parameters
-    ----------
-    first, second
-        Values of the two agents by task, ``(n,)`` or ``(trainings, n)``, in the order of the same runs, finite.
-    scenarios
-        As in ``estimate_mean``.
-    fixed
-        For each agent, whether it was not trained.
+    ``ResultError`` as ``estimate_mean``, and when the two do not have the same tasks and runs. Values of the two agents are by task,
+    ``(n,)`` or ``(trainings, n)``, in the order of the same runs, finite; ``scenarios`` as in ``estimate_mean``.
     """
     sides = _matrices(first), _matrices(second)
     if len(sides[0]) != len(sides[1]):
@@ -448,10 +425,7 @@ def aggregate(
 
 
 def performance_profile(agent: str, tasks: Sequence[Array], thresholds: Array, *, resamples: int = 2_000, seed: int = 0) -> Profile:
-    """Share of runs above each threshold, averaged over tasks, with pointwise 95 % bands.
-
-    Raises ``ResultError`` when there is no task, or a task without runs.
-    """
+    """Mean share over tasks of runs above each threshold, with pointwise 95 % bands. Raises ``ResultError`` without tasks or runs."""
     if not tasks or any(runs.size == 0 for runs in tasks):
         refuse("A performance profile needs at least one task, and runs in each of them.", ResultError)
     above = [(runs[:, None] > thresholds).astype(np.float64) for runs in tasks]
@@ -594,16 +568,9 @@ def paired_test(
     resolution counts as 0. If no task draws anything and trainings do not differ, there is no variance to test against: the p-value is 1
     for no difference, else 0. From a single run the p-value is 1. Raises ``ResultError`` when the two do not have the same runs, or none.
 
-    Parameters
-    ----------
-    first, second
-        Values of the two agents by task, ``(n,)`` or ``(trainings, n)``, in the order of the same seeds.
-    resolutions
-        For each task, the difference that rounding can cause if the task draws nothing, in the unit of the values; default ``RESOLUTION``.
-    scenarios
-        For each task, a name for each run; runs of different tasks with the same name have the same draws. ``None``: all draws differ.
-    fixed
-        For each agent, whether it was not trained, so that it has no variance between trainings.
+    Values and ``scenarios`` are as in ``estimate_difference``. ``resolutions`` has for each task the difference that rounding can cause if
+    the task draws nothing, in the unit of the values; default ``RESOLUTION``. ``fixed`` says of each agent whether it was not trained, so
+    that it has no variance between trainings.
     """
     difference = estimate_difference(first, second, scenarios, fixed)
     tested = difference.value

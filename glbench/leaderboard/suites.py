@@ -183,27 +183,12 @@ def suite_table(
 ) -> SuiteTable | None:
     """Aggregates of every agent over the tasks of a suite.
 
-    Parameters
-    ----------
-    suite, tasks
-        Name, and ids of its tasks.
-    scores
-        Rewards by task and entry, ``(n,)`` or ``(trainings, n)``, see ``scores_by_task``.
-    references
-        Zero and one of each task's normalised score. If all tasks score money, some may lack it: then no score is normalised.
-    tables
-        Ranked rows of the tasks, for what agents earned, grew and used, and in which unit.
-    best_known
-        Best known runs of the tasks, with the seeds of ``scores`` in their order, for regrets.
-    scenarios
-        For each task, a name for each run; runs of different tasks with the same name have the same draws. ``None``: all draws differ.
-    penalties
-        Penalties as ``scores``, for ranks at other prices of violations.
-
-    Returns
-    -------
-    SuiteTable or None
-        ``None`` when no task of the suite has both results and references, and not all score money.
+    ``tasks`` are the ids of its tasks; ``scores`` rewards by task and entry, ``(n,)`` or ``(trainings, n)``, see ``scores_by_task``, and
+    ``penalties`` as these, for ranks at other prices of violations. ``references`` are zero and one of each task's normalised score; if all
+    tasks score money, some may lack it: then no score is normalised. ``tables`` are ranked rows of the tasks, for what agents earned, grew
+    and used, and in which unit. ``best_known`` are the best known runs of the tasks, with the seeds of ``scores`` in their order, for
+    regrets. ``scenarios`` has for each task a name for each run; runs of different tasks with the same name have the same draws. ``None``:
+    all draws differ. Returns ``None`` when no task of the suite has both results and references, and not all score money.
     """
     of_task = {table.task_id: table for table in tables}
     usable = tuple(task for task in tasks if task in scores)

@@ -7,8 +7,6 @@ Sources: Vanthoor (2011) greenhouse and crop, Katzin et al. (2020) and Katzin (2
 GreenLight model as a whole.
 """
 
-from __future__ import annotations
-
 from glbench.model.actuators import Actuators
 from glbench.model.air import (
     Air,

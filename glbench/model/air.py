@@ -1,7 +1,4 @@
-"""Moist air and its CO2: saturation, relative humidity, and conversions between density and mole fraction.
-
-Each function takes floats, NumPy arrays or CasADi symbols.
-"""
+"""Moist air and its CO2: saturation, humidity, density and mole fraction, of floats, NumPy arrays or CasADi symbols."""
 
 from __future__ import annotations
 
@@ -42,10 +39,7 @@ def kelvin(temperature: Expr) -> Expr:
 
 
 def saturation_vapour_pressure(temperature: Expr) -> Expr:
-    """Vapour pressure of saturated air [Pa] at a temperature [°C], over liquid water.
-
-    2325.98 Pa at 20 °C. The Magnus form of the GreenLight model, also used below 0 °C.
-    """
+    """Vapour pressure of saturated air [Pa] at [°C], over water, also below 0 °C: GreenLight's Magnus form; 2325.98 Pa at 20 °C."""
     return 610.78 * exp(17.2694 * temperature / (temperature + 238.3))
 
 
@@ -75,10 +69,7 @@ def vapour_pressure(temperature: Expr, density: Expr) -> Expr:
 
 
 def vapour_pressure_deficit(temperature: Expr, humidity: Expr) -> Expr:
-    """Vapour pressure that the air lacks to saturation [kPa], from temperature [°C] and relative humidity [%].
-
-    0.465 kPa at 20 °C and 80 %.
-    """
+    """Vapour pressure deficit [kPa] from temperature [°C] and relative humidity [%]; 0.465 kPa at 20 °C and 80 %."""
     return 1e-3 * (saturation_vapour_pressure(temperature) * (1 - humidity / 100))
 
 

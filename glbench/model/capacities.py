@@ -1,7 +1,4 @@
-"""Leaf area, and the heat and vapour capacities that depend on the state.
-
-The constant capacities (air, floor, soil, screens, pipes) are derived parameters, see derived.py.
-"""
+"""Leaf area, and heat and vapour capacities that depend on the state. The constant ones (air, floor, ...) are in derived.py."""
 
 from __future__ import annotations
 

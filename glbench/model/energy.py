@@ -185,6 +185,12 @@ class ChpBoilerBuffer(Addition):
         )
 
     def flows(self) -> tuple[Flow, ...]:
+        def hours(step: Step) -> Expr:
+            return np.sign(step.controls.u_chp) * (step.seconds / HOUR)
+
+        def starts(step: Step) -> Expr:  # 1 in a step in which the engine runs and in the one before did not
+            return np.sign(step.controls.u_chp) * (1.0 - np.sign(step.controls_before.u_chp))
+
         energies = (
             ("gas", "gas burnt, lower heating value", "Gas", lambda now: now.gas),
             ("engine_heat", "heat of the engine", "Heat of the engine", lambda now: now.h_chp),
@@ -195,14 +201,14 @@ class ChpBoilerBuffer(Addition):
         masses = (
             ("co2_made", "CO2 of the gas burnt", "CO₂ of the gas", lambda now: now.mc_flue),
             ("co2_from_flue", "CO2 dosed from flue gas", "CO₂ from flue gas", _from_flue),
-            ("co2_vented", "CO2 of the gas burnt that is not dosed", "CO₂ vented", _vented),
+            ("co2_vented", "CO2 of the gas burnt that is not dosed", "CO₂ vented", lambda now: fmax(now.mc_flue - now.mc_dosed, 0.0)),
             ("co2_bought", "CO2 bought to be dosed", "CO₂ bought", _co2_bought),
         )
         return (
             *(Flow(name, "kWh m-2", words, label, _summed(of, 1 / JOULES_PER_KWH)) for name, words, label, of in energies),
             *(Flow(name, "kg m-2", words, label, _summed(of, KG_PER_MG)) for name, words, label, of in masses),
-            Flow("engine_hours", "h", "time that the engine runs", "Engine", _engine_hours),
-            Flow("engine_starts", "-", "starts of the engine", "Starts of the engine", _engine_starts),
+            Flow("engine_hours", "h", "time that the engine runs", "Engine", hours),
+            Flow("engine_starts", "-", "starts of the engine", "Starts of the engine", starts),
         )
 
     def stocks(self) -> tuple[Stock, ...]:
@@ -260,10 +266,6 @@ def _from_flue(now: Plant) -> Expr:
     return fmin(now.mc_dosed, now.mc_flue)
 
 
-def _vented(now: Plant) -> Expr:
-    return fmax(now.mc_flue - now.mc_dosed, 0.0)
-
-
 def _co2_bought(now: Plant) -> Expr:
     return fmax(now.mc_dosed - now.mc_flue, 0.0)
 
@@ -276,16 +278,6 @@ def _summed(of: _OfPlant, factor: float) -> Callable[[Step], Expr]:
 def _a_second(of: _OfPlant, factor: float) -> Callable[[Record, Record, Record], Expr]:
     """What comes in a second, from controls, disturbances and parameters."""
     return lambda u, d, p: of(plant(u, p)) * factor
-
-
-def _engine_hours(step: Step) -> Expr:
-    """Time that the engine runs [h]."""
-    return np.sign(step.controls.u_chp) * (step.seconds / HOUR)
-
-
-def _engine_starts(step: Step) -> Expr:
-    """1 in a step in which the engine runs and in the one before did not, else 0."""
-    return np.sign(step.controls.u_chp) * (1.0 - np.sign(step.controls_before.u_chp))
 
 
 PIPE_HEAT = Meter("h_buf_pipe", "heat_to_pipes", "J m-2", "heat of the buffer to the rail pipes", "Heat to the pipes", scale=1e6, small=1e4)

@@ -1,7 +1,4 @@
-"""An energy system as those see it who look at its runs from outside: its sizes and efficiencies, its buffer, its flows.
-
-The equations are in :mod:`glbench.model.energy`.
-"""
+"""An energy system as seen from outside: sizes, efficiencies, buffer, flows; the equations are in :mod:`glbench.model.energy`."""
 
 from __future__ import annotations
 

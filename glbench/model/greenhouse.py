@@ -259,24 +259,11 @@ def compose(
 ) -> Greenhouse:
     """A greenhouse model of these submodels.
 
-    Raises ``GlbenchError`` when two submodels are called the same, or have a state, a control, a parameter, a flow or a stock of the same
-    name.
+    Additions may read all fluxes, and stand between the actuators and the climate. ``meters`` are fluxes that are added up over each
+    control step, to be priced by a ledger. ``version`` is that of the whole: it changes when a result may change. ``name`` is by default
+    those of the submodels, joined by hyphens. Equal arguments give the same greenhouse.
 
-    Parameters
-    ----------
-    climate, crop, additions
-        The submodels. Additions may read all fluxes, and stand between the actuators and the climate.
-    meters
-        Fluxes that are added up over each control step, to be priced by a ledger.
-    version
-        Version of the whole: it changes when a result may change.
-    name
-        Name of the whole; that of the submodels, joined by hyphens, if there is none.
-
-    Returns
-    -------
-    Greenhouse
-        The same for equal arguments.
+    Raises ``GlbenchError`` when two submodels have one name, or states, controls, parameters, flows or stocks of one name.
     """
     return _composed(climate, crop, additions, meters, version, name)
 

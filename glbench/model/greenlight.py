@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from glbench.errors import ParameterError
 from glbench.model.actuators import Actuators, actuators
-from glbench.model.air import Air, humidity_deficit, saturation_vapour_pressure, vapour_pressure_deficit
+from glbench.model.air import humidity_deficit, saturation_vapour_pressure, vapour_pressure_deficit
 from glbench.model.balances import ClimateFluxes, climate_balances, without
 from glbench.model.bounds import (
     COLDEST,
@@ -237,8 +237,8 @@ class GreenLightClimate(Climate):
         vpd, deficit = (
             replace(_column(DEFICITS[name], 0.0, most), of_air=of)
             for name, most, of in (
-                ("vapour_pressure_deficit", driest[0], _vapour_pressure_deficit),
-                ("humidity_deficit", driest[1], _humidity_deficit),
+                ("vapour_pressure_deficit", driest[0], lambda air: vapour_pressure_deficit(air.air_temperature, air.relative_humidity)),
+                ("humidity_deficit", driest[1], lambda air: humidity_deficit(air.air_temperature, air.relative_humidity)),
             )
         )
         brightest = highest_light_sums(horizon)
@@ -288,16 +288,6 @@ def _co2_dosed(step: Step) -> Expr:
     """CO2 dosed [kg m-2]."""
     p = step.parameters
     return step.controls.u_co2 * (p.phi_ext_co2 / p.a_flr * step.seconds * KG_PER_MG)
-
-
-def _vapour_pressure_deficit(air: Air) -> Expr:
-    """[kPa]."""
-    return vapour_pressure_deficit(air.air_temperature, air.relative_humidity)
-
-
-def _humidity_deficit(air: Air) -> Expr:
-    """[g m-3]."""
-    return humidity_deficit(air.air_temperature, air.relative_humidity)
 
 
 def _radiation(u: Record, d: Disturbances, p: Record) -> Expr:

@@ -113,10 +113,7 @@ def cooler(t_air: Expr, vp_air: Expr, power: Expr, latent_heat: Expr, p: Harvest
     Two things differ, and both only where the air is hardly warmer or moister than the surface: each excess is at least 0, and the sum of
     both, in kelvins, is never less than about ``tMechEdge``, so that the cooler takes less there instead of exchanging without limit.
 
-    Returns
-    -------
-    tuple
-        Heat exchange coefficient [W m-2 K-1], sensible heat [W m-2], condensation [kg m-2 s-1], latent heat [W m-2].
+    Returns heat exchange coefficient [W m-2 K-1], sensible heat [W m-2], condensation [kg m-2 s-1] and latent heat [W m-2].
     """
     warmer = fmax(t_air - p.t_mech, 0)
     moister = fmax(condensing_pressure(vp_air, p.t_mech), 0)

@@ -86,8 +86,7 @@ class Flow:
 class Stock:
     """An amount per m2 of floor that stands in the greenhouse: what a ledger can value at the start and at the end.
 
-    The ``amount`` is made from state and nominal parameters. It may use what the amount of a :class:`Flow` may; the other fields are as
-    there.
+    The ``amount`` is made from state and nominal parameters. It may use what that of a :class:`Flow` may, which also has the other fields.
     """
 
     name: str
@@ -113,25 +112,11 @@ class Capacity:
 class ObservedColumn:
     """A column of an observation that the model supplies.
 
-    Attributes
-    ----------
-    name, unit, meaning
-        As observed.
-    source
-        Public name of a state, or ``air_temperature``, ``co2``, ``relative_humidity`` of the main air.
-    low, high
-        Finite bounds.
-    factor
-        From the unit of the source to ``unit``.
-    of
-        Instead of a source: the column from state and nominal parameters. It may use what the amount of a :class:`Flow` may.
-    of_air
-        Instead of a source: the column from the main air as the task's sensors show it, errors included. It never sees the true state.
-    today
-        Instead of a source: a rate [``unit`` s-1] from controls, disturbances and nominal parameters in force; the column is its sum
-        since midnight by the task's clock, or since the start.
-
-    All three may use what the amount of a :class:`Flow` may.
+    ``source`` is the public name of a state, or ``air_temperature``, ``co2``, ``relative_humidity`` of the main air; ``factor`` leads from
+    its unit to ``unit``. ``low`` and ``high`` are finite bounds. Three stand instead of a source, and may use what the amount of a
+    :class:`Flow` may: ``of``, the column from state and nominal parameters; ``of_air``, the column from the main air as the task's sensors
+    show it, errors included, which never sees the true state; and ``today``, a rate [``unit`` s-1] from controls, disturbances and nominal
+    parameters in force, of which the column is the sum since midnight by the task's clock, or since the start.
     """
 
     name: str
@@ -415,10 +400,7 @@ class Model(ABC):
         return start
 
     def check_rates(self, x: ArrayLike, d: ArrayLike, p: ArrayLike) -> None:
-        """See that the equations give finite rates in the state ``x``, with all controls at 0.
-
-        Raises ``ShapeError`` when a rate is not finite; the message names model, state and value.
-        """
+        """Raises ``ShapeError``, with model, state and value, when a rate is not finite in the state ``x`` with all controls at 0."""
         rates = self.rhs(x, np.zeros(len(self.controls)), d, p)
         self._refuse_not_finite(rates, f"At the start, with all controls at 0, the equations of {self.id} give as rate of")
 
@@ -448,10 +430,7 @@ class Model(ABC):
         return _auxiliaries_function(self)
 
     def jacobian_function(self, wrt: str = "x") -> casadi.Function:
-        """CasADi function of x, u, d, p that gives the derivative of ``dxdt`` to one of the inputs, a dense matrix.
-
-        Raises ``UnknownNameError`` when ``wrt`` is none of the inputs.
-        """
+        """CasADi function of x, u, d, p: ``dxdt`` by one of the inputs, a dense matrix. Raises ``UnknownNameError`` for another ``wrt``."""
         if wrt not in self.INPUTS:
             refuse(f"The model has no input '{wrt}'.{did_you_mean(wrt, self.INPUTS)}", UnknownNameError)
         return _jacobian_function(self, wrt)
@@ -459,31 +438,17 @@ class Model(ABC):
     def rhs(self, x: ArrayLike, u: ArrayLike, d: ArrayLike, p: ArrayLike) -> Array:
         """Time derivative of the state.
 
-        Raises ``ShapeError`` when an input has another shape, other batch sizes than the rest, or values that are not finite.
-
-        Parameters
-        ----------
-        x, u, d, p
-            State, controls, disturbances and parameters in the order and units of ``states``, ``controls``, ``disturbances`` and
-            ``table``. Each may have a leading batch axis; those without one apply to every row. Rows are independent, and a row
-            gives the same bits alone and in any batch.
-
-        Returns
-        -------
-        ndarray
-            Shape ``(states,)``, or ``(n, states)`` when any input has a batch axis; unit of the state per second.
+        State ``x``, controls ``u``, disturbances ``d`` and parameters ``p`` are in the order and units of ``states``, ``controls``,
+        ``disturbances`` and ``table``. Each may have a leading batch axis; those without one apply to every row. Rows are independent, and
+        has the same bits in any batch. Returns ``(states,)``, or ``(n, states)`` when any input has a batch axis; unit of the state per
+        second. Raises ``ShapeError`` when an input has another shape, other batch sizes than the rest, or values that are not finite.
         """
         return evaluate_rows(self.names, self.rhs_function(), x, u, d, p)[..., 0]
 
     def auxiliary_values(self, x: ArrayLike, u: ArrayLike, d: ArrayLike, p: ArrayLike) -> dict[str, Array]:
         """Every quantity computed on the way to the time derivative, by its public name.
 
-        Parameters and errors as for :meth:`rhs`.
-
-        Returns
-        -------
-        dict of str to ndarray
-            For each entry of ``auxiliaries`` an array of shape () or (n,), in the unit given there.
+        For each entry of ``auxiliaries`` an array of shape () or (n,), in the unit given there. Inputs and errors are as for :meth:`rhs`.
         """
         values = evaluate_rows(self.names, self.auxiliaries_function(), x, u, d, p)[..., 0]
         return {entry.name: values[..., index] for index, entry in enumerate(self.auxiliaries)}
@@ -491,12 +456,7 @@ class Model(ABC):
     def jacobian(self, x: ArrayLike, u: ArrayLike, d: ArrayLike, p: ArrayLike, wrt: str = "x") -> Array:
         """Derivative of the time derivative of the state to the input ``wrt``: ``"x"``, ``"u"``, ``"d"`` or ``"p"``.
 
-        Parameters and errors as for :meth:`rhs`.
-
-        Returns
-        -------
-        ndarray
-            Shape ``(states, m)`` or ``(n, states, m)``, with m the length of that input.
+        Its shape is ``(states, m)`` or ``(n, states, m)``, with m the length of that input. Inputs and errors are as for :meth:`rhs`.
         """
         return evaluate_rows(self.names, self.jacobian_function(wrt), x, u, d, p)
 
@@ -594,10 +554,7 @@ def _over_rows(function: casadi.Function, n: int) -> casadi.Function:
 
 
 def refuse_expression(what: str, value: object) -> None:
-    """Refuse a CasADi expression where numbers are expected, and name the functions that take one.
-
-    Raises ``ShapeError`` for an expression.
-    """
+    """Raises ``ShapeError`` for a CasADi expression in place of numbers, and names the functions that take one."""
     if isinstance(value, casadi.SX | casadi.MX):
         msg = (
             f"{what} is a CasADi expression ({type(value).__name__}), and numbers are expected. For expressions call the model's CasADi "

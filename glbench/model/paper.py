@@ -57,10 +57,7 @@ CO2_DOSED = Meter("mc_ext_air", "co2_metered", "mg m-2", "CO2 dosed, metered sin
 
 @cache
 def tomato_harvest(variant: str = "author") -> Greenhouse:
-    """The tomato greenhouse with a meter on its harvest: ``greenlight-tomato-harvest-1.0.0``.
-
-    Raises ``UnknownNameError`` when there is no such variant.
-    """
+    """``greenlight-tomato-harvest-1.0.0``: with a meter on its harvest. Raises ``UnknownNameError`` when there is no such variant."""
     reading = get_variant(variant)
     return compose(GreenLightClimate(reading), VanthoorTomato(reading), meters=(HARVEST,), name="greenlight-tomato-harvest")
 
@@ -201,10 +198,7 @@ def _differences(other: Model, model: Model) -> list[str]:
 
 
 def get_model(model_id: str, variant: str = "author") -> Model:
-    """Model of that id, such as ``greenlight-tomato-1.0.0``.
-
-    Raises ``UnknownNameError`` when there is no such model or variant; the message names the nearest.
-    """
+    """Model of that id, such as ``greenlight-tomato-1.0.0``. Raises ``UnknownNameError``, with the nearest name, when it is none."""
     if model_id not in _MODELS:
         broken = _load_plugins()
     if model_id not in _MODELS:

@@ -79,19 +79,9 @@ class ParameterValues:
         Raises ``UnknownNameError`` when there is no such set or parameter, with the nearest name, and ``ParameterError`` when a
         value is impossible, has the wrong unit, or contradicts the formula of a derived entry.
 
-        Parameters
-        ----------
-        set_name
-            One of ``PARAMETER_SETS``.
-        overrides
-            Values by parameter name. A value may state its unit, ``"116 W m-2"`` or ``(116, "W m-2")``; the unit is then
-            compared with the table's. A derived entry (``capAir``, ``cLeafMax``, ...) may be given only when it agrees with
-            its formula.
-
-        Returns
-        -------
-        ndarray
-            Shape (parameters,), in the order of the table; a new array at every call.
+        ``set_name`` is one of ``PARAMETER_SETS``. A value of ``overrides`` may state its unit, ``"116 W m-2"`` or ``(116, "W m-2")``; the
+        unit is then compared with the table's. A derived entry (``capAir``, ``cLeafMax``, ...) may be given only when it agrees with its
+        formula. Returns ``(parameters,)``, in the order of the table; a new array at every call.
         """
         _require_set(set_name)
         values = {name: _number(self.info(name), value) for name, value in (overrides or {}).items()}
@@ -106,16 +96,9 @@ class ParameterValues:
     def group(self, group: str, set_name: str = BENCHMARK) -> dict[str, float]:
         """Base entries of one part of a named set, to be used as overrides on another set.
 
-        ``values.default("benchmark", values.group("lamps", "hps_2020"))`` is the benchmark with other lamps.
-        Raises ``UnknownNameError`` when there is no such group or set.
-
-        Parameters
-        ----------
-        group
-            A part of the greenhouse: ``"lamps"``, ``"crop"``, ``"house"``, ``"roof"``, ``"thermal_screen"``, ... (field
-            ``group`` of the table).
-        set_name
-            One of ``PARAMETER_SETS``.
+        ``group`` is a part of the greenhouse: ``"lamps"``, ``"crop"``, ``"house"``, ``"roof"``, ``"thermal_screen"``, ... (field ``group``
+        of the table); ``set_name`` one of ``PARAMETER_SETS``. ``values.default("benchmark", values.group("lamps", "hps_2020"))`` is the
+        benchmark with other lamps. Raises ``UnknownNameError`` when there is no such group or set.
         """
         _require_set(set_name)
         members = {info.name: _own_value(info, set_name) for info in self.table if info.group == group and not info.is_derived}

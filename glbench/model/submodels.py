@@ -26,10 +26,7 @@ class Nothing(NamedTuple):
 
 
 class Submodel(ABC):
-    """A part of a model.
-
-    ``State``, ``Controls`` and ``Parameters`` are records whose fields are annotated with ``Variable``, ``Quantity`` and ``Parameter``.
-    """
+    """A part of a model; fields of its records ``State``, ``Controls``, ``Parameters`` are ``Variable``, ``Quantity``, ``Parameter``."""
 
     name: ClassVar[str]
     State: ClassVar[type[Any]] = Nothing

@@ -1,7 +1,4 @@
-"""Transpiration of the canopy, limited by the stomata and the boundary layer of the leaves.
-
-Source: Vanthoor (2011) eqs 8.47-8.52, after Stanghellini (1987).
-"""
+"""Transpiration of the canopy, limited by stomata and boundary layer: Vanthoor (2011) eqs 8.47-8.52, after Stanghellini (1987)."""
 
 from __future__ import annotations
 

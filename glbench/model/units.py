@@ -11,10 +11,7 @@ _NO_UNIT = frozenset({"", "-", "1", "–"})
 
 
 def parse_unit(text: str) -> dict[str, float]:
-    """Exponent of every symbol in a unit, for example ``{"W": 1, "m": -2}``; empty for a number without unit.
-
-    Every ``/`` applies to the one symbol after it.
-    """
+    """Exponent of every symbol in a unit, as ``{"W": 1, "m": -2}``; empty for a plain number. A ``/`` applies to the symbol after it."""
     plain = text.translate(_SUPERSCRIPTS).strip()
     if plain in _NO_UNIT:
         return {}

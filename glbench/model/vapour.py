@@ -1,7 +1,4 @@
-"""Water vapour: condensation on screens and cover, and transport with the air.
-
-Source: Vanthoor (2011) eqs 8.42-8.45, Katzin (2021) eqs 7.39-7.41.
-"""
+"""Water vapour: condensation on screens and cover, transport with the air. Vanthoor (2011) eqs 8.42-8.45, Katzin (2021) eqs 7.39-7.41."""
 
 from __future__ import annotations
 
@@ -54,10 +51,7 @@ def condensation(hec: Expr, pressure: Expr) -> Expr:
 
 
 def carried_vapour(flow: Expr, vp_from: Expr, vp_to: Expr, t_from: Expr, t_to: Expr, p: ClimateParameters, variant: Variant) -> Expr:
-    """Vapour carried by an air exchange [m3 m-2 s-1] [kg m-2 s-1]. Vanthoor (2011) eq. 8.45.
-
-    Rows 4 and 5: the published code rounds ``mWater/R`` and 273.15.
-    """
+    """Vapour in an air exchange [m3 m-2 s-1] [kg m-2 s-1], eq. 8.45. Rows 4, 5: the published code rounds ``mWater/R`` and 273.15."""
     factor = p.m_water / p.R if variant.vapour_flow_factor is None else variant.vapour_flow_factor
     zero = variant.vapour_flow_celsius_zero
     return factor * flow * (vp_from / (t_from + zero) - vp_to / (t_to + zero))

@@ -173,8 +173,7 @@ def with_violation_meters(model: Model) -> WithViolationMeters:
     """The same model with meters on how far air temperature [°C s], CO2 [ppm s] and relative humidity [% s] are outside limits.
 
     The limits are parameters (``limit_parameter``) with values that are never reached, the meters states (``violation_meter``), both after
-    those of ``model``. Raises ``GlbenchError`` when the model has no air or a step of its own, or a state or parameter that is called like
-    a meter or a limit.
+    those of ``model``. Raises ``GlbenchError`` when the model has no air or a step of its own, or a name like a meter's or a limit's.
     """
     return model if isinstance(model, WithViolationMeters) else _with_violation_meters(model)
 

@@ -4,8 +4,6 @@
 and tells how heat and harvest differ.
 """
 
-from __future__ import annotations
-
 from glbench.realism.climate import ClimateComparison, ClimateRun, CompartmentClimate, compare_climate, draw_errors, draw_mean_days
 from glbench.realism.comparison import Comparison, HouseComparison, check_pictures, compare, read_comparison, write_picture
 from glbench.realism.houses import HOUSES, SHIPPED, House, Settings, choose_houses, read_settings

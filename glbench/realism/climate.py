@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from glbench.realism.comparison import COLOURS, INK, saved_figure, tidy
+from glbench.realism.comparison import COLOURS, saved_figure
 from glbench.realism.free_run import CHANNELS, Drive, Error, drive, free_run
 from glbench.realism.houses import House, Settings, model, parameters
 from glbench.realism.indoor import read_indoor
 from glbench.realism.inputs import outdoors
 from glbench.realism.published import ROW_SECONDS, Archive
 from glbench.settings import Table
+from glbench.weather.comparison import INK, tidy
 from glbench.weather.record import FloatArray
 
 LABELS: Mapping[str, str] = {"air_temperature": "air temperature\n[°C]", "humidity": "relative humidity\n[%]", "co2": "CO2\n[ppm]"}
@@ -74,8 +75,8 @@ def compare_climate(
 ) -> tuple[ClimateComparison, tuple[ClimateRun, ...]]:
     """Run each of ``houses`` freely in every compartment that has an indoor climate.
 
-    Raises ``ArchiveError`` when weather or climate cannot be used, or lamps or CO2 gave more than is installed, and ``StepError`` when no
-    house can be integrated.
+    Raises ``ArchiveError`` when weather or climate is of no use, or lamps or CO2 gave more than installed, and ``StepError`` when no house
+    can be integrated.
     """
     outside = outdoors(archive, settings.place.clock, settings.place.co2, step_seconds=ROW_SECONDS)
     measured = [(one.name, one.indoor) for one in archive.compartments if one.indoor is not None]

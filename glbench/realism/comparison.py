@@ -23,9 +23,9 @@ from glbench.realism.season import NEEDED, Season, simulate
 from glbench.resources import write_atomically
 from glbench.settings import Table
 from glbench.untrusted import MIB, read_regular, reason_of
+from glbench.weather.comparison import INK, tidy
 from glbench.weather.record import FloatArray
 
-INK, QUIET, EDGE = "#1f2933", "#52606d", "#b8c2cc"
 COLOURS = ("#c23b22", "#e2a23b", "#7a6a58", "#3a8f5c", "#a44a8c", "#1d5fa8", "#4aa3a8", "#111111")
 _WIDTH, _HEIGHT = 12.0, 2.3  # inch; of a row
 FIRST_FRUIT = 0.05  # Fresh fruit after which the harvest counts as begun [kg m-2]
@@ -297,14 +297,6 @@ def write_picture(archive: Archive, seasons: Sequence[Season], settings: Setting
             axes.set_ylim(bottom=0.0)
             tidy(axes)
     saved_figure(figure, rows[0][0], path)
-
-
-def tidy(axes: Any) -> None:
-    """The look of all pictures: a quiet grid, no frame above and at the right."""
-    axes.tick_params(labelsize=8.5, colors=QUIET)
-    axes.grid(color=EDGE, lw=0.5, alpha=0.6)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
 
 
 def saved_figure(figure: Any, labelled: Any, path: Path) -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import datetime as dt
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +17,12 @@ from glbench.errors import ArchiveError, StepError, refuse
 from glbench.kernel import Kernel, Rows
 from glbench.model import Model, co2_ppm, relative_humidity
 from glbench.realism.houses import Plants
+from glbench.realism.indoor import Indoor
 from glbench.realism.inputs import Outdoors
 from glbench.realism.season import AIR_AT_START, young_crop
 from glbench.settings import Table
 from glbench.tasks import set_points as names
 from glbench.weather.record import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from glbench.realism.indoor import Indoor
 
 CHANNELS: Mapping[str, str] = {"air_temperature": "K", "humidity": "%", "co2": "ppm"}  # What is compared, with the unit of its errors
 HOURS = 3  # Length of the parts of a day whose errors are told apart [h]

@@ -94,10 +94,7 @@ class Settings(settings.Table):
 
 
 def read_settings(path: Path = SHIPPED) -> Settings:
-    """Read the page from a TOML file.
-
-    Raises ``ArchiveError`` when the file cannot be read, lacks an entry, or has an unknown or impossible one.
-    """
+    """The page in a TOML file. Raises ``ArchiveError`` when it cannot be read, lacks an entry, or has an unknown or impossible one."""
     advice = f"{SHIPPED} explains each entry. Copy it and change it."
     return settings.read_settings(Settings, path, "the settings", ArchiveError, toml=True, advice=advice)
 

@@ -88,8 +88,7 @@ class Compartment:
 class Archive:
     """Weather and compartments, in alphabetical order, over the same ``days`` from ``first`` on.
 
-    ``notes`` say what was filled, moved or left out. ``own`` is a greenhouse's own export, of which no heat, harvest and supplies of a day
-    are known.
+    ``notes`` say what was filled, moved or left out. ``own`` is a greenhouse's own export, without heat, harvest and supplies of a day.
     """
 
     first: dt.date
@@ -181,8 +180,7 @@ def read_rows(path: Path) -> tuple[Sheet, IntArray]:
 def read_archive(folder: Path, clock: str = "Europe/Amsterdam") -> Archive:
     """Read the archive in ``folder``, or a greenhouse's own export with stamps on ``clock`` (docs/measured-data.md).
 
-    Raises ``ArchiveError`` when files or columns are missing, a value is none or impossible, or too much is missing; it names file, column
-    and day.
+    Raises ``ArchiveError`` when files or columns are missing, a value is none or impossible, or too much is; names file, column and day.
     """
     import pandas as pd
 

@@ -3,8 +3,6 @@
 ``write_report(out)`` makes ``<out>/index.html``; ``docs/report.md`` says what it shows and what it rests on.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from glbench.extras import lazy_names

@@ -11,12 +11,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from glbench import __version__
+from glbench.arrays import Floats
+from glbench.env.kernels import Stepper
 from glbench.episodes import ActionLog, replayed_episodes
 from glbench.episodes.episode import local_days, sums_by
 from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
@@ -31,12 +33,8 @@ from glbench.leaderboard.pairs import failures
 from glbench.leaderboard.statistics import estimate_difference
 from glbench.quantities import capitalised, in_sentence, plain_unit, pretty_unit, sentence
 from glbench.report.task_words import clock_of
+from glbench.tasks import TaskSpec
 
-if TYPE_CHECKING:
-    from glbench.env.kernels import Stepper
-    from glbench.tasks import TaskSpec
-
-Floats = NDArray[np.float64]
 Places = NDArray[np.integer[Any]]
 
 DARK = 5.0  # Global radiation outside below which it is dark [W m-2]
@@ -165,14 +163,8 @@ def levels_of(task: TaskSpec) -> tuple[Curve, ...]:
 def parts_of(radiation: Floats, days: Places, step_seconds: float) -> Places:
     """The part of the day that each step belongs to, ``(steps,)``.
 
-    Parameters
-    ----------
-    radiation
-        Global radiation outside during each step [W m-2], ``(steps,)``.
-    days
-        Day on which each step begins, ``(steps,)``, from 0 without gaps.
-    step_seconds
-        Length of a step [s].
+    Of each step, ``(steps,)``, ``radiation`` is the global radiation outside [W m-2], and ``days`` the day on which it begins, from 0
+    without gaps; a step lasts ``step_seconds`` [s].
     """
     parts = np.full(len(radiation), NIGHT)
     before, after = (round(hours * 3600.0 / step_seconds) for hours in (BEFORE_LIGHT, AFTER_LIGHT))

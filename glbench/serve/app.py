@@ -307,10 +307,7 @@ def application(sessions: Sessions, hosts: Sequence[str] = ("localhost",), origi
 
 
 def bind(host: str, port: int) -> socket.socket:
-    """A socket that listens at ``host`` and ``port``; 0 is any free port.
-
-    Raises ``GlbenchError`` when the port is in use, or the host is not an address or a name of this machine.
-    """
+    """A socket at ``host`` and ``port``; 0 is any free one. Raises ``GlbenchError`` when it is in use, or the host not this machine's."""
     try:
         (family, kind, protocol, _, address), *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         # With the protocol named, asyncio sends answers at once (TCP_NODELAY); without, each waits 40 ms for an acknowledgement.

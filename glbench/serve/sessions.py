@@ -81,10 +81,7 @@ class Session:
         return bool(self.simulation.over)
 
     def step(self, request: messages.StepRequest) -> messages.StepAnswer:
-        """Take steps with one action.
-
-        Raises ``RequestError`` when the season is over, or the action or the number of steps is impossible; nothing is simulated then.
-        """
+        """Take steps with one action. Raises ``RequestError``, and takes none, when the season is over, or action or count impossible."""
         if self.ended:
             what = f"The season of this session is over after {len(self._actions)} steps."
             raise RequestError(409, what, f"Start another: POST /v1/sessions/{self.name}/reset.")
@@ -215,10 +212,7 @@ class Session:
 
 
 def read_action(task: TaskSpec, request: messages.StepRequest) -> NDArray[np.float64]:
-    """The action of a request, ``(m,)``.
-
-    Raises ``RequestError`` when there is none or two, a name is unknown or missing, or an entry is not a number within its bounds.
-    """
+    """The action of a request, ``(m,)``. Raises ``RequestError`` unless it is one, with the right names and numbers within bounds."""
     in_units = request.action is None
     field, entries = ("values", request.values) if in_units else ("action", request.action)
     if (request.action is None) == (request.values is None):
@@ -288,10 +282,7 @@ class Sessions:
         self.at_end = 0
 
     def start(self, request: messages.SeasonRequest, name: str | None = None) -> Session:
-        """Start a season, in a new session or in the session ``name`` in place of its season.
-
-        Raises ``RequestError`` for a split that is not served, or when too many sessions are open.
-        """
+        """Start a season, in a new session or in ``name``. Raises ``RequestError`` for a split not served, or too many open sessions."""
         self.close_idle()
         split = self.splits[0] if request.split is None else request.split
         if split not in self.splits:

@@ -5,8 +5,6 @@ compiled just in time by CasADi) differs much less. Every ratio here is taken ro
 median is reported. ``glbench bench`` prints them, ``benchmarks/`` runs them under pytest-benchmark, docs/speed.md says what they mean.
 """
 
-from __future__ import annotations
-
 from glbench.speed.record import Measurement, SpeedRecord, read_record, save_record
 from glbench.speed.run import measure
 from glbench.speed.subjects import SUBJECTS, Subject, choose_subjects

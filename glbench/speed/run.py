@@ -1,8 +1,7 @@
 """Speed measurement: reference and subject in turn, round by round; besides, time and memory of the first use.
 
-The reference is the model as the benchmark's paper steps it: CasADi's interface to CVODES with absolute and relative tolerance 1e-6 on
-the states as they are, the right-hand side compiled by the C compiler at -O3. Without a compiler CasADi's virtual machine evaluates it,
-which is reported.
+The reference is the model as the benchmark's paper steps it: CasADi's interface to CVODES with absolute and relative tolerance 1e-6 on the
+states as they are, the right-hand side compiled by the C compiler at -O3. Without one CasADi's virtual machine does, and a word says so.
 """
 
 from __future__ import annotations
@@ -115,10 +114,7 @@ def references(subjects: Iterable[Subject]) -> Iterator[dict[float, Reference]]:
 
 
 class Comparisons:
-    """Sets subjects against references, each of which is prepared once: one for each step length [s].
-
-    A subject and its reference are timed in turn, ``rounds`` times.
-    """
+    """Times subjects in turn with references, each prepared once a step length [s], ``rounds`` times."""
 
     def __init__(self, by_length: Mapping[float, Reference], rounds: int) -> None:
         self._by_length = by_length
@@ -160,8 +156,7 @@ def measure(
 ) -> SpeedRecord:
     """Set each of ``subjects`` (see ``choose_subjects``) against the reference, ``rounds`` times, 1 or more.
 
-    With ``processes``, first use and memory are measured too, in processes of their own (some seconds). ``progress`` is told before each
-    subject.
+    With ``processes``, first use and memory are measured too, in processes of their own (some seconds); ``progress`` hears of each subject.
     """
     tell = progress or (lambda words, number, total: None)
     measurements = []

@@ -9,15 +9,14 @@ from functools import cache, partial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.errors import UnknownNameError, did_you_mean
 from glbench.kernel import Kernel, make_kernel
 from glbench.model import TOMATO, default_parameters, initial_state
 from glbench.tasks import DEFAULT_TASK
 from glbench.weather import disturbances, load_weather
 
-Array = NDArray[np.float64]
 Controls = Literal["walk", "jump"]
 Horizon = Literal["rollout", "adjoint", "linearise", "push", "pull"]
 Work = Callable[[], int]  # Does something and says how many steps it took
@@ -48,18 +47,18 @@ GROUPS = {
 class Season:
     """Consecutive steps of one greenhouse: controls (steps, controls), weather (steps, disturbances), state at the start (states,)."""
 
-    controls: Array
-    weather: Array
-    start: Array
+    controls: Floats
+    weather: Floats
+    start: Floats
 
 
 @dataclass(frozen=True)
 class Points:
     """Steps that have nothing to do with one another: states (n, states), controls (n, controls), weather (n, disturbances)."""
 
-    x: Array
-    u: Array
-    d: Array
+    x: Floats
+    u: Floats
+    d: Floats
 
     def parts(self, rows: int) -> tuple[Points, ...]:
         """The same points, ``rows`` at a time; what is left over is left out. More than there are: all of them, repeated."""
@@ -69,7 +68,7 @@ class Points:
         return tuple(Points(self.x[i : i + rows], self.u[i : i + rows], self.d[i : i + rows]) for i in starts)
 
 
-def controls_of(kind: Controls, steps: int, seed: int) -> Array:
+def controls_of(kind: Controls, steps: int, seed: int) -> Floats:
     """Controls (steps, controls) that walk by at most ``LARGEST_CHANGE`` a step within 0..1, or jump: 0 or 1, redrawn at every step."""
     generator, count = np.random.default_rng([seed, ("walk", "jump").index(kind)]), len(TOMATO.control_names)
     if kind == "jump":
@@ -98,7 +97,7 @@ def points(kind: Controls, step_seconds: float, count: int = 512, seed: int = 0)
     """``count`` steps out of all months of a year, with the states that controls of that kind lead to."""
     kernel = Kernel(TOMATO, step_seconds, preset="standard")
     parameters = default_parameters()
-    steps: list[tuple[Array, Array, Array]] = []
+    steps: list[tuple[Floats, Floats, Floats]] = []
     for month in range(1, 13):
         one = season(kind, step_seconds, dt.date(2010, month, 1), _SEASON_DAYS, seed + month)
         x = one.start
@@ -274,10 +273,7 @@ SUBJECTS: tuple[Subject, ...] = tuple(sorted(_subjects(), key=lambda one: list(G
 
 
 def choose_subjects(names: Sequence[str] = (), *, quick: bool = False) -> tuple[Subject, ...]:
-    """Subjects by name or by group; all of them, or the quick ones, without names.
-
-    Raises ``UnknownNameError`` when there is no such subject or group.
-    """
+    """Subjects by name or by group; without names all, or the quick ones. Raises ``UnknownNameError`` when there is no such one."""
     if not names:
         return tuple(one for one in SUBJECTS if one.quick or not quick)
     choices = {one.name for one in SUBJECTS} | set(GROUPS)

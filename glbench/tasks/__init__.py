@@ -4,8 +4,6 @@ A task is a TOML file without code. Published ones are in the folder ``tasks`` w
 explains the format.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from glbench.extras import lazy_names

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.tasks.ledger import LIMITED, LedgerItem
 from glbench.tasks.quantities import PAPER_MODEL, Action, Capacity, Quantity
 
@@ -109,8 +109,7 @@ class TaskCard:
         from glbench.tasks.spec import TaskSpec  # a card is read without the model
 
         if not self.definition:
-            msg = f"The card of {self.id} does not hold its task: it was changed in a way that no file can say."
-            raise TaskError(msg)
+            refuse(f"The card of {self.id} does not hold its task: it was changed in a way that no file can say.", TaskError)
         return TaskSpec.from_tables(json.loads(self.definition))
 
     @cached_property
@@ -187,10 +186,7 @@ def set_task(definition: str) -> None:
 
 
 def injected_task(task_id: str) -> TaskSpec | None:
-    """The injected task, if that is its id or its short form.
-
-    Raises ``TaskError`` when its parts are not known here: somebody registered them in another process.
-    """
+    """The injected task, if it has that id or short form. Raises ``TaskError`` when its parts are registered in another process."""
     if not _DEFINITION:
         return None
     task = _task_of(_DEFINITION[0])
@@ -204,5 +200,4 @@ def _task_of(definition: str) -> TaskSpec:
     try:
         return TaskSpec.from_tables(json.loads(definition))
     except ValueError as error:
-        msg = f"The task cannot be read in this process: {error}"
-        raise TaskError(msg) from error
+        refuse(f"The task cannot be read in this process: {error}", TaskError, error)

@@ -1,10 +1,9 @@
 """The digest of a task, by the recipe of its schema. The recipes are frozen: published tasks and results depend on them.
 
 A digest is the SHA-256 of canonical JSON (RFC 8785) over: the definition without prose, the resolved parameters, the state at the start,
-the names, units and bounds of the observed columns, the weather, and the model's equations; for schema 2, also over the
-ledger and the names of drawn parameters. Each part also has its own digest, so that a mismatch can be traced to the
-right part. Computed numbers are rounded to nine significant digits, because the last bit of ``exp`` may differ between
-machines.
+the names, units and bounds of the observed columns, the weather, and the model's equations; for schema 2, also over the ledger and the
+names of drawn parameters. Each part also has its own digest, by which a mismatch is traced. Computed numbers are rounded to nine
+significant digits, because the last bit of ``exp`` may differ between machines.
 
 A published task never changes. ``tasks/lock.toml`` keeps the digest of every part, so that a message can tell an edited file from a
 changed model or changed weather (``glbench.tasks.library``).
@@ -112,20 +111,15 @@ def definition_of(task: TaskRecord) -> dict[str, Any]:
 
 
 def fingerprint_of(task: ResolvedTask) -> Fingerprint:
-    """The digest of ``task`` and the digests of its parts; needs the model and the weather.
-
-    Raises ``TaskError`` when the task refers to something that does not exist.
-    """
+    """The digests of ``task`` and its parts; needs model and weather. Raises ``TaskError`` when it refers to what does not exist."""
     model = task.model_value
     for name in task.actuation.controls:
         with task.errors_in("actuation"):
             if name not in model.control_names:
-                msg = f"There is no control called '{name}'.{did_you_mean(name, model.control_names)}"
-                raise UnknownNameError(msg)
+                refuse(f"There is no control called '{name}'.{did_you_mean(name, model.control_names)}", UnknownNameError)
     _ = task.scenario, task.ledger, task.scheduled_places, task.initial_controls  # what is unknown is an error before anything is recorded
     if model.air is None and task.constraints.items():
-        msg = f"{task.source}: [constraints] {model.id} has no air whose climate could be limited. Leave the table out."
-        raise TaskError(msg)
+        refuse(f"{task.source}: [constraints] {model.id} has no air whose climate could be limited. Leave the table out.", TaskError)
     parts = _parts(task)
     named = {name: canonical_sha256(part) for name, part in parts.items() if name in Fingerprint.PARTS}
     return Fingerprint(digest=canonical_sha256(parts), **named, model_version=model.version)
@@ -202,10 +196,7 @@ def lock_path() -> Path:
 
 
 def read_lock() -> Mapping[str, LockEntry]:
-    """Entries of the lock by task id; empty if there is no lock yet.
-
-    Raises ``TaskError`` when the file is damaged.
-    """
+    """Entries of the lock by task id; empty if there is no lock yet. Raises ``TaskError`` when the file is damaged."""
     path = lock_path()
     try:
         state = path.stat()
@@ -225,8 +216,7 @@ def _read(path: Path, _modified: int, _size: int) -> Mapping[str, LockEntry]:
             entries[task_id] = LockEntry(task_id, entry["file"], Fingerprint(**{name: entry[name] for name in names}))
         return MappingProxyType(entries)
     except (OSError, ValueError) as error:
-        msg = f"Cannot read {path}: {error}. Restore the file, or install glbench again."
-        raise TaskError(msg) from error
+        refuse(f"Cannot read {path}: {error}. Restore the file, or install glbench again.", TaskError, error)
 
 
 def write_lock(entries: Mapping[str, LockEntry], path: Path) -> None:

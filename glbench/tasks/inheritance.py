@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
 from glbench.registration import task_files, task_ids
 from glbench.resources import data_folder
 from glbench.tasks.price_files import read_prices
@@ -49,10 +49,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Change:
-    """A key that differs from the base: its full name, and both values as a file writes them.
-
-    ``value`` is ``None`` for what is left out, ``before`` for what is new.
-    """
+    """A key that differs from the base: its full name, and both values as files write them; ``None`` for one that is not there."""
 
     key: str
     value: str | None
@@ -81,18 +78,15 @@ def read_tables(path: Path, above: tuple[Path, ...] = ()) -> TaskTables:
 
     ``above`` are the files that led here.
 
-    Raises ``TaskError`` when a file cannot be read, is not TOML, or is based on itself. Raises ``UnknownNameError`` when there is no task
-    of the base's id.
+    Raises ``TaskError`` when a file cannot be read, is not TOML, or is based on itself. Raises ``UnknownNameError`` for an unknown base.
     """
     files = (*above, real_path(path))
     source = shown_path(path)
     if real_path(path) in above:
         chain = " -> ".join(file.name for file in files)
-        msg = f"{source} is its own base ({chain}). Remove 'base' from one of these files."
-        raise TaskError(msg)
+        refuse(f"{source} is its own base ({chain}). Remove 'base' from one of these files.", TaskError)
     if len(files) > LONGEST_CHAIN:
-        msg = f"{source} is the base of a base of a base, {LONGEST_CHAIN} times over. Write one of these tasks out."
-        raise TaskError(msg)
+        refuse(f"{source} is the base of a base of a base, {LONGEST_CHAIN} times over. Write one of these tasks out.", TaskError)
     text = ""
     try:
         text = read_regular(path, _LARGEST_FILE).decode("utf-8-sig").replace("\r\n", "\n")
@@ -101,14 +95,12 @@ def read_tables(path: Path, above: tuple[Path, ...] = ()) -> TaskTables:
         msg = f"There is no task file {source}. `glbench tasks list` shows the tasks that are there."
         raise TaskError(msg) from None
     except (OSError, UnicodeDecodeError) as error:
-        msg = f"Cannot read the task file {source}: {reason_of(error)}. Give a .toml file or the id of a task."
-        raise TaskError(msg) from error
+        refuse(f"Cannot read the task file {source}: {reason_of(error)}. Give a .toml file or the id of a task.", TaskError, error)
     except tomllib.TOMLDecodeError as error:
         msg = f"{source} is no valid TOML: {toml_fault(error, text)}. Correct that line; tasks/ has files to compare with."
         raise TaskError(msg) from error
     except (RecursionError, ValueError) as error:  # nested without end; a number of thousands of digits
-        msg = f"{source} is not a task file: it holds a number or a nesting that no task has. Is it the right file?"
-        raise TaskError(msg) from error
+        refuse(f"{source} is not a task file: it holds a number or a nesting that no task has. Is it the right file?", TaskError, error)
     check_plain(content, source)
     base = content.pop(BASE, None)
     if base is None:
@@ -123,8 +115,7 @@ def read_tables(path: Path, above: tuple[Path, ...] = ()) -> TaskTables:
             raise TaskError(msg)
         return TaskTables(content, files=prices)
     if not isinstance(base, str):
-        msg = f"{source}: base = {as_written(base)} is neither the id of a task nor a file beside this one, in quotes."
-        raise TaskError(msg)
+        refuse(f"{source}: base = {as_written(base)} is neither the id of a task nor a file beside this one, in quotes.", TaskError)
     try:
         under = path.parent / base if base.endswith(".toml") else shipped_file(base)
     except UnknownNameError as error:
@@ -199,8 +190,7 @@ def _without(table: Mapping[str, Any], path: Sequence[str], refusal: str) -> dic
     """``table`` without the key at ``path``."""
     key, *rest = path
     if key not in table or (rest and not isinstance(table[key], Mapping)):
-        msg = f"{refusal}{did_you_mean(key, table)}"
-        raise TaskError(msg)
+        refuse(f"{refusal}{did_you_mean(key, table)}", TaskError)
     others = {name: value for name, value in table.items() if name != key}
     return {**others, key: _without(table[key], rest, refusal)} if rest else others
 
@@ -255,8 +245,7 @@ def take_over_prices(content: Mapping[str, Any], folder: Path, source: str, belo
         try:
             prices = read_prices(file, table.get("unit", base_table.get("unit")), **how)
         except TaskError as error:
-            msg = f"{source}: [price_tables.{name}] file: {error}"
-            raise TaskError(msg) from error
+            refuse(f"{source}: [price_tables.{name}] file: {error}", TaskError, error)
         table["series"] = prices.series()
         for doubt in prices.doubts:
             logger.warning("%s: [price_tables.%s] %s: %s.", source, name, file.name, doubt)
@@ -264,10 +253,7 @@ def take_over_prices(content: Mapping[str, Any], folder: Path, source: str, belo
 
 
 def shipped_file(name: str) -> Path:
-    """File of the shipped task with this id or short form.
-
-    Raises ``UnknownNameError`` when there is none; names the nearest.
-    """
+    """File of the shipped task with this id or short form. Raises ``UnknownNameError`` when there is none; names the nearest."""
     ids = task_ids()
     by_short_form = {task_id.partition("/")[2]: task_id for task_id in ids}
     full_id = name if name in ids else by_short_form.get(name)
@@ -307,22 +293,14 @@ def as_written(value: object, longest: int = _LONGEST_VALUE) -> str:
 
 
 def check_plain(content: Mapping[str, Any], source: str) -> None:
-    """Refuse numbers and nestings that what reads the task later would stumble over.
-
-    Raises
-    ------
-    TaskError
-        That names the key.
-    """
+    """Refuse numbers and nestings that what reads the task later would stumble over. Raises ``TaskError``, which names the key."""
     inside: list[tuple[str, object, int]] = [("the file", content, 0)]
     while inside:
         key, value, depth = inside.pop()
         if depth > _DEEPEST:
-            msg = f"{source}: {key} is nested more than {_DEEPEST} deep, which nothing in a task is."
-            raise TaskError(msg)
+            refuse(f"{source}: {key} is nested more than {_DEEPEST} deep, which nothing in a task is.", TaskError)
         if isinstance(value, int) and not -_LARGEST_INTEGER <= value < _LARGEST_INTEGER:
-            msg = f"{source}: {key} is a whole number beyond 64 bits. Correct it."
-            raise TaskError(msg)
+            refuse(f"{source}: {key} is a whole number beyond 64 bits. Correct it.", TaskError)
         if isinstance(value, dict):
             inside += [(str(name), inner, depth + 1) for name, inner in value.items()]
         elif isinstance(value, list):

@@ -1,8 +1,7 @@
 """The ledger of a task: what is earned and paid in a control step, and every quantity of a step that follows from it.
 
-An item prices a flow of the model (heat, fruit harvested), or counts the value of a stock (fruit on the plants) at the end of the
-episode minus that at its start. Money columns, amounts, profit and the quantities of a step are generated from the items: a new
-cost is one item.
+An item prices a flow of the model (heat, fruit harvested), or counts the value of a stock (fruit on the plants) at the end of the episode
+minus that at its start. Money columns, amounts, profit and a step's quantities are generated from items: a new cost is one item.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from glbench.canonical import canonical_sha256
-from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
 from glbench.registration import draft_files, task_files
 from glbench.tasks.card import injected_task
 from glbench.tasks.digest import LOCK_WORDS, LockEntry, lock_path, read_lock, write_lock
@@ -48,8 +48,7 @@ def get_task(id_or_path: str | Path) -> TaskSpec:
     when a published task was changed, or when a file uses a published id for another task.
     """
     if not isinstance(id_or_path, str | Path):
-        msg = f"A task is asked for by its id, such as '{DEFAULT_TASK}', or by its file (.toml); got {id_or_path!r}."
-        raise UnknownNameError(msg)
+        refuse(f"A task is asked for by its id, such as '{DEFAULT_TASK}', or by its file (.toml); got {id_or_path!r}.", UnknownNameError)
     injected = injected_task(str(id_or_path))
     if injected is not None:
         return injected
@@ -87,10 +86,7 @@ def list_tasks() -> list[TaskSpec]:
 
 
 def list_drafts() -> list[TaskSpec]:
-    """Shipped tasks that are not published: they can be used like any other, and may change.
-
-    Raises ``TaskError`` when a file is invalid.
-    """
+    """Shipped tasks that are not published: usable like any other, and may change. Raises ``TaskError`` when a file is invalid."""
     return [read_task(path) for path in draft_files()]
 
 
@@ -105,14 +101,10 @@ def list_suites() -> dict[str, tuple[str, ...]]:
 
 
 def get_suite(name: str) -> tuple[TaskSpec, ...]:
-    """Tasks of a suite, each compared with the lock.
-
-    Raises ``UnknownNameError`` when there is no such suite; names the nearest. Raises ``TaskError`` as for ``get_task``.
-    """
+    """Tasks of a suite, each compared with the lock. Raises ``UnknownNameError`` for an unknown suite, and errors as for ``get_task``."""
     suites = list_suites()
     if name not in suites:
-        msg = f"There is no suite '{name}'.{did_you_mean(name, suites)}"
-        raise UnknownNameError(msg)
+        refuse(f"There is no suite '{name}'.{did_you_mean(name, suites)}", UnknownNameError)
     return tuple(get_task(task_id) for task_id in suites[name])
 
 
@@ -137,14 +129,10 @@ def lock_new_tasks() -> tuple[LockEntry, ...]:
 
 
 def check_file_name(task: TaskSpec, path: Path) -> None:
-    """Refuse a shipped task whose file is not called after its id.
-
-    Raises ``TaskError`` with the name the file should have.
-    """
+    """Refuse a shipped task whose file is not called after its id. Raises ``TaskError`` with the name the file should have."""
     expected = f"{task.short_id.lower()}.toml"
     if path.name != expected:
-        msg = f"{task.source} defines '{task.id}', so its file must be called {expected}. Rename the file or correct the id."
-        raise TaskError(msg)
+        refuse(f"{task.source} defines '{task.id}', so its file must be called {expected}. Rename the file or correct the id.", TaskError)
 
 
 _REMEMBERED: dict[tuple[Path, Path, bool], tuple[TaskSpec, dict[Path, _State]]] = {}

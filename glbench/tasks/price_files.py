@@ -1,8 +1,7 @@
 """Files of prices as people have them: exports of ENTSO-E, EPEX, SMARD and others, and the plain two columns of docs/prices.md.
 
 The column of times and that of prices are recognised, stamps on a local clock become UTC with the 23 and 25 hours of the days on which the
-clock changes, and prices are converted to the unit of the table. Hours without a price are left out with a note: the price before them
-holds on.
+clock changes, and prices are converted to the unit of the table. Hours without one are left out with a note: the price before holds on.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
 
-from glbench.errors import TaskError
+from glbench.errors import TaskError, refuse
 from glbench.outside_tables import (
     DAY,
     HOUR,
@@ -92,18 +91,10 @@ def read_prices(path: Path, unit: object, *, clock: object = None, column: objec
 
     Raises ``TaskError`` when the file is not one of prices; names row, column and value.
 
-    Parameters
-    ----------
-    path
-        The file. ``.zip`` and ``.gz`` with one table inside are opened.
-    unit
-        Unit of the table, such as ``EUR kWh-1``; ``None``, of a table without one, is refused.
-    clock
-        IANA zone of stamps without an offset; by default UTC, or that of an exchange where the title says CET/CEST.
-    column
-        Title of the column of prices, where there are several.
-    file_unit
-        Unit of the file's prices, such as ``EUR/MWh``, where its title has none.
+    ``path`` may also be a ``.zip`` or ``.gz`` with one table inside. ``unit`` is that of the table, such as ``EUR kWh-1``; ``None``, of a
+    table without one, is refused. ``clock`` is the IANA zone of stamps without an offset; by default UTC, or that of an exchange where the
+    title says CET/CEST. ``column`` is the title of the column of prices, where there are several, ``file_unit`` the unit of the file's
+    prices, such as ``EUR/MWh``, where its title has none.
     """
     text = read_text(path, TaskError)
     table = split_table(text, str(path), TaskError)
@@ -195,10 +186,7 @@ def _clock_of(table: TextTable, time: str, clock: object) -> tuple[ZoneInfo | No
 
 
 def _price_column(table: TextTable, column: object) -> str:
-    """Title of the column of prices.
-
-    Raises ``TaskError`` when there is none, or several and ``column`` does not say which.
-    """
+    """Title of the column of prices. Raises ``TaskError`` when there is none, or several and ``column`` does not say which."""
     if column is not None:
         table.texts(str(column))
         return str(column)
@@ -254,8 +242,7 @@ def _conversion(table: TextTable, title: str, unit: object, file_unit: object) -
     target = None if unit is None else _UNIT.search(str(unit))
     if match is None:
         if file_unit is not None:
-            msg = f"{table.file}: '{visible(str(file_unit))}' is not a unit of prices such as EUR/MWh, ct/kWh or EUR/m3."
-            raise TaskError(msg)
+            refuse(f"{table.file}: '{visible(str(file_unit))}' is not a unit of prices such as EUR/MWh, ct/kWh or EUR/m3.", TaskError)
         if unit is None:
             table.refuse('neither the file nor the price table has a unit: write unit = "EUR kWh-1" in the table.')
         if len(table.titles) > 2 or title.lower() != "price":

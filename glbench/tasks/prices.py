@@ -26,10 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from glbench.arrays import Floats
 from glbench.errors import refuse
 from glbench.tasks.fields import Table, as_tuple
-
-Floats = NDArray[np.float64]
 
 HOURS_A_DAY = 24
 DAY = 86400
@@ -255,16 +254,8 @@ def price_rows(
 def day_ahead(prices: Floats, times: NDArray[np.datetime64], hour_of_day: Floats, every: int, hours: Iterable[int]) -> Floats:
     """What a day-ahead market lets know of coming prices, ``(rows, hours)``: those until midnight.
 
-    An hour after midnight has the price of 24 h before: that of the same hour today, unless the clock changes.
-
-    Parameters
-    ----------
-    prices, times, hour_of_day
-        Price, moment [UTC] and hour of day of each row of a calendar that begins at midnight, ``(rows,)``.
-    every
-        Rows an hour.
-    hours
-        Hours ahead, 1 to 24.
+    An hour after midnight has the price of 24 h before: of the same hour today, unless the clock changes. Price, moment [UTC] and hour of
+    day are those of each row of a calendar that begins at midnight, ``(rows,)``, with ``every`` rows an hour; ``hours`` are ahead, 1 to 24.
     """
     day = local_times(times, hour_of_day).astype("datetime64[D]")[::every]
     now = np.arange(len(day))

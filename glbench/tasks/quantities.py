@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
 from glbench.quantities import CLOCK, OUTDOOR
 from glbench.tasks.ledger import LIMITED
 
@@ -209,8 +209,7 @@ def of_model(module: str) -> QuantityTable:
         model = context.model
         shown_columns = model.observed(module, context.horizon)
         if shown_columns is None:
-            msg = f"{model.id} has no observation module '{module}'.{did_you_mean(module, model.observation_modules)}"
-            raise UnknownNameError(msg)
+            refuse(f"{model.id} has no observation module '{module}'.{did_you_mean(module, model.observation_modules)}", UnknownNameError)
         return tuple(Quantity(column.name, column.unit, column.low, column.high, column.meaning) for column in shown_columns)
 
     return columns
@@ -274,8 +273,7 @@ def switches(context: ObservationContext) -> tuple[Quantity, ...]:
 def schedule(context: ObservationContext) -> tuple[Quantity, ...]:
     """Each scheduled control as it will be in the coming step; UnknownNameError where there is none."""
     if not context.scheduled_controls:
-        msg = "'schedule' shows controls that follow a schedule, and there is none: add [[schedule]]."
-        raise UnknownNameError(msg)
+        refuse("'schedule' shows controls that follow a schedule, and there is none: add [[schedule]].", UnknownNameError)
     every = {c.name: c for c in capacities(context.model, context.parameters)}
     ones = (every[name] for name in context.scheduled_controls)
     return tuple(Quantity(f"{one.quantity}_scheduled", "-", 0.0, 1.0, f"{one.meaning}, in the coming step") for one in ones)
@@ -284,8 +282,7 @@ def schedule(context: ObservationContext) -> tuple[Quantity, ...]:
 def prices(context: ObservationContext) -> tuple[Quantity, ...]:
     """The price of now of every price table; UnknownNameError where there is none."""
     if not context.prices:
-        msg = "'prices' shows prices that change with time, and there is none: add [price_tables.<name>]."
-        raise UnknownNameError(msg)
+        refuse("'prices' shows prices that change with time, and there is none: add [price_tables.<name>].", UnknownNameError)
     return tuple(Quantity(f"price_{name}", unit, low, high, f"price '{name}' of now") for name, unit, low, high in context.prices)
 
 

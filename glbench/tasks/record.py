@@ -9,7 +9,7 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
-from glbench.errors import GlbenchError, TaskError, did_you_mean
+from glbench.errors import GlbenchError, TaskError, did_you_mean, refuse
 from glbench.registration import task_ids
 from glbench.tasks import tables
 from glbench.tasks.inheritance import Change, read_tables, shown_path
@@ -108,11 +108,9 @@ class TaskRecord:
         names = self.splits.names if self.splits is not None else ()
         if split not in names and not (split == PREVIEW and self.preview is not None):
             has = f"It has {', '.join(names)}." if names else "All its runs share their seasons."
-            msg = f"{self.id} has no split '{split}'.{did_you_mean(split, names)} {has}"
-            raise TaskError(msg)
+            refuse(f"{self.id} has no split '{split}'.{did_you_mean(split, names)} {has}", TaskError)
         if sealed and split != "test":
-            msg = f"A secret salt belongs to the test; {self.id} was asked for its split '{split}'."
-            raise TaskError(msg)
+            refuse(f"A secret salt belongs to the test; {self.id} was asked for its split '{split}'.", TaskError)
         if (split, sealed) == (self.split, self.sealed):
             return self
         other = type(self)(self.file, self.source, self.base, self.changes, split, sealed)
@@ -165,10 +163,7 @@ class TaskRecord:
         return self.in_split("validation") if self.splits is not None and self.splits.validation else self
 
     def check_training(self) -> None:
-        """Refuse a task that has only a test split: agents cannot train in it.
-
-        Raises ``TaskError`` when the task has only a test split; the message names the task to train on.
-        """
+        """Raises ``TaskError``, with the task to train on, when this one has only a test split, in which no agent can train."""
         if self.splits is not None and self.splits.training is None:
             instead = f"on {self.base}, its base," if self.base is not None else "on another task"
             msg = (
@@ -204,13 +199,9 @@ class TaskRecord:
 
     @property
     def prices(self) -> tables.PricesTable:
-        """The prices of a task of schema 1.
-
-        Raises ``TaskError`` for a task of schema 2, which has a ledger.
-        """
+        """The prices of a task of schema 1. Raises ``TaskError`` for a task of schema 2, which has a ledger."""
         if self.file.prices is None:
-            msg = f"{self.source} has no table [prices]: its prices are those of its ledger (task.ledger)."
-            raise TaskError(msg)
+            refuse(f"{self.source} has no table [prices]: its prices are those of its ledger (task.ledger).", TaskError)
         return self.file.prices
 
     @cached_property
@@ -293,8 +284,7 @@ class TaskRecord:
         except TaskError:
             raise
         except GlbenchError as error:
-            msg = f"{self.source}: [{table}] {error}"
-            raise TaskError(msg) from error
+            refuse(f"{self.source}: [{table}] {error}", TaskError, error)
 
     @cached_property
     def _hash(self) -> int:
@@ -309,8 +299,7 @@ class TaskRecord:
         )
 
     def __setattr__(self, name: str, value: object) -> None:
-        msg = f"A task is frozen: make another one with model_copy(update={{'{name}': ...}})."
-        raise FrozenInstanceError(msg)
+        refuse(f"A task is frozen: make another one with model_copy(update={{'{name}': ...}}).", FrozenInstanceError)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.file, self.source, self.base, self.changes, self.split, self.sealed)

@@ -93,10 +93,7 @@ def best_known_path(task_id: str) -> Path:
 
 
 def read_best_known(task_id: str) -> BestKnown | None:
-    """The best known runs of a task; ``None`` where none are stored, as for every custom task.
-
-    Raises ``TaskError`` when the file cannot be used.
-    """
+    """The best known runs of a task; ``None`` where there are none, as for custom tasks. Raises ``TaskError`` when the file is bad."""
     path = best_known_path(task_id)
     if not path.is_file():
         return None
@@ -111,15 +108,11 @@ def _read(path: Path, _changed: int, _size: int) -> BestKnown:
     try:
         return BestKnown.model_validate_json(path.read_bytes())
     except (OSError, ValidationError) as error:
-        msg = f"{path} cannot be used: {error}. `glbench tasks references --write` makes it again from the results."
-        raise TaskError(msg) from error
+        refuse(f"{path} cannot be used: {error}. `glbench tasks references --write` makes it again from the results.", TaskError, error)
 
 
 def write_best_known(best: BestKnown) -> Path:
-    """Write the file of a task, a line a run, and return where it is.
-
-    Raises ``GlbenchError`` when it cannot be written.
-    """
+    """Write the file of a task, a line a run, and return where it is. Raises ``GlbenchError`` when it cannot be written."""
     path = best_known_path(best.task)
     head = best.model_dump_json(by_alias=True, exclude={"runs"}, indent=1).removesuffix("\n}")
     runs = ",\n".join(f"  {run.model_dump_json()}" for run in best.runs)
@@ -175,10 +168,7 @@ def references_path() -> Path:
 
 @cache
 def read_references() -> Mapping[str, References]:
-    """References by task id; a task without results is missing.
-
-    Raises ``TaskError`` when the file cannot be used.
-    """
+    """References by task id; a task without results is missing. Raises ``TaskError`` when the file cannot be used."""
     return _entries(references_path(), References, "Restore the file: `glbench tasks references --write` takes what is missing.")
 
 
@@ -193,15 +183,11 @@ def _entries(path: Path, kind: type[Entry], advice: str) -> Mapping[str, Entry]:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
         return {task_id: kind.model_validate(entry) for task_id, entry in data.items()}
     except (OSError, ValueError, RecursionError) as error:
-        msg = f"{path} cannot be used: {error}. {advice}"
-        raise TaskError(msg) from error
+        refuse(f"{path} cannot be used: {error}. {advice}", TaskError, error)
 
 
 def write_references(references: Mapping[str, References]) -> Path:
-    """Write the file and return where it is.
-
-    Raises ``GlbenchError`` when it cannot be written.
-    """
+    """Write the file and return where it is. Raises ``GlbenchError`` when it cannot be written."""
     parts = [_HEAD]
     for task_id, one in sorted(references.items()):
         values = one.model_dump(exclude_none=True).items()
@@ -228,19 +214,13 @@ class Deprecation(Table):
 
 
 def read_deprecated() -> Mapping[str, Deprecation]:
-    """Deprecated tasks by id.
-
-    Raises ``TaskError`` when the file cannot be used.
-    """
+    """Deprecated tasks by id. Raises ``TaskError`` when the file cannot be used."""
     path = lock_path().with_name(DEPRECATED_NAME)
     return _entries(path, Deprecation, "Restore the file; docs/maintain.md describes its entries.")
 
 
 def warn_if_deprecated(task_id: str) -> None:
-    """Log a warning when ``task_id`` is deprecated.
-
-    Raises ``TaskError`` when the list of deprecated tasks cannot be used.
-    """
+    """Log a warning when ``task_id`` is deprecated. Raises ``TaskError`` when the list of deprecated tasks cannot be used."""
     entry = read_deprecated().get(task_id)
     if entry is not None:
         logger.warning("%s", entry.in_words(task_id))

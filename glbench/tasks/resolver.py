@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from glbench.errors import ParameterError, TaskError, UnknownNameError, WeatherError, did_you_mean
+from glbench.errors import ParameterError, TaskError, UnknownNameError, WeatherError, did_you_mean, refuse
 from glbench.quantities import MONEY
 from glbench.tasks.ledger import FLOW, STOCK, TRAVEL, Beyond, Ledger, LedgerItem, StepQuantity, step_quantities
 from glbench.tasks.quantities import Capacity, ObservationContext, Quantity, capacities, of_model
@@ -113,10 +113,7 @@ class ResolvedTask(TaskRecord):
 
     @cached_property
     def model_value(self) -> Model:
-        """The model.
-
-        Raises ``TaskError`` when there is no model with that id and variant.
-        """
+        """The model. Raises ``TaskError`` when there is no model with that id and variant."""
         from glbench.model import get_model  # not at the top: task files are read without the model
 
         with self.errors_in("model"):
@@ -147,8 +144,7 @@ class ResolvedTask(TaskRecord):
 
                 limits = {limit_parameter(name, side): getattr(entry, side) for name, entry in self.constraints.items() for side in SIDES}
             for name in limits.keys() & overrides.keys():
-                msg = f"'{name}' is a limit of the task: state it in [constraints]."
-                raise ParameterError(msg)
+                refuse(f"'{name}' is a limit of the task: state it in [constraints].", ParameterError)
             return _read_only(self.model_value.parameters.default(self.model.parameters, overrides | limits))
 
     def parameters_by_name(self) -> dict[str, float]:
@@ -167,12 +163,10 @@ class ResolvedTask(TaskRecord):
                 return values.drawn_set(names)
             for name in names:
                 if name not in values.names:
-                    msg = f"There is no parameter called '{name}'.{did_you_mean(name, values.names)}"
-                    raise UnknownNameError(msg)
+                    refuse(f"There is no parameter called '{name}'.{did_you_mean(name, values.names)}", UnknownNameError)
                 info = values.info(name)
                 if info.is_derived:
-                    msg = f"'{name}' follows from other parameters ({name} = {info.formula}): list those instead."
-                    raise ParameterError(msg)
+                    refuse(f"'{name}' follows from other parameters ({name} = {info.formula}): list those instead.", ParameterError)
         return names
 
     def initial_state(self) -> FloatArray:
@@ -185,33 +179,25 @@ class ResolvedTask(TaskRecord):
 
     @cached_property
     def initial_controls(self) -> FloatArray:
-        """Controls in force before the first step, fractions ``(controls,)``, read-only; 0 where the file says nothing.
-
-        Raises ``TaskError`` when a control cannot start there.
-        """
+        """Controls before the first step, shares ``(controls,)``, read-only; 0 if unstated. Raises ``TaskError`` for an impossible one."""
         capacities = self.capacities()
         controls, names = np.zeros(len(capacities)), [one.name for one in capacities]
         with self.errors_in("initial_state"):
             for name, value, unit in self.initial.controls:
                 if name not in self.actuation.controls or name not in names:
-                    msg = f"controls: the agent moves no control '{name}'.{did_you_mean(name, self.actuation.controls)}"
-                    raise UnknownNameError(msg)
+                    refuse(f"controls: the agent moves no control '{name}'.{did_you_mean(name, self.actuation.controls)}", UnknownNameError)
                 if name in self.on_off or name in self.actuators:
                     msg = f"controls: {name} starts at 0, because it is off or on or its actuator is not ideal. Leave it out."
                     raise ParameterError(msg)
                 place = names.index(name)
                 one = capacities[place]
                 if unit != one.unit or not 0.0 <= value <= one.at_one:
-                    msg = f"controls.{name} = {value:g} {unit} is not allowed. It must be 0 to {one.at_one:g} {one.unit}."
-                    raise ParameterError(msg)
+                    refuse(f"controls.{name} = {value:g} {unit} is not allowed. It must be 0 to {one.at_one:g} {one.unit}.", ParameterError)
                 controls[place] = value / one.at_one
         return _read_only(controls)
 
     def check_start(self) -> None:
-        """Evaluate the nominal state at the start, and the rates there, once.
-
-        Raises ``TaskError`` when one is not finite; the message names file, table, state and value.
-        """
+        """Raises ``TaskError``, with file, table, state and value, when the nominal start state or its rates are not finite."""
         state = self.initial_state()
         with self.errors_in("initial_state"):
             self.model_value.check_rates(state, self.disturbances().values[0], self.parameters())
@@ -291,39 +277,28 @@ class ResolvedTask(TaskRecord):
                 if late:
                     parts.append(f"{late} days by which it may start later (scenario.start_within_days = {late}; 0 needs none)")
                 parts.append(f"{ahead:.2g} days beyond its end, which are observed or forecast")
-                msg = f"{error} What was asked for is {', '.join(parts)}."
-                raise WeatherError(msg) from error
+                refuse(f"{error} What was asked for is {', '.join(parts)}.", WeatherError, error)
 
     # What the agent does and observes.
 
     @cached_property
     def actions(self) -> tuple[Action, ...]:
-        """The entries of an action, in order, with units and bounds.
-
-        Raises ``TaskError`` when there is no such kind of actuation, or it does not support one of the controls.
-        """
+        """The entries of an action, with units and bounds. Raises ``TaskError`` for an unknown actuation, or a control that it lacks."""
         with self.errors_in("actuation"):
             return ACTUATION_KINDS[self.actuation.kind].actions(self.actuation.controls)
 
     def observed(self) -> tuple[Quantity, ...]:
-        """Columns of the observation, in order, with units and finite bounds.
-
-        Raises ``TaskError`` when there is no such module, or two modules show a quantity of the same name.
-        """
+        """Columns of the observation, with units and finite bounds. Raises ``TaskError`` for an unknown module or the same name twice."""
         columns: dict[str, Quantity] = {}
         for module in self.observation.modules:
             for quantity in self.observed_by(module):
                 if quantity.name in columns:
-                    msg = f"{self.source}: [observation] '{quantity.name}' of '{module}' is shown by another module already."
-                    raise TaskError(msg)
+                    refuse(f"{self.source}: [observation] '{quantity.name}' of '{module}' is shown by another module already.", TaskError)
                 columns[quantity.name] = quantity
         return tuple(columns.values())
 
     def observed_by(self, module: str) -> tuple[Quantity, ...]:
-        """Columns of one observation module: one that all models have, a registered one, or the model's own.
-
-        Raises ``TaskError`` when neither the vocabulary nor the model has the module.
-        """
+        """Columns of a module that all models have, is registered, or is the model's own. Raises ``TaskError`` when there is none."""
         context, model = self.observation_context(), self.model_value
         with self.errors_in("observation"):
             if module in OBSERVATION_MODULES:
@@ -358,8 +333,7 @@ class ResolvedTask(TaskRecord):
 
         Items of schema 2 are sorted by side and name, so that the order of keys in a file does not change a sum.
 
-        Raises ``TaskError`` when an item prices something that the model does not have, or has the wrong unit; the message names file and
-        table.
+        Raises ``TaskError`` when an item prices what the model lacks, or has the wrong unit; names file and table.
         """
         paper = self.file.paper_ledger()
         if paper is not None:
@@ -373,14 +347,12 @@ class ResolvedTask(TaskRecord):
             sources: dict[str, tuple[str, float]] = {}
             for item in items:
                 if sources.setdefault(item.amount, (item.flow, item.factor)) != (item.flow, item.factor):
-                    msg = f"The amount '{item.amount}' is two things. Give one of them another name: amount = ..."
-                    raise UnknownNameError(msg)
+                    refuse(f"The amount '{item.amount}' is two things. Give one of them another name: amount = ...", UnknownNameError)
             limited = (name for name, _ in self.constraints.items())
             names = [quantity.name for quantity in step_quantities(ledger, limited, extra=(TRAVEL,))]
             for name in names:
                 if names.count(name) > 1:
-                    msg = f"'{name}' is the name of two columns. Give one of them another name."
-                    raise UnknownNameError(msg)
+                    refuse(f"'{name}' is the name of two columns. Give one of them another name.", UnknownNameError)
         return ledger
 
     def _item(self, name: str, table: ItemTable) -> LedgerItem:
@@ -389,8 +361,7 @@ class ResolvedTask(TaskRecord):
         kind, source = ("flow", table.flow) if table.flow is not None else ("stock", table.stock)
         entries: dict[str, Any] = {entry.name: entry for entry in getattr(self.model_value, f"{kind}s")()}
         if source is None or source not in entries:
-            msg = f"{self.model_id} has no {kind} '{source}'.{did_you_mean(str(source), entries)}"
-            raise UnknownNameError(msg)
+            refuse(f"{self.model_id} has no {kind} '{source}'.{did_you_mean(str(source), entries)}", UnknownNameError)
         entry = entries[source]
         amount, unit = table.amount or (source if kind == "flow" else f"{source}_gained"), entry.unit
         amount_unit = table.unit or unit
@@ -407,8 +378,7 @@ class ResolvedTask(TaskRecord):
             msg = f"A price in {price_unit} times an amount in {amount_unit} is not in {MONEY}. Correct the unit of one of them."
             raise ParameterError(msg)
         if table.factor == 1.0 and other != parse_unit(unit):
-            msg = f"'{source}' is in {unit}, the amount in {amount_unit}: give the factor between them."
-            raise ParameterError(msg)
+            refuse(f"'{source}' is in {unit}, the amount in {amount_unit}: give the factor between them.", ParameterError)
         beyond = None if table.beyond is None else self._beyond(table, table.beyond, amount_unit, str(price_unit), entry)
         return LedgerItem(
             name, source, amount, amount_unit, table.factor, table.price, 1 if table.side == "earned" else -1,
@@ -430,8 +400,7 @@ class ResolvedTask(TaskRecord):
             raise ParameterError(msg)
         for what, unit, item_unit in (("amount", beyond.amount_unit, amount_unit), ("price", beyond.price_unit, price_unit)):
             if unit != item_unit:
-                msg = f"beyond: its {what} is in {unit}, that of the item in {item_unit}. Write both in one unit."
-                raise ParameterError(msg)
+                refuse(f"beyond: its {what} is in {unit}, that of the item in {item_unit}. Write both in one unit.", ParameterError)
         return Beyond(beyond.amount, beyond.price)
 
     @cached_property
@@ -450,10 +419,7 @@ class ResolvedTask(TaskRecord):
 
     @cached_property
     def scenario(self) -> Scenario:
-        """What a run draws: season, first day, start state, parameters.
-
-        Raises ``TaskError`` when a parameter, a set or a state is unknown; the message names file and table.
-        """
+        """What a run draws: season, first day, start, parameters. Raises ``TaskError``, with file and table, for an unknown name in it."""
         weather, scenario, groups, starts = self.weather, self.file.scenario, [], []
         for place, group in enumerate(scenario.parameters):
             names = self._drawable_parameters(group.parameters, self.conventions.draws_table)
@@ -474,8 +440,7 @@ class ResolvedTask(TaskRecord):
         names_of_all = [name for one in groups for name in one.parameters]
         for name in names_of_all:
             if names_of_all.count(name) > 1:
-                msg = f"{self.source}: [scenario.parameters] '{name}' is in two groups. Keep it in one."
-                raise TaskError(msg)
+                refuse(f"{self.source}: [scenario.parameters] '{name}' is in two groups. Keep it in one.", TaskError)
         split = self.split_table
         salt, generated, source = scenario.salt, None, weather.source
         years = scenario.years if split is None else split.years

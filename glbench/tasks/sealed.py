@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from glbench.errors import GlbenchError
+from glbench.errors import GlbenchError, refuse
 from glbench.untrusted import MIB, quoted, read_regular
 
 SALT_BYTES: Final = 32
@@ -58,14 +58,10 @@ class Round:
     """Closing time with its time zone, in whole seconds; a result made later is late. ``None``: the round never closes."""
 
     def __post_init__(self) -> None:
-        """Refuse what is not a secret of a round.
-
-        Raises ``GlbenchError`` when the salt, the digest, the years or the closing time is invalid.
-        """
+        """Raises ``GlbenchError`` when the salt, the digest, the years or the closing time cannot be those of a round."""
         # The wrong salt is not repeated: a right one with a typo would end up in a log.
         if not isinstance(self.salt, str) or not _HEX.fullmatch(self.salt):
-            msg = "The salt of a round has 64 hexadecimal digits in small letters. `glbench round new` makes one."
-            raise GlbenchError(msg)
+            refuse("The salt of a round has 64 hexadecimal digits in small letters. `glbench round new` makes one.", GlbenchError)
         closes = self.closes
         if closes is not None and (
             not isinstance(closes, dt.datetime)
@@ -82,12 +78,10 @@ class Round:
             return
         digest, years = self.weather.digest, self.weather.years
         if not isinstance(digest, str) or not _HEX.fullmatch(digest):
-            msg = f"The weather of a round is named by the 64 hexadecimal digits of its SHA-256; got {quoted(digest)}."
-            raise GlbenchError(msg)
+            refuse(f"The weather of a round is named by the 64 hexadecimal digits of its SHA-256; got {quoted(digest)}.", GlbenchError)
         usable = all(type(year) is int and _FIRST_YEAR <= year <= _LAST_YEAR for year in years)
         if not usable or not 1 <= len(years) <= _MOST_YEARS or list(years) != sorted(set(years)):
-            msg = f"The years of a round's weather ascend and occur once, such as 2019, 2020; got {quoted(str(years))}."
-            raise GlbenchError(msg)
+            refuse(f"The years of a round's weather ascend and occur once, such as 2019, 2020; got {quoted(str(years))}.", GlbenchError)
 
     @classmethod
     def new(cls, weather: SealedWeather | None = None, closes: dt.datetime | None = None) -> Round:
@@ -147,10 +141,7 @@ def commitment_of(secret: str) -> str:
 
 
 def weather_of(secret: str) -> SealedWeather | None:
-    """The weather that a round's secret names, if any.
-
-    Raises ``GlbenchError`` when it looks like a round's secret and is none.
-    """
+    """The weather that a round's secret names, if any. Raises ``GlbenchError`` when it looks like a round's secret and is none."""
     first, *lines = secret.split("\n")
     if first != _FIRST_LINE:  # a plain salt
         return None
@@ -164,10 +155,7 @@ def weather_of(secret: str) -> SealedWeather | None:
 
 
 def write_round(sealed: Round, path: Path) -> None:
-    """Write the round's file, which only its owner may read.
-
-    Raises ``GlbenchError`` when there is a file already, which might be the only copy of a secret, or it cannot be written.
-    """
+    """Write a round's file for its owner alone. Raises ``GlbenchError`` when there is one, maybe the only copy, or it cannot be written."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
@@ -176,11 +164,9 @@ def write_round(sealed: Round, path: Path) -> None:
             file.flush()
             os.fsync(file.fileno())
     except FileExistsError as error:
-        msg = f"{path} is there already, and may be the only copy of a secret. Choose another file."
-        raise GlbenchError(msg) from error
+        refuse(f"{path} is there already, and may be the only copy of a secret. Choose another file.", GlbenchError, error)
     except OSError as error:
-        msg = f"Cannot write {path}: {error.strerror or error}. Choose a folder that you may write to."
-        raise GlbenchError(msg) from error
+        refuse(f"Cannot write {path}: {error.strerror or error}. Choose a folder that you may write to.", GlbenchError, error)
 
 
 def read_round(path: Path | str) -> Round:
@@ -192,19 +178,16 @@ def read_round(path: Path | str) -> Round:
     try:
         content = tomllib.loads(read_regular(path, MIB).decode())
     except FileNotFoundError as error:
-        msg = f"There is no round's file {path}. `glbench round new` makes one."
-        raise GlbenchError(msg) from error
+        refuse(f"There is no round's file {path}. `glbench round new` makes one.", GlbenchError, error)
     except OSError as error:
-        msg = f"Cannot read the round's file {path}: {error.strerror or error}."
-        raise GlbenchError(msg) from error
+        refuse(f"Cannot read the round's file {path}: {error.strerror or error}.", GlbenchError, error)
     except (ValueError, RecursionError) as error:
         msg = f"{path} is not a round's file: it is not TOML."  # no words of the parser, which would quote the secret
         raise GlbenchError(msg) from error
     try:
         sealed, commitment = _round_of(content)
     except GlbenchError as error:
-        msg = f"{path}: {error}"
-        raise GlbenchError(msg) from error
+        refuse(f"{path}: {error}", GlbenchError, error)
     if sealed.commitment != commitment:
         msg = (
             f"{path}: salt, closing time and weather give the commitment {sealed.commitment}, and the file says {quoted(commitment)}. "
@@ -217,8 +200,7 @@ def read_round(path: Path | str) -> Round:
 def _round_of(content: dict[str, Any]) -> tuple[Round, object]:
     """The round that the tables of a file define, and the commitment that they state."""
     if content.get("schema") != SCHEMA or content.get("schema_version") != SCHEMA_VERSION:
-        msg = f"this is not a round's file of this glbench: its schema is not '{SCHEMA}' {SCHEMA_VERSION}."
-        raise GlbenchError(msg)
+        refuse(f"this is not a round's file of this glbench: its schema is not '{SCHEMA}' {SCHEMA_VERSION}.", GlbenchError)
     weather = content.get("weather")
     odd = set(content) - {"schema", "schema_version", "commitment", "salt", "closes", "weather"}
     if odd or "commitment" not in content or "salt" not in content:
@@ -227,35 +209,26 @@ def _round_of(content: dict[str, Any]) -> tuple[Round, object]:
     if weather is None:
         return Round(content["salt"], None, content.get("closes")), content["commitment"]
     if not isinstance(weather, dict) or set(weather) != {"digest", "years"} or not isinstance(weather["years"], list):
-        msg = "[weather] has the digest of a record and a list of years."
-        raise GlbenchError(msg)
+        refuse("[weather] has the digest of a record and a list of years.", GlbenchError)
     own = SealedWeather(weather["digest"], tuple(weather["years"]))
     return Round(content["salt"], own, content.get("closes")), content["commitment"]
 
 
 def closing_time(text: str) -> dt.datetime:
-    """Parse a closing time such as ``2027-03-01T18:00+01:00``.
-
-    Raises ``GlbenchError`` when it is not a time, has no time zone, or is in the past.
-    """
+    """Parse a time such as ``2027-03-01T18:00+01:00``. Raises ``GlbenchError`` when it is none, has no time zone, or is in the past."""
     try:
         closes = dt.datetime.fromisoformat(text.strip())
     except ValueError:
         closes = None
     if closes is None or closes.utcoffset() is None:
-        msg = f"A closing time needs date, time and time zone, such as {_EXAMPLE}; got {quoted(text)}."
-        raise GlbenchError(msg)
+        refuse(f"A closing time needs date, time and time zone, such as {_EXAMPLE}; got {quoted(text)}.", GlbenchError)
     if closes <= dt.datetime.now(dt.UTC):
-        msg = f"The closing time {text} is in the past. Choose a later one."
-        raise GlbenchError(msg)
+        refuse(f"The closing time {text} is in the past. Choose a later one.", GlbenchError)
     return closes.replace(microsecond=0)
 
 
 def round_weather(name: str, years: Sequence[int]) -> SealedWeather:
-    """The weather record ``name`` as a round's own.
-
-    Raises ``GlbenchError`` when there is no such record, it lacks one of the years, or no year is named.
-    """
+    """The weather ``name`` as a round's own. Raises ``GlbenchError`` when there is no such record, it lacks a year, or no year is named."""
     from glbench.weather import SeasonGenerator, load_weather  # not at the top: task files are read without the weather
 
     record = load_weather(name)

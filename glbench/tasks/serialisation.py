@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ValidationError
 
-from glbench.errors import TaskError, did_you_mean
+from glbench.errors import TaskError, did_you_mean, refuse
 from glbench.registration import task_ids
 from glbench.settings import Problem, field_of, problems_of, table_at
 from glbench.tasks.inheritance import WITHOUT, TaskTables, as_written, check_plain, inherit, take_over_prices
@@ -36,10 +36,7 @@ def schema_of(content: Mapping[str, Any]) -> type[TaskFile1] | type[TaskFile2]:
 
 
 def file_of(content: Mapping[str, Any]) -> TaskFile2:
-    """The record of the tables of a task file, whichever schema they are in.
-
-    Raises ``pydantic.ValidationError`` when they define no task.
-    """
+    """The record of the tables of a task file of either schema. Raises ``pydantic.ValidationError`` when they define no task."""
     kind = schema_of(content)
     return kind.of_content(content) if issubclass(kind, TaskFile2) else PaperTaskFile.of_file(kind.model_validate(content))
 
@@ -53,10 +50,7 @@ def file_of_attachment(plain: Mapping[str, Any]) -> TaskFile2:
 
 
 def record_of(tables: TaskTables, source: str) -> TaskFile2:
-    """The record of the tables of a file that messages call ``source``.
-
-    Raises ``TaskError`` when they define no task; it lists every mistake.
-    """
+    """The record of the tables of a file that messages call ``source``. Raises ``TaskError``, with every mistake, when they define none."""
     try:
         return file_of(tables.content)
     except ValidationError as error:
@@ -152,8 +146,7 @@ def changed_tables(base: Mapping[str, Any], base_id: str, *changes: Mapping[str,
     tables: dict[str, Any] = {}
     for change in changes:
         if not isinstance(change, Mapping):
-            msg = f'{own_id}: changes of a task are a mapping such as {{"weather.days": 30}}; got {change!r}.'
-            raise TaskError(msg)
+            refuse(f'{own_id}: changes of a task are a mapping such as {{"weather.days": 30}}; got {change!r}.', TaskError)
         for key, value in _nested(change, names_to_drop, "").items():
             _add(tables, key, value, "")
     own = {"id": own_id, "title": f"{base['title']}, changed", **tables}
@@ -176,8 +169,7 @@ def _nested(changes: Mapping[str, Any], names_to_drop: list[str], prefix: str) -
     nested: dict[str, Any] = {}
     for key, value in changes.items():
         if not isinstance(key, str) or not all(key.split(".")):
-            msg = f'{prefix}{key!r} is not a key of a task. A key is text such as "weather.days".'
-            raise TaskError(msg)
+            refuse(f'{prefix}{key!r} is not a key of a task. A key is text such as "weather.days".', TaskError)
         first, _, rest = key.partition(".")
         if value is None and not rest:
             names_to_drop.append(f"{prefix}{first}")
@@ -200,8 +192,7 @@ def _add(table: dict[str, Any], key: str, value: Any, prefix: str) -> None:
         for inner, entry in value.items():
             _add(there, inner, entry, f"{prefix}{key}.")
     elif key in table:
-        msg = f"{prefix}{key} is given twice. Keep one of the two."
-        raise TaskError(msg)
+        refuse(f"{prefix}{key} is given twice. Keep one of the two.", TaskError)
     else:
         table[key] = value
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import Field
 
-from glbench.errors import UnknownNameError, did_you_mean
+from glbench.errors import UnknownNameError, did_you_mean, refuse
 from glbench.model.controls import Controls
 from glbench.model.quantities import table_of
 from glbench.tasks.quantities import Action
@@ -64,16 +64,11 @@ def set_point_field(name: str) -> Any:
 
 
 def set_points(controls: tuple[str, ...]) -> tuple[Action, ...]:
-    """The set points of a process computer that works ``controls``.
-
-    Raises ``UnknownNameError`` when it cannot work one of them, or none that a set point steers.
-    """
+    """Set points of a process computer for ``controls``. Raises ``UnknownNameError`` when it cannot work one, or nothing steers any."""
     for name in controls:
         if name not in WORKED:
-            msg = f"The process computer cannot work '{name}', only {', '.join(WORKED)}.{did_you_mean(name, WORKED)}"
-            raise UnknownNameError(msg)
+            refuse(f"The process computer cannot work '{name}', only {', '.join(WORKED)}.{did_you_mean(name, WORKED)}", UnknownNameError)
     actions = tuple(action for steered, action in _SET_POINTS if set(steered) & set(controls))
     if not actions:
-        msg = f"No set point steers {', '.join(controls)}. Grant {BOILER}, {VENTS} or another control as well."
-        raise UnknownNameError(msg)
+        refuse(f"No set point steers {', '.join(controls)}. Grant {BOILER}, {VENTS} or another control as well.", UnknownNameError)
     return actions

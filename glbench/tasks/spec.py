@@ -28,18 +28,12 @@ class TaskSpec(ResolvedTask):
 
     @classmethod
     def model_validate(cls, content: Mapping[str, Any]) -> Self:
-        """The task that the tables ``content`` define, as TOML gives them.
-
-        Raises ``pydantic.ValidationError`` when they define none.
-        """
+        """The task that the tables ``content`` define, as TOML gives them. Raises ``pydantic.ValidationError`` when they define none."""
         return cls(file_of(content))
 
     @classmethod
     def of_file(cls, tables: TaskTables, source: str) -> Self:
-        """The task of the tables of a file that messages call ``source``.
-
-        Raises ``TaskError`` when they define no task; it lists every mistake.
-        """
+        """The task of the tables of a file that messages call ``source``. Raises ``TaskError`` with every mistake of them."""
         return cls(record_of(tables, source), source, tables.base, tables.changes)
 
     @classmethod
@@ -70,8 +64,7 @@ class TaskSpec(ResolvedTask):
         a table or a key out. Quantities are written as in a file: ``{"value": 0.12, "unit": "EUR kWh-1"}``. Days and moments may be
         text (``"2011-03-01"``).
 
-        ``id`` and ``title`` are keys like others. Without an id the task is called ``my/`` and its short id. The split stays, if the
-        new task has it.
+        ``id`` and ``title`` are keys like others. Without an id it is called ``my/`` and its short id. The split stays, if there is one.
 
         Raises ``TaskError`` when the result is not a task; it names table, key and value. Also when the id is that of a shipped task.
         """

@@ -2,8 +2,8 @@
 
 A parameter's draw is its nominal value times exp(log_sd factor z), z bell-shaped with mean 0 and standard deviation 1, kept between ``low``
 and ``high``; parameters of one ``draw`` share z. ``heat_elasticity`` is d ln(heat of a season) / d ln(parameter): a house whose heat, by
-these, is outside ``HEAT`` times the nominal house's is drawn again. Made by ``python -m docs.spread_measured``; docs/uncertainty.md
-says what it rests on.
+these, is outside ``HEAT`` times the nominal house's is drawn again. Made by ``python -m docs.spread_measured``; docs/uncertainty.md has its
+sources.
 """
 
 from __future__ import annotations

@@ -775,22 +775,15 @@ class TaskFile2(TaskFile):
 
     @classmethod
     def of_content(cls, content: Mapping[str, Any]) -> Self:
-        """The record of the tables ``content``, as TOML gives them.
-
-        Raises ``pydantic.ValidationError`` when they define no task.
-        """
+        """The record of the tables ``content``, as TOML gives them. Raises ``pydantic.ValidationError`` when they define no task."""
         record = cls.model_validate(content)
         record._content = content
         return record
 
     def content(self, source: str) -> dict[str, Any]:
-        """The tables as TOML gives them; ``source`` is what messages call the task.
-
-        Raises ``TaskError`` when the record is an unchecked copy, which no file defines.
-        """
+        """The tables as TOML gives them; messages call the task ``source``. Raises ``TaskError`` when the record is an unchecked copy."""
         if self._content is None:
-            msg = f"{source} is a changed copy of a task, which nothing checked. Make it with replace, or write it as a file."
-            raise TaskError(msg)
+            refuse(f"{source} is a changed copy of a task, which nothing checked. Make it with replace, or write it as a file.", TaskError)
         return copy.deepcopy(dict(self._content))
 
     def with_tables(self, update: Mapping[str, Any]) -> TaskFile2:

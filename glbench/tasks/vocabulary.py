@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from glbench.errors import TaskError, UnknownNameError, did_you_mean
+from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
 from glbench.tasks import quantities as tables
 from glbench.tasks.quantities import Action, QuantityTable
 
@@ -39,13 +39,9 @@ class Registry(Generic[Entry]):
         self._entries: dict[str, Entry] = {}
 
     def add(self, entry: Entry) -> Entry:
-        """Make ``entry`` known and return it.
-
-        Raises ``TaskError`` when the name is taken: a word of the vocabulary never changes its meaning within a process.
-        """
+        """Make ``entry`` known and return it. Raises ``TaskError`` when the name is taken: no word changes its meaning within a process."""
         if entry.name in self._entries:
-            msg = f"There is a {self.kind} called '{entry.name}' already. Give the new one another name."
-            raise TaskError(msg)
+            refuse(f"There is a {self.kind} called '{entry.name}' already. Give the new one another name.", TaskError)
         self._entries[entry.name] = entry
         return entry
 
@@ -86,10 +82,7 @@ class ObservationModule(Word):
 
 @dataclass(frozen=True)
 class ActuationKind(Word):
-    """How an action becomes controls.
-
-    An action has an entry for each control of the task, between ``low`` and ``high``, or those that ``own`` gives.
-    """
+    """How an action becomes controls. It has an entry a control, between ``low`` and ``high``, or those that ``own`` gives."""
 
     low: float = 0.0
     high: float = 1.0

@@ -4,8 +4,6 @@ The only room that knows PyTorch, Stable-Baselines3 (extra ``train``) and, besid
 glbench but the command line imports it. Each kind of training loads what it needs itself. See docs/training.md.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from glbench.extras import lazy_names

@@ -72,10 +72,7 @@ def algorithm_class(name: str) -> type[BaseAlgorithm]:
 
 
 def make_model(settings: TrainingSettings, env: VecEnv, seed: int) -> BaseAlgorithm:
-    """An untrained model of the settings, on the processor, seeded.
-
-    Raises ``TrainingError`` when an argument is unknown to the algorithm, or refused by it.
-    """
+    """An untrained model, on the processor, seeded. Raises ``TrainingError`` for an argument that the algorithm lacks or refuses."""
     check_settings(settings)
     kind = algorithm_class(settings.algorithm)
     noise: dict[str, Any] = {}
@@ -98,10 +95,7 @@ def make_model(settings: TrainingSettings, env: VecEnv, seed: int) -> BaseAlgori
 
 
 def policy_arguments(settings: dict[str, Any]) -> dict[str, Any]:
-    """Arguments of the policy with classes in the place of their names.
-
-    Raises ``UnknownNameError`` when PyTorch has no activation function or optimiser of that name.
-    """
+    """Arguments of the policy, with classes for names. Raises ``UnknownNameError`` when PyTorch has no such function or optimiser."""
     arguments = dict(settings)
     for key, home in (("activation_fn", torch.nn), ("optimizer_class", torch.optim)):
         name = arguments.get(key)

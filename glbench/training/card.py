@@ -13,18 +13,16 @@ from datetime import UTC, datetime
 from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from glbench import __version__
 from glbench.errors import TrainingError, refuse
 from glbench.evaluation.records import git_state, this_machine
 from glbench.resources import write_atomically
+from glbench.tasks import TaskSpec
 from glbench.training.periodic_evaluation import CURVE, History
+from glbench.training.settings import EvaluationPlan, TrainingSettings
 from glbench.untrusted import reason_of
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.training.settings import EvaluationPlan, TrainingSettings
 
 CARD, POLICY = "card.toml", "policy.npz"
 _PACKAGES = ("torch", "stable-baselines3", "sb3-contrib", "cmaes", "jax", "numpy", "gymnasium", "casadi")

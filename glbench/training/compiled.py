@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import numpy as np
@@ -15,18 +15,14 @@ import numpy as np
 from glbench.agents.network_policy import FAST, Actor, ActorAgent, Gru, NetworkPolicy
 from glbench.errors import ShapeError, TrainingError
 from glbench.resources import write_atomically
-from glbench.tasks import task_card
+from glbench.tasks import TaskSpec, task_card
 from glbench.training.card import POLICY, TrainingFacts, training_table
-from glbench.training.compiled_settings import NAME, in_view
+from glbench.training.compiled_settings import NAME, CompiledSettings, in_view
 from glbench.training.constant_columns import without_constant_columns
 from glbench.training.folder import LEARNER, Trained
 from glbench.training.learner import Learner, Learning
 from glbench.training.periodic_evaluation import Listener, Probe, ProbeResult
 from glbench.training.session import Arrays, Session
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.training.compiled_settings import CompiledSettings
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _CONSTANT = 1e-4  # A column whose spread is less than this share of its mean counts as constant
@@ -38,19 +34,10 @@ def train_compiled(
     """Train one agent in ``folder``; the same task, settings and seed give the same policy on the same machine.
 
     Raises ``TrainingError`` when ``folder`` holds something else, or an unfinished training without ``resume``; when the learner diverges,
-    or the compiled kernel cannot step the task, and ``TaskError`` when the task has only a test split.
-
-    Parameters
-    ----------
-    task, settings, seed
-        What to train. The seed is the learner's: first weights, first places, exploration, batches. The bits of the policy also depend on
-        the number of cores, or ``PJRT_NPROC``.
-    folder
-        Where to keep the learner's state, the best policy, the learning curve and the card.
-    resume
-        Continue from what ``folder`` holds, with the same bits as without the interruption; begin if it holds nothing.
-    listeners
-        Receive progress, evaluations and saves.
+    or the compiled kernel cannot step the task, and ``TaskError`` when the task has only a test split. The seed is the learner's: first
+    weights, first places, exploration, batches. The bits of the policy also depend on the number of cores, or ``PJRT_NPROC``. ``folder``
+    keeps the learner's state, the best policy, the learning curve and the card; ``resume`` continues from it, with the same bits as without
+    the interruption, or begins if it holds nothing. ``listeners`` receive progress, evaluations and saves.
     """
     task.check_training()
     steps = settings.updates * settings.rollout

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -15,11 +15,9 @@ from glbench.agents.views import OUTDOOR, RECALLING, visible_columns
 from glbench.errors import TrainingError, UnknownNameError, refuse
 from glbench.resources import data_folder
 from glbench.settings import validated
+from glbench.tasks import TaskSpec
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training import settings
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 NAME = "compiled ppo"  # Name of the algorithm in cards
 COMPILED = "compiled"  # The value of ``learner`` in the settings

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents.network_policy import NetworkPolicy
+from glbench.arrays import Floats
 
-Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _CONSTANT = 1e-3
 

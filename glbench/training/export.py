@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -21,26 +21,19 @@ from glbench.agents.network_policy import ACTIVATIONS, NetworkPolicy, read_polic
 from glbench.agents.saved_policies import DAMAGED
 from glbench.errors import TrainingError, refuse
 from glbench.resources import write_atomically
-from glbench.tasks import task_card
+from glbench.tasks import TaskSpec, task_card
 from glbench.training.algorithms import algorithm_class
 from glbench.training.card import CARD, POLICY, read_card, to_toml
 from glbench.training.constant_columns import without_constant_columns
 from glbench.training.vec_env import Normalizer
 from glbench.untrusted import reason_of
 
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
-
 Output = Literal["clip", "tanh"]
 _WEIGHT = 1e6  # Observations that a policy's statistics count for: they follow what is new within a training of the usual length
 
 
 def load_model(file: Path, algorithm: str, normalization: Path | None) -> tuple[BaseAlgorithm, VecNormalize | None]:
-    """A saved model and its normalisation. Both files hold pickles, which can run code: load only what you trust.
-
-    Raises ``TrainingError`` when one of them cannot be read.
-    """
+    """A saved model and its normalisation: pickles, so load only what you trust. Raises ``TrainingError`` when one cannot be read."""
     for path in filter(None, (file, normalization)):
         if not path.is_file():
             msg = f"Cannot read the model: {path} is not a file. Give the model.zip that was saved, or a folder of glbench train."
@@ -110,10 +103,7 @@ def export_model(file: Path, algorithm: str, normalization: Path | None, task: T
 
 
 def actor_of(model: BaseAlgorithm) -> tuple[list[nn.Linear], str, Output]:
-    """Layers of a model's actor, the activation between them, and what is made of the last one.
-
-    Raises ``TrainingError`` when it is no plain multilayer perceptron.
-    """
+    """Layers of an actor, their activation, and what is made of the last. Raises ``TrainingError`` when it is no plain perceptron."""
     policy = model.policy
     if type(policy).__name__.startswith("Recurrent"):
         refuse(f"{type(model).__name__} has a memory; only policies without one can be exported.", TrainingError)

@@ -57,18 +57,9 @@ def claim(
     Raises ``TrainingError`` when the folder holds something else that this training would overwrite, an unfinished training without
     ``resume``, or when the state to resume from is gone.
 
-    Parameters
-    ----------
-    identity
-        Digests of task and settings, and seed.
-    state
-        What the training would resume from; ``None`` when there is nothing.
-    start
-        Policy to start from, if any.
-    target
-        How far, in the card's terms, such as ``{"steps": 100_000}``.
-    resume
-        Whether it may resume from ``state``.
+    ``identity`` has the digests of task and settings, and the seed; ``state`` is what the training would resume from, ``None`` when there
+    is nothing, and ``resume`` whether it may; ``start`` is the policy to start from, if any; ``target`` is how far, in the card's terms,
+    such as ``{"steps": 100_000}``.
     """
     if start is not None and start.resolve() == (folder / POLICY).resolve():
         refuse(f"{folder} holds the policy to start from, which would be overwritten. Choose another folder with --out.", TrainingError)

@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,10 +21,8 @@ from numpy.typing import NDArray
 from glbench.agents.network_policy import Arithmetic, affine, gru_step, hidden
 from glbench.errors import TaskError, TrainingError, UnknownNameError, did_you_mean, refuse
 from glbench.jax import Environment, State
+from glbench.tasks import TaskSpec
 from glbench.training.compiled_settings import CompiledSettings, in_view
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 _LEAST = 1e-3  # Smallest scale of a column that the settings do not name
 _TINY = 1e-8

@@ -11,18 +11,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from glbench import execution
 from glbench.errors import GlbenchError, TrainingError, refuse
 from glbench.evaluation.jobs import PackedTask
 from glbench.resources import Scratch, write_atomically
+from glbench.tasks import TaskSpec
 from glbench.training.card import CARD, POLICY
 from glbench.training.folder import CHECKPOINT, LEARNER, SETTINGS, Trained, folder_lock, replaced
 from glbench.training.periodic_evaluation import CurvePoint, Listener, Progress
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 Training = Callable[..., Trained]
 """A training function: takes task, settings and folder, and by name ``seed``, ``resume``, ``listeners`` and its own options."""
@@ -87,10 +85,7 @@ def submit_training(
 
 
 def outcome_of(future: execution.Future, folder: Path) -> Trained:
-    """The outcome of a training in ``folder``.
-
-    Raises ``TrainingError`` when it failed, or its workers were lost, and ``Exception`` when a listener raised it.
-    """
+    """The outcome of a training in ``folder``. Raises ``TrainingError`` when it failed or lost its workers, and what a listener raised."""
     try:
         trained: Trained = future.result()
     except execution.WorkerLostError as error:
@@ -189,10 +184,7 @@ def _replace_paths(text: str, paths: Mapping[str, str]) -> str:
 
 
 def _start_files(policy: Path | None) -> execution.Files:
-    """The policy that a training starts from and its cards, in the same relative places as here.
-
-    Raises ``TrainingError`` when it cannot be read.
-    """
+    """The policy to start from and its cards, in the same relative places. Raises ``TrainingError`` when it cannot be read."""
     if policy is None:
         return {}
     cards = {f"{_START}/{CARD}": policy.with_name(CARD)}

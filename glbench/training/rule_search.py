@@ -13,19 +13,19 @@ from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from glbench.agents import tuned_rules
 from glbench.agents.energy_rules import POWER, EnergyRulesAgent, EnergyRuleSettings
+from glbench.arrays import Floats
 from glbench.env import Simulation
 from glbench.errors import TrainingError, refuse
 from glbench.kernel import make_kernel
 from glbench.resources import data_folder, write_atomically
-from glbench.tasks import task_card
+from glbench.tasks import TaskCard, TaskSpec, task_card
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training import periodic_evaluation
 from glbench.training.card import CARD, TrainingFacts
@@ -33,11 +33,6 @@ from glbench.training.export import start_of
 from glbench.training.folder import Trained
 from glbench.training.settings import EvaluationPlan, FrozenSettings, TrainingSeed
 from glbench.training.strategy import HANSEN, Search
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskCard, TaskSpec
-
-Floats = NDArray[np.float64]
 
 RULES = "rules.yml"  # The page of the best rules, in the folder of a search
 CONTROLLER, ENERGY_CONTROLLER = "rule_based_tuned", "rule_based_energy"
@@ -70,10 +65,7 @@ class RuleSearchSettings(FrozenSettings):
 
 
 def shipped_start(tasks: Sequence[TaskSpec]) -> Path:
-    """File of the shipped page for ``tasks``: for their reward, or for the first of them where they show the price of power.
-
-    Raises ``TrainingError`` when none is shipped, or as for ``reward_of``.
-    """
+    """The shipped page for ``tasks``: by their reward, or by the first where power has a price. Raises ``TrainingError`` without one."""
     reward, energy = reward_of(tasks), about_energy(tasks)
     folder = data_folder("baselines") / (ENERGY_CONTROLLER if energy else CONTROLLER) / "rules"
     pages = tuned_rules.read_rule_pages(folder, kind_for(tasks))
@@ -96,10 +88,7 @@ def kind_for(tasks: Sequence[TaskSpec]) -> type[tuned_rules.TunedRuleSettings]:
 
 
 def reward_of(tasks: Sequence[TaskSpec]) -> tuple[str, ...]:
-    """Reward modules that all ``tasks`` share.
-
-    Raises ``TrainingError`` when there is no task, one is named twice, or they have several rewards, whose sums say nothing.
-    """
+    """Reward modules that all ``tasks`` share. Raises ``TrainingError`` when there is no task, one comes twice, or rewards differ."""
     if not tasks:
         refuse("Rules are tuned for a task: name one with --task.", TrainingError)
     rewards = {task.id: tuple(task.reward.modules) for task in tasks}
@@ -232,21 +221,12 @@ def tune_rules(
 
     An interrupted search continues and gives the same numbers. A finished one stays unchanged unless ``settings`` asks for more runs.
     Raises ``TrainingError`` when a task is in another split than that of training, ``folder`` holds another search, or as for
-    ``reward_of``, and ``TaskError`` when a task has a test alone, and ``SubmissionError`` when the page cannot be read, or the rules do not
-    fit a task.
+    ``reward_of``, ``TaskError`` when a task has a test alone, and ``SubmissionError`` when the page cannot be read, or the rules do not fit
+    a task.
 
-    Parameters
-    ----------
-    tasks
-        What is tuned for, in their training split where they have splits: the mean of their rewards counts.
-    start
-        File of the page to begin with; the reward that it names does not matter.
-    settings, seed
-        How; the seed is the strategy's.
-    folder
-        Where it is kept: the best page, rewards so far, learning curve and card.
-    listeners
-        Receive progress, evaluations and saves.
+    ``tasks`` are tuned for in their training split where they have splits: the mean of their rewards counts. ``start`` is the file of the
+    page to begin with; the reward that it names does not matter. The seed is the strategy's. ``folder`` keeps the best page, rewards so
+    far, learning curve and card. ``listeners`` receive progress, evaluations and saves.
     """
     for task in tasks:
         task.check_training()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
@@ -13,19 +13,15 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from glbench.errors import TrainingError, refuse
 from glbench.resources import write_atomically
-from glbench.tasks import get_task
+from glbench.tasks import TaskSpec, get_task
 from glbench.training.algorithms import NORMALIZATION, load_checkpoint, make_model, save_checkpoint, steps_to_make
 from glbench.training.card import CARD, POLICY, facts_of_training, note_session, read_card, settings_digest, write_card
 from glbench.training.compiled_settings import NAME as COMPILED_PPO
 from glbench.training.export import begin_with, export_policy, load_model, start_of
 from glbench.training.folder import BEST, CHECKPOINT, MODEL, Trained, claim, find_checkpoint, folder_lock, open_folder, replaced
 from glbench.training.periodic_evaluation import History, Listener, Pace, Probe, Progress
+from glbench.training.settings import TrainingSettings
 from glbench.training.vec_env import Normalizer, TrainingVecEnv
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.training.settings import TrainingSettings
-
 
 _PROGRESS_SECONDS = 1.0
 
@@ -152,23 +148,12 @@ def train(
 ) -> Trained:
     """Train one agent in ``folder``; the same task, settings and seed give the same weights on the same machine.
 
-    Raises ``TrainingError`` when ``folder`` holds something else, or a training that was begun and is not to be resumed; when the algorithm
-    fails.
+    Raises ``TrainingError`` when ``folder`` holds something else, or one begun that is not to be resumed; when the algorithm fails.
 
-    Parameters
-    ----------
-    task, settings, seed
-        What is trained. The seed is the algorithm's: first weights, exploration, batches.
-    folder
-        Where it is kept: checkpoint, best model with its normalisation, learning curve, card.
-    resume
-        Go on from the checkpoint in ``folder``, to the same bits as without the interruption; begin when there is none.
-    save_seconds
-        Wall time [s] between checkpoints.
-    tensorboard
-        Whether to write TensorBoard's files to ``folder/tensorboard``.
-    listeners
-        Receive progress, evaluations and saves.
+    The seed is the algorithm's: first weights, exploration, batches. ``folder`` keeps the checkpoint, the best model with its
+    normalisation, the learning curve and the card, and with ``tensorboard`` a folder of that name with TensorBoard's files; checkpoints are
+    ``save_seconds`` of wall time [s] apart. ``resume`` goes on from the checkpoint, to the same bits as without the interruption, or begins
+    when there is none. ``listeners`` receive progress, evaluations and saves.
     """
     with folder_lock(folder):
         words = {"task": task.id, "task_digest": task.digest, "algorithm": settings.algorithm}

@@ -17,18 +17,20 @@ from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from glbench.agents.network_policy import FAST, NetworkPolicy
+from glbench.arrays import Floats
 from glbench.env import Simulation
 from glbench.errors import TrainingError, did_you_mean, refuse
 from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
 from glbench.settings import validated
+from glbench.tasks import TaskSpec
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training.card import POLICY, TrainingFacts
 from glbench.training.constant_columns import varies, without_constant_columns
@@ -39,23 +41,12 @@ from glbench.training.settings import EvaluationPlan, FrozenSettings, PolicyFile
 from glbench.training.strategy import HANSEN, Search
 from glbench.untrusted import real_path
 
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-
-
 Singles = NDArray[np.float32]
-Floats = NDArray[np.float64]
 _LOOKED_AT = 5  # Only every fifth step of the runs is used to compute the directions
 
 
 class BatchedPolicy:
-    """Acts with another last layer in each row.
-
-    Attributes
-    ----------
-    seconds
-        Time spent on actions so far [s].
-    """
+    """Acts with another last layer in each row. ``seconds`` is the time spent on actions so far [s]."""
 
     def __init__(self, policy: NetworkPolicy) -> None:
         self._policy = replace(policy, arithmetic=FAST)
@@ -225,16 +216,8 @@ def search(
     Raises ``TrainingError`` when ``folder`` holds another search, or one that was begun and is not to be resumed; when the policy does not
     fit the task, and ``SubmissionError`` when there is no policy to start from, and ``TaskError`` when the task has a test alone.
 
-    Parameters
-    ----------
-    task, settings, seed
-        What is searched for. The seed is the strategy's.
-    folder
-        Where it is kept: rewards so far, the best policy, the learning curve, the card.
-    resume
-        Go on from what ``folder`` holds, to the same bits as without the interruption; begin when it holds nothing.
-    listeners
-        Receive progress, evaluations and saves.
+    The seed is the strategy's. ``folder`` keeps rewards so far, the best policy, the learning curve and the card; ``resume`` goes on from
+    it, to the same bits as in one go, or begins when it is empty. ``listeners`` receive progress, evaluations and saves.
     """
     task.check_training()
     under_way = _SeasonSearch([task], settings, settings.digest, seed, folder)

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 from glbench.agents.saved_policies import DAMAGED
 from glbench.errors import TrainingError, refuse
 from glbench.resources import write_atomically
+from glbench.tasks import TaskSpec
 from glbench.training.card import TrainingFacts, digest_of_tasks, note_session, write_card
 from glbench.training.folder import Trained, altered, claim, folder_lock, open_folder
 from glbench.training.periodic_evaluation import History, Listener, Pace, ProbeResult, Progress
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -30,14 +28,8 @@ Arrays = Mapping[str, NDArray[Any]]
 class Session(ABC):
     """A training or a search under way.
 
-    Parameters
-    ----------
-    tasks, settings
-        What it works for, and how: settings with an ``evaluation`` and a ``kernel_preset``.
-    settings_digest, seed
-        With the tasks' digest, what tells it from others.
-    folder
-        Where it is kept: its state, the best that it made, the learning curve and the card.
+    It works for ``tasks`` by ``settings`` with an ``evaluation`` and a ``kernel_preset``; ``settings_digest`` and ``seed`` tell it, with
+    the tasks' digest, from others. ``folder`` keeps its state, the best that it made, the learning curve and the card.
     """
 
     what: ClassVar[str]

@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from glbench.errors import TrainingError, did_you_mean, refuse
 from glbench.resources import data_folder
 from glbench.settings import validated
+from glbench.tasks import TaskSpec
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.untrusted import real_path
 from glbench.yaml_reader import read_yaml
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
 
 PAPER = {"ppo": "ppo/paper.yml", "sac": "sac/sac.yml"}  # Shipped settings of the paper's algorithms, in ``baselines``
 
@@ -146,8 +144,7 @@ class Accrual(FrozenSettings):
         names = task.model_value.state_names
         for state in self.states:
             if state not in names:
-                msg = f"'accrual': the model of {task.id} has no state '{state}'.{did_you_mean(state, names)}"
-                raise TrainingError(msg)
+                refuse(f"'accrual': the model of {task.id} has no state '{state}'.{did_you_mean(state, names)}", TrainingError)
         return [names.index(state) for state in self.states]
 
     def in_words(self, task: TaskSpec) -> str:
@@ -197,10 +194,7 @@ OWN = frozenset(TrainingSettings.model_fields) - {"algorithm", "hyperparameters"
 
 
 def shipped_settings(algorithm: str) -> Path:
-    """File with the paper's settings of ``algorithm``, by its short name in any case or by its class path.
-
-    Raises ``TrainingError`` when there is none, as for algorithms given by class path.
-    """
+    """File with the paper's settings of ``algorithm``, a short name in any case or a class path. Raises ``TrainingError`` without one."""
     name = algorithm.removeprefix("stable_baselines3.").lower()
     if name not in PAPER:
         msg = f"glbench ships no settings for '{algorithm}'. Give a file of your own with --config (docs/training.md shows one)."

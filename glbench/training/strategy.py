@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 from cmaes import CMA
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.training.card import training_table
 from glbench.training.folder import SEARCH
 from glbench.training.session import Arrays, Session
 
 HANSEN = "Hansen (2016). The CMA evolution strategy: a tutorial. arXiv:1604.00772"
-Floats = NDArray[np.float64]
 
 
 class Search(Session):

@@ -128,10 +128,7 @@ def read_search(file: Path) -> Search:
 
 
 def with_choices(settings: TrainingSettings, choices: dict[str, Any], steps: int) -> TrainingSettings:
-    """Settings with the choices of a trial in their places.
-
-    Raises ``TrainingError`` when a choice is none of the settings' parts, or impossible.
-    """
+    """Settings with the choices of a trial. Raises ``TrainingError`` when a choice is none of the settings' parts, or impossible."""
     content: dict[str, Any] = settings.model_dump(mode="json")
     content["n_timesteps"] = steps
     for name, value in choices.items():
@@ -190,17 +187,8 @@ def sweep(search: Search, folder: Path, *, executor: Executor | None = None, rep
     always on this machine. Raises ``TrainingError`` when the search cannot be run, the folder holds another one, or all its trials failed,
     and ``UnknownNameError`` when there is no such algorithm or task.
 
-    Parameters
-    ----------
-    executor
-        Trains the trials, as many at a time as it has workers; by default this process.
-    report
-        Gets each trial that ended, those of other commands that work on the same search included.
-
-    Returns
-    -------
-    list of TrialReport
-        All trials that ended, best first.
+    ``executor`` trains the trials, as many at a time as it has workers; by default this process. ``report`` gets each trial that ended,
+    those of other commands that work on the same search included. Returns all trials that ended, best first.
     """
     settings = base_settings(search)
     check_settings(with_choices(settings, {name: p.first for name, p in search.parameters.items()}, search.steps))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +17,16 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
+from glbench.arrays import Floats
 from glbench.env import GreenhouseVectorEnv, Snapshot
 from glbench.env.kernels import check_kernel
 from glbench.env.spaces import task_of_environment
 from glbench.errors import GlbenchError, refuse, whole_number
 from glbench.kernel import make_kernel
+from glbench.tasks import TaskSpec
 from glbench.tasks.record import FIRST_TRAINING_SEED
-from glbench.training.constant_columns import Floats, Mask, varies
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskSpec
-    from glbench.training.settings import Accrual
-
+from glbench.training.constant_columns import Mask, varies
+from glbench.training.settings import Accrual
 
 _SEEDS, _SEEDS_APART = 10_000, 1_000_000
 """Upper limit of ``seed`` in ``make_vec_env``, below the seeds of evaluations during a training, and the distance of first episodes."""
@@ -44,20 +42,9 @@ class TrainingVecEnv(VecEnv):
     Episode j of row i has the seed ``first_seed + j n_envs + i``, both counted from 0. The algorithm's own seed has no part in it. Raises
     ``TrainingError`` when the model has no state of the name in ``accrual``.
 
-    Parameters
-    ----------
-    task
-        The task.
-    n_envs
-        Number of greenhouses.
-    first_seed
-        Seed of row 0's first episode; from ``FIRST_TRAINING_SEED`` on, no task is scored with any of them.
-    kernel_preset
-        ``"fast"`` (for training) or ``"reference"`` (what scores are made with).
-    workers
-        Cores that share the rows, to the same bits.
-    accrual
-        What is added to the rewards, but not to the sums of episodes; ``None`` for nothing.
+    ``first_seed`` is that of row 0's first episode; from ``FIRST_TRAINING_SEED`` on, no task is scored with any of them. ``kernel_preset``
+    is ``"fast"`` (for training) or ``"reference"`` (what scores are made with). ``workers`` cores share the rows, to the same bits.
+    ``accrual`` is added to the rewards, but not to the sums of episodes; ``None`` for nothing.
     """
 
     def __init__(
@@ -178,21 +165,11 @@ def make_vec_env(
     the kernel steps all of them. Infos of ended episodes contain what a ``Monitor`` adds, so that none is needed. Raises ``GlbenchError``
     for an unknown task, split or preset, for impossible numbers, and for a task without a training split where none is named.
 
-    Parameters
-    ----------
-    task
-        Id (with or without Gymnasium's ``glbench:`` before it), path of a task file, or the task itself.
-    n_envs
-        Number of greenhouses.
-    seed
-        Selects the scenarios: episode j of greenhouse i, both counted from 0, has the seed 10,000,000,000 + 1,000,000 ``seed``
-        + j ``n_envs`` + i. No task is scored with any of them. The algorithm's own seed has no effect on this.
-    kernel
-        ``"fast"`` or ``"standard"`` for training, ``"reference"`` for the kernel that scores are computed with.
-    workers
-        Cores that share the greenhouses, to the same bits.
-    split, overrides
-        As for ``glbench.env.GreenhouseEnv``; the default is the training split.
+    ``task`` is an id (with or without Gymnasium's ``glbench:`` before it), the path of a task file, or the task itself. ``seed`` selects
+    the scenarios: episode j of greenhouse i, both counted from 0, has the seed 10,000,000,000 + 1,000,000 ``seed`` + j ``n_envs`` + i. No
+    task is scored with any of them. The algorithm's own seed has no effect on this. ``kernel`` is ``"fast"`` or ``"standard"`` for
+    training, or ``"reference"``, which scores are computed with. ``workers`` cores share the greenhouses, to the same bits. ``split`` and
+    ``overrides`` are as for ``glbench.env.GreenhouseEnv``; the default is the training split.
     """
     if not 0 <= whole_number(seed, "The seed") < _SEEDS:
         refuse(f"The seed must be a whole number from 0 to {_SEEDS - 1:,}; got {seed}.", GlbenchError)

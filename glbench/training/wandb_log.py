@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from glbench.errors import TrainingError
 from glbench.training.periodic_evaluation import CurvePoint, Listener, Progress
-
-if TYPE_CHECKING:
-    from glbench.training.sweep import Search
+from glbench.training.sweep import Search
 
 _NOT_INSTALLED = (
     'Weights & Biases is not installed. Install it with `pip install "glbench[train,wandb]"`, '
@@ -22,16 +20,9 @@ _NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9_-]")
 class WandbListener(Listener):
     """Logs evaluations and speed to a run of Weights & Biases.
 
-    Raises ``TrainingError`` when the package is not installed, or no run can be started (not logged in, no network).
-
-    Parameters
-    ----------
-    name
-        Name of the run, which a run of that name is continued under; ``None`` in a sweep, which names its trials itself.
-    config
-        Settings to show beside it.
-    folder
-        Where its files go.
+    ``name`` is that of the run, which a run of that name is continued under; ``None`` in a sweep, which names its trials itself. ``config``
+    are settings to show beside it, ``folder`` is where its files go. Raises ``TrainingError`` when the package is not installed, or no run
+    can be started (not logged in, no network).
     """
 
     def __init__(self, name: str | None, config: dict[str, Any], folder: Path) -> None:

@@ -3,8 +3,6 @@
 ``verify(path)`` gives a ``Verdict``; ``docs/verification.md`` says what it covers and what it does not.
 """
 
-from __future__ import annotations
-
 from glbench.verification.proof import SUFFIX, TOLERANCE, Proof, Verdict, proof_path, read_proof, save_proof, stated_words, was_reproduced
 from glbench.verification.proving import verify
 

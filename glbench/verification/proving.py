@@ -41,26 +41,11 @@ def verify(
 ) -> proof.Verdict:
     """Reproduce or refute one result from its records alone; the agent is not needed.
 
-    Parameters
-    ----------
-    path
-        The result file, with its recorded actions beside it.
-    episodes
-        Folder with full episodes; by default where ``glbench evaluate`` puts them, if there are any.
-    task
-        Task file of a task that is not published; by default the definition in the record.
-    sealed
-        The round that the result is to be of, with its secret. Without it, what can be checked of a result of a sealed round is checked,
-        and the outcome is ``"sealed"`` at best.
-    workers
-        Processes to simulate with; by default what is fastest here.
-    progress
-        Called after every step.
-
-    Returns
-    -------
-    Verdict
-        What was reproduced, what differs, or what is missing to verify it.
+    ``path`` is the result file, with its recorded actions beside it; ``episodes`` the folder with full episodes, by default where
+    ``glbench evaluate`` puts them, if there are any; ``task`` the file of a task that is not published, by default the definition in the
+    record. ``sealed`` is the round that the result is to be of, with its secret. Without it, what can be checked of a result of a sealed
+    round is checked, and the outcome is ``"sealed"`` at best. ``workers`` processes simulate, by default what is fastest here; ``progress``
+    is called after every step. The verdict says what was reproduced, what differs, or what is missing to verify it.
     """
     path = Path(path)
     try:
@@ -122,10 +107,7 @@ def _reproduced(
     workers: int | None,
     progress: Progress | None,
 ) -> _Reproduced:
-    """Simulate the runs of ``result`` again; raise ``Refused`` if they differ.
-
-    ``episodes``: a folder, and whether it must contain episodes.
-    """
+    """Simulate the runs of ``result`` again; raise ``Refused`` if they differ. ``episodes``: a folder, and whether some must be there."""
     log = documents.read_record(path, result)
     spec = documents.with_its_draws(result, documents.find_task(result, log, file), sealed)
     notes = documents.check_seeds(result, spec)

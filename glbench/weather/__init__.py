@@ -9,8 +9,6 @@ Example
 (96, 10)
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from glbench.extras import lazy_names

@@ -110,8 +110,8 @@ def resemblance(
     """Figures of ``seasons`` generated seasons, at least 20, against the real years of ``generator``.
 
     ``start`` is the first possible first day (of any year), ``within_days`` how many later days are possible, ``days`` the length of a
-    season, and ``seed`` that of their random numbers. Raises ``WeatherError`` when there are too few seasons, or no real season lies wholly
-    inside the years.
+    season, and ``seed`` that of their random numbers. Raises ``WeatherError`` when seasons are too few, or no real one lies wholly inside
+    the years.
     """
     if seasons < 20 or within_days < 0:
         msg = f"Statistics need at least 20 seasons and no negative spread of first days; got {seasons} seasons, {within_days} days."
@@ -151,10 +151,7 @@ def generated_seasons(generator: SeasonGenerator, start: dt.date, within_days: i
 
 
 def real_seasons(generator: SeasonGenerator, start: dt.date, within_days: int, days: int) -> Seasons:
-    """Every season of the generator's years that begins on one of these first days.
-
-    Raises ``WeatherError`` when no such season lies wholly inside the years.
-    """
+    """Every season of the generator's years that begins on one of these days. Raises ``WeatherError`` when none lies wholly inside."""
     numbers, values = generator.real_days()
     first = calendar_days(np.array([(start - dt.date(1970, 1, 1)).days]))[0]
     calendar = calendar_days(numbers)
@@ -280,6 +277,14 @@ def _repeats(generated: Seasons, seed: int) -> list[Figure]:
     ]
 
 
+def tidy(axes: Any) -> None:
+    """The look of all pictures: a quiet grid, no frame above and at the right."""
+    axes.tick_params(labelsize=8.5, colors=QUIET)
+    axes.grid(color=EDGE, lw=0.5, alpha=0.6)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
 def write_picture(generator: SeasonGenerator, season: GeneratedSeason, path: Path) -> None:
     """Write a PNG to ``path``: daily figures of ``season`` over those of the generator's years, and where each day was taken from.
 
@@ -310,10 +315,7 @@ def write_picture(generator: SeasonGenerator, season: GeneratedSeason, path: Pat
             axes.plot(dates, factor * values[name].mean(axis=-1), color=_colour(i), lw=1.0, alpha=0.75, label=f"{year}")
         axes.plot(dates, factor * hours[name].mean(axis=-1), color=INK, lw=2.2, label="generated")
         axes.set_ylabel(title, fontsize=9, color=INK)
-        axes.tick_params(labelsize=8.5, colors=QUIET)
-        axes.grid(color=EDGE, lw=0.5, alpha=0.6)
-        for side in ("top", "right"):
-            axes.spines[side].set_visible(False)
+        tidy(axes)
     low, high = hours["air_temperature"].min(axis=-1), hours["air_temperature"].max(axis=-1)
     rows[0].fill_between(dates, low, high, color=INK, alpha=0.10, lw=0, label="generated, lowest to highest hour")
     for axes in (rows[1], rows[3]):

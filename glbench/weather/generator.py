@@ -101,8 +101,7 @@ class SeasonGenerator:
         """The season that ``numbers`` stand for; the same arguments give the same season, to the last bit.
 
         Of ``start``, the first day, the time of the year counts; the year itself names the hours. ``days`` is the length, at least 1.
-        ``numbers`` ``(self.numbers(days),)`` are uniform random numbers from 0 to 1, 1 excluded. Raises ``WeatherError`` when an argument
-        is impossible.
+        ``numbers`` ``(self.numbers(days),)`` are uniform in [0, 1). Raises ``WeatherError`` when an argument is impossible.
         """
         first, calendar, chain, joints = self._chained(start, days, numbers)
         sources = self._days.numbers[chain]

@@ -78,9 +78,8 @@ def known_stations() -> Mapping[int, Place]:
 def native_rows(file: str, native: Mapping[str, IntArray] | Mapping[str, FloatArray], numbers: IntArray | None = None) -> Rows:
     """Rows in canonical units from KNMI's own numbers.
 
-    ``native`` holds YYYYMMDD, HH, T and FH [0.1 degC, 0.1 m/s], U [%], N [octants], Q [J/cm2]; NaN for a missing value.
-    ``numbers`` are the rows' numbers in ``file``, 1, 2, 3, ... when not given. Raises ``WeatherError`` when a column is missing, or a date
-    or hour does not exist.
+    ``native`` holds YYYYMMDD, HH, T and FH [0.1 degC, 0.1 m/s], U [%], N [octants], Q [J/cm2]; NaN for a missing value. ``numbers`` are the
+    rows' numbers in ``file``, 1, 2, 3, ... when not given. Raises ``WeatherError`` when a column is missing, or a date or hour is none.
     """
     require_columns(file, list(native), NEEDED_COLUMNS[1:])
     value = {name: np.asarray(column, dtype=np.float64) for name, column in native.items()}
@@ -203,27 +202,14 @@ def fetch_knmi(
 ) -> WeatherRecord:
     """Weather record of a KNMI station and calendar year (UT), from the cache or from KNMI's service.
 
-    Raises ``WeatherError`` when the service cannot be reached, refuses, is out of order, breaks off, or lacks a part of the year. Nothing
-    of a bad answer is kept.
+    Raises ``WeatherError`` when the service cannot be reached, refuses, is out of order, breaks off, or lacks a part of the year; nothing
+    is kept then.
 
-    Parameters
-    ----------
-    station, year : int
-        KNMI's number of the station (240: Schiphol), and the year.
-    name : str, optional
-        Name of the record; ``knmi-240-2013`` by default.
-    url : str, optional
-        Address of the service; by default ``GLBENCH_KNMI_URL`` from the environment, else KNMI's own.
-    timeout_seconds : float
-        Longest silence of the service [s].
-    total_seconds : float
-        Longest time that the whole answer may take [s], however busily it drips.
-    refresh : bool
-        Ask the service although the cache has the answer.
-    fill_gaps : int
-        Fill up to so many missing hours in a row linearly (recorded in the notes); 0 fills nothing.
-    progress : callable, optional
-        Told about the download as it goes.
+    ``station`` is KNMI's number (240: Schiphol). ``name`` is that of the record, ``knmi-240-2013`` by default, ``url`` the address of the
+    service, by default ``GLBENCH_KNMI_URL`` from the environment, else KNMI's own. The longest silence of the service is
+    ``timeout_seconds`` [s], the longest time that the whole answer may take, however busily it drips, ``total_seconds`` [s]. ``refresh``
+    asks the service although the cache has the answer. Up to ``fill_gaps`` missing hours in a row are filled linearly (recorded in the
+    notes); 0 fills nothing. ``progress`` is told about the download as it goes.
     """
     station, year = whole_number(station, "The number of a KNMI station"), whole_number(year, "A year")
     if year < FIRST_YEAR:

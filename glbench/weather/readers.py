@@ -1,8 +1,7 @@
 """Readers of weather files by name, and one that tells the format from the content.
 
 **Parquet**: glbench's own canonical table with its description, as ``glbench weather generate`` and ``save_weather`` write it. **CSV**: a
-unit in every column's title, and the place in comment lines (docs/weather.md). The others are in ``typical_years``, ``services`` and
-``knmi``.
+unit in every column's title, and the place in comment lines (docs/weather.md). Others: ``typical_years``, ``services``, ``knmi``.
 """
 
 from __future__ import annotations
@@ -120,10 +119,7 @@ def read_weather(
 
 
 def detect_format(path: Path) -> Format:
-    """Format of a weather file, from the beginning of its text (and its suffix for TMY2).
-
-    Raises ``WeatherError`` when the file cannot be read, or is of no known format.
-    """
+    """Format of a weather file, from its beginning (TMY2: its suffix). Raises ``WeatherError`` when it cannot be read or told."""
     try:
         with open_regular(path) as file:
             head = read_pieces(file.read, 4)

@@ -50,10 +50,7 @@ USUAL_TIMING: Mapping[str, Timing] = {
 
 @dataclass(frozen=True)
 class HourlyQuantity:
-    """One column of the canonical table.
-
-    ``counts_per_unit`` whole counts make one ``unit``; ``low`` and ``high`` are the limits of the physically possible.
-    """
+    """A column of the table: ``counts_per_unit`` whole counts make one ``unit``; ``low`` and ``high`` limit what is physically possible."""
 
     name: str
     unit: str

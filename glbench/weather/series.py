@@ -60,21 +60,10 @@ def disturbances(
     Raises ``UnknownNameError`` when there is no such preprocessing, and ``WeatherError`` when the window is not inside the record's period,
     the preprocessing is not one for the record, or an argument is impossible.
 
-    Parameters
-    ----------
-    record : WeatherRecord
-        From ``load_weather`` or one of the readers.
-    start : datetime.datetime or datetime.date
-        Start of the first step. A date, or a datetime without time zone, is read on the clock of the preprocessing (UTC for
-        ``paper``, else that of the record), so that ``hour_of_day[0]`` is the hour asked for.
-    steps : int
-        Number of rows, at least 1.
-    step_seconds : float
-        Control step, a whole number of seconds from 1 to 86400.
-    preprocessing : str
-        One of ``PREPROCESSINGS``; ``SAMPLED`` for a trace.
-    co2_ppm : float
-        CO2 outside [ppm]; a trace has its own.
+    ``record`` is from ``load_weather`` or one of the readers. ``start`` is that of the first step. A date, or a datetime without time zone,
+    is read on the clock of the preprocessing (UTC for ``paper``, else that of the record), so that ``hour_of_day[0]`` is the hour asked
+    for. There are ``steps`` rows, at least 1, each of ``step_seconds``, a whole number from 1 to 86400 [s]. ``preprocessing`` is one of
+    ``PREPROCESSINGS``; ``SAMPLED`` for a trace. ``co2_ppm`` is the CO2 outside [ppm]; a trace has its own.
     """
     if preprocessing not in (*PREPROCESSINGS, SAMPLED):
         refuse(f"There is no weather preprocessing '{preprocessing}'.{did_you_mean(preprocessing, PREPROCESSINGS)}", UnknownNameError)

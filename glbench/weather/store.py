@@ -1,8 +1,7 @@
 """Weather records by name: those shipped with the package, and those in the user's own data folder.
 
 Shipped records are Parquet tables, KNMI's in its own whole numbers, the others in canonical ones; ``weather/manifest.toml`` says where they
-come from and locks the SHA-256 of their canonical values. A user's record is one canonical Parquet file, which carries its own description
-and digest.
+come from and locks the SHA-256 of their canonical values. A user's record is one canonical Parquet file, with description and digest.
 """
 
 from __future__ import annotations
@@ -58,10 +57,7 @@ def load_weather(name: str) -> WeatherRecord:
 
 
 def find_weather(digest: str) -> str:
-    """Name of the weather record with that SHA-256, such as a host seals for a round and publishes afterwards.
-
-    Raises ``UnknownNameError`` when neither glbench nor the user has it.
-    """
+    """Name of the weather record with that SHA-256, as a host seals for a round. Raises ``UnknownNameError`` when it is not here."""
     for name, entry in sorted(_manifest(data_folder("weather")).items()):
         if entry["digest"] == digest:
             return name

@@ -57,10 +57,7 @@ TMY2_HEADER = re.compile(
 
 
 def parse_epw(text: str, file: str) -> Reading:
-    """An EnergyPlus weather file, hourly or finer, with any number of header lines.
-
-    Raises ``WeatherError`` when it is no EPW, or a row does not fit; names file, row and value.
-    """
+    """An EnergyPlus weather file, hourly or finer. Raises ``WeatherError``, with file, row and value, when it is none or wrong."""
     lines = text.split("\n")
     first = next((i for i, line in enumerate(lines) if line.strip()), 0)
     heading = next(csv.reader([lines[first].strip()]))

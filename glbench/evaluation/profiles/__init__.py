@@ -3,8 +3,6 @@
 They are made from what the evaluation simulates anyway. ``docs/report.md`` explains the file.
 """
 
-from __future__ import annotations
-
 from glbench.evaluation.profiles.building import load_profile, make_profile, profiled
 from glbench.evaluation.profiles.record import Profile, profile_path, read_profile
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from glbench import quantities
 from glbench.env.accounts import flow_amounts
 from glbench.env.air import read_air
+from glbench.env.kernels import Stepper
 from glbench.env.scenario import RunScenarios
 from glbench.episodes import ActionLog, Replay, Trace, chosen_rows
 from glbench.episodes.header import definition_json, task_of
@@ -31,16 +32,11 @@ from glbench.evaluation.records import RecordReference, Result
 from glbench.model import Air, Horizon
 from glbench.model.equipment import BUFFER, ENERGY_FLOWS, Equipment, lacks_energy
 from glbench.model.greenlight import JOULES_PER_KWH
+from glbench.model.model import ObservedColumn
 from glbench.registration import task_ids
-from glbench.tasks import published_task
+from glbench.tasks import TaskSpec, published_task
 from glbench.tasks.ledger import FLOW, LedgerItem
 from glbench.weather import COLUMNS as WEATHER
-
-if TYPE_CHECKING:
-    from glbench.env.kernels import Stepper
-    from glbench.model.model import ObservedColumn
-    from glbench.tasks import TaskSpec
-
 
 Floats = NDArray[np.floating]
 _Part = tuple[Trace, Sequence[int]]  # A trace, and the runs that it holds

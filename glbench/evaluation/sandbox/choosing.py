@@ -76,10 +76,7 @@ def protection_of(submission: Identity, choice: SandboxChoice) -> Protection:
 
 
 def keep_out_of_sight(round_file: Path, agents: Iterable[Protected]) -> None:
-    """Refuse a round whose file an agent could find in its sandbox.
-
-    Raises ``SandboxError`` when the file is in a folder that the sandbox shows.
-    """
+    """Raises ``SandboxError`` when the file of a round is in a folder that the sandbox shows, where an agent could find it."""
     from glbench.evaluation.sandbox.visible import is_visible
 
     for agent in agents:

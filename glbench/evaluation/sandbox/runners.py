@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.agents import Identity
+from glbench.arrays import Floats
 from glbench.errors import SubmissionError
 from glbench.evaluation.limits import Failure, TimeLimits
-from glbench.evaluation.runners import AgentRunner, Array, Decision, Inputs, Mask, invalid_actions
+from glbench.evaluation.runners import AgentRunner, Decision, Inputs, Mask, invalid_actions
 from glbench.evaluation.sandbox import frames
 from glbench.evaluation.sandbox.process import AgentProcess, LostError
 from glbench.evaluation.sandbox.visible import place_inside
@@ -36,8 +37,7 @@ _PLANNERS: Final = b"glbench.control"  # What a submission imports that needs th
 class SandboxedAgent:
     """All that is needed to start the process of an agent; without ``walls`` it has all rights of the user.
 
-    ``definition`` is the task's as its agents may know it, ``libraries`` are the compiled kernels that the process sees, by their
-    names there.
+    ``definition`` is the task's as its agents may know it, ``libraries`` the compiled kernels that the process sees, by name.
     """
 
     submission: Identity
@@ -92,10 +92,7 @@ class SandboxedAgent:
         return AgentProcess(self.submission, self.sizes, self.prints, longest, walls=self.walls, libraries=self.libraries)
 
     def made_in(self, process: AgentProcess) -> bool:
-        """Load the submission in ``process`` and make the agent; whether it is one agent a run.
-
-        Raises ``SubmissionError`` when the agent cannot be made.
-        """
+        """Load the submission in ``process`` and make the agent; whether it is one a run. Raises ``SubmissionError`` when that fails."""
         limit = self.time.start
         until = time.monotonic() + limit
         place = place_inside(self.submission) if self.walls else self.submission.path
@@ -119,10 +116,7 @@ class SandboxedAgent:
 
 
 def sandboxed_runner(agent: SandboxedAgent) -> AgentRunner:
-    """The agent in its sandbox, made and ready to be reset.
-
-    Raises ``SubmissionError`` when the agent cannot be made, and ``SandboxError`` when the sandbox does not start.
-    """
+    """The agent in its sandbox, ready for a reset. Raises ``SubmissionError`` when it cannot be made, ``SandboxError`` without one."""
     process, single = agent.started()
     return in_process(agent, process, single=single)
 
@@ -168,14 +162,14 @@ class SandboxedBatch(AgentRunner):
         began, self._asked_at = cast(float, self._asked_at), None
         deciding = int(np.count_nonzero(alive))
         limit = self.limits.step * deciding
-        actions: Array = np.zeros(self.shape)
+        actions: Floats = np.zeros(self.shape)
         failures: tuple[Failure, ...]
         try:
             kind, body = self._answer(began + limit, limit, "act (for all runs)")
             actions, failures = self._read(kind, body, alive)
         except LostError as lost:
             failures = (Failure(None, lost.status, lost.reason),)
-        seconds: Array = np.where(alive, (time.monotonic() - began) / deciding, 0.0)
+        seconds: Floats = np.where(alive, (time.monotonic() - began) / deciding, 0.0)
         return Decision(actions, failures, seconds)
 
     def close(self) -> None:
@@ -189,7 +183,7 @@ class SandboxedBatch(AgentRunner):
     def _answer(self, until: float, seconds: float, what: str) -> tuple[int, memoryview]:
         return self._process.answer(self._number, until, f"{what} took longer than its limit of {seconds:g} s")
 
-    def _read(self, kind: int, body: memoryview, alive: Mask) -> tuple[Array, tuple[Failure, ...]]:
+    def _read(self, kind: int, body: memoryview, alive: Mask) -> tuple[Floats, tuple[Failure, ...]]:
         """Actions and failures out of an answer, of which nothing is believed but the wording of complaints."""
         n, m = self.shape
         if kind == frames.Kind.FAILED:
@@ -221,7 +215,7 @@ class _Exchange:
     kind: frames.Kind
     inputs: Inputs | None
     rows_asked: Mask
-    actions: Array
+    actions: Floats
 
 
 class SandboxedRuns(AgentRunner):
@@ -266,7 +260,7 @@ class SandboxedRuns(AgentRunner):
         return Decision(actions, (*lost_rows.values(), *failures.values()), seconds)
 
     def _exchange(
-        self, kind: frames.Kind, inputs: Inputs | None, rows_asked: Mask, actions: Array, seconds: Array, failures: dict[int, Failure]
+        self, kind: frames.Kind, inputs: Inputs | None, rows_asked: Mask, actions: Floats, seconds: Floats, failures: dict[int, Failure]
     ) -> tuple[int, LostError] | None:
         """Ask the rows in ``asked`` and fill in what they say; the row at which the process was lost, and why, if it was."""
         self._number += 1
@@ -299,7 +293,7 @@ class SandboxedRuns(AgentRunner):
             return row, lost
         return None
 
-    def _read_row(self, kind: int, body: memoryview, row: int, actions: Array | None) -> Failure | None:
+    def _read_row(self, kind: int, body: memoryview, row: int, actions: Floats | None) -> Failure | None:
         row_in_frame, status = frames.ROW.unpack_from(body) if kind == frames.Kind.ROW and len(body) >= frames.ROW.size else (-1, -1)
         rest = body[frames.ROW.size :]
         if row_in_frame != row or not 0 <= status < len(frames.STATUSES):
@@ -336,7 +330,7 @@ class SandboxedRuns(AgentRunner):
                 raise LostError(status="timed_out", reason=reason)
             if not exchange.rows_asked.any():
                 continue
-            actions: Array = np.zeros(self.shape)
+            actions: Floats = np.zeros(self.shape)
             ignored: NDArray[np.float64] = np.zeros(self.n)
             lost = self._exchange(exchange.kind, exchange.inputs, exchange.rows_asked, actions, ignored, {})
             if lost is not None:

@@ -3,8 +3,6 @@
 ``check_submission`` reads the files, then runs the agent for a day in a process of its own. ``docs/submit.md`` shows what comes out.
 """
 
-from __future__ import annotations
-
 from glbench.evaluation.submitting.check import check_submission
 from glbench.evaluation.submitting.findings import CHECKS, Finding, Report
 

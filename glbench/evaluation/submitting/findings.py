@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from glbench.agents.card import SubmissionCard, check_card
 from glbench.agents.identity import FORM_WORDS, Identity, find_card
@@ -16,10 +16,7 @@ from glbench.agents.sb3 import read_archive, space_complaints, statistics_compla
 from glbench.errors import SubmissionError
 from glbench.evaluation.sandbox.frames import MIB
 from glbench.extras import how_to_install, missing
-
-if TYPE_CHECKING:
-    from glbench.tasks import TaskCard
-
+from glbench.tasks import TaskCard
 
 Level = Literal["problem", "note"]
 Subject = Literal["card", "files", "packages", "loading", "decisions", "repeatable", "rows", "time", "memory", "surroundings", "printing"]

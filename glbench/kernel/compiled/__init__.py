@@ -4,8 +4,6 @@
 be used here, if so. How it works, how accurate and how fast it is: docs/kernel-compiled.md.
 """
 
-from __future__ import annotations
-
 from glbench.kernel.compiled.binding import Failure, failed_with
 from glbench.kernel.compiled.compiler import CompiledUnavailable
 from glbench.kernel.compiled.library import absent_equipment

@@ -170,10 +170,7 @@ def of_another_version(path: str) -> CompiledUnavailable:
 
 @functools.cache
 def load(path: str, model: Model) -> Library:
-    """The library of ``model`` at ``path``, loaded once in a process.
-
-    Raises ``CompiledUnavailable`` when it cannot be loaded or does not belong to this version.
-    """
+    """The library of ``model`` at ``path``, loaded once. Raises ``CompiledUnavailable`` when it cannot be, or is of another version."""
     return Library(path, model)
 
 

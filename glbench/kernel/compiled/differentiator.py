@@ -134,7 +134,7 @@ class CompiledDifferentiator:
         """Step and pull cotangents back through horizons of ``steps`` rows each."""
         equipped = self._equipped(rows)
         if equipped.any() and not equipped.all():  # two libraries take turns
-            return reverse_by_steps(self, rows, steps, cotangents, parameters=parameters)
+            return reverse_by_steps(self.reverse, rows, steps, cotangents, parameters=parameters)
         library = self._full if equipped.any() else self._usual
         costates = cotangents.copy()
         result, _ = self._reverse(rows, costates, library, parameters=parameters, horizon=steps)

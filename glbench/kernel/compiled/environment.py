@@ -154,8 +154,8 @@ def fits(library: binding.Library, program: Program) -> bool:
 class Entry:
     """Addresses of ``glb_environment`` (native/environment.hpp) and of its arguments but the environments themselves.
 
-    They are valid as long as this object. ``settings`` and ``program`` are what an ``EnvironmentCall`` of it holds; the model has so many
-    ``parameters``.
+    They are valid as long as this object. ``settings`` and ``program`` are those of its ``EnvironmentCall``, ``parameters`` the model's
+    number.
     """
 
     function: int

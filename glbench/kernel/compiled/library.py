@@ -163,10 +163,7 @@ def build(model: Model, traits: Traits, width: int | None = None, *, sensitiviti
 
 @contextmanager
 def build_lock(lock: Path, what: str, seconds: float) -> Iterator[None]:
-    """Hold ``lock`` while ``what`` is built in its folder of the cache.
-
-    Raises ``CompiledUnavailable`` when another process holds it for ``seconds``, or the folder cannot be used.
-    """
+    """Lock ``what`` while it is built. Raises ``CompiledUnavailable`` when another holds it for ``seconds``, or the folder fails."""
     try:
         lock.parent.mkdir(parents=True, exist_ok=True)
         with FileLock(lock, timeout=seconds):
@@ -179,10 +176,7 @@ def build_lock(lock: Path, what: str, seconds: float) -> Iterator[None]:
 
 
 def library_is_built(model: Model, traits: Traits, width: int | None = None) -> bool:
-    """Whether ``build`` with these arguments finds the library in the wheel or in the cache.
-
-    Raises ``CompiledUnavailable`` when there is no compiler.
-    """
+    """Whether ``build`` with these arguments finds the library. Raises ``CompiledUnavailable`` when there is no compiler."""
     if _lent(model, traits, width, sensitivities=False) is not None:
         return True
     if width is None and find_prebuilt(prebuilt_key(model, traits)) is not None:
@@ -265,10 +259,7 @@ def _build(folder: Path, name: str, model: Model, traits: Traits, flags: tuple[s
 
 
 def prebuild(folder: Path, model: Model, traits: Traits) -> list[Prebuilt]:
-    """Compile a model for every processor level that a wheel carries, into ``folder``, which exists.
-
-    Raises ``CompiledUnavailable`` when there is no compiler, or it fails.
-    """
+    """Compile a model for all levels that a wheel carries into ``folder``. Raises ``CompiledUnavailable`` when that cannot be."""
     compiler, key = find_compiler(), prebuilt_key(model, traits)
     libraries = []
     with tempfile.TemporaryDirectory() as temporary:

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from glbench.arrays import Floats
 from glbench.errors import ShapeError, StepError, UnknownNameError, did_you_mean, refuse
 from glbench.kernel.compiled import binding
 from glbench.kernel.compiled.compiler import CompiledUnavailable
@@ -87,14 +87,12 @@ def get_preset(name: str | Preset) -> Preset:
     return PRESETS[name]
 
 
-def tolerances(model: Model, preset: Preset) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def tolerances(model: Model, preset: Preset) -> tuple[Floats, Floats]:
     """Absolute [unit of the state] and relative tolerance of each state (states,)."""
     weights = [state.balance if preset.balanced else state.sharper for state in model.states]
     relative = np.array([preset.relative * weight for weight in weights])
     return relative * np.array([state.small for state in model.states]), relative
 
-
-Array = NDArray[np.float64]
 
 _DOUBLE = np.dtype(np.float64)
 _COPIED_ROWS = 64
@@ -106,23 +104,9 @@ class CompiledStepper:
 
     Raises ``UnknownNameError`` when there is no such preset, ``CompiledUnavailable`` when the library can be neither loaded nor built.
 
-    Parameters
-    ----------
-    model : Model
-        What is stepped.
-    step_seconds : float
-        Length of the control step [s].
-    preset : str or Preset
-        ``"reference"``, ``"standard"``, ``"fast"`` or ``"tight"``, or settings of one's own.
-    threads : int
-        Threads for large batches. They change no bit.
-    width : int, optional
-        Number of lanes, 1, 2, 4 or 8, instead of what suits the processor. It changes no bit.
-
-    Attributes
-    ----------
-    settings : Settings
-        Step length and tolerances, fixed for the library.
+    A control step of ``model`` takes ``step_seconds`` [s]. ``preset`` is ``"reference"``, ``"standard"``, ``"fast"`` or ``"tight"``, or
+    settings of one's own; ``settings`` has its step length and tolerances, fixed for the library. ``threads`` for large batches change no
+    bit, and neither does ``width``, the number of lanes, 1, 2, 4 or 8, instead of what suits the processor.
     """
 
     name = "compiled"
@@ -162,28 +146,18 @@ class CompiledStepper:
         return self._batch.substeps
 
     @property
-    def reached(self) -> Array:
+    def reached(self) -> Floats:
         """Time within the step that each row of the last call reached (n,) [s]. Overwritten by the next call."""
         return self._batch.reached
 
-    def step_rows(self, x: Array, u: Array, d: Array, p: Array, out: Array) -> binding.Status:
+    def step_rows(self, x: Floats, u: Floats, d: Floats, p: Floats, out: Floats) -> binding.Status:
         """Advance all rows by one control step.
 
-        Raises ``ShapeError`` when an array has another shape or type, or, with more than 64 rows, another layout.
-
-        Parameters
-        ----------
-        x, u, d : ndarray
-            States (n, states), controls (n, controls), disturbances (n, disturbances): float64, C-contiguous.
-        p : ndarray
-            Parameters (n, parameters), or (parameters,) or (1, parameters) shared by all rows.
-        out : ndarray
-            States after the step (n, states); may be ``x``. Rows that fail keep their state.
-
-        Returns
-        -------
-        ndarray
-            Status (n,), 0 for rows that were stepped, else for ``explain``. Overwritten by the next call.
+        States ``x`` (n, states), controls ``u`` (n, controls) and disturbances ``d`` (n, disturbances) are float64 and C-contiguous;
+        parameters ``p`` (n, parameters), or (parameters,) or (1, parameters) shared by all rows. ``out`` gets the states after the step (n,
+        states) and may be ``x``; rows that fail keep their state. Returns the status (n,), 0 for rows that were stepped, else for
+        ``explain``, which the next call overwrites. Raises ``ShapeError`` when an array has another shape or type, or, with more than 64
+        rows, another layout.
         """
         batch = self._batch
         if batch.n != len(x):
@@ -210,7 +184,7 @@ class CompiledStepper:
             self._step_with_full_model(batch, x, u, d, p, out)
         return batch.status
 
-    def advance(self, rows: Rows, out: Array) -> list[StepFailure]:
+    def advance(self, rows: Rows, out: Floats) -> list[StepFailure]:
         """Write x(t + h) of all rows to ``out`` (n, states); failed rows keep their old state and are reported."""
         if len(rows.x) == 0:
             return []
@@ -221,17 +195,14 @@ class CompiledStepper:
             StepFailure(row, f"{self.explain(row)} ({inputs_in_words(self.model, rows, row)})") for row in map(int, status.nonzero()[0])
         ]
 
-    def bind(self, rows: Rows, out: Array) -> CompiledBoundStep:
+    def bind(self, rows: Rows, out: Floats) -> CompiledBoundStep:
         """A step of these very arrays, all of them tables and C-contiguous; ``out`` may be ``rows.x``. See ``Kernel.bind``."""
         pointers = binding.RowPointers()
         call = functools.partial(self._library.step_rows, self._settings_call, ctypes.byref(pointers))
         return CompiledBoundStep(self, call, pointers, rows, out)
 
-    def walk(self, horizons: Horizons, states: Array) -> int:
-        """Step horizons, all together step by step, with every pointer set beforehand; see ``Backend.walk``.
-
-        Lanes and threads share the horizons of a step.
-        """
+    def walk(self, horizons: Horizons, states: Floats) -> int:
+        """Step horizons together, step by step, with every pointer set beforehand: lanes and threads share them; see ``Backend.walk``."""
         n, steps = horizons.count, horizons.steps
         u, d = (np.ascontiguousarray(table.swapaxes(0, 1)) for table in (horizons.u, horizons.d))
         p, size = horizons.p, horizons.p.shape[2]
@@ -256,13 +227,10 @@ class CompiledStepper:
         return steps
 
     def differentiator(self) -> CompiledDifferentiator:
-        """What differentiates the steps: a second library, built now if need be.
-
-        Raises ``CompiledUnavailable`` when it can be neither loaded nor built.
-        """
+        """What differentiates the steps: a second library. Raises ``CompiledUnavailable`` when it can be neither loaded nor built."""
         return CompiledDifferentiator(self.model, self.settings, self.width)
 
-    def prepare(self, p: Array) -> None:
+    def prepare(self, p: Floats) -> None:
         """Build now the libraries of the full model, where parameters ``p`` have equipment that the usual ones leave out."""
         if p[list(absent_equipment(self.model))].any():
             for sensitivities in (False, True):
@@ -306,7 +274,7 @@ class CompiledStepper:
             "library_digest": self._build.digest,
         }
 
-    def _step_with_full_model(self, batch: _Batch, x: Array, u: Array, d: Array, p: Array, out: Array) -> None:
+    def _step_with_full_model(self, batch: _Batch, x: Floats, u: Floats, d: Floats, p: Floats, out: Floats) -> None:
         """Steps the rows whose greenhouse has equipment that the usual library leaves out."""
         rows = binding.failed_with(batch.status, binding.Failure.EQUIPMENT_PRESENT)
         if rows.size == 0:
@@ -337,7 +305,7 @@ class CompiledStepper:
         shapes = ((n, self._sizes[key]) for key in "xudp")
         return _Batch(n, x, u, d, p, out, status, substeps, reached, pointers, ctypes.byref(pointers), *shapes)
 
-    def _wrong_arrays(self, *arrays: Array) -> ShapeError:
+    def _wrong_arrays(self, *arrays: Floats) -> ShapeError:
         got = ", ".join(f"{name} {a.dtype}{a.shape}" for name, a in zip(("x", "u", "d", "p", "out"), arrays, strict=True))
         x, u, d, p = self._sizes.values()
         msg = (
@@ -352,14 +320,14 @@ class _Batch:
     """Arrays and pointers for ``n`` rows; the inputs are empty where the caller's own arrays are used."""
 
     n: int
-    x: Array
-    u: Array
-    d: Array
-    p: Array
-    out: Array
+    x: Floats
+    u: Floats
+    d: Floats
+    p: Floats
+    out: Floats
     status: binding.Status
     substeps: binding.Status
-    reached: Array
+    reached: Floats
     pointers: binding.RowPointers
     call: object  # ctypes.byref(pointers)
     x_shape: tuple[int, int]
@@ -371,18 +339,12 @@ class _Batch:
 class CompiledBoundStep:
     """Made by ``CompiledStepper.bind``: ``step()`` advances rows, by one call of the library with all pointers set beforehand.
 
-    Attributes
-    ----------
-    status : ndarray
-        0 for rows that were stepped (n,).
-    substeps : ndarray
-        Substeps that each row took (n,), rejected ones included.
-    reached : ndarray
-        Time within the step that each row reached (n,) [s].
+    Of each row, ``(n,)``, ``status`` is 0 where it was stepped, ``substeps`` are those that it took, rejected ones included, and
+    ``reached`` is the time within the step that it reached [s].
     """
 
     def __init__(
-        self, stepper: CompiledStepper, call: functools.partial[int], pointers: binding.RowPointers, rows: Rows, out: Array
+        self, stepper: CompiledStepper, call: functools.partial[int], pointers: binding.RowPointers, rows: Rows, out: Floats
     ) -> None:
         self._stepper, self._call, self._rows, self._out = stepper, call, rows, out
         n = len(out)
@@ -393,10 +355,7 @@ class CompiledBoundStep:
         pointers.status, pointers.substeps = self.status.ctypes.data, self.substeps.ctypes.data
 
     def __call__(self) -> None:
-        """Step the rows.
-
-        Raises ``StepError`` when a row could not be integrated, or an input is not finite; the other rows have been stepped.
-        """
+        """Step the rows. Raises ``StepError`` when one could not be integrated, or an input is not finite; the others have been stepped."""
         if not self._call():
             return
         rows = np.flatnonzero(self.status)  # those that need the library of the full model, and failures
@@ -418,7 +377,7 @@ def is_built(model: Model) -> bool:
         return True
 
 
-def built_libraries(model: Model, p: Array, *, for_plans: bool) -> dict[str, Path]:
+def built_libraries(model: Model, p: Floats, *, for_plans: bool) -> dict[str, Path]:
     """The files of the libraries of ``model`` in the cache, by the names for lending them; built if they are ``for_plans``.
 
     That of the full model is among them where parameters ``p`` have equipment that the usual one leaves out.

@@ -24,10 +24,7 @@ class Allocation(NamedTuple):
 
 
 def allocation(g: GrowthInhibition, x: TomatoState, p: TomatoParameters) -> Allocation:
-    """Growth of leaves, stems (eq. 9.25) and fruit (eq. 9.24).
-
-    At an empty buffer ``h_buf_org`` is 0.0067, not 0: the buffer may become slightly negative in darkness.
-    """
+    """Growth of leaves, stems (eq. 9.25), fruit (9.24). At an empty buffer ``h_buf_org`` is 0.0067: it may be negative in the dark."""
     h_buf_org = sigmoid(BUFFER_EMPTY_SLOPE * (x.c_buf - p.c_buf_min))
     vegetative = h_buf_org * g.h_t_can24 * g.g_t_can24
     return Allocation(

@@ -25,10 +25,7 @@ class Harvest(NamedTuple):
 
 
 def removal(mass: Expr, limit: Expr, rate: float, variant: Variant) -> Expr:
-    """Rate of removal [mg m-2 s-1]: ``rate`` far above the limit [mg m-2], half of it at the limit, 0 far below.
-
-    Row 6: the published code rounds ln(100).
-    """
+    """Removal [mg m-2 s-1]: ``rate`` far above the limit [mg m-2], half at it, 0 far below. Row 6: the published code rounds ln(100)."""
     return rate * sigmoid(2 * variant.harvest_logarithm * (mass - limit) / TRANSITION_WIDTH)
 
 

@@ -305,7 +305,10 @@ class VanHentenLettuce(Crop):
         return {"young_lettuce": lambda air_temperature, p: start_state(p)}
 
     def flows(self) -> tuple[Flow, ...]:
-        return (Flow("fresh_growth", "kg m-2", "fresh mass gained by the shoots", "Fresh mass", _fresh_growth),)
+        def gained(step: Step) -> Expr:
+            return fresh_mass(step.after, step.parameters) - fresh_mass(step.before, step.parameters)
+
+        return (Flow("fresh_growth", "kg m-2", "fresh mass gained by the shoots", "Fresh mass", gained),)
 
     def stocks(self) -> tuple[Stock, ...]:
         return (
@@ -350,9 +353,3 @@ def saleable_heads(x: Any, p: Any) -> Expr:
     """Heads per floor area, counted by the share of the full price that they earn [m-2]."""
     share = (head_mass(x, p) - LIGHTEST_SOLD) / (FULL_PRICE - LIGHTEST_SOLD)
     return np.minimum(np.maximum(share, 0.0), 1.0) * p.n_head
-
-
-def _fresh_growth(step: Step) -> Expr:
-    """Fresh mass gained by the shoots [kg m-2]."""
-    p = step.parameters
-    return fresh_mass(step.after, p) - fresh_mass(step.before, p)

@@ -16,7 +16,7 @@ from glbench.model.crop.temperature import GrowthInhibition, growth_inhibition
 from glbench.model.derived import derived_tomato
 from glbench.model.expressions import Expr
 from glbench.model.greenlight import CANOPY_EXCESS
-from glbench.model.model import Flow, ObservedColumn, Signal, Step, Stock
+from glbench.model.model import Flow, ObservedColumn, Signal, Stock
 from glbench.model.parameter_checks import Order
 from glbench.model.parameter_table import BENCHMARK, read_table
 from glbench.model.parameters import TomatoParameters
@@ -135,7 +135,7 @@ class VanthoorTomato(Crop):
                 "mg m-2",
                 "carbohydrate gained by the fruit, harvest taken off",
                 FLOWS["fruit_growth"].label,
-                _fruit_growth,
+                lambda step: step.after.c_fruit - step.before.c_fruit,
                 lambda step: step.parameters.rg_fruit * step.seconds,
             ),
         )
@@ -193,11 +193,6 @@ def _young(air_temperature: float, p: TomatoParameters) -> TomatoState:
         c_fruit=0.0,
         t_can_sum=0.0,
     )
-
-
-def _fruit_growth(step: Step) -> Expr:
-    """Carbohydrate gained by the fruit [mg m-2]."""
-    return step.after.c_fruit - step.before.c_fruit
 
 
 def _heaviest(horizon: Horizon) -> float:
