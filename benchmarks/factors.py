@@ -254,7 +254,7 @@ class Study:
         for file, text in texts.items():
             if file.is_file() and file.read_text(encoding="utf-8") != text:
                 refuse(f"{file} was made by another design. Choose another folder with --work.", GlbenchError)
-        for file, text in {self.work / SAVED: self.design.model_dump_json(indent=1) + "\n", **texts}.items():
+        for file, text in texts.items():
             write_atomically(file, text)
         return {file.stem: get_task(file) for file in texts}
 
@@ -321,6 +321,7 @@ def run(study: Study, cells: Sequence[Cell], workers: int, ray: str | None = Non
             trainings.setdefault(folder, (cell, recipe, seed))
             agents.setdefault((cell.task, folder.name), (cell, str(folder), design.runs))
             study.settings(cell, recipe)
+    write_atomically(study.work / SAVED, design.model_dump_json(indent=1) + "\n")
     log = Log(len(trainings) + len(agents))
     say(f"{len(cells)} cells with {len(tasks)} tasks in {study.work}: {len(trainings)} trainings, {len(agents)} evaluations")
     with ExitStack() as stack:

@@ -37,12 +37,12 @@ runs = 3
 trainings = 2
 steps = 400
 evaluations = 2
-pairs = [["small", "rules"], ["steady", "rules"]]
+pairs = [["small", "rules"], ["fair", "rules"]]
 recipes = { small = "small.yml" }
 
 [bases.day]
 task = "DAY"
-agents = { rules = "rule_based_tuned", steady = "constant_setpoints" }
+agents = { rules = "rule_based_tuned", fair = "rule_based_fair" }
 
 [bases.day.factors.price]
 title = "price of violations"
@@ -260,7 +260,7 @@ def test_a_small_study_is_carried_out_continued_and_tabulated(small: Path, capsy
     assert run(one, [cells["day.centre"]], 1) == 0
     first = load_result(small / "work" / "results" / "day.centre-v1" / "small-400-seed1.json")
     capsys.readouterr()
-    assert run(one, [*cells.values()], 1) == 0
+    assert run(one, [*cells.values()], 2) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].endswith("6 trainings, 10 evaluations")
     assert len([line for line in lines if "was trained" in line or "was evaluated" in line]) == 2 + 4
@@ -271,10 +271,10 @@ def test_a_small_study_is_carried_out_continued_and_tabulated(small: Path, capsy
     figures = json.loads((small / "work" / "factors.json").read_text(encoding="utf-8"))["bases"]["day"]
     assert [*figures["cells"]] == [*cells]
     assert figures["cells"]["day.budget-0.5"]["agents"]["small"]["trainings"] == 2
-    pair = figures["cells"]["day.centre"]["pairs"]["steady - rules"]
-    rules, steady = (figures["cells"]["day.centre"]["agents"][kind]["value"] for kind in ("rules", "steady"))
-    assert pair["value"] == pytest.approx(steady - rules)
-    assert "steady - rules" not in figures["cells"]["day.budget-0.5"]["pairs"]  # the same agents on the same task as in the centre
+    pair = figures["cells"]["day.centre"]["pairs"]["fair - rules"]
+    rules, fair = (figures["cells"]["day.centre"]["agents"][kind]["value"] for kind in ("rules", "fair"))
+    assert pair["value"] == pytest.approx(fair - rules)
+    assert "fair - rules" not in figures["cells"]["day.budget-0.5"]["pairs"]  # the same agents on the same task as in the centre
     assert {effect["effect"] for effect in figures["effects"]} == {"price: 1 to 2, from the centre", "budget: 1 to 0.5, from the centre"}
     assert "| day.price-2 |" in page
     assert page == (small / "work" / "factors.md").read_text(encoding="utf-8")
