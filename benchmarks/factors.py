@@ -111,8 +111,8 @@ class Design(Table):
             for kind in [*itertools.chain(*self.pairs), *base.agent_runs]:
                 if kind not in kinds:
                     refuse(f"bases.{name} has no agent '{kind}', which is compared.{did_you_mean(kind, kinds)}")
-            asked = [(factor, one.centre) for factor, one in base.factors.items()]
-            for factor, level in asked + [(factor, level) for factor, levels in corners.levels.items() for level in levels]:
+            named_levels = [(factor, one.centre) for factor, one in base.factors.items()]
+            for factor, level in named_levels + [(factor, level) for factor, levels in corners.levels.items() for level in levels]:
                 levels = base.factors[factor].levels if factor in base.factors else {}
                 if level not in levels:
                     refuse(f"bases.{name}: the factor '{factor}' has no level '{level}'.{did_you_mean(level, levels)}")
@@ -156,20 +156,20 @@ def cells_of(design: Design) -> dict[str, Cell]:
 
 def choose(cells: Mapping[str, Cell], text: str | None) -> list[Cell]:
     """The cells of a list of names and patterns such as ``spring.draw-*``; all without one. Raises ``GlbenchError`` when one names none."""
-    chosen = set[str]()
+    keys = set[str]()
     for pattern in (part.strip() for part in (text or "*").split(",")):
         matches = {key for key in cells if fnmatchcase(key, pattern)}
         if not matches:
             refuse(f"There is no cell '{pattern}'.{did_you_mean(pattern, cells)} `cells` lists them.", GlbenchError)
-        chosen |= matches
-    return [cell for key, cell in cells.items() if key in chosen]
+        keys |= matches
+    return [cell for key, cell in cells.items() if key in keys]
 
 
 def task_file(design: Design, cell: Cell) -> str:
     """The task file of a cell: what differs from the base. Raises ``TaskError`` when two levels change the same key."""
     base = design.bases[cell.base]
     changes = [base.factors[factor].levels[level] for factor, level in cell.levels.items()]
-    tables, of_groups = (reduce(_merged, [getattr(one, part) for one in changes], {}) for part in ("task", "groups"))
+    tables, of_groups = reduce(_merged, [one.task for one in changes]), reduce(_merged, [one.groups for one in changes])
     if of_groups:
         task = get_task(base.task)
         groups = {str(group.get("name")): group for group in task.file.content(task.source)["scenario"]["parameters"]}
@@ -184,7 +184,7 @@ def task_file(design: Design, cell: Cell) -> str:
     return "\n".join(["# A cell of a study of factors, written by benchmarks/factors.py.", *lines, ""])
 
 
-def _merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+def _merged(one: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
     both = dict(one)
     for key, value in other.items():
         if key in both and not (isinstance(value, Mapping) and isinstance(both[key], Mapping)):
@@ -199,7 +199,7 @@ def steps_of(design: Design, cell: Cell) -> int:
     return round(design.steps * math.prod(factors[factor].levels[level].steps for factor, level in cell.levels.items()))
 
 
-def evaluated(task: TaskSpec, split: str) -> TaskSpec:
+def in_split_of_evaluations(task: TaskSpec, split: str) -> TaskSpec:
     """A task in the split of evaluations. Raises ``TaskError`` when it has no such split."""
     return task.scored if split == "test" else task.in_split(split)
 
@@ -314,7 +314,7 @@ def run(study: Study, cells: Sequence[Cell], workers: int, ray: str | None = Non
         base = design.bases[cell.base]
         for kind, ref in base.agents.items():
             if not any(one.base == cell.base and other == ref for one, other, _ in agents.values()):
-                prepare(evaluated(tasks[cell.task], design.split), ref, runs=1).check_start()
+                prepare(in_split_of_evaluations(tasks[cell.task], design.split), ref, runs=1).check_start()
             agents.setdefault((cell.task, ref), (cell, ref, min(design.runs, base.agent_runs.get(kind, design.runs))))
         for recipe, seed in itertools.product(design.recipes, range(design.trainings)):
             folder = study.work / "trainings" / cell.task / agent_name(design, cell, recipe, seed)
@@ -358,7 +358,7 @@ def _train(study: Study, trainings: Trainings, executor: Executor, tasks: Mappin
 def _evaluate(study: Study, agents: Agents, executor: Executor, tasks: Mapping[str, TaskSpec], log: Log) -> None:
     missing = []
     for (name, agent), (_, ref, runs) in agents.items():
-        task = evaluated(tasks[name], study.design.split)
+        task = in_split_of_evaluations(tasks[name], study.design.split)
         try:
             if _holds(result_path(study.work, task.id, agent), task, runs):
                 log.ended(f"{name}  {agent}: was evaluated")

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.factors import Base, Cell, Design, agent_name, cells_of, evaluated, saved_design
+from benchmarks.factors import Base, Cell, Design, agent_name, cells_of, in_split_of_evaluations, saved_design
 from glbench.env import run_years
 from glbench.evaluation import load_result, result_path
 from glbench.leaderboard.statistics import SIGNIFICANCE, Interval, MeanEstimate, corrected, estimate_difference, estimate_mean
@@ -36,7 +36,7 @@ class Scores:
     failed: int = 0
 
 
-Found = Mapping[str, Scores]  # of a cell, by kind of agent
+CellScores = Mapping[str, Scores]  # of a cell, by kind of agent
 
 
 @dataclass(frozen=True)
@@ -63,11 +63,11 @@ def read_scores(design: Design, work: Path, cell: Cell, metric: str) -> dict[str
     return scores
 
 
-def contrast(high: Sequence[Found], low: Sequence[Found], kinds: Kinds) -> tuple[MeanEstimate, Interval] | None:
+def contrast(high: Sequence[CellScores], low: Sequence[CellScores], kinds: Kinds) -> tuple[MeanEstimate, Interval] | None:
     """What an agent earns, or the first earns more than the second, in cells ``high``, minus the same in as many cells ``low``, if any.
 
-    Runs with the same seed are paired over all cells; trainings in different cells are different draws. Returns an estimate, which is half
-    of the effect where both sides have two agents, and the effect with its interval; ``None`` when an agent is missing in a cell.
+    Runs with the same seed are paired over all cells, and trainings with the same seed are one unit. Returns an estimate, which is half of
+    the effect where both sides have two agents, and the effect with its interval; ``None`` when an agent is missing in a cell.
     """
     plus, minus = [(cell, kinds[0]) for cell in high], [(cell, kinds[0]) for cell in low]
     for other in kinds[1:]:
@@ -112,17 +112,17 @@ def effects_of(name: str, base: Base, cells: Mapping[str, Cell]) -> list[Effect]
         columns.setdefault(tuple(signs[one_factor] * signs[other] for _, signs in corners), []).append(f"{one_factor} × {other}")
     for signs, names in columns.items():
         high, low = (tuple(key for (key, _), sign in zip(corners, signs, strict=True) if sign == side) for side in (1, -1))
-        factor = base.factors.get(names[0].partition(":")[0])
-        effects.append(Effect(" or ".join(names), high, low, factor is not None and factor.is_budget))
+        alone = base.factors.get(names[0].partition(":")[0])
+        effects.append(Effect(" or ".join(names), high, low, alone is not None and alone.is_budget))
     return effects
 
 
 def figures_of(design: Design, work: Path, name: str) -> dict[str, Any]:
     """All figures of a base, as plain values: cells, conclusions and effects."""
     base, cells = design.bases[name], {key: cell for key, cell in cells_of(design).items() if cell.base == name}
-    task, centre = evaluated(get_task(base.task), design.split), f"{name}.centre"
+    task, centre = in_split_of_evaluations(get_task(base.task), design.split), f"{name}.centre"
     scores = {key: one for key, cell in cells.items() if (one := read_scores(design, work, cell, task.evaluation.metric))}
-    most = max((one.values.shape[1] for found in scores.values() for one in found.values()), default=0)
+    most = max((one.values.shape[1] for of_cell in scores.values() for one in of_cell.values()), default=0)
     years = np.array(run_years(task, tuple(range(task.evaluation.first_seed, task.evaluation.first_seed + most))))
 
     def figures(kinds: Kinds, key: str, interval: Interval) -> dict[str, Any]:
@@ -135,27 +135,27 @@ def figures_of(design: Design, work: Path, name: str) -> dict[str, Any]:
         return cells[key].task == centre and key != centre and not {*kinds} & {*design.recipes}
 
     document: dict[str, Any] = {"task": base.task, "cells": {}, "conclusions": [], "effects": []}
-    for key, found in scores.items():
-        agents = {kind: figures((kind,), key, one[1]) for kind in found if (one := contrast([found], [], (kind,)))}
-        counts = {kind: {"trainings": len(one.values), "failed_runs": one.failed} for kind, one in found.items()}
+    for key, of_cell in scores.items():
+        agents = {kind: figures((kind,), key, mean[1]) for kind in of_cell if (mean := contrast([of_cell], [], (kind,)))}
+        counts = {kind: {"trainings": len(one.values), "failed_runs": one.failed} for kind, one in of_cell.items()}
         levels = dict(cells[key].levels)
-        document["cells"][key] = {"levels": levels, "agents": {kind: agents[kind] | counts[kind] for kind in found}, "pairs": {}}
+        document["cells"][key] = {"levels": levels, "agents": {kind: agents[kind] | counts[kind] for kind in of_cell}, "pairs": {}}
     for pair in design.pairs:
-        asked = [key for key in cells if not is_centre(key, pair)]
-        every = {key: one for key in asked if key in scores and (one := contrast([scores[key]], [], pair))}
+        comparable = [key for key in cells if not is_centre(key, pair)]
+        every = {key: lead for key in comparable if key in scores and (lead := contrast([scores[key]], [], pair))}
         words = verdicts(every[centre][0], {key: one[0] for key, one in every.items() if key != centre}) if centre in every else {}
         for key, (_, interval) in every.items():
             document["cells"][key]["pairs"][_less(pair)] = figures(pair, key, interval) | {"verdict": words.get(key)}
         if centre in every:
             lists = {word: [key for key, one in words.items() if one == word] for word in VERDICTS}
-            missing = [key for key in asked if key not in every]
+            missing = [key for key in comparable if key not in every]
             document["conclusions"].append({"of": _less(pair), **every[centre][1].model_dump(), **lists, "missing": missing})
     for effect in effects_of(name, base, cells):
         for kinds in [*((kind,) for kind in (*design.recipes, *base.agents)), *design.pairs]:
             is_idle = effect.of_trainings and not {*kinds} & {*design.recipes}
             if not is_idle and all(key in scores for key in effect.high + effect.low):
-                one = contrast([scores[key] for key in effect.high], [scores[key] for key in effect.low], kinds)
-                document["effects"] += [{"effect": effect.words, "on": _less(kinds), **one[1].model_dump()}] if one else []
+                size = contrast([scores[key] for key in effect.high], [scores[key] for key in effect.low], kinds)
+                document["effects"] += [{"effect": effect.words, "on": _less(kinds), **size[1].model_dump()}] if size else []
     return document
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks import factors, factors_table
-from benchmarks.factors import Cell, Change, Corners, Design, Study, cells_of, choose, evaluated, read_design, run, task_file
+from benchmarks.factors import Cell, Change, Corners, Design, Study, cells_of, choose, in_split_of_evaluations, read_design, run, task_file
 from benchmarks.factors_table import Scores, contrast, effects_of, verdicts, write_tables
 from glbench.errors import GlbenchError
 from glbench.evaluation import load_result
@@ -77,7 +77,7 @@ def leaves(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return values
 
 
-def changed(folder: Path, cell: Cell) -> set[str]:
+def changed_keys(folder: Path, cell: Cell) -> set[str]:
     """Full names of what the task of a cell has other than its base, but for id and title."""
     base = SHIPPED.bases[cell.base].task
     (folder / "cell.toml").write_text(task_file(SHIPPED, cell), encoding="utf-8")
@@ -105,7 +105,7 @@ def test_the_design_has_the_centre_every_level_and_corners_of_resolution_iv() ->
 def test_a_cell_differs_from_its_base_in_its_factor_alone(tmp_path: Path, key: str) -> None:
     cell = CELLS[key]
     factor = cell.name.partition("-")[0]
-    keys = changed(tmp_path, cell)
+    keys = changed_keys(tmp_path, cell)
     assert all(name.startswith(OF_FACTOR.get(factor, ())) for name in keys)
     assert bool(keys) == (factor in OF_FACTOR)
 
@@ -125,7 +125,8 @@ def test_groups_keep_what_a_level_does_not_change(tmp_path: Path) -> None:
 
 def test_trainings_see_the_training_split_and_evaluations_that_of_the_design(tmp_path: Path) -> None:
     (task,) = Study(SHIPPED, factors.DESIGN, tmp_path).tasks([CELLS["spring.sensors-true"]]).values()
-    assert (task.split, evaluated(task, "test").split, evaluated(task, "validation").split) == ("training", "test", "validation")
+    splits = [in_split_of_evaluations(task, split).split for split in ("test", "validation")]
+    assert [task.split, *splits] == ["training", "test", "validation"]
     settings = Study(SHIPPED, factors.DESIGN, tmp_path).settings(CELLS["spring.budget-0.1"], "ppo")
     assert (settings.n_timesteps, settings.evaluation.every, settings.accrual is None) == (500_000, 50_000, False)
 
@@ -184,17 +185,17 @@ def test_an_effect_is_what_was_put_in() -> None:
     random = np.random.default_rng(5)
     seasons = random.normal(0.0, 5.0, 30)
 
-    def found(mean: float, between: float) -> dict[str, Scores]:
+    def of_cell(mean: float, between: float) -> dict[str, Scores]:
         trainings = mean + between * random.normal(0.0, 1.0, (4, 1)) + random.normal(0.0, 0.05, (4, 30))
         return {"ppo": Scores(seasons + trainings, True), "rules": Scores((seasons + random.normal(0.0, 0.05, 30))[None], False)}
 
     for between, widest in ((0.0, 0.1), (0.5, 3.0)):
-        one = contrast([found(2.0, between)], [found(1.0, between)], ("ppo", "rules"))
+        one = contrast([of_cell(2.0, between)], [of_cell(1.0, between)], ("ppo", "rules"))
         assert one is not None
         assert one[1].low < 1.0 < one[1].high
         assert one[1].high - one[1].low < widest
-    assert contrast([found(2.0, 0.0)], [{}], ("ppo", "rules")) is None
-    alone = contrast([found(2.0, 0.0)], [found(1.0, 0.0)], ("ppo",))
+    assert contrast([of_cell(2.0, 0.0)], [{}], ("ppo", "rules")) is None
+    alone = contrast([of_cell(2.0, 0.0)], [of_cell(1.0, 0.0)], ("ppo",))
     assert alone is not None
     assert alone[1].value == pytest.approx(1.0, abs=0.05)
 
