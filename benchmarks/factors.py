@@ -376,7 +376,8 @@ def _evaluate(study: Study, agents: Agents, executor: Executor, tasks: Mapping[s
             log.ended(words, outcome.reason)
         else:
             values = outcome.result.values(outcome.job.task.evaluation.metric)
-            log.ended(f"{words}: {np.mean(values):.2f} EUR/m2, mean of {len(values)} runs, {outcome.seconds:,.0f} s")
+            seconds = outcome.result.evaluation.wall_seconds
+            log.ended(f"{words}: {np.mean(values):.2f} EUR/m2, mean of {len(values)} runs, {seconds:,.0f} s")
 
 
 def _holds(path: Path, task: TaskSpec, runs: int) -> bool:
