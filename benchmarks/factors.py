@@ -29,7 +29,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from glbench.errors import GlbenchError, TaskError, did_you_mean, refuse
-from glbench.evaluation import Progress, load_result, prepare, protect, result_path
+from glbench.evaluation import Progress, Result, load_result, prepare, protect, result_path
+from glbench.evaluation.evaluation import TRIALS, VALIDATION
 from glbench.evaluation.jobs import Job, Options, Payload, divide_jobs
 from glbench.evaluation.records import usable_cores
 from glbench.execution import Executor, RayExecutor, local_executor
@@ -209,6 +210,14 @@ def agent_name(design: Design, cell: Cell, kind: str, seed: int = 0) -> str:
     return f"{kind}-{steps_of(design, cell)}-seed{seed}" if kind in design.recipes else design.bases[cell.base].agents[kind]
 
 
+def read_result(design: Design, work: Path, task_id: str, agent: str) -> Result | None:
+    """The result of an agent, with the most runs where there are two: glbench keeps results of fewer runs than the task has apart."""
+    folders = [work / VALIDATION] if design.split == "validation" else [work, work / TRIALS]
+    files = [result_path(folder, task_id, agent) for folder in folders]
+    results = [load_result(file) for file in files if file.is_file()]
+    return max(results, key=lambda result: len(result.runs), default=None)
+
+
 def read_design(source: Path, changes: Mapping[str, Any] | None = None) -> Design:
     """The design in a TOML file, with ``changes`` of its numbers. Raises ``GlbenchError`` when there is none, or it is wrong."""
     design = read_settings(Design, source, "the design", GlbenchError, toml=True)
@@ -360,7 +369,7 @@ def _evaluate(study: Study, agents: Agents, executor: Executor, tasks: Mapping[s
     for (name, agent), (_, ref, runs) in agents.items():
         task = in_split_of_evaluations(tasks[name], study.design.split)
         try:
-            if _holds(result_path(study.work, task.id, agent), task, runs):
+            if _holds(read_result(study.design, study.work, task.id, agent), task, runs):
                 log.ended(f"{name}  {agent}: was evaluated")
             else:
                 missing.append(Job(task, ref, protect(ref, "none"), Options(study.work, runs)))
@@ -380,11 +389,10 @@ def _evaluate(study: Study, agents: Agents, executor: Executor, tasks: Mapping[s
             log.ended(f"{words}: {np.mean(values):.2f} EUR/m2, mean of {len(values)} runs, {seconds:,.0f} s")
 
 
-def _holds(path: Path, task: TaskSpec, runs: int) -> bool:
-    """Whether a result of this task and split is there, with the first ``runs`` runs at least."""
-    if not path.is_file():
+def _holds(result: Result | None, task: TaskSpec, runs: int) -> bool:
+    """Whether a result is of this task and split, with the first ``runs`` runs at least."""
+    if result is None:
         return False
-    result = load_result(path)
     same = (result.task.digest, result.task.split, result.evaluation.seeds[0]) == (task.digest, task.split, task.evaluation.first_seed)
     return same and len(result.evaluation.seeds) >= runs
 

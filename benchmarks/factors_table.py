@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.factors import Base, Cell, Design, agent_name, cells_of, in_split_of_evaluations, saved_design
+from benchmarks.factors import NAMESPACE, Base, Cell, Design, agent_name, cells_of, in_split_of_evaluations, read_result, saved_design
 from glbench.env import run_years
-from glbench.evaluation import load_result, result_path
 from glbench.leaderboard.statistics import SIGNIFICANCE, Interval, MeanEstimate, corrected, estimate_difference, estimate_mean
 from glbench.resources import write_atomically
 from glbench.tasks import get_task
 
 Array = NDArray[np.float64]
 Kinds = tuple[str, ...]  # An agent, or two: the first minus the second
+FEWEST_TRAININGS, FEWEST_RUNS = 3, 30  # With fewer the tables are marked as those of a trial
 VERDICTS = ("survives", "turns", "not resolved")
 
 
@@ -54,8 +54,8 @@ def read_scores(design: Design, work: Path, cell: Cell, metric: str) -> dict[str
     scores = {}
     for kind in (*design.recipes, *design.bases[cell.base].agents):
         seeds = range(design.trainings) if kind in design.recipes else (0,)
-        files = [result_path(work, f"{cell.task}-v1", agent_name(design, cell, kind, seed)) for seed in seeds]
-        results = [load_result(file) for file in files if file.is_file()]
+        agents = [agent_name(design, cell, kind, seed) for seed in seeds]
+        results = [one for agent in agents if (one := read_result(design, work, f"{NAMESPACE}/{cell.task}-v1", agent)) is not None]
         if results:
             runs = min(len(result.runs) for result in results)
             values = np.array([result.values(metric)[:runs] for result in results])
@@ -172,8 +172,10 @@ def write_tables(work: Path) -> str:
 
 def page_of(design: Design, bases: Mapping[str, Any]) -> str:
     """The tables in Markdown."""
+    is_trial = design.trainings < FEWEST_TRAININGS or design.runs < FEWEST_RUNS
     parts = [
-        f"# Factors: {design.split} split, {design.runs} runs, {design.trainings} trainings, {design.steps:,} steps at budget 1",
+        f"# Factors: {design.split} split, runs: {design.runs}, trainings: {design.trainings}, steps at budget 1: {design.steps:,}",
+        *(["**A trial and no result**: too few runs or trainings to conclude from."] if is_trial else []),
         "EUR/m², with 95 % intervals over runs and trainings; where an agent has one training, it stands for itself alone. Verdicts are "
         "corrected for the number of cells, intervals are not.",
     ]
@@ -182,9 +184,9 @@ def page_of(design: Design, bases: Mapping[str, Any]) -> str:
         for one in figures["conclusions"]:
             is_open = one["low"] <= 0.0 <= one["high"]
             lists = ["–"] * 3 if is_open else [_names(one[word]) for word in VERDICTS]
-            rows.append([one["of"], _words(one) + (" not resolved" if is_open else ""), *lists, _names(one["missing"])])
+            rows.append([one["of"], _words(one) + (" not resolved" if is_open else ""), *lists, str(len(one["missing"]))])
         parts += [f"## {name}: {figures['task']}", "Conclusions of the centre, and the cells in which they survive:"]
-        parts.append(_grid(["", "in the centre", *VERDICTS, "not there"], rows))
+        parts.append(_grid(["", "in the centre", *VERDICTS, "cells not there"], rows))
         pairs = [_less(pair) for pair in design.pairs]
         rows = [[key, *(_words(cell["pairs"].get(pair)) for pair in pairs)] for key, cell in figures["cells"].items()]
         parts += ["Differences in each cell:", _grid(["cell", *pairs], rows)]
