@@ -21,6 +21,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from benchmarks import factors
 from docs import (
     accuracy_table,
     benchmark_design_figures,
@@ -612,7 +613,55 @@ def wind_profile(height: float) -> float:
     return float(np.log(67.8 * height - 5.42) / np.log(67.8 * 10.0 - 5.42))
 
 
+@cache
+def factor_study() -> dict[str, float]:
+    """What the study of factors asks for: cells, tasks, trainings and their steps [million], runs of predictive control on each base, and
+    its decisions there [h of a core], at the time of a decision of the released results."""
+    design = factors.read_design(factors.DESIGN)
+    cells = [*factors.cells_of(design).values()]
+    trainings = {(cell.task, recipe, factors.steps_of(design, cell)) for cell in cells for recipe in design.recipes}
+    asked = {"cells": len(cells), "tasks": len({cell.task for cell in cells}), "trainings": design.trainings * len(trainings)}
+    asked["steps"] = design.trainings * sum(steps for _, _, steps in trainings) / 1e6
+    for name, base in design.bases.items():
+        agent, task = base.agents["mpc"], get_task(base.task)
+        result = load_result(RESULTS / task.short_id / f"{agent}.json")
+        asked[f"{name} runs"] = base.agent_runs["mpc"] * len({cell.task for cell in cells if cell.base == name})
+        asked[f"{name} run"] = task.steps * result.evaluation.decision_milliseconds / 1e3
+        asked[f"{name} hours"] = asked[f"{name} runs"] * asked[f"{name} run"] / 3600.0
+    return asked
+
+
+def speeds_of_learning(baseline: str, page: str) -> float:
+    """Environment steps a second while a baseline learnt, by the card of its training [thousand]."""
+    card = tomllib.loads((ROOT / "baselines" / baseline / "training" / page).read_text(encoding="utf-8"))
+    return float(card["training"]["steps"] / card["wall_seconds"]["learning"] / 1e3)
+
+
 CLAIMS: dict[str, list[Claim]] = {
+    "docs/factors.md": [
+        (
+            "{} cells with {} tasks: {} trainings of {} million steps together, and {} runs of predictive control",
+            lambda: (
+                *(factor_study()[key] for key in ("cells", "tasks", "trainings", "steps")),
+                factor_study()["spring runs"] + factor_study()["real runs"],
+            ),
+        ),
+        (
+            "{} thousand steps a second (`ppo_fast` on `Spring-v1`) to {} thousand (`ppo_memory_greenhouse` on `GreenhouseReal-v1`",
+            lambda: (speeds_of_learning("ppo_fast", "spring.toml"), speeds_of_learning("ppo_memory_greenhouse", "greenhousereal.toml")),
+        ),
+        (
+            "between {} and {} hours",
+            lambda: tuple(
+                factor_study()["steps"] / 3.6 / speeds_of_learning(*one)
+                for one in (("ppo_memory_greenhouse", "greenhousereal.toml"), ("ppo_fast", "spring.toml"))
+            ),
+        ),
+        (
+            "{} s of one core on `Spring-v1` and {} s on `GreenhouseReal-v1`, {} and {} hours for all of them",
+            lambda: tuple(factor_study()[f"{name} {what}"] for what in ("run", "hours") for name in ("spring", "real")),
+        ),
+    ],
     "docs/identify.md": [
         ("An error of {} K, {} % or {} ppm counts as 1", lambda: tuple(identify.read_page(identify.SHIPPED_PAGE).weights.values())),
         ("each number is changed by {} %", lambda: 100.0 * identify.CHANGE),
@@ -1255,6 +1304,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("share of the reading, up to 0.3;", "definition: glbench/tasks/tables.py"),
         ("up to s = 0.3", "definition: glbench/tasks/tables.py"),
     ],
+    "docs/factors.md": [("whose 95 % interval", "definition: CONFIDENCE"), ("a first try: `--steps 200000", "an example of options")],
     "docs/ladder.md": [
         ("95 % interval", "definition: CONFIDENCE"),
         ("more than 5 % of ladders", "what intervals of 95 % are wrong in, and there are several"),
