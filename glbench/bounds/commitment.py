@@ -53,7 +53,7 @@ def commit(equipment: Equipment, demand: EnergyDemand, task: TaskSpec) -> Dispat
     if solution is None:
         return None
     way, started = way_of(equipment, demand, solution[: len(VARIABLES)]), np.diff(running, prepend=was_on) & running
-    return replace(way, flows={**way.flows, "engine_hours": hours * running, "engine_starts": 1.0 * started})
+    return replace(way, flows={**way.flows, "engine_hours": np.where(running, hours, 0.0), "engine_starts": started.astype(np.float64)})
 
 
 def _solved(
@@ -63,7 +63,7 @@ def _solved(
     """``VARIABLES``, whether the engine runs, and whether it starts, in each step ``(9, steps)``; ``None`` where there is no way.
 
     ``load`` was the engine's before, ``since`` counts steps since it was switched; heat left has a ``worth`` [EUR kWh-1]. Where it is known
-    when the engine is ``running``, the boiler goes on from its load ``boiler``.
+    when the engine is ``running``, the boiler continues from its load ``boiler``.
     """
     from scipy import optimize, sparse
 
@@ -100,8 +100,8 @@ def _solved(
     matrix = sparse.vstack([sparse.hstack([one, sparse.csr_array((one.shape[0], len(costs) - one.shape[1]))]) for one, _, _ in rows])
     low, high = (np.concatenate([np.broadcast_to(row[side], row[0].shape[0]) for row in rows]) for side in (1, 2))
     integral, limits = np.repeat([0, running is None, 0], [size, steps, steps]), optimize.LinearConstraint(matrix.tocsr(), low, high)
-    box, how = optimize.Bounds(*bounds.T), {"mip_rel_gap": _GAP}
-    solution = optimize.milp(costs, integrality=integral, bounds=box, constraints=limits, options=how)
+    box = optimize.Bounds(*bounds.T)
+    solution = optimize.milp(costs, integrality=integral, bounds=box, constraints=limits, options={"mip_rel_gap": _GAP})
     return None if solution.x is None else solution.x.reshape(-1, steps)
 
 

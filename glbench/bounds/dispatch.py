@@ -102,7 +102,7 @@ class EnergyDemand:
         return demand
 
     @classmethod
-    def along(cls, task: TaskSpec, x: Floats, u: Floats, calendar: Floats) -> Self:
+    def along(cls, task: TaskSpec, x: NDArray[np.floating], u: NDArray[np.floating], calendar: Floats) -> Self:
         """What states ``(T + 1, s)`` and controls ``(T, c)`` ask for, at the prices in the ``calendar`` of a ``Scenario``."""
         flows, store = flow_amounts(task, (*_OUTPUTS, *_DEMANDS), x, u), task.model_value.state_index(BUFFER)
         return cls(task.step_seconds, flows, _prices(task, calendar[: len(u)]), float(x[0, store]), float(x[-1, store]))

@@ -232,12 +232,13 @@ def dispatch(
     the task switches the engine, another row has the cheapest way found that keeps its rules.
     """
     from glbench.bounds.energy_costs import costs_of_result, mean_costs
+    from glbench.cli.evaluate import agents_print_to_stderr
     from glbench.evaluation import load_result
 
     failed = [one.seed for one in load_result(result).failed if not run or one.seed in run]
     if failed:
         console.print_warning(f"Failed runs are left out: {', '.join(map(str, failed))}.")
-    with console.messages().status("replaying the runs and finding their least cost"):
+    with agents_print_to_stderr(as_json), console.messages().status("replaying the runs and finding their least cost"):
         costs = dict(costs_of_result(result, run or (), buffer, options.round_of(round_file)))
     document = {"unit": "EUR m-2", "runs": {str(seed): asdict(one) for seed, one in costs.items()}}
     every = list(costs.values())

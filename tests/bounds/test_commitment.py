@@ -93,7 +93,7 @@ def brute_force(asked: EnergyDemand, task: TaskSpec, hold: int, lowest: float) -
             starts = runs & ~np.concatenate([[False], runs[:-1]])
             fixed = hours * asked.prices["engine_hours"] @ runs + asked.prices["engine_starts"] @ starts
             found.append(solution.fun / FINE + fixed)
-    return min(found) + asked.worth(PLAIN) * (asked.start - asked.end) / MJ_PER_KWH
+    return float(min(found)) + asked.worth(PLAIN) * (asked.start - asked.end) / MJ_PER_KWH
 
 
 @pytest.mark.parametrize(("seed", "starts"), [(0, 0.0), (1, 0.0), (2, 0.002), (3, 0.002)])
