@@ -20,6 +20,7 @@ from types import MappingProxyType
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from glbench.arrays import Floats
 from glbench.control import Scenario
@@ -38,10 +39,10 @@ Flows = Mapping[str, Floats]
 MJ_PER_KWH = 3.6
 _HOURS_A_DAY = 24.0
 _SECONDS_AN_HOUR = 3600.0
-_FINE = 1000.0
+FINE = 1000.0
 """The solver counts in Wh and g: its tolerances are absolute."""
 _INFEASIBLE = 2
-_VARIABLES = ("boiler", "engine", "bought", "sold", "co2", "dumped", "stored")
+VARIABLES = ("boiler", "engine", "bought", "sold", "co2", "dumped", "stored")
 """What a dispatch chooses in each step: heat of the boiler, electricity of the engine, electricity bought and sold [kWh m-2], CO2 bought
 [kg m-2], heat let off, and heat in the buffer at the end of the step [kWh m-2]."""
 
@@ -86,10 +87,9 @@ class EnergyDemand:
         """
         equipment_of(task)  # or there is nothing to ask of
         x, u = episode.states, np.stack([episode[name] for name in task.model_value.control_names], axis=1)
-        flows = flow_amounts(task, (*_OUTPUTS, *_DEMANDS), x, u)
-        store = task.model_value.state_index(BUFFER)
-        demand = cls(task.step_seconds, flows, _prices(task, episode), float(x[0, store]), float(x[-1, store]))
-        paid = -sum(item.sign * episode[item.name].sum() for item in task.ledger.items if item.valued == FLOW and item.flow in flows)
+        demand = cls.along(task, x, u, Scenario.of(task, episode.run.seed).calendar)
+        items = (item for item in task.ledger.items if item.valued == FLOW and item.flow in demand.flows)
+        paid = -sum(item.sign * episode[item.name].sum() for item in items)
         if not np.isclose(cost(demand.flows, demand.prices), paid, rtol=1e-6, atol=1e-9):
             msg = (
                 f"The run with seed {episode.run.seed} paid {paid:.6f} EUR m-2 for its energy and CO2; at the prices of {task.id} "
@@ -98,6 +98,12 @@ class EnergyDemand:
             )
             raise EpisodeError(msg)
         return demand
+
+    @classmethod
+    def along(cls, task: TaskSpec, x: NDArray[np.floating], u: NDArray[np.floating], calendar: Floats) -> Self:
+        """What states ``(T + 1, s)`` and controls ``(T, c)`` ask for, at the prices in the ``calendar`` of a ``Scenario``."""
+        flows, store = flow_amounts(task, (*_OUTPUTS, *_DEMANDS), x, u), task.model_value.state_index(BUFFER)
+        return cls(task.step_seconds, flows, _prices(task, calendar[: len(u)]), float(x[0, store]), float(x[-1, store]))
 
     @property
     def heat(self) -> Floats:
@@ -150,13 +156,17 @@ def dispatch(equipment: Equipment, demand: EnergyDemand) -> Dispatch | None:
     """
     from scipy.optimize import linprog
 
-    start, end = (min(heat, equipment.buffer) / MJ_PER_KWH for heat in (demand.start, demand.end))
-    solution: Any = linprog(**_programme(equipment, demand, start, end), method="highs")
+    solution: Any = linprog(**programme(equipment, demand), method="highs")
     if solution.status == _INFEASIBLE:
         return None
     if solution.status:
         refuse(f"The solver found no least cost for {len(demand.heat)} steps: {solution.message}", GlbenchError)
-    variables = dict(zip(_VARIABLES, solution.x.reshape(len(_VARIABLES), -1) / _FINE, strict=True))
+    return way_of(equipment, demand, solution.x)
+
+
+def way_of(equipment: Equipment, demand: EnergyDemand, solution: Floats) -> Dispatch:
+    """The way to run the equipment that a solution of its programme is."""
+    variables = dict(zip(VARIABLES, solution.reshape(len(VARIABLES), -1) / FINE, strict=True))
     dosed, nothing = demand.flows["co2_dosed"], np.zeros_like(demand.heat)
     fixed = {"co2_from_flue": dosed, "co2_vented": -dosed}
     flows = {
@@ -164,13 +174,15 @@ def dispatch(equipment: Equipment, demand: EnergyDemand) -> Dispatch | None:
         for name, parts in equipment.makes().items()
     }
     flows |= {name: demand.flows[name] for name in _DEMANDS}
-    return Dispatch(flows, MJ_PER_KWH * variables["stored"], demand.worth(equipment) * (start - end))
+    lent = min(demand.start, equipment.buffer) - min(demand.end, equipment.buffer)
+    return Dispatch(flows, MJ_PER_KWH * variables["stored"], demand.worth(equipment) * lent / MJ_PER_KWH)
 
 
-def _programme(equipment: Equipment, demand: EnergyDemand, start: float, end: float) -> dict[str, Any]:
-    """The linear programme; ``start`` and ``end`` are what is in the buffer then, at the end at least [kWh m-2]."""
+def programme(equipment: Equipment, demand: EnergyDemand) -> dict[str, Any]:
+    """The linear programme, with ``VARIABLES`` of all steps one after the other, as ``scipy.optimize.linprog`` takes it."""
     from scipy import sparse
 
+    start, end = (min(heat, equipment.buffer) / MJ_PER_KWH for heat in (demand.start, demand.end))  # at the end at least [kWh m-2]
     steps, hours, outputs = len(demand.heat), demand.seconds / _SECONDS_AN_HOUR, equipment.makes()
     slow = _HOURS_A_DAY * equipment.tau / hours
     share_kept = np.exp(-1 / slow)  # of the heat in the buffer, what is left after a step
@@ -181,7 +193,7 @@ def _programme(equipment: Equipment, demand: EnergyDemand, start: float, end: fl
 
     def rows(**parts: Any) -> Any:
         """A row for each step: the factor, or the matrix, of each thing that is chosen."""
-        blocks = (parts.get(name, 0.0) for name in _VARIABLES)
+        blocks = (parts.get(name, 0.0) for name in VARIABLES)
         joined: list[Any] = [block if sparse.issparse(block) else block * one for block in blocks]
         return sparse.hstack(joined)
 
@@ -203,21 +215,21 @@ def _programme(equipment: Equipment, demand: EnergyDemand, start: float, end: fl
         "co2": dosed,
         "stored": equipment.buffer / MJ_PER_KWH,
     }
-    bounds = np.zeros((2, len(_VARIABLES), steps))
-    for place, name in enumerate(_VARIABLES):
+    bounds = np.zeros((2, len(VARIABLES), steps))
+    for place, name in enumerate(VARIABLES):
         bounds[1, place] = at_most.get(name, np.inf)
     bounds[0, -1, -1] = end
-    costs = np.zeros((len(_VARIABLES), steps))  # of one unit more in each step [EUR]
-    for place, variable in enumerate(_VARIABLES):
+    costs = np.zeros((len(VARIABLES), steps))  # of one unit more in each step [EUR]
+    for place, variable in enumerate(VARIABLES):
         for name, price in demand.prices.items():
             costs[place] += price * outputs.get(name, {}).get(variable, 0.0)
     return {
         "c": costs.reshape(-1),
         "A_eq": sparse.vstack([balance, rows(engine=1.0, bought=1.0, sold=-1.0)]),
-        "b_eq": _FINE * np.concatenate([into, used]),
+        "b_eq": FINE * np.concatenate([into, used]),
         "A_ub": sparse.vstack([flue, rows(sold=1.0, engine=-sparse.diags(room))]),
-        "b_ub": _FINE * np.concatenate([-dosed, np.zeros(steps)]),
-        "bounds": _FINE * bounds.reshape(2, -1).T,
+        "b_ub": FINE * np.concatenate([-dosed, np.zeros(steps)]),
+        "bounds": FINE * bounds.reshape(2, -1).T,
     }
 
 
@@ -225,14 +237,13 @@ _OUTPUTS = tuple(Equipment(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0).makes())
 """Flows that depend on a dispatch."""
 
 
-def _prices(task: TaskSpec, episode: Episode) -> Flows:
-    """What each flow costs in each step."""
-    calendar = Scenario.of(task, episode.run.seed).calendar[: episode.steps]
+def _prices(task: TaskSpec, calendar: Floats) -> Flows:
+    """What each flow costs in each step, from the rows of a calendar at their starts."""
     pool, prices = WeatherPool.of(task), dict[str, Floats]()
     for item in task.ledger.items:
         if item.valued == FLOW and item.flow in {*_OUTPUTS, *_DEMANDS}:
             price = calendar[:, pool.price_column(item.price)] if isinstance(item.price, str) else item.price
-            prices[item.flow] = prices.get(item.flow, np.zeros(episode.steps)) - item.sign * item.factor * price
+            prices[item.flow] = prices.get(item.flow, np.zeros(len(calendar))) - item.sign * item.factor * price
     if not prices:
         refuse(f"The ledger of {task.id} prices neither energy nor CO2: there is no cost to compare.", GlbenchError)
     return prices

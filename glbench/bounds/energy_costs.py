@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from glbench.bounds.commitment import commit
 from glbench.bounds.dispatch import MJ_PER_KWH, EnergyDemand, cost, dispatch, equipment_of
 from glbench.episodes import replayed_episodes
 from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
@@ -15,7 +16,7 @@ from glbench.errors import GlbenchError, refuse
 from glbench.evaluation.files import load_result
 from glbench.evaluation.saving import recorded_actions, task_of_result
 from glbench.model.equipment import Equipment
-from glbench.tasks import Round
+from glbench.tasks import Round, TaskSpec
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,8 @@ class Costs:
     without_buffer: float | None
     without_engine: float | None
     boiler_alone: float | None
+    ruled: float | None = None
+    """With all that there is, run as the task lets it run: the cheapest way found. ``None`` also where the task switches no engine."""
 
     @property
     def buffer_earns(self) -> float | None:
@@ -60,8 +63,8 @@ def _gap(more: float | None, less: float | None) -> float | None:
     return None if more is None or less is None else more - less
 
 
-def costs(equipment: Equipment, demand: EnergyDemand, buffer: float | None = None) -> Costs:
-    """All costs of a run; ``buffer``: with one of another size [MJ m-2] in place of its own, but for ``run``."""
+def costs(equipment: Equipment, demand: EnergyDemand, buffer: float | None = None, task: TaskSpec | None = None) -> Costs:
+    """All costs of a run; ``buffer``: with one of another size [MJ m-2] in place of its own, but for ``run``; ``ruled`` needs its task."""
     other = equipment if buffer is None else replace(equipment, buffer=buffer)
 
     def least(one: Equipment) -> float | None:
@@ -69,6 +72,7 @@ def costs(equipment: Equipment, demand: EnergyDemand, buffer: float | None = Non
         return None if optimum is None else optimum.cost(demand.prices)
 
     planned = dispatch(other, demand.flat())
+    way = commit(other, demand, task) if task is not None else None
     return Costs(
         run=cost(demand.flows, demand.prices) + demand.worth(equipment) * (demand.start - demand.end) / MJ_PER_KWH,
         least=least(other),
@@ -76,6 +80,7 @@ def costs(equipment: Equipment, demand: EnergyDemand, buffer: float | None = Non
         without_buffer=least(replace(other, buffer=0.0)),
         without_engine=least(replace(other, engine=0.0)),
         boiler_alone=least(replace(other, engine=0.0, buffer=0.0)),
+        ruled=None if way is None else way.cost(demand.prices),
     )
 
 
@@ -100,7 +105,7 @@ def costs_of_result(
     together = max(1, LARGEST_TRACE // (task.steps * bytes_a_step(task)))
     for first in range(0, len(rows), together):
         for episode in replayed_episodes(task, log, rows[first : first + together]):
-            yield episode.run.seed, costs(equipment, EnergyDemand.of(episode, task), buffer)
+            yield episode.run.seed, costs(equipment, EnergyDemand.of(episode, task), buffer, task)
 
 
 def mean_costs(every: Sequence[Costs]) -> Costs:

@@ -19,6 +19,7 @@ from glbench import __version__
 from glbench.agents.identity import CARD_FILE
 from glbench.agents.plans import PlanBook, read_book
 from glbench.arrays import Floats
+from glbench.bounds.commitment import redispatched
 from glbench.control import Iteration, Scenario, plan_season
 from glbench.env import Simulation, StepResult
 from glbench.errors import EpisodeError, GlbenchError, refuse
@@ -77,7 +78,7 @@ def make_plan(context: JobContext, job: PlanJob) -> PlanBook:
     Raises ``GlbenchError`` when there is no plan, or this machine's numbers would differ from those of the machine that packed the task.
     """
     task, seed = job.task.unpack(), job.seeds[0]
-    plan = plan_season(Scenario.of(task, seed), job.controls, iterations=job.iterations, watch=context.send)
+    plan = plan_season(Scenario.of(task, seed), job.controls, iterations=job.iterations, watch=context.send, dispatch=redispatched)
     book = PlanBook.of(task, job.seeds, plan.actions(), {"method": METHOD, "iterations": job.iterations})
     return book.with_about(glbench=__version__, **replay_plans(task, book, [seed])[seed]._asdict())
 

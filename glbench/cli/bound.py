@@ -23,6 +23,7 @@ _EXAMPLE = "my_agent.py"
 _ROWS = {
     "run": "As recorded",
     "least": "Least cost",
+    "ruled": "With the machines' rules",
     "blind": "Planned at mean prices",
     "without_buffer": "Least cost without the buffer",
     "without_engine": "Least cost without the engine",
@@ -227,15 +228,17 @@ def dispatch(
     """Compare what recorded runs paid for energy and CO2 with the least they could have paid: what buffer and engine earn.
 
     For the same heat in the pipes, light and CO2 in every step, a linear programme finds the cheapest way to run boiler, engine and
-    buffer, with all prices known in advance. The engine may run at any load and start at any time, so no real control is cheaper.
+    buffer, with all prices known in advance. The engine may run at any load and start at any time, so no real control is cheaper. Where
+    the task switches the engine, another row has the cheapest way found that keeps its rules.
     """
     from glbench.bounds.energy_costs import costs_of_result, mean_costs
+    from glbench.cli.evaluate import agents_print_to_stderr
     from glbench.evaluation import load_result
 
     failed = [one.seed for one in load_result(result).failed if not run or one.seed in run]
     if failed:
         console.print_warning(f"Failed runs are left out: {', '.join(map(str, failed))}.")
-    with console.messages().status("replaying the runs and finding their least cost"):
+    with agents_print_to_stderr(as_json), console.messages().status("replaying the runs and finding their least cost"):
         costs = dict(costs_of_result(result, run or (), buffer, options.round_of(round_file)))
     document = {"unit": "EUR m-2", "runs": {str(seed): asdict(one) for seed, one in costs.items()}}
     every = list(costs.values())
@@ -257,6 +260,8 @@ def cost_parts(name: str, costs: Sequence[Costs], mean: Costs, buffer: float | N
     view = console.table(f"Energy and CO2 of {name}", "", *numbers, numbers=numbers, caption=caption)
     for row, words in _ROWS.items():
         value, every = getattr(mean, row), [getattr(one, row) for one in costs]
+        if row == "ruled" and every == [None] * len(every):
+            continue
         span = [] if not several else ["-" if value is None else f"{min(every):.3f} to {max(every):.3f}"]
         saved = "-" if row == "run" or value is None else f"{mean.run - value:+.3f}"
         view.add(words, money(value), *span, saved)

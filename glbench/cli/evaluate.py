@@ -91,7 +91,7 @@ def evaluate(
     printer = console.Printer(as_json)
     with (
         console.interruption("Nothing was evaluated yet."),
-        _agents_print_to_stderr(as_json),
+        agents_print_to_stderr(as_json),
         console.messages().status("preparing") as status,
         Wait(status.update, "the agents to load"),
     ):
@@ -318,7 +318,7 @@ def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result
     try:
         with (
             console.interruption(consequence),
-            _agents_print_to_stderr(as_json),
+            agents_print_to_stderr(as_json),
             live_view(viewer, evaluation) as watcher,
             EvaluationBar(evaluation) as bar,
         ):
@@ -332,7 +332,7 @@ def _run(evaluation: Evaluation, *, as_json: bool, viewer: str | None) -> Result
 
 
 @contextlib.contextmanager
-def _agents_print_to_stderr(as_json: bool) -> Iterator[None]:
+def agents_print_to_stderr(as_json: bool) -> Iterator[None]:
     """With ``as_json`` keep standard output for the JSON: what agents and solvers print, from Python or C, goes to standard error."""
     if not as_json:
         yield
@@ -367,7 +367,7 @@ def _evaluate_many(jobs: Sequence[Job], engine: Engine, unusable: dict[str, str]
     with console.interruption(consequence), bar:
         stream = iter(engine.run(jobs, bar.report))
         while True:
-            with _agents_print_to_stderr(printer.as_json):
+            with agents_print_to_stderr(printer.as_json):
                 outcome = next(stream, None)
             if outcome is None:
                 break

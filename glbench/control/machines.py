@@ -40,16 +40,17 @@ class Schedule:
 class Machines:
     """The machines of a task that are off or on, and for how long each has been in each of some runs.
 
-    ``columns`` are their places among the controls ``(m,)``, ``since`` the steps since each was switched ``(runs, m)``.
+    ``columns`` are their places among the controls ``(m,)``, ``since`` the steps since each was switched ``(runs, m)``. Each has a
+    ``lowest`` load and stays off or on for ``hold`` steps ``(m,)``; loads change by at most ``change`` in a step.
     """
 
     def __init__(self, task: TaskSpec, runs: int = 1) -> None:
         names = task.model_value.control_names
         self.columns = np.array([names.index(name) for name in task.on_off], np.intp)
         self.since = np.full((runs, len(self.columns)), LONG_AGO)
-        self._lowest = np.array([machine.lowest for machine in task.on_off.values()])
-        self._hold = np.array([max(int(np.ceil(hold_steps(task, machine) - _TIE)), 1) for machine in task.on_off.values()], np.intp)
-        self._change = task.actuation.max_change
+        self.lowest = np.array([machine.lowest for machine in task.on_off.values()])
+        self.hold = np.array([max(int(np.ceil(hold_steps(task, machine) - _TIE)), 1) for machine in task.on_off.values()], np.intp)
+        self.change = task.actuation.max_change
 
     def follow(self, before: Floats, controls: Floats) -> None:
         """Count a step in which controls ``(runs, c)`` follow those ``before``."""
@@ -62,35 +63,39 @@ class Machines:
         In each step a machine should run if the load that it owes, with the demand until it may be switched again, is more than half of
         what it would then have run. ``before`` are the controls in force ``(n, c)``; ``since`` ``(n, m)`` is as the attribute.
         """
-        demand, places = relaxed[..., self.columns], np.arange(len(self._hold))
+        demand, places = relaxed[..., self.columns], np.arange(len(self.hold))
         steps, load = demand.shape[1], before[:, self.columns]
         sums = np.concatenate([np.zeros_like(demand[:, :1]), np.cumsum(demand, axis=1)], axis=1)
-        low, high = np.zeros(demand.shape), np.zeros(demand.shape)
-        least, most, owed = load, load, np.zeros(since.shape)
+        running, owed = np.zeros(demand.shape, bool), np.zeros(since.shape)
         for step in range(steps):
-            ends = np.minimum(step + self._hold, steps)
+            ends = np.minimum(step + self.hold, steps)
             wants = owed + sums[:, ends, places] - sums[:, step] > 0.5 * (ends - step)
-            running, free = load > 0.0, since >= self._hold
-            stops = running & ~wants & free & (load <= self._lowest + _TIE)
-            runs = (running & ~stops) | (~running & wants & free)
-            since = np.where(runs == running, since + 1.0, 1.0)
-            slower, faster = (self._moved(load, change, runs) for change in (-self._change, self._change))
-            load, least, most = (
-                np.where(wants, faster, slower),
-                self._moved(least, -self._change, runs),
-                self._moved(most, self._change, runs),
-            )
+            on, free = load > 0.0, since >= self.hold
+            stops = on & ~wants & free & (load <= self.lowest + _TIE)
+            runs = running[:, step] = (on & ~stops) | (~on & wants & free)
+            since = np.where(runs == on, since + 1.0, 1.0)
+            slower, faster = (self._moved(load, change, runs) for change in (-self.change, self.change))
+            load = np.where(wants, faster, slower)
             owed = owed + demand[:, step] - load
-            low[:, step], high[:, step] = least, most
+        return self.scheduled(running, before)
+
+    def scheduled(self, running: NDArray[np.bool_], before: Floats) -> Schedule:
+        """The schedule of machines that run as ``running`` ``(n, T, m)`` says, from the controls in force ``(n, c)`` on."""
+        low, high = np.zeros(running.shape), np.zeros(running.shape)
+        least = most = before[:, self.columns]
+        steps = running.shape[1]
+        for step in range(steps):
+            low[:, step] = least = self._moved(least, -self.change, running[:, step])
+            high[:, step] = most = self._moved(most, self.change, running[:, step])
         for step in range(steps - 2, -1, -1):  # as low as it has to be to stop in time
-            after = np.where(high[:, step + 1] > 0.0, high[:, step + 1] + self._change, self._lowest)
+            after = np.where(high[:, step + 1] > 0.0, high[:, step + 1] + self.change, self.lowest)
             high[:, step] = np.minimum(high[:, step], after)
         return Schedule(np.minimum(low, high), high)
 
     def _moved(self, load: Floats, change: float, runs: NDArray[np.bool_]) -> Floats:
         """Load after a step: changed as far as it goes, the lowest where a machine starts, 0 where it does not run."""
-        moved = np.clip(load + change, self._lowest, 1.0)
-        return np.where(runs, np.where(load > 0.0, moved, self._lowest), 0.0)
+        moved = np.clip(load + change, self.lowest, 1.0)
+        return np.where(runs, np.where(load > 0.0, moved, self.lowest), 0.0)
 
     def at_full_load(self, controls: Floats) -> Floats:
         """Controls ``(..., T, c)`` with all machines at full load: where plans with a schedule begin."""
@@ -108,10 +113,10 @@ class Machines:
         controls, loads = controls.copy(), np.clip(demand[..., self.columns], 0.0, 1.0)
         if schedule is not None:
             # Off lies one change below the lowest load; loads between limits that move little enough stay there.
-            off = self._lowest - self._change
+            off = self.lowest - self.change
             loads = np.where(schedule.high > 0.0, np.clip(loads, schedule.low, schedule.high), off)
             load = before[..., self.columns]
-            loads = feasible(loads, np.where(load > 0.0, load, off), np.ones(len(off)), self._change)
+            loads = feasible(loads, np.where(load > 0.0, load, off), np.ones(len(off)), self.change)
             loads = np.clip(loads, schedule.low, schedule.high)
         controls[..., self.columns] = loads
         return controls

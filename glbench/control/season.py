@@ -40,6 +40,8 @@ _INNER, _CORRECTING = 60, 30
 """Gradient steps on a linearised season: to improve it, and to correct the improvement."""
 _CORRECTING_RATE = 0.1
 """Length of the first of the latter in trust regions."""
+_BETWEEN = 4
+"""Iterations after which machines are dispatched (again)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,13 @@ class Iteration:
 
 
 def plan_season(
-    scenario: Scenario, controls: ArrayLike, *, iterations: int = 35, preset: str = "fast", watch: Callable[[Iteration], None] | None = None
+    scenario: Scenario,
+    controls: ArrayLike,
+    *,
+    iterations: int = 35,
+    preset: str = "fast",
+    watch: Callable[[Iteration], None] | None = None,
+    dispatch: Callable[[SeasonPlan], Floats | None] | None = None,
 ) -> SeasonPlan:
     """Improve the controls of a season with perfect information.
 
@@ -94,19 +102,24 @@ def plan_season(
     ``(T, c)``: the commands of a good controller, brought within the bounds and the largest change. Machines that are off or on are taken
     to run as the task lets them. An iteration takes about 3 s of one core for 5,760 steps; ``watch`` is called after each. ``preset`` is
     that of the kernel that plans. The plan returned is the best one known, and no proof that there is none better. The same arguments give
-    the same bits.
+    the same bits. ``dispatch``, such as ``glbench.bounds.commitment.redispatched``, is asked every few iterations how machines that are off
+    or on should run for what the plan asks of them: commands ``(T, c)``, or ``None``.
     """
     count = whole_number(iterations, "The number of iterations")
     search = _Search(scenario, np.asarray(controls, dtype=np.float64), preset)
-    first = search.plan
+    best = search.plan
     shrink = (_LAST_SMOOTHING / _FIRST_SMOOTHING) ** (1.0 / max(count, 1))
+    again = range(_BETWEEN, count, _BETWEEN) if dispatch is not None else ()
+    turns = ([*again] or [count // 2]) if scenario.task.on_off else []
     for number in range(count):
-        if scenario.task.on_off and number == count // 2:
-            search.switch()
+        if number in turns:
+            search.switch(None if dispatch is None else dispatch(search.plan))
         gained = search.improve(_FIRST_SMOOTHING * shrink**number)
+        if search.schedule is not None or not turns:
+            best = max(best, search.plan, key=lambda plan: plan.reward)
         if watch is not None:
             watch(Iteration(number + 1, search.plan.reward, gained, float(search.radius.mean())))
-    return max(first, search.plan, key=lambda plan: plan.reward)
+    return best
 
 
 class _Search:
@@ -132,12 +145,20 @@ class _Search:
         self.schedule: Schedule | None = None
         self.plan = self._simulated(self._feasible(controls)[None])[0]
 
-    def switch(self) -> None:
-        """Go on with machines that are off or on: as near to the plan, in which they ran at any load, as their hold times allow."""
+    def switch(self, dispatched: Floats | None = None) -> None:
+        """Go on with machines that are off or on, as they are in ``dispatched``, or else near the plan in which they ran at any load."""
+        if dispatched is None and self.schedule is not None:
+            return
         commands, before = self.plan.commands[None], self.scenario.u_before[None]
-        self.schedule = self.machines.near(commands, before, self.machines.since).of_rows(0)
-        candidates = np.concatenate([commands, self.machines.at_full_load(commands)])
+        if dispatched is None:
+            schedule, other = self.machines.near(commands, before, self.machines.since), self.machines.at_full_load(commands)
+        else:
+            other = dispatched[None]
+            schedule = self.machines.scheduled(other[..., self.machines.columns] > 0.5 * self.machines.lowest, before)
+        self.schedule, candidates = schedule.of_rows(0), np.concatenate([commands, other])
         self.plan = max(self._simulated(self._feasible(candidates)), key=lambda plan: plan.reward)
+        if dispatched is not None:
+            self.radius[:] = _FIRST_RADIUS
 
     def improve(self, smoothing: float) -> float:
         """One iteration; gives what it gained."""
