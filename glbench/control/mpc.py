@@ -304,8 +304,8 @@ class PredictiveController:
         """Begin with the coming step; the derivatives of the first ``overlap`` steps are kept."""
         first = int(self._slots[0]) + self._at if overlap > 0 else 0
         if first + steps > self._room:
-            for stored in self._jacobians:
-                stored[:overlap] = stored[first : first + overlap].copy()
+            for run in range(len(self._jacobians)):
+                self._jacobians[run, :overlap] = self._jacobians[run, first : first + overlap].copy()
             first = 0
         self._slots = first + np.arange(steps)
 
