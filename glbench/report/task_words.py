@@ -163,7 +163,7 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
         for one in card.actions
     ]
     machines = [
-        f"The {in_sentence(series[name]['label'])} runs at {100 * one.lowest:g} to 100 % or not at all, "
+        f"The {in_sentence(series[name]['label'])} runs at {f'{100 * one.lowest:g} to ' if one.lowest < 1.0 else ''}100 % or not at all, "
         f"and stays on or off for at least {one.hold_minutes:g} minutes."
         for name, one in task.on_off.items()
     ]
@@ -507,7 +507,7 @@ def _interface(task: tasks.TaskSpec, card: tasks.TaskCard) -> Iterator[Section]:
     idle = dict.fromkeys(others, "stays at 0") | dict.fromkeys(task.scheduled_places, "scheduled")
     rows += [("", name, by_name[name].meaning, idle[name], "", "") for name in sorted(others)]
     machines = [
-        f"{name} is 0 or {one.lowest:g} to 1"
+        f"{name} is 0 or {f'{one.lowest:g} to ' if one.lowest < 1.0 else ''}1"
         + (f", and stays on or off for at least {one.hold_minutes:g} minutes." if one.hold_minutes else ".")
         for name, one in task.on_off.items()
     ]
