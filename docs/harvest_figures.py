@@ -11,7 +11,6 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,8 +40,8 @@ SIGNS: Mapping[str, Sequence[float]] = {
     "mass": (310, 330, 345, 360, 375, 390),
 }
 DATES = ((34, 30), (36, 32), (38, 34), (40, 32), (42, 33))
-"""What the crew is called by: days since planting; MJ m-2 of radiation since then, as measured; one of ``DATES``, days since planting for the
-first and the second planting; mass [g] that plants of the books would
+"""What the crew is called by: days since planting; MJ m-2 of radiation since then, as measured; one of ``DATES``, days since planting for
+the first and the second planting; mass [g] that plants of the books would
 have in a house of the books in that weather; mass [g] that weekly samples tell; true mass [g]."""
 WORDS = {
     "reference": f"after {DEFAULT} days",

@@ -64,8 +64,16 @@ class HarvestRulesAgent(TunedRulesAgent):
         self._mass, self._age = np.zeros(n_runs), np.zeros(n_runs)
         self._weighed = np.zeros(n_runs, dtype=bool)
 
+    def decide(self, readings: dict[str, Array], positions: dict[str, Array], /) -> Array:
+        """As the tuned rules, with the highest action where the crew is called, else the lowest."""
+        actions, place = super().decide(readings, positions), self.task.action_names.index(HARVEST)
+        lowest, highest = self.task.actions[place].low, self.task.actions[place].high
+        actions[:, place] = np.where(self._called > 0.0, highest, lowest)
+        return actions
+
     def _rules(self, readings: dict[str, Array], vents: Array) -> dict[str, Array]:
-        return {**super()._rules(readings, vents), HARVEST: self._harvest(readings)}
+        self._called = self._harvest(readings)
+        return {**super()._rules(readings, vents), HARVEST: self._called}
 
     def _harvest(self, readings: dict[str, Array]) -> Array:
         """1 in runs in which the crew is called, else 0."""

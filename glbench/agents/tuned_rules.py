@@ -295,7 +295,8 @@ class TunedRulesAgent(ObservedController):
         controls = [control.name for control in task.controls]
         unknown = [name for name in (VENTS, *task.action_names) if name not in self.works or name not in controls]
         if unknown:
-            msg = f"{self.title[:1].upper()}{self.title[1:]} work {', '.join(self.works)}; {task.id} is another kind of greenhouse ({', '.join(unknown)})."
+            them = f"{self.title[:1].upper()}{self.title[1:]} work {', '.join(self.works)}"
+            msg = f"{them}; {task.id} is another kind of greenhouse ({', '.join(unknown)})."
             raise SubmissionError(msg)
         self.begin(task, n_runs, self.needed, optional=self.welcome, positions=(VENTS,))
 

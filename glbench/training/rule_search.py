@@ -1,7 +1,7 @@
 """Tuning the numbers of rules by the rewards of whole seasons.
 
-The rules are those of ``glbench.agents.tuned_rules``, of ``glbench.agents.energy_rules`` for tasks that show the price of power, or of
-``glbench.agents.harvest_rules`` where a crew is called; a page of settings says where to begin, and the bounds of its numbers how far to go.
+The rules are those of ``glbench.agents.tuned_rules``, of ``energy_rules`` for tasks that show the price of power, or of ``harvest_rules``
+where a crew is called; a page of settings says where to begin, and the bounds of its numbers how far to go.
 CMA-ES varies the numbers. All candidates of a generation have the same scenarios and run side by side, one per row. The search keeps the
 generation mean that earned most on the validation split or, for tasks without splits, in runs with separate seeds.
 """

@@ -72,7 +72,9 @@ def test_later_plants_begin_with_the_mass_that_the_nursery_delivers() -> None:
     assert head_mass(MODEL.State(*after), RECORD) == pytest.approx(5.0, abs=0.02)
 
 
-@pytest.mark.parametrize(("head", "relative"), [(150.0, 0.0), (200.0, 0.0), (270.0, 0.5), (310.0, 1.0), (400.0, 1.0), (450.0, 0.8), (900.0, 0.2)])
+@pytest.mark.parametrize(
+    ("head", "relative"), [(150.0, 0.0), (200.0, 0.0), (270.0, 0.5), (310.0, 1.0), (400.0, 1.0), (450.0, 0.8), (900.0, 0.2)]
+)
 def test_a_head_earns_what_its_size_earns(head: float, relative: float) -> None:
     alike = RECORD._replace(cv_head=0.0)
     before = MODEL.State(*planted(head))

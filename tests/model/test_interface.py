@@ -17,12 +17,12 @@ from glbench.errors import ShapeError, UnknownNameError
 from glbench.model import (
     AUXILIARIES,
     BUTTERHEAD,
-    HARVESTED_BUTTERHEAD,
     COMPARTMENT,
     CONTROL_NAMES,
     CONTROLS,
     DISTURBANCE_NAMES,
     DISTURBANCES,
+    HARVESTED_BUTTERHEAD,
     LETTUCE,
     PARAMETER_NAMES,
     STATE_NAMES,

@@ -26,7 +26,7 @@ from glbench.model.balances import DAY
 from glbench.model.bounds import Horizon
 from glbench.model.crop.butterhead import Butterhead, ButterheadParameters, mean_over_heads, relative_price
 from glbench.model.crop.lettuce import LETTUCE_PARAMETERS, YOUNG_HEAD, Fluxes, LettuceState, head_mass, start_state
-from glbench.model.expressions import Expr, exp, fmin
+from glbench.model.expressions import Expr, exp, fmax, fmin
 from glbench.model.greenhouse import record_of
 from glbench.model.model import Flow, ObservedColumn, Signal, Step, Stock
 from glbench.model.parameter_table import Parameter, declared_table
@@ -36,6 +36,9 @@ from glbench.model.surroundings import Surroundings
 
 CUTTING = 1 / 60
 """Rate at which a crew at work cuts [s-1]: all but a third of a millionth within a quarter of an hour; chosen."""
+
+AT_WORK = 0.01
+"""Plants are younger than this while a crew is at work [day]."""
 
 SIZES = {200.0: 0.0, 250.0: 0.4, 290.0: 0.6, 310.0: 1.0, 430.0: 1.0, 470.0: 0.6, 600.0: 0.4, 800.0: 0.2}
 """Price of a head that is cut, by fresh mass [g], relative to one of the full price [-]; linear in between, constant outside."""
@@ -75,10 +78,7 @@ class HarvestedButterhead(Butterhead):
     Controls: ClassVar[type[HarvestControls]] = HarvestControls
     Parameters: ClassVar[type[Any]] = HarvestParameters
     table = (*LETTUCE_PARAMETERS, *declared_table(HarvestParameters))
-    observation_modules: ClassVar[Mapping[str, str]] = {
-        **Butterhead.observation_modules,
-        "planting": "days since the plants were set",
-    }
+    observation_modules: ClassVar[Mapping[str, str]] = {**Butterhead.observation_modules, "planting": "days since the plants were set"}
 
     def rates(self, x: Any, s: Surroundings, fluxes: Fluxes, p: Any) -> Any:
         cutting, young, grown = CUTTING * s.u.u_harvest, start_state(p, p.young_head), super().rates(x, s, fluxes, p)
@@ -136,5 +136,6 @@ def _heads_cut(step: Step) -> Expr:
 
 
 def _plants_set(step: Step) -> Expr:
-    """Young plants set [m-2]: none where plants were set in the hours before, as in the hours after the first in which a crew works."""
-    return _share_cut(step) * fmin(step.before.planting_days, 1.0) * step.parameters.n_head
+    """Young plants set [m-2]: all of them when plants of a day or more are cut, none while a crew goes on working."""
+    older = fmin(fmax(step.before.planting_days - AT_WORK, 0.0), 1.0)
+    return _share_cut(step) * older * step.parameters.n_head
