@@ -29,6 +29,7 @@ from docs import (
     crop_table,
     fresh_draws_table,
     growers_table,
+    harvest_figures,
     ladder_table,
     lettuce_figures,
     realism_figure,
@@ -141,6 +142,12 @@ def mean_of_ten_heads() -> tuple[float, float]:
     task = get_task("Lettuce-v2")
     share = 100.0 * float(task.parameters()[task.model_value.parameter_names.index("cvHead")])
     return share, share / math.sqrt(10.0)
+
+
+def harvest() -> dict[str, Any]:
+    """What growers earn on LettuceHarvest-v1 who call the crew by different signs."""
+    figures: dict[str, Any] = json.loads(harvest_figures.FIGURES.read_text(encoding="utf-8"))
+    return figures
 
 
 def lettuce_numbers() -> tuple[float, float]:
@@ -975,10 +982,21 @@ CLAIMS: dict[str, list[Claim]] = {
         ("the power {}, which gives that ratio", lambda: math.log(0.81 / 0.64) / math.log(44 / 37)),
         ("It is off by {} % (standard deviation", lambda: 100.0 * get_task("Lettuce-v2").samples["registration"].noise),
         ("ten heads that vary by {} % give {} %", mean_of_ten_heads),
-        ("| price of a head that is cut, relative to the full price | 0 | {} | {} | {} | {} | {} | {} | {} |", lambda: tuple(SIZES.values())[1:]),
+        (
+            "| price of a head that is cut, relative to the full price | 0 | {} | {} | {} | {} | {} | {} | {} |",
+            lambda: tuple(SIZES.values())[1:],
+        ),
         (
             "| value of a plant that stands at the end, relative to the full price | {} | {} | {} | {} | {} | {} | {} | {} | {} |",
             lambda: tuple(STANDING.values())[1:],
+        ),
+        (
+            "The best of them keeps {} of the lead. The grower with a weekly sample that is off by {} % keeps {}.",
+            lambda: (
+                max(harvest_figures.shares(harvest())[sign] for sign in harvest_figures.BLIND),
+                100.0 * get_task("LettuceHarvest-v1").samples["registration"].noise,
+                harvest_figures.shares(harvest())["sample"],
+            ),
         ),
         (
             "{} EUR for a head of the right size until mid-April, {} until the end of April, then {}, {} from mid-May, {} in June",
@@ -1262,6 +1280,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("0.06 EUR for a young plant, 25 plants", "definition: tasks/drafts/lettuceharvest-v1.toml"),
         ("by up to 30 % in each parameter", "definition: tasks/drafts/lettuceharvest-v1.toml"),
         ("10 to 28 °C and 30 to 90 %", "definition: tasks/drafts/lettuceharvest-v1.toml"),
+        ("a tenth of the seasons is best cut after 30 days and another tenth after 50 days", "tests/docs/test_lettuce_page.py"),
         ("the grower who cuts after 40 days", "definition: DEFAULT in docs/harvest_figures.py"),
     ],
     "docs/realism.md": [
