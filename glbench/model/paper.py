@@ -77,7 +77,7 @@ BUTTERHEAD = compose(GreenLightClimate(), Butterhead(), name="greenlight-lettuce
 """That lettuce, sold by weight class and weighed in samples."""
 
 HARVESTED_BUTTERHEAD = compose(GreenLightClimate(), HarvestedButterhead(), name="greenlight-lettuce-harvest")
-"""The same lettuce, cut on a day that an agent chooses, and planted anew."""
+"""The same lettuce, cut on a day that an agent chooses, and planted again."""
 
 TOMATO_SEASON = compose(GreenLightClimate(), VanthoorTomato(), meters=(HARVEST, CO2_DOSED), name="greenlight-tomato-season")
 """The tomato greenhouse with meters on harvest and CO2."""

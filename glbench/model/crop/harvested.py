@@ -1,4 +1,4 @@
-"""Butterhead lettuce that a crew cuts on a day of the agent's choice, and plants anew.
+"""Butterhead lettuce that a crew cuts on a day of the agent's choice, and plants again.
 
 It is ``Butterhead`` with one more control. While ``u_harvest`` is 1, a crew is at work: it cuts all heads within minutes, clears the beds,
 and leaves young plants behind. The heads earn what a buyer pays who takes one size: a head of 310 to 430 g earns the full price, a lighter
@@ -12,8 +12,7 @@ between two harvests loses nothing by that.
 
 Sources: 60 ct for heads of 400 to 450 g at BelOrta (Hortidaily, BelOrta sees area shift from butter lettuce to alternative varieties); a
 normal head weighs 300 g, in dim spring only 220 to 230 g, and one that stands longer gets weak leaves and rot (Be Fresh Produce, Why does
-the weight of lettuce fluctuate); heads that have begun to bolt cannot be sold, and those of a package may differ by 150 g between 300 and
-450 g (Commission Regulation (EC) 1543/2001). The edges of the size, the prices outside of it and the value of standing plants are chosen.
+the weight of lettuce fluctuate). The edges of the size, the prices outside of it and the value of standing plants are chosen.
 """
 
 from __future__ import annotations
@@ -71,7 +70,7 @@ HarvestParameters = record_of("HarvestParameters", (ButterheadParameters, _OwnPa
 
 @dataclass(frozen=True)
 class HarvestedButterhead(Butterhead):
-    """Lettuce that is cut and planted anew when the crew is called."""
+    """Lettuce that is cut and planted again when the crew is called."""
 
     name: ClassVar[str] = "harvested_butterhead"
     State: ClassVar[type[Any]] = HarvestState
