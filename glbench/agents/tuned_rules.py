@@ -252,6 +252,11 @@ class TunedRulesAgent(ObservedController):
 
     title = "the tuned rules"
     kind: ClassVar[type[TunedRuleSettings]] = TunedRuleSettings
+    works: ClassVar[tuple[str, ...]] = WORKED
+    """Controls that they know."""
+    needed: ClassVar[tuple[str, ...]] = NEEDED
+    welcome: ClassVar[tuple[str, ...]] = _WELCOME
+    """``needed`` and ``welcome``: observations without which they cannot act, and others that they read where a task shows them."""
 
     def __init__(self, settings: RulePages | Sequence[TunedRuleSettings]) -> None:
         self.settings = settings
@@ -286,11 +291,12 @@ class TunedRulesAgent(ObservedController):
     def _find_columns(self, task: TaskCard, n_runs: int) -> None:
         self.check_actuation(task)
         controls = [control.name for control in task.controls]
-        unknown = [name for name in (VENTS, *task.action_names) if name not in WORKED or name not in controls]
+        unknown = [name for name in (VENTS, *task.action_names) if name not in self.works or name not in controls]
         if unknown:
-            msg = f"The tuned rules work {', '.join(WORKED)}; {task.id} is another kind of greenhouse ({', '.join(unknown)})."
+            them = f"{self.title[:1].upper()}{self.title[1:]} work {', '.join(self.works)}"
+            msg = f"{them}; {task.id} is another kind of greenhouse ({', '.join(unknown)})."
             raise SubmissionError(msg)
-        self.begin(task, n_runs, NEEDED, optional=_WELCOME, positions=(VENTS,))
+        self.begin(task, n_runs, self.needed, optional=self.welcome, positions=(VENTS,))
 
     def decide(self, readings: dict[str, Floats], positions: dict[str, Floats], /) -> Floats:
         """Actions (n_runs, actions) towards the controls that the rules ask for."""

@@ -23,7 +23,7 @@ _POSITIONS = ("controls", "control_fractions", "switches")
 OUTDOOR = ("global_radiation", "outdoor_temperature", "outdoor_relative_humidity", "wind_speed")
 """Columns that a blind agent keeps running means of."""
 VIEWS: Mapping[str, tuple[str, ...]] = {
-    "clock": ("time", "local_time", "published_time", "step_counter", "prices", "day_ahead_prices"),
+    "clock": ("time", "local_time", "published_time", "step_counter", "planting", "prices", "day_ahead_prices"),
     "outdoor": ("clock", "weather", "weather_window", "schedule", *_POSITIONS, *_FORECASTS),
     "blind": ("outdoor",),
     "two_sensors": ("outdoor", *_POSITIONS, "air_temperature", "relative_humidity", "vapour_deficit"),

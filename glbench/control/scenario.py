@@ -115,5 +115,5 @@ def actions_of(task: TaskSpec, before: Floats, controls: Floats) -> Floats:
                 np.where(u >= 0.5 * machine.lowest, np.maximum(u, machine.lowest), off)
                 for u in (controls[..., column], before[..., column])
             )
-            change[..., place] = there - here
+            change[..., place] = there - here if machine.due is None else np.where(there > off, 1.0, -1.0)
     return np.clip(change / task.actuation.max_change, -1.0, 1.0)

@@ -27,7 +27,7 @@ from glbench.kernel.environment import ActionBounds
 from glbench.kernel.tape import Read
 from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import Action
-from glbench.tasks.tables import OnOffTable
+from glbench.tasks.tables import DueTable, OnOffTable
 from glbench.tasks.vocabulary import ACTUATION_KINDS, ActuationKind
 
 Actuation = Callable[[Floats, Floats], Floats]
@@ -111,6 +111,8 @@ class ActuationInputs:
     """What the kind wrote in the previous step, by the names in ``RecordedActuation.memory``."""
     measured: Measured | None
     """Climate and clock as the process computer reads them; ``None`` in a model without an air."""
+    due: Mapping[str, Any] = field(default_factory=dict)
+    """States by which machines are due, by control."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +149,12 @@ def _set_point(task: TaskSpec, control: Any, action: Any, column: int, machine: 
         runs = at_least(target, 0.5 * machine.lowest)
         target = select(runs, np.maximum(target, machine.lowest), off_position(task, machine))
     return np.minimum(np.maximum(target, control - max_change), control + max_change)
+
+
+def _due_from(task: TaskSpec, due: DueTable, action: Any, column: int) -> Any:
+    """Value of the state from which on the machine runs: straight from ``last`` at the lowest action to ``first`` at the highest."""
+    low, high = (float(bound[column]) for bound in action_bounds(task))
+    return (action - low) * ((due.first - due.last) / (high - low)) + due.last
 
 
 def off_position(task: TaskSpec, machine: OnOffTable) -> float:
@@ -187,6 +195,8 @@ def _provide(name: str, position: _Position) -> None:
             off, lowest = off_position(task, machine), machine.lowest
             target = position(task, select(running, control, off), action, column, machine)
             runs = at_least(target, 0.5 * (off + lowest) - _TIE)
+            if machine.due is not None:
+                runs, target = at_least(inputs.due[name], _due_from(task, machine.due, action, column)), lowest
             runs, memory[clock] = held_switch(running, inputs.memory[clock], runs, hold_steps(task, machine) - _TIE)
             controls[name] = runs * within(target, lowest, 1.0)
         return controls, memory

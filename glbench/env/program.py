@@ -166,7 +166,8 @@ def _actuation(task: TaskSpec, kind: actuation.RecordedActuation | None, scenari
             hour = recorder.input("calendar", CLOCK.index("hour_of_day"))
             deficit = with_simplification(humidity_deficit, temperature, humidity)
             measured = Measured(temperature, co2, deficit, radiation, outside, wind, hour)
-        next_controls, next_memory = kind.work(task, actuation.ActuationInputs(actions, controls, memory, measured))
+        due = {name: recorder.input("before", place) for name, place in task.due_places.items()}
+        next_controls, next_memory = kind.work(task, actuation.ActuationInputs(actions, controls, memory, measured, due))
         for index, name in enumerate(names):
             if name not in task.actuators:
                 recorder.output("controls", index, next_controls.get(name, schedule.get(name, 0.0)))

@@ -3,8 +3,9 @@
 ``greenlight-tomato-1.0.0`` is the GreenLight greenhouse with its tomato crop: 28 states, 6 controls, 10 disturbances, 208
 parameters. ``greenlight-tomato-harvest-1.0.0`` also has a meter on the harvest, ``greenlight-tomato-harvest-energy-1.0.0`` an
 engine and a hot-water buffer besides, ``greenlight-tomato-harvest-heat-pump-1.0.0`` a cooler, a heat pump and two buffers instead;
-``greenlight-lettuce-1.0.0`` has lettuce as its crop, ``greenlight-lettuce-2-1.0.0`` sells it by weight class, and
-``greenlight-tomato-compartment-1.0.0`` is a compartment as it was measured.
+``greenlight-lettuce-1.0.0`` has lettuce as its crop, ``greenlight-lettuce-2-1.0.0`` sells it by weight class,
+``greenlight-lettuce-harvest-1.0.0`` cuts it when it is told to, and ``greenlight-tomato-compartment-1.0.0`` is a compartment as it was
+measured.
 ``lettuce-classic-1.0.0`` is van Henten's greenhouse with four states (``lettuce_classic``).
 ``greenlight-tomato-2-1.0.0`` has a crop with trusses in stages, and three more whose ids begin with ``greenlight-tomato-2`` have it, too.
 ``STATES``, ``rhs`` and the other names and functions here are those of the first; code that serves any model asks the model.
@@ -22,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from glbench.errors import UnknownNameError, did_you_mean, refuse
 from glbench.model.compartment import MassAndNeighbours, RisingVents, ToppedTomato
 from glbench.model.crop.butterhead import Butterhead
+from glbench.model.crop.harvested import HarvestedButterhead
 from glbench.model.crop.lettuce import VanHentenLettuce
 from glbench.model.crop.tomato import VanthoorTomato
 from glbench.model.crop.trusses import TrussTomato
@@ -70,6 +72,9 @@ LETTUCE = compose(GreenLightClimate(), VanHentenLettuce())
 
 BUTTERHEAD = compose(GreenLightClimate(), Butterhead(), name="greenlight-lettuce-2")
 """That lettuce, sold by weight class and weighed in samples."""
+
+HARVESTED_BUTTERHEAD = compose(GreenLightClimate(), HarvestedButterhead(), name="greenlight-lettuce-harvest")
+"""The same lettuce, cut on a day that an agent chooses, and planted again."""
 
 TOMATO_SEASON = compose(GreenLightClimate(), VanthoorTomato(), meters=(HARVEST, CO2_DOSED), name="greenlight-tomato-season")
 """The tomato greenhouse with meters on harvest and CO2."""
@@ -245,6 +250,7 @@ for _variant in VARIANTS:
     register_model(tomato_harvest(_variant))
 register_model(LETTUCE)
 register_model(BUTTERHEAD)
+register_model(HARVESTED_BUTTERHEAD)
 register_model(TOMATO_ENERGY)
 register_model(TOMATO_SEASON)
 register_model(TOMATO_HEAT_PUMP)

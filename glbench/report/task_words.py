@@ -22,7 +22,16 @@ from glbench.leaderboard.catalogue import catalogue, charts_of
 from glbench.quantities import OUTDOOR, in_sentence, pretty_unit, sentence, unit_sold
 from glbench.tasks.ledger import FLOW, LIMITED, VIOLATION_PRICES
 from glbench.tasks.spreads import HEAT
-from glbench.tasks.tables import ActuatorTable, ForecastTable, OffsetSensorTable, SampleTable, ScaledSensorTable, SplitsTable, SplitTable
+from glbench.tasks.tables import (
+    ActuatorTable,
+    ForecastTable,
+    OffsetSensorTable,
+    OnOffTable,
+    SampleTable,
+    ScaledSensorTable,
+    SplitsTable,
+    SplitTable,
+)
 from glbench.tasks.vocabulary import FORECAST_ERRORS, OBSERVATION_MODULES
 
 _MOST_ROWS, _FIRST_ROWS = 64, 40
@@ -163,8 +172,8 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
         for one in card.actions
     ]
     machines = [
-        f"The {in_sentence(series[name]['label'])} runs at {100 * one.lowest:g} to 100 % or not at all, "
-        f"and stays on or off for at least {one.hold_minutes:g} minutes."
+        f"The {in_sentence(series[name]['label'])} runs at {f'{100 * one.lowest:g} to ' if one.lowest < 1.0 else ''}100 % or not at all, "
+        f"and stays on or off for at least {one.hold_minutes:g} minutes." + _due_words(task, one)
         for name, one in task.on_off.items()
     ]
     machines += [
@@ -507,13 +516,23 @@ def _interface(task: tasks.TaskSpec, card: tasks.TaskCard) -> Iterator[Section]:
     idle = dict.fromkeys(others, "stays at 0") | dict.fromkeys(task.scheduled_places, "scheduled")
     rows += [("", name, by_name[name].meaning, idle[name], "", "") for name in sorted(others)]
     machines = [
-        f"{name} is 0 or {one.lowest:g} to 1"
+        f"{name} is 0 or {f'{one.lowest:g} to ' if one.lowest < 1.0 else ''}1"
         + (f", and stays on or off for at least {one.hold_minutes:g} minutes." if one.hold_minutes else ".")
+        + _due_words(task, one)
         for name, one in task.on_off.items()
     ]
     machines += schedule
     columns = ("", "Control", "Drives", "Action", "At 1", "Most a step")
     yield Section(heading, (words, *machines), columns, ("", "At 1", "Most a step"), rows)
+
+
+def _due_words(task: tasks.TaskSpec, machine: OnOffTable) -> str:
+    """When a machine runs that is due by a state, in words."""
+    if machine.due is None:
+        return ""
+    due, meaning = machine.due, {state.name: state.meaning for state in task.model_value.states}[machine.due.state]
+    spans = f"{due.first:g} {due.unit} at the highest action, {due.last:g} {due.unit} at the lowest"
+    return f" It is on when the {meaning} is at least {spans}."
 
 
 def _delivers(capacity: tasks.Capacity, fraction: float) -> str:

@@ -227,6 +227,19 @@ class ResolvedTask(TaskRecord):
                 raise UnknownNameError(msg)
         return {name: names.index(name) for name in controls}
 
+    @cached_property
+    def due_places(self) -> Mapping[str, int]:
+        """Places of the states by which machines are due, by control; TaskError if the model lacks one, or it has another unit."""
+        places = {}
+        for name, due in ((name, machine.due) for name, machine in self.on_off.items() if machine.due is not None):
+            with self.errors_in(f"actuation.on_off.{name}"):
+                places[name] = self.model_value.state_index(due.state)
+                unit = self.model_value.states[places[name]].unit
+                if unit != due.unit:
+                    msg = f"due: the unit of {due.state} is {unit}, not {due.unit}. Convert first and last, and write that unit."
+                    raise ParameterError(msg)
+        return places
+
     # The weather.
 
     def record(self) -> WeatherRecord:

@@ -314,11 +314,33 @@ class ProcessComputerTable(Table):
         return self
 
 
+class DueTable(Table):
+    """``due`` of a machine: it is on while a state is at least a value, ``first`` at the highest action and ``last`` at the lowest."""
+
+    state: str = Field(min_length=1, description='the name of a state of the model in quotes, such as "plantingDays"')
+    first: float = Field(description="a number")
+    last: float = Field(description="a number above that of first")
+    unit: str = Field(description="the unit of the state in quotes")
+
+    @model_validator(mode="after")
+    def _first_comes_first(self) -> Self:
+        if self.first >= self.last:
+            refuse(f"first = {self.first:g} must be below last = {self.last:g}.")
+        return self
+
+
 class OnOffTable(Table):
     """``[actuation.on_off.<control>]``: a machine that is off or runs between ``lowest`` and 1, and stays on or off for a while."""
 
     lowest: float = Field(gt=0.0, le=1.0, description="a fraction above 0, up to 1")
     hold_minutes: float = Field(default=0.0, ge=0.0, le=1440.0, description="a number of minutes, 0 to 1440")
+    due: DueTable | None = Field(default=None, description='a table such as { state = "plantingDays", first = 20, last = 65, unit = "day"}')
+
+    @model_validator(mode="after")
+    def _what_is_due_has_one_load(self) -> Self:
+        if self.due is not None and self.lowest < 1.0:
+            refuse(f"lowest = {self.lowest:g}: a machine with due is off or fully on. Write lowest = 1.0.")
+        return self
 
 
 class PaperActuationTable(Table):

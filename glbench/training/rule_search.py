@@ -1,7 +1,7 @@
 """Tuning the numbers of rules by the rewards of whole seasons.
 
-The rules are those of ``glbench.agents.tuned_rules``, or of ``glbench.agents.energy_rules`` for tasks that show the price of power; a page
-of settings says where to begin, and the bounds of its numbers how far to go.
+The rules are those of ``glbench.agents.tuned_rules``, of ``energy_rules`` for tasks that show the price of power, or of ``harvest_rules``
+where a crew is called; a page of settings says where to begin, and the bounds of its numbers how far to go.
 CMA-ES varies the numbers. All candidates of a generation have the same scenarios and run side by side, one per row. The search keeps the
 generation mean that earned most on the validation split or, for tasks without splits, in runs with separate seeds.
 """
@@ -20,6 +20,7 @@ from pydantic import Field
 
 from glbench.agents import tuned_rules
 from glbench.agents.energy_rules import POWER, EnergyRulesAgent, EnergyRuleSettings
+from glbench.agents.harvest_rules import HARVEST, HarvestRulesAgent, HarvestRuleSettings
 from glbench.arrays import Floats
 from glbench.env import Simulation
 from glbench.errors import TrainingError, refuse
@@ -35,7 +36,12 @@ from glbench.training.settings import EvaluationPlan, FrozenSettings, TrainingSe
 from glbench.training.strategy import HANSEN, Search
 
 RULES = "rules.yml"  # The page of the best rules, in the folder of a search
-CONTROLLER, ENERGY_CONTROLLER = "rule_based_tuned", "rule_based_energy"
+_AGENTS: dict[type[tuned_rules.TunedRuleSettings], tuple[str, type[tuned_rules.TunedRulesAgent]]] = {
+    tuned_rules.TunedRuleSettings: ("rule_based_tuned", tuned_rules.TunedRulesAgent),
+    EnergyRuleSettings: ("rule_based_energy", EnergyRulesAgent),
+    HarvestRuleSettings: ("rule_based_harvest", HarvestRulesAgent),
+}
+"""Name of the controller, and the controller, that follow each kind of numbers."""
 _START = "start.yml"  # The page that a search in the folder began with
 
 
@@ -65,26 +71,34 @@ class RuleSearchSettings(FrozenSettings):
 
 
 def shipped_start(tasks: Sequence[TaskSpec]) -> Path:
-    """The shipped page for ``tasks``: by their reward, or by the first where power has a price. Raises ``TrainingError`` without one."""
-    reward, energy = reward_of(tasks), about_energy(tasks)
-    folder = data_folder("baselines") / (ENERGY_CONTROLLER if energy else CONTROLLER) / "rules"
-    pages = tuned_rules.read_rule_pages(folder, kind_for(tasks))
-    file = pages.page_for(reward, tasks[0].id, tasks[0].model_id)
+    """File of the shipped page for ``tasks``: for their reward, or for the first of them where pages are for tasks.
+
+    Raises ``TrainingError`` when none is shipped, or as for ``reward_of``.
+    """
+    reward, kind = reward_of(tasks), kind_for(tasks)
+    folder = data_folder("baselines") / _AGENTS[kind][0] / "rules"
+    file = None
+    if folder.is_dir():
+        file = tuned_rules.read_rule_pages(folder, kind).page_for(reward, tasks[0].id, tasks[0].model_id)
     if file is not None:
         return file
-    what = f"{tasks[0].id}" if energy else f"the reward {', '.join(reward)}"
+    what = f"{tasks[0].id}" if _is_for_tasks(kind) else f"the reward {', '.join(reward)}"
     msg = f"No rules are shipped for {what}. Give a page to begin with: --config START.yml."
     raise TrainingError(msg)
 
 
-def about_energy(tasks: Sequence[TaskSpec]) -> bool:
-    """Whether all ``tasks`` show the price of power, so that the energy rules are tuned for them."""
-    return all(POWER in (quantity.name for quantity in task.observed()) for task in tasks)
-
-
 def kind_for(tasks: Sequence[TaskSpec]) -> type[tuned_rules.TunedRuleSettings]:
-    """The kind of rules that are tuned for ``tasks``."""
-    return EnergyRuleSettings if about_energy(tasks) else tuned_rules.TunedRuleSettings
+    """The kind of rules that are tuned for ``tasks``: for energy if all show the price of power, for harvest if in all a crew is called."""
+    if all(POWER in (quantity.name for quantity in task.observed()) for task in tasks):
+        return EnergyRuleSettings
+    if all(HARVEST in task.actuation.controls for task in tasks):
+        return HarvestRuleSettings
+    return tuned_rules.TunedRuleSettings
+
+
+def _is_for_tasks(kind: type[tuned_rules.TunedRuleSettings]) -> bool:
+    """Whether pages of this kind name tasks, not rewards."""
+    return kind.scope_key == "tasks"
 
 
 def reward_of(tasks: Sequence[TaskSpec]) -> tuple[str, ...]:
@@ -143,8 +157,7 @@ class _TaskRuns:
         return self._probe.of(self._act([numbers] * len(self._probe.seeds)))
 
     def _act(self, numbers: Sequence[tuned_rules.TunedRuleSettings]) -> periodic_evaluation.Act:
-        energy = [one for one in numbers if isinstance(one, EnergyRuleSettings)]
-        agent = EnergyRulesAgent(energy) if energy else tuned_rules.TunedRulesAgent(numbers)
+        agent = _AGENTS[type(numbers[0])][1](numbers)
         agent.reset(self.card, len(numbers))
         return agent.act
 
@@ -203,7 +216,7 @@ class _RuleSearch(Search):
                 "seasons": self.generations * settings.population * len(tasks),
                 "season_seeds": [settings.first_seed, settings.first_seed + self.generations - 1],
             },
-            controller=ENERGY_CONTROLLER if about_energy(tasks) else CONTROLLER,
+            controller=_AGENTS[kind_for(tasks)][0],
             acts_with=RULES,
         )
 
@@ -232,9 +245,9 @@ def tune_rules(
         task.check_training()
         if task.splits is not None and task.split != "training":
             refuse(f"Rules are tuned in the training split, and {task.id} was given in its split '{task.split}'.", TrainingError)
-    reward, energy = reward_of(tasks), about_energy(tasks)
-    scope = tuple(task.id for task in tasks) if energy else reward
-    page = tuned_rules.RulePage(scope, tuned_rules.read_rule_page(start, kind_for(tasks)).numbers)
+    reward, kind = reward_of(tasks), kind_for(tasks)
+    scope = tuple(task.id for task in tasks) if _is_for_tasks(kind) else reward
+    page = tuned_rules.RulePage(scope, tuned_rules.read_rule_page(start, kind).numbers)
     search = _RuleSearch(page, tasks, settings, settings.digest(page), seed, folder)
     generations = settings.generations(tasks)
     total = generations * search.steps_a_generation

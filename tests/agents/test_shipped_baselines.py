@@ -22,7 +22,7 @@ from glbench.tasks import TaskSpec, get_task
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training.card import digest_of_tasks, settings_digest
 from glbench.training.compiled_settings import NAME, read_compiled_settings
-from glbench.training.rule_search import RuleSearchSettings, about_energy, kind_for, reward_of
+from glbench.training.rule_search import RuleSearchSettings, kind_for, reward_of
 from glbench.training.season_search import read_season_search
 from glbench.training.settings import PAPER, read_settings
 
@@ -130,7 +130,7 @@ def test_a_page_of_tuned_rules_is_of_the_search_that_is_told(file: Path) -> None
     page, start = file.parent.parent / "rules" / f"{file.stem}.yml", file.parent / f"{file.stem}-start.yml"
     assert (file.parent / card["settings"]).resolve() == page
     begun = read_rule_page(start, kind_for(tasks))
-    scope = tuple(one.id for one in tasks) if about_energy(tasks) else reward_of(tasks)
+    scope = tuple(one.id for one in tasks) if kind_for(tasks).scope_key == "tasks" else reward_of(tasks)
     assert begun.scope == scope
     assert read_rule_page(page, kind_for(tasks)).scope in (scope, tuple(one.model_id for one in tasks))
     settings = RuleSearchSettings.model_validate(yaml.safe_load((file.parent / training["settings"]).read_text("utf-8"))["default"])

@@ -30,6 +30,7 @@ from docs import (
     crop_table,
     fresh_draws_table,
     growers_table,
+    harvest_figures,
     ladder_table,
     lettuce_figures,
     realism_figure,
@@ -56,6 +57,7 @@ from glbench.leaderboard.statistics import RESAMPLES, RESOLUTION, estimate_mean
 from glbench.model import BUTTERHEAD, CONTROL_NAMES, STATE_NAMES, TOMATO, build_rhs, default_parameters, vapour_pressure_deficit
 from glbench.model.air import humidity_deficit
 from glbench.model.crop.butterhead import PRICE_BY_MASS
+from glbench.model.crop.harvested import SIZES, STANDING
 from glbench.model.crop.stages import STAGES
 from glbench.realism import HouseComparison, identify
 from glbench.realism.export import FIVE_MINUTES, LONGEST, SHORTEST
@@ -147,6 +149,12 @@ def mean_of_ten_heads() -> tuple[float, float]:
     task = get_task("Lettuce-v2")
     share = 100.0 * float(task.parameters()[task.model_value.parameter_names.index("cvHead")])
     return share, share / math.sqrt(10.0)
+
+
+def harvest() -> dict[str, Any]:
+    """What growers earn on LettuceHarvest-v1 who call the crew by different signs."""
+    figures: dict[str, Any] = json.loads(harvest_figures.FIGURES.read_text(encoding="utf-8"))
+    return figures
 
 
 def lettuce_numbers() -> tuple[float, float]:
@@ -1046,6 +1054,26 @@ CLAIMS: dict[str, list[Claim]] = {
         ("the power {}, which gives that ratio", lambda: math.log(0.81 / 0.64) / math.log(44 / 37)),
         ("It is off by {} % (standard deviation", lambda: 100.0 * get_task("Lettuce-v2").samples["registration"].noise),
         ("ten heads that vary by {} % give {} %", mean_of_ten_heads),
+        (
+            "| price of a head that is cut, relative to the full price | 0 | {} | {} | {} | {} | {} | {} | {} |",
+            lambda: tuple(SIZES.values())[1:],
+        ),
+        (
+            "| value of a plant that stands at the end, relative to the full price | {} | {} | {} | {} | {} | {} | {} | {} | {} |",
+            lambda: tuple(STANDING.values())[1:],
+        ),
+        (
+            "The best of them keeps {} of the lead. The grower with a weekly sample that is off by {} % keeps {}.",
+            lambda: (
+                max(harvest_figures.shares(harvest())[sign] for sign in harvest_figures.BLIND),
+                100.0 * get_task("LettuceHarvest-v1").samples["registration"].noise,
+                harvest_figures.shares(harvest())["sample"],
+            ),
+        ),
+        (
+            "{} EUR for a head of the right size until mid-April, {} until the end of April, then {}, {} from mid-May, {} in June",
+            lambda: tuple((get_task("LettuceHarvest-v1").file.price_tables["heads"].from_day or {}).values()),
+        ),
     ],
     "docs/crop.md": [
         ("A fruit passes {} stages from set to ripe", lambda: STAGES),
@@ -1319,6 +1347,19 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("CO2 0.20 EUR kg⁻¹", "definition: tasks/drafts/lettuce-v2.toml"),
         ("10 to 26 °C, 50 to 90 % of relative humidity", "definition: tasks/drafts/lettuce-v2.toml"),
         ("and 300 to 1200 ppm", "definition: tasks/drafts/lettuce-v2.toml"),
+        ("for 77 days from March on", "definition: tasks/drafts/lettuceharvest-v1.toml"),
+        ("20 days at 1, 65 days at -1", "definition: tasks/drafts/lettuceharvest-v1.toml"),
+        ("heads of a planting vary by 10 %", "definition: tasks/drafts/lettuceharvest-v1.toml"),
+        ("a normal head has 300 g, one from a dim greenhouse 220 to 230 g", "source: Be Fresh Produce, cited beside it"),
+        ("about 0.60 EUR for heads of 400 to 450 g", "source: Hortidaily, cited beside it"),
+        ("0.40 EUR, and 0.60 EUR two weeks before", "source: Freshplaza, cited beside it"),
+        ("prices of other sizes, value of plants that stand, 10 %", "definition: tasks/drafts/lettuceharvest-v1.toml"),
+        ("0.06 EUR for a young plant, 25 plants", "definition: tasks/drafts/lettuceharvest-v1.toml"),
+        ("by up to 30 % in each parameter", "definition: tasks/drafts/lettuceharvest-v1.toml"),
+        ("10 to 28 °C and 30 to 90 %", "definition: tasks/drafts/lettuceharvest-v1.toml"),
+        ("the best age lies between 27 and 54 days", "tests/docs/test_lettuce_page.py"),
+        ("it is at most 33 days or at least 46 days", "tests/docs/test_lettuce_page.py"),
+        ("the grower who cuts after 40 days", "definition: DEFAULT in docs/harvest_figures.py"),
     ],
     "docs/realism.md": [
         ("as a mean of 24 h", "definition: a state of the model"),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from docs import lettuce_figures
+from docs import harvest_figures, lettuce_figures
 from docs.benchmark_design_figures import filled, read
 from docs.greenhouse_design_figures import jobs, scores
 
@@ -44,3 +44,20 @@ def test_what_the_page_says_of_orders_and_numbers(figures: dict[str, Any]) -> No
     order = sorted(names, key=lambda name: -by_year[name].mean())
     assert set(order[:3]) == {lettuce_figures.MEMORY, lettuce_figures.POLICY, lettuce_figures.RULES}
     assert order[3] == "outdoor"
+
+
+def test_the_page_holds_what_the_day_of_harvest_is_worth() -> None:
+    figures, page = read(harvest_figures.FIGURES), harvest_figures.PAGE.read_text(encoding="utf-8")
+    assert filled(page, figures, {"harvest": harvest_figures.table}) == page
+    assert {len(one) for split in ("training", "validation") for one in figures[split]["score"]} == {figures["runs"]}
+
+
+def test_who_looks_at_no_plant_keeps_little_of_what_the_day_of_harvest_is_worth() -> None:
+    figures = read(harvest_figures.FIGURES)
+    shares = harvest_figures.shares(figures)
+    assert max(shares[sign] for sign in harvest_figures.BLIND) < 0.25
+    assert shares["sample"] > 0.5
+    days = harvest_figures.best_days(figures)
+    assert [days.min(), days.max()] == [min(harvest_figures.SIGNS["day"]), max(harvest_figures.SIGNS["day"])] == [27.0, 54.0]
+    assert np.count_nonzero((days <= 33.0) | (days >= 46.0)) == 19
+    assert figures["runs"] == 24

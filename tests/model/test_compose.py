@@ -14,6 +14,7 @@ from glbench.errors import GlbenchError, ShapeError, UnknownNameError
 from glbench.model import (
     BUTTERHEAD,
     COMPARTMENT,
+    HARVESTED_BUTTERHEAD,
     LETTUCE,
     TOMATO,
     TOMATO_ENERGY,
@@ -300,7 +301,9 @@ def test_models_are_known_by_id_and_variant_and_an_id_means_one_model() -> None:
         register_model(compose(GreenLightClimate(), VanthoorTomato(), WaterTank(), name="greenlight-tomato"))
 
 
-@pytest.mark.parametrize("model", [TOMATO, LETTUCE, BUTTERHEAD, TOMATO_ENERGY, TOMATO_HEAT_PUMP, COMPARTMENT], ids=str)
+@pytest.mark.parametrize(
+    "model", [TOMATO, LETTUCE, BUTTERHEAD, HARVESTED_BUTTERHEAD, TOMATO_ENERGY, TOMATO_HEAT_PUMP, COMPARTMENT], ids=str
+)
 def test_what_is_drawn_exists(model: Model) -> None:
     known = {*model.state_names, *model.control_names, *model.disturbance_names}
     assert {signal.source for signal in model.signals() if signal.of is None and signal.today is None} <= known

@@ -22,6 +22,7 @@ from glbench.model import (
     CONTROLS,
     DISTURBANCE_NAMES,
     DISTURBANCES,
+    HARVESTED_BUTTERHEAD,
     LETTUCE,
     PARAMETER_NAMES,
     STATE_NAMES,
@@ -61,7 +62,7 @@ def test_every_name_is_explained_in_the_nomenclature() -> None:
     pages = ("nomenclature.md", "model-symbols.md", "crop-symbols.md")
     page = "".join((docs / name).read_text(encoding="utf-8") for name in pages)
 
-    models = (LETTUCE, BUTTERHEAD, TOMATO_ENERGY, TOMATO_HEAT_PUMP, COMPARTMENT, TOMATO_2)
+    models = (LETTUCE, BUTTERHEAD, HARVESTED_BUTTERHEAD, TOMATO_ENERGY, TOMATO_HEAT_PUMP, COMPARTMENT, TOMATO_2)
     others = (entry for model in models for entry in (*model.states, *model.controls, *model.auxiliaries))
     for entry in (*STATES, *CONTROLS, *DISTURBANCES, *AUXILIARIES, *others):
         if re.fullmatch(r"[cn]Fruit([2-9]|\d\d)", entry.name):

@@ -67,16 +67,20 @@ class Butterhead(VanHentenLettuce):
         return (ObservedColumn("mean_head_mass", "g", "mean fresh mass of the heads", "head", -10.0, LARGEST_HEAD, of=head_mass),)
 
 
-def relative_price(head: Any) -> Expr:
-    """Price of a head of fresh mass ``head`` [g], relative to a head of 440 g [-]."""
-    masses, prices = list(PRICE_BY_MASS), list(PRICE_BY_MASS.values())
-    steps = zip(masses, masses[1:], prices, prices[1:], strict=False)
+def relative_price(head: Any, prices: Mapping[float, float] = PRICE_BY_MASS) -> Expr:
+    """Price of a head of fresh mass ``head`` [g] by ``prices`` of masses [g], the first of them 0 [-]; relative to a head of 440 g."""
+    masses, worth = list(prices), list(prices.values())
+    steps = zip(masses, masses[1:], worth, worth[1:], strict=False)
     return sum(
         (dearer - price) * np.minimum(np.maximum((head - mass) / (heavier - mass), 0.0), 1.0) for mass, heavier, price, dearer in steps
     )
 
 
+def mean_over_heads(mean: Any, prices: Mapping[float, float], p: Any) -> Expr:
+    """Heads per floor area [m-2], each counted by its price: of five groups of a normal distribution of masses around ``mean`` [g]."""
+    return p.n_head / len(FIFTHS) * sum(relative_price(mean * (1 + p.cv_head * deviation), prices) for deviation in FIFTHS)
+
+
 def priced_heads(x: Any, p: Any) -> Expr:
-    """Heads per floor area, each counted by its relative price [m-2]: the mean over five groups of a normal distribution of masses."""
-    mean = head_mass(x, p)
-    return p.n_head / len(FIFTHS) * sum(relative_price(mean * (1 + p.cv_head * deviation)) for deviation in FIFTHS)
+    """Heads per floor area, each counted by its relative price [m-2]."""
+    return mean_over_heads(head_mass(x, p), PRICE_BY_MASS, p)
