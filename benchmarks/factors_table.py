@@ -188,7 +188,7 @@ def page_of(design: Design, bases: Mapping[str, Any]) -> str:
         parts += [f"## {name}: {figures['task']}", "Conclusions of the centre, and the cells in which they survive:"]
         parts.append(_grid(["", "in the centre", *VERDICTS, "cells not there"], rows))
         pairs = [_less(pair) for pair in design.pairs]
-        rows = [[key, *(_words(cell["pairs"].get(pair)) for pair in pairs)] for key, cell in figures["cells"].items()]
+        rows = [[key, *(_words(cell["pairs"].get(pair)) for pair in pairs)] for key, cell in figures["cells"].items() if cell["pairs"]]
         parts += ["Differences in each cell:", _grid(["cell", *pairs], rows)]
         rows = []
         for key, cell in figures["cells"].items():

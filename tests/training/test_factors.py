@@ -274,8 +274,9 @@ def test_a_small_study_is_carried_out_continued_and_tabulated(small: Path, capsy
     assert [*figures["cells"]] == [*cells]
     assert figures["cells"]["day.budget-0.5"]["agents"]["small"]["trainings"] == 2
     pair = figures["cells"]["day.centre"]["pairs"]["fair - rules"]
+    folders = [small / "work" / place / "day.centre-v1" for place in ("results", "trials/results")]
     rules, fair = (
-        load_result(file).values("reward") for file in sorted(small.glob("work/**/day.centre-v1/rule_based_*.json"), reverse=True)
+        load_result(folder / f"rule_based_{name}.json").values("reward") for folder, name in zip(folders, ("tuned", "fair"), strict=True)
     )
     assert (pair["runs"], len(fair), len(rules)) == (2, 2, 3)  # fewer runs than those of the task are kept elsewhere
     assert pair["value"] == pytest.approx(np.mean(fair) - np.mean(rules[:2]))
