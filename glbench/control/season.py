@@ -85,14 +85,9 @@ class Iteration:
 
 
 def plan_season(
-    scenario: Scenario,
-    controls: ArrayLike,
-    *,
-    iterations: int = 35,
-    preset: str = "fast",
-    watch: Callable[[Iteration], None] | None = None,
-    dispatch: Callable[[SeasonPlan], Floats | None] | None = None,
-) -> SeasonPlan:
+    scenario: Scenario, controls: ArrayLike, *, iterations: int = 35, preset: str = "fast",
+    watch: Callable[[Iteration], None] | None = None, dispatch: Callable[[SeasonPlan], Floats | None] | None = None,
+) -> SeasonPlan:  # fmt: skip
     """Improve the controls of a season with perfect information.
 
     Raises ``ShapeError`` when the controls have another shape or are not finite, or the number of iterations is none. Raises ``TaskError``

@@ -14,6 +14,7 @@ from glbench.bounds.commitment import commit, redispatched
 from glbench.bounds.dispatch import FINE, MJ_PER_KWH, VARIABLES, Dispatch, EnergyDemand, dispatch, programme
 from glbench.bounds.energy_costs import costs
 from glbench.control import Scenario, plan_season
+from glbench.env import Simulation
 from glbench.model.equipment import Equipment
 from glbench.tasks import TaskSpec, get_task
 from tests.control.test_machines import ENGINE, TASK, broken
@@ -123,4 +124,13 @@ def test_a_plan_that_is_dispatched_earns_more_and_comes_about() -> None:
     plain, better = (plan_season(scenario, start, iterations=9, dispatch=way) for way in (None, redispatched))
     assert better.reward > plain.reward + 0.005  # EUR m-2
     assert broken(better.controls[:, ENGINE]) == []
+    first, second = redispatched(better), redispatched(better)
+    assert first is not None
+    np.testing.assert_array_equal(first, second)
     assert plan_season(scenario, start, iterations=9, dispatch=lambda plan: None).reward < better.reward
+    simulation, controls = Simulation(task, 1), []
+    simulation.reset([10000])
+    for action in better.actions():
+        simulation.step(action[None])
+        controls.append(simulation.u[0].copy())
+    np.testing.assert_allclose(np.array(controls), better.controls, atol=1e-9)
