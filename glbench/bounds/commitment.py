@@ -46,9 +46,9 @@ def commit(equipment: Equipment, demand: EnergyDemand, task: TaskSpec) -> Dispat
         solution = _solved(equipment, part, task, at, since=since, worth=demand.worth(equipment) if last < steps else 0.0)
         if solution is None:
             return None
-        kept = dict(zip((*VARIABLES, "on"), solution[:, ahead - first - 1], strict=False))
+        end_of_day = dict(zip((*VARIABLES, "on"), solution[:, ahead - first - 1], strict=False))
         running[first:ahead] = solution[len(VARIABLES), : ahead - first] > 0.5
-        stored, at = MJ_PER_KWH * kept["stored"] / FINE, kept["engine"] / (equipment.engine * hours) * running[ahead - 1]
+        stored, at = MJ_PER_KWH * end_of_day["stored"] / FINE, end_of_day["engine"] / (equipment.engine * hours) * running[ahead - 1]
         since = ahead - np.flatnonzero(np.diff(running[:ahead], prepend=was_on)).max(initial=-steps)
     solution = _solved(equipment, demand, task, load, running=running, boiler=boiler)
     if solution is None:

@@ -51,7 +51,8 @@ def test_the_end_value_of_a_task_goes_before_that_of_its_model() -> None:
     shipped = settings("mpc_energy").end_values
     own = settings("mpc_energy", end_values={**shipped, winter.id: shipped[energy.model_id]})
     assert own.end_value(winter) == shipped[energy.model_id]
-    assert own.end_value(get_task("FullSeason-v1")) == shipped[winter.model_id]
+    assert settings("mpc_energy").end_value(winter) == shipped[winter.model_id]
+    assert own.end_value(get_task("FullSeason-v1")) == shipped["glbench/FullSeason-v1"]
     assert own.end_value(get_task("Lettuce-v1")) is None
 
 
