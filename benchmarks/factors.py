@@ -211,7 +211,7 @@ def agent_name(design: Design, cell: Cell, kind: str, seed: int = 0) -> str:
 
 
 def read_result(design: Design, work: Path, task_id: str, agent: str) -> Result | None:
-    """The result of an agent, with the most runs where there are two: glbench keeps results of fewer runs than the task has apart."""
+    """The result of an agent, with the most runs where there are two: glbench keeps trials, of fewer runs than the task has, apart."""
     folders = [work / VALIDATION] if design.split == "validation" else [work, work / TRIALS]
     files = [result_path(folder, task_id, agent) for folder in folders]
     results = [load_result(file) for file in files if file.is_file()]

@@ -1,4 +1,4 @@
-"""Rules for a crop that is cut when its grower calls the crew: a day, or a mass that samples tell; the climate is that of the tuned rules.
+"""Rules that call the crew to cut a crop, on a day or at a mass that samples show; the climate is that of the tuned rules.
 
 All arithmetic goes element by element over arrays of shape (n,), as in the tuned rules.
 """

@@ -2,8 +2,8 @@
 
 The engine is off, or runs at its lowest load or more, stays off or on for its hold time, and starts and stops at its lowest load; loads
 change by at most ``max_change`` in a step. When the engine runs is chosen day by day, looking two days ahead, by mixed-integer programming
-(heat left then is worth what the boiler's gas for it costs); all else then for the whole run, by linear programming. So the cost is no
-lower bound, as that of :mod:`glbench.bounds.dispatch` is, but that of a way that there is.
+(heat left then is worth what the boiler's gas for it costs); all else is chosen after that for the whole run, by linear programming. So
+the cost is no lower bound, as that of :mod:`glbench.bounds.dispatch` is, but that of a schedule the machines can follow.
 
 Source: Rajan and Takriti (2005), Minimum up/down polytopes of the unit commitment problem with start-up costs, IBM Research RC23628.
 """
@@ -33,7 +33,7 @@ _EDGES = 2.0
 
 
 def commit(equipment: Equipment, demand: EnergyDemand, task: TaskSpec) -> Dispatch | None:
-    """A cheap way to run the equipment as ``task`` lets it run; ``None`` where none was found, or the engine is not what it switches."""
+    """A cheap way to run the equipment as ``task`` lets it run; ``None`` where none was found, or it does not switch the engine alone."""
     if lacks_energy(task.model_value) or [*task.on_off] != ["uChp"]:
         return None
     steps, hours, a_day = len(demand.heat), demand.seconds / 3600.0, round(86400.0 / demand.seconds)
@@ -107,7 +107,7 @@ def _solved(
 
 
 def redispatched(plan: SeasonPlan) -> Floats | None:
-    """Commands of a plan ``(T, c)`` with boiler and engine run as is cheap for what it asks for; ``None`` where nobody knows how."""
+    """Commands of a plan ``(T, c)`` with boiler and engine run as is cheap for what it asks for; ``None`` where ``commit`` finds no way."""
     task, commands = plan.scenario.task, plan.commands.copy()
     if lacks_energy(task.model_value):
         return None

@@ -2,8 +2,8 @@
 
 It is ``Butterhead`` with one more control. While ``u_harvest`` is 1, a crew is at work: it cuts all heads within minutes, clears the beds,
 and leaves young plants behind. The heads earn what a buyer pays who takes one size: a head of 310 to 430 g earns the full price, a lighter
-one less, and a heavier one, which does not fit the box and begins to bolt, less again. That the crew works for a day, and not for half of
-one, is for the task to say (``[actuation.on_off.uHarvest]``).
+one less, and a heavier one, which does not fit the box and begins to bolt, less again. How long the crew works is for
+the task to say (``[actuation.on_off.uHarvest]``).
 
 Equations. Cutting moves the states to those of young plants, at the rate ``CUTTING u_harvest``. Of what stands at the start of a step, the
 share ``1 - exp(-CUTTING u_harvest t)`` is cut by its end, and sold as it stood at the start. Plants that nobody cuts have a value of their
