@@ -92,7 +92,7 @@ class Archive:
 
 
 def read_archive(file: Path) -> Archive:
-    """What ``file`` says about itself. Raises ``SubmissionError`` when it is no model of Stable-Baselines3, or of an unclear algorithm."""
+    """What ``file`` says of itself. Raises ``SubmissionError`` when it is not a model of Stable-Baselines3, or its algorithm is unclear."""
     data = archive_data(file)
     with _opened(file) as archive:
         recurrent, before = False, b""

@@ -152,7 +152,7 @@ def train(
 
     The seed is the algorithm's: first weights, exploration, batches. ``folder`` keeps the checkpoint, the best model with its
     normalisation, the learning curve and the card, and with ``tensorboard`` a folder of that name with TensorBoard's files; checkpoints are
-    ``save_seconds`` of wall time [s] apart. ``resume`` goes on from the checkpoint, to the same bits as without the interruption, or begins
+    ``save_seconds`` of wall time [s] apart. ``resume`` continues the checkpoint, to the same bits as without the interruption, or begins
     when there is none. ``listeners`` receive progress, evaluations and saves.
     """
     with folder_lock(folder):

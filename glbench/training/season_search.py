@@ -216,7 +216,7 @@ def search(
     Raises ``TrainingError`` when ``folder`` holds another search, or one that was begun and is not to be resumed; when the policy does not
     fit the task, and ``SubmissionError`` when there is no policy to start from, and ``TaskError`` when the task has a test alone.
 
-    The seed is the strategy's. ``folder`` keeps rewards so far, the best policy, the learning curve and the card; ``resume`` goes on from
+    The seed is the strategy's. ``folder`` keeps rewards so far, the best policy, the learning curve and the card; ``resume`` continues
     it, to the same bits as in one go, or begins when it is empty. ``listeners`` receive progress, evaluations and saves.
     """
     task.check_training()

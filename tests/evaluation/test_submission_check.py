@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 
@@ -126,7 +127,8 @@ def test_the_pace_is_that_of_later_decisions(tmp_path: Path, day_task_file: Path
     report = looked_at(tmp_path, task, act, "none", seconds=4.0)
     assert report.ok is ok, report.findings
     if ok:
-        assert "ms a decision of one run, the first one 1.2" in report.facts["time"]
+        pace, begun = map(float, re.findall(r"([\d.e+]+) ms", report.facts["time"]))
+        assert pace < 500.0 < 1250.0 <= begun, "a busy machine takes longer, never less than the agent sleeps"
     else:
         (finding,) = report.problems
         assert "All decisions of a run would take 2.9 h: " in finding.text
