@@ -88,6 +88,18 @@ def test_it_earns_more_than_the_controls_that_it_begins_with(task_id: str) -> No
     assert np.abs(moves).max() <= task.actuation.max_change + 1e-12
 
 
+def test_how_much_room_derivatives_have_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Kept ones move to the start of the room when it ends: after every plan, after some of them, never."""
+    task, played = short(), []
+    for room in (1.0, 1.5, 20.0):
+        monkeypatch.setattr(mpc, "_ROOM", room)
+        controller = PredictiveController(task, horizon=24, end_value=end_value(task), renew_every=6)
+        controller.reset(2)
+        played.append(run(task, controller, [SEED, SEED + 1], 48)[1])
+    assert np.array_equal(played[0], played[1])
+    assert np.array_equal(played[0], played[2])
+
+
 @pytest.mark.parametrize("renew_every", [1, 3])
 def test_a_run_has_the_same_bits_alone_and_in_a_batch(renew_every: int) -> None:
     """More rows than are improved together."""
