@@ -36,6 +36,7 @@ from docs import (
     realism_figure,
     realism_practice,
     realism_setpoints,
+    study_figures,
     uncertainty_figures,
     weather_table,
 )
@@ -274,6 +275,27 @@ def prices_of_sensors(*sensors: str, task: str = "GreenhouseReal-v1") -> tuple[f
     ladder = next(one for one in of_task if any(rung.name.startswith("without_") for rung in one.rungs))
     steps = {row.name: row.step for row in ladder.rows}
     return tuple(abs(number) for name in sensors for number in (steps[name].value, steps[name].high, steps[name].low))
+
+
+@cache
+def more_on_test(first: str, second: str) -> tuple[float, ...]:
+    """What an agent earns more than another on the test split of the default task, and the ends of the interval [EUR m-2]."""
+    span = default_study().more(study_figures.REAL, first, second)
+    return span.value, span.low, span.high
+
+
+@cache
+def default_study() -> study_figures.Study:
+    """The released results of the default task."""
+    return study_figures.Study.read(study_figures.REAL)
+
+
+def step_of_planner(task: str) -> tuple[float, ...]:
+    """What predictive control earns more than when it is blind, on the ladder of a task, and the ends of the interval [EUR m-2]."""
+    ladder = next(one for one in ladder_table.read() if one.task == f"glbench/{task}" and one.verdicts)
+    step = next(row.step for row in ladder.rows if row.name == "mpc")
+    assert step is not None
+    return step.value, step.low, step.high
 
 
 def most_of_sensors(*sensors: str) -> tuple[float, ...]:
@@ -1204,6 +1226,29 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
     ],
     "docs/study.md": [
+        ("in the {} runs of its test split", lambda: HEADLINE.evaluation.runs),
+        ("It earns {} EUR/m² ({} to {}) more than the rules tuned", lambda: more_on_test("mpc_greenhouse", "rule_based_greenhouse")),
+        ("and {} ({} to {}) more than PPO with a memory", lambda: more_on_test("mpc_greenhouse", "ppo_memory_greenhouse")),
+        (
+            "With the greenhouse of the books it earns {} ({} to {}) *less*",
+            lambda: more_on_test("rule_based_greenhouse", "mpc_greenhouse_book"),
+        ),
+        ("PPO with a memory is {} ahead ({} to {})", lambda: more_on_test("ppo_memory_greenhouse", "rule_based_greenhouse")),
+        ("earn {} more than predictive control", lambda: more_on_test("best_known", "mpc_greenhouse")[0]),
+        (
+            "It keeps {} of the lead in `GreenhouseReal-v1`, {} in the draft `Lettuce-v2` and {} in `Spring-v1`",
+            lambda: tuple(map(kept_when_blind, ("GreenhouseReal-v1", "Lettuce-v2", "Spring-v1"))),
+        ),
+        ("it earns {} ({} to {}) less than PPO with a memory", lambda: more_on_test("ppo_memory_greenhouse", "outdoor")),
+        ("Blind predictive control earns {} ({} to {}) less", lambda: step_of_planner("GreenhouseReal-v1")),
+        (
+            "Without the hygrometer PPO earns {} less, without the pipe temperature {}, without the CO2 sensor {}, "
+            "without the weekly counts of the crop {}.",
+            lambda: prices_of_sensors("without_relative_humidity", "without_pipe_temperature", "without_co2", "without_registration")[::3],
+        ),
+        ("policies without prices earn {} ({} to {}) less", lambda: prices_of_sensors("without_prices", task="WinterLED-v2")),
+    ],
+    "docs/study-tables.md": [
         (
             "{} million steps instead of {} million; {} scenarios instead of {}, which are other crops, houses, starts\n"
             "  and sensors in the same {} seasons",
