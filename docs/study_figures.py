@@ -68,19 +68,18 @@ WORDS = {
     "sac_fast": "SAC",
     "rule_based_tuned": "rules tuned for Spring-v1",
     "outdoor": "blind PPO",
-    "my_agent": "example rules",
 }
 """What the figure of the default task calls its agents, from above."""
 LEARNERS = ("ppo_fast", "ppo_greenhouse", "ppo_memory", "ppo_memory_greenhouse", "ppo_long", "sac_fast")
 PLANNERS = ("mpc", "mpc_greenhouse")
 KINDS = {
-    "predictive control": PLANNERS,
-    "PPO with a memory": ("ppo_memory_greenhouse", "ppo_memory"),
-    "the same, four times the steps": ("ppo_long",),
-    "PPO": ("ppo_greenhouse", "ppo_fast"),
-    "SAC": ("sac_fast",),
+    "mpc": "predictive control",
+    "ppo_long": "PPO, memory, 4 × steps",
+    "ppo_memory": "PPO with a memory",
+    "ppo_fast": "PPO",
+    "sac_fast": "SAC",
 }
-"""Columns of the table of leads; of each the agent that plays a task."""
+"""Rows of the figure of leads on ``control-2025``."""
 COSTLY = ("mpc_greenhouse", "ppo_memory_greenhouse", "ppo_greenhouse", "sac_fast", "rule_based_greenhouse")
 """Agents whose training and decisions the page states, on the default task."""
 DUELS = (
@@ -107,11 +106,11 @@ SENSORS = {
 }
 """Rungs that leave one out, and what they leave out."""
 LADDERS = (
-    (REAL, "blind", "memory", "PPO, GreenhouseReal-v1"),
-    (REAL, "mpc_blind", "mpc", "planner, GreenhouseReal-v1"),
-    ("Lettuce-v2", "blind", "memory", "PPO, Lettuce-v2"),
-    ("Lettuce-v2", "mpc_blind", "mpc", "planner, Lettuce-v2"),
-    ("Spring-v1", "blind", "memory", "PPO, Spring-v1"),
+    (REAL, "blind", "memory", "GreenhouseReal-v1: PPO"),
+    (REAL, "mpc_blind", "mpc", "predictive control"),
+    ("Lettuce-v2", "blind", "memory", "Lettuce-v2: PPO"),
+    ("Lettuce-v2", "mpc_blind", "mpc", "predictive control"),
+    ("Spring-v1", "blind", "memory", "Spring-v1: PPO"),
 )
 """Task, its blind and its sighted rung, and what the figure calls the two."""
 SCORE, HEIGHT = "EUR/m² a season", 22
@@ -165,7 +164,7 @@ class Study:
     @cached_property
     def short(self) -> dict[str, str]:
         """The tables of the page, by the name of their marker."""
-        return {"leads": self.leads(), "years": self.years()}
+        return {"years": self.years()}
 
     @cached_property
     def parts(self) -> dict[str, str]:
@@ -182,29 +181,18 @@ class Study:
             "effort": self.effort(),
         }
 
-    def leads(self) -> str:
-        """What each kind of agent earns more than the tuned rules of a task: a row a task, a column a kind; bold beyond chance."""
-        rows = []
-        for task in OF_STUDY:
-            cells = []
-            for agents in KINDS.values():
-                agent = next((one for one in agents if one in self.entries[task]), None)
-                cells.append("–" if agent is None else _lead(self.more(task, agent, rules_of(task))))
-            rows.append([f"`{task}`", *cells])
-        return _table(["more than the tuned rules", *KINDS], rows, words=1)
-
     def years(self) -> str:
         """The default task: score in each year, and what training and decisions take."""
         rows = self.rows(REAL, COSTLY)
         cells = [
             [
-                WORDS[agent], *(f"{one.mean:.2f}" for one in row.by_year), str(len(row.results)) if row.training_steps else "none",
-                *_training(row), f"{self._decision(REAL, agent):.2g}",
+                WORDS[agent].replace(" ", "&nbsp;"), *(f"{one.mean:.2f}" for one in row.by_year),
+                str(len(row.results)) if row.training_steps else "none", _training(row)[1], f"{self._decision(REAL, agent):.2g}",
             ]
             for agent, row in rows.items()
         ]  # fmt: skip
         years = [f"{one.year}, EUR/m²" for one in next(iter(rows.values())).by_year]
-        return _table(["", *years, "trainings", "million steps each", "minutes each", "decision, ms"], cells, words=1)
+        return _table(["", *years, "trainings", "minutes each", "decision, ms"], cells, words=1)
 
     def scores(self) -> str:
         """A row an agent and task: score, worst tenth, and the regret with its two parts."""
@@ -331,7 +319,7 @@ def panel(
     def x(value: float) -> float:
         return left + width * (value - ticks[0]) / (ticks[-1] - ticks[0])
 
-    parts = [text(left, top - 18, title, size=13)]
+    parts = [text(left, top - 18, title, size=12)]
     for tick in ticks:
         stroke = "#999999" if tick == 0.0 else "#e4e4e4"
         parts.append(f'<line x1="{x(tick):.1f}" x2="{x(tick):.1f}" y1="{top - 8}" y2="{bottom - 8}" stroke="{stroke}"/>')
@@ -343,7 +331,9 @@ def panel(
         for number, mark in enumerate(marks):
             y = middle + 7 * number - 3.5 * (len(marks) - 1)
             span, fill = mark.span, "#fff" if mark.hollow else mark.colour
-            parts.append(f'<line x1="{x(span.low):.1f}" x2="{x(span.high):.1f}" y1="{y}" y2="{y}" stroke="{mark.colour}" stroke-width="2"/>')
+            parts.append(
+                f'<line x1="{x(span.low):.1f}" x2="{x(span.high):.1f}" y1="{y}" y2="{y}" stroke="{mark.colour}" stroke-width="2"/>'
+            )
             parts.append(f'<circle cx="{x(span.value):.1f}" cy="{y}" r="4" fill="{fill}" stroke="{mark.colour}" stroke-width="2"/>')
     return parts
 
@@ -362,6 +352,18 @@ def picture_of_real(study: Study) -> str:
     leads = [("", [] if agent == rules else [Mark(study.more(REAL, agent, rules), AGENTS[agent])]) for agent in rows]
     parts = panel((150, 40), 225, "Score", scores) + panel((400, 40), 240, "More than the tuned rules, run by run", leads)
     return svg(660, 40 + HEIGHT * len(rows) + 32, parts)
+
+
+def picture_of_leads(study: Study) -> str:
+    """One panel per task of ``control-2025``: what each agent earns more than the tuned rules, with its 95 % interval."""
+    parts, wide = [], 108
+    for place, task in enumerate(CONTROL):
+        entries, rows = study.entries[task], []
+        for agent, words in KINDS.items():
+            marks = [Mark(study.more(task, agent, rules_of(task)), AGENTS[agent])] if agent in entries else []
+            rows.append((words if place == 0 else "", marks))
+        parts += panel((150 + (wide + 20) * place, 40), wide, task, rows, "EUR/m²")
+    return svg(660, 40 + HEIGHT * len(KINDS) + 32, parts)
 
 
 def picture_of_ladder(ladders: Sequence[Ladder]) -> str:
@@ -409,7 +411,12 @@ def filled_tables(page: str, study: Study) -> str:
 def pictures(study: Study) -> dict[Path, str]:
     """The figures by their files."""
     images = DOCS / "images"
-    drawn = {"study": picture(study), "study-real": picture_of_real(study), "study-ladder": picture_of_ladder(ladder_table.read())}
+    drawn = {
+        "study": picture(study),
+        "study-real": picture_of_real(study),
+        "study-leads": picture_of_leads(study),
+        "study-ladder": picture_of_ladder(ladder_table.read()),
+    }
     return {images / f"{name}.svg": drawing for name, drawing in drawn.items()}
 
 
@@ -422,12 +429,6 @@ def _training(row: Row) -> list[str]:
     """Million steps and minutes of one training, by the mean; nothing of an agent without any."""
     steps, hours = ([getattr(one, name) or 0.0 for one in row.results] for name in ("training_steps", "training_hours"))
     return [f"{np.mean(steps) / 1e6:.1f}", f"{60.0 * np.mean(hours):.0f}"] if any(steps) else ["–", "–"]
-
-
-def _lead(span: Interval) -> str:
-    """A difference above its interval; bold where that does not contain 0."""
-    mark = "" if span.low <= 0.0 <= span.high else "**"
-    return f"{mark}{_signed(span.value)}{mark}<br>{_signed(span.low)} to {_signed(span.high)}"
 
 
 def _signed(value: float) -> str:
