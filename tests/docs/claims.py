@@ -1372,6 +1372,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("up to s = 0.3", "definition: glbench/tasks/tables.py"),
     ],
     "docs/factors.md": [("whose 95 % interval", "definition: CONFIDENCE"), ("a first try: `--steps 200000", "an example of options")],
+    "docs/study.md": [("95 % intervals", "definition: CONFIDENCE")],
     "docs/ladder.md": [
         ("95 % interval", "definition: CONFIDENCE"),
         ("more than 5 % of ladders", "what intervals of 95 % are wrong in, and there are several"),
