@@ -356,13 +356,13 @@ def picture_of_real(study: Study) -> str:
 
 def picture_of_leads(study: Study) -> str:
     """One panel per task of ``control-2025``: what each agent earns more than the tuned rules, with its 95 % interval."""
-    parts, wide = [], 108
+    parts, wide = [], 100
     for place, task in enumerate(CONTROL):
         entries, rows = study.entries[task], []
         for agent, words in KINDS.items():
             marks = [Mark(study.more(task, agent, rules_of(task)), AGENTS[agent])] if agent in entries else []
             rows.append((words if place == 0 else "", marks))
-        parts += panel((150 + (wide + 20) * place, 40), wide, task, rows, "EUR/m²")
+        parts += panel((150 + (wide + 28) * place, 40), wide, task, rows, "EUR/m²")
     return svg(660, 40 + HEIGHT * len(KINDS) + 32, parts)
 
 
