@@ -36,6 +36,7 @@ from docs import (
     realism_figure,
     realism_practice,
     realism_setpoints,
+    study_figures,
     uncertainty_figures,
     weather_table,
 )
@@ -274,6 +275,26 @@ def prices_of_sensors(*sensors: str, task: str = "GreenhouseReal-v1") -> tuple[f
     ladder = next(one for one in of_task if any(rung.name.startswith("without_") for rung in one.rungs))
     steps = {row.name: row.step for row in ladder.rows}
     return tuple(abs(number) for name in sensors for number in (steps[name].value, steps[name].high, steps[name].low))
+
+
+@cache
+def of_study(task: str) -> study_figures.Study:
+    """The released results of a task."""
+    return study_figures.Study.read(task)
+
+
+def more_on_test(first: str, second: str, task: str = study_figures.REAL) -> tuple[float, ...]:
+    """What an agent earns more than another on the test split of a task, and the ends of the interval [EUR m-2]."""
+    span = of_study(task).more(task, first, second)
+    return span.value, span.low, span.high
+
+
+def step_of_planner(task: str) -> tuple[float, ...]:
+    """What predictive control earns more than when it is blind, on the ladder of a task, and the ends of the interval [EUR m-2]."""
+    ladder = next(one for one in ladder_table.read() if one.task == f"glbench/{task}" and one.verdicts)
+    step = next(row.step for row in ladder.rows if row.name == "mpc")
+    assert step is not None
+    return step.value, step.low, step.high
 
 
 def most_of_sensors(*sensors: str) -> tuple[float, ...]:
@@ -1204,6 +1225,33 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
     ],
     "docs/study.md": [
+        ("in the {} runs of its test split", lambda: HEADLINE.evaluation.runs),
+        ("It earns {} EUR/m² ({} to {}) more than the rules tuned", lambda: more_on_test("mpc_greenhouse", "rule_based_greenhouse")),
+        ("and {} ({} to {}) more than PPO with a memory", lambda: more_on_test("mpc_greenhouse", "ppo_memory_greenhouse")),
+        (
+            "With the greenhouse of the books it earns {} ({} to {}) *less*",
+            lambda: more_on_test("rule_based_greenhouse", "mpc_greenhouse_book"),
+        ),
+        ("PPO with a memory is {} ahead ({} to {})", lambda: more_on_test("ppo_memory_greenhouse", "rule_based_greenhouse")),
+        ("earn {} more than predictive control", lambda: more_on_test("best_known", "mpc_greenhouse")[0]),
+        (
+            "by {} ({} to {}), the best recipe of PPO by {} ({} to {}).",
+            lambda: tuple(number for agent in ("mpc", "ppo_long") for number in more_on_test(agent, "rule_based_tuned", "Spring-v1")),
+        ),
+        (
+            "keeps {} of the lead in `GreenhouseReal-v1`, {} in the draft `Lettuce-v2` and {} in `Spring-v1`",
+            lambda: tuple(map(kept_when_blind, ("GreenhouseReal-v1", "Lettuce-v2", "Spring-v1"))),
+        ),
+        ("Predictive control without readings from inside loses {} ({} to {}) there", lambda: step_of_planner("GreenhouseReal-v1")),
+        ("it earns {} ({} to {}) less than PPO with a memory", lambda: more_on_test("ppo_memory_greenhouse", "outdoor")),
+        (
+            "Without the hygrometer PPO earns {} less, without the pipe temperature {}, without the CO2 sensor {}, "
+            "without the weekly counts of the crop {}.",
+            lambda: prices_of_sensors("without_relative_humidity", "without_pipe_temperature", "without_co2", "without_registration")[::3],
+        ),
+        ("policies that do not see them earn {} ({} to {}) less", lambda: prices_of_sensors("without_prices", task="WinterLED-v2")),
+    ],
+    "docs/study-tables.md": [
         (
             "{} million steps instead of {} million; {} scenarios instead of {}, which are other crops, houses, starts\n"
             "  and sensors in the same {} seasons",
@@ -1333,6 +1381,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("up to s = 0.3", "definition: glbench/tasks/tables.py"),
     ],
     "docs/factors.md": [("whose 95 % interval", "definition: CONFIDENCE"), ("a first try: `--steps 200000", "an example of options")],
+    "docs/study.md": [("95 % intervals", "definition: CONFIDENCE")],
     "docs/ladder.md": [
         ("95 % interval", "definition: CONFIDENCE"),
         ("more than 5 % of ladders", "what intervals of 95 % are wrong in, and there are several"),
