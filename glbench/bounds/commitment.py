@@ -113,7 +113,7 @@ def _solved(
 
 @contextlib.contextmanager
 def _solver_prints_nothing() -> Iterator[None]:
-    """HiGHS prints names of its own functions in some searches, from C++ and whatever it is told; keep them off standard output."""
+    """HiGHS prints names of its own functions in some searches, from C++ and even with `disp` off; keep them off standard output."""
     sys.stdout.flush()
     copy, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
