@@ -158,6 +158,15 @@ def harvest() -> dict[str, Any]:
     return figures
 
 
+def harvest_by_rules() -> tuple[float, ...]:
+    """What rules that look at lettuce earn more than the best blind ones, and the share of the lead that these keep, with intervals."""
+    figures: dict[str, Any] = json.loads(harvest_figures.RULE_FIGURES.read_text(encoding="utf-8"))
+    share, gap = harvest_figures.what_looking_is_worth(figures)
+    assert share.low is not None
+    assert share.high is not None
+    return gap.value, gap.low, gap.high, share.value, share.low, share.high
+
+
 def lettuce_numbers() -> tuple[float, float]:
     """What the numbers for tomatoes cost the rules of Lettuce-v2, and how much of it are violations [EUR m-2]."""
     figures = json.loads(lettuce_figures.FIGURES.read_text(encoding="utf-8"))
@@ -1092,6 +1101,12 @@ CLAIMS: dict[str, list[Claim]] = {
             ),
         ),
         (
+            "earn {} ({} to {}) EUR/m² more than those that cut after the best number of days, which keep {} ({} to {}) of the lead",
+            harvest_by_rules,
+        ),
+        ("once in {} days, {} steps", lambda: (harvest_figures.DEFAULT, harvest_figures.DEFAULT * 96)),
+        ("a learner sees about {} harvests", lambda: round(5_000_000 / (harvest_figures.DEFAULT * 96), -2)),
+        (
             "{} EUR for a head of the right size until mid-April, {} until the end of April, then {}, {} from mid-May, {} in June",
             lambda: tuple((get_task("LettuceHarvest-v1").file.price_tables["heads"].from_day or {}).values()),
         ),
@@ -1409,6 +1424,10 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("the best age lies between 27 and 54 days", "tests/docs/test_lettuce_page.py"),
         ("it is at most 33 days or at least 46 days", "tests/docs/test_lettuce_page.py"),
         ("the grower who cuts after 40 days", "definition: DEFAULT in docs/harvest_figures.py"),
+        ("in all 120 seasons of the validation split", "tests/docs/test_lettuce_page.py"),
+        ("the table of 120 seasons", "tests/docs/test_lettuce_page.py"),
+        ("the mass is 0 and the days are 40", "definition: RULES in docs/harvest_figures.py"),
+        ("in `rule_based_harvest_46` they are 46", "definition: RULES in docs/harvest_figures.py"),
     ],
     "docs/realism.md": [
         ("as a mean of 24 h", "definition: a state of the model"),
