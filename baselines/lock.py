@@ -52,14 +52,13 @@ DRIVERS = {
     "Lettuce-v1": "rule_based_tuned",
     "WinterLED-v1": "rule_based_energy",
     "SpringEnergy-v1": "rule_based_energy",
-    "FullSeasonEnergy-v1": "rule_based_energy",
     "GreenhouseReal-v1": "rule_based_tuned",
     "tasks/drafts/springsetpoints-v1.toml": "grower",
 }
 """The tasks that inputs are recorded on, and the baseline that drives the recorded runs."""
 GROW = (
     "best_known", "mpc_energy", "mpc_greenhouse", "outdoor", "ppo_energy", "ppo_greenhouse", "ppo_memory_greenhouse",
-    "rule_based_energy_tuned", "rule_based_greenhouse", "sac_fast",
+    "rule_based_greenhouse", "sac_fast",
 )  # fmt: skip
 """These, and further trainings of them, get plans, policies, pages or end values for more tasks, and with them another digest.
 ``earlier`` in an entry are the digests of the results that are released."""
