@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,19 +44,6 @@ def controls_of(agent: str, task: TaskSpec, seed: int) -> NDArray[np.float64]:
     return np.array(controls)
 
 
-def without_stocks(value: EndValue, task: TaskSpec) -> EndValue:
-    """The end value without the price of what is in stock, of a task whose stocks are states, at fixed prices."""
-    worth = value.by_days_left.copy()
-    for state, slope in zip(value.states, np.eye(len(value.states)), strict=True):
-        place, own = task.model_value.state_names.index(state), np.zeros(len(task.model_value.states))
-        own[place] = 1.0
-        amounts = {stock.name: stock.amount for stock in task.model_value.stocks()}
-        record, parameters = task.model_value.State(*own), task.model_value.Parameters(*task.parameters())
-        price = sum(float(i.price) * i.factor * float(amounts[i.flow](record, parameters)) for i in task.ledger.items if i.flow in amounts)
-        worth[1:] -= price * slope
-    return replace(value, by_days_left=np.round(worth, 10), gross=False)
-
-
 def main() -> None:
     """Plan the seasons, and print what their ends are worth."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -66,7 +52,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", required=True)
     parser.add_argument("--iterations", type=int, default=20)
     parser.add_argument("--own", action="store_true", help="for this task alone, because another one has its model and another season")
-    parser.add_argument("--net", action="store_true", help="without the price of stocks, which a linear ledger pays as they grow")
+    parser.add_argument("--stock", metavar="STATE=PRICE", help="what this state is worth at the end of the season [EUR per unit]")
     options = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     task, plans = get_task(options.task), []
@@ -79,8 +65,10 @@ def main() -> None:
         start = controls_of(options.agent, task, seed)
         plans.append(plan_season(Scenario.of(task, seed), start, iterations=options.iterations))
         log.info("%s, seed %d: a plan of %.2f", task.id, seed, plans[-1].reward)
-    value = EndValue.of_plans(plans)
-    values = {task.id if options.own else task.model_id: (without_stocks(value, task) if options.net else value).written()}
+    values = {task.id if options.own else task.model_id: EndValue.of_plans(plans).written()}
+    if options.stock:
+        state, _, price = options.stock.partition("=")
+        values[task.id if options.own else task.model_id]["states"][state]["by_days_left"][0] = float(price)
     sys.stdout.write(yaml.safe_dump(values, default_flow_style=None, width=150, sort_keys=False))
 
 

@@ -26,6 +26,7 @@ from glbench.evaluation import Progress, Result, load_result, prepare, protect, 
 from glbench.evaluation.fresh_draws import add_fresh_draws
 from glbench.evaluation.jobs import Job as EvaluationJob
 from glbench.evaluation.jobs import Options
+from glbench.evaluation.evaluation import TRIALS
 from glbench.evaluation.profiles import profile_path
 from glbench.evaluation.records import git_state
 from glbench.leaderboard.collect import read_folder, same_runs
@@ -52,6 +53,10 @@ class Job:
     fresh_draws: bool = False
     runs: int | None = None
     """How many, the first ones; ``None`` for all."""
+
+    def place(self, work: Path) -> Path:
+        """Where its result is below ``work``: results of fewer runs are trials."""
+        return result_path(work if self.runs is None else work / TRIALS, self.task_id, self.agent)
 
     @property
     def name(self) -> str:
@@ -158,7 +163,7 @@ def release(job: Job, out: Path, work: Path, *, new_digests: bool) -> str:
     check(job, result, work, new_digests=new_digests)
     if job.fresh_draws:
         add_fresh_draws(EvaluationJob(task, job.ref, agent, Options(work)), evaluated)
-    path = result_path(work, job.task_id, job.agent)
+    path = job.place(work)
     verdict = verify(path)
     if verdict.exactness != "bits":
         raise ResultError(verdict.reason)
@@ -216,7 +221,7 @@ def model_of(result: Result) -> tuple[str, str]:
 
 def is_released(job: Job, out: Path, work: Path) -> bool:
     """Whether ``out`` holds what was evaluated in ``work``, to the last byte."""
-    pairs, path = copies(job, work, out), result_path(work, job.task_id, job.agent)
+    pairs, path = copies(job, work, out), job.place(work)
     if job.released is not None and path.is_file() and proof_path(path).is_file() and is_kept(job, load_result(path)):
         return True
     if not all(source.is_file() and target.is_file() for source, target in pairs):
@@ -244,7 +249,7 @@ def of_changed_checkouts(out: Path) -> list[str]:
 
 def copies(job: Job, work: Path, out: Path) -> list[tuple[Path, Path]]:
     """Files to copy, and where to: profile, result, note."""
-    ours, theirs = (result_path(folder, job.task_id, job.agent) for folder in (work, out))
+    ours, theirs = job.place(work), result_path(out, job.task_id, job.agent)
     return [(place(ours), place(theirs)) for place in (profile_path, Path, proof_path)]
 
 

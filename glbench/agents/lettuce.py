@@ -25,6 +25,7 @@ from glbench.model import LETTUCE_CLASSIC, co2_density, co2_ppm, relative_humidi
 from glbench.model.air import saturation_vapour_pressure, vapour_pressure
 from glbench.model.model import Step
 from glbench.settings import Table, read_settings
+from glbench.tasks.ledger import STOCK
 
 if TYPE_CHECKING:
     from glbench.tasks import TaskCard, TaskSpec
@@ -174,7 +175,8 @@ class LettucePlanner:
         """``n_runs`` runs of ``task`` begin. Raises ``SubmissionError`` for another model, or when something needed is not shown."""
         if task.model != LETTUCE_CLASSIC.id or task.actuation != "rate":
             refuse(f"{task.id} has {task.model}, and this controller plans for {LETTUCE_CLASSIC.id}, through rates.", SubmissionError)
-        self._horizon, draws = round(self.settings.horizon_hours * 3600.0 / task.step_seconds), max(self.settings.draws, 1)
+        self._horizon = round(self.settings.horizon_hours * 3600.0 / task.step_seconds)
+        self._draws = max(self.settings.draws if task.half_width > 0.0 else 0, 1)
         suffixes = ["", *(f"_ahead_{k}" for k in range(1, self._horizon))]
         inside = ["dry_weight", *_AIR, *(control.quantity for control in task.controls)]
         needed = [*inside, *(name + suffix for suffix in suffixes for name in _OUTSIDE)]
@@ -186,7 +188,7 @@ class LettucePlanner:
         self._nominal = self._task.parameters()
         self._half_width = task.half_width * np.isin(LETTUCE_CLASSIC.parameter_names, self._task.uncertainty.parameters)
         self._end_value = None if self.settings.end_value is None else EndValue.read(self.settings.end_value)
-        self._problem = _problem(self._task, self._horizon, draws)
+        self._problem = _problem(self._task, self._horizon, self._draws)
         self._plans, self._vapour = np.zeros((n_runs, self._horizon, len(_CONTROLS))), np.zeros(n_runs)
 
     def act(self, observations: NDArray[np.float32], /) -> Floats:
@@ -215,13 +217,15 @@ class LettucePlanner:
 
     def _given(self) -> Floats:
         """Coefficients of the steps ahead, and what states are worth at their end."""
-        draws, count = max(self.settings.draws, 1), len(self._nominal)
-        p = np.tile(self._nominal, (self._horizon, draws, 1))
+        p = np.tile(self._nominal, (self._horizon, self._draws, 1))
         if self.settings.draws:
             steps = np.arange(self._step, self._step + self._horizon)  # each has draws of its own, which stay while it comes nearer
-            numbers = uniforms(np.array([key_of("glbench mpc_lettuce")], np.uint64), steps[None], draws * count)
+            numbers = uniforms(np.array([key_of("glbench mpc_lettuce")], np.uint64), steps[None], self._draws * p.shape[-1])
             p *= 1.0 + self._half_width * (2.0 * numbers.reshape(p.shape) - 1.0)
         end = (self._step + self._horizon) / self._task.steps_per_day
         days_left = self._task.steps / self._task.steps_per_day - end
-        worth = np.zeros(len(_SCALES)) if self._end_value is None else self._end_value(self._task, end % 1.0 * 24.0, days_left)[0]
+        worth = np.zeros(len(_SCALES))
+        if self._end_value is not None:  # the profit of the steps ahead has the dry weight at their end, at its price
+            sold = [float(item.price) * item.factor for item in self._task.ledger.items if item.valued == STOCK]
+            worth = self._end_value(self._task, end % 1.0 * 24.0, days_left)[0] - np.array([*sold, 0.0, 0.0, 0.0])
         return np.concatenate([p.ravel(), worth])
