@@ -23,10 +23,10 @@ from pathlib import Path
 from glbench.agents.identity import FORMS, baseline_names
 from glbench.errors import GlbenchError, ResultError, did_you_mean
 from glbench.evaluation import Progress, Result, load_result, prepare, protect, result_path
+from glbench.evaluation.evaluation import TRIALS
 from glbench.evaluation.fresh_draws import add_fresh_draws
 from glbench.evaluation.jobs import Job as EvaluationJob
 from glbench.evaluation.jobs import Options
-from glbench.evaluation.evaluation import TRIALS
 from glbench.evaluation.profiles import profile_path
 from glbench.evaluation.records import git_state
 from glbench.leaderboard.collect import read_folder, same_runs

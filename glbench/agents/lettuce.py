@@ -207,10 +207,10 @@ class LettucePlanner:
         solver, start, bounds, width = self._problem
         for run, plan in enumerate(self._plans):
             parameters = np.concatenate([states[run], controls[run], weather[run].ravel(), given])
-            solution = solver(x0=start(plan.T, parameters), p=parameters, **bounds)["x"]
-            steps = np.asarray(solution).ravel()[:-width].reshape(self._horizon, -1)
+            solution = np.asarray(solver(x0=start(plan.T, parameters), p=parameters, **bounds)["x"]).ravel()
+            steps = solution[:-width].reshape(self._horizon, -1)
             if np.isfinite(steps).all():  # otherwise the plan before goes on
-                plan[:], self._vapour[run] = steps[:, width : width + len(_CONTROLS)], steps[1, 3] * _SCALES[3]
+                plan[:], self._vapour[run] = steps[:, width : width + len(_CONTROLS)], solution[steps.shape[1] + 3] * _SCALES[3]
         actions: Floats = np.clip((self._plans[:, 0] - controls) / self._max_change, -1.0, 1.0)
         self._plans = np.concatenate([self._plans[:, 1:], self._plans[:, -1:]], axis=1)
         return actions
