@@ -49,7 +49,8 @@ def score(task: str, baseline: str) -> str:
     if len(rewards) == 1:
         return minus(f"{rewards[0]:.2f}")
     whole = get_task(task).evaluation.runs
-    return minus(f"{rewards.mean():.2f}") + f" ± {rewards.std(ddof=1):.2f} ({len(rewards)}{f' of {whole}' if len(rewards) < whole else ''} runs)"
+    runs = f"{len(rewards)} of {whole}" if len(rewards) < whole else whole
+    return minus(f"{rewards.mean():.2f} ± {rewards.std(ddof=1):.2f} ({runs} runs)")
 
 
 def minus(number: str) -> str:

@@ -181,7 +181,7 @@ def test_without_the_extra_it_is_said_what_to_install(monkeypatch: pytest.Monkey
     with pytest.raises(GlbenchError, match=r'needs packages.*lettuce_greenhouse_gym.*pip install "glbench\[lettuce-classic\]"'):
         load_weather(trace.TRACE)
     monkeypatch.setattr("glbench.cli.tasks.check_all", dict)
-    monkeypatch.setattr("glbench.registration.draft_files", lambda: [data_folder("tasks") / "drafts" / "lettuceclassic-delta00-v1.toml"])
+    monkeypatch.setattr("glbench.registration.draft_files", lambda: [data_folder("tasks") / "lettuceclassic-delta00-v1.toml"])
     check_command(None)
     assert "Not checked, because an extra with their weather is not installed: lettuceclassic-delta00-v1." in capsys.readouterr().err
 
