@@ -126,7 +126,7 @@ def _problem(task: TaskSpec, horizon: int, draws: int) -> tuple[ca.Function, ca.
     x0, before, ahead, worth = ca.SX.sym("x0", n), ca.SX.sym("before", m), ca.SX.sym("ahead", m, horizon), ca.SX.sym("worth", n)
     count = draws * len(_violations(task, x0)[1])
     weather = ca.SX.sym("weather", len(model.disturbances), horizon)
-    drawn = [ca.SX.sym(f"p{k}", len(model.parameter_names), draws) for k in range(horizon)]
+    coefficients = [ca.SX.sym(f"p{k}", len(model.parameter_names), draws) for k in range(horizon)]
     width, most = draws * n + m, task.actuation.max_change
     stages = [ca.SX.sym(f"x{k}", width) for k in range(horizon + 1)]
     variables, equations, guess, x_bounds, g_bounds = [], [], [], [], []
@@ -135,7 +135,7 @@ def _problem(task: TaskSpec, horizon: int, draws: int) -> tuple[ca.Function, ca.
         u, slacks, after, excess = ca.SX.sym(f"u{k}", m), ca.SX.sym(f"s{k}", count), [], []
         guess += [*(x / _SCALES for x in states), controls, ahead[:, k]]
         for i, slack in enumerate(ca.vertsplit(slacks, count // draws)):
-            x, p = stage[n * i : n * (i + 1)] * _SCALES, drawn[k][:, i]
+            x, p = stage[n * i : n * (i + 1)] * _SCALES, coefficients[k][:, i]
             x_next = step(x, u, weather[:, k], p)
             distances, prices = _violations(task, x_next)
             states_in, states_out = (model.State(*ca.vertsplit(one)) for one in (x, x_next))
@@ -154,7 +154,7 @@ def _problem(task: TaskSpec, horizon: int, draws: int) -> tuple[ca.Function, ca.
     for i in range(draws):
         cost -= ca.dot(worth, stages[-1][n * i : n * (i + 1)] * _SCALES) / draws
     guess += [*(x / _SCALES for x in states), controls]
-    parameters = ca.vertcat(x0, before, ca.vec(weather), *map(ca.vec, drawn), worth)
+    parameters = ca.vertcat(x0, before, ca.vec(weather), *map(ca.vec, coefficients), worth)
     problem = {"x": ca.vertcat(*variables, stages[-1]), "f": _PER_EUR * cost, "g": ca.vertcat(*equations), "p": parameters}
     equality = [low == high for low, high in g_bounds]
     options: dict[str, Any] = {"structure_detection": "auto", "equality": equality, "print_time": False, "fatrop": _FATROP}
@@ -194,7 +194,7 @@ class LettucePlanner:
     def act(self, observations: NDArray[np.float32], /) -> Floats:
         """Actions for the coming step. Raises ``ShapeError`` when there are not as many rows as runs."""
         check_runs(observations, len(self._plans))
-        rows, given = observations[:, self._places].astype(np.float64), self._given()
+        rows, outlook = observations[:, self._places].astype(np.float64), self._outlook()
         self._step += 1
         warm, co2, humidity = rows[:, 1:4].T
         vapour = vapour_density(warm, saturation_vapour_pressure(warm) * humidity / 100.0)
@@ -206,7 +206,7 @@ class LettucePlanner:
         weather[..., :4] = np.stack([sun, outside, vapour_pressure(outside, vapour), co2 * 1e6], axis=-1)
         solver, start, bounds, width = self._problem
         for run, plan in enumerate(self._plans):
-            parameters = np.concatenate([states[run], controls[run], weather[run].ravel(), given])
+            parameters = np.concatenate([states[run], controls[run], weather[run].ravel(), outlook])
             solution = np.asarray(solver(x0=start(plan.T, parameters), p=parameters, **bounds)["x"]).ravel()
             steps = solution[:-width].reshape(self._horizon, -1)
             if np.isfinite(steps).all():  # otherwise the plan before goes on
@@ -215,7 +215,7 @@ class LettucePlanner:
         self._plans = np.concatenate([self._plans[:, 1:], self._plans[:, -1:]], axis=1)
         return actions
 
-    def _given(self) -> Floats:
+    def _outlook(self) -> Floats:
         """Coefficients of the steps ahead, and what states are worth at their end."""
         p = np.tile(self._nominal, (self._horizon, self._draws, 1))
         if self.settings.draws:
