@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 _AIR = ("air_temperature", "co2", "relative_humidity")
 _OUTSIDE = ("global_radiation", "outdoor_temperature", "outdoor_vapour_density", "outdoor_co2_density")
-_CONTROLS = ("uCo2", "uVent", "uHeat")
+_CONTROLS = ("co2_supply", "ventilation", "heating")  # what controls deliver
 _Gain = Annotated[float, Field(ge=0.0)]
 
 
@@ -63,18 +63,19 @@ class LettuceRules(ObservedController):
 
     def reset(self, task: TaskCard, n_runs: int, /) -> None:
         """``n_runs`` runs of ``task`` begin. Raises ``SubmissionError`` when the task does not show the air and the sun."""
-        self.begin(task, n_runs, (*_AIR, _OUTSIDE[0]), positions=_CONTROLS)
-        self._most = {control.name: control.at_one for control in task.controls}
+        self.begin(task, n_runs, (*_AIR, _OUTSIDE[0], *_CONTROLS))
+        self._controls = {control.quantity: control for control in task.controls}
 
     def decide(self, readings: dict[str, Floats], positions: dict[str, Floats], /) -> Floats:
         """Actions towards what the rules ask for."""
-        n, (warm, co2, humidity, sun) = self.settings, readings.values()
+        n, (warm, co2, humidity, sun, *_) = self.settings, readings.values()
         day = sun > n.day_radiation
         above = warm - np.where(day, n.temp_day, n.temp_night)
         vents = n.vent_temp_gain * np.maximum(above - n.vent_deadband, 0.0) + n.vent_rh_gain * np.maximum(humidity - n.rh_max, 0.0)
-        dosing = np.where(day & (np.minimum(vents, self._most["uVent"]) <= n.co2_vent_cutoff), n.co2_gain * (n.co2_target - co2), 0.0)
-        amounts = dict(zip(_CONTROLS, (dosing, vents, -n.heat_gain * above), strict=True))
-        return self.towards({name: np.clip(amount / self._most[name], 0.0, 1.0) for name, amount in amounts.items()}, positions)
+        opening = np.minimum(vents, self._controls["ventilation"].at_one)
+        dosing = np.where(day & (opening <= n.co2_vent_cutoff), n.co2_gain * (n.co2_target - co2), 0.0)
+        amounts = zip((self._controls[name] for name in _CONTROLS), (dosing, vents, -n.heat_gain * above), strict=True)
+        return self.towards({control.name: np.clip(amount / control.at_one, 0.0, 1.0) for control, amount in amounts}, positions)
 
 
 class LettucePlanSettings(Table):
@@ -178,14 +179,13 @@ class LettucePlanner:
         self._horizon = round(self.settings.horizon_hours * 3600.0 / task.step_seconds)
         self._draws = max(self.settings.draws if task.half_width > 0.0 else 0, 1)
         suffixes = ["", *(f"_ahead_{k}" for k in range(1, self._horizon))]
-        inside = ["dry_weight", *_AIR, *(control.quantity for control in task.controls)]
+        inside = ["dry_weight", *_AIR, *_CONTROLS]
         needed = [*inside, *(name + suffix for suffix in suffixes for name in _OUTSIDE)]
         if missing := [name for name in needed if name not in task.observation_names]:
             refuse(f"{task.id} does not show {', '.join(missing)}, without which no plan can be made.", SubmissionError)
         self._places = [task.observation_names.index(name) for name in needed]
         self._most, self._max_change = np.array([control.at_one for control in task.controls]), task.max_change
         self._task, self._step = task.task(), 0
-        self._nominal = self._task.parameters()
         self._half_width = task.half_width * np.isin(LETTUCE_CLASSIC.parameter_names, self._task.uncertainty.parameters)
         self._end_value = None if self.settings.end_value is None else EndValue.read(self.settings.end_value)
         self._problem = _problem(self._task, self._horizon, self._draws)
@@ -217,15 +217,14 @@ class LettucePlanner:
 
     def _outlook(self) -> Floats:
         """Coefficients of the steps ahead, and what states are worth at their end."""
-        p = np.tile(self._nominal, (self._horizon, self._draws, 1))
+        p = np.tile(self._task.parameters(), (self._horizon, self._draws, 1))
         if self.settings.draws:
             steps = np.arange(self._step, self._step + self._horizon)  # each has draws of its own, which stay while it comes nearer
             numbers = uniforms(np.array([key_of("glbench mpc_lettuce")], np.uint64), steps[None], self._draws * p.shape[-1])
             p *= 1.0 + self._half_width * (2.0 * numbers.reshape(p.shape) - 1.0)
         end = (self._step + self._horizon) / self._task.steps_per_day
-        days_left = self._task.steps / self._task.steps_per_day - end
         worth = np.zeros(len(_SCALES))
         if self._end_value is not None:  # the profit of the steps ahead has the dry weight at their end, at its price
             sold = [float(item.price) * item.factor for item in self._task.ledger.items if item.valued == STOCK]
-            worth = self._end_value(self._task, end % 1.0 * 24.0, days_left)[0] - np.array([*sold, 0.0, 0.0, 0.0])
+            worth = self._end_value(self._task, end % 1.0 * 24.0, self._task.weather.days - end)[0] - np.array([*sold, 0.0, 0.0, 0.0])
         return np.concatenate([p.ravel(), worth])
