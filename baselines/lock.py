@@ -56,6 +56,7 @@ DRIVERS = {
     "Lettuce-v1": "rule_based_tuned",
     "WinterLED-v1": "rule_based_energy",
     "SpringEnergy-v1": "rule_based_energy",
+    "FullSeasonEnergy-v1": "rule_based_energy",
     "GreenhouseReal-v1": "rule_based_tuned",
     "LettuceClassic-Delta05-v1": "rule_based_lettuce",
     "tasks/drafts/springsetpoints-v1.toml": "grower",
