@@ -32,7 +32,7 @@ from glbench.env.behaviour import Number, weighted_sum
 from glbench.evaluation.limits import TimeLimits
 from glbench.evaluation.runners import PrivilegedRunner, make_runner
 from glbench.resources import write_atomically
-from glbench.tasks import TaskSpec, get_task, task_card
+from glbench.tasks import TaskSpec, get_task, list_tasks, task_card
 from glbench.weather.trace import lacks_package
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -91,7 +91,8 @@ def tasks_of(baseline: str) -> list[str]:
 
 def can_be_played(name: str) -> bool:
     """Whether the task's weather is here: some comes with an extra."""
-    return not lacks_package(task_of(name).weather.source)
+    sources = {task.short_id: task.weather.source for task in list_tasks()}
+    return not lacks_package(sources.get(name, ""))
 
 
 def record(name: str) -> dict[str, NDArray[Any]]:

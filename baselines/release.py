@@ -31,7 +31,7 @@ from glbench.evaluation.profiles import profile_path
 from glbench.evaluation.records import git_state
 from glbench.leaderboard.collect import read_folder, same_runs
 from glbench.resources import write_atomically
-from glbench.tasks import get_task
+from glbench.tasks import get_task, list_tasks
 from glbench.verification import proof_path, save_proof, verify
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -81,9 +81,9 @@ def plan() -> list[Job]:
     results, problems = read_folder(RELEASED / "results")
     if problems:
         raise problems[0]
-    jobs = []
+    jobs, whole = [], {task.id: task.evaluation.runs for task in list_tasks()}
     for one in (item.result for item in results):
-        runs = one.summary.runs if one.summary.runs < get_task(one.task.id).evaluation.runs else None
+        runs = one.summary.runs if one.summary.runs < whole.get(one.task.id, 0) else None
         jobs.append(Job(one.agent.name, one.task.id, one.results_digest, one.fresh_draws is not None, runs))
     return sorted(jobs, key=lambda job: (job.task_id, job.agent))
 

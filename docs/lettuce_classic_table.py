@@ -13,7 +13,7 @@ import numpy as np
 
 from docs.tables import with_tables
 from glbench.evaluation import load_result
-from glbench.tasks import get_task
+from glbench.tasks import list_tasks
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = Path(__file__).parent / "lettuce-classic.md"
@@ -48,7 +48,7 @@ def score(task: str, baseline: str) -> str:
     rewards = np.array([run.metrics["reward"] for run in load_result(file).runs])
     if len(rewards) == 1:
         return minus(f"{rewards[0]:.2f}")
-    whole = get_task(task).evaluation.runs
+    whole = next(one.evaluation.runs for one in list_tasks() if one.short_id == task)
     runs = f"{len(rewards)} of {whole}" if len(rewards) < whole else whole
     return minus(f"{rewards.mean():.2f} ± {rewards.std(ddof=1):.2f} ({runs} runs)")
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import datetime as dt
+import tempfile
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,9 +21,26 @@ Floats = NDArray[np.float64]
 SHORT = partial(LettucePlanSettings, horizon_hours=1.0)
 
 
+TASK = """
+base = "glbench/{name}"
+schema = 2
+id = "mylab/{name}"
+title = "A day of weather that is here"
+
+[weather]
+source = "schiphol"
+preprocessing = "conserving"
+start = 2010-03-01
+days = 1
+"""
+
+
 def shipped_weather(name: str) -> TaskSpec:
-    weather = {"source": "schiphol", "preprocessing": "conserving", "start": dt.date(2010, 3, 1), "days": 1}
-    return get_task(name).replace({f"weather.{key}": value for key, value in weather.items()})
+    """The task ``name`` in other weather."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "task.toml"
+        file.write_text(TASK.format(name=name), encoding="utf-8")
+        return get_task(file)
 
 
 @pytest.fixture(scope="module")

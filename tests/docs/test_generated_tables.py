@@ -14,6 +14,7 @@ from docs import (
     estimator_table,
     fresh_draws_table,
     ladder_table,
+    lettuce_classic_table,
     measured_columns,
     realism_board,
     realism_figure,
@@ -95,6 +96,11 @@ def test_the_learning_curves_are_those_of_the_shipped_trainings() -> None:
 def test_the_ladders_are_those_that_were_measured() -> None:
     page = (DOCS / "ladder.md").read_text(encoding="utf-8")
     assert ladder_table.filled(page, ladder_table.read()) == page
+
+
+def test_the_returns_of_the_classic_lettuce_are_the_released_ones() -> None:
+    page = lettuce_classic_table.PAGE.read_text(encoding="utf-8")
+    assert lettuce_classic_table.filled(page) == page
 
 
 def test_every_view_is_explained() -> None:
