@@ -95,11 +95,14 @@ class Renderer:
         return shape
 
     def _share(self, scene: Any, name: str) -> float:
-        mi = self.mi
-        grid = (np.arange(self.size) + 0.5) / self.size
-        x, y = (axis.ravel().astype(np.float32) for axis in np.meshgrid(grid, grid))
-        ray, _ = scene.sensors()[0].sample_ray(0.0, 0.5, mi.Point2f(mi.Float(x), mi.Float(y)), mi.Point2f(0.5))
+        mi, camera = self.mi, scene.sensors()[0]
         wanted = next(shape for shape in scene.shapes() if shape.id() == name)
+        grid = (np.arange(self.size) + 0.5) / self.size
+        if mi.variant().startswith("scalar"):
+            rays = (camera.sample_ray(0.0, 0.5, [x, y], [0.5, 0.5])[0] for y in grid for x in grid)
+            return float(np.mean([scene.ray_intersect(ray).shape == wanted for ray in rays]))
+        x, y = (axis.ravel().astype(np.float32) for axis in np.meshgrid(grid, grid))
+        ray, _ = camera.sample_ray(0.0, 0.5, mi.Point2f(mi.Float(x), mi.Float(y)), mi.Point2f(0.5))
         return float(np.mean(np.array(scene.ray_intersect(ray).shape == mi.ShapePtr(wanted))))
 
 
