@@ -52,6 +52,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", required=True)
     parser.add_argument("--iterations", type=int, default=20)
     parser.add_argument("--own", action="store_true", help="for this task alone, because another one has its model and another season")
+    parser.add_argument("--stock", metavar="STATE=PRICE", help="what this state is worth at the end of the season [EUR per unit]")
     options = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     task, plans = get_task(options.task), []
@@ -65,6 +66,9 @@ def main() -> None:
         plans.append(plan_season(Scenario.of(task, seed), start, iterations=options.iterations))
         log.info("%s, seed %d: a plan of %.2f", task.id, seed, plans[-1].reward)
     values = {task.id if options.own else task.model_id: EndValue.of_plans(plans).written()}
+    if options.stock:
+        state, _, price = options.stock.partition("=")
+        values[task.id if options.own else task.model_id]["states"][state]["by_days_left"][0] = float(price)
     sys.stdout.write(yaml.safe_dump(values, default_flow_style=None, width=150, sort_keys=False))
 
 

@@ -23,6 +23,7 @@ from pathlib import Path
 from glbench.agents.identity import FORMS, baseline_names
 from glbench.errors import GlbenchError, ResultError, did_you_mean
 from glbench.evaluation import Progress, Result, load_result, prepare, protect, result_path
+from glbench.evaluation.evaluation import TRIALS
 from glbench.evaluation.fresh_draws import add_fresh_draws
 from glbench.evaluation.jobs import Job as EvaluationJob
 from glbench.evaluation.jobs import Options
@@ -42,13 +43,20 @@ log = logging.getLogger("release")
 class Job:
     """An agent on a task; ``released`` is the results_digest that it must have again, ``None`` for a new one.
 
-    ``fresh_draws``: whether the released result has fresh draws; the new one gets a new salt.
+    ``fresh_draws``: whether the released result has fresh draws; the new one gets a new salt. A result with fewer runs than its task is not
+    ranked, and gets as many again.
     """
 
     agent: str
     task_id: str
     released: str | None
     fresh_draws: bool = False
+    runs: int | None = None
+    """How many, the first ones; ``None`` for all."""
+
+    def place(self, work: Path) -> Path:
+        """Where its result is below ``work``: results of fewer runs are trials."""
+        return result_path(work if self.runs is None else work / TRIALS, self.task_id, self.agent)
 
     @property
     def name(self) -> str:
@@ -73,7 +81,10 @@ def plan() -> list[Job]:
     results, problems = read_folder(RELEASED / "results")
     if problems:
         raise problems[0]
-    jobs = [Job(one.agent.name, one.task.id, one.results_digest, one.fresh_draws is not None) for one in (item.result for item in results)]
+    jobs = []
+    for one in (item.result for item in results):
+        runs = one.summary.runs if one.summary.runs < get_task(one.task.id).evaluation.runs else None
+        jobs.append(Job(one.agent.name, one.task.id, one.results_digest, one.fresh_draws is not None, runs))
     return sorted(jobs, key=lambda job: (job.task_id, job.agent))
 
 
@@ -83,6 +94,7 @@ def main() -> int:
     parser.add_argument("--work", type=Path, required=True, help="folder for evaluations before they are released")
     parser.add_argument("--only", nargs="*", default=[], metavar="AGENT", help="some of the agents")
     parser.add_argument("--task", nargs="*", default=[], metavar="ID", help="some of the tasks; with --only, also new ones")
+    parser.add_argument("--runs", type=int, help="of new results: only the first runs, where all would take too long; they are not ranked")
     parser.add_argument("--new-digests", action="store_true", help="accept scores that differ from the released ones")
     parser.add_argument("--list", action="store_true", help="say what is done and leave")
     parser.add_argument("--out", type=Path, default=RELEASED, help="another folder than reports/released, to try it")
@@ -96,7 +108,7 @@ def main() -> int:
             parser.error(f"there is no agent '{name}' to release.{did_you_mean(name, agents)}")
     if arguments.only and tasks:  # also on tasks that the agents have no released result of
         released = {(job.agent, job.task_id) for job in jobs}
-        jobs += [Job(agent, task, None) for task in tasks for agent in arguments.only if (agent, task) not in released]
+        jobs += [Job(agent, task, None, runs=arguments.runs) for task in tasks for agent in arguments.only if (agent, task) not in released]
     jobs = [job for job in jobs if job.agent in (arguments.only or agents) and job.task_id in (tasks or [job.task_id])]
     state = git_state()
     if state is None or state.dirty:
@@ -146,12 +158,12 @@ def release(job: Job, out: Path, work: Path, *, new_digests: bool) -> str:
     """
     task = get_task(job.task_id)
     agent = protect(job.ref, "bubblewrap")
-    evaluation = prepare(task, agent, out=work, workers=None)
+    evaluation = prepare(task, agent, runs=job.runs, out=work, workers=None)
     result = evaluation.stored or evaluation.run(LogLines(job.name))
     check(job, result, work, new_digests=new_digests)
     if job.fresh_draws:
         add_fresh_draws(EvaluationJob(task, job.ref, agent, Options(work)), evaluated)
-    path = result_path(work, job.task_id, job.agent)
+    path = job.place(work)
     verdict = verify(path)
     if verdict.exactness != "bits":
         raise ResultError(verdict.reason)
@@ -181,12 +193,12 @@ def check(job: Job, result: Result, work: Path, *, new_digests: bool) -> None:
         msg = f"{result.summary.failed} of {result.summary.runs} runs failed, the first with: {reason}"
         raise ResultError(msg)
     kernel = result.evaluation.kernel
-    if kernel["backend"] != "compiled":
+    if kernel["backend"] not in ("compiled", "discrete"):  # the second steps models that are maps, and has nothing to compile
         msg = f"the model was stepped by '{kernel['backend']}': a release needs a C++ compiler"
         raise ResultError(msg)
     for item in read_folder(work / "results")[0]:
         other = item.result.evaluation.kernel
-        if model_of(item.result) == model_of(result) and other.get("library_digest") != kernel["library_digest"]:
+        if model_of(item.result) == model_of(result) and other.get("library_digest") != kernel.get("library_digest"):
             msg = f"its kernel is another build than that of {item.path}; remove {work} and start again"
             raise ResultError(msg)
     if job.released not in (None, result.results_digest) and not new_digests and not is_kept(job, result):
@@ -204,12 +216,12 @@ def is_kept(job: Job, result: Result) -> bool:
 
 def model_of(result: Result) -> tuple[str, str]:
     """Model and variant, each of which has a kernel of its own."""
-    return result.versions.model, str(result.evaluation.kernel["variant"])
+    return result.versions.model, str(result.evaluation.kernel.get("variant"))
 
 
 def is_released(job: Job, out: Path, work: Path) -> bool:
     """Whether ``out`` holds what was evaluated in ``work``, to the last byte."""
-    pairs, path = copies(job, work, out), result_path(work, job.task_id, job.agent)
+    pairs, path = copies(job, work, out), job.place(work)
     if job.released is not None and path.is_file() and proof_path(path).is_file() and is_kept(job, load_result(path)):
         return True
     if not all(source.is_file() and target.is_file() for source, target in pairs):
@@ -220,7 +232,7 @@ def is_released(job: Job, out: Path, work: Path) -> bool:
 def unlike(out: Path, work: Path) -> list[str]:
     """Results in ``out`` that stem from another build of the kernel than those in ``work``."""
     ours = [item.result for item in read_folder(work / "results")[0]]
-    builds = {model_of(result): result.evaluation.kernel["library_digest"] for result in ours}
+    builds = {model_of(result): result.evaluation.kernel.get("library_digest") for result in ours}
     names = []
     for item in read_folder(out / "results")[0]:
         build = item.result.evaluation.kernel.get("library_digest")
@@ -237,7 +249,7 @@ def of_changed_checkouts(out: Path) -> list[str]:
 
 def copies(job: Job, work: Path, out: Path) -> list[tuple[Path, Path]]:
     """Files to copy, and where to: profile, result, note."""
-    ours, theirs = (result_path(folder, job.task_id, job.agent) for folder in (work, out))
+    ours, theirs = job.place(work), result_path(out, job.task_id, job.agent)
     return [(place(ours), place(theirs)) for place in (profile_path, Path, proof_path)]
 
 

@@ -1,8 +1,9 @@
-"""Table of docs/lettuce.md on the day of harvest: ``python -m docs.harvest_figures [--runs 24] [--only-page]``.
+"""Tables of docs/lettuce.md on the day of harvest: ``python -m docs.harvest_figures [--runs 24] [--only-page] [--rules FOLDER]``.
 
 Growers with the same climate, that of ``rule_based_greenhouse`` for lettuce, call the crew by different signs. The number of each sign (a
 day, a sum of light, a mass) is the best of a list in seasons of the training split, and earns what the table says in others of the
-validation split. All of them play side by side, in one simulation.
+validation split. All of them play side by side, in one simulation. ``--rules`` keeps the results of ``glbench evaluate`` in FOLDER of the
+agents in ``RULES`` besides, for the table of more seasons.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,13 +22,16 @@ from docs.benchmark_design_figures import DOCS, ROOT, filled, grid, read
 from glbench.agents.harvest_rules import HARVEST, HarvestRulesAgent, HarvestRuleSettings
 from glbench.agents.tuned_rules import read_rule_page
 from glbench.env import Simulation
+from glbench.evaluation import load_result
+from glbench.leaderboard.ladder import Rung, Share, share_of
+from glbench.leaderboard.statistics import Interval, estimate_difference, estimate_mean
 from glbench.model.crop.lettuce import head_mass
 from glbench.resources import write_atomically
 from glbench.tasks import get_task, task_card
 from glbench.tasks.spec import TaskSpec
 
 TASK = "LettuceHarvest-v1"
-PAGE, FIGURES = DOCS / "lettuce.md", DOCS / "measurements" / "harvest.json"
+PAGE, FIGURES, RULE_FIGURES = DOCS / "lettuce.md", DOCS / "measurements" / "harvest.json", DOCS / "measurements" / "harvest-rules.json"
 CLIMATE = ROOT / "baselines" / "rule_based_greenhouse" / "rules" / "lettuce-v2.yml"
 FIRST_SEED = {"training": 30_000_000_000, "validation": 10_000}
 DEFAULT = 40
@@ -53,6 +58,12 @@ WORDS = {
     "mass": "when the true mass says so",
     "hindsight": "best of all these in each season, in hindsight",
 }
+RULES = {
+    "rule_based_harvest_day": f"after {DEFAULT} days",
+    "rule_based_harvest_46": "after 46 days",
+    "rule_based_harvest": "when the weekly sample says so, at 360 g",
+}
+"""Folders of rules that are evaluated in more seasons: the one that leads are counted over, the best blind one, the one that looks."""
 BLIND = ("reference", "day", "light", "dates", "books")
 _GAIN, _PART = 11.0, 0.6  # g day-1 after a sample, and the part of a new sample in what is thought
 _STEPS_A_DAY = 96
@@ -173,6 +184,45 @@ def table(figures: Mapping[str, Any]) -> str:
     return grid(["The crew is called ...", "Number", "First harvest [day]", "Score [EUR/m²]", "Share of the lead"], rows)
 
 
+def keep_rules(folder: Path) -> None:
+    """Keep the values of all runs of ``RULES`` of the results in ``folder``, rounded."""
+    results = {name: load_result(folder / "validation" / "results" / TASK / f"{name}.json") for name in RULES}
+    values = {name: [round(value, 3) for value in result.values("reward")] for name, result in results.items()}
+    first = results["rule_based_harvest"]
+    kept = {"task_digest": first.task.digest, "first_seed": first.evaluation.seeds[0], "values": values}
+    write_atomically(RULE_FIGURES, json.dumps(kept, separators=(",", ":")) + "\n")
+
+
+def rule_rungs(figures: Mapping[str, Any]) -> dict[str, Rung]:
+    """``RULES`` as rungs of a ladder."""
+    return {name: Rung(name=name, kind="other", columns=None, seeds=(), values=(figures["values"][name],)) for name in RULES}
+
+
+def what_looking_is_worth(figures: Mapping[str, Any]) -> tuple[Share, Interval]:
+    """Share of the lead that the best blind rules keep, and what the rules that look earn more than they do [EUR m-2]."""
+    zero, blind, looks = rule_rungs(figures).values()
+    share = share_of(blind, looks, zero)
+    assert share is not None
+    return share, estimate_difference([looks.matrix], [blind.matrix], fixed=(True, True)).interval()
+
+
+def rules_table(figures: Mapping[str, Any]) -> str:
+    """The table of the page in more seasons."""
+    rungs = rule_rungs(figures)
+    zero, blind, _ = rungs
+    cells = []
+    for name, rung in rungs.items():
+        mean = estimate_mean([rung.matrix]).interval()
+        lead = estimate_difference([rung.matrix], [rungs[zero].matrix], fixed=(True, True)).interval()
+        of_lead = what_looking_is_worth(figures)[0].words if name == blind else "–"
+        cells.append([RULES[name], _words(mean), "–" if name == zero else _words(lead), of_lead])
+    return grid(["The crew is called ...", "Score [EUR/m²]", "Lead [EUR/m²]", "Share of the lead"], cells)
+
+
+def _words(interval: Interval) -> str:
+    return f"{interval.value:.2f} ({interval.low:.2f} to {interval.high:.2f})"
+
+
 def best_days(figures: Mapping[str, Any]) -> Floats:
     """Days since planting at which each validation season is best cut, of the list of ``SIGNS``."""
     places = [k for k, (sign, _) in enumerate(figures["signs"]) if sign == "day"]
@@ -185,11 +235,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=24, help="seasons of each split")
     parser.add_argument("--only-page", action="store_true", help="do not simulate: write the table from the figures that are there")
+    parser.add_argument("--rules", type=Path, metavar="FOLDER", help="keep the results of the rules in this folder")
     given = parser.parse_args()
+    if given.rules is not None:
+        keep_rules(given.rules)
     if not given.only_page:
         write_atomically(FIGURES, json.dumps(measure(given.runs)) + "\n")
     figures = read(FIGURES)
-    write_atomically(PAGE, filled(PAGE.read_text(encoding="utf-8"), figures, {"harvest": table}))
+    page = filled(PAGE.read_text(encoding="utf-8"), figures, {"harvest": table})
+    write_atomically(PAGE, filled(page, read(RULE_FIGURES), {"harvest_rules": rules_table}))
     sys.stdout.write(f"{table(figures)}\nbest days {np.percentile(best_days(figures), [0, 10, 50, 90, 100])}\n")
 
 

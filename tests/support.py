@@ -22,9 +22,14 @@ from glbench.weather.trace import lacks_package
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
 
+def published_tasks() -> list[TaskSpec]:
+    """The published tasks whose weather is installed here."""
+    return [task for task in list_tasks() if not lacks_package(task.weather.source)]
+
+
 def shipped_tasks(*, maps: bool = True) -> list[TaskSpec]:
     """The published tasks and the drafts whose weather is installed here; without those whose model is a map, if ``maps`` is false."""
-    here = [task for task in (*list_tasks(), *list_drafts()) if not lacks_package(task.weather.source)]
+    here = [task for task in (*published_tasks(), *list_drafts()) if not lacks_package(task.weather.source)]
     return [task for task in here if maps or task.model_value.step_map is None]
 
 

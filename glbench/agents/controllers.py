@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 Maker = TypeVar("Maker", bound=Callable[..., Any])
 
 MODULES = {
-    "actor": "network_policy", "grower": "grower", "mpc": "predictive", "mpc_true_state": "predictive", "network": "network_policy",
-    "plans": "plans", "recording": "plans", "rule_based": "rules", "rule_based_energy": "energy_rules", "rule_based_fair": "rules",
-    "rule_based_harvest": "harvest_rules", "rule_based_tuned": "tuned_rules",
+    "actor": "network_policy", "grower": "grower", "mpc": "predictive", "mpc_lettuce": "lettuce", "mpc_true_state": "predictive",
+    "network": "network_policy", "plans": "plans", "recording": "plans", "rule_based": "rules", "rule_based_energy": "energy_rules",
+    "rule_based_fair": "rules", "rule_based_harvest": "harvest_rules", "rule_based_lettuce": "lettuce", "rule_based_tuned": "tuned_rules",
 }  # fmt: skip
 """Module of ``glbench.agents`` that declares a controller, by the controller's name: a process loads only the modules it needs."""
 

@@ -84,12 +84,12 @@ def check_command(
     Exits with 1 if one is wrong.
     """
     from glbench.model.plausibility import find_doubts
-    from glbench.registration import DRAFTS, draft_files
+    from glbench.registration import DRAFTS, draft_files, task_files
     from glbench.tasks import TaskSpec
     from glbench.tasks.library import price_doubts, series_in_words
 
     paths = [] if tasks else draft_files()
-    lacking = [path for path in paths if _lacks_weather(path)]
+    lacking = [path for path in (*paths, *task_files()) if not tasks and _lacks_weather(path)]
     drafts = {f"tasks/{DRAFTS}/{path.name}": path for path in paths if path not in lacking}
     outcomes = {name: _check(name) for name in tasks} if tasks else check_all()
     outcomes |= {name: _check(str(path)) for name, path in drafts.items()}
@@ -155,15 +155,15 @@ def lock_command(as_json: AsJson = False) -> None:
 
 
 def check_all() -> dict[str, TaskSpec | str]:
-    """Every shipped task, and every entry of the lock whose file is gone; a problem is a text instead of a task."""
+    """Every shipped task whose weather is here, and every entry of the lock whose file is gone; a problem is a text instead of a task."""
     from glbench.registration import task_files
     from glbench.tasks import read_lock
 
     outcomes: dict[str, TaskSpec | str] = {}
     files = set()
     for path in task_files():
-        outcome = _check(str(path), published=True)
-        outcomes[f"tasks/{path.name}"] = outcome
+        if not _lacks_weather(path):
+            outcomes[f"tasks/{path.name}"] = _check(str(path), published=True)
         files.add(path.name)
     for entry in read_lock().values():
         if entry.file not in files:
@@ -174,7 +174,7 @@ def check_all() -> dict[str, TaskSpec | str]:
 
 
 def _lacks_weather(path: Path) -> bool:
-    """Whether the weather of a draft comes with an extra that is not installed."""
+    """Whether the weather of a task comes with an extra that is not installed."""
     from glbench.tasks.inheritance import read_tables
     from glbench.weather.trace import lacks_package
 

@@ -36,6 +36,7 @@ from docs import (
     realism_figure,
     realism_practice,
     realism_setpoints,
+    study_figures,
     uncertainty_figures,
     vision_table,
     weather_table,
@@ -166,6 +167,15 @@ def harvest() -> dict[str, Any]:
     return figures
 
 
+def harvest_by_rules() -> tuple[float, ...]:
+    """What rules that look at lettuce earn more than the best blind ones, and the share of the lead that these keep, with intervals."""
+    figures: dict[str, Any] = json.loads(harvest_figures.RULE_FIGURES.read_text(encoding="utf-8"))
+    share, gap = harvest_figures.what_looking_is_worth(figures)
+    assert share.low is not None
+    assert share.high is not None
+    return gap.value, gap.low, gap.high, share.value, share.low, share.high
+
+
 def lettuce_numbers() -> tuple[float, float]:
     """What the numbers for tomatoes cost the rules of Lettuce-v2, and how much of it are violations [EUR m-2]."""
     figures = json.loads(lettuce_figures.FIGURES.read_text(encoding="utf-8"))
@@ -283,6 +293,26 @@ def prices_of_sensors(*sensors: str, task: str = "GreenhouseReal-v1") -> tuple[f
     ladder = next(one for one in of_task if any(rung.name.startswith("without_") for rung in one.rungs))
     steps = {row.name: row.step for row in ladder.rows}
     return tuple(abs(number) for name in sensors for number in (steps[name].value, steps[name].high, steps[name].low))
+
+
+@cache
+def of_study(task: str) -> study_figures.Study:
+    """The released results of a task."""
+    return study_figures.Study.read(task)
+
+
+def more_on_test(first: str, second: str, task: str = study_figures.REAL) -> tuple[float, ...]:
+    """What an agent earns more than another on the test split of a task, and the ends of the interval [EUR m-2]."""
+    span = of_study(task).more(task, first, second)
+    return span.value, span.low, span.high
+
+
+def step_of_planner(task: str) -> tuple[float, ...]:
+    """What predictive control earns more than when it is blind, on the ladder of a task, and the ends of the interval [EUR m-2]."""
+    ladder = next(one for one in ladder_table.read() if one.task == f"glbench/{task}" and one.verdicts)
+    step = next(row.step for row in ladder.rows if row.name == "mpc")
+    assert step is not None
+    return step.value, step.low, step.high
 
 
 def most_of_sensors(*sensors: str) -> tuple[float, ...]:
@@ -1080,6 +1110,12 @@ CLAIMS: dict[str, list[Claim]] = {
             ),
         ),
         (
+            "earn {} ({} to {}) EUR/m² more than those that cut after the best number of days, which keep {} ({} to {}) of the lead",
+            harvest_by_rules,
+        ),
+        ("once in {} days, {} steps", lambda: (harvest_figures.DEFAULT, harvest_figures.DEFAULT * 96)),
+        ("a learner sees about {} harvests", lambda: round(5_000_000 / (harvest_figures.DEFAULT * 96), -2)),
+        (
             "{} EUR for a head of the right size until mid-April, {} until the end of April, then {}, {} from mid-May, {} in June",
             lambda: tuple((get_task("LettuceHarvest-v1").file.price_tables["heads"].from_day or {}).values()),
         ),
@@ -1218,6 +1254,33 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
     ],
     "docs/study.md": [
+        ("in the {} runs of its test split", lambda: HEADLINE.evaluation.runs),
+        ("It earns {} EUR/m² ({} to {}) more than the rules tuned", lambda: more_on_test("mpc_greenhouse", "rule_based_greenhouse")),
+        ("and {} ({} to {}) more than PPO with a memory", lambda: more_on_test("mpc_greenhouse", "ppo_memory_greenhouse")),
+        (
+            "With the greenhouse of the books it earns {} ({} to {}) *less*",
+            lambda: more_on_test("rule_based_greenhouse", "mpc_greenhouse_book"),
+        ),
+        ("PPO with a memory is {} ahead ({} to {})", lambda: more_on_test("ppo_memory_greenhouse", "rule_based_greenhouse")),
+        ("earn {} more than predictive control", lambda: more_on_test("best_known", "mpc_greenhouse")[0]),
+        (
+            "by {} ({} to {}), the best recipe of PPO by {} ({} to {}).",
+            lambda: tuple(number for agent in ("mpc", "ppo_long") for number in more_on_test(agent, "rule_based_tuned", "Spring-v1")),
+        ),
+        (
+            "keeps {} of the lead in `GreenhouseReal-v1`, {} in the draft `Lettuce-v2` and {} in `Spring-v1`",
+            lambda: tuple(map(kept_when_blind, ("GreenhouseReal-v1", "Lettuce-v2", "Spring-v1"))),
+        ),
+        ("Predictive control without readings from inside loses {} ({} to {}) there", lambda: step_of_planner("GreenhouseReal-v1")),
+        ("it earns {} ({} to {}) less than PPO with a memory", lambda: more_on_test("ppo_memory_greenhouse", "outdoor")),
+        (
+            "Without the hygrometer PPO earns {} less, without the pipe temperature {}, without the CO2 sensor {}, "
+            "without the weekly counts of the crop {}.",
+            lambda: prices_of_sensors("without_relative_humidity", "without_pipe_temperature", "without_co2", "without_registration")[::3],
+        ),
+        ("policies that do not see them earn {} ({} to {}) less", lambda: prices_of_sensors("without_prices", task="WinterLED-v2")),
+    ],
+    "docs/study-tables.md": [
         (
             "{} million steps instead of {} million; {} scenarios instead of {}, which are other crops, houses, starts\n"
             "  and sensors in the same {} seasons",
@@ -1347,10 +1410,31 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("up to s = 0.3", "definition: glbench/tasks/tables.py"),
     ],
     "docs/factors.md": [("whose 95 % interval", "definition: CONFIDENCE"), ("a first try: `--steps 200000", "an example of options")],
+    "docs/study.md": [("95 % intervals", "definition: CONFIDENCE")],
     "docs/ladder.md": [
         ("95 % interval", "definition: CONFIDENCE"),
         ("more than 5 % of ladders", "what intervals of 95 % are wrong in, and there are several"),
         ("in at most 30 kB", "definition: LARGEST in docs/ladder_table.py"),
+    ],
+    "docs/lettuce-classic.md": [
+        ("steps of 450 s", "definition: StepMap of lettuce-classic-1.0.0"),
+        ("1,920 steps", "definition: 40 days of half hours"),
+        ("3.5 g of dry weight a m²", "definition: the start 'transplants'"),
+        ("up to 1.2 mg m⁻² s⁻¹, ventilation up to 7.5 mm s⁻¹", "definition: glbench/model/lettuce_classic.py"),
+        ("22.285125 EUR kg⁻¹", "definition: the task file"),
+        ("0.1281 EUR kWh⁻¹, CO2 at 0.1906 EUR kg⁻¹", "definition: the task file"),
+        ("500 to 1600 ppm, 10 to 20 °C, at most 80 % relative", "definition: the task file"),
+        ("evenly within 5 %", "definition: the task file"),
+        ("the 12 steps (6 hours)", "definition: the task file"),
+        ("the same 6 hours", "source: MPCSettings of lettuce-greenhouse-gym 0.1.3"),
+        ("and above 80 % relative humidity", "definition: baselines/rule_based_lettuce/settings.yml"),
+        ("plans 6 hours with", "definition: baselines/mpc_lettuce/settings.yml"),
+        ("beyond the 6 hours", "definition: baselines/mpc_lettuce/settings.yml"),
+        ("plans 3 hours", "definition: baselines/mpc_value_lettuce/settings.yml"),
+        ("at most 100 %", "definition: what a hygrometer shows"),
+        ("−4.238 or −4.309", "measured: docs/adr/0036-a-model-may-be-a-map.md"),
+        ("Differences below 0.1", "a reading of the two figures before it"),
+        ("earn −5.30 in the mean of 40 seasons", "measured: tests/tasks/test_lettuce_classic.py holds it"),
     ],
     "docs/lettuce.md": [
         ("a 44 earns 0.81 EUR and a 37 earns 0.64 EUR", "source: Boonekamp (2018), cited beside it"),
@@ -1374,6 +1458,10 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("the best age lies between 27 and 54 days", "tests/docs/test_lettuce_page.py"),
         ("it is at most 33 days or at least 46 days", "tests/docs/test_lettuce_page.py"),
         ("the grower who cuts after 40 days", "definition: DEFAULT in docs/harvest_figures.py"),
+        ("in all 120 seasons of the validation split", "tests/docs/test_lettuce_page.py"),
+        ("the table of 120 seasons", "tests/docs/test_lettuce_page.py"),
+        ("the mass is 0 and the days are 40", "definition: RULES in docs/harvest_figures.py"),
+        ("in `rule_based_harvest_46` they are 46", "definition: RULES in docs/harvest_figures.py"),
     ],
     "docs/vision.md": [
         ("10 to 550 g, in three", "definition: SHEET in docs/vision_table.py"),
@@ -1762,6 +1850,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("RFC 8785", "the name of a standard"),
     ],
     "docs/tasks.md": [
+        ("the coming 6 hours", "definition: the tasks LettuceClassic"),
         ("drawn within 5 % before", "the task file, as lettuce-greenhouse-gym draws them"),
         ("paper, 6.5 % of fresh fruit", "definition: the factor of the ledgers of these tasks"),
         ("own dry matter, 6.27 %", "definition: the parameter dmFruit"),

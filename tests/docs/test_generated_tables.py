@@ -27,6 +27,7 @@ from docs import (
     weather_table,
     what_the_best_does,
 )
+from docs.tables import END
 from glbench.agents.views import VIEWS
 from glbench.env.generated import CO2_PERSISTENCE, GOLDEN
 from glbench.model import PARAMETER_SETS
@@ -70,11 +71,15 @@ def test_the_page_of_speed_holds_the_measurements() -> None:
 
 @pytest.mark.slow
 def test_the_study_holds_the_released_results() -> None:
-    study, page = study_figures.Study.read(), (DOCS / "study.md").read_text(encoding="utf-8")
-    assert study_figures.filled(page, study) == page
-    assert study_figures.picture(study) == (DOCS / "images" / "study.svg").read_text(encoding="utf-8")
-    for name in study.parts:  # and none of them lacks a place
-        assert f"<!-- {name} -->" in page
+    study = study_figures.Study.read()
+    for page, fill, tables in (("study", study_figures.filled, study.short), ("study-tables", study_figures.filled_tables, study.parts)):
+        written = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+        assert fill(written, study) == written
+        assert written.count(END) == len(tables), "a table of the page that the study does not make"
+    written = "".join((DOCS / f"{page}.md").read_text(encoding="utf-8") for page in ("study", "study-tables"))
+    for file, drawing in study_figures.pictures(study).items():
+        assert file.read_text(encoding="utf-8") == drawing
+        assert f"(images/{file.name})" in written
 
 
 def test_the_table_of_unseen_springs_holds_the_measurements() -> None:

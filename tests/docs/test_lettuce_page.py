@@ -52,6 +52,18 @@ def test_the_page_holds_what_the_day_of_harvest_is_worth() -> None:
     assert {len(one) for split in ("training", "validation") for one in figures[split]["score"]} == {figures["runs"]}
 
 
+def test_rules_that_look_earn_more_than_the_best_blind_ones_in_all_validation_seasons() -> None:
+    figures, page = read(harvest_figures.RULE_FIGURES), harvest_figures.PAGE.read_text(encoding="utf-8")
+    assert filled(page, figures, {"harvest_rules": harvest_figures.rules_table}) == page
+    assert {len(values) for values in figures["values"].values()} == {120}
+    places, signs = harvest_figures.chosen(read(harvest_figures.FIGURES)), read(harvest_figures.FIGURES)["signs"]
+    assert [signs[places[sign]][1] for sign in ("reference", "day", "sample")] == [40, 46, 360], "the numbers of RULES"
+    share, gap = harvest_figures.what_looking_is_worth(figures)
+    assert gap.low > 0.0
+    assert share.high is not None
+    assert share.high < 0.5
+
+
 def test_who_looks_at_no_plant_keeps_little_of_what_the_day_of_harvest_is_worth() -> None:
     figures = read(harvest_figures.FIGURES)
     shares = harvest_figures.shares(figures)

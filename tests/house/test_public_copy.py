@@ -490,7 +490,7 @@ def test_every_submission_is_evaluated_with_fresh_draws_but_in_the_suite_paper(
 def test_only_the_suites_that_are_left_out_have_no_fresh_draws() -> None:
     for name, tasks in list_suites().items():
         sealed = {task for task in tasks if get_task(task).splits is not None}
-        assert sealed == (set() if name in ("paper", "paper-code") else set(tasks)), name
+        assert sealed == (set() if name in ("paper", "paper-code", "lettuce-classic") else set(tasks)), name
 
 
 def ruff(*words: str, text: str) -> int:

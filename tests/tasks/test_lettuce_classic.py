@@ -181,9 +181,12 @@ def test_without_the_extra_it_is_said_what_to_install(monkeypatch: pytest.Monkey
     with pytest.raises(GlbenchError, match=r'needs packages.*lettuce_greenhouse_gym.*pip install "glbench\[lettuce-classic\]"'):
         load_weather(trace.TRACE)
     monkeypatch.setattr("glbench.cli.tasks.check_all", dict)
-    monkeypatch.setattr("glbench.registration.draft_files", lambda: [data_folder("tasks") / "drafts" / "lettuceclassic-delta00-v1.toml"])
+    monkeypatch.setattr("glbench.registration.draft_files", list)
+    files = [data_folder("tasks") / f"lettuceclassic-delta{level}-v1.toml" for level in ("00", "05")]
+    monkeypatch.setattr("glbench.registration.task_files", lambda: files)
     check_command(None)
-    assert "Not checked, because an extra with their weather is not installed: lettuceclassic-delta00-v1." in capsys.readouterr().err
+    names = ", ".join(file.stem for file in files)
+    assert f"Not checked, because an extra with their weather is not installed: {names}." in capsys.readouterr().err
 
 
 def test_the_sandbox_hides_the_weather() -> None:

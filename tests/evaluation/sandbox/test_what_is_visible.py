@@ -22,12 +22,13 @@ from glbench.evaluation.sandbox.frames import Kind, Prints
 from glbench.evaluation.sandbox.process import AgentProcess
 from glbench.evaluation.sandbox.visible import libraries
 from glbench.resources import data_folder
-from glbench.tasks import list_tasks, task_card
+from glbench.tasks import task_card
 from glbench.tasks.card import public_definition
 from tests.evaluation.agent_files import AgentWriter
 from tests.evaluation.sandbox.conftest import Prepare
 from tests.evaluation.sandbox.content_search import Search
 from tests.evaluation.sandbox.needles import weather_and_seeds
+from tests.support import published_tasks
 
 LOOK = """
 def act(self, observations):
@@ -231,13 +232,13 @@ def test_it_is_told_neither_seeds_nor_weather_to_come(
     evaluation = sandboxed(write_agent(), runs=3)
     evaluation.run()
     search = Search(weather_and_seeds())
-    for task in list_tasks():
+    for task in published_tasks():
         search.content(task.id, (repr(task_card(task)) + public_definition(task)).encode())
     search.content("loading", asked[Kind.LOAD])
     observations = np.frombuffer(asked[Kind.ACT][3:], dtype=np.float32)
 
     assert search.found == set()
-    assert search.needles.seeds == ((666, 30), (10000, 30), (10000, 60), (10000, 100))
+    assert search.needles.seeds == ((666, 30), (10000, 1), (10000, 30), (10000, 60), (10000, 100))
     assert asked[Kind.RESET] == bytes([1, 1, 1])
     assert len(observations) == 3 * len(task_card(evaluation.task).observations)
 
