@@ -38,6 +38,7 @@ from docs import (
     realism_setpoints,
     study_figures,
     uncertainty_figures,
+    vision_table,
     weather_table,
 )
 from docs.greenhouse_design_figures import scores as design_scores
@@ -73,6 +74,7 @@ from glbench.tasks.prices import RADIATION, SHAPE
 from glbench.tasks.references import read_references
 from glbench.tasks.tables import ProcessComputerTable
 from glbench.training.compiled_settings import CompiledSettings, read_compiled_settings
+from glbench.vision import Library
 from glbench.weather import SeasonGenerator, comparison, load_weather
 from tests.kernel.known_steps import known_steps
 
@@ -158,6 +160,13 @@ def mean_of_ten_heads() -> tuple[float, float]:
     return share, share / math.sqrt(10.0)
 
 
+@cache
+def pictures() -> Library:
+    """The library of lettuce."""
+    return Library.open("lettuce")
+
+
+@cache
 def harvest() -> dict[str, Any]:
     """What growers earn on LettuceHarvest-v1 who call the crew by different signs."""
     figures: dict[str, Any] = json.loads(harvest_figures.FIGURES.read_text(encoding="utf-8"))
@@ -1128,6 +1137,11 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: tuple((get_task("LettuceHarvest-v1").file.price_tables["heads"].from_day or {}).values()),
         ),
     ],
+    "docs/vision.md": [
+        ("over all masses it is off by {} %", lambda: 100.0 * vision_table.rms(vision_table.errors(pictures(), ~pictures().split))),
+        ("R² is {}\nover all masses", lambda: vision_table.determination(pictures(), ~pictures().split)),
+        ("trained on it is off by {} %", lambda: 100.0 * vision_table.rms(vision_table.errors(pictures(), pictures().split))),
+    ],
     "docs/crop.md": [
         ("A fruit passes {} stages from set to ripe", lambda: STAGES),
         ("Each is left at {} times the development rate", lambda: STAGES),
@@ -1467,6 +1481,26 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("the table of 120 seasons", "tests/docs/test_lettuce_page.py"),
         ("the mass is 0 and the days are 40", "definition: RULES in docs/harvest_figures.py"),
         ("in `rule_based_harvest_46` they are 46", "definition: RULES in docs/harvest_figures.py"),
+    ],
+    "docs/vision.md": [
+        ("10 to 550 g, in three", "definition: SHEET in docs/vision_table.py"),
+        ("200, 300, 400 and 550 g a head", "definition: SHEET in docs/vision_table.py"),
+        ("values from 3 to 700 g, 27 % apart below 130 g and 7 % above", "definition: MASSES in benchmarks/vision_render.py"),
+        ("1.6 m above a bed", "definition: ABOVE in benchmarks/vision_render.py"),
+        ("from about 60 g on", "definition: glbench/vision/lettuce.py"),
+        ("vary by 10 %", "definition: VARIATION_OF_HEADS"),
+        ("by 4 % in width, 5 % in the width of the heart, 6 % in the width", "definition: Habit.of in glbench/vision/lettuce.py"),
+        ("takes about 11 minutes of one core, 1.3 s for each of 492 beds", "printed by benchmarks/vision_render.py"),
+        ("ten heads, off by 6 %", "definition: tasks/drafts/lettuceharvest-v1.toml"),
+        ("and the scale by 6 %", "definition: tasks/drafts/lettuceharvest-v1.toml"),
+        ("above 200 g, because", "the table above it"),
+        ("doi 10.4121/15023088", "the name of a data set"),
+        ("and others (2023)", "a year"),
+        ("*Sensors* 23, 2929", "the name of a publication"),
+        ("15, 1365266", "the name of a publication"),
+        ("R² of 0.95 for the fresh mass", "source: Kim (2024), cited beside it"),
+        ("R² of 0.88 to 0.95", "source: Sensors 22, 5499, cited beside it"),
+        ("*Sensors* 22, 5499", "the name of a publication"),
     ],
     "docs/realism.md": [
         ("as a mean of 24 h", "definition: a state of the model"),

@@ -1,0 +1,102 @@
+"""The shipped library, and what it says when something is wrong."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from docs import vision_table
+from glbench import resources
+from glbench.arrays import packed
+from glbench.errors import GlbenchError
+from glbench.resources import data_folder
+from glbench.vision import Encoder, Library
+from tests.house.test_resources import install_data, wheel  # noqa: F401
+
+
+@pytest.fixture(scope="module")
+def library() -> Library:
+    return Library.open("lettuce")
+
+
+def test_every_mass_variation_and_light_is_there(library: Library) -> None:
+    masses, seeds, lights = np.unique(library.mass), np.unique(library.seeds), np.unique(library.lights)
+    scenes = set(zip(library.mass, library.seeds, library.lights, strict=True))
+    assert len(scenes) == len(library.mass) == len(masses) * len(seeds) * len(lights)
+    assert np.array_equal(seeds, np.arange(len(seeds)))
+    assert (masses[0], masses[-1]) == (3.0, 700.0)
+    assert max(np.diff(np.log(masses[masses > 130.0]))) < 0.08
+    assert np.abs(library.features).max() <= 1.0
+    assert library.features.shape == (len(library.mass), len(library.columns))
+
+
+def test_pick_shows_the_nearest_mass_of_plants_that_the_encoder_has_not_seen(library: Library) -> None:
+    grid = np.unique(library.mass)
+    wanted = np.array([0.0, 3.1, 217.0, 345.0, 5000.0])
+    middle = np.full(5, 0.5)
+    picked = library.pick(wanted, middle, middle)
+    assert library.mass[picked].tolist() == [float(grid[np.argmin(np.abs(grid - mass))]) for mass in wanted]
+    rng = np.random.default_rng(1)
+    many = library.pick(rng.uniform(3, 700, 2000), rng.random(2000), rng.random(2000))
+    assert not library.split[many].any()
+    assert set(library.seeds[many]) == set(library.seeds[~library.split])
+    assert set(library.lights[many]) == set(library.lights)
+    assert library.split[library.pick(wanted, middle, middle, trained=True)].all()
+    with pytest.raises(ValueError, match=r"Draw 1 of the light is 1\.0"):
+        library.pick(wanted[:2], middle[:2], np.array([0.2, 1.0]))
+
+
+def test_the_features_are_those_of_the_pictures(library: Library) -> None:
+    pytest.importorskip("PIL")
+    encoder = Encoder.at(data_folder("images") / "lettuce-1.encoder.npz")
+    scenes = library.pick(np.array([20.0, 150.0, 350.0]), np.array([0.1, 0.4, 0.9]), np.array([0.1, 0.5, 0.9]))
+    pictures = np.stack([library.image(int(scene)) for scene in scenes])
+    assert pictures.shape == (3, 96, 96, 3)
+    features = encoder.features(pictures)
+    assert features == pytest.approx(library.features[scenes], abs=0.02), "decoders may differ in the last bit of a pixel"
+    assert encoder.estimates(library.features) == pytest.approx(library.estimates, rel=1e-4)
+
+
+def test_heavy_heads_are_told_from_light_ones(library: Library) -> None:
+    shown = ~library.split & (library.mass >= 100.0)
+    assert vision_table.rms(vision_table.errors(library, shown)) < 0.15
+    assert vision_table.determination(library, shown) > 0.9
+
+
+def test_the_manifest_knows_the_files() -> None:
+    folder = data_folder("images")
+    manifest = tomllib.loads((folder / "manifest.toml").read_text(encoding="utf-8"))
+    entry = manifest["lettuce-1"]
+    assert Library.open("lettuce").digest == entry["sha256"]
+    assert resources.hashlib.sha256((folder / "lettuce-1.encoder.npz").read_bytes()).hexdigest() == entry["encoder_sha256"]
+    assert sum(file.stat().st_size for file in folder.iterdir()) < 20e6
+    with pytest.raises(GlbenchError, match=r"no pictures 'cucumber-1'. There are: lettuce-1"):
+        Library.open("cucumber")
+
+
+def test_a_damaged_library_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "x.npz"
+    with pytest.raises(GlbenchError, match="Cannot read the pictures"):
+        Library.at(file)
+    file.write_bytes(packed(format=1, crop="lettuce"))
+    with pytest.raises(GlbenchError, match="it has no 'mass'"):
+        Library.at(file)
+    with pytest.raises(GlbenchError, match="the manifest says abc"):
+        Library.at(file, "abc")
+
+
+def test_a_wheel_alone_says_what_to_install(wheel: Path, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: F811
+    with pytest.raises(GlbenchError, match=r"pip install glbench-data==7\.8\.9"):
+        Library.open("lettuce")
+    package = install_data(wheel, "ab" * 32, monkeypatch)
+    (package / "images").symlink_to(Path(__file__).resolve().parents[2] / "images")
+    resources._data_package.cache_clear()
+    assert Library.open("lettuce").crop == "lettuce"
+
+
+def test_the_page_holds_what_the_library_says(library: Library) -> None:
+    page = vision_table.PAGE.read_text(encoding="utf-8")
+    assert vision_table.filled(page, library) == page
