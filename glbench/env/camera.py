@@ -99,9 +99,8 @@ class Camera:
     @staticmethod
     def of(task: TaskSpec, places: DrawPlaces) -> Camera | None:
         """The camera of a task, if it has one."""
-        if task.camera is None or task.picture_library is None:
-            return None
-        return Camera(task, Pictures.of(task.picture_library), float(task.camera.hour), places)
+        library, table = task.picture_library, task.camera
+        return None if library is None or table is None else Camera(task, Pictures.of(library), float(table.hour), places)
 
     def traits(self, numbers: Floats) -> Floats:
         """Plants and light of the first picture, ``(n, 2)``."""

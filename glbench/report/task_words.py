@@ -432,10 +432,11 @@ def _greenhouse(task: tasks.TaskSpec) -> Iterator[Section]:
     if task.samples:
         yield Section(_BY_HAND, [_sample(name, table) for name, table in task.samples.items()])
     if task.picture_library is not None and task.camera is not None:
-        pictures = f"{len(task.picture_library.mass)} rendered pictures, SHA-256 {task.picture_library.digest[:12]}..."
-        shows = "it shows the crop at its mean head mass then, with plants and light drawn at random"
-        lines = [f"Every day at {task.camera.hour} h, first at the start; {shows}.", f"Library '{task.camera.library}': {pictures}"]
-        yield Section(_CAMERA, lines)
+        often = f"Every day at {task.camera.hour} h, first at the start: heads of their mean mass then, plants and light drawn at random."
+        library = (
+            f"Library '{task.camera.library}': {len(task.picture_library.mass)} rendered pictures, {task.picture_library.digest[:12]}..."
+        )
+        yield Section(_CAMERA, [often, library])
 
 
 _OUTSIDE = "Sensors of the weather; what acts is the truth, and forecasts come from elsewhere"
