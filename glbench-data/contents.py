@@ -1,6 +1,6 @@
 """Which of the checkout's data goes into which wheel, for the build hooks of both.
 
-``glbench-data`` holds all baselines and all released results. ``glbench`` holds what its commands need without it: every released result
+``glbench-data`` holds all baselines, all released results and the pictures of glbench.vision. ``glbench`` holds what its commands need without it: every released result
 but those of the suite transfer, and every baseline but large policies and plans. It also holds the digest of the data that belong to it,
 and what it lacks of them.
 """
@@ -14,11 +14,11 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
-FOLDERS = ("baselines", "reports/released/results")
+FOLDERS = ("baselines", "reports/released/results", "images")
 LARGEST_POLICY = 90 * 1024
 """Size of a baseline's policies or plans from which on they are only in ``glbench-data`` [bytes]."""
-BESIDE = ("*.profile.json.gz", "reports/released/results/Transfer-*")
-"""Files of results that are only in ``glbench-data``: profiles, from which the report draws days, and the suite transfer."""
+BESIDE = ("*.profile.json.gz", "reports/released/results/Transfer-*", "images/*")
+"""Files of results that are only in ``glbench-data``: profiles, from which the report draws days, the suite transfer, and pictures."""
 
 
 def whole(root: Path) -> dict[str, Path]:

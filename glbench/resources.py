@@ -25,7 +25,7 @@ from glbench.untrusted import real_path, reason_of
 if TYPE_CHECKING:
     import filelock
 
-DataFolder = Literal["tasks", "baselines", "weather", "submissions", "reports/released/results"]
+DataFolder = Literal["tasks", "baselines", "weather", "submissions", "reports/released/results", "images"]
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -59,11 +59,13 @@ class DataPackage:
 
 def data_folder(name: DataFolder) -> Path:
     """Folder of the shipped data ``name``: the checkout's own, else that of ``glbench-data``, else the part of it in the wheel."""
-    packaged = _PACKAGE / "_data" / name
+    packaged, beside = _PACKAGE / "_data" / name, data_package()
+    if beside is not None and beside.folder is not None and (beside.folder / name).is_dir():
+        return beside.folder / name
     if packaged.is_dir():
-        beside = data_package()
-        whole = None if beside is None or beside.folder is None else beside.folder / name
-        return packaged if whole is None or not whole.is_dir() else whole
+        return packaged
+    if beside is not None and name == "images":
+        raise GlbenchError(how_to_get_data("The library of pictures is") + ".")
     checkout = _PACKAGE.parent / name
     if checkout.is_dir() and (_PACKAGE.parent / "pyproject.toml").is_file():
         return checkout

@@ -1,0 +1,128 @@
+"""Libraries of rendered scenes: pictures, what is true of each, and what the encoder makes of it. docs/vision.md."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import tomllib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from glbench.arrays import ArrayFile
+from glbench.errors import GlbenchError, refuse
+from glbench.extras import require
+from glbench.resources import data_folder
+from glbench.untrusted import MIB, reason_of
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+_FORMAT = 1
+_LARGEST = 64 * MIB
+
+
+@dataclass(frozen=True, eq=False)
+class Library:
+    """The scenes of one crop: each mean mass with each plant variation in each light."""
+
+    crop: str
+    digest: str
+    """SHA-256 of the file, hex."""
+    columns: tuple[str, ...]
+    """Names of the features."""
+    features: Floats
+    """What the encoder makes of each picture, -1 to 1, shape (scenes, features)."""
+    mass: Floats
+    """Mean mass in each scene [g], shape (scenes,): fresh mass of a head of lettuce."""
+    seeds: Integers
+    """Plant variation of each scene, from 0 on, shape (scenes,)."""
+    lights: Integers
+    """Light of each scene, from 0 on, shape (scenes,)."""
+    split: NDArray[np.bool_]
+    """Whether the encoder was trained on a scene, shape (scenes,)."""
+    cover: Floats
+    """Share of each picture that shows leaves, shape (scenes,)."""
+    leaf_area_index: Floats
+    """Leaf area per floor area [m2 m-2], shape (scenes,)."""
+    estimates: Floats
+    """Mass [g] and cover by the encoder, shape (scenes, 2)."""
+    _pictures: NDArray[np.uint8]
+    _starts: Integers
+
+    @classmethod
+    def open(cls, crop: str, version: str = "1") -> Library:
+        """The library of a crop (``"lettuce"``).
+
+        Raises ``GlbenchError`` when there is none of that name, when the package with the data is not installed (with the command that
+        installs it), or when the file is not the one that the manifest names.
+        """
+        folder = data_folder("images")
+        manifest = tomllib.loads((folder / "manifest.toml").read_text(encoding="utf-8"))
+        name = f"{crop}-{version}"
+        if name not in manifest:
+            msg = f"There are no pictures '{name}'. There are: {', '.join(sorted(manifest))}."
+            raise GlbenchError(msg)
+        return cls.at(folder / f"{name}.npz", manifest[name]["sha256"])
+
+    @classmethod
+    def at(cls, file: Path, sha256: str | None = None) -> Library:
+        """The library in ``file``. Raises ``GlbenchError`` when it cannot be read, is damaged, or has another digest than ``sha256``."""
+        try:
+            content = file.read_bytes()
+            digest = hashlib.sha256(content).hexdigest()
+            if sha256 is not None and digest != sha256:
+                refuse(f"it has the SHA-256 {digest}, the manifest says {sha256}")
+            arrays = ArrayFile.of(content, _LARGEST)
+            arrays.check_format(_FORMAT)
+            per_scene = {name: arrays.floats(name, 1) for name in ("mass", "cover", "leaf_area_index")}
+            return cls(
+                crop=arrays.text("crop"), digest=digest, columns=arrays.texts("columns"), features=arrays.floats("features", 2),
+                seeds=arrays.integers("seeds", 1, np.int64), lights=arrays.integers("lights", 1, np.int64),
+                split=arrays.integers("split", 1, np.uint8) > 0, estimates=arrays.floats("estimates", 2),
+                _pictures=arrays.integers("pictures", 1, np.uint8), _starts=arrays.integers("starts", 1, np.int64), **per_scene,
+            )  # fmt: skip
+        except (OSError, ValueError) as error:
+            refuse(f"Cannot read the pictures in {file}: {reason_of(error)}. Install glbench-data again.", GlbenchError, error)
+
+    def pick(self, mass: Floats, variation: Floats, light: Floats, *, trained: bool = False) -> Integers:
+        """Index of the scene nearest to each ``mass`` [g], of the variation and light that draws in [0, 1) choose. All shapes (n,).
+
+        Only variations that the encoder was not trained on are shown; with ``trained`` only the others. Beyond the lightest and heaviest
+        scene these two are shown. Raises ``ValueError`` for a draw outside [0, 1).
+        """
+        masses, table = self._shown[trained]
+        for name, draw in (("variation", variation), ("light", light)):
+            outside = ~((np.asarray(draw) >= 0.0) & (np.asarray(draw) < 1.0))
+            if outside.any():
+                row = int(np.argmax(outside))
+                refuse(f"Draw {row} of the {name} is {np.asarray(draw)[row]}: draws are at least 0 and below 1.")
+        nearest = np.searchsorted((masses[1:] + masses[:-1]) / 2, mass)
+        _, variations, lights = table.shape
+        index: Integers = table[nearest, (variation * variations).astype(np.int64), (light * lights).astype(np.int64)]
+        return index
+
+    def image(self, index: int) -> NDArray[np.uint8]:
+        """The picture of a scene (sRGB), shape (height, width, 3). Raises ``GlbenchError`` without the package pillow."""
+        require("A picture of the library", "vision", "PIL")
+        from PIL import Image
+
+        with Image.open(io.BytesIO(self._pictures[self._starts[index] : self._starts[index + 1]].tobytes())) as picture:
+            return np.asarray(picture.convert("RGB"), dtype=np.uint8)
+
+    @cached_property
+    def _shown(self) -> tuple[tuple[Floats, Integers], tuple[Floats, Integers]]:
+        """Masses [g], and the scene of each mass, variation and light: of what the encoder has not seen, and of what it has."""
+        return self._table(self.split), self._table(~self.split)
+
+    def _table(self, hidden: NDArray[np.bool_]) -> tuple[Floats, Integers]:
+        scenes = np.flatnonzero(~hidden)
+        masses, row = np.unique(self.mass[scenes], return_inverse=True)
+        variations, column = np.unique(self.seeds[scenes], return_inverse=True)
+        table = np.full((len(masses), len(variations), int(self.lights.max()) + 1), -1)
+        table[row, column, self.lights[scenes]] = scenes
+        if (table < 0).any() or not table.size:
+            refuse("The library is incomplete: it lacks a mass, variation or light.", GlbenchError)
+        return masses, table
