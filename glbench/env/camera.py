@@ -28,7 +28,7 @@ from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import CAMERA, head_mass_of
 from glbench.vision.library import Library
 
-MASSES = 256
+MASSES = 1024
 """Masses that pictures are numbered by, evenly from the lightest heads of the library to the heaviest."""
 _TAKEN, _NUMBER, _PLANTS, _HEAD = "taken", "number", "plants", "head"
 _REPLANTED = 0.5
