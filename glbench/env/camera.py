@@ -66,9 +66,8 @@ class Pictures:
     def number(self, head: Any, plants: Any, light: Any) -> Any:
         """The number of the picture of heads of mass ``head`` [g]; ``plants`` and ``light`` are uniform numbers in [0, 1)."""
         mass = _whole((head - self.lightest) / (self.heaviest - self.lightest) * (MASSES - 1), MASSES)
-        return (
-            _whole(plants * self.plants - 0.5, self.plants) * self.lights + _whole(light * self.lights - 0.5, self.lights)
-        ) * MASSES + mass
+        variation, lights = _whole(plants * self.plants - 0.5, self.plants), _whole(light * self.lights - 0.5, self.lights)
+        return (variation * self.lights + lights) * MASSES + mass
 
 
 def _whole(number: Any, count: int) -> Any:
@@ -80,7 +79,7 @@ def _whole(number: Any, count: int) -> Any:
 class Camera:
     """The camera of a task: its pictures, the hour at which it takes them, and where what it draws begins.
 
-    Plants and light of the first picture are traits of the run: the tape that keeps pictures runs after a step, with that step's numbers.
+    Plants and light of the first picture are traits of the run.
     """
 
     task: TaskSpec
@@ -111,10 +110,7 @@ class Camera:
         return dict.fromkeys((_TAKEN, _NUMBER, _PLANTS, _HEAD), 0.0)
 
     def record(self, recorder: Recorder, layout: MemoryLayout, at: int) -> Lookup:
-        """Record the number of the picture as column ``at`` of the observation; the lookup replaces it by the features.
-
-        An episode may begin in the midst of a season (``glbench.jax``): until a step was taken, the picture is one of that moment.
-        """
+        """Record the picture's number, before the first step that of a picture of now, in column ``at``: the lookup makes features of it."""
         memory = layout.of(self.PART)
         traits = (recorder.input("trait", self.places.trait + place) for place in range(2))
         first = self.pictures.number(self._head(recorder, "after"), *traits)

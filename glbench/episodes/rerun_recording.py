@@ -396,14 +396,14 @@ def send_trajectories(stream: rr.RecordingStream, runs: RunSet, first: int = 0) 
 
 
 def _send_pictures(stream: rr.RecordingStream, label: str, trajectory: Trajectory, library: Library, hours: str) -> None:
-    """Send each picture at the end of the step from which the agent saw it."""
+    """Send each picture at the end of the step after which the agent saw it; the first one at the start."""
     scenes, clock = trajectory.columns.get(SCENE, np.empty(0)).astype(np.intp), local(trajectory, hours)
-    for step in (np.flatnonzero(np.diff(scenes, prepend=-1)) + 1).tolist():
+    for step in [0, *(np.flatnonzero(np.diff(scenes)) + 2).tolist()] if len(scenes) else []:
         stream.set_time(STEP, sequence=step)
         for name, times in ((TIME, trajectory.times), (LOCAL_TIME, clock)):
             if times is not None:
                 stream.set_time(name, timestamp=times[step].astype("datetime64[ns]"))
-        stream.log([_PICTURES, label], load_rerun().Image(library.image(scenes[step - 1])))
+        stream.log([_PICTURES, label], load_rerun().Image(library.image(scenes[max(step - 1, 0)])))
     stream.reset_time()
 
 
@@ -516,7 +516,7 @@ class _Layout:
         runs = zip(self._run_set.labels, self._run_set.trajectories, strict=True)
         path = self._rr.new_entity_path
         if pictures := [rrb.Spatial2DView(origin=path([_PICTURES, label]), name=label) for label, one in runs if SCENE in one.columns]:
-            card = rrb.Vertical(card, rrb.Tabs(*pictures, name="Last picture"), row_shares=[2, 1])
+            card = rrb.Vertical(card, rrb.Tabs(*pictures, name="Last picture"), row_shares=[3, 2])
         return rrb.Horizontal(card, *columns, column_shares=[0.8, *(1.0 for _ in columns)], name="Overview")
 
     def page(self, page: Page) -> Any:
