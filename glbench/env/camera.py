@@ -110,7 +110,7 @@ class Camera:
         return dict.fromkeys((_TAKEN, _NUMBER, _PLANTS, _HEAD), 0.0)
 
     def record(self, recorder: Recorder, layout: MemoryLayout, at: int) -> Lookup:
-        """Record the picture's number, before the first step that of a picture of now, in column ``at``: the lookup makes features of it."""
+        """Record the picture's number, before the first step that of one of now, in column ``at``: the lookup makes features of it."""
         memory = layout.of(self.PART)
         traits = (recorder.input("trait", self.places.trait + place) for place in range(2))
         first = self.pictures.number(self._head(recorder, "after"), *traits)
