@@ -10,6 +10,10 @@ Source: Rajan and Takriti (2005), Minimum up/down polytopes of the unit commitme
 
 from __future__ import annotations
 
+import contextlib
+import os
+import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -102,8 +106,23 @@ def _solved(
     low, high = (np.concatenate([np.broadcast_to(row[side], row[0].shape[0]) for row in rows]) for side in (1, 2))
     integral, limits = np.repeat([0, running is None, 0], [size, steps, steps]), optimize.LinearConstraint(matrix.tocsr(), low, high)
     box = optimize.Bounds(*bounds.T)
-    solution = optimize.milp(costs, integrality=integral, bounds=box, constraints=limits, options={"mip_rel_gap": _GAP})
+    with _solver_prints_nothing():
+        solution = optimize.milp(costs, integrality=integral, bounds=box, constraints=limits, options={"mip_rel_gap": _GAP})
     return None if solution.x is None else solution.x.reshape(-1, steps)
+
+
+@contextlib.contextmanager
+def _solver_prints_nothing() -> Iterator[None]:
+    """HiGHS prints names of its own functions in some searches, from C++ and whatever it is told; keep them off standard output."""
+    sys.stdout.flush()
+    copy, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        yield
+    finally:
+        os.dup2(copy, 1)
+        os.close(copy)
+        os.close(nowhere)
 
 
 def redispatched(plan: SeasonPlan) -> Floats | None:

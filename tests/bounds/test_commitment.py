@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import optimize
 from scipy.optimize import linprog
 
 from glbench.bounds.commitment import commit, redispatched
@@ -104,6 +107,19 @@ def test_three_hours_cost_what_trying_every_series_finds(seed: int, starts: floa
     way, best = commit(PLAIN, asked, task), brute_force(asked, task, 4, 0.7)
     assert way is not None
     assert way.cost(asked.prices) == pytest.approx(best, abs=2e-5)
+
+
+def test_what_the_solver_prints_from_c_is_not_seen(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    solve = optimize.milp
+
+    def chatty(*arguments: Any, **options: Any) -> Any:
+        os.write(1, b"HighsMipSolverData")
+        return solve(*arguments, **options)
+
+    monkeypatch.setattr(optimize, "milp", chatty)
+    assert commit(PLAIN, asked_for(12, 0), get_task(TASK)) is not None
+    os.write(1, b"after")
+    assert capfd.readouterr().out == "after"
 
 
 def test_what_the_equipment_cannot_give_has_no_way_and_other_tasks_have_none() -> None:
