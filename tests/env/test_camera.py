@@ -28,6 +28,7 @@ from tests.env.spring import spring
 from tests.env.stepping import StillKernel, walk
 from tests.scenes import HIDDEN, MASSES, lettuce_seen, small_library
 
+MODULES = ("camera",)
 CAMERA = '[observation]\nmodules = ["camera", "time"]\n'
 HEAD: Any = next(signal for signal in HARVESTED_BUTTERHEAD.signals() if signal.path == "crop/head").of
 DAY = 96
