@@ -30,11 +30,11 @@ from glbench.vision.library import Library
 
 MASSES = 1024
 """Masses that pictures are numbered by, evenly from the lightest heads of the library to the heaviest."""
-_TAKEN, _NUMBER, _PLANTS, _HEAD = "taken", "number", "plants", "head"
+_ANY, _NUMBER, _PLANTS, _HEAD = "any picture", "number", "plants", "head"
 _REPLANTED = 0.5
 """Heads that weigh less than this share of those in the last picture are of new plants."""
 _LARGE = 1.5 * 2.0**52
-"""Added to a number and taken away again, it leaves the nearest whole number: doubles have no more digits."""
+"""Added to a number and moments away again, it leaves the nearest whole number: doubles have no more digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,31 +107,31 @@ class Camera:
 
     def initial_memory(self) -> dict[str, float]:
         """Numbers kept from step to step: whether there is a picture, its number, and the plants and the mass of heads [g] in it."""
-        return dict.fromkeys((_TAKEN, _NUMBER, _PLANTS, _HEAD), 0.0)
+        return dict.fromkeys((_ANY, _NUMBER, _PLANTS, _HEAD), 0.0)
 
     def record(self, recorder: Recorder, layout: MemoryLayout, at: int) -> Lookup:
         """Record the picture's number, before the first step that of one of now, in column ``at``: the lookup makes features of it."""
         memory = layout.of(self.PART)
         traits = (recorder.input("trait", self.places.trait + place) for place in range(2))
         first = self.pictures.number(self._head(recorder, "after"), *traits)
-        number = select(recorder.input("memory", memory[_TAKEN]), recorder.input("memory", memory[_NUMBER]), first)
+        number = select(recorder.input("memory", memory[_ANY]), recorder.input("memory", memory[_NUMBER]), first)
         recorder.output("observation", at, number)
         return Lookup(self.pictures.features, at=at, numbered=True)
 
     def update(self, recorder: Recorder, layout: MemoryLayout) -> None:
         """Record what is kept after a step: the picture of the start after the first one, and a new one when the hour has come."""
         memory, clock = layout.of(self.PART), CLOCK.index("hour_of_day")
-        taken, number, plants, head = (recorder.input("memory", memory[name]) for name in (_TAKEN, _NUMBER, _PLANTS, _HEAD))
+        any_picture, number, plants, head = (recorder.input("memory", memory[name]) for name in (_ANY, _NUMBER, _PLANTS, _HEAD))
         due = at_least(recorder.input("calendar", clock), self.hour) * below(recorder.input("calendar_before", clock), self.hour)
-        first = below(taken, 1.0)
+        first = below(any_picture, 1.0)
         plants_now, light_now = (recorder.input("noise", self.places.noise + place) for place in range(2))
         plants_first, light_first = (recorder.input("trait", self.places.trait + place) for place in range(2))
         mass = select(due, self._head(recorder, "after"), self._head(recorder, "before"))
         in_it = select(first, plants_first, select(below(mass, _REPLANTED * head), plants_now, plants))
         now = self.pictures.number(mass, in_it, select(due, light_now, light_first))
-        recorder.output("memory", memory[_TAKEN], 1.0)
-        for name, new, kept in ((_NUMBER, now, number), (_PLANTS, in_it, plants), (_HEAD, mass, head)):
-            recorder.output("memory", memory[name], select(np.maximum(first, due), new, kept))
+        recorder.output("memory", memory[_ANY], 1.0)
+        for name, new, old in ((_NUMBER, now, number), (_PLANTS, in_it, plants), (_HEAD, mass, head)):
+            recorder.output("memory", memory[name], select(np.maximum(first, due), new, old))
 
     def _head(self, recorder: Recorder, moment: Source) -> Any:
         return self.head_mass([recorder.input(moment, place) for place in range(len(self.task.model_value.states))])
@@ -149,11 +149,11 @@ def run_scenes(task: TaskSpec, seed: int, states: Floats, hours: Floats) -> NDAr
     """
     camera = Camera.of(task, DrawPlaces())
     assert camera is not None
-    taken = np.append(0, np.flatnonzero((hours[1:] >= camera.hour) & (hours[:-1] < camera.hour)) + 1)
+    moments = np.append(0, np.flatnonzero((hours[1:] >= camera.hour) & (hours[:-1] < camera.hour)) + 1)
     first, later = (np.array([stream_key(task.scenario, seed, name)], np.uint64) for name in (Camera.TRAIT_STREAM, Camera.STREAM))
-    draws = np.concatenate([uniforms(first, taken[None, :1], 2)[0], uniforms(later, taken[None, 1:], 2)[0]])
-    heads = camera.head_mass(list(states[taken].T))
+    draws = np.concatenate([uniforms(first, moments[None, :1], 2)[0], uniforms(later, moments[None, 1:], 2)[0]])
+    heads = camera.head_mass(list(states[moments].T))
     planted = np.append(True, heads[1:] < _REPLANTED * heads[:-1])
-    plants = draws[np.maximum.accumulate(np.where(planted, np.arange(len(taken)), 0)), 0]
+    plants = draws[np.maximum.accumulate(np.where(planted, np.arange(len(moments)), 0)), 0]
     scenes = camera.pictures.scenes[camera.pictures.number(heads, plants, draws[:, 1]).astype(np.intp)]
-    return np.repeat(scenes, np.diff(np.append(taken, len(hours))))
+    return np.repeat(scenes, np.diff(np.append(moments, len(hours))))
