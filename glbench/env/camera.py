@@ -34,7 +34,7 @@ _ANY, _NUMBER, _PLANTS, _HEAD = "any picture", "number", "plants", "head"
 _REPLANTED = 0.5
 """Heads that weigh less than this share of those in the last picture are of new plants."""
 _LARGE = 1.5 * 2.0**52
-"""Added to a number and moments away again, it leaves the nearest whole number: doubles have no more digits."""
+"""Added to a number and then subtracted, it leaves the nearest whole number: doubles have no more digits."""
 
 
 @dataclass(frozen=True, eq=False)
