@@ -29,7 +29,7 @@ VIEWS: Mapping[str, tuple[str, ...]] = {
     "two_sensors": ("outdoor", *_POSITIONS, "air_temperature", "relative_humidity", "vapour_deficit"),
     "sensors": (
         "two_sensors", "indoor_climate", "published_indoor_climate", "light_today", "crop", "published_crop", "registration", "crop_health",
-        "energy",
+        "camera", "energy",
     ),
     "memory": ("sensors",),
     "no_forecast": ("sensors", *(f"-{name}" for name in _FORECASTS)),
@@ -59,7 +59,7 @@ def left_out_views(task: TaskSpec) -> list[str]:
     ]
     parts = [
         *sensors,
-        *(module for module in ("crop", "published_crop", "registration", "energy", "weather", "prices") if module in modules),
+        *(module for module in ("crop", "published_crop", "registration", "camera", "energy", "weather", "prices") if module in modules),
     ]
     forecast = ["no_forecast"] if {*modules} & {*_FORECASTS} else []
     return [*forecast, *(f"{_WITHOUT}{part}" for part in parts)]

@@ -247,6 +247,8 @@ class NumpyEnvironments(Environments):
             ahead = np.arange(lookup.rows) + lookup.ahead
             clock, weather = (self.first + self.k)[:, None] + ahead, shown_steps(program, self)[:, None] + ahead
             rows = clock if lookup.clocked else weather_rows(program, self, weather)
+            if lookup.numbered:
+                rows = np.fmax(self.observations[:, [lookup.at]], 0.0).astype(np.int64)  # not a number: the first row
             width = lookup.rows * lookup.table.shape[1]
             self.observations[:, lookup.at : lookup.at + width] = lookup.table[rows // lookup.every].reshape(self._n, width)
         if parts.reward is not None and controls_before is not None:

@@ -31,6 +31,7 @@ from glbench.kernel.tape import EMPTY, Recorder, RecordingError, Tape, with_simp
 from glbench.model import Air, ObservedColumn, humidity_deficit
 from glbench.tasks import TaskSpec
 from glbench.tasks.ledger import TRAVEL
+from glbench.tasks.quantities import CAMERA
 
 
 def air_columns(task: TaskSpec) -> slice:
@@ -91,6 +92,8 @@ def _program(task: TaskSpec, scenarios: RunScenarios) -> tuple[Program, PythonPa
     with Recorder() as update:
         scenarios.sensors.update(update, _true_air(task, update), scenarios.memory_layout)
         scenarios.samples.update(update, scenarios.memory_layout)
+        if scenarios.camera is not None:
+            scenarios.camera.update(update, scenarios.memory_layout)
         outcome, lookups, columns, reward, observation = _outcome(task, scenarios, update)
     followers, python_followers = EMPTY, None
     if scenarios.in_step:
@@ -254,6 +257,11 @@ def _observation(
             for value in scenarios.samples.readings(recorder, name, layout):
                 recorder.output("observation", at, value)
                 at += 1
+            continue
+        if name == CAMERA:
+            assert scenarios.camera is not None
+            lookups.append(scenarios.camera.record(recorder, layout, at))
+            at += lookups[-1].table.shape[1]
             continue
         for column in column_sources(name, task, tables):
             if isinstance(column, Lookup):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from glbench.arrays import Floats
 from glbench.env import actuation, actuators, air, samples
+from glbench.env.camera import Camera
 from glbench.env.daily_sums import DAILY_SUMS, initial_memory
 from glbench.env.generated import SeasonMaker
 from glbench.env.memory_layout import DrawingPart, DrawPlaces, allocate
@@ -44,8 +45,8 @@ class RunScenarios:
 
     ``nominal`` are the nominal parameters ``(p,)``; ``in_step`` and ``in_episode`` the groups of them that the step draws, and those that
     are drawn here. ``sensors`` and ``outdoor_sensors`` err; ``actuators`` are not ideal, and their draws begin at ``actuator_draws``;
-    ``samples`` are counted or weighed by hand. ``drawing_parts`` draw numbers of their own, in the order in which tapes read them
-    (``DrawPlaces``). ``pool`` has weather and calendar, ``memory_layout`` what the runs keep in memory.
+    ``samples`` are counted or weighed by hand, ``camera`` takes pictures. ``drawing_parts`` draw numbers of their own, in the order in
+    which tapes read them (``DrawPlaces``). ``pool`` has weather and calendar, ``memory_layout`` what the runs keep in memory.
     """
 
     def __init__(self, task: TaskSpec) -> None:
@@ -62,7 +63,9 @@ class RunScenarios:
         self.actuators = actuators.Actuators.of(task)
         self.actuator_draws = DrawPlaces().after(self.sensors).after(self.outdoor_sensors)
         self.samples = samples.Samples.of(task, self.actuator_draws.after(self.actuators))
-        self.drawing_parts: tuple[DrawingPart, ...] = (self.sensors, self.outdoor_sensors, self.actuators, self.samples)
+        self.camera = Camera.of(task, self.samples.places.after(self.samples))
+        parts: list[DrawingPart | None] = [self.sensors, self.outdoor_sensors, self.actuators, self.samples, self.camera]
+        self.drawing_parts = tuple(part for part in parts if part is not None)
         self.memory_layout = allocate(
             **{
                 actuation.PART: actuation.actuation_memory(task),
@@ -70,6 +73,7 @@ class RunScenarios:
                 DAILY_SUMS: initial_memory(task),
                 actuators.PART: self.actuators.initial_memory(),
                 samples.PART: self.samples.initial_memory(),
+                Camera.PART: {} if self.camera is None else self.camera.initial_memory(),
             }
         )
         self._starts: dict[int, Floats] = {}  # by row of the pool: the state before factors

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from glbench.arrays import Floats
 from glbench.env import Simulation, StepResult, run_weather
+from glbench.env.camera import run_scenes
 from glbench.env.kernels import Stepper
 from glbench.episodes.action_log import ActionLog, exactly
 from glbench.episodes.episode import Episode
@@ -66,6 +67,8 @@ class Trace:
             "clock": weather.hour_of_day[: steps + 1, None],
         }
         measured["derived"] = self._signals.derived({**acting, **measured})
+        if task.camera is not None:
+            measured["camera"] = run_scenes(task, run.seed, measured["state"], weather.hour_of_day[: steps + 1])[:, None].astype(np.float64)
         from_start = self._signals.tables(measured)
         during = self._signals.tables({**acting, "quantity": self.quantities[:steps, :, place]})
         agent = provenance.agent

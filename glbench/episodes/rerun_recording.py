@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from glbench.arrays import Floats
 from glbench.episodes.episode import ACTING, Episode, weeks_of
-from glbench.episodes.signals import Curve, Page, Signals, signals_of
+from glbench.episodes.signals import SCENE, Curve, Page, Signals, signals_of
 from glbench.errors import GlbenchError, refuse
 from glbench.quantities import pretty_unit, raised_unit
 from glbench.resources import write_atomically
@@ -29,10 +29,13 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
+    from glbench.vision.library import Library
+
 APPLICATION = "glbench"
 TIME = "time"
 LOCAL_TIME = "local_time"  # The greenhouse's clock, a time line of its own beside UTC
 STEP = "step"
+_PICTURES = "pictures"
 _LINE_WIDTH = 1.6
 _MARGIN = 0.04
 _LIVE_MARGIN = 0.35  # Room above and below limits and curves, as a share of their range; more where the curves are still to come
@@ -387,6 +390,21 @@ def send_trajectories(stream: rr.RecordingStream, runs: RunSet, first: int = 0) 
             continue
         for label, trajectory in zip(runs.labels, runs.trajectories, strict=True):
             _send_curve(stream, _entity(curve, label), curve, trajectory, first, runs.signals.clock)
+    if runs.task.picture_library is not None:
+        for label, trajectory in zip(runs.labels, runs.trajectories, strict=True):
+            _send_pictures(stream, label, trajectory, runs.task.picture_library, runs.signals.clock)
+
+
+def _send_pictures(stream: rr.RecordingStream, label: str, trajectory: Trajectory, library: Library, hours: str) -> None:
+    """Send each picture at the end of the step after which the agent saw it; the first one at the start."""
+    scenes, clock = trajectory.columns.get(SCENE, np.empty(0)).astype(np.intp), local(trajectory, hours)
+    for step in [0, *(np.flatnonzero(np.diff(scenes)) + 2).tolist()] if len(scenes) else []:
+        stream.set_time(STEP, sequence=step)
+        for name, times in ((TIME, trajectory.times), (LOCAL_TIME, clock)):
+            if times is not None:
+                stream.set_time(name, timestamp=times[step].astype("datetime64[ns]"))
+        stream.log([_PICTURES, label], load_rerun().Image(library.image(scenes[max(step - 1, 0)])))
+    stream.reset_time()
 
 
 def send_limits(stream: rr.RecordingStream, runs: RunSet, steps: Sequence[int]) -> None:
@@ -495,6 +513,10 @@ class _Layout:
             for number, paths in enumerate(self._run_set.signals.overview, 1)
         ]
         card = rrb.TextDocumentView(origin="card", name="Task and controllers")
+        runs = zip(self._run_set.labels, self._run_set.trajectories, strict=True)
+        path = self._rr.new_entity_path
+        if pictures := [rrb.Spatial2DView(origin=path([_PICTURES, label]), name=label) for label, one in runs if SCENE in one.columns]:
+            card = rrb.Vertical(card, rrb.Tabs(*pictures, name="Last picture"), row_shares=[3, 2])
         return rrb.Horizontal(card, *columns, column_shares=[0.8, *(1.0 for _ in columns)], name="Overview")
 
     def page(self, page: Page) -> Any:

@@ -27,13 +27,13 @@ from glbench.tasks.ledger import FLOW, LedgerItem
 
 Columns = Mapping[str, Floats]  # Columns of an episode by name, each ``(steps,)``
 Moment = Literal["start", "end"]
-Source = Literal["control", "disturbance", "air", "state", "clock", "derived", "quantity"]
+Source = Literal["control", "disturbance", "air", "state", "clock", "derived", "quantity", "camera"]
 """Where a simulation has a number: the vectors u, d and x, the climate measured in the air, the clock of the greenhouse, what follows from
-all these, or the table of a step's quantities."""
+all these, the table of a step's quantities, or the pictures of the crop."""
 Vectors = Mapping[Source, Floats]  # What a simulation has, by source, ``(rows, entries)`` each
 Formula = Callable[[Vectors], Floats]
 _ACTS: frozenset[Source] = frozenset({"control", "disturbance"})  # Sources of what acts during a step; all others are measured at its end
-_AT_START: frozenset[Source] = frozenset({"air", "state", "clock", "derived"})
+_AT_START: frozenset[Source] = frozenset({"air", "state", "clock", "derived", "camera"})
 """Sources that also have values at step 0, before anything was done."""
 
 KWH_A_CUBIC_METRE = 31.65 / 3.6
@@ -44,6 +44,7 @@ TOPICS: dict[Moment, str] = {"start": "/inputs", "end": "/outcome"}
 """Topics of a record: what acts during a step, and the result at its end."""
 MESSAGES = {"/inputs": "Inputs", "/outcome": "Outcome"}  # Message type of each topic
 ACTION = "action"  # Group of what the agent answered
+SCENE = "scene"  # Column that says which picture of the crop is shown
 _PARTS = {ACTION: ("agent_action", "AgentAction"), "state": ("model_state", "ModelState")}
 """Part and message type of the groups that are not called like them."""
 
@@ -278,7 +279,7 @@ class Signals:
     @property
     def width(self) -> int:
         """Numbers to keep of a run in a step: those that do not follow from the others or from its season."""
-        return sum(signal.source not in ("disturbance", "clock", "derived") for signal in self.recorded)
+        return sum(signal.source not in ("disturbance", "clock", "derived", "camera") for signal in self.recorded)
 
     def groups(self, agent_columns: Iterable[str], *, controls: bool) -> tuple[Group, ...]:
         """All groups, in the order of the record: what acts during a step, then its result.
@@ -400,6 +401,7 @@ def _recorded(task: TaskSpec) -> tuple[Signal, ...]:
         *(one for one in states if one.group == "state"),
         Signal(_HOUR, quantities.CLOCK[_HOUR].unit, quantities.CLOCK[_HOUR].meaning, "clock", "clock", 0),
         *(Signal(column.name, column.unit, column.meaning, "derived", "derived", i) for i, (column, _) in enumerate(_derived(task))),
+        *([Signal(SCENE, "-", "scene of the library in the last picture", "camera", "camera", 0)] if task.camera is not None else []),
         *(one for one in amounts if one.group == "economics"),
         *(one for one in amounts if one.group == "violations"),
     )

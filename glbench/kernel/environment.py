@@ -25,6 +25,7 @@ class Lookup:
     """Rows of a table that are observed as they are.
 
     ``table`` is ``(rows, width)`` float32, C-contiguous; its rows are those of the pool of the weather or, if ``clocked``, of the calendar.
+    If ``numbered``, a single row is shown: the one whose number, a whole one from 0, ``outcome`` puts into its first column.
     ``at`` is the first column of the observation; ``rows`` is how many are shown, side by side, and those of the weather follow the
     environment's own sequence of days. The first one is that of the calendar now, or of the weather shown, or the one ``ahead`` rows later.
     ``every`` is how many rows of the pool share a row of the table.
@@ -34,6 +35,7 @@ class Lookup:
     at: int = 0
     rows: int = 1
     clocked: bool = False
+    numbered: bool = False
     ahead: int = 0
     every: int = 1
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import base64
 import gzip
+import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -18,6 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from glbench.evaluation.profiles import Profile
 from glbench.leaderboard.catalogue import catalogue, charts_of
@@ -96,8 +98,11 @@ def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
         part: {name: _coarse(one, LEVELS["energy"]) for name, one in columns.items()}
         for part, columns in document.get("energy", {}).items()
     }
+    library = None if task is None else task.picture_library
+    pictures = [_as_address(library.image(scene)) for scene in document.get("pictures", [])] if library is not None else []
     return {
         **({"energy": energy} if energy else {}),
+        **({"pictures": pictures} if pictures else {}),
         "seeds": document["seeds"],
         "day": {"slot_seconds": document["day"]["slot_seconds"], "columns": _columns("day", drawn_of, document["day"]["columns"])},
         "season": {"columns": _columns("season", drawn_of, document["season"]["columns"])},
@@ -105,6 +110,13 @@ def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
         "worst": _columns("worst", drawn_of, document["worst"]),
         "hours": _columns("hours", drawn_of, document["hours"]),
     }
+
+
+def _as_address(image: NDArray[np.uint8]) -> str:
+    """A picture as an address that holds it."""
+    content = io.BytesIO()
+    Image.fromarray(image).save(content, "JPEG", quality=85)
+    return f"data:image/jpeg;base64,{base64.b64encode(content.getvalue()).decode('ascii')}"
 
 
 def _columns(part: str, drawn_of: Mapping[str, frozenset[str]], columns: Mapping[str, Any]) -> dict[str, Any]:

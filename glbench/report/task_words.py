@@ -82,6 +82,7 @@ _TOPICS = {
     "outdoor_sensors": "the errors of sensors of the weather",
     "actuators": "what vents, screens and valves deliver of their commands",
     "samples": "what is counted and weighed by hand",
+    "camera": "the camera",
     "observation": "what the agent sees",
     "actuation": "what the agent controls",
     "ledger": "what is sold and paid for",
@@ -143,10 +144,9 @@ def for_growers(task: tasks.TaskSpec) -> Iterator[Section]:
         yield plain("Errors of the sensors (the climate is judged by its true values)", definition[sensors].lines)
     if _OUTSIDE in definition:
         yield plain("Errors of the weather station (the weather acts as it is)", definition[_OUTSIDE].lines)
-    if _ACTUATORS in definition:
-        yield plain(_ACTUATORS, definition[_ACTUATORS].lines)
-    if _BY_HAND in definition:
-        yield plain(_BY_HAND, definition[_BY_HAND].lines)
+    for heading in (_ACTUATORS, _BY_HAND, _CAMERA):
+        if heading in definition:
+            yield plain(heading, definition[heading].lines)
     observations = [
         model.observation_modules.get(name)
         or (OBSERVATION_MODULES[name].meaning if name in OBSERVATION_MODULES else name.replace("_", " "))
@@ -431,6 +431,12 @@ def _greenhouse(task: tasks.TaskSpec) -> Iterator[Section]:
         yield Section(_ACTUATORS, [f"{name} ({meanings[name]}) {_actuator(one)}." for name, one in task.actuators.items()])
     if task.samples:
         yield Section(_BY_HAND, [_sample(name, table) for name, table in task.samples.items()])
+    if task.picture_library is not None and task.camera is not None:
+        often = f"Every day at {task.camera.hour} h, first at the start: heads of their mean mass then, plants and light drawn at random."
+        library = (
+            f"Library '{task.camera.library}': {len(task.picture_library.mass)} rendered pictures, {task.picture_library.digest[:12]}..."
+        )
+        yield Section(_CAMERA, [often, library])
 
 
 _OUTSIDE = "Sensors of the weather; what acts is the truth, and forecasts come from elsewhere"
@@ -461,6 +467,7 @@ def _actuator(table: ActuatorTable) -> str:
     return "; ".join(parts) or "is ideal"
 
 
+_CAMERA = "A camera above the crop; the agent sees what an encoder makes of the last picture"
 _BY_HAND = "Counted or weighed by hand; the agent sees the last sample until the next"
 
 

@@ -25,6 +25,7 @@ import numpy as np
 from glbench.canonical import canonical_sha256
 from glbench.errors import TaskError, UnknownNameError, did_you_mean, refuse
 from glbench.resources import data_folder, write_atomically
+from glbench.tasks.quantities import CAMERA
 from glbench.tasks.record import TaskRecord
 from glbench.tasks.resolver import ResolvedTask, Season
 from glbench.tasks.spreads import ATTEMPTS, HEAT
@@ -135,6 +136,8 @@ def _parts(task: ResolvedTask) -> dict[str, Any]:
         "observation": [[q.name, q.unit, _rounded(q.low), _rounded(q.high)] for q in task.observed()],
         "model": {"version": model.version, "variant": model.variant, "digest": model.digest},
     }
+    if task.picture_library is not None:
+        parts["observation"].append([CAMERA, task.picture_library.digest])
     if task.schema_version == 1:
         return {**parts, "weather": task.disturbances(task.observation.forecast_steps).digest}
     parts["start"] = dict(zip(model.state_names, parts["start"], strict=True))

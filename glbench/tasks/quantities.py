@@ -26,6 +26,7 @@ from glbench.tasks.ledger import LIMITED
 if TYPE_CHECKING:
     from glbench.model import Horizon, Model
     from glbench.quantities import Entry
+    from glbench.vision.library import Library
 
 PAPER_MODEL = "greenlight-tomato-1.0.0"
 """The model of every task of schema 1."""
@@ -130,6 +131,8 @@ class ObservationContext:
     """Hours ahead of their prices."""
     scheduled_controls: tuple[str, ...] = ()
     """Controls that follow a schedule."""
+    library: Library | None = None
+    """The pictures that a camera takes."""
 
     @property
     def days(self) -> float:
@@ -277,6 +280,27 @@ def schedule(context: ObservationContext) -> tuple[Quantity, ...]:
     every = {c.name: c for c in capacities(context.model, context.parameters)}
     ones = (every[name] for name in context.scheduled_controls)
     return tuple(Quantity(f"{one.quantity}_scheduled", "-", 0.0, 1.0, f"{one.meaning}, in the coming step") for one in ones)
+
+
+CAMERA = "camera"
+"""The observation module that shows what an encoder sees in a picture."""
+
+
+def head_mass_of(model: Model) -> Callable[[Any, Any], Any]:
+    """The mean mass of a head [g] from states and parameters of ``model``. Raises ``UnknownNameError`` when it has no heads."""
+    masses = [signal.of for signal in model.signals() if signal.path == "crop/head" and signal.of is not None]
+    if not masses:
+        refuse(f"'{CAMERA}' shows heads, and {model.id} has none. Choose a model of lettuce, or leave the module out.", UnknownNameError)
+    return masses[0]
+
+
+def camera(context: ObservationContext) -> tuple[Quantity, ...]:
+    """The features of the last picture; UnknownNameError without a camera, or for a model without heads."""
+    if context.library is None:
+        refuse(f"'{CAMERA}' shows pictures of a library, and none is named: add [camera] library = \"lettuce-1\".", UnknownNameError)
+    head_mass_of(context.model)
+    numbers = range(1, len(context.library.columns) + 1)
+    return tuple(Quantity(f"{CAMERA}_{n}", "-", -1.0, 1.0, f"feature {n} of the last picture of the crop") for n in numbers)
 
 
 def prices(context: ObservationContext) -> tuple[Quantity, ...]:

@@ -54,6 +54,8 @@ class TaskRecord:
     """By control, the actuators that do not follow their commands exactly."""
     samples: dict[str, tables.SampleTable]
     """By observation module, what is counted or weighed by hand."""
+    camera: tables.CameraTable | None
+    """The camera that takes pictures of the crop; ``None`` without one."""
     reward: tables.RewardTable
     evaluation: tables.EvaluationTable
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from glbench.model import Model
     from glbench.tasks.quantities import Action
     from glbench.tasks.spreads import Spread
+    from glbench.vision.library import Library
     from glbench.weather import Disturbances, WeatherRecord
 
 FloatArray = npt.NDArray[np.float64]
@@ -336,7 +337,14 @@ class ResolvedTask(TaskRecord):
             () if self.day_ahead is None else self.day_ahead.prices,
             () if self.day_ahead is None else self.day_ahead.hours,
             tuple(self.scheduled_places),
+            self.picture_library,
         )
+
+    @property
+    def picture_library(self) -> Library | None:
+        """The pictures that the task's camera takes; ``None`` without one. Raises ``TaskError`` when there is no such library."""
+        with self.errors_in("camera"):
+            return None if self.camera is None else _library(*self.camera.library.split("-"))
 
     # What a step earns and costs.
 
@@ -481,6 +489,13 @@ class ResolvedTask(TaskRecord):
             tuple(seasons) or (Season(weather.source, weather.start),), scenario.start_within_days, generated,
             self.conventions.keys_by_task,
         )  # fmt: skip
+
+
+@lru_cache(maxsize=4)
+def _library(crop: str, version: str) -> Library:
+    from glbench.vision.library import Library
+
+    return Library.open(crop, version)
 
 
 @lru_cache(maxsize=16)

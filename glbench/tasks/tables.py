@@ -699,6 +699,15 @@ class SampleTable(Table):
     noise: float = Field(default=0.0, ge=0.0, le=0.3, description="a fraction of the value from 0 to 0.3, such as 0.06 for 6 %")
 
 
+class CameraTable(Table):
+    """``[camera]``: the observation module ``camera``, a picture once a day and one at the start of a run."""
+
+    library: str = Field(
+        pattern=r"^[a-z]+-[1-9][0-9]*$", description='a library of pictures with its version in quotes, such as "lettuce-1"'
+    )
+    hour: int = Field(default=12, ge=1, le=23, description="a whole hour of the day, 1 to 23")
+
+
 class ScenarioTable(Table):
     """``[scenario]``: what a run draws. Tasks of one family and salt share their random numbers."""
 
@@ -791,6 +800,7 @@ class TaskFile2(TaskFile):
     outdoor_sensors: OutdoorSensorsTable | None = None
     actuators: dict[str, ActuatorTable] = Field(default={}, description="tables [actuators.<control>]")
     samples: dict[str, SampleTable] = Field(default={}, description="tables [samples.<module>]")
+    camera: CameraTable | None = None
     reward: RewardTable
 
     _content: Mapping[str, Any] | None = PrivateAttr(default=None)
@@ -855,6 +865,8 @@ class TaskFile2(TaskFile):
             if name not in self.observation.modules:
                 near = did_you_mean(name, self.observation.modules)
                 refuse(f"[samples.{name}] is about an observation module that the task does not show.{near}")
+        if self.camera is not None and "camera" not in self.observation.modules:
+            refuse('[camera] takes pictures that the task does not show: add "camera" to [observation] modules, or leave the table out.')
         return self
 
     @model_validator(mode="after")

@@ -150,6 +150,7 @@ for _module in (
     ObservationModule("published_crop", "as crop, temperature first, fruit in mg m-2", tables.of_model("published_crop")),
     ObservationModule("switches", "minutes until machines that are on or off may be switched again", tables.switches),
     ObservationModule("schedule", "each scheduled control in the coming step, from 0 to 1", tables.schedule),
+    ObservationModule(tables.CAMERA, "features of the last picture of the crop, one a day", tables.camera),
     ObservationModule(PRICES, "the prices of now that change with time", tables.prices),
     ObservationModule(DAY_AHEAD, "prices of coming hours, known until midnight", tables.day_ahead_prices),
     ObservationModule("control_fractions", "the controls in force, as fractions of capacity", tables.control_fractions),

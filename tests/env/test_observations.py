@@ -14,7 +14,7 @@ from glbench.model import STATE_NAMES, co2_ppm, relative_humidity
 from glbench.tasks import TaskSpec, get_suite, get_task
 from glbench.tasks.quantities import Quantity
 from glbench.tasks.vocabulary import OBSERVATION_MODULES, ObservationModule
-from tests.env import test_forecast, test_growers_quantities, test_on_off, test_prices, test_schedule
+from tests.env import test_camera, test_forecast, test_growers_quantities, test_on_off, test_prices, test_schedule
 from tests.env.stepping import StillKernel, walk
 
 MakeTask = Callable[..., TaskSpec]
@@ -99,9 +99,9 @@ def test_every_column_of_every_module_has_the_value_of_its_definition(make_task:
 
 
 def test_the_tested_modules_are_all_there_are() -> None:
-    """Those of growers, the forecast by the hour, machines that are switched and prices have files of their own, the window of weather is
-    compared in tests/tasks/test_lettuce_classic.py."""
-    files = (test_growers_quantities, test_forecast, test_on_off, test_prices, test_schedule)
+    """Those of growers, the camera, the forecast by the hour, machines that are switched and prices have files of their own, the window of
+    weather is compared in tests/tasks/test_lettuce_classic.py."""
+    files = (test_camera, test_growers_quantities, test_forecast, test_on_off, test_prices, test_schedule)
     elsewhere = {"weather_window", *(name for file in files for name in file.MODULES)}
     assert {name for names in EVERYTHING for name in names} | elsewhere == set(OBSERVATION_MODULES.names)
 

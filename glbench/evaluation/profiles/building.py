@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from glbench import quantities
 from glbench.env.accounts import flow_amounts
 from glbench.env.air import read_air
+from glbench.env.camera import run_scenes
 from glbench.env.kernels import Stepper
-from glbench.env.scenario import RunScenarios
+from glbench.env.scenario import RunScenarios, run_weather
 from glbench.episodes import ActionLog, Replay, Trace, chosen_rows
 from glbench.episodes.header import definition_json, task_of
 from glbench.episodes.recorder import LARGEST_TRACE, bytes_a_step
@@ -264,9 +265,16 @@ def make_profile(task: TaskSpec, result: Result, log: ActionLog, trace: Trace | 
     """
     lengths = np.array([run.steps for run in log.runs])
     traced: Iterable[_Part] = [(trace, range(len(lengths)))] if trace is not None else _replayed(task, log, kernel)
-    seasons = _Seasons(task, log.seeds)
-    with np.errstate(all="ignore"):  # steps after the end of a run have no numbers
-        parts = [_read(task, part, lengths[list(rows)], seasons.values(rows)) for part, rows in traced]
+    seasons, parts, pictures = _Seasons(task, log.seeds), [], {}
+    values = result.values(task.evaluation.metric)
+    (best,), (worst,) = (chosen_rows((word,), log.seeds, values) for word in ("best", "worst"))
+    for part, rows in traced:
+        with np.errstate(all="ignore"):  # steps after the end of a run have no numbers
+            parts.append(_read(task, part, lengths[list(rows)], seasons.values(rows)))
+        if task.camera is not None and worst in rows:
+            states, hours = part.x[: lengths[worst] + 1, worst - rows[0]], run_weather(task, log.seeds[worst]).hour_of_day
+            scenes = run_scenes(task, log.seeds[worst], states, hours[: len(states)])
+            pictures = {"pictures": scenes[task.steps_per_day - 1 :: 7 * task.steps_per_day].tolist()}
     joined = {name: np.concatenate([part[name] for part in parts], axis=1) for name in parts[0]}
     course = RunSeries(
         columns={column.name: joined[column.name] for column in columns_of(task).all},
@@ -277,8 +285,6 @@ def make_profile(task: TaskSpec, result: Result, log: ActionLog, trace: Trace | 
         energy={name: joined[_ENERGY + name] for name in energy_columns(task)},
     )
     builder = _Builder(task, course)
-    values = result.values(task.evaluation.metric)
-    (best,), (worst,) = (chosen_rows((word,), log.seeds, values) for word in ("best", "worst"))
     seeds = {"all": list(log.seeds), "best": log.seeds[best], "worst": log.seeds[worst]}
     starts = {"starts": list(builder.starts)} if builder.starts else {}
     return Profile(
@@ -296,6 +302,7 @@ def make_profile(task: TaskSpec, result: Result, log: ActionLog, trace: Trace | 
             "worst": builder.worst(worst),
             "hours": builder.hours(),
             **builder.energy(task),
+            **pictures,
         }
     )
 
@@ -366,6 +373,9 @@ def _misfit(result: Result, profile: Profile) -> str:
         content = document["energy"]
         parts["energy"] = (content["columns"], {*_AMOUNTS, _LEVEL} & {*energy_columns(spec)}, (of_day,))
         parts["prices of the energy"] = (content["prices"], {item.name for item in _changing(spec)}, (of_day,))
+    scenes = 0 if spec.picture_library is None else len(spec.picture_library.mass)
+    if not all(scene in range(scenes) for scene in document.get("pictures", ())):
+        return "its pictures are none of the library's"
     for name, (content, names, shape) in parts.items():
         lists = [one["values"] for one in content.values()]
         widths = {len(row) for values in lists for row in values} if len(shape) == 2 else set()

@@ -117,6 +117,8 @@ class _Document(_Part):
     worst: dict[Word, _Line]
     hours: dict[Word, _Lines]
     energy: _Energy | None = None
+    pictures: list[Count] | None = None
+    """Scenes of a library in the last picture of each week of the worst run."""
 
 
 @dataclass(frozen=True, eq=False)

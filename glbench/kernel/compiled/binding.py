@@ -80,7 +80,7 @@ class ActionBoundsPointers(ctypes.Structure):
 class LookupPointers(ctypes.Structure):
     """``glb::Lookup`` of native/environment.hpp."""
 
-    _fields_ = members("table* width count at clocked ahead every")
+    _fields_ = members("table* width count at clocked numbered ahead every")
 
 
 class ParameterNoisePointers(ctypes.Structure):

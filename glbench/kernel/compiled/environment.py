@@ -87,7 +87,9 @@ class CompiledEnvironments(Environments):
     def _program_pointers(self, program: Program) -> binding.ProgramPointers:
         lookups = (binding.LookupPointers * len(program.lookups))(
             *(
-                binding.LookupPointers(self._address(a.table, np.float32), a.table.shape[1], a.rows, a.at, a.clocked, a.ahead, a.every)
+                binding.LookupPointers(
+                    self._address(a.table, np.float32), a.table.shape[1], a.rows, a.at, a.clocked, a.numbered, a.ahead, a.every
+                )
                 for a in program.lookups
             )
         )

@@ -53,6 +53,9 @@ const reasons = (result, task, profile) => {
     share < 1 ? " The runs hardly differ: this is how every run looks." : ""];
 };
 
+// The crop as the camera saw it, once a week.
+const strip = ({ pictures }) => (pictures ? h("div", { class: "strip" }, pictures.map((src, week) => h("div", { class: "small soft" }, h("img", { src, alt: `Picture of the crop on day ${7 * week + 1}` }), `day ${7 * week + 1}`))) : null);
+
 const worstPart = (result, task, profile, weather) => {
   const { series, panels } = wordsOf(task), has = ({ column, weather: outside }) => (outside ? weather.hours[outside] : profile.worst[column]);
   const course = ({ column, weather: outside }) => (outside ? unpack(weather.hours[outside]) : scaled([unpack(profile.worst[column])], series[column].range ? series[column].factor : 1)[0]);
@@ -80,5 +83,5 @@ const worstPart = (result, task, profile, weather) => {
   const figure = chart(captionOf("Worst run, hour by hour", ""), build, { height: 760, says: `Climate, controls and ${lower(wordsOf(task).metric[PENALTY].label)} of the run with seed ${profile.seeds.worst}, hour by hour.` });
   const place = figure.querySelector(".chart");
   const view = select("Show", [{ value: "all", text: "the whole season" }, ...Array.from({ length: weeks }, (_, week) => ({ value: String(week), text: `week ${week + 1}, from ${date(task.start, 7 * week)}` }))], hardest, (value) => { span = spanOf(value); redrawChart(place); }, "choose-week");
-  return [h("h2", {}, "The worst run, and why"), h("p", {}, reasons(result, task, profile)), h("div", { class: "fields" }, view), figure];
+  return [h("h2", {}, "The worst run, and why"), h("p", {}, reasons(result, task, profile)), strip(profile), h("div", { class: "fields" }, view), figure];
 };

@@ -15,6 +15,7 @@ struct Lookup {
     const float* table;
     int64_t width, count, at;
     int64_t clocked;  // 1: the row is that of the calendar; 0: that of the weather shown
+    int64_t numbered; // 1: instead, the number of the row is in column `at`
     int64_t ahead;    // rows after it
     int64_t every;    // rows of the pool that share a row of the table
 };
@@ -322,6 +323,7 @@ template <class V> class EnvironmentWorker final : public RowWork {
             std::memcpy(to, a.table + from / a.every * a.width, static_cast<size_t>(rows * a.width) * sizeof(float));
             to += rows * a.width;
         };
+        if (a.numbered) return copy(*to >= 0.0f ? static_cast<int64_t>(*to) : 0, 1);  // not a number: the first row
         if (a.clocked) return copy(all_.first[row] + all_.k[row] + a.ahead, a.count);
         int64_t step = shown(row) + a.ahead;
         for (int64_t left = a.count; left > 0;) {  // day by day: the next one may lie anywhere in the pool
