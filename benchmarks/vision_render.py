@@ -1,4 +1,4 @@
-"""Renders scenes of the crop with Mitsuba 3 (BSD) one file for each mesh: the first step to a library of ``glbench.vision``.
+"""Renders scenes of the crop with Mitsuba 3 (BSD), one file for each mesh: the first step to a library of ``glbench.vision``.
 
     apt-get install libllvm19  # for Mitsuba's fast variant; --variant scalar_rgb does without
     python -m benchmarks.vision_render lettuce --work runs/vision
@@ -21,7 +21,7 @@ from glbench.vision import lettuce
 from glbench.vision.mesh import Mesh, draws, of_grids
 
 for library in sorted(Path("/usr/lib/x86_64-linux-gnu").glob("libLLVM-19.so*"))[:1]:
-    os.environ.setdefault("DRJIT_LIBLLVM_PATH", str(library))  # Mitsuba breaks off with 15
+    os.environ.setdefault("DRJIT_LIBLLVM_PATH", str(library))  # Mitsuba crashes with LLVM 15
 
 SIZE, DEPTH = 96, 4
 SAMPLES = (16, 8, 8)

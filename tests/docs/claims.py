@@ -1281,7 +1281,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ("PPO with a memory is {} ahead ({} to {})", lambda: more_on_test("ppo_memory_greenhouse", "rule_based_greenhouse")),
         ("earn {} more than predictive control", lambda: more_on_test("best_known", "mpc_greenhouse")[0]),
         (
-            "by {} ({} to {}), the best recipe of PPO by {} ({} to {}).",
+            "Predictive control is {} ({} to {}) ahead of them, the best PPO recipe {} ({} to {}).",
             lambda: tuple(number for agent in ("mpc", "ppo_long") for number in more_on_test(agent, "rule_based_tuned", "Spring-v1")),
         ),
         (
