@@ -93,7 +93,7 @@ class Library:
         Only variations that the encoder was not trained on are shown; with ``trained`` only the others. Beyond the lightest and heaviest
         scene these two are shown. Raises ``ValueError`` for a draw outside [0, 1).
         """
-        masses, table = self._shown[trained]
+        masses, table = self._tables[trained]
         for name, draw in (("variation", variation), ("light", light)):
             outside = ~((np.asarray(draw) >= 0.0) & (np.asarray(draw) < 1.0))
             if outside.any():
@@ -113,7 +113,7 @@ class Library:
             return np.asarray(picture.convert("RGB"), dtype=np.uint8)
 
     @cached_property
-    def _shown(self) -> tuple[tuple[Floats, Integers], tuple[Floats, Integers]]:
+    def _tables(self) -> tuple[tuple[Floats, Integers], tuple[Floats, Integers]]:
         """Masses [g], and the scene of each mass, variation and light: of what the encoder has not seen, and of what it has."""
         return self._table(self.split), self._table(~self.split)
 

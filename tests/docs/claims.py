@@ -1138,7 +1138,7 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
     ],
     "docs/vision.md": [
-        ("over all masses it is off by {} %", lambda: 100.0 * vision_table.rms(vision_table.errors(pictures(), ~pictures().split))),
+        ("twice that of the scale: {} % over all masses", lambda: 100.0 * vision_table.rms(vision_table.errors(pictures(), ~pictures().split))),
         ("R² is {}\nover all masses", lambda: vision_table.determination(pictures(), ~pictures().split)),
         ("trained on it is off by {} %", lambda: 100.0 * vision_table.rms(vision_table.errors(pictures(), pictures().split))),
     ],
@@ -1449,6 +1449,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("beyond the 6 hours", "definition: baselines/mpc_lettuce/settings.yml"),
         ("plans 3 hours", "definition: baselines/mpc_value_lettuce/settings.yml"),
         ("where they are after 3", "definition: baselines/mpc_value_lettuce/settings.yml"),
+        ("above the published SAC (2.51 and 2.35)", "the table above it"),
         ("need 5 hours from one end", "definition: ten steps of half an hour, a tenth each"),
         ("at most 100 %", "definition: what a hygrometer shows"),
         ("−4.238 or −4.309", "measured: docs/adr/0036-a-model-may-be-a-map.md"),
@@ -1490,9 +1491,9 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("from about 60 g on", "definition: glbench/vision/lettuce.py"),
         ("vary by 10 %", "definition: VARIATION_OF_HEADS"),
         ("by 4 % in width, 5 % in the width of the heart, 6 % in the width", "definition: Habit.of in glbench/vision/lettuce.py"),
-        ("takes about 11 minutes of one core, 1.3 s for each of 492 beds", "printed by benchmarks/vision_render.py"),
+        ("takes about 11 minutes on one core: 1.3 s for each of 492 beds", "printed by benchmarks/vision_render.py"),
         ("ten heads, off by 6 %", "definition: tasks/drafts/lettuceharvest-v1.toml"),
-        ("and the scale by 6 %", "definition: tasks/drafts/lettuceharvest-v1.toml"),
+        ("over all masses, against 6 %", "definition: tasks/drafts/lettuceharvest-v1.toml"),
         ("above 200 g, because", "the table above it"),
         ("doi 10.4121/15023088", "the name of a data set"),
         ("and others (2023)", "a year"),
@@ -1893,6 +1894,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
     ],
     "baselines/ppo_long/card.toml": [("arXiv:1707.06347", "source: number of a paper")],
     "docs/training.md": [
+        ("each difference with its 95 % interval", "definition: baselines/compare_pages.py"),
         ("takes 4.5 GB, 3.4 GB of it", "measured: du -sm of torch, nvidia and triton in site-packages"),
         (
             "still below 5 EUR/m2 after two million",
