@@ -1138,7 +1138,10 @@ CLAIMS: dict[str, list[Claim]] = {
         ),
     ],
     "docs/vision.md": [
-        ("twice that of the scale: {} % over all masses", lambda: 100.0 * vision_table.rms(vision_table.errors(pictures(), ~pictures().split))),
+        (
+            "twice that of the scale: {} % over all masses",
+            lambda: 100.0 * vision_table.rms(vision_table.errors(pictures(), ~pictures().split)),
+        ),
         ("R² is {}\nover all masses", lambda: vision_table.determination(pictures(), ~pictures().split)),
         ("trained on it is off by {} %", lambda: 100.0 * vision_table.rms(vision_table.errors(pictures(), pictures().split))),
     ],
