@@ -33,6 +33,7 @@ from glbench.leaderboard.collect import read_folder, same_runs
 from glbench.resources import write_atomically
 from glbench.tasks import get_task, list_tasks
 from glbench.verification import proof_path, save_proof, verify
+from glbench.weather.trace import TRACE
 
 ROOT = Path(__file__).resolve().parent.parent
 RELEASED = ROOT / "reports" / "released"
@@ -164,6 +165,8 @@ def release(job: Job, out: Path, work: Path, *, new_digests: bool) -> str:
     if job.fresh_draws:
         add_fresh_draws(EvaluationJob(task, job.ref, agent, Options(work)), evaluated)
     path = job.place(work)
+    if not is_ours(job):
+        write_atomically(path, result.model_copy(update={"profile": None}).to_json())
     verdict = verify(path)
     if verdict.exactness != "bits":
         raise ResultError(verdict.reason)
@@ -250,7 +253,12 @@ def of_changed_checkouts(out: Path) -> list[str]:
 def copies(job: Job, work: Path, out: Path) -> list[tuple[Path, Path]]:
     """Files to copy, and where to: profile, result, note."""
     ours, theirs = job.place(work), result_path(out, job.task_id, job.agent)
-    return [(place(ours), place(theirs)) for place in (profile_path, Path, proof_path)]
+    return [(place(ours), place(theirs)) for place in ((profile_path, Path, proof_path) if is_ours(job) else (Path, proof_path))]
+
+
+def is_ours(job: Job) -> bool:
+    """Whether glbench may ship the weather of the task's seasons, which profiles have: not where it is read from a package."""
+    return get_task(job.task_id).weather.source != TRACE
 
 
 def write_tables(out: Path) -> int:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from glbench.arrays import packed
-from glbench.resources import data_folder
+from glbench.resources import data_folder, write_atomically
 from glbench.vision.encoder import Encoder
 
 SHOWN = 4
@@ -117,8 +117,8 @@ def write(crop: str, scenes: Scenes, encoder: Encoder, trained: NDArray[np.bool_
         starts=np.cumsum([0, *(len(one) for one in scenes.packed)]).astype(np.int64),
     )  # fmt: skip
     folder = data_folder("images")
-    (folder / f"{crop}-1.npz").write_bytes(content)
-    (folder / f"{crop}-1.encoder.npz").write_bytes(encoder.file())
+    write_atomically(folder / f"{crop}-1.npz", content)
+    write_atomically(folder / f"{crop}-1.encoder.npz", encoder.file())
     manifest = folder / "manifest.toml"
     before = manifest.read_text(encoding="utf-8") if manifest.exists() else "# Libraries of rendered pictures; docs/vision.md.\n"
     others = re.sub(rf"\n\[{crop}-1\]\n[^\[]*", "\n", before).rstrip("\n")
@@ -131,7 +131,7 @@ def write(crop: str, scenes: Scenes, encoder: Encoder, trained: NDArray[np.bool_
         "contents": f"{len(scenes.mass)} pictures of {scenes.pictures.shape[1]} by {scenes.pictures.shape[2]} pixels, WebP",
     }
     lines = "\n".join(f'{key} = "{value}"' for key, value in entry.items())
-    manifest.write_text(f"{others}\n\n[{crop}-1]\n{lines}\n", encoding="utf-8")
+    write_atomically(manifest, f"{others}\n\n[{crop}-1]\n{lines}\n")
 
 
 def main() -> None:

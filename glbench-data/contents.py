@@ -1,8 +1,8 @@
 """Which of the checkout's data goes into which wheel, for the build hooks of both.
 
-``glbench-data`` holds all baselines, all released results and the pictures of glbench.vision. ``glbench`` holds what its commands
-need without it: every released result but those of the suite transfer, and every baseline but large policies and plans. It also holds
-the digest of the data that belong to it, and what it lacks of them.
+``glbench-data`` holds all baselines, all released results and the pictures of glbench.vision. ``glbench`` holds what its commands need
+without it: every released result but those of the suites transfer and paper-code, and every baseline but large policies and plans. It also
+holds the digest of the data that belong to it, and what it lacks of them.
 """
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ from typing import Any
 FOLDERS = ("baselines", "reports/released/results", "images")
 LARGEST_POLICY = 90 * 1024
 """Size of a baseline's policies or plans from which on they are only in ``glbench-data`` [bytes]."""
-BESIDE = ("*.profile.json.gz", "reports/released/results/Transfer-*", "images/*")
-"""Files of results that are only in ``glbench-data``: profiles, from which the report draws days, the suite transfer, and pictures."""
+ELSEWHERE = ("reports/released/results/Transfer-*", "reports/released/results/Schiphol2010Code-*")
+BESIDE = ("*.profile.json.gz", *ELSEWHERE, "images/*")
+"""Files of results that are only in ``glbench-data``: profiles, from which the report draws days, the suites transfer and paper-code
+(``ELSEWHERE``), and pictures."""
 
 
 def whole(root: Path) -> dict[str, Path]:
@@ -56,7 +58,7 @@ def part(root: Path) -> tuple[dict[str, Path], dict[str, Any]]:
         "version": _version(root),
         "sha256": digest(files),
         "left_out": {name: _agent_digest(root, name) for name in large},
-        "tasks": sorted({Path(name).parts[3] for name in beside if fnmatch(name, BESIDE[1])}),
+        "tasks": sorted({Path(name).parts[3] for name in beside if any(fnmatch(name, pattern) for pattern in ELSEWHERE)}),
     }
     return kept, facts
 

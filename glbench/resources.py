@@ -12,8 +12,9 @@ import hashlib
 import importlib.util
 import json
 import os
+import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path, PurePosixPath
@@ -64,7 +65,7 @@ def data_folder(name: DataFolder) -> Path:
         return beside.folder / name
     if packaged.is_dir():
         return packaged
-    if beside is not None and name == "images":
+    if name == "images" and lacks_pictures():
         raise GlbenchError(how_to_get_data("The library of pictures is") + ".")
     checkout = _PACKAGE.parent / name
     if checkout.is_dir() and (_PACKAGE.parent / "pyproject.toml").is_file():
@@ -74,6 +75,12 @@ def data_folder(name: DataFolder) -> Path:
         "The installation is incomplete: install glbench again, or run from a complete checkout."
     )
     raise GlbenchError(msg)
+
+
+def lacks_pictures() -> bool:
+    """Whether the pictures of the crop are in ``glbench-data``, and that is not installed."""
+    beside = data_package()
+    return beside is not None and beside.folder is None
 
 
 def data_package() -> DataPackage | None:
@@ -144,6 +151,19 @@ def _user_folder(variable: str, of_platform: str, usual: str) -> Path:
     except RuntimeError as error:
         # A folder for all users, such as /tmp, will not do: compiled kernels are loaded from there.
         refuse(f"This user has no home folder: set HOME, or {variable}, to a folder that only this user may write to.", GlbenchError, error)
+
+
+@contextlib.contextmanager
+def standard_output_to(descriptor: int) -> Iterator[None]:
+    """What code in C writes to standard output goes to another open file."""
+    sys.stdout.flush()
+    copy = os.dup(1)
+    os.dup2(descriptor, 1)
+    try:
+        yield
+    finally:
+        os.dup2(copy, 1)
+        os.close(copy)
 
 
 def write_atomically(path: Path, data: bytes | str) -> None:

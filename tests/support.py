@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -20,6 +23,17 @@ from glbench.tasks import TaskSpec, get_task, list_drafts, list_tasks
 from glbench.weather.trace import lacks_package
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+def baselines_script(name: str) -> ModuleType:
+    """A script of the folder baselines as a module, which data classes find by its name."""
+    spec = importlib.util.spec_from_file_location(f"baselines_{name}", DOCS.parent / "baselines" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
 
 
 def published_tasks() -> list[TaskSpec]:

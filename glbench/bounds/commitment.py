@@ -10,11 +10,9 @@ Source: Rajan and Takriti (2005), Minimum up/down polytopes of the unit commitme
 
 from __future__ import annotations
 
-import contextlib
 import os
-import sys
-from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +23,7 @@ from glbench.bounds.dispatch import FINE, MJ_PER_KWH, VARIABLES, Dispatch, Energ
 from glbench.control.machines import Machines
 from glbench.env.actuation import off_position
 from glbench.model.equipment import Equipment, lacks_energy
+from glbench.resources import standard_output_to
 
 if TYPE_CHECKING:
     from glbench.control import SeasonPlan
@@ -106,23 +105,9 @@ def _solved(
     low, high = (np.concatenate([np.broadcast_to(row[side], row[0].shape[0]) for row in rows]) for side in (1, 2))
     integral, limits = np.repeat([0, running is None, 0], [size, steps, steps]), optimize.LinearConstraint(matrix.tocsr(), low, high)
     box = optimize.Bounds(*bounds.T)
-    with _solver_prints_nothing():
+    with Path(os.devnull).open("wb") as nowhere, standard_output_to(nowhere.fileno()):  # HiGHS prints in some searches, unasked
         solution = optimize.milp(costs, integrality=integral, bounds=box, constraints=limits, options={"mip_rel_gap": _GAP})
     return None if solution.x is None else solution.x.reshape(-1, steps)
-
-
-@contextlib.contextmanager
-def _solver_prints_nothing() -> Iterator[None]:
-    """HiGHS prints names of its own functions in some searches, from C++ and even with `disp` off; keep them off standard output."""
-    sys.stdout.flush()
-    copy, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    try:
-        yield
-    finally:
-        os.dup2(copy, 1)
-        os.close(copy)
-        os.close(nowhere)
 
 
 def redispatched(plan: SeasonPlan) -> Floats | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime as dt
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -22,6 +21,7 @@ from glbench.cli.results import failure_lines, reason_lines, summary_table
 from glbench.cli.view import live_view, live_viewer
 from glbench.errors import GlbenchError, SubmissionError, TaskError, refuse
 from glbench.extras import require
+from glbench.resources import standard_output_to
 
 if TYPE_CHECKING:
     from glbench.evaluation import Evaluation, Protected, Result
@@ -337,15 +337,8 @@ def agents_print_to_stderr(as_json: bool) -> Iterator[None]:
     if not as_json:
         yield
         return
-    sys.stdout.flush()
-    copy = os.dup(1)
-    os.dup2(2, 1)
-    try:
-        with contextlib.redirect_stdout(sys.stderr):
-            yield
-    finally:
-        os.dup2(copy, 1)
-        os.close(copy)
+    with standard_output_to(2), contextlib.redirect_stdout(sys.stderr):
+        yield
 
 
 def _evaluate_many(jobs: Sequence[Job], engine: Engine, unusable: dict[str, str], printer: console.Printer, *, prints: bool) -> bool:

@@ -89,7 +89,7 @@ def check_command(
     from glbench.tasks.library import price_doubts, series_in_words
 
     paths = [] if tasks else draft_files()
-    lacking = [path for path in (*paths, *task_files()) if not tasks and _lacks_weather(path)]
+    lacking = [path for path in (*paths, *task_files()) if not tasks and _lacks_data(path)]
     drafts = {f"tasks/{DRAFTS}/{path.name}": path for path in paths if path not in lacking}
     outcomes = {name: _check(name) for name in tasks} if tasks else check_all()
     outcomes |= {name: _check(str(path)) for name, path in drafts.items()}
@@ -124,7 +124,9 @@ def check_command(
         yield console.aside(f"{total}, {verdict}.")
         if lacking:
             names = ", ".join(path.stem for path in lacking)
-            yield console.aside(f"Not checked, because an extra with their weather is not installed: {names}.")
+            yield console.aside(
+                f"Not checked, because an extra with their weather, or glbench-data with their pictures, is missing: {names}."
+            )
 
     def document() -> list[dict[str, Any]]:
         return [
@@ -155,14 +157,14 @@ def lock_command(as_json: AsJson = False) -> None:
 
 
 def check_all() -> dict[str, TaskSpec | str]:
-    """Every shipped task whose weather is here, and every entry of the lock whose file is gone; a problem is a text instead of a task."""
+    """Every shipped task whose data are here, and every entry of the lock whose file is gone; a problem is a text instead of a task."""
     from glbench.registration import task_files
     from glbench.tasks import read_lock
 
     outcomes: dict[str, TaskSpec | str] = {}
     files = set()
     for path in task_files():
-        if not _lacks_weather(path):
+        if not _lacks_data(path):
             outcomes[f"tasks/{path.name}"] = _check(str(path), published=True)
         files.add(path.name)
     for entry in read_lock().values():
@@ -173,13 +175,15 @@ def check_all() -> dict[str, TaskSpec | str]:
     return outcomes
 
 
-def _lacks_weather(path: Path) -> bool:
-    """Whether the weather of a task comes with an extra that is not installed."""
+def _lacks_data(path: Path) -> bool:
+    """Whether the weather of a task, or its pictures, come with a package that is not installed."""
+    from glbench.resources import lacks_pictures
     from glbench.tasks.inheritance import read_tables
     from glbench.weather.trace import lacks_package
 
     try:
-        return lacks_package(read_tables(path).content["weather"]["source"])
+        tables = read_tables(path).content
+        return lacks_package(tables["weather"]["source"]) or ("camera" in tables and lacks_pictures())
     except (GlbenchError, KeyError, TypeError):
         return False  # the check says what is wrong with it
 

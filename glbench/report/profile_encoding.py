@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import base64
 import gzip
-import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -19,7 +18,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from glbench.evaluation.profiles import Profile
 from glbench.leaderboard.catalogue import catalogue, charts_of
@@ -99,7 +97,7 @@ def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
         for part, columns in document.get("energy", {}).items()
     }
     library = None if task is None else task.picture_library
-    pictures = [_as_address(library.image(scene)) for scene in document.get("pictures", [])] if library is not None else []
+    pictures = [_as_address(library.content(scene)) for scene in document.get("pictures", [])] if library is not None else []
     return {
         **({"energy": energy} if energy else {}),
         **({"pictures": pictures} if pictures else {}),
@@ -112,11 +110,9 @@ def embedded_profile(profile: Profile, task: TaskSpec | None) -> dict[str, Any]:
     }
 
 
-def _as_address(image: NDArray[np.uint8]) -> str:
-    """A picture as an address that holds it."""
-    content = io.BytesIO()
-    Image.fromarray(image).save(content, "JPEG", quality=85)
-    return f"data:image/jpeg;base64,{base64.b64encode(content.getvalue()).decode('ascii')}"
+def _as_address(picture: bytes) -> str:
+    """A picture's file as an address that holds it."""
+    return f"data:image/webp;base64,{base64.b64encode(picture).decode('ascii')}"
 
 
 def _columns(part: str, drawn_of: Mapping[str, frozenset[str]], columns: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from glbench.vision.mesh import Floats, Mesh, draws, joined, of_grids, smooth
+from glbench.arrays import Floats
+from glbench.vision.mesh import Mesh, draws, joined, of_grids, smooth
 
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 """Turn from one leaf to the next [rad]."""

@@ -12,13 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.arrays import ArrayFile
+from glbench.arrays import ArrayFile, Floats
 from glbench.errors import GlbenchError, refuse
 from glbench.extras import require
 from glbench.resources import data_folder
 from glbench.untrusted import MIB, reason_of
 
-Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 _FORMAT = 1
 _LARGEST = 64 * MIB
@@ -104,12 +103,16 @@ class Library:
         index: Integers = table[nearest, (variation * variations).astype(np.int64), (light * lights).astype(np.int64)]
         return index
 
+    def content(self, index: int) -> bytes:
+        """The file of the picture of a scene (WebP)."""
+        return self._pictures[self._starts[index] : self._starts[index + 1]].tobytes()
+
     def image(self, index: int) -> NDArray[np.uint8]:
         """The picture of a scene (sRGB), shape (height, width, 3). Raises ``GlbenchError`` without the package pillow."""
         require("A picture of the library", "vision", "PIL")
         from PIL import Image
 
-        with Image.open(io.BytesIO(self._pictures[self._starts[index] : self._starts[index + 1]].tobytes())) as picture:
+        with Image.open(io.BytesIO(self.content(index))) as picture:
             return np.asarray(picture.convert("RGB"), dtype=np.uint8)
 
     @cached_property

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -14,21 +12,12 @@ import pytest
 from glbench.agents import baselines, controllers
 from glbench.agents.identity import baseline_names
 from glbench.agents.rules import FairRuleBasedAgent
+from tests.support import baselines_script
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("baselines_lock", ROOT / "baselines" / "lock.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-LOCK = script()
+LOCK = baselines_script("lock")
 ENTRIES = LOCK.read_lock()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -14,6 +13,7 @@ from glbench.agents.energy_rules import EnergyRuleSettings
 from glbench.agents.tuned_rules import read_rule_page
 from glbench.errors import SubmissionError
 from glbench.tasks import get_task
+from tests.support import baselines_script
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "baselines" / "rule_based_energy" / "rules" / "springenergy.yml"
@@ -21,12 +21,7 @@ PAGE = ROOT / "baselines" / "rule_based_energy" / "rules" / "springenergy.yml"
 
 @pytest.fixture(scope="module")
 def script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("compare_pages", ROOT / "baselines" / "compare_pages.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return baselines_script("compare_pages")
 
 
 def test_a_change_replaces_the_numbers_that_it_names(script: ModuleType) -> None:

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
-from glbench.env import GreenhouseEnv, Simulation
+from glbench.env import Simulation
 from glbench.kernel import available
 from glbench.model import BUTTERHEAD
 from glbench.model.crop.butterhead import FIFTHS, relative_price
 from glbench.tasks import get_task
-from tests.env.checking import check_env_for_stable_baselines3
+from tests.env.checking import check_that_both_are_silent
 from tests.env.stepping import walk
 
 TASK = get_task("Lettuce-v2").in_split("validation")
@@ -27,18 +25,7 @@ MASS = NAMES.index("mean_head_mass")
 @pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_both_checkers_are_silent(recwarn: pytest.WarningsRecorder) -> None:
-    name = "tests/butterhead-of-a-test"
-
-    def make(**options: Any) -> GreenhouseEnv:
-        return GreenhouseEnv(get_task("Lettuce-v2"), kernel="fast", split="training", **options)
-
-    gymnasium.register(name, entry_point=make, disable_env_checker=True)
-    try:
-        check_env(gymnasium.make(name, render_mode="ansi").unwrapped)
-        check_env_for_stable_baselines3(make(), warn=True)
-    finally:
-        gymnasium.registry.pop(name)
-    assert [str(warning.message) for warning in recwarn] == []
+    check_that_both_are_silent(get_task("Lettuce-v2"), recwarn)
 
 
 def test_what_is_seen_is_the_same_compiled_with_the_environment_and_not_and_in_any_batch() -> None:

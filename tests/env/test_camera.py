@@ -6,14 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 from numpy.typing import NDArray
 
 from glbench.agents.views import left_out_views, visible_columns
-from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation, run_weather
+from glbench.env import GreenhouseVectorEnv, Simulation, run_weather
 from glbench.env.camera import run_scenes
 from glbench.env.random import uniforms
 from glbench.env.uncertainty import stream_key
@@ -23,7 +21,7 @@ from glbench.model import HARVESTED_BUTTERHEAD
 from glbench.report.task_words import definition_in_words, for_growers
 from glbench.tasks import TaskSpec, get_task, resolver
 from glbench.vision.library import Library
-from tests.env.checking import check_env_for_stable_baselines3
+from tests.env.checking import check_that_both_are_silent
 from tests.env.spring import spring
 from tests.env.stepping import StillKernel, walk
 from tests.scenes import HIDDEN, MASSES, lettuce_seen, small_library
@@ -212,15 +210,4 @@ def test_mistakes_are_named(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_both_checkers_are_silent(task: TaskSpec, recwarn: pytest.WarningsRecorder) -> None:
-    name = "tests/camera-of-a-test"
-
-    def make(**options: Any) -> GreenhouseEnv:
-        return GreenhouseEnv(task, kernel="fast", split="training", **options)
-
-    gymnasium.register(name, entry_point=make, disable_env_checker=True)
-    try:
-        check_env(gymnasium.make(name, render_mode="ansi").unwrapped)
-        check_env_for_stable_baselines3(make(), warn=True)
-    finally:
-        gymnasium.registry.pop(name)
-    assert [str(warning.message) for warning in recwarn] == []
+    check_that_both_are_silent(task, recwarn)

@@ -10,10 +10,8 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation, program, run_weather, weather_pool
 from glbench.env.generated import SeasonMaker
@@ -25,7 +23,7 @@ from glbench.kernel import Kernel
 from glbench.model import TOMATO
 from glbench.tasks import TaskSpec, get_task
 from glbench.weather import COLUMNS
-from tests.env.checking import check_env_for_stable_baselines3
+from tests.env.checking import check_that_both_are_silent
 from tests.env.spring import MODULES, SCENARIO, SPLITS, everything, spring
 from tests.env.stepping import StillKernel, walk
 
@@ -220,15 +218,7 @@ def test_co2_outside_wanders_in_its_range_where_the_model_feels_it(task: TaskSpe
 
 @pytest.mark.parametrize("split", SPLIT_NAMES)
 def test_both_checkers_are_silent(task: TaskSpec, split: str, recwarn: pytest.WarningsRecorder) -> None:
-    name = "tests/spring-of-a-test"
-    make = lambda render_mode=None: GreenhouseEnv(task, kernel="fast", split=split, render_mode=render_mode)  # noqa: E731
-    gymnasium.register(name, entry_point=make, disable_env_checker=True)
-    try:
-        check_env(gymnasium.make(name, render_mode="ansi").unwrapped)
-        check_env_for_stable_baselines3(make(), warn=True)
-    finally:
-        gymnasium.registry.pop(name)
-    assert [str(warning.message) for warning in recwarn] == []
+    check_that_both_are_silent(task, recwarn, split)
 
 
 @pytest.mark.parametrize("split", SPLIT_NAMES)

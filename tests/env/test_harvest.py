@@ -5,14 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from glbench.control.scenario import Scenario, actions_of
 from glbench.control.stage import StageReward
-from glbench.env import GreenhouseEnv, GreenhouseVectorEnv, Simulation
+from glbench.env import GreenhouseVectorEnv, Simulation
 from glbench.errors import TaskError
 from glbench.kernel import available
 from glbench.model import HARVESTED_BUTTERHEAD
@@ -20,7 +18,7 @@ from glbench.model.crop.butterhead import FIFTHS
 from glbench.model.crop.harvested import SIZES
 from glbench.resources import data_folder
 from glbench.tasks import TaskSpec, get_task
-from tests.env.checking import check_env_for_stable_baselines3
+from tests.env.checking import check_that_both_are_silent
 from tests.env.stepping import walk
 
 TASK = get_task("LettuceHarvest-v1").in_split("validation")
@@ -59,18 +57,7 @@ def calls(seed: int, steps: int, n: int) -> Any:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_both_checkers_are_silent(recwarn: pytest.WarningsRecorder) -> None:
-    name = "tests/harvest-of-a-test"
-
-    def make(**options: Any) -> GreenhouseEnv:
-        return GreenhouseEnv(get_task("LettuceHarvest-v1"), kernel="fast", split="training", **options)
-
-    gymnasium.register(name, entry_point=make, disable_env_checker=True)
-    try:
-        check_env(gymnasium.make(name, render_mode="ansi").unwrapped)
-        check_env_for_stable_baselines3(make(), warn=True)
-    finally:
-        gymnasium.registry.pop(name)
-    assert [str(warning.message) for warning in recwarn] == []
+    check_that_both_are_silent(get_task("LettuceHarvest-v1"), recwarn)
 
 
 def test_a_step_has_the_same_bits_compiled_with_the_environment_and_not_and_in_any_batch(early: TaskSpec) -> None:

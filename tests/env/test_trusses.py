@@ -5,10 +5,8 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from glbench.env import GreenhouseEnv, Simulation
 from glbench.episodes.signals import signals_of
@@ -16,7 +14,7 @@ from glbench.kernel import Kernel, available
 from glbench.model import Horizon, saturation_vapour_pressure
 from glbench.model.paper import TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP
 from glbench.tasks import TaskSpec, get_task
-from tests.env.checking import check_env_for_stable_baselines3
+from tests.env.checking import check_that_both_are_silent
 from tests.env.stepping import walk
 
 MODELS = (TOMATO_2, TOMATO_2_COMPARTMENT, TOMATO_2_ENERGY, TOMATO_2_HEAT_PUMP)
@@ -40,15 +38,7 @@ def task_of(base: str = "Spring-v1", days: int = 2, model: Any = TOMATO_2) -> Ta
 @pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_both_checkers_are_silent(recwarn: pytest.WarningsRecorder) -> None:
-    name = "tests/trusses-of-a-test"
-    make = lambda render_mode=None: GreenhouseEnv(task_of(), kernel="fast", split="training", render_mode=render_mode)  # noqa: E731
-    gymnasium.register(name, entry_point=make, disable_env_checker=True)
-    try:
-        check_env(gymnasium.make(name, render_mode="ansi").unwrapped)
-        check_env_for_stable_baselines3(make(), warn=True)
-    finally:
-        gymnasium.registry.pop(name)
-    assert [str(warning.message) for warning in recwarn] == []
+    check_that_both_are_silent(task_of(), recwarn)
 
 
 @pytest.mark.parametrize("model", [TOMATO_2, *(pytest.param(model, marks=pytest.mark.slow) for model in MODELS[1:])], ids=str)

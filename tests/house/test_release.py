@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from glbench.agents.baselines import digests_of_baseline
@@ -15,7 +14,10 @@ from glbench.errors import ResultError
 from glbench.evaluation import Result, load_result, result_path, save_result
 from glbench.evaluation.records import GitState, results_digest
 from glbench.evaluation.sandbox.choosing import EXAMPLES
+from glbench.tasks import list_tasks
 from glbench.verification import proof_path
+from glbench.weather.trace import TRACE
+from tests.support import baselines_script
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMIT = GitState(commit="c" * 40, dirty=False)
@@ -23,12 +25,7 @@ COMMIT = GitState(commit="c" * 40, dirty=False)
 
 @pytest.fixture
 def release(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("release", ROOT / "baselines" / "release.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "release", module)  # dataclasses look there
-    spec.loader.exec_module(module)
+    module = baselines_script("release")
     monkeypatch.setattr(module, "git_state", lambda: COMMIT)
     return module
 
@@ -127,3 +124,13 @@ def test_what_is_copied_is_done_until_it_changes(release, result, tmp_path):
     assert release.is_released(job, tmp_path / "out", tmp_path / "work")
     place.write_text("another proof", encoding="utf-8")
     assert not release.is_released(job, tmp_path / "out", tmp_path / "work")
+
+
+def test_no_weather_of_a_package_is_shipped() -> None:
+    """Neither in profiles of results nor in recorded inputs."""
+    tasks = [task for task in list_tasks() if task.weather.source == TRACE]
+    results = [file for task in tasks for file in (ROOT / "reports" / "released" / "results" / task.short_id).iterdir()]
+    assert len(results) >= 8
+    assert not [file.name for file in results if ".profile." in file.name]
+    with np.load(ROOT / "tests" / "golden" / "baseline_inputs.npz") as inputs:
+        assert not [name for name in inputs for task in tasks if name.startswith(task.short_id)]

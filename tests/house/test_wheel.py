@@ -94,7 +94,7 @@ def test_the_data_wheel_holds_all_baselines_and_results_and_is_the_one_that_the_
     with zipfile.ZipFile(wheel) as own, zipfile.ZipFile(data_wheel) as data:
         stated = json.loads(own.read("glbench/_data/data.json"))
         assert json.loads(data.read("glbench_data/manifest.json"))["sha256"] == stated["sha256"]
-        for name in ("baselines", "reports/released/results"):
+        for name in ("baselines", "reports/released/results", "images"):
             files = {
                 file.relative_to(ROOT).as_posix()
                 for file in (ROOT / name).rglob("*")
@@ -105,7 +105,8 @@ def test_the_data_wheel_holds_all_baselines_and_results_and_is_the_one_that_the_
         for file in ("baselines/ppo/weights/delta10.npz", "reports/released/results/Spring-v1/mpc.profile.json.gz"):
             assert data.read(f"glbench_data/{file}") == (ROOT / file).read_bytes()
             assert f"glbench/_data/{file}" not in own.namelist()
-        assert not [name for name in own.namelist() if "results/Transfer-" in name]
+        elsewhere = ("results/Transfer-", "results/Schiphol2010Code-", "_data/images/")
+        assert not [name for name in own.namelist() if any(part in name for part in elsewhere)]
     versions = [
         tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
         for project in (ROOT, ROOT / "glbench-data")
@@ -152,6 +153,7 @@ def test_a_leaderboard_of_results_that_are_not_installed_says_where_they_are(ins
     for selection, words in (
         (("--task", "Transfer-Miami-v1"), "There are no results of a task"),
         (("--suite", "transfer"), "No task of the suite"),
+        (("--suite", "paper-code"), "No task of the suite"),
     ):
         done = run_installed(installed, tmp_path, "leaderboard", *selection)
         said = " ".join(done.stderr.split())
@@ -245,6 +247,7 @@ def test_the_package_in_use_is_the_wheels(installed, tmp_path):
 def test_the_published_tasks_hold_in_the_installed_package(installed, tmp_path):
     done = run_installed(installed, tmp_path, "tasks", "check")
     assert done.returncode == 0, done.stdout + done.stderr
+    assert "is missing: lettuceharvestimages-v1" in " ".join(done.stderr.split())
 
 
 def test_a_newcomers_agent_is_evaluated_and_ranked_from_the_installed_package(installed, tmp_path):

@@ -186,7 +186,7 @@ def test_without_the_extra_it_is_said_what_to_install(monkeypatch: pytest.Monkey
     monkeypatch.setattr("glbench.registration.task_files", lambda: files)
     check_command(None)
     names = ", ".join(file.stem for file in files)
-    assert f"Not checked, because an extra with their weather is not installed: {names}." in capsys.readouterr().err
+    assert f"an extra with their weather, or glbench-data with their pictures, is missing: {names}." in capsys.readouterr().err
 
 
 def test_the_sandbox_hides_the_weather() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from glbench.cli.tasks import _lacks_weather
+from glbench.cli.tasks import _lacks_data
 from glbench.env import Simulation
 from glbench.registration import draft_files, task_files
 from glbench.tasks import PAPER_TASK, TaskSpec, get_suite, get_task, list_drafts, list_suites, list_tasks, read_lock
@@ -20,7 +20,7 @@ FILES = task_files()
 
 @pytest.mark.parametrize("path", FILES, ids=[path.stem for path in FILES])
 def test_a_shipped_task_loads_and_has_the_digest_of_the_lock(path: Path) -> None:
-    if _lacks_weather(path):
+    if _lacks_data(path):
         pytest.skip("the extra with its weather is not installed")
     task = get_task(path)
     check_file_name(task, path)

@@ -118,7 +118,7 @@ class _Document(_Part):
     hours: dict[Word, _Lines]
     energy: _Energy | None = None
     pictures: list[Count] | None = None
-    """Scenes of a library in the last picture of each week of the worst run."""
+    """Scenes of a library in the last picture on the first day of each week of the worst run."""
 
 
 @dataclass(frozen=True, eq=False)
