@@ -12,12 +12,13 @@ from typing import Any
 import pytest
 
 from glbench.errors import TaskError, UnknownNameError
-from glbench.model import CONTROL_NAMES, STATE_NAMES, TOMATO, VARIANTS, bounds
+from glbench.model import CONTROL_NAMES, LETTUCE, STATE_NAMES, TOMATO, VARIANTS, bounds
 from glbench.model.units import same_unit
 from glbench.report.task_words import definition_in_words
 from glbench.tasks import MODEL_VARIANTS, OBSERVATION_MODULES, PAPER_TASK, PREPROCESSINGS, Registry, Word, get_task, list_tasks, task_card
 from glbench.tasks import quantities as q
 from glbench.tasks.ledger import MONEY
+from glbench.vision import Library
 from glbench.weather import PREPROCESSINGS as WEATHER_PREPROCESSINGS
 from glbench.weather.series import SAMPLED
 
@@ -54,18 +55,18 @@ def test_the_controls_reach_the_papers_capacities() -> None:
 
 
 def test_every_module_has_finite_bounds_units_and_different_names(shipped_words: dict[str, list[str]]) -> None:
+    tomato = context(
+        forecast_steps=3,
+        forecast_hours=(1, 24),
+        holds=(("uLamp", 30.0),),
+        prices=(("power", "EUR kWh-1", -0.1, 0.4),),
+        day_ahead=("power",),
+        day_ahead_hours=(1, 12),
+        scheduled_controls=("uBlScr",),
+    )
+    lettuce = dataclasses.replace(tomato, model=LETTUCE, library=Library.open("lettuce"))
     for name in shipped_words["observation module"]:
-        columns = OBSERVATION_MODULES[name].quantities(
-            context(
-                forecast_steps=3,
-                forecast_hours=(1, 24),
-                holds=(("uLamp", 30.0),),
-                prices=(("power", "EUR kWh-1", -0.1, 0.4),),
-                day_ahead=("power",),
-                day_ahead_hours=(1, 12),
-                scheduled_controls=("uBlScr",),
-            )
-        )
+        columns = OBSERVATION_MODULES[name].quantities(lettuce if name == q.CAMERA else tomato)
         assert columns
         assert len({column.name for column in columns}) == len(columns)
         for column in columns:
