@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -348,6 +349,7 @@ def _worth(plan: SeasonPlan, preset: str, smoothing: float = _SMOOTHING) -> Floa
     return costates[:-1]
 
 
+@lru_cache(maxsize=64)
 def money_in_reward(task: TaskSpec) -> float:
     """What 1 EUR m-2 is worth in the task's reward."""
     # The same step with all controls off and on: what that costs, and what it does to the reward. Its states do not matter.
