@@ -21,12 +21,14 @@ from numpy.typing import NDArray
 from glbench.arrays import packed
 from glbench.resources import data_folder, write_atomically
 from glbench.vision.encoder import Encoder
+from glbench.vision.library import SHOWN_IN, ShownIn
 
-SHOWN = 4
-"""Plant variations that the encoder is not trained on: the last ones."""
+SHOWN: dict[ShownIn, int] = {"training": 8, "test": 8}
+"""Plant variations that the encoder is not trained on and that are shown: the last ones, those of tests at the very end."""
+VERSION = "2"
 FEATURES, CHANNELS, HIDDEN = 6, (16, 32, 48, 64), 48
 EPOCHS, BATCH, RATE = 60, 64, 3e-3
-QUALITY = 85
+QUALITY = 80
 
 
 class Scenes:
@@ -37,9 +39,10 @@ class Scenes:
 
         files = [np.load(file) for file in sorted(folder.glob("??-??.npz"))]
         lights = len(files[0]["images"])
-        self.mass, self.seeds, self.cover, self.leaf_area_index = (
+        self.mass, seeds, self.cover, self.leaf_area_index = (
             np.repeat([float(file[name]) for file in files], lights) for name in ("mass", "variation", "cover", "leaf_area_index")
         )
+        self.seeds = seeds.astype(np.int64)
         self.lights = np.tile(np.arange(lights), len(files))
         self.packed = []
         for picture in np.concatenate([file["images"] for file in files]):
@@ -106,22 +109,22 @@ def applied(encoder: Encoder, pictures: NDArray[np.uint8]) -> NDArray[np.float64
     return np.concatenate([encoder.features(some) for some in np.array_split(pictures, -(-len(pictures) // 32))])
 
 
-def write(crop: str, scenes: Scenes, encoder: Encoder, trained: NDArray[np.bool_], command: str) -> None:
+def write(crop: str, scenes: Scenes, encoder: Encoder, shown: NDArray[np.int64], command: str) -> None:
     """Write library, encoder and their entries in the manifest."""
     features = applied(encoder, scenes.pictures)
     content = packed(
-        format=1, crop=crop, columns=tuple(f"camera_{number + 1}" for number in range(features.shape[1])), features=features,
-        mass=scenes.mass, seeds=scenes.seeds.astype(np.int64), lights=scenes.lights.astype(np.int64), split=trained.astype(np.uint8),
+        format=2, crop=crop, columns=tuple(f"camera_{number + 1}" for number in range(features.shape[1])), features=features,
+        mass=scenes.mass, seeds=scenes.seeds, lights=scenes.lights.astype(np.int64), shown=shown,
         cover=scenes.cover, leaf_area_index=scenes.leaf_area_index, estimates=encoder.estimates(features),
         pictures=np.frombuffer(b"".join(scenes.packed), np.uint8),
         starts=np.cumsum([0, *(len(one) for one in scenes.packed)]).astype(np.int64),
     )  # fmt: skip
     folder = data_folder("images")
-    write_atomically(folder / f"{crop}-1.npz", content)
-    write_atomically(folder / f"{crop}-1.encoder.npz", encoder.file())
+    write_atomically(folder / f"{crop}-{VERSION}.npz", content)
+    write_atomically(folder / f"{crop}-{VERSION}.encoder.npz", encoder.file())
     manifest = folder / "manifest.toml"
     before = manifest.read_text(encoding="utf-8") if manifest.exists() else "# Libraries of rendered pictures; docs/vision.md.\n"
-    others = re.sub(rf"\n\[{crop}-1\]\n[^\[]*", "\n", before).rstrip("\n")
+    others = re.sub(rf"\n\[{crop}-{VERSION}\]\n[^\[]*", "\n", before).rstrip("\n")
     entry = {
         "sha256": hashlib.sha256(content).hexdigest(),
         "encoder_sha256": hashlib.sha256(encoder.file()).hexdigest(),
@@ -131,7 +134,7 @@ def write(crop: str, scenes: Scenes, encoder: Encoder, trained: NDArray[np.bool_
         "contents": f"{len(scenes.mass)} pictures of {scenes.pictures.shape[1]} by {scenes.pictures.shape[2]} pixels, WebP",
     }
     lines = "\n".join(f'{key} = "{value}"' for key, value in entry.items())
-    write_atomically(manifest, f"{others}\n\n[{crop}-1]\n{lines}\n")
+    write_atomically(manifest, f"{others}\n\n[{crop}-{VERSION}]\n{lines}\n")
 
 
 def main() -> None:
@@ -143,13 +146,15 @@ def main() -> None:
     parser.add_argument("--try", dest="held_out", type=int, default=0, help="number of training plants to hold out; writes nothing")
     options = parser.parse_args()
     scenes = Scenes(options.work / options.crop)
-    trained = scenes.seeds < scenes.seeds.max() + 1 - SHOWN
-    used = scenes.seeds < scenes.seeds.max() + 1 - SHOWN - options.held_out
+    counts = [len(np.unique(scenes.seeds)) - sum(SHOWN.values()), *SHOWN.values()]
+    shown = np.repeat([SHOWN_IN.index("encoder"), *(SHOWN_IN.index(name) for name in SHOWN)], counts)[scenes.seeds]
+    trained = shown == SHOWN_IN.index("encoder")
+    used = trained & (scenes.seeds < counts[0] - options.held_out)
     print(f"{len(trained)} scenes, {used.sum()} to train on; {sum(map(len, scenes.packed)) / 1e6:.2f} MB of pictures", flush=True)
     encoder = train(scenes.pictures[used], scenes.mass[used], scenes.cover[used], options.epochs)
     if not options.held_out:
-        write(options.crop, scenes, encoder, trained, options.crop)
-    for name, rows in (("trained on", used), ("held out", trained & ~used)):
+        write(options.crop, scenes, encoder, shown, options.crop)
+    for name, rows in (("trained on", used), ("held out", trained & ~used), ("shown in training", shown == SHOWN_IN.index("training"))):
         if rows.any():
             off = encoder.estimates(applied(encoder, scenes.pictures[rows]))[:, 0] / scenes.mass[rows] - 1.0
             for low, high in ((0, 30), (30, 100), (100, 200), (200, 300), (300, 400), (400, 800)):

@@ -159,7 +159,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("crop", choices=["lettuce"])
     parser.add_argument("--work", type=Path, required=True, help="folder for the rendered scenes")
-    parser.add_argument("--variations", type=int, nargs=2, default=(0, 12), help="first one, and the first one left out")
+    parser.add_argument("--variations", type=int, nargs=2, default=(0, 36), help="first one, and the first one left out")
     parser.add_argument("--variant", default="llvm_ad_rgb")
     options = parser.parse_args()
     renderer = Renderer(options.variant)

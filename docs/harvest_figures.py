@@ -26,11 +26,17 @@ from glbench.evaluation import load_result
 from glbench.leaderboard.ladder import Rung, Share, share_of
 from glbench.leaderboard.statistics import Interval, estimate_difference, estimate_mean
 from glbench.model.crop.lettuce import head_mass
-from glbench.resources import write_atomically
+from glbench.resources import data_folder, write_atomically
 from glbench.tasks import get_task, task_card
 from glbench.tasks.spec import TaskSpec
+from glbench.vision import Encoder
 
 TASK = "LettuceHarvest-v1"
+WITH_PICTURES: Mapping[str, Any] = {
+    "camera": {"library": "lettuce-2"},
+    "observation.modules": [*get_task(TASK).observation.modules, "camera"],
+}
+"""A camera besides: it changes nothing else."""
 PAGE, FIGURES, RULE_FIGURES = DOCS / "lettuce.md", DOCS / "measurements" / "harvest.json", DOCS / "measurements" / "harvest-rules.json"
 CLIMATE = ROOT / "baselines" / "rule_based_greenhouse" / "rules" / "lettuce-v2.yml"
 FIRST_SEED = {"training": 30_000_000_000, "validation": 10_000}
@@ -42,12 +48,14 @@ SIGNS: Mapping[str, Sequence[float]] = {
     "dates": (0, 1, 2, 3, 4, 5, 6),
     "books": (310, 330, 350, 370, 390),
     "sample": (320, 340, 360),
+    "picture": (300, 320, 340, 360, 380),
     "mass": (320, 335, 350, 365, 380),
 }
 DATES = ((32, 28), (34, 30), (36, 32), (38, 34), (40, 32), (42, 33), (46, 29))
 """What the crew is called by: days since planting; MJ m-2 of radiation since then, as measured; one of ``DATES``, days since planting for
 the first and the second planting; mass [g] that plants of the books would
-have in a house of the books in that weather; mass [g] that weekly samples tell; true mass [g]."""
+have in a house of the books in that weather; mass [g] that weekly samples tell; mass [g] that the encoder makes of the picture of the
+day; true mass [g]."""
 WORDS = {
     "reference": f"after {DEFAULT} days",
     "day": "after the best number of days",
@@ -55,6 +63,7 @@ WORDS = {
     "dates": "after the best two numbers of days, one for each planting",
     "books": "when plants of the books would be heavy enough, weather known",
     "sample": "when the weekly sample says so",
+    "picture": "when the picture of the day says so",
     "mass": "when the true mass says so",
     "hindsight": "best of all these in each season, in hindsight",
 }
@@ -85,13 +94,16 @@ class Grower(HarvestRulesAgent):
         self.signs = np.repeat([sign for sign, _ in signs], runs)
         self.values = np.repeat([value for _, value in signs], runs)
         self.calls, self.true, self.light, self.step = calls, np.zeros(len(pages)), np.zeros(len(pages)), 0
+        self.pictured = np.zeros(len(pages))
 
     def _harvest(self, readings: dict[str, Floats]) -> Floats:
         young = readings["days_since_planting"] < 0.05
         self.light = np.where(young, 0.0, self.light + readings["global_radiation"] * 900e-6)
         heavy = (self.signs == "mass") & (self.true >= self.values)
         sunny = (self.signs == "light") & (self.light >= self.values)
-        called = np.where((heavy | sunny) & ~young, 1.0, super()._harvest(readings))
+        taken = readings["days_since_planting"] >= 1.0  # a picture of these plants, at noon
+        large = (self.signs == "picture") & (self.pictured >= self.values) & taken
+        called = np.where((heavy | sunny | large) & ~young, 1.0, super()._harvest(readings))
         self.step += 1
         return np.where(self.calls[:, self.step - 1], 1.0, called)
 
@@ -102,10 +114,14 @@ def play(task: TaskSpec, seeds: Sequence[int], signs: Sequence[tuple[str, float]
     simulation = Simulation(task, rows, "fast")
     observations, grower = simulation.reset(list(seeds) * len(signs)), Grower(task, signs, len(seeds), calls)
     model, p = task.model_value, task.model_value.Parameters(*task.parameters().tolist())
+    cameras = [place for place, column in enumerate(task.observed()) if column.name.startswith("camera_")]
+    encoder = Encoder.at(data_folder("images") / f"{task.camera.library}.encoder.npz") if task.camera is not None else None
     place, crew = model.control_names.index(HARVEST), np.zeros(rows)
     sums, days = np.zeros((2, rows)), [[] for _ in range(rows)]
     for step in range(task.steps):
         grower.true = np.asarray(head_mass(model.State(*simulation.x.T), p))
+        if encoder is not None:
+            grower.pictured = encoder.estimates(observations[:, cameras])[:, 0]
         result = simulation.step(grower.act(observations))
         observations = result.observations
         sums += [result.quantities["reward"], result.quantities["epi"]]
@@ -130,7 +146,7 @@ def measure(runs: int) -> dict[str, Any]:
     figures["signs"] += [[sign, value] for sign, values in SIGNS.items() for value in values]
     signs, books = [tuple(one) for one in figures["signs"]], [("mass", value) for value in SIGNS["books"]]
     for split, first in FIRST_SEED.items():
-        task, seeds = get_task(TASK).in_split(split), range(first, first + runs)
+        task, seeds = get_task(TASK).replace(WITH_PICTURES).in_split(split), range(first, first + runs)
         never = np.zeros((len(books) * runs, task.steps), dtype=bool)
         planned = play(of_the_books(task), seeds, books, never)["days"]
         calls = np.zeros((len(signs) * runs, task.steps), dtype=bool)

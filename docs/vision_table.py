@@ -54,7 +54,7 @@ def by_mass(library: Library) -> str:
     ]
     for low, high in (*CLASSES, (3, 701)):
         inside = (library.mass >= low) & (library.mass < high)
-        rows, seen = inside & ~library.split, inside & library.split
+        rows, seen = inside & ~library.plants("encoder"), inside & library.plants("encoder")
         grams = library.estimates[rows, 0] - library.mass[rows]
         name = "all" if (low, high) == (3, 701) else f"{low} to {min(high, 700)}"
         lines.append(
@@ -69,7 +69,7 @@ def by_light(library: Library) -> str:
     """Error by light, of heads from 200 to 500 g that the encoder has not seen; and that of the cover below 200 g."""
     lines = ["| light | error of the mass, 200 to 500 g, % | error of the cover, below 200 g, percentage points |", "|---|---:|---:|"]
     for light, name in enumerate(LIGHTS):
-        shown = ~library.split & (library.lights == light)
+        shown = ~library.plants("encoder") & (library.lights == light)
         heavy, light_ones = shown & (library.mass >= 200) & (library.mass < 500), shown & (library.mass < 200)
         off = library.estimates[light_ones, 1] - library.cover[light_ones]
         lines.append(f"| {name} | {100 * rms(errors(library, heavy)):.1f} | {100 * rms(off):.1f} |")

@@ -14,7 +14,8 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
-FOLDERS = ("baselines", "reports/released/results", "images")
+FOLDERS = {"baselines": "baselines", "reports/released/results": "reports/released/results", "images": "glbench-data/images"}
+"""Names of the data folders, and where they are in a checkout."""
 LARGEST_POLICY = 90 * 1024
 """Size of a baseline's policies or plans from which on they are only in ``glbench-data`` [bytes]."""
 ELSEWHERE = ("reports/released/results/Transfer-*", "reports/released/results/Schiphol2010Code-*")
@@ -24,10 +25,10 @@ BESIDE = ("*.profile.json.gz", *ELSEWHERE, "images/*")
 
 
 def whole(root: Path) -> dict[str, Path]:
-    """All files of the data by their names below ``root``, in order."""
-    files = (file for folder in FOLDERS for file in (root / folder).rglob("*") if file.is_file())
-    kept = (file for file in files if "__pycache__" not in file.parts and file.suffix != ".mcap")
-    return dict(sorted((file.relative_to(root).as_posix(), file) for file in kept))
+    """All files of the data by their names in the package, in order."""
+    files = ((name, root / place, file) for name, place in FOLDERS.items() for file in (root / place).rglob("*") if file.is_file())
+    kept = (entry for entry in files if "__pycache__" not in entry[2].parts and entry[2].suffix != ".mcap")
+    return dict(sorted((f"{name}/{file.relative_to(folder).as_posix()}", file) for name, folder, file in kept))
 
 
 def digest(files: dict[str, Path]) -> str:

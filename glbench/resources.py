@@ -2,7 +2,7 @@
 
 The folders ``tasks``, ``baselines``, ``weather``, ``submissions`` and ``reports`` stand beside the package in a checkout and
 inside it (``glbench/_data``) in a wheel. Nothing in them is ever imported as a module of the package. A wheel holds neither large
-policies and plans nor the profiles of released results: these are in a second package, ``glbench-data``.
+policies and plans, nor the profiles of released results, nor pictures: these are in a second package, ``glbench-data``.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def data_folder(name: DataFolder) -> Path:
         return packaged
     if name == "images" and lacks_pictures():
         raise GlbenchError(how_to_get_data("The library of pictures is") + ".")
-    checkout = _PACKAGE.parent / name
+    checkout = _PACKAGE.parent / ("glbench-data/images" if name == "images" else name)
     if checkout.is_dir() and (_PACKAGE.parent / "pyproject.toml").is_file():
         return checkout
     msg = (

@@ -11,9 +11,9 @@ from PIL import Image
 from glbench.tasks import TaskSpec, get_task
 from glbench.vision.library import Library
 
-MASSES, SEEDS, LIGHTS = np.linspace(0.0, 700.0, 29), 7, 3
+MASSES, SEEDS, LIGHTS = np.linspace(0.0, 700.0, 29), 10, 3
 HIDDEN = 5
-"""Plant variations that its encoder was not trained on: the first ones."""
+"""Plant variations that training shows: the first ones. The last three are those of tests."""
 
 
 def small_library(crop: str, version: str) -> Library:
@@ -29,8 +29,8 @@ def small_library(crop: str, version: str) -> Library:
     nothing = np.zeros(len(mass))
     return Library(
         crop=crop, digest=f"{int(version):064x}", columns=tuple("abcd"), features=numbers, mass=mass, seeds=seeds, lights=lights,
-        split=seeds >= HIDDEN, cover=nothing, leaf_area_index=nothing, estimates=np.zeros((len(mass), 2)),
-        _pictures=np.concatenate(files), _starts=np.cumsum([0, *map(len, files)]),
+        shown=np.select([seeds < HIDDEN, seeds < SEEDS - 3], [0, 1], 2), cover=nothing, leaf_area_index=nothing,
+        estimates=np.zeros((len(mass), 2)), _pictures=np.concatenate(files), _starts=np.cumsum([0, *map(len, files)]),
     )  # fmt: skip
 
 

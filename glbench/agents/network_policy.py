@@ -339,7 +339,7 @@ def read_policy(file: Path) -> NetworkPolicy:
     policy = read_actor(file)
     if not policy.plain:
         msg = (
-            f"{file} is a policy of the compiled PPO. glbench tune and start_from work with those of Stable-Baselines3: "
+            f"{file} is a policy of the compiled PPO. start_from works with those of Stable-Baselines3: "
             "glbench train ppo --config baselines/ppo/paper.yml"
         )
         raise SubmissionError(msg)
@@ -385,10 +385,14 @@ class ActorAgent:
 
     def act(self, observations: NDArray[np.float32], /) -> Floats:
         """Actions (n_runs, actions). Raises ``ShapeError`` when there are not as many rows as runs were announced to ``reset``."""
+        return self._moved(self.policy.network.act(self._inputs(observations)))
+
+    def _inputs(self, observations: NDArray[np.float32]) -> NDArray[np.floating[Any]]:
+        """What the network gets: observations and, after them, traces and memory."""
         check_runs(observations, self._runs)
         policy = self.policy
         if policy.plain:
-            return policy.network.act(observations)
+            return observations
         network, readings = policy.network, observations.astype(np.float64)
         traces, latest = self._traces, readings[:, None, policy.traced]
         after = traces + policy.shares[:, None] * (latest - traces)
@@ -397,7 +401,13 @@ class ActorAgent:
         inputs = np.where(np.isfinite(inputs), inputs, network.mean[: inputs.shape[1]])
         if policy.gru is not None:
             self._memory = policy.gru(network.normalised(inputs), self._memory)
-        output = network.act(np.concatenate([inputs, self._memory], axis=1))
+        return np.concatenate([inputs, self._memory], axis=1)
+
+    def _moved(self, output: Floats) -> Floats:
+        """Actions for what the network gives."""
+        policy = self.policy
+        if policy.plain:
+            return output
         moves = policy.max_change > 0
         change = np.where(moves, policy.max_change, 1.0)
         actions: Floats = np.where(moves, (output - self._positions) / change, output)

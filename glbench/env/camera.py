@@ -1,8 +1,9 @@
 """The picture of the crop that a camera takes once a day, and of which an encoder's features are observed until the next one.
 
 A picture is one of a library's (``glbench.vision.library``): the one nearest to the mean mass of the heads, of plants and in light that are
-drawn. There are new plants in it when the heads weigh less than half of what they did in the last picture, and other light in each.
-The tapes keep the number of a picture, and the kernel looks up its features by it. docs/observations.md tells more.
+drawn. A test draws from plants that no training shows. There are new plants in a picture when the heads weigh less than half of what they
+did in the last one, and other light in each. The tapes keep the number of a picture, and the kernel looks up its features by it.
+docs/observations.md tells more.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from glbench.kernel.environment import Lookup
 from glbench.kernel.tape import Recorder, Source
 from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import CAMERA, head_mass_of
-from glbench.vision.library import Library
+from glbench.vision.library import Library, ShownIn
 
 MASSES = 1024
 """Masses that pictures are numbered by, evenly from the lightest heads of the library to the heaviest."""
@@ -54,13 +55,13 @@ class Pictures:
 
     @staticmethod
     @lru_cache(maxsize=4)
-    def of(library: Library) -> Pictures:
-        """The pictures of plants that the encoder was not trained on, the mass going fastest."""
+    def of(library: Library, shown_in: ShownIn) -> Pictures:
+        """The pictures of plants that are ``shown_in`` training or a test, the mass going fastest."""
         lightest, heaviest = float(library.mass.min()), float(library.mass.max())
-        plants, lights = len(np.unique(library.seeds[~library.split])), len(np.unique(library.lights))
+        plants, lights = len(np.unique(library.seeds[library.plants(shown_in)])), len(np.unique(library.lights))
         draws = ((np.arange(count) + 0.5) / count for count in (plants, lights))
         variation, light, mass = (one.ravel() for one in np.meshgrid(*draws, np.linspace(lightest, heaviest, MASSES), indexing="ij"))
-        scenes = library.pick(mass, variation, light)
+        scenes = library.pick(mass, variation, light, shown_in)
         return Pictures(scenes, library.features[scenes].astype(np.float32), lightest, heaviest, plants, lights)
 
     def number(self, head: Any, plants: Any, light: Any) -> Any:
@@ -97,9 +98,12 @@ class Camera:
 
     @staticmethod
     def of(task: TaskSpec, places: DrawPlaces) -> Camera | None:
-        """The camera of a task, if it has one."""
+        """The camera of a task, if it has one. Only the splits training and validation show plants that agents may know."""
         library, table = task.picture_library, task.camera
-        return None if library is None or table is None else Camera(task, Pictures.of(library), float(table.hour), places)
+        if library is None or table is None:
+            return None
+        shown_in: ShownIn = "training" if task.split in ("training", "validation") else "test"
+        return Camera(task, Pictures.of(library, shown_in), float(table.hour), places)
 
     def traits(self, numbers: Floats) -> Floats:
         """Plants and light of the first picture, ``(n, 2)``."""

@@ -297,7 +297,7 @@ def head_mass_of(model: Model) -> Callable[[Any, Any], Any]:
 def camera(context: ObservationContext) -> tuple[Quantity, ...]:
     """The features of the last picture; UnknownNameError without a camera, or for a model without heads."""
     if context.library is None:
-        refuse(f"'{CAMERA}' shows pictures of a library, and none is named: add [camera] library = \"lettuce-1\".", UnknownNameError)
+        refuse(f"'{CAMERA}' shows pictures of a library, and none is named: add [camera] library = \"lettuce-2\".", UnknownNameError)
     head_mass_of(context.model)
     numbers = range(1, len(context.library.columns) + 1)
     return tuple(Quantity(f"{CAMERA}_{n}", "-", -1.0, 1.0, f"feature {n} of the last picture of the crop") for n in numbers)

@@ -703,7 +703,7 @@ class CameraTable(Table):
     """``[camera]``: the observation module ``camera``, a picture once a day and one at the start of a run."""
 
     library: str = Field(
-        pattern=r"^[a-z]+-[1-9][0-9]*$", description='a library of pictures with its version in quotes, such as "lettuce-1"'
+        pattern=r"^[a-z]+-[1-9][0-9]*$", description='a library of pictures with its version in quotes, such as "lettuce-2"'
     )
     hour: int = Field(default=12, ge=1, le=23, description="a whole hour of the day, 1 to 23")
 

@@ -23,18 +23,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from glbench.agents.network_policy import FAST, NetworkPolicy
+from glbench.agents.network_policy import FAST, Actor, ActorAgent, NetworkPolicy, read_actor
 from glbench.arrays import Floats
 from glbench.env import Simulation
 from glbench.errors import TrainingError, did_you_mean, refuse
 from glbench.kernel import make_kernel
 from glbench.resources import write_atomically
 from glbench.settings import validated
-from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec, task_card
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training.card import POLICY, TrainingFacts
 from glbench.training.constant_columns import varies, without_constant_columns
-from glbench.training.export import policy_in, start_of
+from glbench.training.export import start_of
 from glbench.training.folder import Trained
 from glbench.training.periodic_evaluation import Listener, Probe, ProbeResult, season_sums
 from glbench.training.settings import EvaluationPlan, FrozenSettings, PolicyFile, TrainingSeed, section
@@ -45,29 +45,26 @@ Singles = NDArray[np.float32]
 _LOOKED_AT = 5  # Only every fifth step of the runs is used to compute the directions
 
 
-class BatchedPolicy:
+class BatchedPolicy(ActorAgent):
     """Acts with another last layer in each row. ``seconds`` is the time spent on actions so far [s]."""
 
-    def __init__(self, policy: NetworkPolicy) -> None:
-        self._policy = replace(policy, arithmetic=FAST)
-        self.take([(policy.weights[-1], policy.biases[-1])])
+    def __init__(self, policy: Actor, task: TaskSpec) -> None:
+        super().__init__(policy.with_arithmetic(FAST))
+        self._card = task_card(task)
         self.seconds = 0.0
 
     def take(self, layers: Sequence[tuple[Singles, Singles]]) -> None:
-        """Last layers, one a run: weights ``(hidden, actions)`` and biases ``(actions,)``."""
+        """As many runs begin as there are last layers: weights ``(hidden, actions)`` and biases ``(actions,)``."""
+        self.reset(self._card, len(layers))
         self._weights = np.stack([weights for weights, _ in layers])
         self._biases = np.stack([biases for _, biases in layers])
 
-    def hidden(self, observations: Singles) -> Singles:
-        """The last hidden layer ``(n, hidden)``."""
-        x: Singles = self._policy.hidden(self._policy.normalised(observations).astype(np.float32))
-        return x
-
     def act(self, observations: Singles) -> Floats:
         """Actions ``(n, actions)`` for observations ``(n, columns)``, row i by the last layer i."""
-        start = time.perf_counter()
-        output = (self.hidden(observations)[:, None, :] @ self._weights)[:, 0] + self._biases
-        actions = self._policy.bounded(output.astype(np.float64))
+        start, network = time.perf_counter(), self.policy.network
+        self.hidden: Singles = network.hidden(network.normalised(self._inputs(observations)).astype(np.float32))
+        output = (self.hidden[:, None, :] @ self._weights)[:, 0] + self._biases
+        actions = self._moved(network.bounded(output.astype(np.float64)))
         self.seconds += time.perf_counter() - start
         return actions
 
@@ -119,7 +116,7 @@ def read_season_search(file: Path, task_id: str, start_from: Path | None = None)
 
 
 class Variations:
-    """The policies that a search chooses from: numbers to last layers and back to a policy."""
+    """The policies that a search chooses from: numbers to last layers and back to a network."""
 
     def __init__(self, policy: NetworkPolicy, hidden: NDArray[np.float32], directions: int) -> None:
         self._policy = policy
@@ -158,16 +155,18 @@ class _SeasonSearch(Search):
         self._simulation = Simulation(task, settings.population, kernel)
         self._probe = Probe(task.chosen_on, settings.evaluation, settings.kernel_preset)
         start = _begun_anew(settings, task)
-        self._batched = BatchedPolicy(start)
-        self._batched.take([(start.weights[-1], start.biases[-1])] * len(self._probe.seeds))
+        network = start.network
+        self._start, self._batched = start, BatchedPolicy(start, task)
+        self._batched.take([(network.weights[-1], network.biases[-1])] * len(self._probe.seeds))
         hidden: list[Singles] = []
 
         def act(observations: Singles) -> Floats:
-            hidden.append(self._batched.hidden(observations))
-            return self._batched.act(observations)
+            actions = self._batched.act(observations)
+            hidden.append(self._batched.hidden)
+            return actions
 
         self._probe.of(act)
-        self._variations = Variations(start, np.concatenate(hidden[::_LOOKED_AT]), settings.directions)
+        self._variations = Variations(network, np.concatenate(hidden[::_LOOKED_AT]), settings.directions)
         self.begin(np.zeros(self._variations.size))
 
     def advance(self) -> float:
@@ -194,8 +193,9 @@ class _SeasonSearch(Search):
         about: dict[str, str | int | float] = {
             "algorithm": "CMA-ES", "seed": self.seed, "steps": self.steps, "task_digest": task.digest,
         }  # fmt: skip
-        policy = self._variations.policy(self.mean, about)
-        write_atomically(self.folder / POLICY, replace(policy, task_id=task.id, delta=task.uncertainty.delta).to_bytes())
+        network = replace(self._variations.policy(self.mean, about), task_id=task.id, delta=task.uncertainty.delta)
+        actor = Actor.of(network) if self._start.plain else replace(self._start, network=network)
+        write_atomically(self.folder / POLICY, actor.to_bytes())
 
     def facts(self) -> TrainingFacts:
         file, task = self.settings.start_from, self.tasks[0]
@@ -226,8 +226,12 @@ def search(
     return under_way.carry_out(target, total, listeners, resume=resume, policy=policy, start=start_of(policy))
 
 
-def _begun_anew(settings: SearchSettings, task: TaskSpec) -> NetworkPolicy:
-    policy = policy_in(settings.start_from, task)
+def _begun_anew(settings: SearchSettings, task: TaskSpec) -> Actor:
+    actor = read_actor(settings.start_from)
+    reason = actor.why_not(task_card(task))
+    if reason is not None:
+        refuse(f"There is no starting from {settings.start_from}: {reason}.", TrainingError)
+    policy = actor.network
     weights, biases = policy.weights[-1].copy(), policy.biases[-1].copy()
     for name, value in settings.begin_anew.items():
         if name not in policy.action_names:
@@ -238,4 +242,5 @@ def _begun_anew(settings: SearchSettings, task: TaskSpec) -> NetworkPolicy:
             refuse(f"'begin_anew: {name}: {value}': the output of this policy lies between -1 and 1.", TrainingError)
         weights[:, column], biases[column] = 0.0, value if policy.output == "clip" else np.arctanh(value)
     start = replace(policy, weights=(*policy.weights[:-1], weights), biases=(*policy.biases[:-1], biases))
-    return without_constant_columns(start, varies(policy.mean - policy.scale, policy.mean + policy.scale))
+    start = without_constant_columns(start, varies(policy.mean - policy.scale, policy.mean + policy.scale))
+    return Actor.of(start) if actor.plain else replace(actor, network=start)

@@ -8,6 +8,7 @@ import tomllib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,10 @@ from glbench.resources import data_folder
 from glbench.untrusted import MIB, reason_of
 
 Integers = NDArray[np.int64]
-_FORMAT = 1
+ShownIn = Literal["training", "encoder", "test"]
+SHOWN_IN: tuple[ShownIn, ...] = ("training", "encoder", "test")
+"""Where plants are shown: in training and validation, to the encoder as it was trained, in tests."""
+_FORMAT = 2
 _LARGEST = 64 * MIB
 
 
@@ -40,8 +44,8 @@ class Library:
     """Plant variation of each scene, from 0 on, shape (scenes,)."""
     lights: Integers
     """Light of each scene, from 0 on, shape (scenes,)."""
-    split: NDArray[np.bool_]
-    """Whether the encoder was trained on a scene, shape (scenes,)."""
+    shown: Integers
+    """Where the plants of each scene are shown, a place in ``SHOWN_IN``, shape (scenes,)."""
     cover: Floats
     """Share of each picture that shows leaves, shape (scenes,)."""
     leaf_area_index: Floats
@@ -52,7 +56,7 @@ class Library:
     _starts: Integers
 
     @classmethod
-    def open(cls, crop: str, version: str = "1") -> Library:
+    def open(cls, crop: str, version: str = "2") -> Library:
         """The library of a crop (``"lettuce"``).
 
         Raises ``GlbenchError`` when there is none of that name, when the package with the data is not installed (with the command that
@@ -80,19 +84,23 @@ class Library:
             return cls(
                 crop=arrays.text("crop"), digest=digest, columns=arrays.texts("columns"), features=arrays.floats("features", 2),
                 seeds=arrays.integers("seeds", 1, np.int64), lights=arrays.integers("lights", 1, np.int64),
-                split=arrays.integers("split", 1, np.uint8) > 0, estimates=arrays.floats("estimates", 2),
+                shown=arrays.integers("shown", 1, np.int64), estimates=arrays.floats("estimates", 2),
                 _pictures=arrays.integers("pictures", 1, np.uint8), _starts=arrays.integers("starts", 1, np.int64), **per_scene,
             )  # fmt: skip
         except (OSError, ValueError) as error:
             refuse(f"Cannot read the pictures in {file}: {reason_of(error)}. Install glbench-data again.", GlbenchError, error)
 
-    def pick(self, mass: Floats, variation: Floats, light: Floats, *, trained: bool = False) -> Integers:
+    def plants(self, shown_in: ShownIn) -> NDArray[np.bool_]:
+        """Which scenes have the plants that are shown in training (and validation), in a test, or to the encoder alone, shape (scenes,)."""
+        return np.asarray(self.shown == SHOWN_IN.index(shown_in))
+
+    def pick(self, mass: Floats, variation: Floats, light: Floats, shown_in: ShownIn = "training") -> Integers:
         """Index of the scene nearest to each ``mass`` [g], of the variation and light that draws in [0, 1) choose. All shapes (n,).
 
-        Only variations that the encoder was not trained on are shown; with ``trained`` only the others. Beyond the lightest and heaviest
-        scene these two are shown. Raises ``ValueError`` for a draw outside [0, 1).
+        Only variations that are ``shown_in`` it are picked. Beyond the lightest and heaviest scene these two are shown. Raises
+        ``ValueError`` for a draw outside [0, 1).
         """
-        masses, table = self._tables[trained]
+        masses, table = self._tables[shown_in]
         for name, draw in (("variation", variation), ("light", light)):
             outside = ~((np.asarray(draw) >= 0.0) & (np.asarray(draw) < 1.0))
             if outside.any():
@@ -116,12 +124,11 @@ class Library:
             return np.asarray(picture.convert("RGB"), dtype=np.uint8)
 
     @cached_property
-    def _tables(self) -> tuple[tuple[Floats, Integers], tuple[Floats, Integers]]:
-        """Masses [g], and the scene of each mass, variation and light: of what the encoder has not seen, and of what it has."""
-        return self._table(self.split), self._table(~self.split)
+    def _tables(self) -> dict[ShownIn, tuple[Floats, Integers]]:
+        """Masses [g], and the scene of each mass, variation and light."""
+        return {shown_in: self._table(np.flatnonzero(self.plants(shown_in))) for shown_in in SHOWN_IN}
 
-    def _table(self, hidden: NDArray[np.bool_]) -> tuple[Floats, Integers]:
-        scenes = np.flatnonzero(~hidden)
+    def _table(self, scenes: NDArray[np.intp]) -> tuple[Floats, Integers]:
         masses, row = np.unique(self.mass[scenes], return_inverse=True)
         variations, column = np.unique(self.seeds[scenes], return_inverse=True)
         table = np.full((len(masses), len(variations), int(self.lights.max()) + 1), -1)

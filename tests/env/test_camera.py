@@ -65,7 +65,11 @@ def drawn(task: TaskSpec, seed: int, stream: str, step: int) -> NDArray[np.float
     return numbers
 
 
-def test_it_shows_plants_of_the_heads_mass_that_change_with_the_planting_in_a_light_that_changes_at_noon(task: TaskSpec) -> None:
+@pytest.mark.parametrize(("split", "first", "plantings_shown"), [("training", 0, HIDDEN), ("validation", 0, HIDDEN), ("test", 7, 3)])
+def test_it_shows_plants_of_the_heads_mass_that_change_with_the_planting_in_a_light_that_changes_at_noon(
+    task: TaskSpec, split: str, first: int, plantings_shown: int
+) -> None:
+    task = task.in_split(split)
     seeds, steps, library = [3, 2**64 - 1], 6 * DAY, small_library("toys", "1")
     simulation = Simulation(task, 2, "fast")
     simulation.reset(seeds)
@@ -90,7 +94,7 @@ def test_it_shows_plants_of_the_heads_mass_that_change_with_the_planting_in_a_li
                 if heads[k] < 0.5 * taken:
                     plants, plantings = later, plantings + 1
                 taken = heads[k]
-            assert library.seeds[scene] == int(plants * HIDDEN), "of plants that the encoder has not seen"
+            assert library.seeds[scene] == first + int(plants * plantings_shown), "of plants of the split"
             assert library.lights[scene] == int(light * 3)
             assert abs(library.mass[scene] - max(taken, 0.0)) <= (MASSES[1] + 700.0 / 1023) / 2.0
         assert (run_scenes(task, seed, x[:, row], hours) == scenes).all(), "what records say of it"

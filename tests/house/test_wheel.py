@@ -95,9 +95,10 @@ def test_the_data_wheel_holds_all_baselines_and_results_and_is_the_one_that_the_
         stated = json.loads(own.read("glbench/_data/data.json"))
         assert json.loads(data.read("glbench_data/manifest.json"))["sha256"] == stated["sha256"]
         for name in ("baselines", "reports/released/results", "images"):
+            folder = ROOT / "glbench-data" / name if name == "images" else ROOT / name
             files = {
-                file.relative_to(ROOT).as_posix()
-                for file in (ROOT / name).rglob("*")
+                f"{name}/{file.relative_to(folder).as_posix()}"
+                for file in folder.rglob("*")
                 if file.is_file() and file.suffix not in {".pyc", ".mcap"}
             }
             packed = {file.removeprefix("glbench_data/") for file in data.namelist()}

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from glbench.agents import load_agent
-from glbench.agents.network_policy import read_policy
+from glbench.agents.network_policy import Actor, ActorAgent, read_actor, read_policy
 from glbench.errors import TrainingError
-from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec, task_card
 from glbench.training import read_settings, train
 from glbench.training.season_search import BatchedPolicy, SearchSettings, read_season_search, search
+from tests.agents.test_actor import policy as actor_of
 from tests.training.conftest import PPO, SAC
 from tests.training.watching import PowerCutError, Watching
 
@@ -141,7 +142,7 @@ def test_impossible_settings_are_named(tmp_path: Path) -> None:
 
 def test_many_policies_at_once_act_as_each_alone(day: TaskSpec, start: Path) -> None:
     policy = read_policy(start)
-    batched = BatchedPolicy(policy)
+    batched = BatchedPolicy(Actor.of(policy), day)
     rng = np.random.default_rng(0)
     layers = [(policy.weights[-1] * np.float32(factor), policy.biases[-1]) for factor in (1.0, -0.5, 2.0)]
     batched.take(layers)
@@ -153,3 +154,28 @@ def test_many_policies_at_once_act_as_each_alone(day: TaskSpec, start: Path) -> 
     for row, (weights, biases) in enumerate(layers):
         alone = replace(policy, weights=(*policy.weights[:-1], weights), biases=(*policy.biases[:-1], biases))
         np.testing.assert_allclose(actions[row], alone.act(seen[row : row + 1])[0], atol=2e-6)
+
+
+def test_many_policies_with_a_memory_act_as_each_alone_and_keep_what_is_around_their_network(day: TaskSpec, tmp_path: Path) -> None:
+    actor, rng = actor_of(day, units=4), np.random.default_rng(0)
+    network = actor.network
+    layers = [(network.weights[-1] * np.float32(factor), network.biases[-1]) for factor in (1.0, -0.5)]
+    others = [replace(network, weights=(*network.weights[:-1], weights), biases=(*network.biases[:-1], bias)) for weights, bias in layers]
+    alone = [ActorAgent(replace(actor, network=other)) for other in others]
+    batched = BatchedPolicy(actor, day)
+    for _ in range(2):  # a season after another
+        batched.take(layers)
+        for agent in alone:
+            agent.reset(task_card(day), 1)
+        for _ in range(5):
+            seen = rng.normal(20.0, 5.0, (2, len(actor.columns))).astype(np.float32)
+            expected = [agent.act(seen[row : row + 1])[0] for row, agent in enumerate(alone)]
+            np.testing.assert_allclose(batched.act(seen), expected, atol=1e-5)
+    (tmp_path / "policy.npz").write_bytes(actor.to_bytes())
+    search(day, settings_for(tmp_path / "policy.npz", tmp_path), tmp_path / "run")
+    tuned = read_actor(tmp_path / "run" / "policy.npz")
+    assert tuned.columns == actor.columns
+    assert np.array_equal(tuned.shares, actor.shares)
+    assert tuned.gru is not None
+    assert np.array_equal(tuned.network.weights[0], network.weights[0])
+    assert not np.array_equal(tuned.network.weights[-1], network.weights[-1])

@@ -14,6 +14,7 @@ from glbench.arrays import packed
 from glbench.errors import GlbenchError
 from glbench.resources import data_folder
 from glbench.vision import Encoder, Library
+from glbench.vision.library import SHOWN_IN
 from tests.house.test_resources import install_data, wheel  # noqa: F401
 
 
@@ -41,17 +42,18 @@ def test_pick_shows_the_nearest_mass_of_plants_that_the_encoder_has_not_seen(lib
     assert library.mass[picked].tolist() == [float(grid[np.argmin(np.abs(grid - mass))]) for mass in wanted]
     rng = np.random.default_rng(1)
     many = library.pick(rng.uniform(3, 700, 2000), rng.random(2000), rng.random(2000))
-    assert not library.split[many].any()
-    assert set(library.seeds[many]) == set(library.seeds[~library.split])
+    assert library.plants("training")[many].all()
+    assert set(library.seeds[many]) == set(library.seeds[library.plants("training")])
     assert set(library.lights[many]) == set(library.lights)
-    assert library.split[library.pick(wanted, middle, middle, trained=True)].all()
+    for shown_in in SHOWN_IN:
+        assert library.plants(shown_in)[library.pick(wanted, middle, middle, shown_in)].all()
     with pytest.raises(ValueError, match=r"Draw 1 of the light is 1\.0"):
         library.pick(wanted[:2], middle[:2], np.array([0.2, 1.0]))
 
 
 def test_the_features_are_those_of_the_pictures(library: Library) -> None:
     pytest.importorskip("PIL")
-    encoder = Encoder.at(data_folder("images") / "lettuce-1.encoder.npz")
+    encoder = Encoder.at(data_folder("images") / "lettuce-2.encoder.npz")
     scenes = library.pick(np.array([20.0, 150.0, 350.0]), np.array([0.1, 0.4, 0.9]), np.array([0.1, 0.5, 0.9]))
     pictures = np.stack([library.image(int(scene)) for scene in scenes])
     assert pictures.shape == (3, 96, 96, 3)
@@ -61,7 +63,7 @@ def test_the_features_are_those_of_the_pictures(library: Library) -> None:
 
 
 def test_heavy_heads_are_told_from_light_ones(library: Library) -> None:
-    shown = ~library.split & (library.mass >= 100.0)
+    shown = ~library.plants("encoder") & (library.mass >= 100.0)
     assert vision_table.rms(vision_table.errors(library, shown)) < 0.15
     assert vision_table.determination(library, shown) > 0.9
 
@@ -69,11 +71,11 @@ def test_heavy_heads_are_told_from_light_ones(library: Library) -> None:
 def test_the_manifest_knows_the_files() -> None:
     folder = data_folder("images")
     manifest = tomllib.loads((folder / "manifest.toml").read_text(encoding="utf-8"))
-    entry = manifest["lettuce-1"]
+    entry = manifest["lettuce-2"]
     assert Library.open("lettuce").digest == entry["sha256"]
-    assert resources.hashlib.sha256((folder / "lettuce-1.encoder.npz").read_bytes()).hexdigest() == entry["encoder_sha256"]
+    assert resources.hashlib.sha256((folder / "lettuce-2.encoder.npz").read_bytes()).hexdigest() == entry["encoder_sha256"]
     assert sum(file.stat().st_size for file in folder.iterdir()) < 20e6
-    with pytest.raises(GlbenchError, match=r"no pictures 'cucumber-1'. There are: lettuce-1"):
+    with pytest.raises(GlbenchError, match=r"no pictures 'cucumber-2'. There are: lettuce-2"):
         Library.open("cucumber")
 
 
@@ -81,7 +83,7 @@ def test_a_damaged_library_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "x.npz"
     with pytest.raises(GlbenchError, match="Cannot read the pictures"):
         Library.at(file)
-    file.write_bytes(packed(format=1, crop="lettuce"))
+    file.write_bytes(packed(format=2, crop="lettuce"))
     with pytest.raises(GlbenchError, match="it has no 'mass'"):
         Library.at(file)
     with pytest.raises(GlbenchError, match="the manifest says abc"):
@@ -92,7 +94,7 @@ def test_a_wheel_alone_says_what_to_install(wheel: Path, monkeypatch: pytest.Mon
     with pytest.raises(GlbenchError, match=r"pip install glbench-data==7\.8\.9"):
         Library.open("lettuce")
     package = install_data(wheel, "ab" * 32, monkeypatch)
-    (package / "images").symlink_to(Path(__file__).resolve().parents[2] / "images")
+    (package / "images").symlink_to(Path(__file__).resolve().parents[2] / "glbench-data" / "images")
     resources._data_package.cache_clear()
     assert Library.open("lettuce").crop == "lettuce"
 

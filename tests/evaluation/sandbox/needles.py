@@ -1,4 +1,4 @@
-"""What no sandbox may hold: weather, plans, recordings, profiles and results that come with glbench, and the seeds of scored runs."""
+"""What no sandbox may hold: data that come with glbench, from weather and plans to results and pictures, and the seeds of scored runs."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from glbench.resources import data_folder
 from glbench.tasks import list_drafts, list_tasks
+from glbench.vision import Library
 from glbench.weather import list_weather, load_weather
 from glbench.weather.trace import TRACE, lacks_package
 from tests.evaluation.sandbox.content_search import WINDOW, Needles
@@ -23,11 +24,11 @@ _FEWER = 240
 
 @cache
 def shipped_needles() -> Needles:
-    """Windows of every record, plan, recording and profile, the digests of all released results, and the seeds of scored runs."""
+    """Windows of weather, plans, recordings, profiles and pictures, the digests of all released results, and the seeds of scored runs."""
     results = data_folder("reports/released/results")
     files = [file for file in results.glob("*/*.json") if ".proof." not in file.name]
     digests = {json.loads(file.read_bytes())["results_digest"] for file in files}
-    return Needles.collect([*_weather(), *_actions(), *_profiles()], digests, _seeds())
+    return Needles.collect([*_weather(), *_actions(), *_profiles(), *_pictures()], digests, _seeds())
 
 
 @cache
@@ -63,6 +64,12 @@ def _profiles() -> Iterator[tuple[str, Any, int]]:
     for file in sorted(data_folder("reports/released/results").glob("*/*.profile.json.gz")):
         for numbers in _lists(json.loads(gzip.decompress(file.read_bytes()))["worst"]):
             yield f"profile of {file.parent.name}", numbers, len(numbers)
+
+
+def _pictures() -> Iterator[tuple[str, Any, int]]:
+    library = Library.open("lettuce")
+    for name, numbers in zip(library.columns, library.features.T, strict=True):
+        yield f"{name} of pictures", numbers, _FEWER
 
 
 def _lists(value: Any) -> Iterator[list[float]]:
