@@ -173,6 +173,12 @@ def harvest() -> dict[str, Any]:
     return figures
 
 
+def harvest_by_pictures() -> tuple[float, float, float]:
+    """The mass at which the grower with pictures cuts [g], what that earns, and its part of the way from the best day to the true mass."""
+    day, picture, mass = (float(harvest_figures.scores(harvest())[sign].mean()) for sign in ("day", "picture", "mass"))
+    return harvest()["signs"][harvest_figures.chosen(harvest())["picture"]][1], picture, (picture - day) / (mass - day)
+
+
 def harvest_by_rules() -> tuple[float, ...]:
     """What rules that look at lettuce earn more than the best blind ones, and the share of the lead that these keep, with intervals."""
     figures: dict[str, Any] = json.loads(harvest_figures.RULE_FIGURES.read_text(encoding="utf-8"))
@@ -1119,12 +1125,18 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: tuple(STANDING.values())[1:],
         ),
         (
-            "The best of them keeps {} of the lead. The grower with a weekly sample that is off by {} % keeps {}.",
+            "The best of them keeps {} of the lead. The grower with a weekly sample that is off by {} % keeps {}, and one who trusts "
+            "the encoder's estimate from the picture of the day keeps {}",
             lambda: (
                 max(harvest_figures.shares(harvest())[sign] for sign in harvest_figures.BLIND),
                 100.0 * get_task("LettuceHarvest-v1").samples["registration"].noise,
                 harvest_figures.shares(harvest())["sample"],
+                harvest_figures.shares(harvest())["picture"],
             ),
+        ),
+        (
+            "when the encoder's estimate reaches {} g earns {} EUR/m², {} of the way from the best number of days to the true mass",
+            harvest_by_pictures,
         ),
         (
             "earn {} ({} to {}) EUR/m² more than those that cut after the best number of days, which keep {} ({} to {}) of the lead",
