@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from glbench.arrays import packed
 from glbench.resources import data_folder, write_atomically
 from glbench.vision.encoder import Encoder
-from glbench.vision.library import SHOWN_IN, ShownIn
+from glbench.vision.library import ROLES, Role
 
-SHOWN: dict[ShownIn, int] = {"training": 8, "test": 8}
+SHOWN: dict[Role, int] = {"training": 8, "test": 8}
 """Plant variations that the encoder is not trained on and that are shown: the last ones, those of tests at the very end."""
 VERSION = "2"
 FEATURES, CHANNELS, HIDDEN = 6, (16, 32, 48, 64), 48
@@ -109,12 +109,12 @@ def applied(encoder: Encoder, pictures: NDArray[np.uint8]) -> NDArray[np.float64
     return np.concatenate([encoder.features(some) for some in np.array_split(pictures, -(-len(pictures) // 32))])
 
 
-def write(crop: str, scenes: Scenes, encoder: Encoder, shown: NDArray[np.int64], command: str) -> None:
+def write(crop: str, scenes: Scenes, encoder: Encoder, roles: NDArray[np.int64], command: str) -> None:
     """Write library, encoder and their entries in the manifest."""
     features = applied(encoder, scenes.pictures)
     content = packed(
         format=2, crop=crop, columns=tuple(f"camera_{number + 1}" for number in range(features.shape[1])), features=features,
-        mass=scenes.mass, seeds=scenes.seeds, lights=scenes.lights.astype(np.int64), shown=shown,
+        mass=scenes.mass, seeds=scenes.seeds, lights=scenes.lights.astype(np.int64), shown=roles,
         cover=scenes.cover, leaf_area_index=scenes.leaf_area_index, estimates=encoder.estimates(features),
         pictures=np.frombuffer(b"".join(scenes.packed), np.uint8),
         starts=np.cumsum([0, *(len(one) for one in scenes.packed)]).astype(np.int64),
@@ -147,14 +147,14 @@ def main() -> None:
     options = parser.parse_args()
     scenes = Scenes(options.work / options.crop)
     counts = [len(np.unique(scenes.seeds)) - sum(SHOWN.values()), *SHOWN.values()]
-    shown = np.repeat([SHOWN_IN.index("encoder"), *(SHOWN_IN.index(name) for name in SHOWN)], counts)[scenes.seeds]
-    trained = shown == SHOWN_IN.index("encoder")
+    roles = np.repeat([ROLES.index("encoder"), *(ROLES.index(name) for name in SHOWN)], counts)[scenes.seeds]
+    trained = roles == ROLES.index("encoder")
     used = trained & (scenes.seeds < counts[0] - options.held_out)
     print(f"{len(trained)} scenes, {used.sum()} to train on; {sum(map(len, scenes.packed)) / 1e6:.2f} MB of pictures", flush=True)
     encoder = train(scenes.pictures[used], scenes.mass[used], scenes.cover[used], options.epochs)
     if not options.held_out:
-        write(options.crop, scenes, encoder, shown, options.crop)
-    for name, rows in (("trained on", used), ("held out", trained & ~used), ("shown in training", shown == SHOWN_IN.index("training"))):
+        write(options.crop, scenes, encoder, roles, options.crop)
+    for name, rows in (("trained on", used), ("held out", trained & ~used), ("those of training", roles == ROLES.index("training"))):
         if rows.any():
             off = encoder.estimates(applied(encoder, scenes.pictures[rows]))[:, 0] / scenes.mass[rows] - 1.0
             for low, high in ((0, 30), (30, 100), (100, 200), (200, 300), (300, 400), (400, 800)):

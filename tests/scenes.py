@@ -29,7 +29,7 @@ def small_library(crop: str, version: str) -> Library:
     nothing = np.zeros(len(mass))
     return Library(
         crop=crop, digest=f"{int(version):064x}", columns=tuple("abcd"), features=numbers, mass=mass, seeds=seeds, lights=lights,
-        shown=np.select([seeds < HIDDEN, seeds < SEEDS - 3], [0, 1], 2), cover=nothing, leaf_area_index=nothing,
+        roles=np.select([seeds < HIDDEN, seeds < SEEDS - 3], [0, 1], 2), cover=nothing, leaf_area_index=nothing,
         estimates=np.zeros((len(mass), 2)), _pictures=np.concatenate(files), _starts=np.cumsum([0, *map(len, files)]),
     )  # fmt: skip
 

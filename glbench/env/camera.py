@@ -27,7 +27,7 @@ from glbench.kernel.environment import Lookup
 from glbench.kernel.tape import Recorder, Source
 from glbench.tasks import TaskSpec
 from glbench.tasks.quantities import CAMERA, head_mass_of
-from glbench.vision.library import Library, ShownIn
+from glbench.vision.library import Library, Role
 
 MASSES = 1024
 """Masses that pictures are numbered by, evenly from the lightest heads of the library to the heaviest."""
@@ -55,13 +55,13 @@ class Pictures:
 
     @staticmethod
     @lru_cache(maxsize=4)
-    def of(library: Library, shown_in: ShownIn) -> Pictures:
-        """The pictures of plants that are ``shown_in`` training or a test, the mass going fastest."""
+    def of(library: Library, role: Role) -> Pictures:
+        """The pictures of the plants for training or for tests, the mass going fastest."""
         lightest, heaviest = float(library.mass.min()), float(library.mass.max())
-        plants, lights = len(np.unique(library.seeds[library.plants(shown_in)])), len(np.unique(library.lights))
+        plants, lights = len(np.unique(library.seeds[library.plants(role)])), len(np.unique(library.lights))
         draws = ((np.arange(count) + 0.5) / count for count in (plants, lights))
         variation, light, mass = (one.ravel() for one in np.meshgrid(*draws, np.linspace(lightest, heaviest, MASSES), indexing="ij"))
-        scenes = library.pick(mass, variation, light, shown_in)
+        scenes = library.pick(mass, variation, light, role)
         return Pictures(scenes, library.features[scenes].astype(np.float32), lightest, heaviest, plants, lights)
 
     def number(self, head: Any, plants: Any, light: Any) -> Any:
@@ -102,8 +102,8 @@ class Camera:
         library, table = task.picture_library, task.camera
         if library is None or table is None:
             return None
-        shown_in: ShownIn = "training" if task.split in ("training", "validation") else "test"
-        return Camera(task, Pictures.of(library, shown_in), float(table.hour), places)
+        role: Role = "training" if task.split in ("training", "validation") else "test"
+        return Camera(task, Pictures.of(library, role), float(table.hour), places)
 
     def traits(self, numbers: Floats) -> Floats:
         """Plants and light of the first picture, ``(n, 2)``."""

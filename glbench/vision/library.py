@@ -20,9 +20,9 @@ from glbench.resources import data_folder
 from glbench.untrusted import MIB, reason_of
 
 Integers = NDArray[np.int64]
-ShownIn = Literal["training", "encoder", "test"]
-SHOWN_IN: tuple[ShownIn, ...] = ("training", "encoder", "test")
-"""Where plants are shown: in training and validation, to the encoder as it was trained, in tests."""
+Role = Literal["training", "encoder", "test"]
+ROLES: tuple[Role, ...] = ("training", "encoder", "test")
+"""What plants are for: training and validation, the training of the encoder, tests."""
 _FORMAT = 2
 _LARGEST = 64 * MIB
 
@@ -44,8 +44,8 @@ class Library:
     """Plant variation of each scene, from 0 on, shape (scenes,)."""
     lights: Integers
     """Light of each scene, from 0 on, shape (scenes,)."""
-    shown: Integers
-    """Where the plants of each scene are shown, a place in ``SHOWN_IN``, shape (scenes,)."""
+    roles: Integers
+    """What the plants of each scene are for, a place in ``ROLES``, shape (scenes,)."""
     cover: Floats
     """Share of each picture that shows leaves, shape (scenes,)."""
     leaf_area_index: Floats
@@ -84,23 +84,23 @@ class Library:
             return cls(
                 crop=arrays.text("crop"), digest=digest, columns=arrays.texts("columns"), features=arrays.floats("features", 2),
                 seeds=arrays.integers("seeds", 1, np.int64), lights=arrays.integers("lights", 1, np.int64),
-                shown=arrays.integers("shown", 1, np.int64), estimates=arrays.floats("estimates", 2),
+                roles=arrays.integers("shown", 1, np.int64), estimates=arrays.floats("estimates", 2),
                 _pictures=arrays.integers("pictures", 1, np.uint8), _starts=arrays.integers("starts", 1, np.int64), **per_scene,
             )  # fmt: skip
         except (OSError, ValueError) as error:
             refuse(f"Cannot read the pictures in {file}: {reason_of(error)}. Install glbench-data again.", GlbenchError, error)
 
-    def plants(self, shown_in: ShownIn) -> NDArray[np.bool_]:
-        """Which scenes have the plants that are shown in training (and validation), in a test, or to the encoder alone, shape (scenes,)."""
-        return np.asarray(self.shown == SHOWN_IN.index(shown_in))
+    def plants(self, role: Role) -> NDArray[np.bool_]:
+        """Which scenes have the plants for training and validation, for tests, or for the encoder alone, shape (scenes,)."""
+        return np.asarray(self.roles == ROLES.index(role))
 
-    def pick(self, mass: Floats, variation: Floats, light: Floats, shown_in: ShownIn = "training") -> Integers:
+    def pick(self, mass: Floats, variation: Floats, light: Floats, role: Role = "training") -> Integers:
         """Index of the scene nearest to each ``mass`` [g], of the variation and light that draws in [0, 1) choose. All shapes (n,).
 
-        Only variations that are ``shown_in`` it are picked. Beyond the lightest and heaviest scene these two are shown. Raises
+        Only variations for this ``role`` are picked. Beyond the lightest and heaviest scene these two are shown. Raises
         ``ValueError`` for a draw outside [0, 1).
         """
-        masses, table = self._tables[shown_in]
+        masses, table = self._tables[role]
         for name, draw in (("variation", variation), ("light", light)):
             outside = ~((np.asarray(draw) >= 0.0) & (np.asarray(draw) < 1.0))
             if outside.any():
@@ -124,9 +124,9 @@ class Library:
             return np.asarray(picture.convert("RGB"), dtype=np.uint8)
 
     @cached_property
-    def _tables(self) -> dict[ShownIn, tuple[Floats, Integers]]:
+    def _tables(self) -> dict[Role, tuple[Floats, Integers]]:
         """Masses [g], and the scene of each mass, variation and light."""
-        return {shown_in: self._table(np.flatnonzero(self.plants(shown_in))) for shown_in in SHOWN_IN}
+        return {role: self._table(np.flatnonzero(self.plants(role))) for role in ROLES}
 
     def _table(self, scenes: NDArray[np.intp]) -> tuple[Floats, Integers]:
         masses, row = np.unique(self.mass[scenes], return_inverse=True)

@@ -14,7 +14,7 @@ from glbench.arrays import packed
 from glbench.errors import GlbenchError
 from glbench.resources import data_folder
 from glbench.vision import Encoder, Library
-from glbench.vision.library import SHOWN_IN
+from glbench.vision.library import ROLES
 from tests.house.test_resources import install_data, wheel  # noqa: F401
 
 
@@ -45,8 +45,8 @@ def test_pick_shows_the_nearest_mass_of_plants_that_the_encoder_has_not_seen(lib
     assert library.plants("training")[many].all()
     assert set(library.seeds[many]) == set(library.seeds[library.plants("training")])
     assert set(library.lights[many]) == set(library.lights)
-    for shown_in in SHOWN_IN:
-        assert library.plants(shown_in)[library.pick(wanted, middle, middle, shown_in)].all()
+    for role in ROLES:
+        assert library.plants(role)[library.pick(wanted, middle, middle, role)].all()
     with pytest.raises(ValueError, match=r"Draw 1 of the light is 1\.0"):
         library.pick(wanted[:2], middle[:2], np.array([0.2, 1.0]))
 
