@@ -80,11 +80,13 @@ class SearchSettings(FrozenSettings):
     """Principal components of the last hidden layer that a variation works with."""
     population: int = Field(default=64, gt=3)
     generations: int = Field(default=150, gt=0)
-    """``population`` and ``generations``: variations a generation, each rewarded with a season, and how many generations."""
+    """``population`` and ``generations``: variations a generation, each rewarded with seasons, and how many generations."""
+    seasons: int = Field(default=1, gt=0)
+    """Seasons that each variation plays; the mean of its rewards counts."""
     sigma: float = Field(default=0.08, gt=0)
     """Size of the first variations; 1 moves an action by its bound, along a typical deviation of a direction."""
     first_seed: TrainingSeed = 3 * FIRST_TRAINING_SEED
-    """Seed of the scenario of the first generation; each generation has the next one, the same for all its variations."""
+    """Seed of the first scenario; each generation has the next ones, the same for all its variations."""
     evaluation: EvaluationPlan = EvaluationPlan(every=4_000_000)
     """Evaluation of the mean of all variations, on seeds of its own; the best one is kept."""
     kernel_preset: Literal["fast", "reference"] = "fast"
@@ -97,7 +99,7 @@ class SearchSettings(FrozenSettings):
     @property
     def digest(self) -> str:
         """SHA-256 (hex) over all settings but the number of generations, and over the policy."""
-        content = self.model_dump(mode="json", exclude={"generations", "start_from"})
+        content = self.model_dump(mode="json", exclude={"generations", "start_from", *(["seasons"] if self.seasons == 1 else [])})
         content["start"] = sha256(self.start_from.read_bytes()).hexdigest()
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -152,7 +154,7 @@ class _SeasonSearch(Search):
     def prepare(self) -> None:
         (task,), settings = self.tasks, self.settings
         kernel = make_kernel(task.model_value, task.step_seconds, preset=settings.kernel_preset)
-        self._simulation = Simulation(task, settings.population, kernel)
+        self._simulation = Simulation(task, settings.population * settings.seasons, kernel)
         self._probe = Probe(task.chosen_on, settings.evaluation, settings.kernel_preset)
         start = _begun_anew(settings, task)
         network = start.network
@@ -169,15 +171,21 @@ class _SeasonSearch(Search):
         self._variations = Variations(network, np.concatenate(hidden[::_LOOKED_AT]), settings.directions)
         self.begin(np.zeros(self._variations.size))
 
+    @property
+    def steps_a_generation(self) -> int:
+        """Environment steps of a generation."""
+        return super().steps_a_generation * int(self.settings.seasons)
+
     def advance(self) -> float:
-        clock, batched = self.history.time, self._batched
+        clock, batched, seasons = self.history.time, self._batched, self.settings.seasons
         with clock.spend("learning"):
             candidates = self.ask()
-            batched.take([self._variations.layer(numbers) for numbers in candidates])
+            batched.take([layer for layer in map(self._variations.layer, candidates) for _ in range(seasons)])
         before = batched.seconds
         with clock.spend("simulator"):
-            seeds = [self.settings.first_seed + self.generations] * self.settings.population
-            rewards = season_sums(self._simulation, seeds, batched.act)["reward"]
+            first = self.settings.first_seed + self.generations * seasons
+            seeds = [*range(first, first + seasons)] * self.settings.population
+            rewards = season_sums(self._simulation, seeds, batched.act)["reward"].reshape(-1, seasons).mean(axis=1)
         clock.policy += batched.seconds - before
         clock.simulator -= batched.seconds - before
         with clock.spend("learning"):
@@ -201,7 +209,7 @@ class _SeasonSearch(Search):
         file, task = self.settings.start_from, self.tasks[0]
         return TrainingFacts(
             title=f"The last layer of {file.name} adapted to {task.id} by CMA-ES, seed {self.seed}",
-            description=f"The best mean of {self.generations} generations of {self.settings.population} runs, {self.steps:,} steps.",
+            description=f"The best mean of {self.generations} generations of {self._simulation.n} runs, {self.steps:,} steps.",
             command="glbench tune; the tables below tell the rest.",
             sources=(HANSEN,),
             training=self.table(),

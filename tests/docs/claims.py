@@ -1494,6 +1494,7 @@ ALLOWED: dict[str, list[tuple[str, str]]] = {
         ("0.06 EUR for a young plant, 25 plants", "definition: tasks/drafts/lettuceharvest-v1.toml"),
         ("by up to 30 % in each parameter", "definition: tasks/drafts/lettuceharvest-v1.toml"),
         ("10 to 28 °C and 30 to 90 %", "definition: tasks/drafts/lettuceharvest-v1.toml"),
+        ("cuts after 36 to 59 days", "docs/adr/0037-the-day-of-harvest.md"),
         ("the best age lies between 27 and 54 days", "tests/docs/test_lettuce_page.py"),
         ("it is at most 33 days or at least 46 days", "tests/docs/test_lettuce_page.py"),
         ("the grower who cuts after 40 days", "definition: DEFAULT in docs/harvest_figures.py"),

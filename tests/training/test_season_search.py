@@ -12,9 +12,11 @@ import pytest
 
 from glbench.agents import load_agent
 from glbench.agents.network_policy import Actor, ActorAgent, read_actor, read_policy
+from glbench.env import Simulation
 from glbench.errors import TrainingError
 from glbench.tasks import TaskSpec, task_card
 from glbench.training import read_settings, train
+from glbench.training.periodic_evaluation import season_sums
 from glbench.training.season_search import BatchedPolicy, SearchSettings, read_season_search, search
 from tests.agents.test_actor import policy as actor_of
 from tests.training.conftest import PPO, SAC
@@ -179,3 +181,17 @@ def test_many_policies_with_a_memory_act_as_each_alone_and_keep_what_is_around_t
     assert tuned.gru is not None
     assert np.array_equal(tuned.network.weights[0], network.weights[0])
     assert not np.array_equal(tuned.network.weights[-1], network.weights[-1])
+
+
+def test_a_variation_may_play_several_seasons(day: TaskSpec, start: Path, tmp_path: Path) -> None:
+    """Without any variation, the reward of a generation is the policy's mean over these seasons."""
+    folder = tmp_path / "run"
+    search(day, settings_for(start, tmp_path, "  sigma: 1.0e-12\n  seasons: 3\n  generations: 2\n"), folder)
+    card = tomllib.loads((folder / "card.toml").read_text(encoding="utf-8"))
+    assert card["training"]["steps"] == 2 * 8 * 3 * day.steps
+    agent, first = ActorAgent(Actor.of(read_policy(start))), 30_000_000_000
+    simulation = Simulation(day, 6, "fast")
+    agent.reset(task_card(day), 6)
+    rewards = season_sums(simulation, range(first, first + 6), agent.act)["reward"].reshape(2, 3).mean(axis=1)
+    with np.load(folder / "search.npz") as content:
+        assert content["rewards"] == pytest.approx(np.repeat(rewards[:, None], 8, axis=1), abs=1e-4)
