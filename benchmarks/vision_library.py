@@ -24,7 +24,7 @@ from glbench.vision.encoder import Encoder
 from glbench.vision.library import ROLES, Role
 
 SHOWN: dict[Role, int] = {"training": 8, "test": 8}
-"""Plant variations that the encoder is not trained on and that are shown: the last ones, those of tests at the very end."""
+"""Number of plant variations for training and for tests, which the encoder is not trained on: the last ones, those of tests at the end."""
 VERSION = "2"
 FEATURES, CHANNELS, HIDDEN = 6, (16, 32, 48, 64), 48
 EPOCHS, BATCH, RATE = 60, 64, 3e-3

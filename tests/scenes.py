@@ -13,7 +13,7 @@ from glbench.vision.library import Library
 
 MASSES, SEEDS, LIGHTS = np.linspace(0.0, 700.0, 29), 10, 3
 HIDDEN = 5
-"""Plant variations that training shows: the first ones. The last three are those of tests."""
+"""Number of plant variations for training, the first ones. The last three are for tests, the two between for the encoder."""
 
 
 def small_library(crop: str, version: str) -> Library:

@@ -1,8 +1,8 @@
 """The picture of the crop that a camera takes once a day, and of which an encoder's features are observed until the next one.
 
 A picture is one of a library's (``glbench.vision.library``): the one nearest to the mean mass of the heads, of plants and in light that are
-drawn. A test draws from plants that no training shows. There are new plants in a picture when the heads weigh less than half of what they
-did in the last one, and other light in each. The tapes keep the number of a picture, and the kernel looks up its features by it.
+drawn. A test draws from plants that no training shows. New plants are drawn when the heads weigh less than half of what they did in the
+last picture, and the light is drawn for each. The tapes keep the number of a picture, and the kernel looks up its features by it.
 docs/observations.md tells more.
 """
 

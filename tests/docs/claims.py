@@ -817,7 +817,7 @@ CLAIMS: dict[str, list[Claim]] = {
             lambda: tuple(score(agent, "SpringEnergy-v1") for agent in ("best_known", "mpc_energy", "rule_based_energy")),
         ),
         (
-            "the only ones that were planned, the plans earn {}, predictive control {} and the rules {}.",
+            "the only ones with plans, the plans earn {}, predictive control {} and the rules {}.",
             lambda: first_runs("FullSeason-v1", "best_known", "mpc_energy", "rule_based_energy", count=10),
         ),
     ],
