@@ -133,6 +133,10 @@ def test_without_plans_the_controller_says_how_to_get_some(nominal: TaskSpec) ->
         evaluate(nominal, "best_known", runs=1)
 
 
+FIRST_RUNS = {"glbench/FullSeason-v1": 10}
+"""Tasks of which the first runs alone have plans, and how many."""
+
+
 def test_shipped_plans_belong_to_the_shipped_tasks() -> None:
     from glbench.bounds import best_known
 
@@ -142,7 +146,7 @@ def test_shipped_plans_belong_to_the_shipped_tasks() -> None:
         book = read_book(file)
         task = get_task(book.task_id)
         assert book.why_not(task.in_split("test") if task.splits is not None else task) is None
-        assert set(book.runs) == set(task.scored.evaluation.seeds)
+        assert set(book.runs) == set(task.scored.evaluation.seeds[: FIRST_RUNS.get(book.task_id)])
         assert all({"method", "reward", "epi", "penalty", "glbench"} <= set(about) for about in book.about)
 
 
