@@ -238,7 +238,7 @@ def test_it_is_told_neither_seeds_nor_weather_to_come(
     observations = np.frombuffer(asked[Kind.ACT][3:], dtype=np.float32)
 
     assert search.found == set()
-    assert search.needles.seeds == ((666, 30), (10000, 1), (10000, 30), (10000, 60), (10000, 100))
+    assert search.needles.seeds == ((666, 30), (10000, 30), (10000, 60), (10000, 100))
     assert asked[Kind.RESET] == bytes([1, 1, 1])
     assert len(observations) == 3 * len(task_card(evaluation.task).observations)
 
