@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from stable_baselines3.sac.policies import SACPolicy
 from torch import nn
 
-from glbench.agents.network_policy import ACTIVATIONS, NetworkPolicy, read_policy
+from glbench.agents.network_policy import ACTIVATIONS, Actor, NetworkPolicy, read_actor, read_policy
 from glbench.agents.saved_policies import DAMAGED
 from glbench.errors import TrainingError, refuse
 from glbench.resources import write_atomically
@@ -145,7 +145,8 @@ def begin_with(file: Path, model: BaseAlgorithm, normalization: Normalizer, task
     Raises ``SubmissionError`` when there is no policy in ``file``, and ``TrainingError`` when it is damaged, of another task's kind, or its
     network is another than the settings ask for.
     """
-    policy = policy_in(file, task)
+    policy_in(file, task)
+    policy = read_policy(file)
     layers, activation, output = actor_of(model)
     shapes = [(layer.in_features, layer.out_features) for layer in layers]
     policy_shapes = [matrix.shape for matrix in policy.weights]
@@ -163,12 +164,15 @@ def begin_with(file: Path, model: BaseAlgorithm, normalization: Normalizer, task
         normalization.columns.take(policy.mean, policy.scale, normalization.epsilon, _WEIGHT)
 
 
-def policy_in(file: Path, task: TaskSpec) -> NetworkPolicy:
-    """The policy in ``file``, which is to begin with on ``task``. Errors as for ``begin_with``."""
-    policy = read_policy(file)
+def policy_in(file: Path, task: TaskSpec) -> Actor:
+    """The policy in ``file``, of either format.
+
+    Raises ``SubmissionError`` when there is none, and ``TrainingError`` when it cannot act in ``task``.
+    """
+    policy = read_actor(file)
     reason = policy.why_not(task_card(task))
     if reason is not None:
-        refuse(f"There is no starting from {file}: {reason}.", TrainingError)
+        refuse(f"Cannot start from {file}: {reason}.", TrainingError)
     return policy
 
 

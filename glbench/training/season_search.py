@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from glbench.agents.network_policy import FAST, Actor, ActorAgent, NetworkPolicy, read_actor
+from glbench.agents.network_policy import FAST, Actor, ActorAgent, NetworkPolicy
 from glbench.arrays import Floats
 from glbench.env import Simulation
 from glbench.errors import TrainingError, did_you_mean, refuse
@@ -34,7 +34,7 @@ from glbench.tasks import TaskSpec, task_card
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training.card import POLICY, TrainingFacts
 from glbench.training.constant_columns import varies, without_constant_columns
-from glbench.training.export import start_of
+from glbench.training.export import policy_in, start_of
 from glbench.training.folder import Trained
 from glbench.training.periodic_evaluation import Listener, Probe, ProbeResult, season_sums
 from glbench.training.settings import EvaluationPlan, FrozenSettings, PolicyFile, TrainingSeed, section
@@ -235,10 +235,7 @@ def search(
 
 
 def _begun_anew(settings: SearchSettings, task: TaskSpec) -> Actor:
-    actor = read_actor(settings.start_from)
-    reason = actor.why_not(task_card(task))
-    if reason is not None:
-        refuse(f"There is no starting from {settings.start_from}: {reason}.", TrainingError)
+    actor = policy_in(settings.start_from, task)
     policy = actor.network
     weights, biases = policy.weights[-1].copy(), policy.biases[-1].copy()
     for name, value in settings.begin_anew.items():
