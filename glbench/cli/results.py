@@ -157,7 +157,7 @@ def _run_lines(stored: StoredResult, words: Catalogue, score: Metric) -> Iterato
 def _best_known_lines(stored: StoredResult, score: Metric) -> list[str]:
     """Owner of the best known runs, and how to submit better ones."""
     from glbench.leaderboard.regret import best_known_means, can_be_best_known, regret_of
-    from glbench.leaderboard.tables import better_note
+    from glbench.leaderboard.tables import better_note, regrets_of_first
     from glbench.tasks.references import SEVERAL
 
     result = stored.result
@@ -166,8 +166,10 @@ def _best_known_lines(stored: StoredResult, score: Metric) -> list[str]:
         return []
     whose = "several agents" if best.agent == SEVERAL else best.agent
     lines = [f"Best known runs of the task: by {whose}, {score.phrase(best.reward)}; no bound, a better one may exist"]
+    if regret.runs < len(result.runs):
+        lines.append(regrets_of_first(best))
     if regret.runs_ahead and not stored.released and can_be_best_known(result.agent):
-        lines.append(better_note(result.agent.name, regret.runs_ahead, len(result.runs), str(stored.path)))
+        lines.append(better_note(result.agent.name, regret.runs_ahead, regret.runs, str(stored.path)))
     return lines
 
 
@@ -218,6 +220,8 @@ def summary_table(result: Result, words: Catalogue) -> console.Table:
         for part in PARTS:
             metric = words.metric(METRICS[part], result.units)
             view.add(LINES[part], unit_of(metric), *cells(getattr(regret, part), metric))
+        if regret.runs < len(result.runs):
+            view.caption = f"{view.caption} Regrets are over the first {regret.runs} runs."
     view.end_section()
     evaluation = result.evaluation
     view.add("Decision, each step", "ms", f"{evaluation.decision_milliseconds:.3f}", "", "")
@@ -422,6 +426,8 @@ def _metrics_table(pair: Pair) -> console.Table:
         if all(value is None or _is_zero(metric.text(value)) for value in values):
             continue
         view.add(line, unit_of(metric), *numbers, f"{low} to {high}" if low != high else _NONE)
+    if 0 < pair.regret_runs < pair.runs:
+        view.caption = f"Regrets are over {pair.regret_runs} of these pairs: for the others no plans are known."
     return view
 
 
@@ -518,4 +524,5 @@ def _document(pair: Pair, p_value: float) -> dict[str, Any]:
         "money [EUR m-2]": dict(pair.money),
         "metrics": document_of(pair.metrics),
         "regret": document_of(pair.regret),
+        "regret_runs": pair.regret_runs,
     }

@@ -56,7 +56,9 @@ class Pair:
     words: Catalogue
     """What the task calls all of it."""
     regret: Mapping[str, MetricPair] = field(default_factory=dict)
-    """Regret to the best known and its parts, see ``PARTS``; empty where a common run has no best known one."""
+    """Regret to the best known and its parts, see ``PARTS``; empty where no common run has a best known one."""
+    regret_runs: int = 0
+    """Common runs that have a best known one; regrets are over these."""
 
     def told_apart(self, corrected: float) -> bool:
         """Whether the means of the ranking metric differ beyond chance, by the p-value corrected for the number of tasks."""
@@ -134,6 +136,7 @@ def compare_entries(one: Entry, other: Entry) -> Pair:
         improvement=probability_of_improvement({"": runs[0]}, {"": runs[1]}),
         words=words,
         regret=_regret(one, other, seeds),
+        regret_runs=len(best.of(seeds)) if (best := best_known_of(first)) is not None else 0,
         money={name: sign * gap.value for name, (gap, sign) in gaps.items() if gap is not None},
     )
 

@@ -65,7 +65,7 @@ class Row(statistics.FrozenModel):
         "trainings the mean over them with the lowest and the highest; null where a result does not hold what ranks",
     )
     regret: Regret | None = Field(
-        default=None, description="how far it stays below the best known runs; null where one of its runs has none"
+        default=None, description="how far it stays below the best known runs; null where none of its runs has one"
     )
     reversal: float | None = Field(default=None, description="probability that it is truly better than the ranked row above it")
     at_prices: tuple[AtPrice, ...] = Field(default=(), description="places at other prices of violations; empty if they have none in money")

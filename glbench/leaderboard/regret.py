@@ -2,7 +2,8 @@
 
 The best known run of a seed is the one with the highest reward among the released results that act through the task's actuation
 (``tasks/best_known``). It knows the future, or had luck with it, so an agent that sees observations is not expected to reach it; and it is
-no bound: who does better in some run has a negative regret there.
+no bound: who does better in some run has a negative regret there. Where only the first runs of a task have plans, only these have best
+known runs, and regrets are over them.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ ROUNDING = 1e-6  # A run that is above the best known one by less, in the unit o
 
 @dataclass(frozen=True)
 class Regrets:
-    """Regrets of runs, each ``(trainings, n)``: in the reward, and its parts; a part that a result does not state is ``None``.
+    """Regrets of ``n`` runs, each ``(trainings, n)``: in the reward, and its parts; a part that a result does not state is ``None``.
 
     ``profit`` is what less was earned [EUR m-2], ``violations`` what is more in the penalty, in its unit. Where the reward is the profit
     minus the penalty, the parts add up to ``total``.
@@ -44,19 +45,21 @@ class Regrets:
 
 
 class Regret(FrozenModel):
-    """How far an entry stays below the best known runs: means over its runs, paired by seed. Negative where it is better."""
+    """How far an entry stays below the best known runs: means over runs, paired by seed. Negative where it is better."""
 
     unit: str = Field(description="unit of the regret and of its part from violations; '-' for none")
     total: Estimate = Field(description="reward of the best known run minus that of the run")
     profit: Estimate | None = Field(description="profit that is given away [EUR m-2]: EPI of the best known run minus its own")
     violations: Estimate | None = Field(description="its penalty minus that of the best known run")
+    runs: int = Field(description="runs that have a best known run: fewer than the result has where plans of the first runs only are known")
     runs_ahead: int = Field(description="runs with a higher reward than the best known run; of several trainings of all of them")
 
 
 class BestKnownMeans(FrozenModel):
-    """What regrets of a task are measured by: means over the best known runs of all seeds, in the units of the metrics."""
+    """What regrets of a task are measured by: means over the best known runs, in the units of the metrics."""
 
     agent: str = Field(description="whose they are; 'several' where they are not all of one agent")
+    runs: int = Field(description="how many: all of the task, or its first ones")
     reward: float
     epi: float
     penalty: float
@@ -77,17 +80,20 @@ def best_known_means(result: Result) -> BestKnownMeans | None:
     if best is None:
         return None
     means = {name: float(np.mean([getattr(run, name) for run in best.runs])) for name in (RANKING_METRIC, PROFIT, PENALTY)}
-    return BestKnownMeans(agent=best.agent, **means)
+    return BestKnownMeans(agent=best.agent, runs=len(best.runs), **means)
 
 
 def regrets_of(trainings: Sequence[Result], seeds: Sequence[int] | None = None) -> Regrets | None:
-    """Regrets of the runs of trainings that met the same runs, or of those with ``seeds``; ``None`` where one has no best known run."""
+    """Regrets of the runs of trainings that met the same runs, or of those with ``seeds``: of those that have a best known run.
+
+    ``None`` where none has.
+    """
     first = trainings[0]
-    best_known, run_seeds = best_known_of(first), tuple(first.evaluation.seeds if seeds is None else seeds)
-    best = best_known and best_known.of(run_seeds)
+    best_known = best_known_of(first)
+    best = best_known.of(first.evaluation.seeds if seeds is None else seeds) if best_known is not None else ()
     if not best:
         return None
-    places = [first.evaluation.seeds.index(seed) for seed in run_seeds]
+    places = [first.evaluation.seeds.index(run.seed) for run in best]
     gaps: list[Array | None] = []  # the best known minus the runs ``(trainings, n)``
     for name in (RANKING_METRIC, PROFIT, PENALTY):
         complete = all(name in run.metrics for one in trainings for run in one.runs)
@@ -101,7 +107,7 @@ def regrets_of(trainings: Sequence[Result], seeds: Sequence[int] | None = None) 
 def regret_of(trainings: Sequence[Result]) -> Regret | None:
     """Mean regret with its interval, over the runs of one result, or over trainings with the lowest and the highest of them.
 
-    ``None`` if a run has no best known run.
+    ``None`` where no run has a best known run.
     """
     regrets, best = regrets_of(trainings), best_known_of(trainings[0])
     if regrets is None or best is None:
@@ -111,6 +117,7 @@ def regret_of(trainings: Sequence[Result]) -> Regret | None:
         total=estimate_over_trainings(regrets.total),
         profit=None if regrets.profit is None else estimate_over_trainings(regrets.profit),
         violations=None if regrets.violations is None else estimate_over_trainings(regrets.violations),
+        runs=regrets.total.shape[1],
         runs_ahead=int((regrets.total < -ROUNDING).sum()),
     )
 
@@ -134,34 +141,48 @@ def _acts_through_actuation(name: str) -> bool:
 
 
 def best_runs(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, list[tuple[Result, RunResult]]]:
-    """The best known run of every seed of the published tasks, with the result it is of, in the metric that ranks.
-
-    Only complete results of a task as it is published count, and only those of agents that act through the actuation.
-    """
-    by_task: dict[str, list[Result]] = {}
-    for item in stored:
-        result, expectation = item.result, expected.get(item.board)
-        if expectation is None or (result.task.digest, result.evaluation.seeds) != (expectation.digest, expectation.seeds):
-            continue
-        if can_be_best_known(result.agent) and all(expectation.metric in run.metrics for run in result.runs):
-            by_task.setdefault(item.board, []).append(result)
+    """The best run of every seed of the published tasks in complete results, with the result it is of, in the metric that ranks."""
     best = {}
-    for task_id, results in by_task.items():
-        metric = expected[task_id].metric
-
-        def place(pair: tuple[Result, RunResult], metric: str = metric) -> tuple[float, str]:
-            return pair[1].metrics[metric], pair[0].agent.name
-
-        runs = zip(*([(one, run) for run in one.runs] for one in results), strict=True)
-        best[task_id] = [max(of_seed, key=place) for of_seed in runs]
+    for task_id, results in _candidates(stored, expected).items():
+        complete = [one for one in results if one.evaluation.seeds == expected[task_id].seeds]
+        if complete:
+            best[task_id] = _best_of_each_seed(complete, len(expected[task_id].seeds), expected[task_id].metric)
     return best
 
 
+def _candidates(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, list[Result]]:
+    """Results of tasks as they are published, of all their runs or the first ones, by agents that act through the actuation."""
+    by_task: dict[str, list[Result]] = {}
+    for item in stored:
+        result, expectation = item.result, expected.get(item.board)
+        if expectation is None or result.task.digest != expectation.digest:
+            continue
+        first_runs = result.evaluation.seeds == expectation.seeds[: len(result.runs)]
+        if first_runs and can_be_best_known(result.agent) and all(expectation.metric in run.metrics for run in result.runs):
+            by_task.setdefault(item.board, []).append(result)
+    return by_task
+
+
+def _best_of_each_seed(results: Sequence[Result], runs: int, metric: str) -> list[tuple[Result, RunResult]]:
+    """The best of each of the first ``runs``, among results that have them all; of two that are equal, that of the last name."""
+
+    def place(pair: tuple[Result, RunResult]) -> tuple[float, str]:
+        return pair[1].metrics[metric], pair[0].agent.name
+
+    having = [one for one in results if len(one.runs) >= runs]
+    return [max(((one, one.runs[index]) for one in having), key=place) for index in range(runs)]
+
+
 def best_known_from(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, BestKnown]:
-    """The best known runs of every published task that is ranked by its reward, from results."""
+    """The best known runs of every published task that is ranked by its reward, from results.
+
+    Of the first runs alone where plans of these only are known: what agents did themselves in the others is no yardstick beside plans.
+    """
     of_tasks = {}
-    for task_id, best in best_runs(stored, expected).items():
-        complete = all({PROFIT, PENALTY} <= run.metrics.keys() for _, run in best)
+    for task_id, results in _candidates(stored, expected).items():
+        planned = max((len(one.runs) for one in results if one.agent.privileged), default=len(expected[task_id].seeds))
+        best = _best_of_each_seed(results, planned, expected[task_id].metric)
+        complete = bool(best) and all({PROFIT, PENALTY} <= run.metrics.keys() for _, run in best)
         if expected[task_id].metric != RANKING_METRIC or not complete:
             continue
         owners = {one.agent.name: one.results_digest for one, _ in best}

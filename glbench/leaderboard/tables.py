@@ -22,7 +22,7 @@ from glbench.leaderboard.catalogue import Catalogue, Metric, catalogue, of_publi
 from glbench.leaderboard.entries import resolution_of
 from glbench.leaderboard.fresh_draws import fresh_note
 from glbench.leaderboard.ranking import Row, TaskTable
-from glbench.leaderboard.regret import PARTS
+from glbench.leaderboard.regret import PARTS, BestKnownMeans
 from glbench.leaderboard.statistics import RESOLUTION, SCORES, Estimate, FrozenModel, Interval
 from glbench.leaderboard.suites import RULES, SuiteRow, SuiteTable
 from glbench.leaderboard.violations import FACTORS
@@ -52,9 +52,9 @@ FRESH_NOTE = (
     f"do, too. {DROP_MARK} it dropped by more than reference agents in the same seasons: it may know the published draws."
 )
 REGRET_NOTE = (
-    "Regret: reward of the best known run with the same seed minus that of the run, mean over the runs. Its parts are the profit that is "
-    "given away and the violations that are added. Who made a best known run may have known the whole season in advance. It is no bound: "
-    "a better one may exist, and who finds it has a negative regret."
+    "Regret: reward of the best known run with the same seed minus that of the run, mean over the runs that have one. Its parts are the "
+    "profit that is given away and the violations that are added. Who made a best known run may have known the whole season in advance. "
+    "It is no bound: a better one may exist, and who finds it has a negative regret."
 )
 REVERSAL_NOTE = "P(reversed): probability that the agent is truly better than the one above it: half the p-value of their paired test."
 PRICES_NOTE = (
@@ -608,6 +608,7 @@ def _record(table: TaskTable, entry: Row, row: Row, metrics: Sequence[Metric], *
         name, unit = "regret" if part == "total" else f"regret_{part}", " [EUR m-2]" if part == "profit" else ""
         record |= _cells(name, row.regret and getattr(row.regret, part), ("mean", "low", "high"), unit)
     record |= _places(entry, "entry_")
+    record["regret_runs"] = row.regret and row.regret.runs
     record["regret_runs_ahead"] = row.regret and row.regret.runs_ahead
     record |= _cells("entry_regret", entry.regret and entry.regret.total, ends)
     if fresh:
@@ -676,6 +677,7 @@ def _frame(records: Sequence[Mapping[str, object]]) -> pd.DataFrame:
         "training_seed": "Int64",
         "training [steps]": "Int64",
         "training [h]": "Float64",
+        "regret_runs": "Int64",
         "regret_runs_ahead": "Int64",
         "money_rank": "Int64",
         **{f"{entry}at_{factor:g}x_rank": "Int64" for entry in ("", "entry_") for factor in FACTORS},
@@ -803,12 +805,22 @@ def fresh_notes(table: TaskTable) -> list[str]:
 
 
 def regret_notes(table: TaskTable) -> list[str]:
-    """Whose runs are better than the best known ones, and how to hand them in; of released results the best known ones are taken."""
-    return [
-        better_note(row.agent, row.regret.runs_ahead, row.runs, row.path)
+    """In which runs regrets are; whose runs are better than the best known ones, and how to hand them in.
+
+    Of released results the best known ones are taken.
+    """
+    better = [
+        better_note(row.agent, row.regret.runs_ahead, row.regret.runs, row.path)
         for row in table.results
         if row.origin != "released" and row.plan_counts and row.regret is not None and row.regret.runs_ahead
     ]
+    partial = any(row.regret is not None and row.regret.runs < row.runs for row in table.results)
+    return [*([regrets_of_first(table.best_known)] if partial and table.best_known is not None else []), *better]
+
+
+def regrets_of_first(best: BestKnownMeans) -> str:
+    """Which runs the regrets of a task are in whose later runs have no plans."""
+    return f"Regrets are over the first {best.runs} runs of the task; for the others no plans are known."
 
 
 def better_note(agent: str, ahead: int, runs: int, path: str) -> str:

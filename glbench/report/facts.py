@@ -287,6 +287,7 @@ def _notes(row: Row) -> dict[str, Any]:
         parts: dict[str, Estimate | None] = {part: getattr(row.regret, part) for part in PARTS}
         regret = {
             **{name: one and [_short(value) for value in (one.mean, one.low, one.high)] for name, one in parts.items()},
+            "first": row.regret.runs if row.regret.runs * max(1, len(row.trainings)) < row.runs else None,
             "ahead": row.regret.runs_ahead,
             "better": bool(row.regret.runs_ahead) and row.plan_counts and row.origin != "released",
         }

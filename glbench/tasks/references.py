@@ -81,10 +81,10 @@ class BestKnown(Table):
         """Whose the runs are; ``several`` where they are not all of one agent."""
         return next(iter(self.agents)) if len(self.agents) == 1 else SEVERAL
 
-    def of(self, seeds: Sequence[int]) -> tuple[KnownRun, ...] | None:
-        """The runs with these seeds, in their order; ``None`` where there is no best known run of one of them."""
+    def of(self, seeds: Sequence[int]) -> tuple[KnownRun, ...]:
+        """The runs with these seeds, in their order, without those that have no best known run."""
         by_seed = {run.seed: run for run in self.runs}
-        return tuple(by_seed[seed] for seed in seeds) if set(seeds) <= by_seed.keys() else None
+        return tuple(by_seed[seed] for seed in seeds if seed in by_seed)
 
 
 def best_known_path(task_id: str) -> Path:

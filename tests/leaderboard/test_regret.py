@@ -74,7 +74,7 @@ def test_runs_are_paired_by_their_seeds_and_not_by_their_places(known):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"first_seed": 667},  # its last seed has no best known run
+        {"first_seed": 700},
         {"task_id": "glbench/Elsewhere-v1"},
         {"task_id": "mylab/Meadow-v1"},
         {"task_digest": digest_of("another meadow")},
@@ -194,6 +194,43 @@ def test_the_best_known_is_the_best_of_each_seed_among_those_who_act_through_the
     assert found.task_digest == digest_of("meadow")
 
 
+@pytest.mark.parametrize("planned", [2, 4])
+def test_where_only_the_first_runs_have_plans_these_alone_have_best_known_runs(monkeypatch, planned):
+    monkeypatch.setattr("glbench.leaderboard.regret._acts_through_actuation", lambda name: name == "planner")
+    plans = result_with("planner", [8.0] * planned, [0.0] * planned, privileged=True)
+    plans = plans.model_copy(update={"agent": plans.agent.model_copy(update={"kind": "baseline"})})
+    results = [
+        result_with("anna", [1.0, 9.0, 1.0, 9.0], [0.0] * 4),
+        result_with("hasty", [8.5, 1.0], [0.0] * 2),  # two runs, no plan: it counts where plans of two are known
+        result_with("other_runs", [70.0] * 2, [0.0] * 2, first_seed=668),  # not the first ones
+        plans,
+    ]
+    expected_runs = {
+        2: [(666, 8.5, "hasty"), (667, 9.0, "anna")],
+        4: [(666, 8.0, "planner"), (667, 9.0, "anna"), (668, 8.0, "planner"), (669, 9.0, "anna")],
+    }
+    known = best_known_from(map(stored, results), EXPECTED)[TASK]
+    assert [(run.seed, run.reward, run.agent) for run in known.runs] == expected_runs[planned]
+    scale = References(zero=-2.0, zero_agent="do_nothing", zero_results_digest="")
+    ends = references_from(map(stored, results), EXPECTED, {TASK: scale})[TASK]
+    assert ends == scale, "plans of some runs are no end of a scale, nor are plans of which one run is not the best"
+
+
+def test_regrets_of_first_runs_say_so(home):
+    known = stored_known(tuple(KnownRun(seed=seed, reward=8.0, epi=8.0, penalty=0.0, agent="champion") for seed in SEEDS[:2]))
+    result = result_with("anna", [9.0, 6.0, 1.0, 1.0], [0.0] * 4)
+    regret = regret_of([result])
+    assert (regret.runs, regret.total.mean, regret.runs_ahead) == (2, 0.5, 1)
+    (table,) = rank([stored(result)], EXPECTED)
+    first, better = regret_notes(table)
+    assert first == "Regrets are over the first 2 runs of the task; for the others no plans are known."
+    assert "in 1 of its 2 runs" in better
+    assert first in to_markdown([table], {})
+    assert (table.best_known.runs, to_frame([table]).loc[0, "regret_runs"]) == (len(known.runs), 2)
+    pair = compare_entries(*(entry_of(stored(one)) for one in (result, result_with("b", [7.0] * 3, [0.0] * 3))))
+    assert (pair.runs, pair.regret_runs, pair.regret["total"].first, pair.regret["total"].second) == (3, 2, 0.5, 1.0)
+
+
 def test_a_privileged_controller_of_glbench_counts_where_it_acts_through_the_actuation(monkeypatch):
     record = make_result("seer", [1.0], privileged=True).agent
     ours = record.model_copy(update={"kind": "baseline"})
@@ -248,7 +285,7 @@ def test_best_known_runs_are_written_a_line_a_run_and_read_again(known, home):
     assert read_best_known(TASK) == known
     assert read_best_known("mylab/Meadow-v1") is None
     assert known.of([669, 666]) == (known.runs[3], known.runs[0])
-    assert known.of([666, 1]) is None
+    assert known.of([666, 1]) == known.runs[:1]
 
 
 @pytest.mark.parametrize(
@@ -277,6 +314,9 @@ def test_what_is_shipped_follows_from_the_released_results():
     for task_id, one in read_references().items():
         if one.zero_agent == "outdoor" and not one.plans:  # a newer task, without plans: what agents did themselves is no end of a scale
             assert (one.best, one.best_agent) == (None, None)
+            continue
+        if len(known[task_id].runs) < len(expected[task_id].seeds):  # plans of the first runs are no end of a scale
+            assert not one.plans
             continue
         assert one.best == pytest.approx(np.mean([run.reward for run in known[task_id].runs]), rel=1e-12)
         assert one.best_agent == known[task_id].agent

@@ -5,6 +5,9 @@ const KNOWN_OF = (task) => (task.best_known.agent === "several" ? "several agent
 const regretOf = (result) => (pricesDiffer(TASKS[result.task]) ? null : result.regret);
 const violationWord = (task) => lower(wordsOf(task).metric[PENALTY].label);
 
+// Where the later runs of a task have no plans: in which runs a regret is.
+const regretRuns = (result) => (result.regret?.first ? `in the first ${result.regret.first} runs` : "");
+
 const regretColumn = (task, rows) => {
   if (!rows.some((row) => row.result.regret)) return null;
   const { decimals, unit } = wordsOf(task).metric[SCORE], of = (row) => { const found = regretOf(row.result); return found ? { mean: found.total[0], low: found.total[1], high: found.total[2] } : UNKNOWN; };
@@ -12,7 +15,7 @@ const regretColumn = (task, rows) => {
     key: "regret", label: "Regret", unit: unit || "\u00a0", value: (row) => of(row).mean, start: "ascending", explain: otherWords("Regret"),
     cell: (row) => {
       const one = of(row);
-      const title = one.mean === null ? (row.result.regret ? "at other prices the best known runs are not known" : "no best known runs with these seeds") : spanWords(row.result, one, decimals + 1);
+      const title = one.mean === null ? (row.result.regret ? "at other prices the best known runs are not known" : "no best known runs with these seeds") : [spanWords(row.result, one, decimals + 1), regretRuns(row.result)].filter(Boolean).join(", ");
       return h("td", { title }, number(one.mean, decimals), h("span", { class: "visually-hidden" }, ` (${title})`));
     },
   };
@@ -55,7 +58,7 @@ const regretFigure = (task, rows) => {
   const [profit, penalty] = [words.metric[PROFIT], words.metric[PENALTY]];
   return [
     h("h2", {}, "How far from the best known?"),
-    h("p", { class: "soft" }, `Regret: the best known run with the same seed minus the agent\u2019s, mean over the runs. The best known runs are by ${KNOWN_OF(task)}, with a mean ${lower(words.metric[SCORE].label)} of ${amountOf(task, SCORE, task.best_known.reward)}. Who made them may have known the whole season in advance, which no agent does that sees only observations. They are no bound: a better one may exist.`),
+    h("p", { class: "soft" }, `Regret: the best known run with the same seed minus the agent\u2019s, mean over the runs. The best known runs are by ${KNOWN_OF(task)}, with a mean ${lower(words.metric[SCORE].label)} of ${amountOf(task, SCORE, task.best_known.reward)}. Who made them may have known the whole season in advance, which no agent does that sees only observations. They are no bound: a better one may exist.${results.some(regretRuns) ? ` Only the first ${task.best_known.runs} runs have plans, and all regrets are over these.` : ""}`),
     betterNotes(results),
     chart(captionOf("Regret", `${unit || "points of reward"}, mean over the runs`), build, {
       height: 70 + 34 * ordered.length, says: ordered.map((result, i) => `${result.agent}: regret ${net(i)}, of it profit ${number(parts[i][0], more)} and violations ${number(parts[i][1], more)}`).join("; "),
@@ -73,5 +76,5 @@ const regretTile = (result, task) => {
   if (!found) return null;
   const words = wordsOf(task), { decimals, unit } = words.metric[SCORE], part = (name, metric) => withUnit(found[name][0], words.metric[metric].decimals, words.metric[metric].unit);
   return h("div", {}, h("dt", {}, "Regret to the best known"), h("dd", {}, number(found.total[0], decimals), unit ? h("small", {}, ` ${unit}`) : null,
-    found.profit && found.violations ? h("small", { class: "of" }, `profit ${part("profit", PROFIT)}, ${violationWord(task)} ${part("violations", PENALTY)}`) : null));
+    found.profit && found.violations ? h("small", { class: "of" }, [`profit ${part("profit", PROFIT)}`, `${violationWord(task)} ${part("violations", PENALTY)}`, regretRuns(result)].filter(Boolean).join(", ")) : null));
 };
