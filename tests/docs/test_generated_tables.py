@@ -11,6 +11,7 @@ import pytest
 from docs import (
     accuracy_table,
     compartment_table,
+    energy_story,
     estimator_table,
     fresh_draws_table,
     ladder_table,
@@ -202,6 +203,30 @@ def test_the_page_of_uncertainty_holds_the_sizes_of_its_task() -> None:
     assert f"blocks of {Blocks().shortest} to {Blocks().longest} days" in page
     for picture in (DOCS / "images").glob("uncertainty-*.png"):
         assert f"(images/{picture.name})" in page
+
+
+def test_the_energy_story_tells_what_the_released_results_hold() -> None:
+    page, of_task = (DOCS / "energy-story.md").read_text(encoding="utf-8"), energy_story.outcomes()
+    assert energy_story.filled(page, of_task) == page
+    assert f"(images/{energy_story.PICTURE.name})" in page
+    for rules, control, plan in of_task.values():  # what its sentences say
+        assert rules.mean("reward") < control.mean("reward") < plan.mean("reward")
+    rules, control, plan = of_task["glbench/WinterLED-v1"]
+    assert (control.by_hour("electricity", 150) < rules.by_hour("electricity", 150)).all()
+    assert 2 * (rules.mean("penalty") - control.mean("penalty")) > control.mean("reward") - rules.mean("reward")
+    assert round(rules.mean("hours_relative_humidity_high") / control.mean("hours_relative_humidity_high")) == 3
+    assert plan.ratio("cost_electricity", "electricity") == pytest.approx(control.ratio("cost_electricity", "electricity"), abs=0.002)
+    rules, control, plan = of_task["glbench/SpringEnergy-v1"]
+    assert max(one.mean("co2_bought") for one in (control, plan)) < 0.5 * rules.mean("co2_bought")
+    assert 3 * control.ratio("cost_power", "electricity_bought") < control.ratio("revenue_power", "electricity_sold")
+    fruit, sales = ([one.mean(name) for one in (rules, control)] for name in ("revenue_growth", "revenue_power"))
+    assert fruit[1] - fruit[0] > 5 * (sales[0] - sales[1])
+    rules, control, _ = of_task["glbench/FullSeason-v1"]
+    fruit, power = (
+        [one.mean(*names) for one in (rules, control)] for names in (("revenue_harvest", "revenue_growth"), ("cost_electricity",))
+    )
+    assert fruit[1] - fruit[0] > 2 * (power[1] - power[0])
+    assert control.mean("heat") == pytest.approx(0.8 * rules.mean("heat"), rel=0.05)
 
 
 @pytest.mark.slow
