@@ -62,6 +62,8 @@ class CompiledSettings(settings.FrozenSettings):
     net_arch: tuple[int, ...] = Field(default=(128, 128), min_length=1)
     """Widths of the hidden layers of actor and critic (tanh)."""
     log_std_init: float = -0.7
+    log_std_of: dict[str, float] = Field(default_factory=dict, exclude_if=lambda actions: not actions)
+    """``log_std_init`` and ``log_std_of``: logarithm of the standard deviation of the actor's output at first, and of single actions."""
     learning_rate: float = Field(default=1e-3, gt=0)
     last_learning_rate: float = Field(default=2e-5, gt=0)
     """``learning_rate`` and ``last_learning_rate``: the learning rate falls linearly from the first to the second."""

@@ -123,6 +123,8 @@ class Learner:
     """How far an action of 1 moves its control in a step; 0 where the actor outputs the action itself."""
     visible: NDArray[np.bool_]
     """Which columns and traces actor and critic see; the others count as their mean."""
+    spread: NDArray[np.float32]
+    """Logarithm of the standard deviation of each of the actor's outputs at first."""
 
     @classmethod
     def of(cls, task: TaskSpec, settings: CompiledSettings) -> Learner:
@@ -147,6 +149,10 @@ class Learner:
         accrual = settings.accrual
         if accrual is not None:
             accrual.places(task)
+        actions = [action.name for action in task.actions]
+        for name in settings.log_std_of:
+            if name not in actions:
+                refuse(f"'log_std_of': {task.id} has no action '{name}'.{did_you_mean(name, actions)}", TrainingError)
         privileged = settings.critic_sees if accrual is None else (*accrual.states, *settings.critic_sees)
         try:
             environment = Environment(
@@ -165,6 +171,7 @@ class Learner:
             shares,
             steps_of_controls(task) if settings.steer else np.zeros(environment.num_actions),
             np.array([name in columns_in_view for name in names] + [True] * len(traced) * len(hours), np.bool_),
+            np.array([settings.log_std_of.get(name, settings.log_std_init) for name in actions], np.float32),
         )
 
     def begin(self, key: Any) -> Learning:
@@ -177,7 +184,7 @@ class Learner:
         weights = {
             "actor": actor,
             "critic": _network(keys[1], [inputs + len(s.critic_sees) + units, *s.net_arch, 1], last=1.0),
-            "spread": jnp.full(actions, s.log_std_init, np.float32),
+            "spread": jnp.array(self.spread),
         }
         if units:
             weights["gru"] = _gru(jax.random.fold_in(key, 0), inputs, units)

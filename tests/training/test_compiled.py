@@ -337,6 +337,15 @@ def test_machines_that_are_off_or_on_are_not_steered() -> None:
     assert set(steps.values()) == {0.0, task.actuation.max_change}
 
 
+def test_single_actions_may_explore_less(tmp_path: Path) -> None:
+    task = get_task("LettuceHarvest-v1")
+    learner = Learner.of(task, tiny(task, tmp_path, f"{task.id}:\n  log_std_of: {{uHarvest: -3.0}}\n"))
+    spread = dict(zip(task.actuation.controls, learner.begin(jax.random.key(0)).weights["spread"].tolist(), strict=True))
+    assert spread == pytest.approx(dict.fromkeys(("uBoil", "uCo2", "uThScr", "uVent"), -0.7) | {"uHarvest": -3.0})
+    with pytest.raises(TrainingError, match="'log_std_of': glbench/LettuceHarvest-v1 has no action 'uHarves'. Did you mean 'uHarvest'"):
+        Learner.of(task, tiny(task, tmp_path, f"{task.id}:\n  log_std_of: {{uHarves: -3.0}}\n"))
+
+
 def test_statistics_of_parts_are_those_of_the_whole() -> None:
     rows = np.random.default_rng(0).normal(3.0, 2.0, (60, 4)).astype(np.float32)
     found = Statistics.empty(4)
