@@ -342,7 +342,7 @@ def test_single_actions_may_explore_less(tmp_path: Path) -> None:
     learner = Learner.of(task, tiny(task, tmp_path, f"{task.id}:\n  log_std_of: {{uHarvest: -3.0}}\n"))
     spread = dict(zip(task.actuation.controls, learner.begin(jax.random.key(0)).weights["spread"].tolist(), strict=True))
     assert spread == pytest.approx(dict.fromkeys(("uBoil", "uCo2", "uThScr", "uVent"), -0.7) | {"uHarvest": -3.0})
-    with pytest.raises(TrainingError, match="'log_std_of': glbench/LettuceHarvest-v1 has no action 'uHarves'. Did you mean 'uHarvest'"):
+    with pytest.raises(TrainingError, match=r"has no action 'uHarves'\. Did you mean 'uHarvest'"):
         Learner.of(task, tiny(task, tmp_path, f"{task.id}:\n  log_std_of: {{uHarves: -3.0}}\n"))
 
 
