@@ -4,7 +4,7 @@
     python baselines/release.py --work runs/release --list           # what is done and what is left
     python baselines/release.py --work runs/release --only recording # some agents
     python baselines/release.py --work runs/release --only my_agent --task Spring-v1  # an agent on a task that has no result of it yet
-    python baselines/release.py --work runs/release --only mpc_energy --whole         # all runs where only the first ones are released
+    python baselines/release.py --work runs/release --only mpc_energy --whole         # all runs, where only the first are released so far
 
 All results come from one commit without changes and from one build of the kernel. Each must have the bits of the one that
 is released, unless --new-digests says that the scores are meant to change. Results, profiles and notes of `glbench verify` are copied
@@ -97,7 +97,7 @@ def main() -> int:
     parser.add_argument("--only", nargs="*", default=[], metavar="AGENT", help="some of the agents")
     parser.add_argument("--task", nargs="*", default=[], metavar="ID", help="some of the tasks; with --only, also new ones")
     parser.add_argument("--runs", type=int, help="of new results: only the first runs, where all would take too long; they are not ranked")
-    parser.add_argument("--whole", action="store_true", help="all runs where those that are released have the first ones only")
+    parser.add_argument("--whole", action="store_true", help="evaluate all runs, even where the released result has only the first ones")
     parser.add_argument("--new-digests", action="store_true", help="accept scores that differ from the released ones")
     parser.add_argument("--list", action="store_true", help="say what is done and leave")
     parser.add_argument("--out", type=Path, default=RELEASED, help="another folder than reports/released, to try it")

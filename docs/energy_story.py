@@ -97,15 +97,15 @@ def earned() -> Items:
 def done() -> Items:
     """Rows of what was done for it, a season."""
     return [
-        ("fruit picked and gained [kg/m²]", 1, lambda one: one.mean("fruit_picked", "fruit_gained")),
+        ("fruit, picked and grown on the plants [kg/m²]", 1, lambda one: one.mean("fruit_picked", "fruit_gained")),
         ("power bought [kWh/m²]", 1, lambda one: one.mean("electricity", "electricity_bought")),
         (
-            "paid for it [EUR/kWh]",
+            "mean price paid [EUR/kWh]",
             3,
             lambda one: one.ratio("cost_electricity", "electricity") or one.ratio("cost_power", "electricity_bought"),
         ),
         ("power sold [kWh/m²]", 1, lambda one: one.mean("electricity_sold")),
-        ("earned by it [EUR/kWh]", 3, lambda one: one.ratio("revenue_power", "electricity_sold")),
+        ("mean price earned [EUR/kWh]", 3, lambda one: one.ratio("revenue_power", "electricity_sold")),
         ("engine [h]", 0, lambda one: one.mean("engine_hours")),
         ("gas [kWh/m²]", 1, lambda one: one.mean("gas")),
         ("heat [kWh/m²]", 1, lambda one: one.mean("heat")),
@@ -134,18 +134,19 @@ def picture(of_task: dict[str, list[Outcome]]) -> None:
     """When it is lit, when the engine runs and when heat is stored, by hour of the day."""
     panels = [
         ("glbench/WinterLED-v1", "electricity", "Lamps, WinterLED-v1", "kWh/m² in the hour, a day"),
+        ("glbench/SpringEnergy-v1", "electricity_bought", "Power bought, SpringEnergy-v1", "kWh/m² in the hour, a day"),
         ("glbench/SpringEnergy-v1", "engine_hours", "Engine, SpringEnergy-v1", "h in the hour, a day"),
         ("glbench/SpringEnergy-v1", "buffer_gained", "Into the buffer, SpringEnergy-v1", "kWh/m² in the hour, a day"),
     ]
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(1, len(panels), figsize=(10.5, 3.0))
-        for axis, (task, column, title, unit) in zip(axes, panels, strict=True):
+        figure, axes = plt.subplots(2, 2, figsize=(8.4, 5.6))
+        for axis, (task, column, title, unit) in zip(axes.flat, panels, strict=True):
             days = get_task(task).weather.days
             for one in of_task[task]:
                 name = one.result.agent.name
                 axis.stairs(one.by_hour(column, days), np.arange(25), color=COLOURS[name], label=AGENTS[name], baseline=None, linewidth=1.6)
             axis.set(title=title, xlabel="hour of the day", ylabel=unit, xlim=(0, 24), xticks=range(0, 25, 6))
-        axes[0].legend(loc="lower left")
+        axes[0, 0].legend(loc="lower left")
         figure.savefig(PICTURE, dpi=120, metadata={"Software": None})
         plt.close(figure)
 

@@ -176,7 +176,7 @@ def _best_of_each_seed(results: Sequence[Result], runs: int, metric: str) -> lis
 def best_known_from(stored: Iterable[StoredResult], expected: Mapping[str, Expectation]) -> dict[str, BestKnown]:
     """The best known runs of every published task that is ranked by its reward, from results.
 
-    Of the first runs alone where plans of these only are known: what agents did themselves in the others is no yardstick beside plans.
+    If only the first runs have plans, only these get a best known run: what other agents did in the rest is no yardstick beside plans.
     """
     of_tasks = {}
     for task_id, results in _candidates(stored, expected).items():

@@ -805,7 +805,7 @@ def fresh_notes(table: TaskTable) -> list[str]:
 
 
 def regret_notes(table: TaskTable) -> list[str]:
-    """In which runs regrets are; whose runs are better than the best known ones, and how to hand them in.
+    """Which runs regrets cover, which agents beat best known runs, and how to hand those runs in.
 
     Of released results the best known ones are taken.
     """
@@ -819,14 +819,14 @@ def regret_notes(table: TaskTable) -> list[str]:
 
 
 def regrets_of_first(best: BestKnownMeans) -> str:
-    """Which runs the regrets of a task are in whose later runs have no plans."""
-    return f"Regrets are over the first {best.runs} runs of the task; for the others no plans are known."
+    """Which runs regrets cover on a task that has plans for its first runs only."""
+    return f"Regrets are means over the first {best.runs} runs of the task; no plans are known for the others."
 
 
 def better_note(agent: str, ahead: int, runs: int, path: str) -> str:
     """What to do with a result that is above the best known run in some runs."""
     return (
-        f"{agent} is above the best known run in {ahead} of its {runs} runs: a better plan than the best known. "
+        f"{agent} is above the best known run in {ahead} of the {runs} runs that have one: a better plan than the best known. "
         f"Hand it in: glbench bound --submit {path}"
     )
 

@@ -77,7 +77,7 @@ def test_regret_has_a_column_in_80_columns_and_who_is_ahead_is_told_what_to_do(r
     assert "It is no bound" in " ".join(shown.split())
     ahead = sum(one.metrics["reward"] > best.reward for one, best in zip(runs, known.runs, strict=True))
     words = " ".join(shown.split())
-    assert f"anna is above the best known run in {ahead} of its 30 runs: a better plan than the best known." in words
+    assert f"anna is above the best known run in {ahead} of the 30 runs that have one: a better plan than the best known." in words
     assert "".join(f"glbench bound --submit {path}".split()) in "".join(shown.split()), "however it is wrapped"
 
 

@@ -116,7 +116,7 @@ def test_who_is_above_the_best_known_in_some_runs_has_a_negative_regret_there_an
     assert (row.regret.total.mean, row.regret.profit.mean, row.regret.violations.mean) == (-0.5, -0.5, 0.0)
     assert row.regret.runs_ahead == 2
     (note,) = regret_notes(table)
-    assert note.startswith("anna is above the best known run in 2 of its 4 runs: a better plan than the best known.")
+    assert note.startswith("anna is above the best known run in 2 of the 4 runs that have one: a better plan than the best known.")
     assert note.endswith("glbench bound --submit anna.json")
     assert "glbench bound --submit anna.json" in to_markdown([table], {})
 
@@ -223,8 +223,8 @@ def test_regrets_of_first_runs_say_so(home):
     assert (regret.runs, regret.total.mean, regret.runs_ahead) == (2, 0.5, 1)
     (table,) = rank([stored(result)], EXPECTED)
     first, better = regret_notes(table)
-    assert first == "Regrets are over the first 2 runs of the task; for the others no plans are known."
-    assert "in 1 of its 2 runs" in better
+    assert first == "Regrets are means over the first 2 runs of the task; no plans are known for the others."
+    assert "in 1 of the 2 runs that have one" in better
     assert first in to_markdown([table], {})
     assert (table.best_known.runs, to_frame([table]).loc[0, "regret_runs"]) == (len(known.runs), 2)
     pair = compare_entries(*(entry_of(stored(one)) for one in (result, result_with("b", [7.0] * 3, [0.0] * 3))))
