@@ -1,7 +1,7 @@
 """Tables and picture of docs/energy-story.md: ``python -m docs.energy_story``.
 
 What rules, predictive control and best known plans earn and do on the tasks of the suite energy, from released results and their
-profiles. Nothing is simulated. Of each task the runs that all three have count.
+profiles. Nothing is simulated. Of each task the runs count that all of them have.
 """
 
 from __future__ import annotations
@@ -70,11 +70,11 @@ def place(task: str, agent: str) -> Path:
 
 
 def outcomes() -> dict[str, list[Outcome]]:
-    """Of each task of the suite on which all agents have a result."""
+    """Of each task of the suite, of the agents that have a result; not every task has plans."""
     found = {}
     for task in list_suites()["energy"]:
-        if all(place(task, agent).is_file() for agent in AGENTS):
-            results = [load_result(place(task, agent)) for agent in AGENTS]
+        results = [load_result(place(task, agent)) for agent in AGENTS if place(task, agent).is_file()]
+        if len(results) > 1:
             seeds = tuple(sorted(set.intersection(*(set(one.evaluation.seeds) for one in results))))
             found[task] = [Outcome(task, one, seeds) for one in results]
     return found
