@@ -133,7 +133,7 @@ def test_without_plans_the_controller_says_how_to_get_some(nominal: TaskSpec) ->
         evaluate(nominal, "best_known", runs=1)
 
 
-FIRST_RUNS = {"glbench/FullSeason-v1": 10}
+FIRST_RUNS = {"glbench/FullSeason-v1": 10, "glbench/FullSeasonEnergy-v1": 10}
 """Tasks of which the first runs alone have plans, and how many."""
 
 
