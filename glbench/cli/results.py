@@ -221,7 +221,7 @@ def summary_table(result: Result, words: Catalogue) -> console.Table:
             metric = words.metric(METRICS[part], result.units)
             view.add(LINES[part], unit_of(metric), *cells(getattr(regret, part), metric))
         if regret.runs < len(result.runs):
-            view.caption = f"{view.caption} Regrets are means over the first {regret.runs} runs."
+            view.caption = f"{view.caption} Regrets are means over the {regret.runs} runs that have a best known one."
     view.end_section()
     evaluation = result.evaluation
     view.add("Decision, each step", "ms", f"{evaluation.decision_milliseconds:.3f}", "", "")
@@ -427,7 +427,7 @@ def _metrics_table(pair: Pair) -> console.Table:
             continue
         view.add(line, unit_of(metric), *numbers, f"{low} to {high}" if low != high else _NONE)
     if 0 < pair.regret_runs < pair.runs:
-        view.caption = f"Regrets are means over {pair.regret_runs} of these pairs: no plans are known for the others."
+        view.caption = f"Regrets are means over the {pair.regret_runs} of these pairs that have a best known run."
     return view
 
 

@@ -90,6 +90,19 @@ def test_compare_has_the_regrets_of_both_and_json_their_difference(glbench):
     assert pair["regret"]["total"]["difference"] == pytest.approx(-pair["metrics"]["reward"]["difference"])
 
 
+def test_where_only_the_first_runs_have_plans_show_and_compare_say_over_which_runs_regrets_are(glbench):
+    rules, nothing = (RELEASED / "FullSeason-v1" / f"{agent}.json" for agent in ("rule_based_energy", "do_nothing"))
+    planned = len(read_best_known("glbench/FullSeason-v1").runs)
+    assert planned < len(load_result(rules).runs)
+    shown = " ".join(glbench("show", rules).out.split())
+    assert f"Regrets are means over the {planned} runs that have a best known one." in shown
+    assert f"Regrets are means over the first {planned} runs of the task; no plans are known for the others." in shown
+    compared = " ".join(glbench("compare", rules, nothing).out.split())
+    assert f"Regrets are means over the {planned} of these pairs that have a best known run." in compared
+    (pair,) = json.loads(glbench("compare", rules, nothing, "--json").out)
+    assert pair["regret_runs"] == planned
+
+
 def test_show_names_the_source_the_other_trainings_and_what_is_only_stated(glbench):
     shown = glbench("show", "ppo", "--task", TASK).out
     assert "Source: released; reproduced by glbench verify" in shown

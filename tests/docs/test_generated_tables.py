@@ -222,6 +222,14 @@ def test_the_energy_story_tells_what_the_released_results_hold() -> None:
     assert 3 * control.ratio("cost_power", "electricity_bought") < control.ratio("revenue_power", "electricity_sold")
     fruit, sales = ([one.mean(name) for one in (rules, control)] for name in ("revenue_growth", "revenue_power"))
     assert fruit[1] - fruit[0] > 5 * (sales[0] - sales[1])
+    bought, engine, stored = (
+        [one.by_hour(name, 60) for one in (rules, control, plan)] for name in ("electricity_bought", "engine_hours", "buffer_gained")
+    )
+    assert 12 <= bought[1].argmax() < 16
+    assert 1.75 < bought[1][13:16].sum() / bought[0][13:16].sum() < 2.0
+    assert all(12 <= hours.argmin() < 18 for hours in engine)
+    emptied = [next(hour for hour in range(16, 24) if hours[hour] < 0) for hours in stored]
+    assert emptied[1] - emptied[0] == emptied[2] - emptied[0] == 2
     rules, control, _ = of_task["glbench/FullSeason-v1"]
     fruit, power = (
         [one.mean(*names) for one in (rules, control)] for names in (("revenue_harvest", "revenue_growth"), ("cost_electricity",))

@@ -5,8 +5,8 @@ const KNOWN_OF = (task) => (task.best_known.agent === "several" ? "several agent
 const regretOf = (result) => (pricesDiffer(TASKS[result.task]) ? null : result.regret);
 const violationWord = (task) => lower(wordsOf(task).metric[PENALTY].label);
 
-// Where the later runs of a task have no plans: in which runs a regret is.
-const regretRuns = (result) => (result.regret?.first ? `in the first ${result.regret.first} runs` : "");
+// Where not every run has a best known one: which a regret is over.
+const regretRuns = (result) => (result.regret?.first ? `over the ${result.regret.first} runs that have a best known one` : "");
 
 const regretColumn = (task, rows) => {
   if (!rows.some((row) => row.result.regret)) return null;
