@@ -16,10 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from glbench import __version__
+from glbench.agents.network_policy import Actor, read_actor
 from glbench.errors import TrainingError, refuse
 from glbench.evaluation.records import git_state, this_machine
 from glbench.resources import write_atomically
-from glbench.tasks import TaskSpec
+from glbench.tasks import TaskSpec, task_card
 from glbench.training.periodic_evaluation import CURVE, History
 from glbench.training.settings import EvaluationPlan, TrainingSettings
 from glbench.untrusted import reason_of
@@ -208,3 +209,35 @@ def _versions(task: TaskSpec) -> dict[str, str]:
         with suppress(PackageNotFoundError):
             versions[package] = version(package)
     return versions
+
+
+def policy_in(file: Path, task: TaskSpec) -> Actor:
+    """The policy in ``file``, of either format.
+
+    Raises ``SubmissionError`` when there is none, and ``TrainingError`` when it cannot act in ``task``.
+    """
+    policy = read_actor(file)
+    reason = policy.why_not(task_card(task))
+    if reason is not None:
+        refuse(f"Cannot start from {file}: {reason}.", TrainingError)
+    return policy
+
+
+def start_of(file: Path) -> dict[str, Any]:
+    """What a card says of the policy that a training starts from: file, digest, and the steps and seconds spent on it, if known.
+
+    What it started from itself counts as well.
+    """
+    content: dict[str, Any] = {"file": file.name, "digest": sha256(file.read_bytes()).hexdigest()}
+    # A training's own folder, or a baseline's, which keeps policies and cards apart.
+    for place in (file.with_name(CARD), file.parent.parent / "training" / f"{file.stem}.toml"):
+        try:
+            card = read_card(place)
+        except TrainingError:  # the card of something else, such as an exported model
+            continue
+        if card is not None and "wall_seconds" in card:
+            before = card.get("start", {})
+            steps = card["training"]["steps"] + before.get("steps", 0)
+            seconds = card["wall_seconds"]["total"] + before.get("wall_seconds", 0.0)
+            return content | {"steps": steps, "wall_seconds": round(seconds, 1)}
+    return content

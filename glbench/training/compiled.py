@@ -16,7 +16,7 @@ from glbench.agents.network_policy import FAST, Actor, ActorAgent, Gru, NetworkP
 from glbench.errors import ShapeError, TrainingError
 from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec, task_card
-from glbench.training.card import POLICY, TrainingFacts, training_table
+from glbench.training.card import POLICY, TrainingFacts, policy_in, start_of, training_table
 from glbench.training.compiled_settings import NAME, CompiledSettings, in_view
 from glbench.training.constant_columns import without_constant_columns
 from glbench.training.folder import LEARNER, Trained
@@ -25,6 +25,7 @@ from glbench.training.periodic_evaluation import Listener, Probe, ProbeResult
 from glbench.training.session import Arrays, Session
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_ROLLOUTS = 100  # Rollouts that the statistics of a policy to start from count for
 _CONSTANT = 1e-4  # A column whose spread is less than this share of its mean counts as constant
 
 
@@ -40,9 +41,11 @@ def train_compiled(
     the interruption, or begins if it holds nothing. ``listeners`` receive progress, evaluations and saves.
     """
     task.check_training()
-    steps = settings.updates * settings.rollout
+    steps, policy = settings.updates * settings.rollout, settings.start_from
+    start = None if policy is None else start_of(policy)
     with jax.default_device(jax.devices("cpu")[0]):
-        return _Training([task], settings, settings.digest, seed, folder).carry_out({"steps": steps}, steps, listeners, resume=resume)
+        under_way = _Training([task], settings, settings.digest, seed, folder)
+        return under_way.carry_out({"steps": steps}, steps, listeners, resume=resume, policy=policy, start=start)
 
 
 class _Training(Session):
@@ -58,6 +61,9 @@ class _Training(Session):
         self._update = jax.jit(self._learner.update)
         self._key = jax.random.key(self.seed)
         self._learning: Learning = jax.jit(self._learner.begin)(jax.random.fold_in(self._key, 0))
+        if settings.start_from is not None:
+            actor, weight = policy_in(settings.start_from, self.task), _ROLLOUTS * settings.rollout
+            self._learning = self._learner.begin_with(self._learning, actor, str(settings.start_from), weight)
         self._probe = Probe(self.task.chosen_on, settings.evaluation, settings.kernel_preset)
 
     @property

@@ -52,6 +52,10 @@ class CompiledSettings(settings.FrozenSettings):
     """``n_envs`` and ``n_steps``: greenhouses stepped together, and steps of each between two updates."""
     n_epochs: int = Field(default=4, gt=0)
     batch_size: int = Field(default=512, gt=1)
+    start_from: settings.PolicyFile | None = Field(default=None, exclude_if=lambda file: file is None)
+    """Policy file (``policy.npz``) whose actor and statistics the training begins with; in a settings file relative to it."""
+    critic_first: float = Field(default=0.0, ge=0, lt=1, exclude_if=lambda share: share == 0)
+    """Part of the training, at its beginning, in which the critic alone learns: for a policy to start from that is to be kept meanwhile."""
     first_env_seed: settings.TrainingSeed = FIRST_TRAINING_SEED
     scenarios: int = Field(default=256, gt=0)
     """``first_env_seed`` and ``scenarios``: training scenarios have the seeds ``first_env_seed`` to ``first_env_seed + scenarios - 1``;
@@ -118,8 +122,11 @@ class CompiledSettings(settings.FrozenSettings):
 
     @property
     def digest(self) -> str:
-        """SHA-256 (hex) over all settings."""
-        return sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
+        """SHA-256 (hex) over all settings, and over the policy to start from."""
+        content = self.model_dump(mode="json", exclude={"start_from"})
+        if self.start_from is not None:
+            content["start"] = sha256(self.start_from.read_bytes()).hexdigest()  # its place does not matter
+        return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def is_compiled(file: Path | None, task: TaskSpec) -> bool:

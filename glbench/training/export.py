@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,13 +16,13 @@ from stable_baselines3.common.vec_env import VecNormalize
 from stable_baselines3.sac.policies import SACPolicy
 from torch import nn
 
-from glbench.agents.network_policy import ACTIVATIONS, Actor, NetworkPolicy, read_actor, read_policy
+from glbench.agents.network_policy import ACTIVATIONS, NetworkPolicy, read_policy
 from glbench.agents.saved_policies import DAMAGED
 from glbench.errors import TrainingError, refuse
 from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec, task_card
 from glbench.training.algorithms import algorithm_class
-from glbench.training.card import CARD, POLICY, read_card, to_toml
+from glbench.training.card import CARD, POLICY, policy_in, to_toml
 from glbench.training.constant_columns import without_constant_columns
 from glbench.training.vec_env import Normalizer
 from glbench.untrusted import reason_of
@@ -162,38 +161,6 @@ def begin_with(file: Path, model: BaseAlgorithm, normalization: Normalizer, task
             layer.bias.copy_(torch.from_numpy(bias.copy()))
     if normalization.norm_obs:
         normalization.columns.take(policy.mean, policy.scale, normalization.epsilon, _WEIGHT)
-
-
-def policy_in(file: Path, task: TaskSpec) -> Actor:
-    """The policy in ``file``, of either format.
-
-    Raises ``SubmissionError`` when there is none, and ``TrainingError`` when it cannot act in ``task``.
-    """
-    policy = read_actor(file)
-    reason = policy.why_not(task_card(task))
-    if reason is not None:
-        refuse(f"Cannot start from {file}: {reason}.", TrainingError)
-    return policy
-
-
-def start_of(file: Path) -> dict[str, Any]:
-    """What a card says of the policy that a training starts from: file, digest, and the steps and seconds spent on it, if known.
-
-    What it started from itself counts as well.
-    """
-    content: dict[str, Any] = {"file": file.name, "digest": sha256(file.read_bytes()).hexdigest()}
-    # A training's own folder, or a baseline's, which keeps policies and cards apart.
-    for place in (file.with_name(CARD), file.parent.parent / "training" / f"{file.stem}.toml"):
-        try:
-            card = read_card(place)
-        except TrainingError:  # the card of something else, such as an exported model
-            continue
-        if card is not None and "wall_seconds" in card:
-            before = card.get("start", {})
-            steps = card["training"]["steps"] + before.get("steps", 0)
-            seconds = card["wall_seconds"]["total"] + before.get("wall_seconds", 0.0)
-            return content | {"steps": steps, "wall_seconds": round(seconds, 1)}
-    return content
 
 
 def _sizes(shapes: list[Any]) -> str:

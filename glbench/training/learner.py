@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from glbench.agents.network_policy import Arithmetic, affine, gru_step, hidden
+from glbench.agents.network_policy import Actor, Arithmetic, affine, gru_step, hidden
 from glbench.errors import TaskError, TrainingError, UnknownNameError, did_you_mean, refuse
 from glbench.jax import Environment, State
 from glbench.tasks import TaskSpec
@@ -174,6 +174,31 @@ class Learner:
             np.array([settings.log_std_of.get(name, settings.log_std_init) for name in actions], np.float32),
         )
 
+    def begin_with(self, learning: Learning, actor: Actor, name: str, count: float) -> Learning:
+        """``learning`` with the actor of a policy and its statistics, which then stand for ``count`` observations.
+
+        Raises ``TrainingError`` when its network, traces or actions are others than the settings ask for; ``name`` says which policy it is.
+        """
+        network, weights = actor.network, dict(learning.weights)
+        kinds: dict[str, tuple[Any, Any]] = {
+            "layers": ([matrix.shape for matrix in network.weights], [matrix.shape for matrix, _ in weights["actor"]]),
+            "activation and output": ((network.activation, network.output), ("Tanh", "clip")),
+            "remembered columns": (actor.traced.tolist(), self.traced.tolist()),
+            "time constants, in shares of a step,": (actor.shares.tolist(), self.shares.tolist()),
+            "changes of controls in a step": (actor.max_change.tolist(), self.max_change.tolist()),
+        }
+        for what, (its, ours) in kinds.items():
+            if its != ours:
+                msg = f"The training cannot start from {name}: its {what} are {its}; the settings ask for {ours}."
+                raise TrainingError(msg)
+        weights["actor"] = [(jnp.asarray(w), jnp.asarray(b)) for w, b in zip(network.weights, network.biases, strict=True)]
+        columns = len(self.least_scale)
+        if actor.gru is not None:
+            weights["gru"] = {part: jnp.asarray(getattr(actor.gru, part)) for part in ("weights", "bias", "recurrent")}
+        mean, scale = (jnp.asarray(values[:columns], jnp.float32) for values in (network.mean, network.scale))
+        variance = jnp.maximum(scale**2 - self.least_scale**2, 0.0)
+        return learning._replace(weights=weights, columns=Statistics(mean, variance, jnp.float32(count)))
+
     def begin(self, key: Any) -> Learning:
         """An untrained learner, its greenhouses spread over seasons."""
         s, environment = self.settings, self.environment
@@ -244,6 +269,10 @@ class Learner:
             return jax.lax.scan(batch, learner, jax.random.permutation(key, n_rows).reshape(n_batches, -1))
 
         (weights, moments), _ = jax.lax.scan(epoch, (learning.weights, learning.moments), keys[s.n_steps :])
+        if s.critic_first:
+            alone = share < s.critic_first
+            policy = {part: learning.weights[part] for part in ("actor", "spread")}
+            weights |= jax.tree.map(lambda before, after: jnp.where(alone, before, after), policy, {part: weights[part] for part in policy})
         columns = learning.columns.with_rows(all_of.observations.reshape(s.rollout, -1))
         privileged = learning.privileged.with_rows(all_of.privileged.reshape(s.rollout, -1))
         return Learning(weights, moments, columns, privileged, returns, now), all_of.reward.mean()

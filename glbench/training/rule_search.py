@@ -29,8 +29,7 @@ from glbench.resources import data_folder, write_atomically
 from glbench.tasks import TaskCard, TaskSpec, task_card
 from glbench.tasks.record import FIRST_TRAINING_SEED
 from glbench.training import periodic_evaluation
-from glbench.training.card import CARD, TrainingFacts
-from glbench.training.export import start_of
+from glbench.training.card import CARD, TrainingFacts, start_of
 from glbench.training.folder import Trained
 from glbench.training.settings import EvaluationPlan, FrozenSettings, TrainingSeed
 from glbench.training.strategy import HANSEN, Search

@@ -15,9 +15,9 @@ from glbench.errors import TrainingError, refuse
 from glbench.resources import write_atomically
 from glbench.tasks import TaskSpec, get_task
 from glbench.training.algorithms import NORMALIZATION, load_checkpoint, make_model, save_checkpoint, steps_to_make
-from glbench.training.card import CARD, POLICY, facts_of_training, note_session, read_card, settings_digest, write_card
+from glbench.training.card import CARD, POLICY, facts_of_training, note_session, read_card, settings_digest, start_of, write_card
 from glbench.training.compiled_settings import NAME as COMPILED_PPO
-from glbench.training.export import begin_with, export_policy, load_model, start_of
+from glbench.training.export import begin_with, export_policy, load_model
 from glbench.training.folder import BEST, CHECKPOINT, MODEL, Trained, claim, find_checkpoint, folder_lock, open_folder, replaced
 from glbench.training.periodic_evaluation import History, Listener, Pace, Probe, Progress
 from glbench.training.settings import TrainingSettings

@@ -32,17 +32,16 @@ from glbench.resources import write_atomically
 from glbench.settings import validated
 from glbench.tasks import TaskSpec, task_card
 from glbench.tasks.record import FIRST_TRAINING_SEED
-from glbench.training.card import POLICY, TrainingFacts
+from glbench.training.card import POLICY, TrainingFacts, policy_in, start_of
 from glbench.training.constant_columns import varies, without_constant_columns
-from glbench.training.export import policy_in, start_of
 from glbench.training.folder import Trained
 from glbench.training.periodic_evaluation import Listener, Probe, ProbeResult, season_sums
 from glbench.training.settings import EvaluationPlan, FrozenSettings, PolicyFile, TrainingSeed, section
 from glbench.training.strategy import HANSEN, Search
-from glbench.untrusted import real_path
 
 Singles = NDArray[np.float32]
 _LOOKED_AT = 5  # Only every fifth step of the runs is used to compute the directions
+_ADDED = {"actions": [], "seasons": 1}  # Settings that earlier searches did not have; their digests stay what they were
 
 
 class BatchedPolicy(ActorAgent):
@@ -76,6 +75,8 @@ class SearchSettings(FrozenSettings):
     """Policy file to adapt; in a settings file relative to it."""
     begin_anew: dict[str, float] = Field(default_factory=dict)
     """Actions, by name, whose output begins with that value instead, whatever is observed."""
+    actions: tuple[str, ...] = ()
+    """Actions, by name, whose output is varied; all of them if empty."""
     directions: int = Field(default=12, gt=0)
     """Principal components of the last hidden layer that a variation works with."""
     population: int = Field(default=64, gt=3)
@@ -99,7 +100,10 @@ class SearchSettings(FrozenSettings):
     @property
     def digest(self) -> str:
         """SHA-256 (hex) over all settings but the number of generations, and over the policy."""
-        content = self.model_dump(mode="json", exclude={"generations", "start_from", *(["seasons"] if self.seasons == 1 else [])})
+        content = self.model_dump(mode="json", exclude={"generations", "start_from"})
+        for name, usual in _ADDED.items():
+            if content[name] == usual:
+                del content[name]
         content["start"] = sha256(self.start_from.read_bytes()).hexdigest()
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -112,21 +116,20 @@ def read_season_search(file: Path, task_id: str, start_from: Path | None = None)
     content = section(file, task_id)
     if start_from is not None:
         content["start_from"] = start_from
-    elif isinstance(content.get("start_from"), str):
-        content["start_from"] = real_path(file.parent / content["start_from"])
     return validated(SearchSettings, content, "the settings", file, TrainingError)
 
 
 class Variations:
     """The policies that a search chooses from: numbers to last layers and back to a network."""
 
-    def __init__(self, policy: NetworkPolicy, hidden: NDArray[np.float32], directions: int) -> None:
+    def __init__(self, policy: NetworkPolicy, hidden: NDArray[np.float32], directions: int, actions: Sequence[str] = ()) -> None:
         self._policy = policy
+        self._varied = [policy.action_names.index(name) for name in actions or policy.action_names]
         self._mean = hidden.mean(axis=0, dtype=np.float64)
         _, sizes, axes = np.linalg.svd(hidden - self._mean, full_matrices=False)
         rank = min(directions, int(np.count_nonzero(sizes > 1e-6 * sizes[0])))
         self._axes = axes[:rank] / (sizes[:rank, None] / np.sqrt(len(hidden)))
-        self.shape = (len(policy.action_names), rank + 2)
+        self.shape = (len(self._varied), rank + 2)
 
     @property
     def size(self) -> int:
@@ -136,9 +139,10 @@ class Variations:
     def layer(self, numbers: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Weights ``(hidden, actions)`` and biases ``(actions,)`` of the last layer."""
         along, shift, gain = np.split(numbers.reshape(self.shape), [-2, -1], axis=1)
-        added = along @ self._axes
-        weights = self._policy.weights[-1] * (1.0 + gain[:, 0]) + added.T
-        biases = self._policy.biases[-1] * (1.0 + gain[:, 0]) + shift[:, 0] - added @ self._mean
+        added, varied = along @ self._axes, self._varied
+        weights, biases = self._policy.weights[-1].copy(), self._policy.biases[-1].copy()
+        weights[:, varied] = weights[:, varied] * (1.0 + gain[:, 0]) + added.T
+        biases[varied] = biases[varied] * (1.0 + gain[:, 0]) + shift[:, 0] - added @ self._mean
         return weights.astype(np.float32), biases.astype(np.float32)
 
     def policy(self, numbers: Floats, about: dict[str, str | int | float]) -> NetworkPolicy:
@@ -168,7 +172,7 @@ class _SeasonSearch(Search):
             return actions
 
         self._probe.of(act)
-        self._variations = Variations(network, np.concatenate(hidden[::_LOOKED_AT]), settings.directions)
+        self._variations = Variations(network, np.concatenate(hidden[::_LOOKED_AT]), settings.directions, settings.actions)
         self.begin(np.zeros(self._variations.size))
 
     @property
@@ -238,10 +242,12 @@ def _begun_anew(settings: SearchSettings, task: TaskSpec) -> Actor:
     actor = policy_in(settings.start_from, task)
     policy = actor.network
     weights, biases = policy.weights[-1].copy(), policy.biases[-1].copy()
+    for setting, names in {"actions": settings.actions, "begin_anew": settings.begin_anew}.items():
+        for name in names:
+            if name not in policy.action_names:
+                msg = f"'{setting}' names '{name}', which is not an action of {task.id}.{did_you_mean(name, policy.action_names)}"
+                raise TrainingError(msg)
     for name, value in settings.begin_anew.items():
-        if name not in policy.action_names:
-            msg = f"'begin_anew' names '{name}', which is not an action of {task.id}.{did_you_mean(name, policy.action_names)}"
-            raise TrainingError(msg)
         column = policy.action_names.index(name)
         if policy.output == "tanh" and not -1.0 < value < 1.0:
             refuse(f"'begin_anew: {name}: {value}': the output of this policy lies between -1 and 1.", TrainingError)

@@ -210,8 +210,6 @@ def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
     """
     merged = section(file, task_id)
     own = {key: value for key, value in merged.items() if key in OWN}
-    if isinstance(own.get("start_from"), str):
-        own["start_from"] = real_path(file.parent / own["start_from"])
     rest = {key: value for key, value in merged.items() if key not in OWN}
     for key, value in rest.items():
         if isinstance(value, str) and _LIKE_A_NUMBER.match(value):
@@ -221,7 +219,10 @@ def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
 
 
 def section(file: Path, task_id: str) -> dict[str, Any]:
-    """Entries for a task: ``default:``, overlaid with those under the task's id. Errors as for ``read_settings``."""
+    """Entries for a task: ``default:``, overlaid with those under the task's id; a path to start from is made whole.
+
+    Errors as for ``read_settings``.
+    """
     content = read_yaml(file, "the settings", TrainingError)
     if not all(isinstance(part, dict) or part is None for part in content.values()):
         refuse(f"{file} is not a settings file: it needs a section 'default:' and may have sections named by task ids.", TrainingError)
@@ -231,6 +232,8 @@ def section(file: Path, task_id: str) -> dict[str, Any]:
     sections = {name: part or {} for name, part in content.items()}
     own = sections.get(task_id, sections.get(task_id.rpartition("/")[2], {}))
     merged: dict[str, Any] = numbers(_overlaid(sections["default"], own))
+    if isinstance(merged.get("start_from"), str):
+        merged["start_from"] = real_path(file.parent / merged["start_from"])
     return merged
 
 

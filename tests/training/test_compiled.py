@@ -346,6 +346,50 @@ def test_single_actions_may_explore_less(tmp_path: Path) -> None:
         Learner.of(task, tiny(task, tmp_path, f"{task.id}:\n  log_std_of: {{uHarves: -3.0}}\n"))
 
 
+def test_a_training_starts_from_a_policy_and_may_keep_it_while_the_critic_learns(trained: Trained, day: TaskSpec, tmp_path: Path) -> None:
+    (tmp_path / "start.npz").write_bytes((trained.folder / "policy.npz").read_bytes())
+    settings = tiny(day, tmp_path, f"{day.id}:\n  n_timesteps: 384\n  start_from: start.npz\n  critic_first: 0.5\n")
+    training = _Training([day], settings, settings.digest, 0, tmp_path / "run")
+    training.prepare()
+    weights = [training._learning.weights]
+    for _ in range(2):
+        training.update()
+        weights.append(training._learning.weights)
+
+    def differs(part: str, first: int, second: int) -> bool:
+        leaves = zip(jax.tree.leaves(weights[first][part]), jax.tree.leaves(weights[second][part]), strict=True)
+        return any((before != after).any() for before, after in leaves)
+
+    policy = read_actor(trained.folder / "policy.npz").network
+    np.testing.assert_array_equal(weights[0]["actor"][0][0], policy.weights[0])
+    assert [differs("actor", 0, 1), differs("critic", 0, 1), differs("actor", 1, 2)] == [False, True, True]
+
+    elsewhere = tmp_path / "elsewhere.npz"
+    elsewhere.write_bytes((tmp_path / "start.npz").read_bytes())
+    assert settings.model_copy(update={"start_from": elsewhere}).digest == settings.digest
+    elsewhere.write_bytes(b"another policy")
+    assert settings.model_copy(update={"start_from": elsewhere}).digest != settings.digest
+
+
+def test_a_policy_to_start_from_scores_as_it_did_and_is_on_the_card(trained: Trained, day: TaskSpec, tmp_path: Path) -> None:
+    more = f"{day.id}:\n  n_timesteps: 192\n  start_from: {trained.folder / 'policy.npz'}\n"
+    after = train_compiled(day, tiny(day, tmp_path, more), tmp_path / "run", seed=3)
+    with (after.folder / "learning_curve.csv").open(encoding="utf-8") as file:
+        first = float(next(csv.DictReader(file))["reward"])
+    assert first == pytest.approx(trained.best_reward, abs=0.01)
+    card = tomllib.loads((after.folder / "card.toml").read_text(encoding="utf-8"))
+    assert card["start"]["steps"] == 9_024
+
+
+@pytest.mark.parametrize(
+    ("more", "reason"), [("  net_arch: [8]\n", "its layers are"), (MEMORY, "its layers are"), ("  steer: false\n", "its changes of")]
+)
+def test_a_policy_of_another_kind_is_no_start(trained: Trained, day: TaskSpec, tmp_path: Path, more: str, reason: str) -> None:
+    own = f"{day.id}:\n  start_from: {trained.folder / 'policy.npz'}\n{more}"
+    with pytest.raises(TrainingError, match=f"cannot start from .*policy.npz: {reason}"):
+        train_compiled(day, tiny(day, tmp_path, own), tmp_path / "run")
+
+
 def test_statistics_of_parts_are_those_of_the_whole() -> None:
     rows = np.random.default_rng(0).normal(3.0, 2.0, (60, 4)).astype(np.float32)
     found = Statistics.empty(4)

@@ -137,6 +137,26 @@ def test_an_action_may_begin_anew(day: TaskSpec, start: Path, tmp_path: Path) ->
         search(day, settings_for(start, tmp_path, "  begin_anew: {uCO2: 0.0}\n"), tmp_path / "other")
 
 
+def test_some_actions_may_be_varied_alone(day: TaskSpec, start: Path, tmp_path: Path) -> None:
+    search(day, settings_for(start, tmp_path, "  actions: [uCo2]\n"), tmp_path / "run")
+    before, after = read_policy(start), read_policy(tmp_path / "run" / "policy.npz")
+    varied = [name for column, name in enumerate(before.action_names) if (before.weights[-1] != after.weights[-1])[:, column].any()]
+    assert varied == ["uCo2"]
+    assert [name for name, is_new in zip(before.action_names, before.biases[-1] != after.biases[-1], strict=True) if is_new] == varied
+    with pytest.raises(TrainingError, match=r"'actions' names 'uCO2', .* Did you mean 'uCo2'"):
+        search(day, settings_for(start, tmp_path, "  actions: [uCO2]\n"), tmp_path / "other")
+
+
+def test_settings_that_came_later_leave_earlier_digests(start: Path, tmp_path: Path) -> None:
+    usual = settings_for(start, tmp_path)
+    assert settings_for(start, tmp_path, "  actions: []\n  seasons: 1\n").digest == usual.digest
+    assert (
+        settings_for(start, tmp_path, "  actions: [uCo2]\n").digest
+        != usual.digest
+        != settings_for(start, tmp_path, "  seasons: 2\n").digest
+    )
+
+
 def test_impossible_settings_are_named(tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match=r"'population': .*; there is no setting 'generation'. Did you mean 'generations'"):
         settings_for(tmp_path / "policy.npz", tmp_path, "  population: 1\n  generation: 5\n")

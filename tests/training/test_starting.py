@@ -13,8 +13,8 @@ from glbench.errors import TrainingError
 from glbench.tasks import TaskSpec
 from glbench.training import TrainingSettings, read_settings, train
 from glbench.training.algorithms import make_model
-from glbench.training.card import settings_digest
-from glbench.training.export import begin_with, export_model, start_of
+from glbench.training.card import settings_digest, start_of
+from glbench.training.export import begin_with, export_model
 from glbench.training.vec_env import Normalizer, TrainingVecEnv
 from tests.training.conftest import PPO, torch_action
 
