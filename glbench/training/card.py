@@ -226,7 +226,7 @@ def policy_in(file: Path, task: TaskSpec) -> Actor:
 def start_of(file: Path) -> dict[str, Any]:
     """What a card says of the policy that a training starts from: file, digest, and the steps and seconds spent on it, if known.
 
-    What it started from itself counts as well.
+    This includes what was spent on the policy that it started from itself.
     """
     content: dict[str, Any] = {"file": file.name, "digest": sha256(file.read_bytes()).hexdigest()}
     # A training's own folder, or a baseline's, which keeps policies and cards apart.

@@ -25,7 +25,7 @@ from glbench.training.periodic_evaluation import Listener, Probe, ProbeResult
 from glbench.training.session import Arrays, Session
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_ROLLOUTS = 100  # Rollouts that the statistics of a policy to start from count for
+_ROLLOUTS = 100  # The statistics of a policy to start from count as this many rollouts
 _CONSTANT = 1e-4  # A column whose spread is less than this share of its mean counts as constant
 
 

@@ -177,19 +177,22 @@ class Learner:
     def begin_with(self, learning: Learning, actor: Actor, name: str, count: float) -> Learning:
         """``learning`` with the actor of a policy and its statistics, which then stand for ``count`` observations.
 
-        Raises ``TrainingError`` when its network, traces or actions are others than the settings ask for; ``name`` says which policy it is.
+        Raises ``TrainingError`` when its network, running means or actions differ from those of the settings; ``name`` is the policy's.
         """
         network, weights = actor.network, dict(learning.weights)
         kinds: dict[str, tuple[Any, Any]] = {
-            "layers": ([matrix.shape for matrix in network.weights], [matrix.shape for matrix, _ in weights["actor"]]),
-            "activation and output": ((network.activation, network.output), ("Tanh", "clip")),
-            "remembered columns": (actor.traced.tolist(), self.traced.tolist()),
-            "time constants, in shares of a step,": (actor.shares.tolist(), self.shares.tolist()),
-            "changes of controls in a step": (actor.max_change.tolist(), self.max_change.tolist()),
+            "layers ('net_arch', 'memory')": (
+                [matrix.shape for matrix in network.weights],
+                [matrix.shape for matrix, _ in weights["actor"]],
+            ),
+            "activation and output": ([network.activation, network.output], ["Tanh", "clip"]),
+            "places of remembered columns ('memory.columns')": (actor.traced.tolist(), self.traced.tolist()),
+            "running means, by the share of a reading that they take in ('memory.hours'),": (actor.shares.tolist(), self.shares.tolist()),
+            "changes of controls in a step ('steer')": (actor.max_change.tolist(), self.max_change.tolist()),
         }
         for what, (its, ours) in kinds.items():
             if its != ours:
-                msg = f"The training cannot start from {name}: its {what} are {its}; the settings ask for {ours}."
+                msg = f"The training cannot start from {name}: its {what} are {its}; those of this training are {ours}."
                 raise TrainingError(msg)
         weights["actor"] = [(jnp.asarray(w), jnp.asarray(b)) for w, b in zip(network.weights, network.biases, strict=True)]
         columns = len(self.least_scale)
@@ -271,7 +274,7 @@ class Learner:
         (weights, moments), _ = jax.lax.scan(epoch, (learning.weights, learning.moments), keys[s.n_steps :])
         if s.critic_first:
             alone = share < s.critic_first
-            policy = {part: learning.weights[part] for part in ("actor", "spread")}
+            policy = {part: before for part, before in learning.weights.items() if part != "critic"}
             weights |= jax.tree.map(lambda before, after: jnp.where(alone, before, after), policy, {part: weights[part] for part in policy})
         columns = learning.columns.with_rows(all_of.observations.reshape(s.rollout, -1))
         privileged = learning.privileged.with_rows(all_of.privileged.reshape(s.rollout, -1))

@@ -219,7 +219,7 @@ def read_settings(file: Path, algorithm: str, task_id: str) -> TrainingSettings:
 
 
 def section(file: Path, task_id: str) -> dict[str, Any]:
-    """Entries for a task: ``default:``, overlaid with those under the task's id; a path to start from is made whole.
+    """Entries for a task: ``default:``, overlaid with those under the task's id; ``start_from`` becomes an absolute path.
 
     Errors as for ``read_settings``.
     """

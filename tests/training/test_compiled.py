@@ -371,6 +371,18 @@ def test_a_training_starts_from_a_policy_and_may_keep_it_while_the_critic_learns
     assert settings.model_copy(update={"start_from": elsewhere}).digest != settings.digest
 
 
+def test_while_the_critic_learns_alone_the_memory_that_the_policy_shares_stays(day: TaskSpec, tmp_path: Path) -> None:
+    settings = tiny(day, tmp_path, f"{day.id}:\n  n_timesteps: 384\n  critic_first: 0.5\n{GRU}")
+    training = _Training([day], settings, settings.digest, 0, tmp_path / "run")
+    training.prepare()
+    before = training._learning.weights
+    training.update()
+    after = training._learning.weights
+    for name in before["gru"]:
+        np.testing.assert_array_equal(before["gru"][name], after["gru"][name])
+    assert (before["critic"][0][0] != after["critic"][0][0]).any()
+
+
 def test_a_policy_to_start_from_scores_as_it_did_and_is_on_the_card(trained: Trained, day: TaskSpec, tmp_path: Path) -> None:
     more = f"{day.id}:\n  n_timesteps: 192\n  start_from: {trained.folder / 'policy.npz'}\n"
     after = train_compiled(day, tiny(day, tmp_path, more), tmp_path / "run", seed=3)
@@ -382,7 +394,12 @@ def test_a_policy_to_start_from_scores_as_it_did_and_is_on_the_card(trained: Tra
 
 
 @pytest.mark.parametrize(
-    ("more", "reason"), [("  net_arch: [8]\n", "its layers are"), (MEMORY, "its layers are"), ("  steer: false\n", "its changes of")]
+    ("more", "reason"),
+    [
+        ("  net_arch: [8]\n", r"its layers \('net_arch', 'memory'\) are"),
+        (MEMORY, "its layers"),
+        ("  steer: false\n", r"its changes of controls in a step \('steer'\) are"),
+    ],
 )
 def test_a_policy_of_another_kind_is_no_start(trained: Trained, day: TaskSpec, tmp_path: Path, more: str, reason: str) -> None:
     own = f"{day.id}:\n  start_from: {trained.folder / 'policy.npz'}\n{more}"
