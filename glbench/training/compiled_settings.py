@@ -53,7 +53,8 @@ class CompiledSettings(settings.FrozenSettings):
     n_epochs: int = Field(default=4, gt=0)
     batch_size: int = Field(default=512, gt=1)
     start_from: settings.PolicyFile | None = Field(default=None, exclude_if=lambda file: file is None)
-    """Policy file (``policy.npz``) whose actor and statistics the training begins with; a path in a settings file is relative to that file."""
+    """Policy file (``policy.npz``) whose actor and statistics the training begins with. In a settings file, the path is
+    relative to that file."""
     critic_first: float = Field(default=0.0, ge=0, lt=1, exclude_if=lambda share: share == 0)
     """Share of the training, at its start, in which only the critic learns, so that an untrained critic does not spoil the policy of
     ``start_from``."""
